@@ -14,8 +14,14 @@ built=$target/${profile/#dev/debug}
 mkdir -p "$prefix/lib/pkgconfig" "$prefix/include"
 prefix=$(cd "$prefix" && pwd)
 install -m 644 "$built/libspinney.a" "$prefix/lib"
-install -m 755 "$built/libspinney.so" "$prefix/lib"
 install -m 644 "$here/include/spinney.h" "$prefix/include"
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' "$here/../Cargo.toml" | head -1)
+# The library by its version; programs that were linked with it look for its ABI (the name in it), linkers for the one without a number.
+install -m 755 "$built/libspinney.so" "$prefix/lib/libspinney.so.$version"
+ln -sf "libspinney.so.$version" "$prefix/lib/libspinney.so.${version%%.*}"
+ln -sf "libspinney.so.${version%%.*}" "$prefix/lib/libspinney.so"
+# Names that only debuggers want are most of it.
+strip --strip-unneeded "$prefix/lib/libspinney.so.$version"
+strip --strip-debug "$prefix/lib/libspinney.a"
 sed "s#@PREFIX@#$prefix#; s#@VERSION@#$version#" "$here/spinney.pc.in" > "$prefix/lib/pkgconfig/spinney.pc"
 echo "$prefix: lib/libspinney.so, lib/libspinney.a, include/spinney.h, lib/pkgconfig/spinney.pc"

@@ -34,6 +34,8 @@ export PKG_CONFIG_PATH=$work/prefix/lib/pkgconfig LD_LIBRARY_PATH=$work/prefix/l
 command -v pkg-config > /dev/null || install pkg-config || fail 'pkg-config is needed'
 read -ra flags <<< "$(pkg-config --cflags --libs spinney)"
 
+readelf -d "$work/prefix/lib/libspinney.so" | grep -q 'SONAME.*\[libspinney\.so\.0\]' || fail 'the library does not tell its ABI'
+
 say 'C11 and C++17, without a warning, under AddressSanitizer'
 strict=(-Wall -Wextra -Werror -pedantic -g -fsanitize=address,undefined)
 ${CC:-cc} -std=c11 "${strict[@]}" capi/examples/tile.c -o "$work/tile" "${flags[@]}"
@@ -142,20 +144,65 @@ for name in ["classes", "elevation", "rgb"]:
         told_mean = float(band["metadata"][""]["STATISTICS_MEAN"])
         assert abs(told_mean - known["mean"]) < 1e-9 * max(1.0, abs(known["mean"])), (name, told_mean, known)
     width, height = ours["size"]
-    sizes = [overview["size"] for overview in ours["bands"][0]["overviews"]]
+    sizes = [overview["size"] for overview in ours["bands"][0].get("overviews", [])]
     expected = []
-    while max(width, height) > 1:
+    while max(width, height) > 256:
         width, height = (width + 1) // 2, (height + 1) // 2
         expected.append([width, height])
     assert sizes == expected, (name, sizes, expected)
 END
-# A level is an overview.
-"$spinney" get -q $fixtures/elevation.goblin "$work/level.tif" --level 5
-size=$(gdalinfo -json "$work/level.tif" | python3 -c 'import json, sys; print(*json.load(sys.stdin)["size"])')
-# shellcheck disable=SC2086 # two numbers
-raw -outsize $size $fixtures/elevation.goblin "$work/ours.img"
-raw "$work/level.tif" "$work/theirs.img"
-cmp "$work/ours.img" "$work/theirs.img" || fail 'a level is not the overview of GDAL'
+# Overviews are levels, the last of them no larger than a block. Windows are the same whether they come by the cache of blocks or past it.
+for name in elevation rgb; do
+    gdal_translate -q -outsize 1100 700 -r bilinear "$work/$name.tif" "$work/large.tif"
+    "$spinney" build -q "$work/large.tif" -o "$work/large.goblin"
+    overviews=$(gdalinfo -json "$work/large.goblin" | python3 -c 'import json, sys; print([each["size"] for each in json.load(sys.stdin)["bands"][0]["overviews"]])')
+    [ "$overviews" = '[[550, 350], [275, 175], [138, 88]]' ] || fail "$name: other overviews: $overviews"
+    level=$(("$("$spinney" info --json "$work/large.goblin" | python3 -c 'import json, sys; print(json.load(sys.stdin)["depth"])')" - 2))
+    "$spinney" get -q "$work/large.goblin" "$work/level.tif" --level "$level"
+    raw -outsize 275 175 "$work/large.goblin" "$work/ours.img"
+    raw "$work/level.tif" "$work/theirs.img"
+    cmp "$work/ours.img" "$work/theirs.img" || fail "$name: a level is not the overview of GDAL"
+    for cache in 0 1 64; do
+        for window in '0 0 1100 700' '3 250 1090 300' '256 256 256 256' '255 511 3 2' '1000 600 100 100'; do
+            # shellcheck disable=SC2086 # four numbers
+            raw --config GDAL_CACHEMAX $cache -srcwin $window "$work/large.goblin" "$work/ours.img"
+            # shellcheck disable=SC2086
+            raw -srcwin $window "$work/large.tif" "$work/theirs.img"
+            cmp "$work/ours.img" "$work/theirs.img" || fail "$name: another window $window through GDAL with a cache of $cache"
+        done
+    done
+    # Histograms, also approximate ones, and extremes are exact.
+    for picture in large.goblin large.tif; do
+        gdalinfo -json -hist -mm --config GDAL_PAM_ENABLED NO "$work/$picture" > "$work/$picture.json"
+    done
+    "$spinney" stats --json "$work/large.goblin" > "$work/large.json"
+    python3 - "$work" << 'END'
+import json, sys
+channels = json.load(open(f"{sys.argv[1]}/large.json"))["channels"]
+ours, theirs = (json.load(open(f"{sys.argv[1]}/large.{ending}.json"))["bands"] for ending in ["goblin", "tif"])
+for band, (own, other) in enumerate(zip(ours, theirs)):
+    cells = sum(own["histogram"]["buckets"])
+    assert (own["computedMin"], own["computedMax"]) == (other["computedMin"], other["computedMax"]), (band, own, other)
+    if own["type"] == "Byte":
+        assert own["histogram"]["buckets"] == other["histogram"]["buckets"], band
+    # (GDAL's own are of an overview, or of some blocks, where they may be approximate.)
+    assert cells == channels[band]["cells"], (band, cells)
+END
+done
+# Coordinate systems without a number reach GDAL.
+for definition in '+proj=laea +lat_0=45 +lon_0=-100 +R=6370997' \
+    '+proj=tmerc +lat_0=0 +lon_0=9.5 +k=0.9999 +x_0=123456 +ellps=bessel +towgs84=598,73,418,0.2,0.045,-2.4,6.7' \
+    '+proj=stere +lat_0=-90 +lat_ts=-70 +a=6378273 +rf=298.279411123064'; do
+    "$spinney" build -q "$work/elevation.tif" -o "$work/own.goblin" --crs "$definition" 2> /dev/null
+    place() { echo '10 50' | gdaltransform -s_srs EPSG:4326 -t_srs "$1"; }
+    told=$(gdalinfo -json "$work/own.goblin" | python3 -c 'import json, sys; print(json.load(sys.stdin)["coordinateSystem"]["wkt"])')
+    [ "$(place "$told")" = "$(place "$definition")" ] || fail "$definition: another system through GDAL: $told"
+done
+# One that nobody understands is told.
+"$spinney" build -q "$work/elevation.tif" -o "$work/own.goblin" --crs '{"type":"OtherCRS","name":"a yard"}' 2> /dev/null
+gdalinfo "$work/own.goblin" > "$work/own.txt" 2>&1
+grep -q 'SPINNEY_CRS=.*a yard' "$work/own.txt" || fail 'no definition through GDAL'
+grep -q 'Warning.*SPINNEY_CRS' "$work/own.txt" || fail 'no warning through GDAL'
 [[ $(gdalinfo "$fixtures/history.autumn@1") == *SPINNEY_COMMIT=1* ]] || fail 'no commit through GDAL'
 # What is VOID is masked where there is no number for it.
 "$spinney" transform -q $fixtures/rgb.goblin rotate=30 -o "$work/turned.goblin"

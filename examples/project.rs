@@ -5,13 +5,19 @@
 //! echo 'EPSG:3035 10 52' | cargo run --example project
 //! echo '+proj=laea +lat_0=52 +lon_0=10 +datum=WGS84 10 52' | cargo run --example project
 //! ```
+//!
+//! Or reads lines of systems, and prints each in another form: `--as wkt2`, `--as esri`, or `--as keys` (WKT 2 of what GeoTIFF's keys say of it).
 
 use std::io::{self, BufRead, Write};
 
 use spinney::space::{Crs, Projection};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let allow_ballpark = std::env::args().any(|argument| argument == "--allow-ballpark");
+    let arguments: Vec<_> = std::env::args().collect();
+    let allow_ballpark = arguments.iter().any(|argument| argument == "--allow-ballpark");
+    if let Some([_, form]) = arguments.windows(2).find(|two| two[0] == "--as") {
+        return write_as(form);
+    }
     let mut open: Option<(String, spinney::Result<Projection>)> = None;
     let mut out = io::stdout().lock();
     for line in io::stdin().lock().lines() {
@@ -37,6 +43,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     writeln!(out, "{:?} {:?} {:?} {:?}", point[0], point[1], back[0], back[1])?;
                 }
             },
+        }
+    }
+    Ok(())
+}
+
+/// Prints systems in another form.
+fn write_as(form: &str) -> Result<(), Box<dyn std::error::Error>> {
+    let write: fn(&Crs) -> spinney::Result<String> = match form {
+        "wkt2" => Crs::to_wkt2,
+        "esri" => Crs::to_esri_wkt,
+        "keys" => |crs| Crs::GeoKeys(crs.to_geo_keys()?).to_wkt2(),
+        other => return Err(format!("--as {other}: expected wkt2, esri or keys").into()),
+    };
+    let mut out = io::stdout().lock();
+    for line in io::stdin().lock().lines() {
+        match Crs::parse(&line?).and_then(|crs| write(&crs)) {
+            Ok(text) => writeln!(out, "{text}")?,
+            Err(error) => writeln!(out, "error: {}", error.to_string().replace('\n', " "))?,
         }
     }
     Ok(())

@@ -20,6 +20,10 @@ grep -q . "$work/point.txt"
 test -s "$work/program/completions/spinney.bash"
 
 tar -xzf "$work"/libspinney-*.tar.gz -C "$work/c" --strip-components=1
+# Programs find it by its ABI, and nobody has to carry names for debuggers.
+readelf -d "$work/c/lib/libspinney.so" | grep -q 'SONAME.*\[libspinney\.so\.[0-9]*\]'
+test -e "$work/c/lib/$(readelf -d "$work/c/lib/libspinney.so" | sed -n 's/.*SONAME.*\[\(.*\)\]/\1/p')"
+! readelf -S "$work/c/lib/libspinney.so" | grep -qE '\.(symtab|debug_info)'
 if command -v pkg-config > /dev/null; then
     read -ra flags <<< "$(PKG_CONFIG_PATH=$work/c/lib/pkgconfig pkg-config --cflags --libs spinney)"
     ${CC:-cc} -std=c11 capi/examples/tile.c -o "$work/tile" "${flags[@]}"

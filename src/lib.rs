@@ -87,8 +87,9 @@ pub use spinney_base::{Error, Progress, Result};
 pub mod space {
     pub use spinney_base::space::{Bounds, Cell, Code, Cover, Dimension, Polygon, Region, Up};
     pub use spinney_crs::{
-        ControlPoint, ControlPoints, Crs, Epsg, Frame, GeoKeys, PROJECTION_METHODS, Projection, WEB_MERCATOR,
-        WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator, web_mercator_depth,
+        ControlPoint, ControlPoints, Coordinates, Crs, Epsg, Frame, GeoKeys, PROJECTION_METHODS, Places,
+        PolygonParts, Projection, WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator,
+        web_mercator_depth,
     };
 }
 
@@ -122,7 +123,7 @@ pub mod tree {
 pub mod store {
     pub use spinney_container::{
         Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape, Tag, TagScope,
-        TreeFormat, file_is_tree, split_commit,
+        TreeFormat, check_tree_name, create_tree_file, file_is_tree, split_commit,
     };
     pub use spinney_engine::store::{
         BuildOptions, Slab, Slabs, build_slabs, build_source, build_tree, depth_for,
@@ -178,8 +179,8 @@ pub mod ops {
         Difference, Differences, Edit, FdRange, FillPatch, FillRegion, MAX_ZOOM, MemoryTree, Operation,
         Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, Resampling, Sampling, Step,
         TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, ViewSource, ViewSourceNode, WarpGrid,
-        WarpOptions, Warped, align, apply_edits, build, combine, convert, crosstab, crosstab_files, data_box,
-        diff, diff_files, differences, edit, transform, warp,
+        WarpOptions, WarpTarget, Warped, align, apply_edits, build, combine, convert, crosstab,
+        crosstab_files, data_box, diff, diff_files, differences, edit, transform, warp,
     };
 }
 
@@ -247,7 +248,9 @@ pub mod import {
     /// Polygons of GeoJSON files.
     #[cfg(feature = "vector")]
     pub mod geojson {
-        pub use spinney_vector::import::geojson::{PolygonFeature, parse_polygons, read_polygons};
+        pub use spinney_vector::import::geojson::{
+            PolygonFeature, PolygonLayer, parse_polygons, read_polygons,
+        };
     }
 
     /// Meshes: solids of cells, and exact models.
@@ -306,10 +309,10 @@ pub mod export {
     #[cfg(feature = "raster")]
     pub mod tiles {
         pub use spinney_raster::tiles::{
-            MAX_ZOOM, Making, Pmtiles, SourceState, Stored, TileContent, TileEncoding, TileFolder,
+            DataPlace, MAX_ZOOM, Making, Pmtiles, SourceState, Stored, TileContent, TileEncoding, TileFolder,
             TileFormat, TileId, TilePainter, TileRange, TileRequest, TileSamples, TileSource, TileTarget,
-            WarpedTiles, XyzTiles, export_pmtiles, export_tiles, is_tile_archive, is_tile_folder,
-            update_tiles, verify_tiles,
+            TileUpdate, UpdateOptions, WarpedTiles, XyzTiles, export_pmtiles, export_tiles, is_tile_archive,
+            is_tile_folder, verify_tiles,
         };
     }
 
@@ -325,7 +328,7 @@ pub mod export {
 
 use std::path::Path;
 
-/// Makes a tree of a picture file or a volume: a `.goblin` file, or an `.autumn` file, which can be edited. Data that do not fit into
+/// Makes a tree of a picture file, a volume, or another tree: a `.goblin` file, or an `.autumn` file, which can be edited. Data that do not fit into
 /// memory ([`import::raster::DEFAULT_MEMORY`]) go to a temporary file beside the output, which appears when it is whole.
 ///
 /// [`import::raster::plan`] and [`import::volume::plan`] take options, and tell beforehand what will be built. Meshes become solids
@@ -349,12 +352,20 @@ pub fn build(input: impl AsRef<Path>, output: impl AsRef<Path>) -> Result<()> {
 /// Implements [`build`], once for all types of paths.
 #[cfg(feature = "raster")]
 fn build_tree(input: &Path, output: &Path) -> Result<()> {
+    if store::file_is_tree(input) {
+        let tree = open(input)?;
+        return tree.build(
+            &tree.build_options(import::raster::DEFAULT_MEMORY),
+            store::create_tree_file(output)?,
+            &(),
+        );
+    }
     if import::volume::is_volume(input) {
         let volume = import::volume::plan(input, &import::volume::VolumeOptions::new())?;
-        return volume.build(io::Output::create(output)?, &());
+        return volume.build(store::create_tree_file(output)?, &());
     }
     let picture = import::raster::plan(&[input.to_path_buf()], &import::raster::ImportOptions::new())?;
-    picture.build(io::Output::create(output)?, &())
+    picture.build(store::create_tree_file(output)?, &())
 }
 
 /// Opens a tree file of either format and any type, or a commit of one: `map.autumn@12` is commit 12 of `map.autumn`.

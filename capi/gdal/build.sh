@@ -12,7 +12,7 @@ cflags=${GDAL_CFLAGS:-$(gdal-config --cflags)}
 libs=${GDAL_LIBS:-$(gdal-config --libs)}
 mkdir -p "$prefix/lib/gdalplugins"
 # shellcheck disable=SC2086 # these are several words
-"${CXX:-c++}" -std=c++17 -O2 -Wall -Wextra -Werror -fPIC -shared -I"$prefix/include" $cflags \
+"${CXX:-c++}" -std=c++17 -O2 -s -Wall -Wextra -Werror -fPIC -shared -I"$prefix/include" $cflags \
     "$here/gdal_spinney.cpp" -o "$prefix/lib/gdalplugins/gdal_Spinney.so" \
     -L"$prefix/lib" -lspinney -Wl,-rpath,"$prefix/lib" $libs
 echo "$prefix/lib/gdalplugins/gdal_Spinney.so"

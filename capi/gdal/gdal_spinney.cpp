@@ -1,11 +1,14 @@
 // GDAL's read-only driver for Spinney files: pictures (quadtrees) of both formats, commits as `map.autumn@12`.
 //
-// Overviews are the tree's own levels. VOID is the nodata value where the file has one, else it is told by a mask.
+// Overviews are the tree's own levels. VOID is the nodata value where the file has one, else it is told by a mask. Blocks wait in GDAL's
+// cache, each channel for itself; windows are copied from there, or come straight from the tree where they are too large for it.
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <memory>
+#include <new>
 #include <string>
 #include <vector>
 
@@ -18,6 +21,10 @@
 namespace {
 
 constexpr int BLOCK = 256;
+// Sides of the coarsest overview: programs expect a block of it, and make smaller pictures of that.
+constexpr int COARSEST = 256;
+constexpr int MOST_BINS = 1 << 24;
+constexpr double ENOUGH_CELLS = 1e6;
 const char *const DRIVER = "Spinney";
 
 void report() { CPLError(CE_Failure, CPLE_AppDefined, "%s", spinney_error()); }
@@ -55,30 +62,54 @@ struct File {
   bool has_mask() const { return !info.has_nodata && info.alpha < 0 && statistics.void_cells > 0; }
 };
 
-// Reads a window of a level: all channels of each cell, and whether it has a value.
-CPLErr read(const File &file, int level, int x, int y, int width, int height, std::vector<GByte> &samples,
-            std::vector<GByte> *valid) {
-  const spinney_box window = {{static_cast<uint64_t>(x), static_cast<uint64_t>(y), 0},
-                              {static_cast<uint64_t>(width), static_cast<uint64_t>(height), 1}};
-  const size_t cells = static_cast<size_t>(width) * static_cast<size_t>(height);
-  try {
-    samples.resize(cells * file.info.cell_size);
-    if (valid != nullptr) {
-      valid->resize(cells);
-    }
-  } catch (const std::bad_alloc &) {
-    CPLError(CE_Failure, CPLE_OutOfMemory, "no memory for %d x %d cells", width, height);
-    return CE_Failure;
-  }
+// Cells of a level.
+struct Window {
+  int x, y, width, height;
+
+  size_t cells() const { return static_cast<size_t>(width) * static_cast<size_t>(height); }
+};
+
+// Reads a window of a level: all channels of each cell, and whether it has a value, if `valid` is not null. There is room for all.
+CPLErr read(const File &file, int level, const Window &window, GByte *samples, GByte *valid) {
+  const spinney_box box = {{static_cast<uint64_t>(window.x), static_cast<uint64_t>(window.y), 0},
+                           {static_cast<uint64_t>(window.width), static_cast<uint64_t>(window.height), 1}};
   const double fill = file.info.has_nodata ? file.info.nodata : 0.0;
+  const size_t cells = window.cells();
   const spinney_status status =
-      spinney_read(file.handle.get(), static_cast<uint32_t>(level), &window, fill, samples.data(), samples.size(),
-                   valid != nullptr ? valid->data() : nullptr, valid != nullptr ? valid->size() : 0);
+      spinney_read(file.handle.get(), static_cast<uint32_t>(level), &box, fill, samples, cells * file.info.cell_size,
+                   valid, valid != nullptr ? cells : 0);
   if (status != SPINNEY_OK) {
     report();
     return CE_Failure;
   }
   return CE_None;
+}
+
+// Room for bytes; null, with GDAL's error, if there is none.
+std::unique_ptr<GByte[]> room(size_t bytes) {
+  std::unique_ptr<GByte[]> bytes_there(new (std::nothrow) GByte[bytes]);
+  if (bytes_there == nullptr) {
+    CPLError(CE_Failure, CPLE_OutOfMemory, "no memory for %llu bytes", static_cast<unsigned long long>(bytes));
+  }
+  return bytes_there;
+}
+
+// The cells of a block: one at the border reaches beyond it, where nothing has a value.
+Window block_at(int column, int row) { return {column * BLOCK, row * BLOCK, BLOCK, BLOCK}; }
+
+// Samples in memory: the first of them, and bytes from one to the next and to that below it.
+struct Samples {
+  GByte *first;
+  GDALDataType type;
+  GSpacing pixel, line;
+};
+
+// Copies samples row by row, to another type if wanted.
+void copy(const Samples &from, const Samples &to, int width, int height) {
+  for (int row = 0; row < height; ++row) {
+    GDALCopyWords(from.first + row * from.line, from.type, static_cast<int>(from.pixel), to.first + row * to.line, to.type,
+                  static_cast<int>(to.pixel), width);
+  }
 }
 
 // One level of a file. The finest is the dataset that GDAL opens, the others are its overviews.
@@ -94,6 +125,13 @@ public:
   CPLErr GetGeoTransform(double *transform) override;
   const OGRSpatialReference *GetSpatialRef() const override { return reference.IsEmpty() ? nullptr : &reference; }
 
+  // Reads cells of some bands (numbers from 1) into a buffer whose `samples` are those of the first of them.
+  CPLErr read_cells(const Window &window, int band_count, const int *bands, const Samples &samples, GSpacing band_space,
+                    GDALRasterIOExtraArg *extra);
+
+  // Whether this is the level of the cells, of which the file knows statistics.
+  bool is_finest() const { return static_cast<uint32_t>(number) == file->info.depth; }
+
   const std::shared_ptr<const File> file;
   const int number;
   // Coarser levels, the finest of them first.
@@ -106,7 +144,11 @@ protected:
                    GSpacing band_space, GDALRasterIOExtraArg *extra) override;
 
 private:
+  CPLErr copy_blocks(const Window &strip, int band, const Samples &samples);
+  CPLErr read_directly(const Window &window, int band_count, const int *bands, const Samples &samples, GSpacing band_space,
+                       GDALRasterIOExtraArg *extra);
   void describe();
+  void describe_crs(const CPLJSONObject &crs);
   void describe_band(const CPLJSONObject &document, int channel);
 
   OGRSpatialReference reference;
@@ -133,15 +175,15 @@ public:
 
 protected:
   CPLErr IReadBlock(int column, int row, void *data) override {
-    std::vector<GByte> samples;
-    std::vector<GByte> valid;
-    const CPLErr error =
-        read(*level->file, level->number, column * BLOCK, row * BLOCK, BLOCK, BLOCK, samples, &valid);
-    if (error == CE_None) {
-      std::transform(valid.begin(), valid.end(), static_cast<GByte *>(data),
-                     [](GByte flag) { return static_cast<GByte>(flag != 0 ? 255 : 0); });
+    const Window block = block_at(column, row);
+    const auto samples = room(block.cells() * level->file->info.cell_size);
+    auto *const flags = static_cast<GByte *>(data);
+    if (samples == nullptr || read(*level->file, level->number, block, samples.get(), flags) != CE_None) {
+      return CE_Failure;
     }
-    return error;
+    std::transform(flags, flags + block.cells(), flags,
+                   [](GByte flag) { return static_cast<GByte>(flag != 0 ? 255 : 0); });
+    return CE_None;
   }
 
 private:
@@ -227,6 +269,43 @@ public:
                            GDALProgressFunc, void *) override {
     return GetStatistics(is_approximate, TRUE, min, max, mean, deviation);
   }
+  CPLErr ComputeRasterMinMax(int is_approximate, double *min_max) override {
+    if (!level->is_finest()) {
+      return GDALRasterBand::ComputeRasterMinMax(is_approximate, min_max);
+    }
+    if (GetStatistics(TRUE, TRUE, &min_max[0], &min_max[1], nullptr, nullptr) != CE_None) {
+      CPLError(CE_Failure, CPLE_AppDefined, "no cell has a value");
+      return CE_Failure;
+    }
+    return CE_None;
+  }
+
+  // Exact where the tree counts: the first channel of the cells. Other channels are read, from a coarser level if that is good enough.
+  CPLErr GetHistogram(double low, double high, int count, GUIntBig *bins, int with_outside, int is_approximate,
+                      GDALProgressFunc progress, void *user) override {
+    const double step = (high - low) / count;
+    if (!level->is_finest() || index != 0 || !(step > 0.0) || !std::isfinite(step) || count > MOST_BINS) {
+      return histogram_of_cells(low, high, count, bins, with_outside, is_approximate, progress, user);
+    }
+    // The tree counts what is outside for the outermost parts: two more of them keep it away from the others.
+    std::vector<uint64_t> found(static_cast<size_t>(count) + 2);
+    if (spinney_histogram(level->file->handle.get(), nullptr, low - step, high + step, found.data(), found.size()) !=
+        SPINNEY_OK) {
+      report();
+      return CE_Failure;
+    }
+    std::copy(found.begin() + 1, found.end() - 1, bins);
+    if (with_outside) {
+      bins[0] += found.front();
+      bins[count - 1] += found.back();
+    }
+    if (progress != nullptr && !progress(1.0, "", user)) {
+      CPLError(CE_Failure, CPLE_UserInterrupt, "interrupted");
+      return CE_Failure;
+    }
+    return CE_None;
+  }
+
   double GetMinimum(int *success) override { return extreme(success, level->file->statistics.channels[index].min); }
   double GetMaximum(int *success) override { return extreme(success, level->file->statistics.channels[index].max); }
 
@@ -238,31 +317,66 @@ public:
 
 protected:
   CPLErr IReadBlock(int column, int row, void *data) override {
-    std::vector<GByte> samples;
-    // (A block at the border reaches beyond it: what is there has no value.)
-    const CPLErr error =
-        read(*level->file, level->number, column * BLOCK, row * BLOCK, BLOCK, BLOCK, samples, nullptr);
-    if (error == CE_None) {
-      const int size = GDALGetDataTypeSizeBytes(eDataType);
-      GDALCopyWords(samples.data() + index * size, eDataType, static_cast<int>(level->file->info.cell_size), data,
-                    eDataType, size, BLOCK * BLOCK);
+    const File &file = *level->file;
+    const Window block = block_at(column, row);
+    if (file.info.channels == 1) {
+      return read(file, level->number, block, static_cast<GByte *>(data), nullptr);
     }
-    return error;
+    const auto cells = room(block.cells() * file.info.cell_size);
+    if (cells == nullptr || read(file, level->number, block, cells.get(), nullptr) != CE_None) {
+      return CE_Failure;
+    }
+    const GSpacing size = GDALGetDataTypeSizeBytes(eDataType);
+    const GSpacing cell = file.info.cell_size;
+    for (int channel = 0; channel < static_cast<int>(file.info.channels); ++channel) {
+      const Samples from = {cells.get() + channel * size, eDataType, cell, cell * BLOCK};
+      const auto take = [&](void *place) {
+        copy(from, {static_cast<GByte *>(place), eDataType, size, size * BLOCK}, BLOCK, BLOCK);
+      };
+      if (channel == index) {
+        take(data);
+        continue;
+      }
+      // What was read of the other channels waits for them in GDAL's cache.
+      GDALRasterBand *const other = level->GetRasterBand(channel + 1);
+      GDALRasterBlock *there = other->TryGetLockedBlockRef(column, row);
+      if (there == nullptr && (there = other->GetLockedBlockRef(column, row, TRUE)) != nullptr) {
+        take(there->GetDataRef());
+      }
+      if (there != nullptr) {
+        there->DropLock();
+      }
+    }
+    return CE_None;
   }
 
-  // A window at its own size comes straight from the tree, without GDAL's cache of blocks in between.
   CPLErr IRasterIO(GDALRWFlag flag, int x, int y, int width, int height, void *data, int buffer_width, int buffer_height,
                    GDALDataType type, GSpacing pixel_space, GSpacing line_space, GDALRasterIOExtraArg *extra) override {
     if (flag == GF_Read && width == buffer_width && height == buffer_height) {
-      int band = nBand;
-      return level->RasterIO(flag, x, y, width, height, data, buffer_width, buffer_height, type, 1, &band, pixel_space,
-                             line_space, 0, extra);
+      const Samples samples = {static_cast<GByte *>(data), type, pixel_space, line_space};
+      return level->read_cells({x, y, width, height}, 1, &nBand, samples, 0, extra);
     }
     return GDALRasterBand::IRasterIO(flag, x, y, width, height, data, buffer_width, buffer_height, type, pixel_space,
                                      line_space, extra);
   }
 
 private:
+  // GDAL's own way, over all cells; approximately over those of the coarsest level that has a million of them.
+  CPLErr histogram_of_cells(double low, double high, int count, GUIntBig *bins, int with_outside, int is_approximate,
+                            GDALProgressFunc progress, void *user) {
+    GDALRasterBand *band = this;
+    for (int i = GetOverviewCount() - 1; is_approximate && band == this && i >= 0; --i) {
+      GDALRasterBand *const coarser = GetOverview(i);
+      if (static_cast<double>(coarser->GetXSize()) * coarser->GetYSize() >= ENOUGH_CELLS) {
+        band = coarser;
+      }
+    }
+    if (band != this) {
+      return band->GetHistogram(low, high, count, bins, with_outside, FALSE, progress, user);
+    }
+    return GDALRasterBand::GetHistogram(low, high, count, bins, with_outside, FALSE, progress, user);
+  }
+
   double extreme(int *success, double value) const {
     const bool is_known = level->file->statistics.channels[index].cells > 0;
     if (success != nullptr) {
@@ -309,27 +423,128 @@ CPLErr Level::IRasterIO(GDALRWFlag flag, int x, int y, int width, int height, vo
     return GDALDataset::IRasterIO(flag, x, y, width, height, data, buffer_width, buffer_height, type, band_count, bands,
                                   pixel_space, line_space, band_space, extra);
   }
-  const GDALDataType own = type_of(file->info.sample);
-  const int size = GDALGetDataTypeSizeBytes(own);
-  const int cell = static_cast<int>(file->info.cell_size);
-  std::vector<GByte> samples;
-  // Some rows at a time, so that memory does not grow with the window.
-  const int rows = std::clamp((1 << 24) / std::max(1, width * cell), 1, std::max(1, height));
-  for (int top = 0; top < height; top += rows) {
-    const int count = std::min(rows, height - top);
-    if (read(*file, number, x, y + top, width, count, samples, nullptr) != CE_None) {
-      return CE_Failure;
-    }
+  const Samples samples = {static_cast<GByte *>(data), type, pixel_space, line_space};
+  return read_cells({x, y, width, height}, band_count, bands, samples, band_space, extra);
+}
+
+// Tells how much is done; an error if GDAL's user wants no more.
+CPLErr tell(GDALRasterIOExtraArg *extra, double done) {
+  if (extra == nullptr || extra->pfnProgress == nullptr || extra->pfnProgress(done, "", extra->pProgressData)) {
+    return CE_None;
+  }
+  CPLError(CE_Failure, CPLE_UserInterrupt, "interrupted");
+  return CE_Failure;
+}
+
+CPLErr Level::read_cells(const Window &window, int band_count, const int *bands, const Samples &samples,
+                         GSpacing band_space, GDALRasterIOExtraArg *extra) {
+  // What would push all else out of the cache goes past it.
+  const double bytes = static_cast<double>(window.cells()) * file->info.cell_size;
+  if (bytes > static_cast<double>(GDALGetCacheMax64()) / 4) {
+    return read_directly(window, band_count, bands, samples, band_space, extra);
+  }
+  const int bottom = window.y + window.height;
+  for (int row = window.y / BLOCK; row * BLOCK < bottom; ++row) {
+    const int top = std::max(window.y, row * BLOCK);
+    const Window strip = {window.x, top, window.width, std::min(bottom, (row + 1) * BLOCK) - top};
     for (int i = 0; i < band_count; ++i) {
-      for (int row = 0; row < count; ++row) {
-        const GByte *from = samples.data() + static_cast<size_t>(row) * width * cell + (bands[i] - 1) * size;
-        GByte *to = static_cast<GByte *>(data) + i * band_space + (top + row) * line_space;
-        GDALCopyWords(from, own, cell, to, type, static_cast<int>(pixel_space), width);
+      GByte *const to = samples.first + i * band_space + (top - window.y) * samples.line;
+      if (copy_blocks(strip, bands[i], {to, samples.type, samples.pixel, samples.line}) != CE_None) {
+        return CE_Failure;
       }
     }
-    if (extra != nullptr && extra->pfnProgress != nullptr &&
-        !extra->pfnProgress(static_cast<double>(top + count) / height, "", extra->pProgressData)) {
-      CPLError(CE_Failure, CPLE_UserInterrupt, "interrupted");
+    if (tell(extra, static_cast<double>(top + strip.height - window.y) / window.height) != CE_None) {
+      return CE_Failure;
+    }
+  }
+  return CE_None;
+}
+
+// Copies cells of a row of blocks. Rows of samples are written from their first to their last.
+CPLErr Level::copy_blocks(const Window &strip, int band, const Samples &samples) {
+  const GDALDataType own = type_of(file->info.sample);
+  const GSpacing size = GDALGetDataTypeSizeBytes(own);
+  const bool plain = samples.type == own && samples.pixel == size;
+  const GSpacing width_in_bytes = strip.width * size;
+  const int row = strip.y / BLOCK, first = strip.x / BLOCK, last = (strip.x + strip.width - 1) / BLOCK;
+  GDALRasterBand *const channel = GetRasterBand(band);
+  // So many blocks at a time are locked in the cache.
+  constexpr int MOST = 64;
+  for (int begin = first; begin <= last; begin += MOST) {
+    const int end = std::min(begin + MOST, last + 1);
+    struct Piece {
+      GDALRasterBlock *block;
+      const GByte *from;
+      GByte *to;
+      int width;
+      size_t bytes;
+    };
+    Piece pieces[MOST];
+    int count = 0;
+    for (int column = begin; column < end; ++column) {
+      GDALRasterBlock *const block = channel->GetLockedBlockRef(column, row);
+      if (block == nullptr) {
+        break;
+      }
+      const int left = std::max(strip.x, column * BLOCK), right = std::min(strip.x + strip.width, (column + 1) * BLOCK);
+      const GSpacing at = static_cast<GSpacing>(strip.y - row * BLOCK) * BLOCK + (left - column * BLOCK);
+      const int width = right - left;
+      pieces[count++] = {block, static_cast<GByte *>(block->GetDataRef()) + at * size,
+                         samples.first + (left - strip.x) * samples.pixel, width, static_cast<size_t>(width * size)};
+    }
+    const bool is_whole = count == end - begin;
+    if (is_whole && plain && count == 1 && width_in_bytes == samples.line && pieces[0].width == BLOCK) {
+      std::memcpy(pieces[0].to, pieces[0].from, pieces[0].bytes * static_cast<size_t>(strip.height));
+    } else if (is_whole) {
+      for (int line = 0; line < strip.height; ++line) {
+        for (int i = 0; i < count; ++i) {
+          Piece &piece = pieces[i];
+          if (plain) {
+            std::memcpy(piece.to, piece.from, piece.bytes);
+          } else {
+            GDALCopyWords(piece.from, own, static_cast<int>(size), piece.to, samples.type,
+                          static_cast<int>(samples.pixel), piece.width);
+          }
+          piece.from += size * BLOCK;
+          piece.to += samples.line;
+        }
+      }
+    }
+    for (int i = 0; i < count; ++i) {
+      pieces[i].block->DropLock();
+    }
+    if (!is_whole) {
+      return CE_Failure;
+    }
+  }
+  return CE_None;
+}
+
+// Reads from the tree itself.
+CPLErr Level::read_directly(const Window &window, int band_count, const int *bands, const Samples &samples,
+                            GSpacing band_space, GDALRasterIOExtraArg *extra) {
+  const GDALDataType own = type_of(file->info.sample);
+  const GSpacing size = GDALGetDataTypeSizeBytes(own);
+  const GSpacing cell = file->info.cell_size;
+  const GSpacing line = cell * window.width;
+  const bool as_it_is = file->info.channels == 1 && samples.type == own && samples.pixel == size && samples.line == line;
+  // Some rows at a time, so that memory does not grow with the window.
+  const int rows = std::clamp(static_cast<int>((1 << 24) / std::max<GSpacing>(1, line)), 1, std::max(1, window.height));
+  const auto cells = as_it_is ? nullptr : room(static_cast<size_t>(line) * static_cast<size_t>(rows));
+  if (!as_it_is && cells == nullptr) {
+    return CE_Failure;
+  }
+  for (int top = 0; top < window.height; top += rows) {
+    const Window part = {window.x, window.y + top, window.width, std::min(rows, window.height - top)};
+    GByte *const to = samples.first + top * samples.line;
+    if (read(*file, number, part, as_it_is ? to : cells.get(), nullptr) != CE_None) {
+      return CE_Failure;
+    }
+    for (int i = 0; i < band_count && !as_it_is; ++i) {
+      copy({cells.get() + (bands[i] - 1) * size, own, cell, line},
+           {to + i * band_space, samples.type, samples.pixel, samples.line}, part.width, part.height);
+    }
+    if (tell(extra, static_cast<double>(top + part.height) / window.height) != CE_None) {
       return CE_Failure;
     }
   }
@@ -342,15 +557,6 @@ void Level::describe() {
     return;
   }
   const CPLJSONObject root = document.GetRoot();
-  std::string definition = root.GetString("crs/definition");
-  if (root.GetString("crs/form") == "GeoTIFF keys") {
-    definition = root.GetString("crs/epsg");
-  }
-  reference.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
-  if (!definition.empty() && reference.SetFromUserInput(definition.c_str()) != OGRERR_NONE) {
-    CPLError(CE_Warning, CPLE_AppDefined, "the coordinate system is not one that PROJ knows: %s", definition.c_str());
-    reference.Clear();
-  }
   CPLStringList tags;
   for (const CPLJSONObject &tag : root.GetObj("tags").GetChildren()) {
     tags.SetNameValue(tag.GetName().c_str(), tag.ToString().c_str());
@@ -359,6 +565,7 @@ void Level::describe() {
     tags.SetNameValue("SPINNEY_COMMIT", std::to_string(file->info.commit).c_str());
   }
   SetMetadata(tags.List());
+  describe_crs(root.GetObj("crs"));
   SetMetadataItem("INTERLEAVE", "PIXEL", "IMAGE_STRUCTURE");
   for (int channel = 0; channel < nBands; ++channel) {
     describe_band(root, channel);
@@ -374,6 +581,26 @@ void Level::describe() {
         GetRasterBand(channel + 1)->SetMetadataItem(tag.GetName().c_str(), value.c_str(), domain.c_str());
       }
     }
+  }
+}
+
+void Level::describe_crs(const CPLJSONObject &crs) {
+  const std::string definition = crs.IsValid() ? crs.GetString("definition") : "";
+  if (definition.empty()) {
+    return;
+  }
+  reference.SetAxisMappingStrategy(OAMS_TRADITIONAL_GIS_ORDER);
+  const std::string text = crs.GetString("text");
+  if (!text.empty() && reference.SetFromUserInput(text.c_str()) == OGRERR_NONE) {
+    return;
+  }
+  // Nobody shall take it for a picture without a system.
+  reference.Clear();
+  SetMetadataItem("SPINNEY_CRS", definition.c_str());
+  if (is_finest()) {
+    const std::string problem = crs.GetString("problem");
+    CPLError(CE_Warning, CPLE_AppDefined, "the coordinate system is told by the metadata item SPINNEY_CRS alone: %s",
+             problem.empty() ? "PROJ does not know it" : problem.c_str());
   }
 }
 
@@ -481,9 +708,10 @@ GDALDataset *Level::open(GDALOpenInfo *info) {
   const int depth = static_cast<int>(file->info.depth);
   auto dataset = std::make_unique<Level>(file, depth);
   dataset->SetDescription(info->pszFilename);
-  for (int level = depth - 1; level >= 0; --level) {
+  const bool is_small = dataset->GetRasterXSize() <= COARSEST && dataset->GetRasterYSize() <= COARSEST;
+  for (int level = depth - 1; level >= 0 && !is_small; --level) {
     auto overview = std::make_unique<Level>(file, level);
-    const bool is_last = overview->GetRasterXSize() <= 1 && overview->GetRasterYSize() <= 1;
+    const bool is_last = overview->GetRasterXSize() <= COARSEST && overview->GetRasterYSize() <= COARSEST;
     dataset->overviews.push_back(std::move(overview));
     if (is_last) {
       break;

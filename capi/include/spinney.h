@@ -244,9 +244,11 @@ spinney_status spinney_level_size(const spinney_dataset *dataset,
                                   uint32_t level,
                                   uint64_t (*size)[3]);
 
-// All that is known of a dataset beside its numbers, as JSON: "crs" (its form and definition), "bands" (name, unit, scale, offset
-// of each), "categories" (names by value), "palette" (red, green, blue, opacity by value), "tags", "scoped_tags", "provenance". The text
-// belongs to the dataset, and is there until that is closed or refreshed. NULL if the dataset is NULL.
+// All that is known of a dataset beside its numbers, as JSON: "crs" (its form and definition as it came; its "text" for other programs,
+// which is "EPSG:4326" or the like, or else WKT 2; where it cannot be said so, "problem" tells why, and the text is null, or WKT 1,
+// PROJJSON or PROJ's words as they came), "bands" (name, unit, scale, offset of each), "categories" (names by value), "palette" (red, green,
+// blue, opacity by value), "tags", "scoped_tags", "provenance". The text belongs to the dataset, and is there until that is closed or
+// refreshed. NULL if the dataset is NULL.
 const char *spinney_metadata(const spinney_dataset *dataset);
 
 // Reads a box of cells of a level: x fastest, then y, then z, the samples of a cell together. `samples_size` is the bytes of

@@ -260,9 +260,11 @@ pub(crate) fn level_of(level: u32) -> u8 {
     u8::try_from(level).unwrap_or(u8::MAX)
 }
 
-/// All that is known of a dataset beside its numbers, as JSON: "crs" (its form and definition), "bands" (name, unit, scale, offset
-/// of each), "categories" (names by value), "palette" (red, green, blue, opacity by value), "tags", "scoped_tags", "provenance". The text
-/// belongs to the dataset, and is there until that is closed or refreshed. NULL if the dataset is NULL.
+/// All that is known of a dataset beside its numbers, as JSON: "crs" (its form and definition as it came; its "text" for other programs,
+/// which is "EPSG:4326" or the like, or else WKT 2; where it cannot be said so, "problem" tells why, and the text is null, or WKT 1,
+/// PROJJSON or PROJ's words as they came), "bands" (name, unit, scale, offset of each), "categories" (names by value), "palette" (red, green,
+/// blue, opacity by value), "tags", "scoped_tags", "provenance". The text belongs to the dataset, and is there until that is closed or
+/// refreshed. NULL if the dataset is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_metadata(dataset: *const spinney_dataset) -> *const c_char {
     // SAFETY: as `opened` says.

@@ -15,6 +15,8 @@ pub(crate) fn json(dataset: &Dataset) -> CString {
             "definition": crs.definition(),
             "name": crs.name(),
             "epsg": crs.numbers().map(|numbers| numbers.to_string()),
+            "text": crs.to_text().ok().or_else(|| crs.foreign_text()),
+            "problem": crs.to_text().err().map(|error| error.to_string()),
             "unit": Crs::unit(crs),
         })
     });

@@ -77,7 +77,7 @@ impl From<Error> for Failure {
             Error::Io { .. } | Error::NoRoom { .. } | Error::Locked { .. } | Error::Poisoned { .. } => {
                 SPINNEY_IO
             }
-            Error::Corrupt { .. } => SPINNEY_CORRUPT,
+            Error::Corrupt { .. } | Error::NoTree { .. } => SPINNEY_CORRUPT,
             Error::Unsupported { .. } => SPINNEY_UNSUPPORTED,
             Error::Changed { .. } | Error::Moved { .. } => SPINNEY_CHANGED,
             Error::TooLarge { .. } => SPINNEY_MEMORY,

@@ -142,7 +142,7 @@ fn read_mesh(path: &Path) -> Result<()> {
     (options.close, options.memory) = (faces % 2 == 0, 2 * MEMORY);
     mesh::import_exact(vec![mesh::open(path, MEMORY)?], &options, Output::create(&built)?, &())?;
     let model = ExactModel::open(&built, &OpenOptions::new())?;
-    assert_eq!(model.verify(&()).unwrap(), []);
+    assert_eq!(model.verify(16 << 20, &()).unwrap(), []);
     super::models::questions(&model).unwrap();
     Ok(())
 }

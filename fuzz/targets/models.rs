@@ -44,7 +44,7 @@ pub fn ask_model(file: Vec<u8>) {
             let _ = model.faces(&mut |_| Ok(()));
         });
     }
-    if model.verify(&()).unwrap().is_empty() {
+    if model.verify(64 << 20, &()).unwrap().is_empty() {
         asked.unwrap();
     }
 }

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _native
+from ._blocks import Blocks
+from ._dataset import Dataset, Level
 from ._files import MEMORY
 from ._progress import memory_of, telling
-from ._types import Array, Path, Progress
+from ._types import Path, Progress
 
 Dims = Literal["yx", "byx", "yxb", "zyx", "bzyx", "zyxb"]
 """Axes of an array, in order: bands, planes, rows, columns."""
@@ -58,12 +60,16 @@ def build(
 
     The source is
 
+    - a tree: a `Dataset`, also a view, a `Level` of one, or the path of a file. The new one has the same cells, at every level of
+      detail, and tells the same about them; what is said here counts. With another `rule` coarser levels are made anew.
     - an array, or anything that has `shape`, `dtype` and slices: NumPy (mapped files, too), Dask, zarr, h5py. It is read
       block by block. `dims` names its axes: `"yx"`, `"byx"` (the usual of three axes, as rasterio has them), `"yxb"`, or of
-      octrees `"zyx"`, `"bzyx"`, `"zyxb"`. Cells are VOID where a masked array or `mask` is true, where all bands have the
-      number `nodata`, and where any is NaN. Octrees of booleans are solids.
-    - a DataArray of xarray, which tells its axes (`band`, `z`, `y`, `x`), transform, coordinate system, nodata number, scale and
-      class names itself, as rioxarray and this package's engine have them.
+      octrees `"zyx"`, `"bzyx"`, `"zyxb"`. Cells are VOID where a masked array or `mask` is true, and where all bands have the
+      number `nodata` or NaN. Booleans are classes, 0 and 1; octrees of them are solids. Cells that lack some of their bands,
+      and not all, are refused; with a `nodata` these samples become that number.
+    - a DataArray of xarray, which tells its axes (`band`, `z`, `y`, `x`), transform, coordinate system, nodata number, scales,
+      units, names of bands and classes, kind and rule itself, as rioxarray, the CF conventions and this package's engine have
+      them. What is said here counts.
     - an iterator of arrays, one below the other, which together have `shape` and `dtype`.
     - the path of a picture file, or several of one grid (the last lies on top); `bands`, `layer` and `keep_transparent` are
       for these.
@@ -105,6 +111,28 @@ def build(
         "tags": tags,
     }
     paths = paths_of(source)
+    if paths is not None and any(map(_native.is_tree, paths)):
+        if len(paths) > 1:
+            raise ValueError("a tree as a source is the only one; spinney.combine lays trees over each other")
+        source = Dataset(paths[0], [], None, False)
+    if isinstance(source, Level):
+        source = source._as_tree()
+    if isinstance(source, Dataset):
+        of_cells = {"dims": dims, "shape": shape, "dtype": dtype, "mask": mask, "nodata": nodata}
+        _refuse("arrays; the cells of a tree are taken as they are", of_cells)
+        _refuse("files", for_files)
+        for_tree = {name: common[name] for name in ("kind", "rule", "crs", "depth", "memory", "share")} | {
+            "transform": None if transform is None else _numbers(transform),
+            "categories": None if categories is None else dict(categories),
+            "colormap": _colours(colormap),
+            "descriptions": _texts(descriptions),
+            "scale_offset": _pairs(scales, offsets, source.scales, source.offsets),
+            "units": _texts(units),
+            "tags": dict(tags or {}),
+        }
+        _check_bands(for_tree, source.count)
+        with telling(progress) as tell:
+            return source._build(os.fspath(out), for_tree, tell)
     if paths is not None:
         _refuse("arrays", for_arrays)
         six = None if transform is None else _six(transform)
@@ -112,24 +140,38 @@ def build(
         for_import["bands"] = None if bands is None else list(bands)
         with telling(progress) as tell:
             return _native.build_files(paths, os.fspath(out), for_import, tell)
+    if isinstance(source, list | tuple) and any(isinstance(part, Dataset) for part in source):
+        raise TypeError("a tree as a source is the only one; spinney.combine lays trees over each other")
     _refuse("files", for_files)
+    told: dict[str, Any] = {}
     if hasattr(source, "dims") and hasattr(source, "coords"):
         from .xarray import described
 
         told = described(source)
         source = source.variable
+        dims = dims or told["dims"]
+        if nodata is not None:
+            told["void_number"] = None
         # (What is said here counts.)
-        dims, kind, nodata = dims or told["dims"], kind or told["kind"], told["nodata"] if nodata is None else nodata
+        nodata = told["nodata"] if nodata is None else nodata
         transform = told["transform"] if transform is None else transform
-        common |= {"kind": kind, "nodata": nodata, "crs": system or crs_text(told["crs"])}
-        categories = categories or told["categories"]
-        scales, offsets = scales or told["scales"], offsets or told["offsets"]
-    array = _Blocks(source, dims, shape, dtype, mask)
+        if kind is None or kind == told["kind"]:
+            kind, rule = told["kind"], rule or told["rule"]
+        elif np.dtype(source.dtype).kind == "f":
+            told["dtype"] = None
+        common |= {"kind": kind, "rule": rule, "nodata": nodata, "crs": system or crs_text(told["crs"])}
+        categories = told["categories"] if categories is None else categories
+        colormap = told["colormap"] if colormap is None else colormap
+        descriptions = told["descriptions"] if descriptions is None else descriptions
+        units = told["units"] if units is None else units
+        scales = told["scales"] if scales is None else scales
+        offsets = told["offsets"] if offsets is None else offsets
+        tags = {**told["tags"], **(tags or {})}
+    array = Blocks(source, dims, shape, dtype, mask, nodata, told)
     if array.is_solid:
         common["rule"] = common["rule"] or "occupancy"
-    pairs = None
-    if scales is not None or offsets is not None:
-        pairs = list(zip(scales or [1.0] * array.channels, offsets or [0.0] * array.channels))
+    elif array.is_mask:
+        common["kind"] = common["kind"] or "categorical"
     options: dict[str, Any] = common | {
         "extent": array.extent,
         "octree": array.axes == 3,
@@ -137,16 +179,16 @@ def build(
         "channels": array.channels,
         "in_order": array.in_order,
         "transform": None if transform is None else _numbers(transform),
+        "void_number": told.get("void_number"),
+        "alpha": told.get("alpha"),
         "categories": dict(categories or {}),
         "colormap": _colours(colormap),
-        "descriptions": [name or "" for name in descriptions or []],
-        "scale_offset": pairs or [],
-        "units": [name or "" for name in units or []],
+        "descriptions": _texts(descriptions) or [],
+        "scale_offset": _pairs(scales, offsets, (1.0,) * array.channels, (0.0,) * array.channels) or [],
+        "units": _texts(units) or [],
         "tags": dict(tags or {}),
     }
-    for name in ("descriptions", "scale_offset", "units"):
-        if len(options[name]) not in (0, array.channels):
-            raise ValueError(f"{name}: {len(options[name])} given, the array has {array.channels} bands")
+    _check_bands(options, array.channels)
     with telling(progress) as tell:
         _native.build_array(array.read, os.fspath(out), options, tell)
 
@@ -158,6 +200,28 @@ def paths_of(source: Any) -> list[str] | None:
     if isinstance(source, list | tuple) and source and all(isinstance(s, str | os.PathLike) for s in source):
         return [str(os.fspath(path)) for path in source]
     return None
+
+
+def _texts(texts: Sequence[str | None] | None) -> list[str] | None:
+    return None if texts is None else [text or "" for text in texts]
+
+
+def _pairs(
+    scales: Sequence[float] | None, offsets: Sequence[float] | None, usual_scales: Any, usual_offsets: Any
+) -> list[tuple[float, float]] | None:
+    """Scales and offsets by band; nothing if neither is given."""
+    if scales is None and offsets is None:
+        return None
+    scales, offsets = usual_scales if scales is None else scales, usual_offsets if offsets is None else offsets
+    if len(scales) != len(offsets):
+        raise ValueError(f"scales and offsets: {len(scales)} and {len(offsets)} given")
+    return [(float(scale), float(offset)) for scale, offset in zip(scales, offsets)]
+
+
+def _check_bands(options: dict[str, Any], bands: int) -> None:
+    for name in ("descriptions", "scale_offset", "units"):
+        if options[name] is not None and len(options[name]) not in (0, bands):
+            raise ValueError(f"{name}: {len(options[name])} given, there are {bands} bands")
 
 
 def _refuse(what: str, options: dict[str, Any]) -> None:
@@ -212,131 +276,3 @@ def _colours(colormap: Mapping[int, Sequence[int]] | None) -> list[list[int]] | 
             raise ValueError(f"colormap: {colour!r}, expected red, green, blue and perhaps opacity, 0 to 255")
         colours[value] = channels if len(channels) == 4 else [*channels, 255]
     return colours
-
-
-class _Blocks:
-    """An array that is read block by block, with bands last and of a type that trees have."""
-
-    def __init__(
-        self,
-        source: Any,
-        dims: str | None,
-        shape: tuple[int, ...] | None,
-        dtype: npt.DTypeLike | None,
-        mask: Any,
-    ) -> None:
-        self.in_order = not hasattr(source, "shape")
-        if self.in_order:
-            if shape is None or dtype is None:
-                if isinstance(source, Iterator):
-                    raise TypeError("build: an iterator of arrays needs shape and dtype")
-                if not isinstance(source, Iterable):
-                    raise TypeError(f"build: expected an array, paths or an iterator of arrays, got {source!r}")
-                source = np.asarray(source)
-                self.in_order = False
-            else:
-                source = _Bands(iter(source), tuple(shape), np.dtype(dtype))
-        elif shape is not None:
-            raise TypeError("shape: is for iterators of arrays")
-        elif dtype is not None:
-            raise TypeError("dtype: is for iterators of arrays")
-        self.source = source
-        self.mask = mask
-        full = tuple(int(length) for length in source.shape)
-        self.dims = dims or _usual_dims(full)
-        if len(self.dims) != len(full) or self.dims not in ("yx", "byx", "yxb", "zyx", "bzyx", "zyxb"):
-            raise ValueError(f"dims: {self.dims!r} does not fit an array of shape {full}")
-        if self.in_order and self.dims not in ("yx", "yxb", "zyx", "zyxb"):
-            raise ValueError("dims: iterators hand out rows (or planes) with bands last: 'yx', 'yxb', 'zyx' or 'zyxb'")
-        sizes = dict(zip(self.dims, full))
-        self.axes = 3 if "z" in sizes else 2
-        self.channels = sizes.get("b", 1)
-        if not 1 <= self.channels <= 4:
-            octree = " (an octree is dims='zyx')" if self.dims == "byx" else ""
-            raise ValueError(f"array of shape {full}: {self.channels} bands, 1 to 4 can be kept{octree}")
-        if min(full) < 1:
-            raise ValueError(f"array of shape {full}: there are no cells")
-        self.extent = [sizes["x"], sizes["y"], sizes.get("z", 1)]
-        given = np.dtype(source.dtype)
-        self.is_solid = given == np.bool_ and self.axes == 3 and self.channels == 1
-        wider = {"bool": "uint8", "int8": "int16", "float16": "float32"}
-        self.dtype = np.dtype(wider.get(given.name, given.name)).newbyteorder("=")
-        if mask is not None and tuple(np.shape(mask)) != tuple(reversed(self.extent[: self.axes])):
-            raise ValueError(f"mask: has the shape {np.shape(mask)}, the cells {self.extent[: self.axes][::-1]}")
-
-    def read(self, origin: list[int], size: list[int]) -> tuple[Array, npt.NDArray[np.bool_] | None]:
-        """The samples of a block, and flags of those that are not VOID."""
-        along = {name: slice(first, first + cells) for name, first, cells in zip("xyz", origin, size)}
-        block = self.source[tuple(along.get(name, slice(None)) for name in self.dims)]
-        flags: Any = None
-        if isinstance(block, np.ma.MaskedArray):
-            hidden = np.ma.getmaskarray(block)
-            flags = ~(hidden.all(axis=self.dims.index("b")) if "b" in self.dims else hidden)
-            block = block.data
-        array = np.asarray(block)
-        if "b" in self.dims:
-            array = np.moveaxis(array, self.dims.index("b"), -1)
-        samples = np.ascontiguousarray(array, dtype=self.dtype)
-        if self.is_solid:
-            inside = samples != 0
-            flags = inside if flags is None else flags & inside
-            samples = samples * np.uint8(255)
-        if self.mask is not None:
-            cut = self.mask[tuple(along[name] for name in "zyx"[3 - self.axes :])]
-            shown = ~np.asarray(cut, dtype=bool)
-            flags = shown if flags is None else flags & shown
-        wanted = (*reversed(size[: self.axes]), *([self.channels] if "b" in self.dims else []))
-        if samples.shape != wanted:
-            raise ValueError(f"the source gave a block of shape {samples.shape}, expected {wanted}")
-        return samples, None if flags is None else np.ascontiguousarray(flags)
-
-
-def _usual_dims(shape: tuple[int, ...]) -> str:
-    usual: dict[int, str] = {2: "yx", 3: "byx", 4: "bzyx"}
-    if len(shape) not in usual:
-        raise ValueError(f"array of shape {shape}: expected 2, 3 or 4 axes")
-    return usual[len(shape)]
-
-
-class _Bands:
-    """Arrays that come one below the other, as one array that is read from the top down."""
-
-    def __init__(self, parts: Iterator[Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-        self.parts = parts
-        self.shape = shape
-        self.dtype = dtype
-        self.row = 0
-        self.rest: Any = None
-
-    def __getitem__(self, key: tuple[slice, ...]) -> Any:
-        rows = key[0]
-        if rows.start != self.row:
-            raise RuntimeError("bands are read from the top down")
-        wanted = rows.stop - rows.start
-        taken: list[Any] = []
-        have = 0
-        while have < wanted:
-            part = self.rest if self.rest is not None else next(self.parts, None)
-            self.rest = None
-            if part is None:
-                raise ValueError(f"the iterator ended after {self.row + have} of {self.shape[0]} rows")
-            part = part if isinstance(part, np.ma.MaskedArray) else np.asarray(part)
-            if part.shape[1:] != self.shape[1:] or part.dtype != self.dtype:
-                raise ValueError(
-                    f"the iterator gave {part.dtype} of shape {part.shape}, expected {self.dtype} of "
-                    f"shape (n, {', '.join(map(str, self.shape[1:]))})"
-                )
-            fits = part[: wanted - have]
-            if len(part) > len(fits):
-                self.rest = part[len(fits) :]
-            taken.append(fits)
-            have += len(fits)
-        self.row = rows.stop
-        if self.row == self.shape[0] and (self.rest is not None or next(self.parts, None) is not None):
-            raise ValueError(f"the iterator gave more than {self.shape[0]} rows")
-        if len(taken) == 1:
-            return taken[0]
-        join: Callable[[list[Any]], Any] = (
-            np.ma.concatenate if any(isinstance(part, np.ma.MaskedArray) for part in taken) else np.concatenate
-        )
-        return join(taken)

@@ -35,7 +35,7 @@ from ._types import (
     Window,
     ZoneStatistics,
 )
-from ._zonal import documents_of, named
+from ._zonal import definition_of, documents_of, named
 
 
 def open(
@@ -363,6 +363,7 @@ class Dataset(_native.Tree):
         stats: None = None,
         *,
         border: Literal["centre", "area"] = "centre",
+        crs: Any = None,
         progress: Progress = None,
     ) -> list[ZoneStatistics]: ...
 
@@ -373,6 +374,7 @@ class Dataset(_native.Tree):
         stats: Sequence[str],
         *,
         border: Literal["centre", "area"] = "centre",
+        crs: Any = None,
         progress: Progress = None,
     ) -> list[dict[str, Any]]: ...
 
@@ -382,12 +384,16 @@ class Dataset(_native.Tree):
         stats: Sequence[str] | None = None,
         *,
         border: Literal["centre", "area"] = "centre",
+        crs: Any = None,
         progress: Progress = None,
     ) -> list[ZoneStatistics] | list[dict[str, Any]]:
         """Statistics of the cells in each of many polygons, of which the tree is read only where a border cuts it.
 
-        Geometries are polygons (with holes, or of several parts) in the tree's coordinate system: anything with a
-        `__geo_interface__` (of shapely, a GeoDataFrame, ...), GeoJSON as dictionaries, or a list of such. On borders,
+        Geometries are polygons (with holes, or of several parts): anything with a `__geo_interface__` (of shapely, a
+        GeoDataFrame, ...), GeoJSON as dictionaries, or a list of such. They are brought to the tree's coordinate system
+        from that which they have themselves (a GeoDataFrame's `crs`; features of GeoJSON are in degrees unless a member
+        `crs` says otherwise; geometries alone are in the tree's own), or from `crs`, if given: "EPSG:4326", WKT, a system
+        of pyproj, or "world" for the tree's own. Polygons that all lie outside of the tree are an error. On borders,
         cells count whole if their `"centre"` is inside, or by the part of their `"area"` that is, exactly. With the
         names of some `stats` ("count", "void", "sum", "min", "max", "mean", "std", "classes") there is a dictionary of these
         for each polygon, of the first band.
@@ -395,7 +401,7 @@ class Dataset(_native.Tree):
         if border not in ("centre", "area"):
             raise ValueError(f'border: {border!r}, expected "centre" or "area"')
         with telling(progress) as callback:
-            found = self._zones(documents_of(geometries), border == "area", callback)
+            found = self._zones(documents_of(geometries, None if crs is None else definition_of(crs)), border == "area", callback)
         zones = [
             ZoneStatistics(cells, void, tuple(BandStatistics(*band) for band in bands), dict(classes))  # type: ignore[arg-type]
             for cells, void, bands, classes in found
@@ -536,7 +542,9 @@ class Dataset(_native.Tree):
         triangles: bool = False,
         progress: Progress = None,
     ) -> tuple[int, int]:
-        """Writes the surface of an octree as a mesh (.ply, .obj, .stl, .off); returns the numbers of vertices and faces."""
+        """Writes the surface of an octree as a mesh (.ply, .obj, .stl, .off); returns the numbers of vertices and faces.
+
+        What the format has no room for, such as colours, values, the coordinate system or the unit of length, is told in a warning."""
         with telling(progress) as tell:
             return self._write_mesh(os.fspath(path), level, smooth, triangles, tell)
 
@@ -619,6 +627,12 @@ class Level:
         a, b, c, d, e, f = self.dataset.transform
         scale = 2.0 ** (self.dataset.depth - self.level)
         return Transform(a * scale, b * scale, c, d * scale, e * scale, f)
+
+    def _as_tree(self) -> Dataset:
+        """The level's cells as those of a tree."""
+        ds = self.dataset
+        steps = [] if self.level == ds.depth else [f"depth={self.level}"]
+        return Dataset(str(ds.path), [*ds.view, *steps], ds.commit, ds.positioned) if steps else ds
 
     def __getitem__(self, key: Any) -> Any:
         return self.dataset._at_index(self.level, key)

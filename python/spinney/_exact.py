@@ -174,7 +174,7 @@ class ExactModel(_native.Model):
         return Box(*low, *high)
 
     def verify(self, *, progress: Progress = None) -> list[Finding]:
-        """Checks every checksum, face and node of the file; an empty list is good."""
+        """Checks every checksum, that the faces bound a body, and that the octree is theirs; an empty list is good."""
         with telling(progress) as tell:
             found = _native.verify(os.fspath(self.path), False, memory_of(MEMORY), tell)
         return [Finding(place, problem) for place, problem in found]
@@ -274,7 +274,8 @@ class ExactModel(_native.Model):
     def export(self, path: Path, *, progress: Progress = None) -> tuple[int, int]:
         """Writes the faces as a mesh, .ply, .obj, .stl, .off or .city.json; returns how many vertices and faces that are.
 
-        Polygons stay polygons, but in STL, which has triangles in single precision (and no numbered vertices: 0)."""
+        Polygons stay polygons, but in STL, which has triangles in single precision (and no numbered vertices: 0). What the format
+        has no room for, such as colours, parts, the coordinate system or the unit of length, is told in a warning."""
         with telling(progress) as tell:
             vertices, faces, _ = self._export(os.fspath(path), tell)
         return vertices, faces

@@ -23,16 +23,34 @@ STATISTICS: dict[str, Callable[[ZoneStatistics, BandStatistics], Any]] = {
 NOTHING = BandStatistics(0, float("nan"), float("nan"), float("nan"), float("nan"))
 
 
-def documents_of(geometries: Any) -> list[str]:
-    """GeoJSON documents of whatever has geometries: one or several polygons each."""
+def documents_of(geometries: Any, crs: str | None = None) -> list[tuple[str, str | None]]:
+    """GeoJSON documents of whatever has geometries, one or several polygons each, and their coordinate systems.
+
+    `world` is the system of the tree; nothing is what the document says.
+    """
+    own = getattr(geometries, "crs", None)
+    if crs is None and own is not None:
+        crs = definition_of(own)
     document = getattr(geometries, "__geo_interface__", geometries)
     if isinstance(document, Mapping):
+        if crs is None and ("crs" not in document) and not str(document.get("type", "")).startswith("Feature"):
+            crs = "world"
+        # (A frame of geometries without a system is a collection of features, but no document of degrees.)
+        if crs is None and document is not geometries:
+            crs = "world"
         # (shapely and others have tuples where GeoJSON has arrays, which JSON does not tell apart.)
-        return [json.dumps(document)]
+        return [(json.dumps(document, default=str), crs)]
     if isinstance(document, (str, bytes)) or not isinstance(document, Iterable):
         kind = type(geometries).__name__
         raise TypeError(f"geometries: got {kind}, expected polygons with a __geo_interface__, GeoJSON, or a list of these")
-    return [part for geometry in document for part in documents_of(geometry)]
+    return [part for geometry in document for part in documents_of(geometry, crs)]
+
+
+def definition_of(crs: Any) -> str:
+    """The definition of a coordinate system of pyproj, or one that is text or a number of the EPSG registry already."""
+    if isinstance(crs, int):
+        return f"EPSG:{crs}"
+    return str(crs.to_wkt()) if hasattr(crs, "to_wkt") else str(crs)
 
 
 def named(zones: Sequence[ZoneStatistics], stats: Sequence[str]) -> list[dict[str, Any]]:

@@ -8,10 +8,12 @@ levels at once are a tree of datasets: `open_levels(path)`, or `xarray.open_data
 
 from __future__ import annotations
 
+import json
 import os
 import re
-from collections.abc import Iterable, Sequence
-from typing import Any
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -55,7 +57,7 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         """The cells of a level. VOID becomes NaN and scales are applied if `mask_and_scale` is set, which by default it
         is for amounts, and not for classes."""
         tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned)
-        made = _dataset_of(tree, tree.depth if level is None else level, _fill_of(tree), mask_and_scale)
+        made = _dataset_of(tree, tree.depth if level is None else level, void_of(tree), mask_and_scale)
         made.set_close(tree.close)
         return made.drop_vars(drop_variables or [], errors="ignore")
 
@@ -73,9 +75,9 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned)
         root = xr.Dataset(attrs=_attributes(tree))
         root.set_close(tree.close)
-        groups, fill = {"/": root}, _fill_of(tree)
+        groups, void = {"/": root}, void_of(tree)
         for level in range(tree.levels):
-            made = _dataset_of(tree, level, fill, mask_and_scale)
+            made = _dataset_of(tree, level, void, mask_and_scale)
             groups[f"/{level}"] = made.drop_vars(drop_variables or [], errors="ignore")
         return groups
 
@@ -98,47 +100,82 @@ def open_levels(path: Path, **options: Any) -> xr.DataTree:
 class _Cells(BackendArray):
     """The cells of a level with an axis for bands, read when they are asked for."""
 
-    def __init__(self, tree: Dataset, level: int) -> None:
+    def __init__(self, tree: Dataset, level: int, void: Void) -> None:
         self.tree = tree
         self.level = level
         self.shape = (tree.count, *tree._shape_at(level))
-        self.dtype = tree.dtype
+        self.dtype = void.dtype
+        # The number for VOID, where it is not the one that trees fill arrays with.
+        self.fill = None if void.number is None or void.number == tree.fill_value else void.number
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._read)
 
     def _read(self, key: tuple[Any, ...]) -> Any:
         band, *cells = key
+        if self.fill is not None:
+            return self._filled(cells)[band]
         found = np.asarray(self.tree._at_index(self.level, tuple(cells)))
         return (found[np.newaxis] if self.tree.count == 1 else found)[band]
 
+    def _filled(self, key: Sequence[Any]) -> Any:
+        """Cells of all bands, with the number that was chosen for VOID."""
+        first, last, parts = [], [], []
+        for part, length in zip(key, self.shape[1:]):
+            places = range(length)[part]
+            if isinstance(places, int):
+                places, part = range(places, places + 1), 0
+            elif places:
+                ends = (places[0] - min(places), places[-1] - min(places))
+                stop = ends[1] + (1 if places.step > 0 else -1)
+                part = slice(ends[0], stop if stop >= 0 else None, places.step)
+            else:
+                places, part = range(1), slice(0, 0)
+            first.append(min(places))
+            last.append(max(places) + 1)
+            parts.append(part)
+        # (Windows are told in cells of the deepest level, x first.)
+        shift = self.tree.depth - self.level
+        low = [cell << shift for cell in first]
+        high = [min(cell << shift, length) for cell, length in zip(last, self.tree.shape)]
+        window = (*low[::-1], *(end - start for start, end in zip(low[::-1], high[::-1])))
+        read: Any = self.tree.read(window=window, level=self.level, masked=True)
+        filled: Any = np.where(np.ma.getmaskarray(read), self.dtype.type(self.fill), read.data.astype(self.dtype))
+        return filled[(slice(None), *parts)]
 
-def _fill_of(tree: Dataset) -> float | None:
-    """The number that stands for VOID; none where nothing is VOID, and in solids, where 0 is empty."""
-    has_void = tree.rule != "occupancy" and (tree.nodata is not None or tree._statistics()["void_cells"] > 0)
-    return tree.fill_value if has_void else None
+
+class Void(NamedTuple):
+    """The number that stands for VOID, and a type of samples that holds it."""
+
+    number: float | None
+    dtype: np.dtype[Any]
 
 
-def _dataset_of(tree: Dataset, level: int, fill: float | None, mask_and_scale: bool | None) -> xr.Dataset:
-    cells = _Cells(tree, level)
+def void_of(tree: Dataset) -> Void:
+    """The number that stands for VOID and for nothing else; none where nothing is VOID, in solids, where 0 is empty, and
+    beside opacity, where VOID has none. Where every number is in use, it is one of a wider type."""
+    if tree.rule == "occupancy" or tree._facts()["alpha"] is not None:
+        return Void(None, tree.dtype)
+    facts = tree._statistics()
+    if tree.nodata is None and not facts["void_cells"]:
+        return Void(None, tree.dtype)
+    if tree.dtype.kind == "f":
+        return Void(tree.fill_value, tree.dtype)
+    limits = np.iinfo(tree.dtype)
+    if tree.nodata is not None and tree.nodata.is_integer() and limits.min <= tree.nodata <= limits.max:
+        return Void(tree.nodata, tree.dtype)
+    bands = [(low, high) for _, low, high, _, _ in facts["channels"]]
+    for number in (limits.min, limits.max):
+        if not facts["cells"] or all(number < low or number > high for low, high in bands):
+            return Void(number, tree.dtype)
+    return Void(limits.min - 1, np.dtype({1: np.int16, 2: np.int32, 4: np.int64}[tree.dtype.itemsize]))
+
+
+def _dataset_of(tree: Dataset, level: int, void: Void, mask_and_scale: bool | None) -> xr.Dataset:
+    cells = _Cells(tree, level, void)
     axes = ("band", "z", "y", "x") if tree.ndim == 3 else ("band", "y", "x")
-    attrs: dict[str, Any] = {}
     facts = tree._facts()
-    classes: dict[int, str] = facts["categories"]
-    if classes:
-        attrs["flag_values"] = np.array(list(classes), dtype=tree.dtype)
-        attrs["flag_meanings"] = " ".join(re.sub(r"\s+", "_", name.strip()) or "_" for name in classes.values())
-    names = [name for name in tree.descriptions if name]
-    if names:
-        attrs["long_name"] = names[0] if tree.count == 1 else tuple(name or "" for name in tree.descriptions)
-    units = {unit for unit in tree.units if unit}
-    if len(units) == 1:
-        attrs["units"] = units.pop()
-    if fill is not None:
-        attrs["_FillValue"] = tree.dtype.type(fill)
-    scales, offsets = set(tree.scales), set(tree.offsets)
-    if len(scales) == 1 and len(offsets) == 1 and (scales, offsets) != ({1.0}, {0.0}):
-        attrs["scale_factor"], attrs["add_offset"] = scales.pop(), offsets.pop()
+    attrs = _attributes(tree) | _meaning(tree, level, void)
     side = SEGMENT[tree.ndim]
     chunks = {"band": tree.count} | {
         axis: min(side, length) for axis, length in zip(axes[1:], cells.shape[1:])
@@ -155,8 +192,56 @@ def _dataset_of(tree: Dataset, level: int, fill: float | None, mask_and_scale: b
     return made
 
 
+def _meaning(tree: Dataset, level: int, void: Void) -> dict[str, Any]:
+    """What the values of a tree mean, in words of the CF conventions and rioxarray, and, where these have none, in our own."""
+    attrs: dict[str, Any] = {"spinney_kind": tree.kind, "spinney_rule": tree.rule}
+    if tree.categories:
+        attrs["flag_values"] = np.array(list(tree.categories), dtype=void.dtype)
+        attrs["flag_meanings"] = " ".join(map(_word, tree.categories.values()))
+        if any(_word(name).replace("_", " ") != name for name in tree.categories.values()):
+            attrs["spinney_categories"] = json.dumps(tree.categories, ensure_ascii=False)
+    if tree.colormap:
+        attrs["spinney_colormap"] = " ".join("#%02x%02x%02x%02x" % tree.colormap[value] for value in sorted(tree.colormap))
+    for name, texts in (("long_name", tree.descriptions), ("units", tree.units)):
+        if any(texts):
+            attrs[name] = texts[0] if tree.count == 1 else tuple(text or "" for text in texts)
+    if len({unit for unit in tree.units}) == 1 and tree.units[0]:
+        attrs["units"] = tree.units[0]
+    if void.number is not None:
+        attrs["_FillValue"] = void.dtype.type(void.number)
+    for one, several, numbers, usual in (
+        ("scale_factor", "scales", tree.scales, 1.0),
+        ("add_offset", "offsets", tree.offsets, 0.0),
+    ):
+        if len(set(numbers)) > 1:
+            attrs[several] = numbers
+        elif numbers[0] != usual:
+            attrs[one] = numbers[0]
+    others = {name: text for name, text in tree.tags.items() if name not in _attributes(tree)}
+    if others:
+        attrs["spinney_tags"] = json.dumps(others, ensure_ascii=False)
+    if void.dtype != tree.dtype:
+        attrs["spinney_dtype"] = tree.dtype.name
+    alpha = tree._facts()["alpha"]
+    if alpha is not None:
+        attrs["spinney_alpha"] = alpha + 1
+    # (Coordinates of centres have been rounded; where the map is askew, there are none.)
+    scale = 2.0 ** (tree.depth - level)
+    matrix = tree.matrix[:3] * [*([scale] * tree.ndim), *([1.0] * (3 - tree.ndim)), 1.0]
+    if np.any(matrix != np.eye(4)[:3]):
+        attrs["spinney_matrix"] = [float(number) for number in matrix.ravel()]
+    attrs["spinney_shape"] = list(tree._shape_at(level))
+    return attrs
+
+
+def _word(name: str) -> str:
+    """A name without blanks."""
+    return re.sub(r"\s+", "_", name.strip()) or "_"
+
+
 def _attributes(tree: Dataset) -> dict[str, Any]:
-    return {name: text for name, text in tree.tags.items() if isinstance(name, str)}
+    """Tags, but for those that xarray would take for something about samples."""
+    return {name: text for name, text in tree.tags.items() if not name.startswith("spinney_") and name not in (*_INTERPRETED, *_DECODED)}
 
 
 def _centres(tree: Dataset, level: int, shape: tuple[int, ...]) -> dict[str, Any]:
@@ -180,23 +265,187 @@ def described(array: xr.DataArray) -> dict[str, Any]:
     except KeyError as error:
         raise ValueError(f"axis {error} of the DataArray: expected band, z, y and x; transpose and rename them") from None
     attrs, encoding = array.attrs, array.encoding
-    both = {**attrs, **encoding}
-    mapping = array.coords.get(both.get("grid_mapping", "spatial_ref"))
-    told: dict[str, Any] = {"dims": dims, "kind": None, "crs": None, "categories": None, "scales": None, "offsets": None}
+    bands = _bands_of(array)
+    mapping = array.coords.get({**attrs, **encoding}.get("grid_mapping", "spatial_ref"))
+    told: dict[str, Any] = {"dims": dims, "kind": attrs.get("spinney_kind"), "rule": attrs.get("spinney_rule"), "crs": None}
     if mapping is not None:
-        told["crs"] = mapping.attrs.get("crs_wkt") or mapping.attrs.get("spatial_ref")
-    told["transform"] = _transform_of(array, dims)
-    fill = attrs.get("_FillValue", encoding.get("_FillValue", attrs.get("nodata")))
-    told["nodata"] = None if fill is None or np.isnan(fill) or "_FillValue" not in attrs else float(fill)
-    if "flag_values" in attrs and "flag_meanings" in attrs:
-        values, meanings = np.atleast_1d(attrs["flag_values"]), str(attrs["flag_meanings"]).split()
-        told["categories"] = {int(value): name.replace("_", " ") for value, name in zip(values, meanings)}
+        about = mapping.attrs
+        told["crs"] = about.get("crs_wkt") or about.get("spatial_ref") or about.get("spinney_crs")
+    told["transform"] = _transform_told(array, dims, mapping)
+    told |= _void_told(array) | _classes_told(attrs, array.dtype)
+    if told["categories"] and told["kind"] is None:
         told["kind"] = "categorical"
-    if "scale_factor" in attrs or "add_offset" in attrs:
-        bands = array.sizes.get("band", 1)
-        told["scales"] = [float(attrs.get("scale_factor", 1.0))] * bands
-        told["offsets"] = [float(attrs.get("add_offset", 0.0))] * bands
+    told["descriptions"] = _by_band(attrs.get("long_name", attrs.get("descriptions")), bands)
+    told["units"] = _by_band(attrs.get("units"), bands, repeated=True)
+    told["scales"] = _by_band(attrs.get("scales", attrs.get("scale_factor")), bands, repeated=True)
+    told["offsets"] = _by_band(attrs.get("offsets", attrs.get("add_offset")), bands, repeated=True)
+    alpha = attrs.get("spinney_alpha")
+    told["alpha"] = bands.index(alpha) if alpha in bands and len(bands) > 1 else None
+    texts = {name: value for name, value in attrs.items() if isinstance(value, str) and name not in _INTERPRETED}
+    if len(bands) > 1 and isinstance(attrs.get("long_name"), str):
+        texts["long_name"] = attrs["long_name"]
+    told["tags"] = {str(name): text for name, text in texts.items() if not str(name).startswith(("STATISTICS_", "spinney_"))}
+    told["tags"] |= _texts_of(attrs, "spinney_tags")
     return told
+
+
+_DECODED = ("scale_factor", "add_offset", "scales", "offsets", "dtype", "_Unsigned", "calendar", "fill_value")
+"""Names of attributes that xarray and rioxarray read as told of samples, besides those in `_INTERPRETED`."""
+
+_INTERPRETED = (
+    "_FillValue",
+    "missing_value",
+    "nodata",
+    "long_name",
+    "descriptions",
+    "units",
+    "flag_values",
+    "flag_meanings",
+    "flag_colors",
+    "grid_mapping",
+    "coordinates",
+)
+
+
+def _bands_of(array: xr.DataArray) -> list[int]:
+    """The numbers of the bands, counted from 1."""
+    count = array.sizes.get("band", 1)
+    numbers = np.atleast_1d(array.coords["band"]) if "band" in array.coords else np.arange(1, count + 1)
+    whole = numbers.dtype.kind in "iu" and len(numbers) == count
+    return [int(number) for number in (numbers if whole else np.arange(1, count + 1))]
+
+
+def _by_band(told: Any, bands: list[int], repeated: bool = False) -> list[Any] | None:
+    """What is told of each band: one for all is `repeated`, or is about the one that there is."""
+    if told is None or (isinstance(told, str) and not told):
+        return None
+    if isinstance(told, str | int | float | np.number):
+        value = told if isinstance(told, str) else float(told)
+        return [value] * len(bands) if repeated or len(bands) == 1 else None
+    each = [value if isinstance(value, str) or value is None else float(value) for value in told]
+    if len(each) == len(bands) and max(bands) > len(each):
+        return each
+    return [each[band - 1] for band in bands] if 1 <= min(bands) <= max(bands) <= len(each) else None
+
+
+def _number(told: Any) -> float | None:
+    """A number, if it is one."""
+    try:
+        number = float(np.asarray(told).item())
+    except (TypeError, ValueError):
+        return None
+    return None if np.isnan(number) else number
+
+
+def _void_told(array: xr.DataArray) -> dict[str, Any]:
+    """The number of VOID: among the samples, or, where these are NaN, the one that it has elsewhere; and the type of samples of
+    classes that were made floating or wider so that there is one."""
+    attrs, encoding = array.attrs, array.encoding
+    names = ("_FillValue", "missing_value", "fill_value", "nodata")
+    number = next((_number(attrs[name]) for name in names if name in attrs), None)
+    encoded = next((_number(encoding[name]) for name in names if name in encoding), None)
+    told: dict[str, Any] = {"nodata": None, "void_number": None, "dtype": None, "void_sample": None}
+    narrow = attrs.get("spinney_dtype")
+    if narrow is None and array.dtype.kind == "f" and attrs.get("spinney_kind") == "categorical":
+        is_scaled = any(encoding.get(name, usual) != usual for name, usual in (("scale_factor", 1), ("add_offset", 0)))
+        before = np.dtype(encoding.get("dtype", array.dtype))
+        narrow = before.name if before.kind in "iu" and not is_scaled else None
+    if narrow is not None and (array.dtype.kind in "iu" or attrs.get("spinney_kind") == "categorical"):
+        dtype = np.dtype(narrow)
+        limits = np.iinfo(dtype)
+        void = number if array.dtype.kind in "iu" else encoded
+        told |= {"dtype": dtype, "void_sample": void if array.dtype.kind in "iu" else None}
+        told["void_number"] = void if void is not None and limits.min <= void <= limits.max else None
+        return told
+    if narrow is not None and encoded is not None and not np.iinfo(narrow).min <= encoded <= np.iinfo(narrow).max:
+        encoded = None
+    if number is not None:
+        held = array.dtype.kind == "f" or (
+            array.dtype.kind in "iu" and number.is_integer() and np.iinfo(array.dtype).min <= number <= np.iinfo(array.dtype).max
+        )
+        told["nodata"] = number if held else None
+    elif encoded is not None and array.dtype.kind == "f" and not {"scale_factor", "add_offset"} & set(encoding):
+        # (Of several bands some may lack what others have: their samples become that number again.)
+        told["nodata" if array.sizes.get("band", 1) > 1 else "void_number"] = encoded
+    return told
+
+
+def _classes_told(attrs: Mapping[Any, Any], dtype: np.dtype[Any]) -> dict[str, Any]:
+    """Names and colours of classes."""
+    told: dict[str, Any] = {"categories": None, "colormap": None}
+    colours = str(attrs.get("spinney_colormap", "")).split()
+    if colours:
+        told["colormap"] = dict(enumerate(map(_colour, colours)))
+    if "flag_values" not in attrs or "flag_meanings" not in attrs or "flag_masks" in attrs:
+        return told
+    listed = attrs["flag_values"]
+    values = [int(value) for value in (listed.replace(",", " ").split() if isinstance(listed, str) else np.atleast_1d(listed))]
+    words = str(attrs["flag_meanings"]).split()
+    exact = {int(value): name for value, name in _texts_of(attrs, "spinney_categories").items() if value.lstrip("-").isdecimal()}
+    # (A meaning that somebody has changed since counts.)
+    named = {value: exact[value] if _word(exact.get(value, "")) == word else word.replace("_", " ") for value, word in zip(values, words)}
+    told["categories"] = {value: "" if name == " " else name for value, name in named.items()}
+    flag_colours = str(attrs.get("flag_colors", "")).split()
+    if not colours and len(flag_colours) == len(values) and all(0 <= value < 65536 for value in values):
+        told["colormap"] = dict(zip(values, map(_colour, flag_colours)))
+    return told
+
+
+def _texts_of(attrs: Mapping[Any, Any], name: str) -> dict[str, str]:
+    """Texts by name, of an attribute that this package has written."""
+    try:
+        return {str(key): str(text) for key, text in json.loads(attrs.get(name, "{}")).items()}
+    except (TypeError, ValueError, AttributeError):
+        return {}
+
+
+def _colour(text: str) -> tuple[int, ...]:
+    """Red, green, blue and opacity of `#rrggbb` or `#rrggbbaa`."""
+    digits = text.removeprefix("#")
+    if not re.fullmatch("([0-9a-fA-F]{2}){3,4}", digits):
+        raise ValueError(f"colour {text!r} in the attributes of the DataArray: expected #rrggbb or #rrggbbaa")
+    return (*bytes.fromhex(digits if len(digits) == 8 else digits + "ff"),)
+
+
+def _transform_told(array: xr.DataArray, dims: str, mapping: xr.DataArray | None) -> Any:
+    """The map from cells to the world: as it is told, if coordinates agree with it or there are none, else theirs."""
+    found = _transform_of(array, dims)
+    attrs = array.attrs
+    is_whole = list(attrs.get("spinney_shape", [])) == [array.sizes[axis] for axis, name in zip(array.dims, dims) if name != "b"]
+    told: Any = None
+    matrix = np.asarray(attrs.get("spinney_matrix", []), dtype=float)
+    if matrix.size == 12 and is_whole:
+        told = matrix.reshape(3, 4)
+    elif mapping is not None and "z" not in dims and "spinney_shape" not in attrs:
+        numbers = [_number(word) for word in str(mapping.attrs.get("GeoTransform", "")).split()]
+        if len(numbers) == 6 and None not in numbers:
+            c, a, b, f, d, e = numbers
+            told = [a, b, c, d, e, f]
+    if found is None:
+        if told is None and "spinney_matrix" in attrs and not is_whole:
+            warnings.warn(
+                "the DataArray is a part of what was opened, whose cells lie askew in the world: its place is unknown; give transform=",
+                UserWarning,
+                stacklevel=4,
+            )
+        return told
+    if told is not None:
+        axes = 3 if "z" in dims else 2
+        ours, theirs = (np.asarray(_rows(rows))[:axes] for rows in (found, told))
+        # (They differ by far less than a cell, wherever in the array.)
+        differences = np.abs(ours - theirs)[:, [*range(axes), 3]]
+        near = differences @ [*([max(array.shape)] * axes), 1.0] < 1e-6 * np.abs(theirs[:, :3]).sum(axis=1)
+        return told if near.all() else found
+    return found
+
+
+def _rows(transform: Any) -> list[list[float]]:
+    """The three rows of a map from cells to the world."""
+    numbers = np.asarray(transform, dtype=float).ravel()
+    if len(numbers) == 6:
+        a, b, c, d, e, f = numbers
+        return [[a, b, 0.0, c], [d, e, 0.0, f], [0.0, 0.0, 1.0, 0.0]]
+    return numbers.reshape(3, 4).tolist()
 
 
 def _transform_of(array: xr.DataArray, dims: str) -> list[Any] | None:
@@ -218,6 +467,12 @@ def _transform_of(array: xr.DataArray, dims: str) -> list[Any] | None:
     return [[*row, start] for row, start in zip(np.diag(steps).tolist(), starts)]
 
 
+def _untold(text: str, error: Exception) -> dict[str, Any]:
+    """Attributes of a coordinate system that xarray's users cannot read, and a warning that says so."""
+    warnings.warn(f"the coordinate system is told in the attribute `spinney_crs` alone: {error}", UserWarning, stacklevel=2)
+    return {"spinney_crs": text}
+
+
 def _reference(tree: Dataset, level: int) -> dict[str, Any]:
     """Attributes of the coordinate system, as rioxarray and GDAL have them."""
     a, b, c, d, e, f = tree.level(level).transform
@@ -229,9 +484,13 @@ def _reference(tree: Dataset, level: int) -> dict[str, Any]:
         from pyproj import CRS
         from pyproj.exceptions import CRSError
     except ImportError:
-        return attrs | ({"crs_wkt": text, "spatial_ref": text} if "[" in text and not text.startswith("{") else {})
+        try:
+            wkt = tree._crs_wkt
+        except ValueError as error:
+            return attrs | _untold(text, error)
+        return attrs | {"crs_wkt": wkt, "spatial_ref": wkt}
     try:
         cf = CRS.from_user_input(text).to_cf()
-    except CRSError:
-        return attrs
+    except CRSError as error:
+        return attrs | _untold(text, error)
     return cf | {"spatial_ref": cf["crs_wkt"]} | attrs

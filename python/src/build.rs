@@ -8,9 +8,8 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use spinney::import::mesh::{self, Resolution, SolidOptions};
 use spinney::import::raster::{self, ImportOptions};
-use spinney::io::Output;
 use spinney::space::{Crs, Dimension, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, depth_for};
+use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, create_tree_file, depth_for};
 use spinney::tree::Form;
 use spinney::value::{Kind, Palette, Rule, SampleType, ValueType};
 use spinney::{Result, dataset};
@@ -34,6 +33,10 @@ pub(crate) struct ArrayOptions {
     kind: Option<String>,
     rule: Option<String>,
     nodata: Option<f64>,
+    /// The number that VOID gets in outputs, where none of the array's has meant it.
+    void_number: Option<f64>,
+    /// The channel that is opacity.
+    alpha: Option<u8>,
     transform: Option<Vec<f64>>,
     crs: Option<String>,
     depth: Option<u8>,
@@ -64,24 +67,9 @@ impl ArrayOptions {
     }
 
     fn frame(&self) -> PyResult<Frame> {
-        let mut frame = match self.transform.as_deref() {
-            None => Frame::identity(),
-            Some(&[a, b, c, d, e, f]) => Frame::planar([a, b, c, d, e, f]),
-            Some(numbers @ &[_, _, _, _, _, _, _, _, _, _, _, _]) => {
-                let mut frame = Frame::identity();
-                for (row, numbers) in frame.matrix.iter_mut().zip(numbers.chunks_exact(4)) {
-                    row.copy_from_slice(numbers);
-                }
-                frame
-            }
-            Some(_) => {
-                return Err(invalid("transform: expected 6 numbers a, b, c, d, e, f, or a 3 x 4 matrix"));
-            }
-        };
-        if frame.matrix.iter().flatten().any(|number| !number.is_finite())
-            || frame.to_cells([0.0; 3]).is_none()
-        {
-            return Err(invalid("transform: has no inverse"));
+        let mut frame = Frame::identity();
+        if let Some(numbers) = &self.transform {
+            frame.matrix = matrix_of(numbers)?;
         }
         frame.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
         Ok(frame)
@@ -95,7 +83,8 @@ impl ArrayOptions {
             self.rule.as_ref().map_or(Ok(kind.default_rule()), |name| name.parse()).or_raise()?;
         let metadata = Metadata {
             frame: self.frame()?,
-            nodata: self.nodata,
+            nodata: self.nodata.or(self.void_number),
+            alpha: self.alpha,
             palette: self.colormap.clone().map(|colours| Palette { colours }),
             class_names: self.categories.clone(),
             band_names: self.descriptions.clone(),
@@ -109,6 +98,22 @@ impl ArrayOptions {
         let options = BuildOptions::new(kind, depth).rule(rule).metadata(metadata);
         Ok(options.memory(self.memory / 2).share(self.share))
     }
+}
+
+/// The map from cells to the world of six numbers, or of twelve.
+pub(crate) fn matrix_of(numbers: &[f64]) -> PyResult<[[f64; 4]; 3]> {
+    let frame = match *numbers {
+        [a, b, c, d, e, f] => Frame::planar([a, b, c, d, e, f]),
+        [a, b, c, d, e, f, g, h, i, j, k, l] => {
+            Frame { matrix: [[a, b, c, d], [e, f, g, h], [i, j, k, l]], ..Frame::identity() }
+        }
+        _ => return Err(invalid("transform: expected 6 numbers a, b, c, d, e, f, or a 3 x 4 matrix")),
+    };
+    let is_finite = frame.matrix.iter().flatten().all(|number| number.is_finite());
+    if !is_finite || frame.to_cells([0.0; 3]).is_none() {
+        return Err(invalid("transform: has no inverse"));
+    }
+    Ok(frame.matrix)
 }
 
 /// Cells of an array, block by block as Python has them.
@@ -236,7 +241,7 @@ pub(crate) fn build_array(
     let form = Form::new(dimension, value);
     jobs::run(py, progress, |work| {
         let mut slabs = ArraySlabs::new(read, &options, value, options.memory / 8, work);
-        build_slabs(form, &mut slabs, nodata, &build, Output::create(&out)?, work)
+        build_slabs(form, &mut slabs, nodata, &build, create_tree_file(&out)?, work)
     })
 }
 
@@ -322,9 +327,9 @@ pub(crate) fn build_files(
             let models = mesh::open_all(&paths, options.memory)?;
             let told = models.iter().find_map(|model| model.info().unit.clone());
             solid.unit = options.unit.clone().or(told);
-            mesh::plan_models(models, &solid)?.build(Output::create(&out)?, work).map(drop)
+            mesh::plan_models(models, &solid)?.build(create_tree_file(&out)?, work).map(drop)
         });
     }
     let pictures = options.pictures()?;
-    jobs::run(py, progress, |work| raster::plan(&paths, &pictures)?.build(Output::create(&out)?, work))
+    jobs::run(py, progress, |work| raster::plan(&paths, &pictures)?.build(create_tree_file(&out)?, work))
 }

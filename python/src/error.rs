@@ -23,6 +23,7 @@ pub(crate) fn raised(error: Error) -> PyErr {
             None => PyOSError::new_err(text),
         },
         Error::Corrupt { .. }
+        | Error::NoTree { .. }
         | Error::NoRoom { .. }
         | Error::Locked { .. }
         | Error::Changed { .. }

@@ -8,10 +8,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
-use spinney::io::Output;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe};
 use spinney::store::autumnal::{self, Commit, History, Keep};
-use spinney::store::{OpenOptions, split_commit};
+use spinney::store::{OpenOptions, create_tree_file, split_commit};
 
 use crate::error::{OrRaise, invalid};
 use crate::jobs;
@@ -75,7 +74,7 @@ pub(crate) fn transform<'py>(
     let inputs: Vec<PathBuf> = like.chain([path.clone()]).collect();
     check_output(&inputs, &out)?;
     let chain = Chain { steps, nearest, moves, ..Chain::of(&path) };
-    let made = jobs::run(py, progress, |work| ops::transform(&chain, Output::create(&out)?, memory, work))?;
+    let made = jobs::run(py, progress, |work| ops::transform(&chain, create_tree_file(&out)?, memory, work))?;
     outcome(py, &made)
 }
 
@@ -110,7 +109,7 @@ pub(crate) fn combine<'py>(
     check_output(&paths, &out)?;
     let made = jobs::run(py, progress, |work| {
         let universe = universe.unwrap_or_default();
-        ops::combine(operation, fill, universe, &paths, Output::create(&out)?, memory, work)
+        ops::combine(operation, fill, universe, &paths, create_tree_file(&out)?, memory, work)
     })?;
     outcome(py, &made)
 }
@@ -168,7 +167,7 @@ pub(crate) fn verify(
 ) -> PyResult<Vec<(String, String)>> {
     let findings = jobs::run(py, progress, |work| {
         if is_model_file(&path) {
-            return ExactModel::open(&path, &OpenOptions::new())?.verify(work);
+            return ExactModel::open(&path, &OpenOptions::new())?.verify(memory, work);
         }
         let tree = dataset::open(&path, &OpenOptions::new())?;
         if quick { tree.verify_quickly(memory, work) } else { tree.verify(memory, work) }
@@ -187,7 +186,7 @@ pub(crate) fn publish(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<()> {
     check_output(std::slice::from_ref(&path), &out)?;
-    jobs::run(py, progress, |work| ops::convert(&path, share, Output::create(&out)?, memory, work))
+    jobs::run(py, progress, |work| ops::convert(&path, share, create_tree_file(&out)?, memory, work))
 }
 
 /// Writes some commits of a file to a new one: the newest, or those with these numbers.
@@ -206,7 +205,7 @@ pub(crate) fn compact<'py>(
     check_output(std::slice::from_ref(&path), &out)?;
     let keep = commits.map_or(Keep::Last(keep), Keep::Numbers);
     let made = jobs::run(py, progress, |work| {
-        autumnal::compact(&path, &keep, share, Output::create(&out)?, memory, work)
+        autumnal::compact(&path, &keep, share, create_tree_file(&out)?, memory, work)
     })?;
     made.iter().map(|commit| commit_facts(py, commit)).collect()
 }

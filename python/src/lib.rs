@@ -15,6 +15,7 @@ mod model_faces;
 mod part;
 mod questions;
 mod read;
+mod rebuild;
 mod samples;
 mod save;
 mod solids;
@@ -35,6 +36,8 @@ mod _native {
     use super::files::{combine, compact, cross, diff, log, publish, recover, transform, verify};
     #[pymodule_export]
     use super::model::{Model, build_exact};
+    #[pymodule_export]
+    use super::rebuild::is_tree;
     #[pymodule_export]
     use super::tree::Tree;
     use pyo3::prelude::*;

@@ -15,12 +15,13 @@ use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::import::mesh::{self, ExactOptions};
 use spinney::io::Output;
 use spinney::space::Crs;
-use spinney::store::{OpenOptions, Tag};
+use spinney::store::{OpenOptions, Tag, create_tree_file};
 use spinney::{Progress, Result};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs;
+use crate::tree::crs_text;
 
 /// An exact model in a file, open for questions from any number of threads.
 #[pyclass(subclass, frozen, weakref, module = "spinney._native")]
@@ -141,7 +142,7 @@ impl Model {
         facts.set_item("origin", grid.to_world([0; 3]))?;
         facts.set_item("parts", model.parts())?;
         facts.set_item("nodes", node_counts(py, model.nodes())?)?;
-        facts.set_item("crs", metadata.frame.crs.as_ref().map(Crs::to_string))?;
+        facts.set_item("crs", metadata.frame.crs.as_ref().map(crs_text))?;
         facts.set_item("unit", metadata.tag(Tag::Unit))?;
         facts.set_item("tags", metadata.tags.clone())?;
         facts.set_item("provenance", metadata.provenance.clone())?;
@@ -373,7 +374,7 @@ pub(crate) fn build_exact<'py>(
     exact.crs = options.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
     let report = jobs::run(py, progress, |work| {
         let models = mesh::open_all(&paths, exact.memory)?;
-        mesh::import_exact(models, &exact, Output::create(&out)?, work)
+        mesh::import_exact(models, &exact, create_tree_file(&out)?, work)
     })?;
     let facts = PyDict::new(py);
     facts.set_item("read", report.read)?;

@@ -28,6 +28,11 @@ pub(crate) struct Tree {
     positioned: bool,
 }
 
+/// A coordinate system as pyproj and rasterio read it: `EPSG:4326`, else WKT 2, else as it came.
+pub(crate) fn crs_text(crs: &Crs) -> String {
+    crs.to_text().ok().or_else(|| crs.foreign_text()).unwrap_or_else(|| crs.definition())
+}
+
 /// A state of a file.
 pub(crate) struct Opened {
     pub(crate) tree: Dataset,
@@ -70,6 +75,12 @@ impl Tree {
     pub(crate) fn get(&self) -> PyResult<Arc<Opened>> {
         let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
         opened.clone().ok_or_else(|| PyValueError::new_err(format!("{}: is closed", self.path.display())))
+    }
+
+    /// A line about the steps that the file is seen through, if there are any.
+    pub(crate) fn steps_text(&self) -> Option<String> {
+        let steps: Vec<String> = self.steps.iter().map(Step::to_string).collect();
+        (!steps.is_empty()).then(|| format!("view of {}: {}", self.path.display(), steps.join(", ")))
     }
 
     fn set(&self, opened: Option<Arc<Opened>>) {
@@ -213,9 +224,13 @@ impl Tree {
 
     #[getter]
     fn crs(&self) -> PyResult<Option<String>> {
-        let opened = self.get()?;
-        let text = |crs: &Crs| crs.numbers().map_or_else(|| crs.definition(), |epsg| epsg.to_string());
-        Ok(opened.tree.metadata().frame.crs.as_ref().map(text))
+        Ok(self.get()?.tree.metadata().frame.crs.as_ref().map(crs_text))
+    }
+
+    /// Well-known text of the coordinate system (of version 2), also of one that has a number; what is not known of it is an error.
+    #[getter(_crs_wkt)]
+    fn crs_wkt(&self) -> PyResult<Option<String>> {
+        self.get()?.tree.metadata().frame.crs.as_ref().map(Crs::to_wkt2).transpose().or_raise()
     }
 
     #[getter]

@@ -1,8 +1,9 @@
 //! Statistics of the cells in polygons.
 
 use pyo3::prelude::*;
-use spinney::import::geojson::{PolygonFeature, parse_polygons};
+use spinney::import::geojson::{PolygonLayer, parse_polygons};
 use spinney::query::{ZoneRule, ZoneStatistics};
+use spinney::space::{Coordinates, Places, Polygon};
 
 use crate::error::OrRaise;
 use crate::jobs;
@@ -13,29 +14,47 @@ type Zone = (f64, f64, Vec<(f64, f64, f64, f64, f64)>, Vec<(f64, f64)>);
 
 #[pymethods]
 impl Tree {
-    /// Statistics of the cells in each polygon of some GeoJSON documents, in the tree's coordinate system.
+    /// Statistics of the cells in each polygon of some GeoJSON documents, each with the definition of its coordinate system: `world` is
+    /// the tree's own, and without one it is what the document says.
     #[pyo3(signature = (documents, by_area, progress=None))]
     #[pyo3(name = "_zones")]
     fn zones(
         &self,
         py: Python<'_>,
-        documents: Vec<String>,
+        documents: Vec<(String, Option<String>)>,
         by_area: bool,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Vec<Zone>> {
         let opened = self.get()?;
-        let frame = &opened.tree.metadata().frame;
+        let (header, frame) = (opened.tree.header(), &opened.tree.metadata().frame);
+        // Documents of one system after each other are one layer: all of it must lie outside for that to be an error.
+        let mut layers: Vec<(Coordinates, PolygonLayer)> = Vec::new();
+        for (document, crs) in &documents {
+            let layer = parse_polygons(document).or_raise()?;
+            let coordinates = match crs {
+                Some(crs) => crs.parse().or_raise()?,
+                None if frame.crs.is_none() => Coordinates::World,
+                None => layer.coordinates(),
+            };
+            match layers.last_mut() {
+                Some((last, all)) if *last == coordinates => all.features.extend(layer.features),
+                _ => layers.push((coordinates, layer)),
+            }
+        }
         let mut polygons = Vec::new();
-        for document in &documents {
-            let features = parse_polygons(document).or_raise()?;
-            let cells = features.iter().map(|feature: &PolygonFeature| feature.in_cells(frame));
-            polygons.extend(cells.collect::<spinney::Result<Vec<_>>>().or_raise()?);
+        for (coordinates, layer) in &layers {
+            let places = Places::new(coordinates, frame, header.extent).or_raise()?;
+            polygons.extend(layer.in_cells(&places, header.extent).or_raise()?);
         }
         let rule = if by_area { ZoneRule::Area } else { ZoneRule::Centre };
         let zones = jobs::run(py, progress, |work| {
-            let zones = opened.tree.zonal(&polygons, rule, work)?;
+            // (Polygons that lie outside of the tree have no cells.)
+            let met: Vec<Polygon> = polygons.iter().flatten().cloned().collect();
+            let mut found = opened.tree.zonal(&met, rule, work)?.into_iter();
             opened.tree.check_unchanged()?;
-            Ok(zones)
+            let zone_of =
+                |polygon: &Option<Polygon>| polygon.as_ref().and_then(|_| found.next()).unwrap_or_default();
+            Ok(polygons.iter().map(zone_of).collect::<Vec<_>>())
         })?;
         Ok(zones.into_iter().map(told).collect())
     }

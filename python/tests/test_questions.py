@@ -83,13 +83,16 @@ def test_zones_of_all_kinds_of_geometries(tree: tuple) -> None:
     box = ds.stats((1100, 4700, 1200, 4850))
     assert (whole.cells, whole.mean) == (box.cells, box.mean)
     feature = {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(square)}
-    assert ds.zonal({"type": "FeatureCollection", "features": [feature, feature]}) == [whole, whole]
+    features = {"type": "FeatureCollection", "features": [feature, feature]}
+    assert ds.zonal(features, crs="world") == [whole, whole]
     assert np.isclose(ds.zonal(parts, border="area")[0].cells, ds.zonal(square, border="area")[0].cells)
     assert ds.zonal(parts)[0].cells == whole.cells
     found = ds.zonal([square, shapely.box(0, 0, 1, 1)], ["count", "mean", "sum", "void"])
     assert found[0] == {"count": whole.cells, "mean": whole.mean, "sum": whole.mean * whole.first.cells, "void": whole.void_cells}
     assert found[1]["count"] == 0 and np.isnan(found[1]["mean"])
     assert ds.zonal([]) == []
+    with pytest.raises(ValueError, match="outside of the tree"):
+        ds.zonal(shapely.box(0, 0, 1, 1))
     for wrong, error in [(shapely.Point(1, 2), ValueError), (7, TypeError), ("text", TypeError), ([None], TypeError)]:
         with pytest.raises(error):
             ds.zonal(wrong)

@@ -110,3 +110,35 @@ def test_round_trips(island: str, relief: str, tmp_path: Path) -> None:
         spinney.build(xr.DataArray(np.ones((3, 3), "u1"), dims=("a", "b")), tmp_path / "x.goblin")
     with pytest.raises(ValueError, match="evenly"):
         spinney.build(xr.DataArray(np.ones((1, 3), "u1"), {"y": [1], "x": [1, 2, 4]}, ("y", "x")), tmp_path / "x.goblin")
+
+
+def keys_of_nsidc(path: Path) -> None:
+    """Writes a TIFF whose system its keys define by parameters: polar stereographic on an ellipsoid without a name."""
+    rasterio = pytest.importorskip("rasterio")
+    crs = rasterio.CRS.from_user_input("+proj=stere +lat_0=-90 +lat_ts=-70 +a=6378273 +rf=298.279411123064")
+    transform = rasterio.Affine(25000, 0, -3950000, 0, -25000, 4350000)
+    with rasterio.open(path, "w", "GTiff", 5, 4, 1, crs, transform, "uint8") as file:
+        file.write(np.arange(20, dtype="u1").reshape(1, 4, 5))
+
+
+def test_systems_without_a_number_reach_xarray(tmp_path: Path) -> None:
+    pyproj = pytest.importorskip("pyproj")
+    keys_of_nsidc(tmp_path / "t.tif")
+    spinney.build(tmp_path / "t.tif", tmp_path / "t.goblin")
+    with spinney.open(tmp_path / "t.goblin") as ds:
+        assert ds.crs is not None and ds.crs.startswith("PROJCRS[")
+        place = pyproj.Transformer.from_crs("EPSG:4326", ds.crs, always_xy=True).transform(10, -80)
+    with rioxarray.open_rasterio(tmp_path / "t.tif") as theirs, xr.open_dataset(tmp_path / "t.goblin", engine="spinney") as ours:
+        expected = pyproj.Transformer.from_crs("EPSG:4326", theirs.rio.crs, always_xy=True).transform(10, -80)
+        again = pyproj.Transformer.from_crs("EPSG:4326", ours.rio.crs, always_xy=True).transform(10, -80)
+        assert np.allclose([place, again], [expected, expected], rtol=0, atol=1e-3)
+        axes = [[axis.direction for axis in pyproj.CRS(text).axis_info] for text in (ours.spatial_ref.attrs["crs_wkt"], theirs.rio.crs.to_wkt())]
+        assert axes[0] == axes[1] == ["north", "north"]
+
+
+def test_what_cannot_be_said_is_told(tmp_path: Path) -> None:
+    pytest.importorskip("pyproj")
+    definition = '{"type": "OtherCRS", "name": "a yard"}'
+    spinney.build(np.zeros((3, 3), "u1"), tmp_path / "t.goblin", crs=definition)
+    with pytest.warns(UserWarning, match="spinney_crs"), xr.open_dataset(tmp_path / "t.goblin", engine="spinney") as ds:
+        assert ds.spatial_ref.attrs["spinney_crs"] == definition and "crs_wkt" not in ds.spatial_ref.attrs

@@ -115,7 +115,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             ("--within or --margin", universe.is_some()),
         ];
         exact::refuse(&files[0], &given)?;
-        return exact::combine(operation, &files, limit.create(&path)?, memory.bytes, global);
+        return exact::combine(operation, &files, limit.create_tree(&path)?, memory.bytes, global);
     }
     let work = Work::start(global, "cells")?;
     let outcome = ops::combine(
@@ -123,7 +123,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         fill,
         universe.unwrap_or_default(),
         &files,
-        limit.create(&path)?,
+        limit.create_tree(&path)?,
         memory.bytes,
         &work,
     )?;

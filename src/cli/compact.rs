@@ -47,7 +47,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([Path::new(&args.file)], &args.output)?;
     let keep = args.commits.clone().map_or(Keep::Last(args.keep), Keep::Numbers);
     let work = Work::start(global, "cells")?;
-    let output = args.limit.create(&args.output)?;
+    let output = args.limit.create_tree(&args.output)?;
     let commits = autumnal::compact(&args.file, &keep, args.share, output, args.memory.bytes, &work)?;
     work.finish();
     for written in &commits {

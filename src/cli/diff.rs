@@ -77,7 +77,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         None,
         Universe::Usual,
         &files,
-        args.limit.create(output)?,
+        args.limit.create_tree(output)?,
         args.memory.bytes,
         &work,
     )?;

@@ -9,13 +9,13 @@ use spinney::import::cells::CellList;
 use spinney::import::raster::{self, ImportOptions};
 use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, Prefer, Step, apply_edits};
-use spinney::space::{Code, Polygon};
+use spinney::space::{Bounds, Code, Coordinates, Polygon};
 use spinney::store::autumnal::Editor;
 use spinney::store::file_is_tree;
 
 use super::args::{
     CommitOptions, Cuboid, OperationName, PartOptions, number, numbers, parse_cuboid, parse_operation,
-    parse_step, same_file, to_cells,
+    parse_step, same_file,
 };
 use super::report::Work;
 use super::report::commit::report_commit;
@@ -49,7 +49,7 @@ Examples:
 #[derive(Subcommand)]
 enum Change {
     Paste(Paste),
-    Fill(Fill),
+    Fill(Box<Fill>),
     Set(Set),
     Apply(Apply),
 }
@@ -81,7 +81,7 @@ struct Fill {
     /// Box of an octree's cells: corner and edges
     #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid, conflicts_with_all = ["window", "bbox"])]
     cuboid: Option<Cuboid>,
-    /// Polygon, in world coordinates: corners X,Y with blanks between, rings with semicolons; a hole is a
+    /// Polygon, in world coordinates or those of --in: corners X,Y with blanks between, rings with semicolons; a hole is a
     /// ring, too
     #[arg(long, value_name = "X,Y X,Y ...", conflicts_with_all = ["window", "bbox", "cuboid"])]
     polygon: Option<String>,
@@ -155,7 +155,8 @@ type Edits = Box<dyn Iterator<Item = spinney::Result<Edit>>>;
 impl Change {
     fn options(&self) -> &CommitOptions {
         match self {
-            Change::Paste(Paste { options, .. }) | Change::Fill(Fill { options, .. }) => options,
+            Change::Fill(fill) => &fill.options,
+            Change::Paste(Paste { options, .. }) => options,
             Change::Set(Set { options, .. }) | Change::Apply(Apply { options, .. }) => options,
         }
     }
@@ -178,10 +179,11 @@ impl Change {
                 (Edit::Paste { patch: chain, at, where_valid }, format!("Paste {}", patch.display()))
             }
             Change::Fill(fill) => {
-                let (region, name) = fill.region(tree)?;
+                let (regions, name) = fill.regions(tree)?;
                 let value = fill.value.filter(|_| !fill.void);
                 let what = value.as_ref().map_or("VOID".into(), |value| format!("{value:?}"));
-                (Edit::Fill(region, value), format!("Fill {name} with {what}"))
+                let edits = regions.into_iter().map(move |region| Ok(Edit::Fill(region, value.clone())));
+                return Ok((Box::new(edits), format!("Fill {name} with {what}")));
             }
             Change::Set(Set { cells, .. }) => {
                 let batches = CellList::open(&cells, tree.header())?;
@@ -230,42 +232,52 @@ impl PastedPicture {
 }
 
 impl Fill {
-    /// The region, and what to call it.
-    fn region(&self, tree: &Dataset) -> Result<(FillRegion, String)> {
+    /// The regions, and what to call them.
+    fn regions(&self, tree: &Dataset) -> Result<(Vec<FillRegion>, String)> {
         let header = tree.header();
         if let Some(text) = &self.polygon {
-            return Ok((FillRegion::Polygon(polygon(text, tree)?), "a polygon".into()));
+            return Ok((vec![FillRegion::Polygon(self.polygon(text, tree)?)], "a polygon".into()));
         }
         if let Some(text) = &self.block {
             let code = Code::parse(header.form.dimension, text).ok();
             let Some(code) = code.filter(|code| code.level() <= tree.depth()) else {
                 bail!("--block: {text} is no node of this tree; give `/` and a digit per level");
             };
-            return Ok((FillRegion::Box(code.bounds(tree.depth())), format!("block {text}")));
+            return Ok((vec![FillRegion::Box(code.bounds(tree.depth()))], format!("block {text}")));
         }
-        let bounds = match self.cuboid {
-            Some(cuboid) => cuboid.cells(tree, tree.depth(), false)?,
-            None => match self.part.bounds(tree)? {
-                Some(bounds) => bounds,
+        let boxes = match self.cuboid {
+            Some(cuboid) => vec![cuboid.cells(tree, tree.depth(), self.part.coordinates())?],
+            None => match self.part.boxes(tree)? {
+                Some(boxes) => boxes,
                 None => bail!("fill what? Give --window, --bbox, --box, --polygon or --block"),
             },
         };
-        let size = bounds.size();
-        let size: Vec<String> = size[..header.form.axes()].iter().map(u64::to_string).collect();
-        Ok((FillRegion::Box(bounds), format!("a box of {} cells", size.join(" x "))))
+        let size = |bounds: &Bounds| {
+            let size: Vec<String> = bounds.size()[..header.form.axes()].iter().map(u64::to_string).collect();
+            size.join(" x ")
+        };
+        let sizes: Vec<String> = boxes.iter().map(size).collect();
+        let name = format!("a box of {} cells", sizes.join(" and "));
+        Ok((boxes.into_iter().map(FillRegion::Box).collect(), name))
     }
-}
 
-/// A polygon of corners in the world, in cells.
-fn polygon(text: &str, tree: &Dataset) -> Result<Polygon> {
-    let corner = |text: &str| -> Result<[f64; 2]> {
-        let numbers = text.split_once(',').map(|(x, y)| (x.trim().parse(), y.trim().parse()));
-        let Some((Ok(x), Ok(y))) = numbers else { bail!("--polygon: `{text}` is no corner X,Y") };
-        let [x, y, _] = to_cells(tree, [x, y, 0.0])?;
-        Ok([x, y])
-    };
-    let rings = text.split(';').map(|ring| ring.split_whitespace().map(corner).collect::<Result<Vec<_>>>());
-    Ok(Polygon::new(&rings.collect::<Result<Vec<_>>>()?)?)
+    /// The polygon of rings of corners, in cells.
+    fn polygon(&self, text: &str, tree: &Dataset) -> Result<Polygon> {
+        let corner = |text: &str| -> Result<[f64; 2]> {
+            let numbers = text.split_once(',').map(|(x, y)| (x.trim().parse(), y.trim().parse()));
+            let Some((Ok(x), Ok(y))) = numbers else { bail!("--polygon: `{text}` is no corner X,Y") };
+            Ok([x, y])
+        };
+        let rings =
+            text.split(';').map(|ring| ring.split_whitespace().map(corner).collect::<Result<Vec<_>>>());
+        let rings = rings.collect::<Result<Vec<_>>>()?;
+        Polygon::new(&rings)?;
+        let places = self.part.coordinates().places(tree, Coordinates::World)?;
+        let parts = places.parts(&[rings]);
+        ensure!(!parts.is_empty(), "--polygon: outside of the picture, which is {}", places.picture());
+        // (What an odd number of rings is around is inside, wherever they come from.)
+        Ok(Polygon::new(&parts.concat())?)
+    }
 }
 
 /// Reads two or three whole numbers.

@@ -85,7 +85,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         return Ok(model.check_unchanged()?);
     }
     let tree = args.tree.open()?;
-    let bounds = args.part.bounds(&tree)?;
+    let boxes = args.part.boxes(&tree)?;
     let condition = match (*above, *below, *class) {
         (Some(bound), _, _) => Condition::Above(bound),
         (_, Some(bound), _) => Condition::Below(bound),
@@ -95,11 +95,14 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             file.display()
         ),
     };
-    tree.find(condition, bounds, &mut |block| {
-        found.take(block.level, &block.code, &|| {
-            if args.json { as_json(&tree, &block).to_string() } else { as_text(&tree, &block) }
-        })
-    })?;
+    let parts = boxes.map_or(vec![None], |boxes| boxes.into_iter().map(Some).collect());
+    for bounds in parts {
+        tree.find(condition, bounds, &mut |block| {
+            found.take(block.level, &block.code, &|| {
+                if args.json { as_json(&tree, &block).to_string() } else { as_text(&tree, &block) }
+            })
+        })?;
+    }
     found.finish()?;
     Ok(tree.check_unchanged()?)
 }

@@ -7,7 +7,8 @@ use spinney::dataset::Dataset;
 use spinney::export::image::Format;
 use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
 use spinney::io::Output;
-use spinney::space::Bounds;
+use spinney::ops::WarpGrid;
+use spinney::space::{Bounds, web_mercator_depth};
 use spinney::style::Style;
 use spinney::value::SampleType;
 
@@ -21,12 +22,13 @@ use super::report::Work;
 const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
   spinney get world.goblin alps.tif --bbox 5,44,17,48
+  spinney get utm.goblin fiji.tif --in lonlat --window 176,-20,-178,-15
   spinney get relief.goblin alps.png --bbox 5,44,17,48 --range 0,4000
   spinney get relief.goblin alps.png --bbox 5,44,17,48 --style hillshade
   spinney get world.goblin part.npy --window 20000,5000,4096,4096 --level 12
   spinney get world.goblin - --format png --size 256x256 > tile.png
   spinney get house.goblin cut.png --slice y=120 --size 800x600
-  spinney get house.goblin floor.png --slice z=2.5 --world
+  spinney get house.goblin floor.png --slice z=2.5 --in world
   spinney get house.goblin solid.npy --level 7
   spinney get house.goblin door.npy --box 100,40,0,64,64,32
 
@@ -59,13 +61,10 @@ pub(crate) struct Args {
     /// Slice of an octree across an axis, as in z=12, x=3 or y=5: a cell of the deepest level [default: z=0]
     #[arg(long, value_name = "AXIS=N", value_parser = parse_slice)]
     slice: Option<Slice>,
-    /// Box of an octree as an array: first cell and size, in cells of the level
+    /// Box of an octree as an array: first cell and size, in cells of the level; with --in world in its coordinates
     #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid)]
     #[arg(conflicts_with_all = ["size", "slice", "window", "bbox"])]
     cells: Option<Cuboid>,
-    /// The slice or box is given in world coordinates
-    #[arg(long)]
-    world: bool,
     /// Format where the output's name does not say
     #[arg(long, value_parser = ["png", "tif", "exr", "npy", "raw"])]
     format: Option<String>,
@@ -92,7 +91,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
     let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw")?;
     check_output([args.tree.file.as_path()], &args.output)?;
-    ensure!(!args.world || args.slice.is_some() || args.cells.is_some(), "--world is for --slice and --box");
+    let coordinates = args.part.coordinates();
+    let places_something =
+        args.part.is_window() || args.part.is_bbox() || args.slice.is_some() || args.cells.is_some();
+    ensure!(coordinates.given().is_none() || places_something, "--in is for --window, --slice and --box");
     let is_octree = tree.header().form.axes() == 3;
     let is_array = matches!(format, Format::Npy | Format::Raw);
     let style = args.style.clone().or(args.range.map(|range| Style::stretched(&tree, range)));
@@ -102,11 +104,18 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         ensure!(is_octree, "--box: {} is a quadtree; use --window", args.tree.file.display());
         return array(args, &tree, format, global);
     }
+    let picture = picture(&tree, global)?;
     let slice = args.slice.unwrap_or(Slice::FLOOR);
     ensure!(is_octree || slice.axis == 2, "--slice: {} is a quadtree", args.tree.file.display());
     let across = slice.axis;
-    let mut bounds = args.part.slice_bounds(&tree, across)?.unwrap_or(tree.header().picture());
-    let cell = slice.cell(&tree, args.world)?;
+    let boxes = args.part.slice_boxes(&tree, across)?;
+    let (tree, mut bounds) = match boxes.as_deref() {
+        None => (tree, picture),
+        Some([west, east]) => across_seam(tree, west, east)?,
+        Some(boxes) => (tree, boxes[0]),
+    };
+    let is_placed = args.slice.is_some() && !coordinates.are_cells();
+    let cell = slice.cell(&tree, is_placed)?;
     (bounds.min[across], bounds.max[across]) = (cell, cell + 1);
     let detail = match args.size {
         Some((width, height)) if args.exact => Detail::Exact(width, height),
@@ -127,12 +136,44 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         .with_context(|| format!("cannot write {}", args.output.display()))
 }
 
+/// The cells that are shown if none are asked for: the picture, or, where that is the whole world of web maps, the box of all data.
+fn picture(tree: &Dataset, global: &Global) -> Result<Bounds> {
+    let header = tree.header();
+    if web_mercator_depth(&tree.metadata().frame, header.extent).is_none() {
+        return Ok(header.picture());
+    }
+    let bounds = tree.data_box()?.unwrap_or(header.picture());
+    if bounds != header.picture() {
+        let [column, row, _] = bounds.min;
+        let [width, height, _] = bounds.size();
+        global.report(
+            "window",
+            format_args!(
+                "{column},{row},{width},{height}: where data are in the world's {} cells a side",
+                header.extent[0]
+            ),
+        );
+    }
+    Ok(bounds)
+}
+
+/// The tree as it is seen when its columns begin in a part on the western side of its seam, and the cells of that part and of the one
+/// that lies next to it on the other side.
+fn across_seam(tree: Dataset, west: &Bounds, east: &Bounds) -> Result<(Dataset, Bounds)> {
+    let extent = [west.size()[0] + east.size()[0], west.size()[1], 1];
+    let origin = west.min.map(|cell| cell as f64);
+    let frame = tree.metadata().frame.shifted(origin);
+    let tree = tree.warped(&WarpGrid { frame, extent })?;
+    Ok((tree, Bounds::picture(extent)))
+}
+
 /// Writes a box of an octree, or all of it.
 fn array(args: &Args, tree: &Dataset, format: Format, global: &Global) -> Result<()> {
     let level = level_of(tree, args.level)?;
-    let bounds = match (args.part.bounds(tree)?, &args.cells) {
+    let advice = "octrees have none: ask for the two parts one by one";
+    let bounds = match (args.part.bounds(tree, advice)?, &args.cells) {
         (None, None) => tree.extent_at(level),
-        (None, Some(cuboid)) => cuboid.cells(tree, level, args.world)?,
+        (None, Some(cuboid)) => cuboid.cells(tree, level, args.part.coordinates())?,
         (Some(part), _) => {
             let shift = tree.depth() - level;
             let max = part.max.map(|cell| cell.div_ceil(1 << shift));

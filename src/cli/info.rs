@@ -135,7 +135,15 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
 }
 
 fn crs_as_json(crs: &Crs) -> serde_json::Value {
-    json!({ "form": crs.form(), "name": crs.name(), "definition": crs.definition() })
+    let text = crs.to_text();
+    json!({
+        "form": crs.form(),
+        "name": crs.name(),
+        "definition": crs.definition(),
+        // What other programs read, and why if there is nothing.
+        "text": text.as_ref().ok().cloned().or_else(|| crs.foreign_text()),
+        "problem": text.err().map(|error| error.to_string()),
+    })
 }
 
 fn as_text(tree: &Dataset, levels: Levels<'_>) -> Result<String> {

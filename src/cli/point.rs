@@ -1,25 +1,29 @@
 //! `spinney point`: single cells, a few from the command line or many from standard input.
 
 use std::io::{self, BufRead, Write};
+use std::sync::Mutex;
 
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
 use spinney::dataset::Dataset;
 use spinney::query::PointSamples;
+use spinney::space::{Coordinates, Places};
 use spinney::value::SampleType;
 
-use super::args::{ViewedTree, level_of, to_cells};
+use super::args::{CoordinatesOption, ViewedTree, level_of};
 use super::exact;
+use super::report::warn;
 
 const EXAMPLES: &str = "Examples:
   spinney point relief.goblin 7.66,45.98
   spinney point relief.goblin -70.0,-33.4 7.66,45.98
-  spinney point --cells world.goblin 21600,5000
+  spinney point utm.goblin --in lonlat 7.66,45.98
+  spinney point world.goblin --in cells 21600,5000
   spinney point relief.goblin < coordinates.csv > heights.txt
   spinney point house.goblin 3.5,2.25,1.1
-  spinney point --cells --level 6 house.goblin < voxels.csv
+  spinney point --in cells --level 6 house.goblin < voxels.csv
 
-A line of the answer has a point's samples, or `void`; of exact models `inside`, `outside` or `boundary`. Lines of standard input are `X,Y` or `X Y`;
+A line of the answer has a point's samples, `void` where nothing is there, or `outside` of the tree's picture; of exact models `inside`, `outside` or `boundary`. Lines of standard input are `X,Y` or `X Y`;
 octrees need X,Y,Z.";
 
 /// Ask for the values of single cells
@@ -34,22 +38,25 @@ pub(crate) struct Args {
     /// Level of detail: the answer is the average of the block around the point
     #[arg(long)]
     level: Option<u8>,
-    /// Points are columns and rows of the deepest level, not world coordinates
-    #[arg(long)]
-    cells: bool,
+    #[command(flatten)]
+    coordinates: CoordinatesOption,
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     if let Some(model) = exact::open(&args.tree.file)? {
-        let given =
-            [("--view", args.tree.is_viewed()), ("--level", args.level.is_some()), ("--cells", args.cells)];
+        let given = [
+            ("--view", args.tree.is_viewed()),
+            ("--level", args.level.is_some()),
+            ("--in", args.coordinates.given().is_some()),
+        ];
         exact::refuse(&args.tree.file, &given)?;
         return exact::points(&model, &args.points);
     }
     let tree = args.tree.open()?;
     let level = level_of(&tree, args.level)?;
     let from = if args.points.is_empty() { "standard input, line" } else { "point" };
-    let points = Points { tree: &tree, level, cells: args.cells, from };
+    let places = args.coordinates.places(&tree, Coordinates::World)?;
+    let points = Points { tree: &tree, level, places, from, outside: Mutex::default() };
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     if !args.points.is_empty() {
         let lines = args.points.join("\n");
@@ -58,6 +65,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         points.stream(io::stdin().lock(), &mut out)?;
     }
     out.flush()?;
+    points.tell_outside();
     Ok(tree.check_unchanged()?)
 }
 
@@ -65,9 +73,19 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 struct Points<'a> {
     tree: &'a Dataset,
     level: u8,
-    cells: bool,
+    places: Places,
+    /// Points outside of the picture so far.
+    outside: Mutex<OutsidePoints>,
     /// Name of what a point's number counts, for people.
     from: &'static str,
+}
+
+/// Points that lie outside of the picture.
+#[derive(Default)]
+struct OutsidePoints {
+    count: u64,
+    /// Of these, points that would lie inside if x and y were swapped.
+    swapped: u64,
 }
 
 /// Bytes of input answered at a time, by all threads.
@@ -128,7 +146,7 @@ impl Points<'_> {
         self.tree.points(&cells, self.level, &mut samples)?;
         let is_double = self.tree.header().form.value.sample == SampleType::F64;
         let mut answers = Vec::with_capacity(lines.len());
-        for index in 0..cells.len() {
+        for (index, cell) in cells.iter().enumerate() {
             match samples.get(index) {
                 Some(numbers) => {
                     for (channel, number) in numbers.iter().enumerate() {
@@ -138,6 +156,7 @@ impl Points<'_> {
                         write_number(*number, is_double, &mut answers);
                     }
                 }
+                None if *cell == OUTSIDE => answers.extend(b"outside"),
                 None => answers.extend(b"void"),
             }
             answers.push(b'\n');
@@ -160,15 +179,37 @@ impl Points<'_> {
             given += 1;
         }
         ensure!(given >= axes, wrong());
-        let cell = if self.cells { point } else { to_cells(self.tree, point)? };
-        // Before the first cell everything is as VOID as behind the last.
-        if cell.iter().any(|coordinate| *coordinate < 0.0) {
-            return Ok([u64::MAX; 3]);
-        }
+        // (Quadtrees have one layer, wherever that is.)
+        let cell = self.places.cell(point).map(|[x, y, z]| if axes == 3 { [x, y, z] } else { [x, y, 0.0] });
+        let Some(cell) = cell.filter(|cell| self.places.is_inside(*cell)) else {
+            let swapped = self.places.cell([point[1], point[0], point[2]]);
+            let mut outside = self.outside.lock().expect("no thread has panicked");
+            outside.count += 1;
+            outside.swapped += u64::from(swapped.is_some_and(|cell| self.places.is_inside(cell)));
+            return Ok(OUTSIDE);
+        };
         let shift = self.tree.depth() - self.level;
         Ok(cell.map(|coordinate| coordinate.floor() as u64 >> shift))
     }
+
+    /// Says how many points lie outside of the picture, if any do.
+    fn tell_outside(&self) {
+        let outside = self.outside.lock().expect("no thread has panicked");
+        let OutsidePoints { count, swapped } = *outside;
+        if count == 0 {
+            return;
+        }
+        let advice = match swapped {
+            0 => "",
+            _ => "; with x and y swapped they would be inside: longitude comes before latitude",
+        };
+        let points = if count == 1 { "1 point is".into() } else { format!("{count} points are") };
+        warn(&format!("{points} outside of the picture, which is {}{advice}", self.places.picture()));
+    }
 }
+
+/// The cell of points that are outside of the picture.
+const OUTSIDE: [u64; 3] = [u64::MAX; 3];
 
 /// Writes a number; a whole one, as most are, without the detour over floating-point printing.
 fn write_number(number: f64, is_double: bool, text: &mut Vec<u8>) {

@@ -41,7 +41,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     check_output([Path::new(&args.file)], &args.output)?;
     let work = Work::start(global, "cells")?;
-    ops::convert(&args.file, args.share, args.limit.create(&args.output)?, args.memory.bytes, &work)?;
+    ops::convert(&args.file, args.share, args.limit.create_tree(&args.output)?, args.memory.bytes, &work)?;
     work.finish();
     report_output(global, &args.output, start);
     Ok(())

@@ -35,7 +35,7 @@ pub(crate) struct Args {
     /// Take the value at the centre of each new cell, also where the file's rule would average
     #[arg(long)]
     nearest: bool,
-    /// How grids in other coordinate systems (like=, grid=) get their values: nearest, bilinear, cubic, area or majority
+    /// How grids in other coordinate systems (like=, warp=, grid=) get their values: nearest, bilinear, cubic, area or majority
     /// [default: nearest or bilinear; majority or area where new cells are more than 1.5 times as large]
     #[arg(long, value_name = "WAY", conflicts_with = "nearest")]
     resampling: Option<Resampling>,
@@ -71,6 +71,9 @@ Steps:
   crs=DEF                  says in which coordinate system the cells lie: EPSG:NUMBER, WKT, PROJJSON, '+proj=...' or @FILE
   like=OTHER.goblin        onto the cells of another tree, where it lies in the world, also in another
                            coordinate system
+  warp=DEF[,cell=W][,resampling=WAY]
+                           to another coordinate system, onto square cells of width W where data land [default:
+                           cells as large as the tree's, in its middle]
   grid=xyz[,ZOOM]          onto the cells of web maps, in web mercator with the world as the root
 
 Examples:
@@ -82,7 +85,8 @@ Examples:
   spinney transform relief.goblin depth=10 -o coarse.goblin
   spinney transform site.goblin crs=@site.wkt -o placed.goblin
   spinney transform old.goblin like=new.goblin -o old_on_new.goblin
-  spinney transform relief.goblin grid=xyz,7 --resampling cubic -o relief_xyz.goblin";
+  spinney transform relief.goblin grid=xyz,7 --resampling cubic -o relief_xyz.goblin
+  spinney transform utm.goblin warp=EPSG:3035,cell=30 -o europe.goblin";
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
@@ -96,7 +100,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     (warp.resampling, warp.allow_ballpark) = (resampling, allow_ballpark);
     let chain = Chain { path: file, steps, nearest, moves, warp };
     let work = Work::start(global, "cells")?;
-    let outcome = ops::transform(&chain, limit.create(&path)?, memory.bytes, &work)?;
+    let outcome = ops::transform(&chain, limit.create_tree(&path)?, memory.bytes, &work)?;
     work.finish();
     let [width, height, depth] = outcome.extent;
     let size =

@@ -22,6 +22,8 @@ checked, also after one that cannot be read; the exit code is 1 if any was not g
 
 /// Check every checksum and every rule of the tree
 ///
+/// Of exact models also that the faces are planar and bound a body, and that each node of the octree is what they make it.
+///
 /// Of tiles that `export` wrote (.pmtiles, .mbtiles, folders): that all are there, in order, with the bytes that were written.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -41,7 +43,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
         let verified = if is_tile_archive(file) {
             verify_tiles(file, &work)
         } else if is_model_file(file) {
-            ExactModel::open(file, &Default::default()).and_then(|model| model.verify(&work))
+            ExactModel::open(file, &Default::default()).and_then(|model| model.verify(DEFAULT_MEMORY, &work))
         } else {
             let tree = spinney::dataset::open(file, &Default::default());
             tree.and_then(|tree| match args.quick {

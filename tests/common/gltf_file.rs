@@ -45,6 +45,7 @@ impl Glb {
                 chunk[8..].to_vec()
             }
         };
+        check_contents(&json, &path.display().to_string());
         let matrix = std::array::from_fn(|at| json["nodes"][0]["matrix"][at].as_f64().unwrap());
         let mut glb = Glb { json, matrix, meshes: Vec::new(), bin };
         for node in glb.json["nodes"].as_array().unwrap().iter().skip(1) {
@@ -103,6 +104,34 @@ impl Glb {
         let view = &self.json["bufferViews"][view.as_u64().unwrap() as usize];
         let [first, length] = ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap() as usize);
         &self.bin[first..first + length]
+    }
+}
+
+/// Nothing is there without content: the schema of glTF has no empty lists, accessors or views, and nodes but the root have a mesh.
+fn check_contents(json: &Json, name: &str) {
+    let list = |key: &str| json[key].as_array().map_or(&[][..], Vec::as_slice);
+    for (key, value) in json.as_object().unwrap() {
+        assert!(value.as_array().is_none_or(|list| !list.is_empty()), "{name}: {key} is empty");
+    }
+    assert!(list("nodes").iter().skip(1).all(|node| node["mesh"].is_u64()), "{name}");
+    assert!(list("nodes")[0].get("children").is_none_or(|children| children[0].is_u64()), "{name}");
+    assert_eq!(list("meshes").len(), list("nodes").len() - 1, "{name}");
+    assert!(list("accessors").iter().all(|accessor| accessor["count"].as_u64() > Some(0)), "{name}");
+    assert!(list("bufferViews").iter().all(|view| view["byteLength"].as_u64() > Some(0)), "{name}");
+    for mesh in list("meshes") {
+        let indices = mesh["primitives"][0]["indices"].as_u64().unwrap() as usize;
+        assert_eq!(list("accessors")[indices]["count"].as_u64().unwrap() % 3, 0, "{name}");
+    }
+    for extension in list("extensionsUsed") {
+        let text = json.to_string();
+        // (That of quantised coordinates has no member of its own.)
+        let has = text.contains(&format!("{extension}:")) || extension == "KHR_mesh_quantization";
+        assert!(has && !list("meshes").is_empty(), "{name}: {extension}");
+    }
+    for table in
+        json["extensions"]["EXT_structural_metadata"]["propertyTables"].as_array().into_iter().flatten()
+    {
+        assert!(table["count"].as_u64() > Some(0), "{name}");
     }
 }
 

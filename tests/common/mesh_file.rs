@@ -151,6 +151,32 @@ impl Read {
         assert_eq!(places.len(), self.points.len(), "{what}: points twice");
     }
 
+    /// The surface is a manifold, of points by their places: every edge has two faces, which pass it in opposite directions, and
+    /// the faces around a point are one fan.
+    pub fn check_manifold(&self, what: &str) {
+        self.check_closed(what);
+        let mut edges: HashMap<[usize; 2], usize> = HashMap::new();
+        // By corner of a face: the point before it, and the one behind it.
+        let mut around: Vec<HashMap<usize, usize>> = vec![HashMap::new(); self.points.len()];
+        for face in &self.faces {
+            for (i, at) in face.iter().enumerate() {
+                let (before, after) = (face[(i + face.len() - 1) % face.len()], face[(i + 1) % face.len()]);
+                *edges.entry([*at.min(&after), *at.max(&after)]).or_default() += 1;
+                assert!(
+                    around[*at].insert(before, after).is_none(),
+                    "{what}: an edge twice in one direction"
+                );
+            }
+        }
+        let several = edges.values().filter(|faces| **faces != 2).count();
+        assert_eq!(several, 0, "{what}: of {} edges have other than two faces", edges.len());
+        for fan in around.iter().filter(|fan| !fan.is_empty()) {
+            let first = *fan.keys().next().unwrap();
+            let length = std::iter::successors(fan.get(&first), |at| fan.get(at)).position(|at| *at == first);
+            assert_eq!(length, Some(fan.len() - 1), "{what}: several fans at a point");
+        }
+    }
+
     pub fn triangles(&self) -> impl Iterator<Item = [[f64; 3]; 3]> {
         self.faces.iter().flat_map(move |face| {
             (1..face.len() - 1).map(move |i| [face[0], face[i], face[i + 1]].map(|i| self.points[i]))

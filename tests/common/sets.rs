@@ -75,7 +75,7 @@ impl Body {
     /// Fails if the surface is open, or the file not as it should be.
     pub fn check(&self) {
         assert!(self.is_closed() && self.edges_cancel());
-        assert_eq!(self.model.verify(&()).unwrap(), []);
+        assert_eq!(self.model.verify(64 << 20, &()).unwrap(), []);
     }
 }
 

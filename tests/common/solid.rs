@@ -49,6 +49,7 @@ impl Polygons {
             unit: None,
             step: None,
             parts: (0..parts).map(|part| format!("part {part}")).collect(),
+            is_grouped: false,
             attributes: Default::default(),
             is_coloured: true,
             bytes: 0,

@@ -73,7 +73,7 @@ fn ask(file: Vec<u8>, other: &ExactModel, target: &Path, what: &str) {
     ask_model(file.clone());
     let opened = ExactModel::from_backend(Path::new("(changed)"), Box::new(file), &OpenOptions::new());
     if let Ok(model) = opened {
-        let is_good = model.verify(&()).unwrap().is_empty();
+        let is_good = model.verify(64 << 20, &()).unwrap().is_empty();
         for (operation, models) in [(7, [&model, other]), (2, [other, &model])] {
             let result = combine(operation, &models, Output::create(target).unwrap(), 16 << 20, &());
             // (What is no surface may have no result.)

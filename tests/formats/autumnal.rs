@@ -269,6 +269,31 @@ fn the_bytes_do_not_depend_on_threads() {
     assert!(files[1..].iter().all(|file| *file == files[0]));
 }
 
+/// Far more different subtrees than little memory holds, each of them twice.
+#[test]
+fn which_subtrees_are_shared_does_not_depend_on_the_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let part = Cells::random(QUAD, 1, [1024, 512, 1], 4, false);
+    let twice = made(QUAD, [1024, 1024, 1], |[x, y, _]| part.get([x, y % 512, 0]));
+    let files = [1 << 20, 1 << 28].map(|memory| {
+        let path = folder.path().join(format!("{memory}.autumn"));
+        let options = options(Rule::Majority, Kind::Categorical, twice.depth()).share(true).memory(memory);
+        common::write_cells(&path, &twice, &options);
+        let written = open(&path).commit().written;
+        assert!(written.shared >= 1 << 14, "{written:?}");
+        std::fs::read(path).unwrap()
+    });
+    assert!(files[0] == files[1]);
+    // Copies are of one file: they say of what they are copies.
+    let source = folder.path().join(format!("{}.autumn", 1 << 20));
+    let copies = [1 << 20, 1 << 28].map(|memory| {
+        let copy = folder.path().join(format!("copy-{memory}.autumn"));
+        convert(&source, true, Output::create(&copy).unwrap(), memory, &()).unwrap();
+        std::fs::read(copy).unwrap()
+    });
+    assert!(copies[0] == copies[1]);
+}
+
 #[test]
 fn equal_subtrees_are_stored_once() {
     let folder = tempfile::tempdir().unwrap();

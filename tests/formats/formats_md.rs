@@ -155,7 +155,7 @@ fn the_dump_of_an_exact_model_is_what_is_built() {
     let written = std::fs::read(&path).unwrap();
     assert_eq!(dumped(block(&text("formats.md"), "<!-- dump: tetrahedron.goblin -->")), written);
     let model = ExactModel::open(&path, &Default::default()).unwrap();
-    assert_eq!(model.verify(&()).unwrap(), []);
+    assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
     let place = |at: [f64; 3]| model.locate(at).unwrap();
     assert_eq!(place([0.125; 3]), Location::Inside);
     assert_eq!(place([0.25, 0.25, 0.625]), Location::Outside);

@@ -222,7 +222,7 @@ fn chapel() {
     let positioned = ExactModel::open(&path, &OpenOptions::new().positioned(64 << 20)).unwrap();
     let mapped = ExactModel::open(&path, &OpenOptions::new()).unwrap();
     for model in [positioned, mapped] {
-        assert_eq!(model.verify(&()).unwrap(), []);
+        assert_eq!(model.verify(16 << 20, &()).unwrap(), []);
         assert_eq!(
             (model.parts(), model.metadata().tags["unit"].as_str()),
             (&frozen::PARTS.map(String::from)[..], "m")

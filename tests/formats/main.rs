@@ -40,3 +40,4 @@ mod hostile;
 mod kill;
 mod literature;
 mod missing;
+mod model_verify;

@@ -80,7 +80,7 @@ fn attributes_come_back() {
     assert_eq!(attributes.part(0), Some(house));
     assert!(attributes.part(1).unwrap().contains("\"geographicalExtent\":[0.5,0,0,1,1,1]"));
     assert_eq!(attributes.part(2), None);
-    assert_eq!(model.verify(&()).unwrap(), []);
+    assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
 
     let summary = export(&model, &at("b.city.json"), MeshFormat::CityJson);
     assert_eq!(summary.lost_attributes, 0);

@@ -151,7 +151,7 @@ fn points_are_where_winding_numbers_say() {
             let (bytes, report) = built(&list, 64 << 20, boolean_faces);
             assert_eq!(report.defects, [], "{name}");
             let file = ExactModel::from_bytes(bytes.unwrap()).unwrap();
-            assert_eq!(file.verify(&()).unwrap(), [], "{name}");
+            assert_eq!(file.verify(1 << 20, &()).unwrap(), [], "{name}");
             let mut seen = [0; 3];
             for round in 0..400 {
                 let corner = |random: &mut Random| {
@@ -393,7 +393,7 @@ fn damaged_files_are_found() {
             found += 1;
             continue;
         };
-        found += usize::from(!file.verify(&()).unwrap().is_empty());
+        found += usize::from(!file.verify(1 << 20, &()).unwrap().is_empty());
         let mut buffer = FaceBuffer::default();
         for number in 0..file.len().min(40) {
             let _ = file.face(number, &mut buffer);

@@ -73,7 +73,7 @@ fn closed_meshes_come_back() {
         let (model, report) =
             import(&mesh, &folder.path().join("model.goblin"), &ExactOptions::new()).unwrap();
         assert_eq!((report.cut, report.slivers, report.collapsed), (0, 0, 0), "{name}");
-        assert_eq!(model.verify(&()).unwrap(), []);
+        assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
         check(name, &model, folder.path(), None);
     }
 }

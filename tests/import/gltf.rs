@@ -88,21 +88,24 @@ fn on_lattice<'a>(
     })
 }
 
-/// Makes sure that triangles close; returns six times their volume, in cubes of the lattice.
-fn check_closed(triangles: impl Iterator<Item = [[i64; 3]; 3]>, what: &str) -> i128 {
-    let mut edges = HashMap::new();
+/// Makes sure that triangles close, and that edges of smooth surfaces have two of them; returns six times their volume, in cubes of the lattice.
+fn check_closed(triangles: impl Iterator<Item = [[i64; 3]; 3]>, smooth: bool, what: &str) -> i128 {
+    let mut edges: HashMap<_, (i32, usize)> = HashMap::new();
     let mut volume = 0i128;
     for [a, b, c] in triangles {
         assert!(a != b && b != c && c != a, "{what}");
         for (from, to) in [(a, b), (b, c), (c, a)] {
-            *edges.entry((from.min(to), from.max(to))).or_insert(0) += if from < to { 1 } else { -1 };
+            let (balance, count) = edges.entry((from.min(to), from.max(to))).or_default();
+            *balance += if from < to { 1 } else { -1 };
+            *count += 1;
         }
         let [a, b, c] = [a, b, c].map(|point| point.map(i128::from));
         volume += a[0] * (b[1] * c[2] - b[2] * c[1])
             + a[1] * (b[2] * c[0] - b[0] * c[2])
             + a[2] * (b[0] * c[1] - b[1] * c[0]);
     }
-    let open = edges.values().filter(|balance| **balance != 0).count();
+    let open = edges.values().filter(|(balance, _)| *balance != 0).count();
+    assert!(!smooth || edges.values().all(|(_, count)| *count == 2), "{what}: edges with several faces");
     assert_eq!(open, 0, "{what}: {open} of {} edges are open", edges.len());
     volume
 }
@@ -170,7 +173,7 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
             triangles += glb.meshes.iter().map(|mesh| mesh.triangles.len() as u64).sum::<u64>();
             meshes.extend(glb.meshes);
         }
-        let volume = check_closed(on_lattice(&meshes, cell), &format!("{what}, level {level}"));
+        let volume = check_closed(on_lattice(&meshes, cell), smooth, &format!("{what}, level {level}"));
         // The mesh that is written at once, of the same level.
         let cells = tree.depth() - (levels - 1 - level) as u8;
         let whole = surface_mesh(tree, &with(request(smooth), |it| it.level = Some(cells)), &()).unwrap();
@@ -249,9 +252,33 @@ fn an_empty_tree_has_a_root() {
     assert_eq!(tiles.tiles, BTreeMap::from([([0; 4], false)]));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("empty.glb");
-    let (request, options) = (MeshRequest::new(), GltfOptions::new());
-    assert_eq!(export_glb(&tree, &request, &options, Output::create(&path).unwrap(), &()).unwrap(), 0);
-    assert!(Glb::read(&path).meshes.is_empty());
+    let classes = dataset(&cells, Rule::Majority, Kind::Categorical);
+    for (tree, smooth) in [(&tree, false), (&tree, true), (&classes, false), (&classes, true)] {
+        let output = Output::create(&path).unwrap();
+        assert_eq!(export_glb(tree, &request(smooth), &GltfOptions::new(), output, &()).unwrap(), 0);
+        assert!(Glb::read(&path).meshes.is_empty());
+    }
+}
+
+#[test]
+fn models_have_no_parts_without_triangles() {
+    // A full tile, whose surface in the first of its cells belongs to it, and those behind it, of which most have none.
+    let cells = made(OCT, [192; 3], |cell| cell.iter().all(|at| *at < 128).then(|| byte(255)));
+    let tree = dataset(&cells, Rule::Occupancy, Kind::Continuous);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cube.glb");
+    for smooth in [false, true] {
+        let output = Output::create(&path).unwrap();
+        let count = export_glb(&tree, &request(smooth), &GltfOptions::new(), output, &()).unwrap();
+        let meshes = Glb::read(&path).meshes;
+        assert!(meshes.iter().all(|mesh| !mesh.triangles.is_empty()));
+        assert_eq!(meshes.iter().map(|mesh| mesh.triangles.len() as u64).sum::<u64>(), count);
+        // Corners are there for triangles alone.
+        for mesh in meshes {
+            let used: BTreeSet<usize> = mesh.triangles.iter().flatten().copied().collect();
+            assert_eq!(used.len(), mesh.corners.len());
+        }
+    }
 }
 
 #[test]

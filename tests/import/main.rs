@@ -41,6 +41,7 @@ mod real_rasters;
 #[cfg(feature = "raster")]
 mod sidecars;
 #[cfg(feature = "raster")]
+mod tile_updates;
 mod tiles;
 #[cfg(feature = "raster")]
 mod volumes;

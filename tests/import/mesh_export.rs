@@ -316,9 +316,71 @@ fn smooth_random_solids_are_closed() {
         let tree = tree_of(6, &cells, Rule::Occupancy);
         for triangles in [false, true] {
             let read = Job { smooth: true, triangles, ..Job::new(6) }.run(&tree, MeshFormat::Ply);
-            read.check_closed(&format!("seed {seed}"));
+            read.check_manifold(&format!("seed {seed}"));
             assert!(read.volume() > 0.0);
         }
+    }
+}
+
+#[test]
+fn smooth_surfaces_are_manifolds_in_every_format() {
+    // Every cell for itself: all the ways in which cells touch, and coverages next to one half, where vertices are next to each other.
+    let size = [35, 9, 7];
+    for coverages in [&[255][..], &[1, 100, 127, 128, 129, 200, 255]] {
+        let cells = made(OCT, size, |[x, y, z]| {
+            let number = Random(x + size[0] * (y + size[1] * z)).next();
+            (number >> 60 & 1 == 0).then(|| byte(coverages[(number >> 8) as usize % coverages.len()]))
+        });
+        let tree = tree_of(6, &cells, Rule::Occupancy);
+        // Cells of one unit; as far away as single precision allows, and turned.
+        let mut far = Frame::identity();
+        (far.matrix[0][3], far.matrix[1][3]) = (130_000.3, -70_000.9);
+        let mut turned = far.clone();
+        (turned.matrix[0][0], turned.matrix[0][1]) = (0.8, -0.6);
+        (turned.matrix[1][0], turned.matrix[1][1]) = (0.6, 0.8);
+        for (format, frame) in FORMATS
+            .into_iter()
+            .flat_map(|format| [Frame::identity(), far.clone(), turned.clone()].map(|it| (format, it)))
+        {
+            let what = format!("{format:?}, coverages {coverages:?}, {:?}", frame.matrix);
+            let job = Job { smooth: true, carry: Carry::Coverage, frame, ..Job::new(6) };
+            job.run(&tree, format).check_manifold(&what);
+            Job { triangles: true, ..job }.run(&tree, format).check_manifold(&what);
+        }
+    }
+}
+
+#[test]
+fn smooth_surfaces_that_single_precision_cannot_hold_are_refused() {
+    let tree = tree_of(3, &made(OCT, [8; 3], |_| Some(byte(255))), Rule::Occupancy);
+    let mut frame = Frame::identity();
+    frame.matrix[0][3] = 3_000_000.0;
+    let write = |smooth: bool, format: MeshFormat| {
+        let folder = tempfile::tempdir().unwrap();
+        let output = Output::create(&folder.path().join("mesh")).unwrap();
+        let mut blocks = tree.cell_blocks(3, Carry::Nothing).unwrap();
+        let request = with(MeshRequest::new(), |it| it.smooth = smooth);
+        export_blocks(&mut *blocks, FaceAttribute::None, &frame, &request, output, format, &())
+    };
+    // Whole cells have room, and parts of them do not.
+    write(false, MeshFormat::Stl).unwrap();
+    let error = write(true, MeshFormat::Stl).unwrap_err().to_string();
+    assert!(error.contains("single precision"), "{error}");
+    write(true, MeshFormat::Ply).unwrap();
+    // Numbers beyond single precision, and below it.
+    for size in [1e38, 1e-45] {
+        let mut frame = Frame::identity();
+        (0..3).for_each(|axis| frame.matrix[axis][axis] = size);
+        for (smooth, format) in [(false, MeshFormat::Ply), (true, MeshFormat::Obj), (true, MeshFormat::Ply)] {
+            let job = Job { smooth, frame: frame.clone(), ..Job::new(3) };
+            job.run(&tree, format).check_manifold(&format!("{size}, {format:?}"));
+        }
+        let mut blocks = tree.cell_blocks(3, Carry::Nothing).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let output = Output::create(&folder.path().join("mesh")).unwrap();
+        let (none, request) = (FaceAttribute::None, MeshRequest::new());
+        let error = export_blocks(&mut *blocks, none, &frame, &request, output, MeshFormat::Stl, &());
+        assert!(error.is_err_and(|error| error.to_string().contains("single precision")), "{size}");
     }
 }
 

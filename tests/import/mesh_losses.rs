@@ -1,13 +1,26 @@
-//! Parts of models that must not be lost in silence: cells to vertices and levels of detail that no face uses, and
-//! solids without an inside.
+//! What must not be lost in silence: cells of models to vertices and levels of detail that no face uses, or that lie far away, solids
+//! without an inside, and what meshes have no room for.
 
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
+use spinney::Progress;
+use spinney::brep::{ExactModel, Face, FaceList, Grid};
 use spinney::dataset::Dataset;
-use spinney::import::mesh::{InsideTest, Resolution, SolidOptions, SolidReport, open_all, plan_models};
+use spinney::export::mesh::{
+    GltfOptions, MeshFormat, MeshRequest, export_exact, export_glb, export_isosurfaces, export_mesh,
+};
+use spinney::import::mesh::{
+    ExactOptions, InsideTest, Resolution, SolidOptions, SolidReport, import_exact, open_all, plan_models,
+};
 use spinney::io::Output;
+use spinney::query::{ContourLevels, ContourRequest};
+use spinney::space::{Crs, Frame};
+use spinney::store::{Metadata, OpenOptions, Tag};
+use spinney::tree::Form;
+use spinney::value::{Kind, Palette, Rule, SampleType};
 
-use crate::common::{shared_data, with};
+use crate::common::{OCT, byte, made, oct, opened, options, shared_data, value, with, write_cells};
 
 /// Builds a model at 16 cells and opens the tree.
 fn build(model: PathBuf, options: &SolidOptions) -> (Dataset, SolidReport) {
@@ -112,5 +125,205 @@ fn files_that_lost_something() {
     }
     for name in ["triangle.obj", "dup_oppall.obj"] {
         assert!(measure(name).is_none_or(|(_, cells)| cells == 0), "{name}");
+    }
+}
+
+#[test]
+fn large_coordinates_are_coordinates() {
+    let (_, expected) = build_text("a.obj", TETRAHEDRON);
+    let of_size = |size: &str| {
+        let vertices = format!("v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 {size}\n");
+        format!("{vertices}f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    };
+    for size in ["3e38", "2.5e90", "1e-90"] {
+        let (_, report) = build_text("a.obj", &of_size(size));
+        assert_eq!((report.cells, report.collapsed), (expected.cells, 0), "{size}");
+        // Vertices that no face uses do not matter, however far away.
+        let (_, report) = build_text("a.obj", &format!("{}v -3.4e38 3.4e38 1e300\n", of_size(size)));
+        assert_eq!(report.cells, expected.cells, "{size}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.obj");
+    let error_of = |text: &str| {
+        std::fs::write(&path, text).unwrap();
+        let plan = plan_models(open_all(std::slice::from_ref(&path), 64 << 20).unwrap(), &sixteen());
+        let output = Output::create(&folder.path().join("x.goblin")).unwrap();
+        plan.and_then(|plan| plan.build(output, &())).unwrap_err().to_string()
+    };
+    // A face that reaches far away: beside its length, all are lines or points. Nothing is damaged, and that is not said.
+    let far = format!("{TETRAHEDRON}v 3e38 -3e38 3e38\nf 1 2 5\n");
+    let error = error_of(&far);
+    for text in ["points or lines", "3e38", "far away"] {
+        assert!(error.contains(text) && !error.contains("damaged"), "{error}");
+    }
+    let models = open_all(std::slice::from_ref(&path), 64 << 20).unwrap();
+    let output = Output::create(&folder.path().join("x.goblin")).unwrap();
+    let error = import_exact(models, &ExactOptions::new(), output, &()).unwrap_err().to_string();
+    assert!(error.contains("points or lines") && !error.contains("damaged"), "{error}");
+    // Two such faces that have an area: what is lost beside them is counted.
+    let (_, report) = build_text("a.obj", &format!("{far}v 0 3e38 3e38\nf 1 5 6\n"));
+    assert_eq!((report.faces, report.collapsed, report.triangles), (6, 5, 1));
+    // Cells whose volume is no number.
+    for size in ["1e200", "1e-200"] {
+        let error = error_of(&of_size(size));
+        assert!(error.contains("scale the model"), "{error}");
+    }
+}
+
+/// Collects warnings.
+#[derive(Default)]
+struct Told(Mutex<Vec<String>>);
+
+impl Progress for Told {
+    fn warn(&self, _: &Path, text: &str) {
+        self.0.lock().unwrap().push(text.into());
+    }
+}
+
+/// What is told of a file that is written: nothing, or one line.
+fn told(write: impl FnOnce(Output, &Told)) -> String {
+    let (folder, told) = (tempfile::tempdir().unwrap(), Told::default());
+    write(Output::create(&folder.path().join("mesh")).unwrap(), &told);
+    let lines = told.0.into_inner().unwrap();
+    assert!(lines.len() <= 1, "{lines:?}");
+    lines.concat()
+}
+
+/// Makes sure that a line tells exactly these of all that there are.
+fn check_told(line: &str, expected: &[&str], all: &[&str], what: &str) {
+    for text in all {
+        assert_eq!(line.contains(text), expected.contains(text), "{what}, `{text}`: {line}");
+    }
+    assert_eq!(line.is_empty(), expected.is_empty(), "{what}: {line}");
+}
+
+const MESHES: [MeshFormat; 4] = [MeshFormat::Ply, MeshFormat::Obj, MeshFormat::Stl, MeshFormat::Off];
+
+#[test]
+fn meshes_of_trees_tell_what_they_lose() {
+    const ALL: [&str; 6] =
+        ["colours", "values of cells", "names of classes", "the palette", "EPSG:28992", "length mm"];
+    let [colours, values, names, palette, crs, unit] = ALL;
+    let mut placed =
+        Metadata { frame: Frame { crs: Some(Crs::epsg(28992)), ..Frame::identity() }, ..Metadata::default() };
+    placed.set_tag(Tag::Unit, "mm");
+    let mut named = Metadata { class_names: [(1, "wall".into())].into(), ..placed.clone() };
+    named.palette = Some(Palette { colours: vec![[1; 4]; 256] });
+    let tree = |form: Form, (rule, kind): (Rule, Kind), metadata: &Metadata| {
+        let cells = made(form, [4; 3], |[x, ..]| Some(value(form.value, x)));
+        opened(|path| {
+            write_cells(path, &cells, &options(rule, kind, cells.depth()).metadata(metadata.clone()));
+        })
+    };
+    let mean = (Rule::Mean, Kind::Continuous);
+    let solid = tree(OCT, (Rule::Occupancy, Kind::Continuous), &Metadata::default());
+    let coloured = tree(oct(SampleType::U8, 3), mean, &placed);
+    let classes = tree(OCT, (Rule::Majority, Kind::Categorical), &named);
+    let numbers = tree(oct(SampleType::F32, 1), mean, &placed);
+    // A single value says no more than that a cell is there.
+    let full = made(OCT, [4; 3], |_| Some(byte(255)));
+    let full = opened(|path| write_cells(path, &full, &options(Rule::Max, Kind::Continuous, full.depth())));
+    for format in MESHES {
+        let (is_ply, is_off) = (format == MeshFormat::Ply, format == MeshFormat::Off);
+        let cases: [(&str, &Dataset, Vec<&str>); 5] = [
+            ("solid", &solid, vec![]),
+            ("full", &full, vec![]),
+            (
+                "coloured",
+                &coloured,
+                if is_ply || is_off { vec![crs, unit] } else { vec![colours, crs, unit] },
+            ),
+            (
+                "classes",
+                &classes,
+                if is_ply {
+                    vec![names, palette, crs, unit]
+                } else {
+                    vec![values, names, palette, crs, unit]
+                },
+            ),
+            ("numbers", &numbers, vec![values, crs, unit]),
+        ];
+        for (what, tree, expected) in cases {
+            let line = told(|output, told| {
+                export_mesh(tree, &MeshRequest::new(), output, format, told).unwrap();
+            });
+            check_told(&line, &expected, &ALL, &format!("{what}, {format:?}"));
+        }
+        let line = told(|output, told| {
+            let request = ContourRequest::new(ContourLevels::At(vec![0.5]));
+            export_isosurfaces(&numbers, &request, output, format, told).unwrap();
+        });
+        check_told(&line, &[crs, unit], &ALL, &format!("isosurface, {format:?}"));
+    }
+    // Palettes are colours there, and names are in a table.
+    let of_models: [(&Dataset, Vec<&str>); 5] = [
+        (&solid, vec![]),
+        (&full, vec![]),
+        (&coloured, vec![crs, unit]),
+        (&classes, vec![crs, unit]),
+        (&numbers, vec![values, crs, unit]),
+    ];
+    for (tree, expected) in of_models {
+        let line = told(|output, told| {
+            export_glb(tree, &MeshRequest::new(), &GltfOptions::new(), output, told).unwrap();
+        });
+        check_told(&line, &expected, &ALL, "glb");
+    }
+}
+
+#[test]
+fn meshes_of_exact_models_tell_what_they_lose() {
+    const ALL: [&str; 6] = ["colours", "parts", "the part's name", "holes", "EPSG:28992", "length mm"];
+    let [colours, parts, name, holes, crs, unit] = ALL;
+    let folder = tempfile::tempdir().unwrap();
+    let model = |text: &str, is_placed: bool| {
+        let (path, file) = (folder.path().join("a.obj"), folder.path().join("a.goblin"));
+        std::fs::write(&path, text).unwrap();
+        let mut options = ExactOptions::new();
+        if is_placed {
+            (options.crs, options.unit) = (Some(Crs::epsg(28992)), Some("mm".into()));
+        }
+        let models = open_all(&[path], 64 << 20).unwrap();
+        import_exact(models, &options, Output::create(&file).unwrap(), &()).unwrap();
+        ExactModel::open(&file, &OpenOptions::new()).unwrap()
+    };
+    // One with colours, which is two parts; a part with a name; nothing but faces.
+    let red = TETRAHEDRON.replace("v 0 0 0", "v 0 0 0 1 0 0").replace("v 1 0 0", "v 1 0 0 1 0 0");
+    let red = red.replace("v 0 1 0", "v 0 1 0 1 0 0").replace("v 0 0 1\n", "v 0 0 1 1 0 0\n");
+    let [two, named, plain] = [
+        model(&format!("o a\n{}", red.replace("f 1 4 3", "o b\nf 1 4 3")), true),
+        model(&format!("o a\n{TETRAHEDRON}"), false),
+        model(TETRAHEDRON, false),
+    ];
+    for format in [&MESHES[..], &[MeshFormat::CityJson]].concat() {
+        let of_two: &[&str] = match format {
+            MeshFormat::Obj => &[crs, unit],
+            MeshFormat::Stl => &[colours, parts, crs, unit],
+            MeshFormat::CityJson => &[colours, unit],
+            _ => &[parts, crs, unit],
+        };
+        let has_names = matches!(format, MeshFormat::Obj | MeshFormat::CityJson);
+        let of_named: &[&str] = if has_names { &[] } else { &[name] };
+        for (what, model, expected) in
+            [("two parts", &two, of_two), ("named", &named, of_named), ("plain", &plain, &[])]
+        {
+            let line = told(|output, told| {
+                export_exact(model, format, output, told).unwrap();
+            });
+            check_told(&line, expected, &ALL, &format!("{what}, {format:?}"));
+        }
+    }
+    // A face with a hole, which is but one ring in most formats.
+    let mut faces = FaceList::new(Grid::over([[0.0; 3], [9.0; 3]], Some(1.0)).unwrap(), vec!["mesh".into()]);
+    let points = [[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0], [3, 3, 0], [3, 6, 0], [6, 6, 0], [6, 3, 0]];
+    faces.push(&Face { number: 0, points: &points, ring_ends: &[4, 8], colours: &[], part: 0, source: 0 });
+    for (format, expected) in
+        [(MeshFormat::Ply, &[holes][..]), (MeshFormat::CityJson, &[]), (MeshFormat::Stl, &[])]
+    {
+        let line = told(|output, told| {
+            export_exact(&faces, format, output, told).unwrap();
+        });
+        check_told(&line, expected, &ALL, &format!("a hole, {format:?}"));
     }
 }

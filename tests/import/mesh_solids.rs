@@ -152,6 +152,61 @@ fn coverage_is_what_a_solid_has_of_each_cell() {
 }
 
 #[test]
+fn coverage_of_closed_flipped_and_open_objects_is_that_of_any() {
+    let a: [Point; 2] = [[3.3, 4.4, 5.5], [40.7, 29.2, 17.9]];
+    let b: [Point; 2] = [[10.2, 20.1, 10.3], [60.3, 44.6, 30.7]];
+    let both: [Point; 2] = [0, 1].map(|end| {
+        std::array::from_fn(
+            |axis| if end == 0 { a[0][axis].max(b[0][axis]) } else { a[1][axis].min(b[1][axis]) },
+        )
+    });
+    let turned =
+        |triangles: Vec<Triangle>| triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect::<Vec<_>>();
+    // Without the wall that lies furthest along x: elsewhere, the field is that of the whole.
+    let open = |[low, high]: [Point; 2]| cuboid(low, high).into_iter().take(10).collect::<Vec<_>>();
+    let flipped = |[low, high]: [Point; 2]| {
+        let mut triangles = cuboid(low, high);
+        triangles[3].swap(0, 1);
+        triangles
+    };
+    let closed = |[low, high]: [Point; 2]| cuboid(low, high);
+    // Where one is flipped, parts of cells that both cut are not told exactly.
+    let cases = [
+        ("closed and open", [closed(a), open(b)], InsideTest::Open, ROUNDED),
+        ("closed and open inside out", [closed(a), turned(open(b))], InsideTest::Open, ROUNDED),
+        ("open and closed inside out", [turned(closed(a)), open(b)], InsideTest::Open, ROUNDED),
+        ("closed and flipped", [closed(a), flipped(b)], InsideTest::Flipped, 0.02),
+        ("flipped and open", [flipped(a), open(b)], InsideTest::Open, 0.02),
+        ("both flipped", [flipped(a), flipped(b)], InsideTest::Flipped, 0.02),
+    ];
+    for (what, objects, test, tolerance) in cases {
+        let faces = objects.into_iter().zip(0..);
+        let faces =
+            faces.flat_map(|(triangles, part)| triangles.into_iter().map(move |it| (it, part, [0; 3])));
+        let options = with(unit_cells(6), |it| it.boundary = Boundary::Coverage);
+        let (tree, report) = build(Polygons::of_triangles(faces.collect()), &options);
+        assert_eq!(report.inside, test, "{what}");
+        let mut several = 0;
+        for (i, value) in cells(&tree).into_iter().enumerate() {
+            let cell = [i % 64, i / 64 % 64, i / 64 / 64];
+            // (The field is in doubt next to the hole.)
+            if cell[0] >= 44 && test == InsideTest::Open {
+                continue;
+            }
+            let found = value.map_or(0.0, |value| f64::from(as_byte(value)) / 255.0);
+            let (of_a, of_b, of_both) = (share(a, cell), share(b, cell), share(both, cell));
+            let expected = of_a + of_b - of_both;
+            let is_of_several = of_a > 0.0 && of_b > 0.0 && expected < 1.0;
+            let most = if is_of_several { tolerance } else { ROUNDED };
+            assert!((found - expected).abs() <= most, "{what}, {cell:?}: {found}, expected {expected}");
+            several += usize::from(is_of_several);
+            assert!(expected < 1.0 || found == 1.0, "{what}, {cell:?}");
+        }
+        assert!(several > 50, "{what}: {several} cells");
+    }
+}
+
+#[test]
 fn coverage_is_exact_where_bodies_overlap() {
     let mut random = Random(31);
     let mut number = |from: u64, below: u64| from as f64 + random.below(below * 1000) as f64 / 1000.0;

@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use spinney::dataset::{Dataset, open};
 use spinney::export::image::Format;
 use spinney::export::tiles::{
-    Pmtiles, TileEncoding, TileFormat, TileId, TilePainter, TileRequest, TileTarget, XyzTiles,
-    export_pmtiles, export_tiles, update_tiles, verify_tiles,
+    Pmtiles, TileEncoding, TileFormat, TileId, TilePainter, TileRequest, TileTarget, TileUpdate, XyzTiles,
+    export_pmtiles, export_tiles, verify_tiles,
 };
 use spinney::export::{Detail, WindowRequest, export_window};
 use spinney::io::{Faults, Output};
@@ -317,7 +317,8 @@ fn an_update_is_like_doing_it_again() {
     let request = TileRequest::new(&map).unwrap();
     for (target, again) in targets("a").into_iter().zip(targets("b")) {
         let to = TileTarget::of(target.as_ref()).unwrap().unwrap();
-        let stored = update_tiles(&map, &source, &painter, &request, &to, None, None, &()).unwrap();
+        let update = TileUpdate::open(&to, None, &()).unwrap();
+        let stored = update.run(&map, &source, &painter, &request, &Default::default(), &()).unwrap();
         let anew = export(&map, &request, &again).unwrap();
         assert_eq!(stored.tiles, anew.tiles, "{target}");
         assert_eq!(verify_tiles(to.path(), &()).unwrap(), [], "{target}");
@@ -343,8 +344,10 @@ fn an_update_is_like_doing_it_again() {
         // What was made with other options is not mixed.
         let mut smaller = request.clone();
         smaller.encoding.effort = Some(9);
-        let refused = update_tiles(&map, &source, &painter, &smaller, &to, None, None, &());
-        assert!(matches!(refused, Err(Error::Invalid { .. })), "{target}");
+        let update = TileUpdate::open(&to, None, &()).unwrap();
+        let refused = update.run(&map, &source, &painter, &smaller, &Default::default(), &());
+        let Err(Error::Invalid { found, expected, .. }) = refused else { panic!("{target}") };
+        assert!(found == "effort 9" && expected.ends_with(": effort none"), "{found}, {expected}");
     }
 }
 

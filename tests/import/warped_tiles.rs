@@ -9,7 +9,12 @@ use spinney::export::tiles::{
 use spinney::import::raster;
 use spinney::io::Output;
 use spinney::ops::{Chain, Resampling, Step, WarpOptions, transform};
-use spinney::space::{Code, Dimension, Projection};
+use spinney::space::{Code, Crs, Dimension, Frame, Projection, web_mercator};
+use spinney::store::{Metadata, build_tree};
+use spinney::tree::MemTree;
+use spinney::value::{Kind, Rule, SampleType, Value};
+
+use crate::common::{options, quad, with};
 
 /// A fixture's own tree, and its tree on the grid of web maps down to a zoom.
 fn native_and_warped(input: &str, way: Resampling, zoom: u8, folder: &Path) -> (Dataset, Dataset) {
@@ -80,4 +85,51 @@ fn blocks_of_other_grids_know_their_tiles() {
             assert!((0..2).all(|axis| told.max[axis] - told.min[axis] <= 3), "{told:?}");
         }
     }
+}
+
+#[test]
+fn archives_say_where_data_lie() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let form = quad(SampleType::U8, 1);
+    let write = |name: &str, frame: Frame, extent: [u64; 3], has: &dyn Fn([u32; 3]) -> bool| {
+        let cell = |cell: [u32; 3]| has(cell).then(|| Value::from([7u8]));
+        let tree = MemTree::from_cells(form, 9, Rule::Mean, &cell);
+        let metadata = Metadata { frame, ..Metadata::default() };
+        let options = with(options(Rule::Mean, Kind::Continuous, 9), |options| options.metadata = metadata);
+        build_tree(&tree, extent, &options, Output::create(&path(name)).unwrap(), &()).unwrap();
+        spinney::open(path(name)).unwrap()
+    };
+    // Of the world's square: in one place; on both sides of the 180th meridian; all round.
+    let all = [512, 512, 1];
+    let place_of = |map: &Dataset| XyzTiles::new(map).unwrap().data_place().unwrap();
+    let east = write("east.goblin", web_mercator(9), all, &|[x, y, _]| {
+        (384..400).contains(&x) && (256..272).contains(&y)
+    });
+    let place = place_of(&east);
+    assert_eq!([place.bounds[0], place.bounds[2], place.bounds[3]], [90.0, 101.25, 0.0]);
+    assert_eq!(place.centre[0], 95.625);
+    assert!(
+        (-11.3..-11.1).contains(&place.bounds[1]) && (-5.7..-5.5).contains(&place.centre[1]),
+        "{place:?}"
+    );
+    let fiji = write("fiji.goblin", web_mercator(9), all, &|[x, y, _]| {
+        !(16..480).contains(&x) && (256..272).contains(&y)
+    });
+    let place = place_of(&fiji);
+    assert_eq!((place.bounds[0], place.bounds[2]), (-180.0, 180.0));
+    assert!((place.centre[0] - 173.0).abs() < 8.0 || place.centre[0] < -173.0, "{place:?}");
+    let round = write("round.goblin", web_mercator(9), all, &|[_, y, _]| (256..272).contains(&y));
+    assert_eq!(place_of(&round).centre[0], 0.0);
+    // Of a raster that goes on behind the antimeridian.
+    let frame = Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([0.05, 0.0, 175.0, 0.0, -0.05, -10.0]) };
+    let pacific = write("pacific.goblin", frame.clone(), [200, 100, 1], &|[x, y, _]| x < 200 && y < 100);
+    let tiles =
+        WarpedTiles::new(pacific.as_file().unwrap(), &frame, 256, Some(4), &WarpOptions::default()).unwrap();
+    let place = tiles.data_place().unwrap();
+    assert_eq!((place.bounds[0], place.bounds[2]), (-180.0, 180.0));
+    assert!(
+        (place.centre[0].abs() - 180.0).abs() < 1e-9 && (place.centre[1] + 12.5).abs() < 0.1,
+        "{place:?}"
+    );
 }

@@ -41,7 +41,7 @@ impl<'a> Results<'a> {
             let (body, report) = try_combined(operation, &bodies)
                 .unwrap_or_else(|error| panic!("{name}, operation {operation}: {error}"));
             assert_eq!(body.model.is_unbounded(), operation >= 8, "{name}, operation {operation}");
-            assert_eq!(body.model.verify(&()).unwrap(), [], "{name}, operation {operation}");
+            assert_eq!(body.model.verify(64 << 20, &()).unwrap(), [], "{name}, operation {operation}");
             assert!(body.edges_cancel(), "{name}, operation {operation}");
             // (What is thinner than a step cannot be a surface on the grid.)
             assert!(report.built.defect_count > 0 || body.is_closed(), "{name}, operation {operation}");

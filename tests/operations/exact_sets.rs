@@ -81,7 +81,7 @@ fn assert_is(body: &Body, cells: &[bool], is_unbounded: bool, name: &str) {
     for far in [[-0.5; 3], [-1e9, 1.0, 1.0], [5.0, 5.0, f64::from(SIDE) + 2.5]] {
         assert_eq!(body.model.locate(far).unwrap(), location(is_unbounded), "{name} at {far:?}");
     }
-    assert_eq!(body.model.verify(&()).unwrap(), [], "{name}");
+    assert_eq!(body.model.verify(64 << 20, &()).unwrap(), [], "{name}");
 }
 
 fn pairs() -> Vec<(&'static str, Shape, Shape)> {

@@ -12,7 +12,7 @@ use spinney::space::Frame;
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Progress};
 
-use crate::common::mesh_file::{cross, dot, minus};
+use crate::common::mesh_file::{cross, dot, minus, read_ply, read_stl};
 use crate::common::{Cells, QUAD, Random, byte, made, oct, opened, options, with, write_cells, write_goblin};
 
 type Cell = [i64; 3];
@@ -393,6 +393,39 @@ fn formats_and_views_and_threads_give_the_same_bytes() {
     let text = String::from_utf8(one).unwrap();
     let parts: Vec<&str> = text.lines().filter(|line| line.starts_with("o ")).collect();
     assert_eq!(parts, ["o level_1", "o level_2.5", "o level_4"]);
+    // What is empty is no object.
+    let request = at(&[2.5, 1000.0]);
+    export_isosurfaces(
+        &spinney::open(&path).unwrap(),
+        &request,
+        Output::create(&out).unwrap(),
+        MeshFormat::Obj,
+        &(),
+    )
+    .unwrap();
+    let text = fs::read_to_string(&out).unwrap();
+    assert_eq!(text.lines().filter(|line| line.starts_with("o ")).collect::<Vec<_>>(), ["o level_2.5"]);
+}
+
+#[test]
+fn single_precision_keeps_points_apart() {
+    // Levels that cells have themselves: all around such a cell there are points next to its centre.
+    let cells = cells(5, [20, 18, 16]);
+    let mut frame = Frame::identity();
+    (frame.matrix[0][3], frame.matrix[1][3]) = (130_000.3, -70_000.9);
+    let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, Kind::Continuous), frame));
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for level in [2.0, 3.0] {
+        let request = with(at(&[level]), |request| request.nodata = ContourNodata::Close);
+        for format in [MeshFormat::Stl, MeshFormat::Ply] {
+            export_isosurfaces(&tree, &request, Output::create(&out).unwrap(), format, &()).unwrap();
+            let bytes = fs::read(&out).unwrap();
+            let read = if format == MeshFormat::Stl { read_stl(&bytes) } else { read_ply(&bytes) };
+            assert!(read.faces.len() > 1000);
+            read.check_manifold(&format!("{format:?}, level {level}"));
+        }
+    }
 }
 
 #[test]

@@ -205,3 +205,37 @@ fn what_cannot_be_done_leaves_no_file() {
     complaint(&["contours", &bad, "--every", "10", "-o", &out], 1);
     assert_eq!(fs::read(&out).unwrap(), b"old");
 }
+
+#[test]
+fn systems_without_a_number_go_into_files_or_are_told() {
+    let definition = "+proj=laea +lat_0=45 +lon_0=-100 +ellps=bessel";
+    let crs = Crs::parse(definition).unwrap();
+    let text = crs.to_wkt2().unwrap();
+    let (folder, file) = hill(Some(crs));
+    let run = |name: &str| {
+        let out = folder.path().join(name);
+        let run = spinney(&["contours", &file, "--every", "20", "-o", out.to_str().unwrap()]).success();
+        (String::from_utf8_lossy(&run.get_output().stderr).into_owned(), fs::read(out).unwrap())
+    };
+    let (said, flat) = run("a.fgb");
+    assert!(!said.contains("coordinate system"), "{said}");
+    assert!(flat.windows(text.len()).any(|part| part == text.as_bytes()));
+    assert!(!run("a.gpkg").0.contains("coordinate system"));
+    let database = rusqlite::Connection::open(folder.path().join("a.gpkg")).unwrap();
+    let ask = "SELECT definition FROM gpkg_spatial_ref_sys JOIN gpkg_geometry_columns USING (srs_id)";
+    assert_eq!(database.query_row(ask, [], |row| row.get::<_, String>(0)).unwrap(), text);
+    assert!(!run("a.shp").0.contains("coordinate system"));
+    let esri = fs::read_to_string(folder.path().join("a.prj")).unwrap();
+    assert!(esri.starts_with("PROJCS[\"unknown\",GEOGCS["), "{esri}");
+    assert!(Crs::parse(&esri).is_ok());
+    // GeoJSON has no words for it.
+    let (said, json) = run("a.geojson");
+    assert!(said.contains("a.geojson: the coordinate system is not in the file"), "{said}");
+    assert!(!String::from_utf8_lossy(&json).contains("\"crs\""));
+    // A shapefile tells of systems with a number, too.
+    let (folder, file) = hill(Some(Crs::epsg(32632)));
+    let out = folder.path().join("a.shp");
+    spinney(&["contours", &file, "--every", "20", "-o", out.to_str().unwrap()]).success();
+    let esri = fs::read_to_string(folder.path().join("a.prj")).unwrap();
+    assert!(esri.starts_with("PROJCS[\"WGS_84_UTM_zone_32N\",GEOGCS[\"GCS_WGS_1984\","), "{esri}");
+}

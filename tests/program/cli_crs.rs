@@ -174,7 +174,12 @@ fn systems_that_keys_cannot_define_stand_beside_the_picture() {
     let picture = setting.name("rows.png");
     std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/classic.png"), &picture).unwrap();
     setting.write("rows.pgw", b"2\n0\n0\n-2\n101\n199\n");
-    setting.write("rows.prj", AFRICA.as_bytes());
+    // Keys have no number for this method.
+    let world = AFRICA.replace("Lambert_Azimuthal_Equal_Area", "Mollweide").replace(
+        "PARAMETER[\"latitude_of_center\",12],PARAMETER[\"longitude_of_center\",3]",
+        "PARAMETER[\"central_meridian\",3]",
+    );
+    setting.write("rows.prj", world.as_bytes());
     let said = setting.build(&picture, "t.goblin", &[]);
     assert!(said.contains("Africa & beyond (WKT without an EPSG number)"), "{said}");
     let said = setting.get("t.goblin", "out.tif");
@@ -185,7 +190,7 @@ fn systems_that_keys_cannot_define_stand_beside_the_picture() {
         "{beside}"
     );
     assert_eq!(tag_bytes(&setting.path("out.tif"), 34735), None);
-    assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::Wkt(AFRICA.into())));
+    assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::Wkt(world)));
     // Standard output has nothing beside it.
     let run = command(&["get", &setting.name("t.goblin"), "-", "--format", "tif"]).assert().success();
     assert!(stderr(run).contains("has no coordinate system"));
@@ -205,6 +210,20 @@ fn systems_that_keys_cannot_define_stand_beside_the_picture() {
 }
 
 #[test]
+fn systems_without_a_number_become_keys() {
+    let setting = Setting::new();
+    let picture = setting.name("rows.png");
+    std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/classic.png"), &picture).unwrap();
+    setting.write("rows.pgw", b"2\n0\n0\n-2\n101\n199\n");
+    setting.write("rows.prj", AFRICA.as_bytes());
+    setting.build(&picture, "t.goblin", &[]);
+    assert_eq!(setting.get("t.goblin", "out.tif"), "");
+    assert!(!setting.path("out.tif.aux.xml").exists());
+    let crs = frame(&setting.path("out.tif")).crs.unwrap();
+    assert!(matches!(crs, Crs::GeoKeys(_)) && crs.is_same(&Crs::Wkt(AFRICA.into())), "{}", crs.definition());
+}
+
+#[test]
 fn systems_are_told_by_whoever_builds() {
     let setting = Setting::new();
     let picture = setting.equal_area("africa.tif", 12.0);
@@ -214,7 +233,9 @@ fn systems_are_told_by_whoever_builds() {
         let said = setting.build(&picture, "t.goblin", &["--crs", given]);
         assert!(said.contains("as you said; the input says unknown (GeoTIFF keys without"), "{said}");
         let info = setting.info("t.goblin");
-        let crs = json!({ "form": "WKT", "name": "Africa & beyond", "definition": AFRICA });
+        let text = Crs::parse(AFRICA).unwrap().to_wkt2().unwrap();
+        assert!(text.starts_with("PROJCRS[\"Africa & beyond\",BASEGEOGCRS[\"ball\""), "{text}");
+        let crs = json!({ "form": "WKT", "name": "Africa & beyond", "definition": AFRICA, "text": text, "problem": null });
         assert_eq!((&info["crs"], &info["epsg"], &info["unit"]), (&crs, &Json::Null, &json!("m")));
     }
     let text = stdout(&["info", &setting.name("t.goblin")]);

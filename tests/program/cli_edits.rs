@@ -248,7 +248,7 @@ fn what_cannot_be_done_is_refused_and_changes_nothing() {
         (&["edit", &file, "apply", "cross", &goblin], "no operation that makes a tree"),
         (&["build", CLASSES, "-o", &file], "its history would be lost"),
         (&["build", CLASSES, "-o", &goblin, "--share"], ".autumn"),
-        (&["build", &goblin, "-o", "x.autumn"], "is a tree already"),
+        (&["build", &goblin, CLASSES, "-o", "x.autumn"], "`spinney combine` lays trees over each other"),
         (&["log", &goblin], "Autumnal"),
         (&["edit", &place.at("none.autumn"), "fill", "--window", "0,0,1,1", "--void"], "none.autumn"),
     ] {

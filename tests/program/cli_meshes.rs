@@ -39,6 +39,35 @@ fn a_model_becomes_a_solid_and_comes_out_again() {
 }
 
 #[test]
+fn what_a_format_has_no_room_for_is_told_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("plate.obj"), BOX).unwrap();
+    let (solid, exact) = (at("solid.goblin"), at("exact.goblin"));
+    let placed = ["--unit", "mm", "--crs", "EPSG:28992"];
+    spinney(&[&["build", text(&at("plate.obj")), "-o", text(&solid), "--cells", "8"], &placed[..]].concat())
+        .success();
+    spinney(&[&["build", text(&at("plate.obj")), "-o", text(&exact), "--exact"], &placed[..]].concat())
+        .success();
+    for (tree, mesh, lost) in [
+        (&solid, "a.stl", "the coordinate system EPSG:28992"),
+        (&solid, "a.glb", "the unit of length mm"),
+        (&exact, "b.ply", "the part's name"),
+        (&exact, "b.city.json", "for the unit of length mm"),
+    ] {
+        // Also where reports are not wanted: it is no report, but a warning.
+        for quiet in [&[][..], &["--quiet"]] {
+            let said = stderr(spinney(&[&["export", text(tree), text(&at(mesh))], quiet].concat()).success());
+            let lines: Vec<&str> = said.lines().filter(|line| line.contains("has no room for")).collect();
+            assert!(
+                matches!(lines[..], [line] if line.starts_with("warning ") && line.contains(lost)),
+                "{said}"
+            );
+        }
+    }
+}
+
+#[test]
 fn a_tree_without_cells_is_warned_of() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

@@ -185,7 +185,7 @@ fn nodata_of_one_band_counts_nowhere() {
         };
         assert_eq!(stats(&[]), (Some(4096), Some(2048.0), Some(100.0), Some(100.0), Some(32.5)));
         assert_eq!(stats(&["--window", "0,0,1,1"]), (Some(1), Some(0.0), None, None, Some(1.0)));
-        let point = command(&["point", &tree, "--cells", "0,0", "--level", "0"]).assert().success();
+        let point = command(&["point", &tree, "--in", "cells", "0,0", "--level", "0"]).assert().success();
         assert_eq!(String::from_utf8_lossy(&point.get_output().stdout).trim(), "100,50,33");
         if tree.ends_with("autumn") {
             // Edits keep what is known of whole nodes right.

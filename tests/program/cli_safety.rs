@@ -13,7 +13,7 @@ use spinney::space::Bounds;
 use spinney::store::OpenOptions;
 use spinney::store::autumnal::Note;
 
-use crate::common::command::{complaint, spinney, stderr, stdout};
+use crate::common::command::{command, complaint, spinney, stderr, stdout};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
 
@@ -113,7 +113,7 @@ fn a_file_that_is_cut_short_while_it_is_read_ends_the_program_with_a_message() {
         spinney(&["-q", "build", small.to_str().unwrap(), "-o", path.to_str().unwrap()]).success();
         let mut child = Command::new(PROGRAM)
             .args(how)
-            .args(["point", "--cells"])
+            .args(["point", "--in", "cells"])
             .arg(&path)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -262,5 +262,28 @@ fn a_full_disk_is_told_by_every_command_that_writes() {
         let text = String::from_utf8_lossy(&run.stderr);
         assert_eq!(run.status.code(), Some(1), "{command:?}: {text}");
         assert!(text.contains("No space left"), "{command:?}: {text}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn pipes_are_refused_where_files_are_read_more_than_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (pipe, out) = (name("pipe.tif"), name("out.goblin"));
+    // (Nobody writes to it: who opens it waits for ever.)
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for words in [
+        &["build", &pipe, "-o", &out][..],
+        &["info", &pipe],
+        &["stats", &pipe],
+        &["transform", &pipe, "-o", &out],
+        &["combine", "union", &pipe, &pipe, "-o", &out],
+        &["verify", &pipe],
+        &["get", &pipe, &out],
+    ] {
+        let run = command(words).timeout(std::time::Duration::from_secs(60)).assert().failure();
+        let told = stderr(run);
+        assert!(told.contains("pipe"), "{words:?}: {told}");
     }
 }

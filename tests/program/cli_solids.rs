@@ -85,17 +85,21 @@ fn slices() {
     assert_eq!(picture(&out).0, [3, 2]);
     command(&["get", &trees.block, &out, "--slice", "x=5", "--size", "90x50"]).assert().success();
     assert_eq!(picture(&out).0, [90, 50]);
-    command(&["get", &trees.block, &out, "--slice", "z=2.5", "--world"]).assert().success();
-    assert!(complaint(&["get", &trees.block, &out, "--slice", "z=2.5"], 1).contains("--world"));
+    command(&["get", &trees.block, &out, "--slice", "z=2.5", "--in", "world"]).assert().success();
+    assert!(complaint(&["get", &trees.block, &out, "--slice", "z=2.5"], 1).contains("--in world"));
     assert!(complaint(&["get", &trees.block, &out, "--slice", "y=9"], 1).contains("slices 0 to 8"));
-    assert!(complaint(&["get", &trees.block, &out, "--slice", "y=9.5", "--world"], 1).contains("outside"));
+    assert!(
+        complaint(&["get", &trees.block, &out, "--slice", "y=9.5", "--in", "world"], 1).contains("outside")
+    );
     assert!(complaint(&["get", &trees.block, &out, "--slice", "w=1"], 2).contains("z=12"));
     assert!(
         complaint(&["get", &trees.block, &out, "--slice", "x=1", "--bbox", "0,0,1,1"], 1)
             .contains("--window")
     );
     assert!(complaint(&["get", &trees.quadtree, &out, "--slice", "x=1"], 1).contains("quadtree"));
-    assert!(complaint(&["get", &trees.block, &out, "--world"], 1).contains("--slice and --box"));
+    assert!(
+        complaint(&["get", &trees.block, &out, "--in", "world"], 1).contains("--window, --slice and --box")
+    );
 }
 
 #[test]
@@ -120,7 +124,7 @@ fn boxes_and_whole_octrees() {
     assert_eq!(array(&out).0, "(2, 3, 3)");
     command(&["get", &trees.block, &out, "--box", "0,0,0,1,1,1", "--level", "0"]).assert().success();
     assert_eq!(array(&out), ("(1, 1, 1)".into(), vec![(72.0f64 * 255.0 / 4096.0).round() as u8]));
-    command(&["get", &trees.block, &out, "--box", "1.5,0,0,1,1,2.5", "--world"]).assert().success();
+    command(&["get", &trees.block, &out, "--box", "1.5,0,0,1,1,2.5", "--in", "world"]).assert().success();
     assert_eq!(array(&out), ("(3, 1, 2)".into(), vec![0; 6]));
     command(&["get", &trees.block, &out, "--window", "2,1,3,2"]).assert().success();
     assert_eq!(array(&out).0, "(5, 2, 3)");
@@ -131,9 +135,9 @@ fn boxes_and_whole_octrees() {
     };
     assert!(refuse(&["--box", "0,0,0,11,1,1"], 1).contains("10 x 9 x 5"));
     assert!(refuse(&["--box", "20,0,0,1,1,1"], 1).contains("10 x 9 x 5"));
-    assert!(refuse(&["--box", "50,0,0,1,1,1", "--world"], 1).contains("outside"));
+    assert!(refuse(&["--box", "50,0,0,1,1,1", "--in", "world"], 1).contains("outside"));
     assert!(refuse(&["--box", "0,0,0,1,0,1"], 1).contains("more than 0"));
-    assert!(refuse(&["--box", "0.5,0,0,1,1,1"], 1).contains("--world"));
+    assert!(refuse(&["--box", "0.5,0,0,1,1,1"], 1).contains("--in world"));
     assert!(refuse(&["--box", "-1,0,0,1,1,1"], 1).contains("whole numbers"));
     assert!(refuse(&["--box", "0,0,0,1,1"], 2).contains("six numbers"));
     assert!(refuse(&["--level", "5"], 1).contains("0 to 4"));
@@ -148,18 +152,22 @@ fn boxes_and_whole_octrees() {
 fn points_of_octrees() {
     let trees = Trees::new();
     assert_eq!(stdout(&["point", &trees.block, "2.5,1.5,0.5", "2.5,1.5,3.5"]), "255\nvoid\n");
-    assert_eq!(stdout(&["point", "--cells", &trees.block, "7,4,2", "8,4,2"]), "255\nvoid\n");
-    assert_eq!(stdout(&["point", "--cells", "--level", "0", &trees.block, "7,4,2"]), "4\n");
+    assert_eq!(stdout(&["point", "--in", "cells", &trees.block, "7,4,2", "8,4,2"]), "255\nvoid\n");
+    assert_eq!(stdout(&["point", "--in", "cells", "--level", "0", &trees.block, "7,4,2"]), "4\n");
     assert!(complaint(&["point", &trees.block, "1,2"], 1).contains("`1,2` is not X,Y,Z"));
     let mut input = String::new();
     let mut expected = String::new();
+    let extent = spinney::open(&trees.numbers).unwrap().header().extent;
     for i in 0..30_000u64 {
         let cell = [i % 13, i / 13 % 10, i / 130 % 11];
         input += &format!("{} {} {}\n", cell[0], cell[1], cell[2]);
-        expected += &trees.cells.get(cell).map_or("void\n".into(), |number| format!("{}\n", as_byte(number)));
+        let is_outside = (0..3).any(|axis| cell[axis] >= extent[axis]);
+        let nothing = if is_outside { "outside\n" } else { "void\n" };
+        expected += &trees.cells.get(cell).map_or(nothing.into(), |number| format!("{}\n", as_byte(number)));
     }
-    command(&["point", "--cells", &trees.numbers]).write_stdin(input).assert().success().stdout(expected);
-    let turned = ["point", "--cells", "--view", "mirror=x", &trees.block, "2,1,0", "1,1,0"];
+    let run = command(&["point", "--in", "cells", &trees.numbers]).write_stdin(input).assert().success();
+    assert!(run.get_output().stdout == expected.as_bytes());
+    let turned = ["point", "--in", "cells", "--view", "mirror=x", &trees.block, "2,1,0", "1,1,0"];
     assert_eq!(stdout(&turned), "255\nvoid\n");
 }
 

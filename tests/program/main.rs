@@ -8,6 +8,7 @@ mod cli;
 mod cli_build;
 #[cfg(feature = "mbtiles")]
 mod cli_contours;
+mod cli_coordinates;
 #[cfg(feature = "raster")]
 mod cli_crs;
 mod cli_edits;
@@ -26,6 +27,8 @@ mod cli_pictures;
 mod cli_safety;
 mod cli_section;
 mod cli_solids;
+#[cfg(feature = "cli")]
+mod cli_sources;
 mod cli_styles;
 #[cfg(feature = "cli")]
 mod cli_volumes;

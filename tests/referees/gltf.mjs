@@ -1,8 +1,8 @@
 // 3D Tiles and binary glTF as readers in JavaScript see them: gltf-validator, 3d-tiles-tools, loaders.gl.
 //
-//     NODE_FOLDER=FOLDER node tests/referees/gltf.mjs FOLDER_OF_A_TILESET...
+//     NODE_FOLDER=FOLDER node tests/referees/gltf.mjs FOLDER_OF_A_TILESET... MODEL.glb...
 //
-// NODE_FOLDER has the packages. A tileset X is compared with X.meshopt beside it, if there is one.
+// NODE_FOLDER has the packages. A tileset X is compared with X.meshopt beside it, if there is one; of single models the validator is asked.
 
 import assert from 'node:assert/strict';
 import fs from 'node:fs';
@@ -100,7 +100,13 @@ async function loaded(folder) {
   return contents;
 }
 
-for (const folder of process.argv.slice(2)) {
+const models = process.argv.slice(2).filter((name) => name.endsWith('.glb'));
+for (const model of models) {
+  await validate(model);
+  console.log(`${path.basename(model)}: valid`);
+}
+
+for (const folder of process.argv.slice(2).filter((name) => !models.includes(name))) {
   const files = below(folder);
   for (const file of files) await validate(path.join(folder, file));
   const contents = await traverse(folder);

@@ -43,6 +43,16 @@ pub enum Error {
         /// Advice to the user: what to do instead.
         advice: String,
     },
+    /// The file is one of another program, where a tree is expected.
+    #[error("{}: is no tree but {found}; {advice}", path.display())]
+    NoTree {
+        /// The file.
+        path: PathBuf,
+        /// Name of what it is.
+        found: String,
+        /// Advice to the user: what to do with it.
+        advice: String,
+    },
     /// The surface of a model does not bound a body.
     #[error("{}: {what}; {advice}{}", path.display(), listed(places, *count))]
     NoBody {

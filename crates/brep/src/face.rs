@@ -49,6 +49,11 @@ pub trait Faces {
         None
     }
 
+    /// The unit of length of the world, where known: "mm".
+    fn unit(&self) -> Option<&str> {
+        None
+    }
+
     /// Whether what is far away belongs to the body: its faces then bound what does not.
     fn is_unbounded(&self) -> bool {
         false

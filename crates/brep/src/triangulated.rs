@@ -48,6 +48,10 @@ impl Faces for Triangulated<'_> {
         self.faces.crs()
     }
 
+    fn unit(&self) -> Option<&str> {
+        self.faces.unit()
+    }
+
     fn is_unbounded(&self) -> bool {
         self.faces.is_unbounded()
     }

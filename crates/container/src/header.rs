@@ -6,8 +6,9 @@ use zerocopy::little_endian::{U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::shape::Shape;
-use crate::TreeFormat;
+use crate::other_formats::FIRST_BYTES;
 use crate::{HEAVY_THRESHOLD, STRIDE, reach};
+use crate::{OtherFormat, TreeFormat};
 use spinney_base::Form;
 use spinney_base::io::ReadBackend;
 use spinney_base::space::{Bounds, Dimension};
@@ -111,7 +112,8 @@ impl Header {
     /// # Errors
     /// If it cannot be read, or is that of no tree file that this program knows.
     pub fn read(path: &Path, file: &dyn ReadBackend) -> Result<(TreeFormat, Header)> {
-        let length = file.len().min(HEADER_SIZE as u64) as usize;
+        // (More than the header: what is no tree may be told by it.)
+        let length = file.len().min(FIRST_BYTES as u64) as usize;
         Header::from_bytes(path, &file.read(0, length)?)
     }
 
@@ -183,11 +185,16 @@ impl Header {
     /// values, or [`MODEL`]), and the rest.
     fn with_content_from(path: &Path, bytes: &[u8]) -> Result<(TreeFormat, u8, Header)> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
+        let formats = [TreeFormat::Goblin, TreeFormat::Autumnal];
+        let format = formats.into_iter().find(|format| bytes.starts_with(&format.magic()));
+        if format.is_none()
+            && let Some(error) = OtherFormat::refuse_tree(path, bytes)
+        {
+            return Err(error);
+        }
         let Ok((raw, _)) = RawHeader::ref_from_prefix(bytes) else {
             return Err(corrupt(format!("{} bytes", bytes.len()), "a tree file of at least 60 bytes"));
         };
-        let format =
-            [TreeFormat::Goblin, TreeFormat::Autumnal].into_iter().find(|format| format.magic() == raw.magic);
         let Some(format) = format else {
             let found = format!("`{}`", raw.magic.escape_ascii());
             return Err(corrupt(

@@ -1,12 +1,14 @@
 //! The container that all tree files have in common: header, metadata, sections, trailer.
 
 mod cache;
+mod colour_roles;
 mod finding;
 mod format;
 mod header;
 mod level_counts;
 mod metadata;
 mod options;
+mod other_formats;
 mod shape;
 mod state;
 mod tag;
@@ -19,6 +21,7 @@ pub use header::{Codec, HEADER_SIZE, Header};
 pub use level_counts::LevelCounts;
 pub use metadata::{Metadata, ScopedTags, TagScope};
 pub use options::OpenOptions;
+pub use other_formats::{FIRST_BYTES, OtherFormat, check_tree_name, create_tree_file};
 pub use shape::{HEAVY_THRESHOLD, STRIDE, Shape, reach};
 pub use state::{CUT, INNER, LEAF, VOID};
 pub use tag::Tag;

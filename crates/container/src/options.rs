@@ -1,9 +1,8 @@
 //! Options of opening tree files.
 
-use std::fs::File;
 use std::path::Path;
 
-use spinney_base::io::{FileId, Mapped, Positioned, ReadBackend, positioned_reads_are_preferred};
+use spinney_base::io::{FileId, Mapped, Positioned, ReadBackend, open_input, positioned_reads_are_preferred};
 use spinney_base::{Error, Result};
 
 /// Options of reading a file.
@@ -58,7 +57,7 @@ impl OpenOptions {
     /// # Errors
     /// If the file cannot be opened.
     pub fn open_with_id(&self, path: &Path) -> Result<(Box<dyn ReadBackend>, FileId)> {
-        let file = File::open(path).map_err(Error::io(path, "open"))?;
+        let file = open_input(path)?;
         let id = FileId::of(&file).map_err(Error::io(path, "open"))?;
         let backend: Box<dyn ReadBackend> = if self.positioned {
             Box::new(Positioned::of(file, path)?)

@@ -7,6 +7,9 @@ use super::metadata::Metadata;
 pub enum Tag {
     /// Unit of length of the world, where no coordinate system tells it.
     Unit,
+    /// The role of each channel in a picture's colours, where it is not the usual one: see
+    /// [`colour_roles`](Metadata::colour_roles).
+    ColourRoles,
     /// The furthest that a corner of an exact model was moved, in its unit of length.
     ModelDisplacement,
     /// Faces of an exact model whose corners do not lie in one plane on the grid, which were cut into triangles.
@@ -42,6 +45,7 @@ impl Tag {
     pub fn key(self) -> &'static str {
         match self {
             Tag::Unit => "unit",
+            Tag::ColourRoles => "colour_roles",
             Tag::ModelDisplacement => "model.displacement",
             Tag::ModelCutFaces => "model.cut_faces",
             Tag::ModelSlivers => "model.slivers",

@@ -1,15 +1,23 @@
 //! Where cells lie in the world: coordinate systems as they were defined, their formulas, and the frames that lead to them.
 
 mod control_points;
+mod coordinates;
 mod definition;
+mod exchange;
 mod frame;
+mod places;
 mod projection;
+mod registry;
+mod transformation;
 mod web_mercator;
 
 pub use control_points::{ControlPoint, ControlPoints};
+pub use coordinates::Coordinates;
 pub use definition::{Crs, Epsg, GeoKeys};
 pub use frame::Frame;
+pub use places::{Places, PolygonParts, corners_text};
 pub use projection::{PROJECTION_METHODS, Projection};
+pub use transformation::Transformation;
 pub use web_mercator::{
     WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator, web_mercator_depth,
 };

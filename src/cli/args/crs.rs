@@ -9,7 +9,10 @@ const MOST: u64 = 2 << 20;
 
 /// Reads a definition, or the file that has it: after `@`, or by a path that nothing else could be meant by.
 pub(crate) fn parse_crs(text: &str) -> Result<Crs, String> {
-    let parse = |text: &str| Crs::parse(text).map_err(|error| error.to_string());
+    let parse = |text: &str| {
+        let parsed = Crs::parse(text).and_then(|crs| crs.check_registered().map(|()| crs));
+        parsed.map_err(|error| error.to_string())
+    };
     match text.strip_prefix('@') {
         Some(path) => parse(&read(path)?),
         None => parse(text)

@@ -1,6 +1,7 @@
 //! Options that several subcommands share, and how what people write is read.
 
 mod commit;
+mod coordinates;
 mod crs;
 mod cuboid;
 mod global;
@@ -16,10 +17,11 @@ mod words;
 use std::fmt::Display;
 use std::str::FromStr;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Result, ensure};
 use spinney::dataset::Dataset;
 
 pub(crate) use commit::CommitOptions;
+pub(crate) use coordinates::{CoordinatesOption, places};
 pub(crate) use crs::parse_crs;
 pub(crate) use cuboid::{Cuboid, parse_cuboid};
 pub(crate) use global::Global;
@@ -51,12 +53,4 @@ pub(crate) fn level_of(tree: &Dataset, asked: Option<u8>) -> Result<u8> {
     let level = asked.unwrap_or(depth);
     ensure!(level <= depth, "--level: {level}, the tree's levels are 0 to {depth}");
     Ok(level)
-}
-
-/// Message about a file whose cells lie on top of each other in the world.
-const NO_INVERSE: &str = "the file's transform has no inverse";
-
-/// Cell coordinates of a point of the world.
-pub(crate) fn to_cells(tree: &Dataset, point: [f64; 3]) -> Result<[f64; 3]> {
-    tree.metadata().frame.to_cells(point).context(NO_INVERSE)
 }

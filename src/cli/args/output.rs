@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result, bail};
 use spinney::export::image::{Format, format_of};
 use spinney::export::vector::VectorFormat;
 use spinney::io::Output;
-use spinney::store::split_commit;
+use spinney::store::{create_tree_file, split_commit};
 
 use super::memory::parse_bytes;
 
@@ -22,11 +22,19 @@ pub(crate) struct OutputLimit {
 impl OutputLimit {
     /// Starts a file.
     pub(crate) fn create(&self, path: &Path) -> spinney::Result<Output> {
-        let output = Output::create(path)?;
-        Ok(match self.max_bytes {
+        Output::create(path).map(|output| self.limited(output))
+    }
+
+    /// Starts a tree's file.
+    pub(crate) fn create_tree(&self, path: &Path) -> spinney::Result<Output> {
+        create_tree_file(path).map(|output| self.limited(output))
+    }
+
+    fn limited(&self, output: Output) -> Output {
+        match self.max_bytes {
             Some(most) => output.with_limit(most),
             None => output,
-        })
+        }
     }
 }
 

@@ -42,7 +42,7 @@ impl Slice {
         } else {
             ensure!(
                 coordinate.fract() == 0.0,
-                "--slice: {coordinate} is no cell; with --world it is a place in the world"
+                "--slice: {coordinate} is no cell; with --in world it is a place in the world"
             );
             coordinate
         };

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use spinney::dataset::Dataset;
-use spinney::ops::Step;
+use spinney::ops::{Step, WarpTarget};
 
 use super::super::open;
 use super::parse_crs;
@@ -43,6 +43,10 @@ impl ViewedTree {
 pub(crate) fn parse_step(text: &str) -> Result<Step, String> {
     if let Some(definition) = text.strip_prefix("crs=") {
         return parse_crs(definition).map(Step::Crs);
+    }
+    if let Some(target) = text.strip_prefix("warp=") {
+        let (definition, cell, resampling) = WarpTarget::split(target).map_err(|error| error.to_string())?;
+        return parse_crs(definition).map(|crs| Step::Warp(WarpTarget { crs, cell, resampling }));
     }
     text.parse().map_err(|error: spinney::Error| error.to_string())
 }

@@ -3,6 +3,7 @@
 mod exact;
 mod pictures;
 mod solids;
+mod tree;
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -14,11 +15,12 @@ use spinney::import::{raster, volume};
 use spinney::io::Output;
 use spinney::ops::WarpOptions;
 use spinney::space::Crs;
-use spinney::store::file_is_tree;
+use spinney::store::{check_tree_name, file_is_tree};
 
 use self::exact::ExactImport;
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
+use self::tree::TreeImport;
 use super::Global;
 use super::args::{Memory, OutputLimit, check_output, parse_crs};
 use super::report::{Work, report_built};
@@ -38,11 +40,14 @@ use super::report::{Work, report_built};
 /// its winding field, to 0.01, where it is not. Several models become one solid. With --exact the faces themselves are
 /// kept, which must bound a body.
 ///
+/// Takes a tree, too, and keeps what it tells about its cells, such as kind, rule, coordinate system and names, unless options
+/// say something else: with another --rule, coarser levels are made anew.
+///
 /// Data that do not fit into --memory go to a temporary file beside the output.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Raster files (of several, the last lies on top), a volume, or models
+    /// Raster files (of several, the last lies on top), a volume, models, or a tree
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// The file to make; - is standard output
@@ -118,6 +123,7 @@ Examples:
   spinney build part.stl -o exact.goblin --exact
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
   spinney build landcover.tif -o landcover.autumn --share
+  spinney build heights.goblin -o highest.goblin --rule max
   spinney build landcover.tif -o tiles.goblin --grid xyz
   spinney build dem.tif -o dem_tiles.goblin --grid xyz --max-zoom 12 --resampling cubic
   spinney build world.tif -o - | ssh host 'cat > world.goblin'
@@ -133,6 +139,7 @@ enum Import {
     Volume(Box<volume::VolumeImport>),
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
+    Tree(Box<TreeImport>),
 }
 
 /// Lines about what was built, each with its heading.
@@ -145,6 +152,7 @@ impl Import {
             Import::Volume(import) => import.description(),
             Import::Solid(import) => import.description(),
             Import::Exact(import) => import.description(),
+            Import::Tree(import) => import.description(),
         }
     }
 
@@ -153,7 +161,7 @@ impl Import {
         match self {
             Import::Pictures(import) | Import::WebMap(import, ..) => Some(import.raw_bytes()),
             Import::Volume(import) => Some(import.raw_bytes()),
-            Import::Solid(_) | Import::Exact(_) => None,
+            Import::Solid(_) | Import::Exact(_) | Import::Tree(_) => None,
         }
     }
 
@@ -174,6 +182,10 @@ impl Import {
             }
             Import::Solid(import) => Ok(solids.lines(&import.build(output, progress)?)),
             Import::Exact(import) => import.build(output, solids.stats, progress),
+            Import::Tree(import) => {
+                import.build(output, progress)?;
+                Ok(Lines::new())
+            }
         }
     }
 }
@@ -183,9 +195,12 @@ impl Args {
     fn plan(&self) -> Result<Import> {
         let Args { inputs, output, pictures, common, solids } = self;
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
+        check_tree_name(output)?;
         if let Some(tree) = inputs.iter().find(|input| file_is_tree(input)) {
-            let tree = tree.display();
-            bail!("{tree}: is a tree already; `spinney publish {tree} OUT` writes it in either format");
+            if solids.are_given() {
+                bail!("{}: is a tree of cells; the options for solids are for models", tree.display());
+            }
+            return Ok(Import::Tree(Box::new(TreeImport::plan(inputs, pictures, common)?)));
         }
         if inputs.iter().any(|input| mesh::is_model(input)) {
             if pictures.are_given() {
@@ -246,7 +261,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     }
     let raw = import.raw_bytes();
     let work = Work::start(global, "cells")?;
-    let output = args.common.limit.create(&args.output)?;
+    let output = args.common.limit.create_tree(&args.output)?;
     let lines = import.build(output, &args.solids, &work)?;
     work.finish();
     for (heading, text) in lines {

@@ -16,11 +16,11 @@ pub(super) struct PictureArgs {
     /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from
     /// the file]
     #[arg(long)]
-    kind: Option<Kind>,
+    pub(super) kind: Option<Kind>,
     /// The value that stands for many at coarse detail: mean, majority, dominant, min, max or nearest
     /// [default: mean of amounts, majority of classes]
     #[arg(long)]
-    rule: Option<Rule>,
+    pub(super) rule: Option<Rule>,
     /// Channels to take, counted from 1, in this order [default: all]
     #[arg(long, value_name = "N,...", value_delimiter = ',')]
     band: Option<Vec<usize>>,
@@ -30,9 +30,9 @@ pub(super) struct PictureArgs {
     /// Coordinates of the pixels: x = a col + b row + c, y = d col + e row + f [default: from the file]. Volumes: widths of a cell
     /// along x, y and z, or a 3 x 4 matrix, row by row [default: 1,1,1]
     #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform)]
-    transform: Option<Transform>,
-    /// Layer of an OpenEXR file, by name [default: the first]
-    #[arg(long, value_name = "NAME")]
+    pub(super) transform: Option<Transform>,
+    /// Layer of an OpenEXR file, by name, or page of a TIFF file, by its number from 1 [default: the first]
+    #[arg(long, value_name = "NAME|N")]
     layer: Option<String>,
     /// Keep pixels of opacity 0 as cells with their colours, which coarser cells then average like all others
     /// [default: they are VOID]
@@ -53,7 +53,7 @@ pub(super) struct PictureArgs {
 
 /// Coordinates of cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Transform {
+pub(super) enum Transform {
     Picture([f64; 6]),
     Volume([[f64; 4]; 3]),
 }
@@ -70,6 +70,17 @@ impl PictureArgs {
             || layer.is_some()
             || *keep_transparent
             || self.of_web_grid().is_some()
+    }
+
+    /// An option that was given and says what cells are made of.
+    pub(super) fn of_cells(&self) -> Option<&'static str> {
+        let given = [
+            ("--band", self.band.is_some()),
+            ("--nodata", self.nodata.is_some()),
+            ("--layer", self.layer.is_some()),
+            ("--keep-transparent", self.keep_transparent),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
     /// An option that was given and is for the grid of web maps alone.

@@ -195,6 +195,15 @@ impl SolidArgs {
         if report.undecided > 0 {
             lines.push(("undecided", format!("{} cells in its holes, by a guess", report.undecided)));
         }
+        if report.collapsed > 0 {
+            let (collapsed, all) = (report.collapsed, report.faces);
+            lines.push((
+                "collapsed",
+                format!(
+                    "{collapsed} of {all} faces are points or lines on the cells' grid, and count for nothing"
+                ),
+            ));
+        }
         if report.duplicates > 0 {
             lines.push(("doubled", format!("{} triangles, which count once", report.duplicates)));
         }

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
+use spinney::Progress as _;
 use spinney::export::vector::{
     AttributeType, AttributeValue, GeometryKind, Smoothed, VectorLayer, VectorWriter,
 };
@@ -63,7 +64,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         request.folder = Some(folder.map_or_else(|| ".".into(), PathBuf::from));
     }
     let write = |output: Output| {
+        let remark = layer.remark(format);
         let mut writer = VectorWriter::create(output, format, layer)?;
+        remark.iter().for_each(|remark| work.warn(&args.output, remark));
         let mut each = |contour: &Contour<'_>| match args.bands {
             false => {
                 let line = Smoothed::new(contour, contour.is_closed(), args.smooth);

@@ -52,10 +52,6 @@ pub(crate) fn export(
         global
             .report("left out", format_args!("{collapsed} triangles that have no area in single precision"));
     }
-    if summary.lost_attributes > 0 {
-        let lost = summary.lost_attributes;
-        global.report("left out", format_args!("what is said of {lost} parts and files, beyond their names"));
-    }
     report_output(global, path, start);
     Ok(())
 }

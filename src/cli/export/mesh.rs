@@ -19,7 +19,7 @@ pub(super) struct MeshOptions {
     /// it is at least half full (rule occupancy), or if anything is in it (other rules)
     #[arg(long)]
     pub(super) level: Option<u8>,
-    /// The smooth surface where cells are half full (surface nets), instead of the cells' faces
+    /// The smooth surface where cells are half full (surface nets; every edge has two faces), instead of the cells' faces
     #[arg(long)]
     pub(super) smooth: bool,
     /// Triangles only, in PLY, OBJ and OFF too; also of exact models

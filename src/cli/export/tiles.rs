@@ -8,8 +8,8 @@ use anyhow::{Context as _, Result, bail};
 use spinney::Progress as _;
 use spinney::dataset::Dataset;
 use spinney::export::tiles::{
-    TileEncoding, TileFormat, TilePainter, TileRequest, TileSource, TileTarget, WarpedTiles, XyzTiles,
-    export_tiles, update_tiles,
+    TileEncoding, TileFormat, TilePainter, TileRequest, TileSource, TileTarget, TileUpdate, UpdateOptions,
+    WarpedTiles, XyzTiles, export_tiles,
 };
 use spinney::ops::{Resampling, WarpOptions};
 use spinney::style::Style;
@@ -65,6 +65,10 @@ pub(super) struct ArchiveOptions {
     /// The file that the archive was made of, if it is no commit of the same file
     #[arg(long, value_name = "FILE", requires = "update")]
     since: Option<PathBuf>,
+    /// Draw all tiles of an update anew, with the style and the percentiles of now; without this, colours keep the numbers that
+    /// percentiles were when the archive was made
+    #[arg(long, requires = "update")]
+    restyle: bool,
 }
 
 fn parse_zooms(text: &str) -> Result<RangeInclusive<u8>, String> {
@@ -97,6 +101,7 @@ impl ArchiveOptions {
             ("--resume", self.resume),
             ("--update", self.update.is_some()),
             ("--since", self.since.is_some()),
+            ("--restyle", self.restyle),
         ];
         all.into_iter().find(|(_, is_given)| *is_given).map(|(option, _)| option)
     }
@@ -157,19 +162,28 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     let style = options.style.clone().unwrap_or_else(|| Style::default_for(&tree));
     let work = Work::start(global, "tiles")?;
     let tiles = source(args, &tree, &mut request, &work)?;
-    let painter = TilePainter::new(&style, &tree, &work)?;
+    let cannot_write = || format!("cannot write {}", args.output.display());
+    let update = match &options.update {
+        None => None,
+        Some(_) if args.tree.is_viewed() => bail!("--update: of a view, make the archive anew"),
+        Some(old) => Some(TileUpdate::open(target, old.as_deref(), &work).with_context(cannot_write)?),
+    };
+    let painter = match &update {
+        Some(update) if !options.restyle => update.painter(&style, &tree, &work)?,
+        _ => TilePainter::new(&style, &tree, &work)?,
+    };
     if !format.is_array() {
         request.legend = painter.painter().legend(&tree)?.svg();
     }
-    let stored = match &options.update {
+    let stored = match update {
         None => export_tiles(&*tiles, &painter, &request, target, &work),
-        Some(_) if args.tree.is_viewed() => bail!("--update: of a view, make the archive anew"),
-        Some(old) => {
-            let (old, since) = (old.as_deref(), options.since.as_deref());
-            update_tiles(&tree, &*tiles, &painter, &request, target, old, since, &work)
+        Some(update) => {
+            let mut how = UpdateOptions::default();
+            (how.since, how.restyle) = (options.since.clone(), options.restyle);
+            update.run(&tree, &*tiles, &painter, &request, &how, &work)
         }
     };
-    let stored = stored.with_context(|| format!("cannot write {}", args.output.display()))?;
+    let stored = stored.with_context(cannot_write)?;
     work.finish();
     global.report("tiles", format_args!("{}, {} of them different", stored.tiles, stored.contents));
     if options.update.is_some() && stored.copied > 0 {

@@ -105,6 +105,8 @@ fn open(path: &Path) -> Result<ExactModel> {
     match exact::open(path)? {
         Some(model) => Ok(model),
         None => {
+            // (What is no tree at all is told as such.)
+            super::open(path)?;
             bail!(
                 "{}: is no exact model; sections are of those (`spinney build MODEL --exact`)",
                 path.display()

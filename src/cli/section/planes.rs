@@ -1,6 +1,7 @@
 //! `spinney section MODEL PLANE...`: where planes cut an exact model.
 
 use anyhow::{Context as _, Result};
+use spinney::Progress as _;
 use spinney::brep::query::{CuttingPlane, SectionPolygon};
 use spinney::brep::{ExactModel, Faces};
 use spinney::export::vector::{
@@ -87,7 +88,9 @@ pub(super) fn write(
     };
     let work = Work::start(global, "planes")?;
     let write = || -> Result<[f64; 2]> {
+        let remark = layer.remark(format);
         let mut writer = VectorWriter::create(args.limit.create(&args.output)?, format, layer)?;
+        remark.iter().for_each(|remark| work.warn(&args.output, remark));
         let (mut count, mut area) = (0.0, 0.0);
         for planes in planes {
             let mut distances = (0..planes.count as usize).map(|number| planes.at(number as u32));

@@ -1,6 +1,7 @@
 //! `spinney section MODEL MODEL`: what the surfaces of two exact models have in common.
 
 use anyhow::{Context as _, Result, bail};
+use spinney::Progress as _;
 use spinney::brep::surface_intersection::{LineKind, SurfaceIntersection, surface_intersection};
 use spinney::brep::{ExactModel, Faces};
 use spinney::export::vector::{
@@ -44,7 +45,9 @@ pub(super) fn write(
         bounds: bounds(&found).map_or_else(|| a.bounds().map(|bounds| bounds.map(|[x, y, _]| [x, y])), Ok)?,
     };
     let write = || -> Result<()> {
+        let remark = layer.remark(format);
         let mut writer = VectorWriter::create(args.limit.create(&args.output)?, format, layer)?;
+        remark.iter().for_each(|remark| work.warn(&args.output, remark));
         let none = AttributeValue::None;
         for line in &found.lines {
             let kind = match line.kind {

@@ -34,9 +34,10 @@ smooth surface they stand for, each face weighted by the surface's normal there.
 going through all cells around the surface, which takes seconds where there are many. In other
 octrees cells that are not VOID are full.
 
-With --zones there are statistics of the cells in each polygon of a GeoJSON file, whose corners are
-taken to be in the tree's own coordinate system, whatever the document says of theirs. Only what the
-polygons' borders cut is read.
+With --zones there are statistics of the cells in each polygon of a GeoJSON file, with its id and
+attributes. Its corners are longitude and latitude (RFC 7946), unless the document has a member crs or --in
+says otherwise (--in world: the tree's own system); they are brought to the tree's system. Only what
+the polygons' borders cut is read.
 
 Areas in square metres are printed for projected coordinate systems that count in metres, except Web
 Mercator. Cells of degrees differ in area.";
@@ -65,9 +66,8 @@ pub(crate) struct Args {
     /// Polygons in a GeoJSON file: statistics of the cells in each
     #[arg(long, value_name = "GEOJSON", conflicts_with_all = ["window", "bbox", "solid", "surface", "level"])]
     zones: Option<PathBuf>,
-    /// Cells on a polygon's border
-    #[arg(long, value_name = "RULE", value_enum, default_value_t, requires = "zones")]
-    border: zones::BorderCells,
+    #[command(flatten)]
+    zone_options: zones::ZoneOptions,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -88,10 +88,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     let tree = args.tree.open()?;
     if let Some(file) = &args.zones {
-        zones::run(&tree, file, args.border, args.json, global)?;
+        zones::run(&tree, file, &args.zone_options, args.part.coordinates().given(), args.json, global)?;
         return Ok(tree.check_unchanged()?);
     }
-    let bounds = args.part.bounds(&tree)?;
+    let boxes = args.part.boxes(&tree)?;
     let is_octree = tree.header().form.axes() == 3;
     let is_asked = args.solid || args.surface || args.level.is_some();
     ensure!(
@@ -100,14 +100,20 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         args.tree.file.display()
     );
     ensure!(
-        !is_asked || bounds.is_none(),
+        !is_asked || boxes.is_none(),
         "--solid, --surface and --level are for the whole octree; see --view window=..."
     );
-    let is_solid = is_octree && tree.header().rule == Rule::Occupancy && bounds.is_none();
-    let stats = tree.statistics(bounds)?;
+    let is_solid = is_octree && tree.header().rule == Rule::Occupancy && boxes.is_none();
+    let stats = match boxes.as_deref() {
+        None => tree.statistics(None)?,
+        Some(boxes) => {
+            let parts = boxes.iter().map(|bounds| tree.statistics(Some(*bounds)));
+            Statistics::of_parts(&parts.collect::<spinney::Result<Vec<_>>>()?)
+        }
+    };
     let picture = tree.header().picture();
-    let bounds = bounds.unwrap_or(picture).intersect(&picture);
-    let histogram = histogram(&tree, &bounds, &stats, args.bins)?;
+    let boxes = boxes.unwrap_or(vec![picture]);
+    let histogram = histogram(&tree, &boxes, &stats, args.bins)?;
     // Last, since up to here a signal ends the program at once.
     let measured = if is_asked || is_solid {
         let work = Work::start(global, "cells")?;
@@ -134,10 +140,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 
 /// Bins of the first channel, each with its least value and its cells; none of classes, or where all values
 /// are alike.
-fn histogram(tree: &Dataset, bounds: &Bounds, stats: &Statistics, bins: u32) -> Result<Vec<(f64, u64)>> {
+fn histogram(tree: &Dataset, boxes: &[Bounds], stats: &Statistics, bins: u32) -> Result<Vec<(f64, u64)>> {
     match stats.channels.first() {
         Some(first) if stats.classes.is_empty() && first.min < first.max && bins > 0 => {
-            let cells = tree.histogram(bounds, first.min, first.max, bins as usize)?;
+            let mut cells = vec![0; bins as usize];
+            for bounds in boxes {
+                let bounds = bounds.intersect(&tree.header().picture());
+                let part = tree.histogram(&bounds, first.min, first.max, bins as usize)?;
+                cells.iter_mut().zip(part).for_each(|(all, part)| *all += part);
+            }
             let width = (first.max - first.min) / f64::from(bins);
             Ok((0..).map(|bin| first.min + f64::from(bin) * width).zip(cells).collect())
         }

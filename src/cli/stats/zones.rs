@@ -8,15 +8,17 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::import::geojson::{PolygonFeature, read_polygons};
 use spinney::query::{ZoneChannel, ZoneRule, ZoneStatistics};
+use spinney::space::{Coordinates, Polygon};
 
 use super::super::Global;
+use super::super::args::{Memory, places};
 use super::super::report::statistics::class_as_json;
-use super::super::report::{Work, print_json, print_text};
+use super::super::report::{Work, print_json, print_text, warn};
 use super::{cell_area, class_name};
 
 /// Ways in which cells on a polygon's border count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum BorderCells {
+enum BorderCells {
     /// Whole if their centre is inside
     #[default]
     Centre,
@@ -24,25 +26,45 @@ pub(super) enum BorderCells {
     Area,
 }
 
+/// Options for statistics of polygons.
+#[derive(clap::Args)]
+pub(super) struct ZoneOptions {
+    /// Cells on a polygon's border
+    #[arg(long, value_name = "RULE", value_enum, default_value_t, requires = "zones")]
+    border: BorderCells,
+    #[command(flatten)]
+    memory: Memory,
+}
+
 /// Prints the statistics of each polygon of a GeoJSON file.
 pub(super) fn run(
     tree: &Dataset,
     file: &Path,
-    border: BorderCells,
+    options: &ZoneOptions,
+    coordinates: Option<&Coordinates>,
     as_json: bool,
     global: &Global,
 ) -> Result<()> {
-    let features = read_polygons(file)?;
+    let layer = read_polygons(file, options.memory.bytes)?;
     let frame = &tree.metadata().frame;
-    let polygons = features.iter().enumerate().map(|(number, feature)| {
-        feature.in_cells(frame).with_context(|| format!("{}: feature {}", file.display(), number + 1))
-    });
-    let polygons = polygons.collect::<Result<Vec<_>>>()?;
-    let rule = match border {
+    let mut own = layer.coordinates();
+    if frame.crs.is_none() && coordinates.is_none() && own != Coordinates::World {
+        warn("the tree has no coordinate system: corners are taken to be in its own coordinates");
+        own = Coordinates::World;
+    }
+    let places = places(tree, coordinates.unwrap_or(&own))?;
+    let polygons =
+        layer.in_cells(&places, tree.header().extent).with_context(|| file.display().to_string())?;
+    let features = &layer.features;
+    let rule = match options.border {
         BorderCells::Centre => ZoneRule::Centre,
         BorderCells::Area => ZoneRule::Area,
     };
-    let zones = tree.zonal(&polygons, rule, &Work::start(global, "polygons")?)?;
+    // (Features that lie outside of the tree have no cells.)
+    let met: Vec<Polygon> = polygons.iter().flatten().cloned().collect();
+    let mut found = tree.zonal(&met, rule, &Work::start(global, "polygons")?)?.into_iter();
+    let zone_of = |polygon: &Option<Polygon>| polygon.as_ref().and_then(|_| found.next()).unwrap_or_default();
+    let zones: Vec<ZoneStatistics> = polygons.iter().map(zone_of).collect();
     if as_json {
         let zones: Vec<_> =
             features.iter().zip(&zones).map(|(feature, zone)| json_of(tree, feature, zone)).collect();
@@ -51,7 +73,7 @@ pub(super) fn run(
     let mut text = String::new();
     for (number, (feature, zone)) in features.iter().zip(&zones).enumerate() {
         let number = format!("#{}", number + 1);
-        write_zone(&mut text, tree, feature.name.as_deref().unwrap_or(&number), zone)?;
+        write_zone(&mut text, tree, &feature.name().unwrap_or(number), zone)?;
     }
     print_text(&text)
 }
@@ -71,7 +93,9 @@ fn json_of(tree: &Dataset, feature: &PolygonFeature, zone: &ZoneStatistics) -> s
         })
     };
     json!({
-        "name": feature.name,
+        "id": feature.id,
+        "name": feature.name(),
+        "properties": feature.properties,
         "cells": zone.cells,
         "void_cells": zone.void_cells,
         "area_m2": area.map(|area| area * zone.cells),

@@ -135,7 +135,8 @@ fn broken() {
         ("[0, 0, 0]", "[0, 0, null]", "line 4"),
         ("[0.001,", "[1e308,", "vertex 1"),
         ("\"2.0\"", "\"3.0\"", "is not supported"),
-        ("\"type\":\"CityJSON\"", "\"type\":\"FeatureCollection\"", "\"CityJSON\""),
+        ("\"type\":\"CityJSON\"", "\"type\":\"FeatureCollection\"", "a GeoJSON document"),
+        ("\"type\":\"CityJSON\"", "\"type\":\"Topology\"", "\"CityJSON\""),
         ("\"2.2\"", "\"high\"", "level of detail"),
         ("\"MultiPoint\"", "\"GeometryInstance\"", "template"),
     ] {

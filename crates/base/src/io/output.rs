@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::faults::{Faults, MayFail};
+use super::file_id::FileId;
 use super::platform::{free_space, set_output_permissions};
+use super::regular::open_regular;
 use super::write::{FileBackend, check_limit};
 use crate::{Error, Result};
 
@@ -93,11 +95,19 @@ impl Output {
     pub fn resumable(path: &Path) -> Result<(Output, u64)> {
         let target = follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?;
         let partial = partial_of(&target);
-        let open = File::options().read(true).write(true).create(true).truncate(false).open(&partial);
-        let file = open.map_err(Error::io(&partial, "open"))?;
-        if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
-            return Err(Error::Locked { path: partial, holder: "another process".into() });
-        }
+        let mut options = File::options();
+        options.read(true).write(true).create(true).truncate(false);
+        let file = loop {
+            let file = open_regular(&mut options, &partial)?;
+            if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
+                return Err(Error::Locked { path: partial, holder: "another process".into() });
+            }
+            // Whoever had the lock may have put the file in its place after it was opened here.
+            let own = FileId::of(&file).map_err(Error::io(&partial, "look at"))?;
+            if FileId::at(&partial).is_ok_and(|there| there == own || there.is_unique()) {
+                break file;
+            }
+        };
         let there = file.metadata().map_err(Error::io(&partial, "read"))?.len();
         let name = tempfile::TempPath::try_from_path(&partial).map_err(Error::io(&partial, "open"))?;
         let mut file = tempfile::NamedTempFile::from_parts(file, name);

@@ -63,12 +63,26 @@ pub fn write_all_at(mut file: &File, bytes: &[u8], offset: u64) -> io::Result<()
     io::Write::write_all(&mut file, bytes)
 }
 
-/// Makes everything on the disk of a folder durable, where the system can do that at once; elsewhere nothing.
+/// Makes everything below a folder durable: all of its disk at once where the system can do that, elsewhere file by file.
 pub fn sync_all_below(folder: &Path) -> io::Result<()> {
     #[cfg(target_os = "linux")]
-    rustix::fs::syncfs(File::open(folder)?)?;
-    let _ = folder;
-    Ok(())
+    {
+        rustix::fs::syncfs(File::open(folder)?)?;
+        Ok(())
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
+        for entry in std::fs::read_dir(folder)? {
+            let entry = entry?;
+            let kind = entry.file_type()?;
+            if kind.is_dir() {
+                sync_all_below(&entry.path())?;
+            } else if kind.is_file() {
+                File::options().write(true).open(entry.path())?.sync_all()?;
+            }
+        }
+        super::sync_folder(folder)
+    }
 }
 
 /// Device and inode of a file; `None` where the system has no such numbers.
@@ -118,7 +132,7 @@ pub(super) fn free_space(folder: &Path) -> Option<u64> {
 
 /// Gives a temporary file the permissions of the file whose place it will take, or those of a new file.
 #[cfg(unix)]
-pub fn set_output_permissions(file: &File, target: &Path) -> io::Result<()> {
+pub(super) fn set_output_permissions(file: &File, target: &Path) -> io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
     let mode = match std::fs::metadata(target) {
         Ok(existing) => existing.permissions().mode() & 0o777,
@@ -135,6 +149,6 @@ pub fn set_output_permissions(file: &File, target: &Path) -> io::Result<()> {
 
 /// Gives a temporary file the permissions of the file whose place it will take, or those of a new file.
 #[cfg(not(unix))]
-pub fn set_output_permissions(_: &File, _: &Path) -> io::Result<()> {
+pub(super) fn set_output_permissions(_: &File, _: &Path) -> io::Result<()> {
     Ok(())
 }

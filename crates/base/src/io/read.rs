@@ -102,7 +102,7 @@ impl Mapped {
     /// # Errors
     /// If it cannot be opened or mapped.
     pub fn open(path: &Path) -> Result<Mapped> {
-        Mapped::of(&File::open(path).map_err(Error::io(path, "open"))?, path)
+        Mapped::of(&open_input(path)?, path)
     }
 
     /// Maps an open file; the path is for messages.
@@ -169,7 +169,7 @@ impl Positioned {
     /// # Errors
     /// If it cannot be opened.
     pub fn open(path: &Path) -> Result<Positioned> {
-        Positioned::of(File::open(path).map_err(Error::io(path, "open"))?, path)
+        Positioned::of(open_input(path)?, path)
     }
 
     /// Reads an open file; the path is for messages.
@@ -221,4 +221,21 @@ impl Deref for FileBytes<'_> {
             FileBytes::Held(bytes) => bytes,
         }
     }
+}
+
+/// Opens a file that is to be read at positions, more than once or beside others: pipes and devices are refused, of which the first would
+/// wait for a writer.
+///
+/// # Errors
+/// If it cannot be opened, or is no file.
+pub fn open_input(path: &Path) -> Result<File> {
+    let is_stream = std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir());
+    if is_stream {
+        return Err(Error::unsupported(
+            path,
+            "a pipe or device as input",
+            "write what comes from it to a file first",
+        ));
+    }
+    File::open(path).map_err(Error::io(path, "open"))
 }

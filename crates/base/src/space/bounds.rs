@@ -66,6 +66,14 @@ impl Bounds {
         Bounds { min, max: std::array::from_fn(|axis| self.max[axis].min(other.max[axis]).max(min[axis])) }
     }
 
+    /// The smallest box around this one and another.
+    pub fn hull(&self, other: &Bounds) -> Bounds {
+        Bounds {
+            min: std::array::from_fn(|axis| self.min[axis].min(other.min[axis])),
+            max: std::array::from_fn(|axis| self.max[axis].max(other.max[axis])),
+        }
+    }
+
     /// The box, counted from the first cell of another that it is in.
     #[inline]
     pub fn within(&self, other: &Bounds) -> Bounds {

@@ -10,6 +10,6 @@ mod up;
 pub use bounds::Bounds;
 pub use code::{Cell, Code, morton_encode};
 pub use dimension::Dimension;
-pub use polygon::{Cover, Polygon};
+pub use polygon::{Cover, Crossings, Polygon};
 pub use region::Region;
 pub use up::Up;

@@ -8,8 +8,11 @@ use crate::{Error, Result, sort};
 /// A polygon of rings: what an odd number of them is around is inside.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polygon {
-    /// Edges that pass through each of some bands of rows, of the same height.
-    bands: Vec<Vec<Edge>>,
+    edges: Vec<Edge>,
+    /// Numbers of the edges that pass through each of some bands of rows, of the same height: those of a band together.
+    passing: Vec<u32>,
+    /// End of each band's numbers.
+    ends: Vec<usize>,
     low: f64,
     high: f64,
     /// Least and greatest column of the corners.
@@ -21,6 +24,22 @@ type Edge = [[f64; 2]; 2];
 
 /// Most bands of rows: only the edges in the bands of a node are tested against it.
 const BANDS: usize = 1024;
+/// Bands in which an edge stands, at most, on average. Where edges are long there are fewer bands; so each row meets at most about
+/// so many times as many edges as cross it, and memory goes with the edges alone.
+const BANDS_EACH: usize = 4;
+
+/// Room to work in for [`Polygon::spans`].
+#[derive(Default)]
+pub struct Crossings {
+    /// Numbers of edges that may cross the box.
+    near: Vec<u32>,
+    /// Whether, for each row, the number of edges left of the box is odd if it was even in the row before.
+    before: Vec<bool>,
+    /// Columns at which edges cross a row: the first whose centres are not left of them.
+    at: Vec<u64>,
+    /// Whether an odd number of edges crosses the row at each column.
+    is_odd: Vec<bool>,
+}
 
 /// How a polygon has a box of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,19 +89,66 @@ impl Polygon {
         }
         let least = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::INFINITY, f64::min);
         let most = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::NEG_INFINITY, f64::max);
-        let (low, high, sides) = (least(1), most(1), [least(0), most(0)]);
-        // (No more than rows, and than edges.)
-        let bands = (high - low).ceil().clamp(1.0, BANDS.min(corners().count()) as f64) as usize;
-        let mut polygon = Polygon { bands: vec![Vec::new(); bands], low, high, sides };
+        let (low, high) = (least(1), most(1));
+        let mut edges = Vec::with_capacity(corners().count());
         for (ring, is_turned) in rings.iter().zip(is_turned) {
-            for (i, corner) in ring.iter().enumerate() {
-                let next = ring[(i + 1) % ring.len()];
-                let bands = polygon.bands(corner[1].min(next[1]), corner[1].max(next[1]));
-                let edge = if *is_turned { [next, *corner] } else { [*corner, next] };
-                polygon.bands[bands].iter_mut().for_each(|band| band.push(edge));
+            let ends = ring.iter().zip(ring.iter().cycle().skip(1));
+            edges.extend(ends.map(|(a, b)| if *is_turned { [*b, *a] } else { [*a, *b] }));
+        }
+        if u32::try_from(edges.len()).is_err() {
+            return Err(Error::invalid("polygon", format!("{} corners", edges.len()), "less than 2^32"));
+        }
+        let mut polygon =
+            Polygon { edges, passing: Vec::new(), ends: Vec::new(), low, high, sides: [least(0), most(0)] };
+        // (No more than rows, and than edges.)
+        let mut bands = (high - low).ceil().clamp(1.0, BANDS.min(polygon.edges.len()) as f64) as usize;
+        loop {
+            polygon.ends = vec![0; bands];
+            let entries: usize = polygon.edges.iter().map(|edge| polygon.bands_of(edge).len()).sum();
+            if entries <= BANDS_EACH * polygon.edges.len() {
+                break;
+            }
+            bands /= 2;
+        }
+        polygon.fill_bands();
+        Ok(polygon)
+    }
+
+    /// Enters the edges into their bands.
+    fn fill_bands(&mut self) {
+        let mut starts = vec![0; self.ends.len() + 1];
+        for edge in &self.edges {
+            self.bands_of(edge).for_each(|band| starts[band + 1] += 1);
+        }
+        for band in 1..starts.len() {
+            starts[band] += starts[band - 1];
+        }
+        self.passing = vec![0; starts[self.ends.len()]];
+        for (number, edge) in self.edges.iter().enumerate() {
+            for band in self.bands_of(edge) {
+                self.passing[starts[band]] = number as u32;
+                starts[band] += 1;
             }
         }
-        Ok(polygon)
+        // (Where each band begins has moved to where it ends.)
+        starts.pop();
+        self.ends = starts;
+    }
+
+    /// The bands that an edge passes through.
+    fn bands_of(&self, [a, b]: &Edge) -> Range<usize> {
+        self.bands(a[1].min(b[1]), a[1].max(b[1]))
+    }
+
+    /// The edges in some bands, those of each band after each other.
+    fn edges_in(&self, bands: Range<usize>) -> impl Iterator<Item = &Edge> {
+        self.numbers_in(bands).iter().map(|number| &self.edges[*number as usize])
+    }
+
+    /// Numbers of the edges in some bands.
+    fn numbers_in(&self, bands: Range<usize>) -> &[u32] {
+        let start = if bands.start == 0 { 0 } else { self.ends[bands.start - 1] };
+        &self.passing[start..self.ends[bands.end - 1]]
     }
 
     /// Least and greatest coordinates of the corners.
@@ -93,7 +159,7 @@ impl Polygon {
     /// The bands of the rows from one coordinate to another.
     fn bands(&self, from: f64, to: f64) -> Range<usize> {
         let height = (self.high - self.low).max(f64::MIN_POSITIVE);
-        let count = self.bands.len() as f64;
+        let count = self.ends.len() as f64;
         let band = |y: f64| ((y - self.low) / height * count).clamp(0.0, count - 1.0) as usize;
         band(from)..band(to) + 1
     }
@@ -107,7 +173,7 @@ impl Polygon {
         }
         let is_cell = low == high;
         let near = |edge: &Edge| !is_cell && passes(edge, low, high);
-        if self.bands[self.bands(low[1], high[1])].iter().flatten().any(near) {
+        if self.edges_in(self.bands(low[1], high[1])).any(near) {
             return Cover::Part;
         }
         // No edge passes between the centres, so that the first one's parity is that of all.
@@ -122,7 +188,7 @@ impl Polygon {
             return Cover::Nothing;
         }
         let near = |edge: &Edge| passes(edge, low, high);
-        if self.bands[self.bands(low[1], high[1])].iter().flatten().any(near) {
+        if self.edges_in(self.bands(low[1], high[1])).any(near) {
             return Cover::Part;
         }
         if self.has([centre(bounds.min[0]), centre(bounds.min[1])]) { Cover::Whole } else { Cover::Nothing }
@@ -131,48 +197,104 @@ impl Polygon {
     /// Whether a point is inside, not too near an edge. Ends on the row count as below it: a ray through a corner then crosses
     /// both of its edges, or none, or the one that goes on, and parity is right.
     fn has(&self, [x, y]: [f64; 2]) -> bool {
-        let band = self.bands(y, y).start;
-        self.bands[band].iter().filter_map(|edge| crossing(edge, y)).filter(|at| x < *at).count() % 2 == 1
+        let edges = self.edges_in(self.bands(y, y));
+        edges.filter_map(|edge| crossing(edge, y)).filter(|at| x < *at).count() % 2 == 1
     }
 
-    /// The columns of a row, from `columns`, whose cells' centres are inside; `crossings` is room to work in.
-    pub fn spans(
-        &self,
-        row: u64,
-        columns: Range<u64>,
-        crossings: &mut Vec<f64>,
-        each: &mut dyn FnMut(Range<u64>),
-    ) {
-        let y = centre(row);
-        crossings.clear();
-        if y < self.low || y > self.high {
-            return;
-        }
-        crossings.extend(self.bands[self.bands(y, y).start].iter().filter_map(|edge| crossing(edge, y)));
-        sort::floats(crossings);
+    /// Hands out the columns, row by row, of a box's cells whose centres are inside; `work` is room to work in.
+    ///
+    /// Edges beside the box are looked at once for all rows of a band, not for each row.
+    pub fn spans(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>)) {
+        let columns = bounds.min[0]..bounds.max[0];
+        let last = bounds.max[1].min(self.high.max(0.0) as u64 + 1);
+        let mut row = bounds.min[1].max(self.low.max(0.0) as u64);
         // The first column whose centre is not left of a crossing. (What is negative, or too large, becomes the nearest number.)
         let column = |at: f64| {
             let next = (at + 0.5) as u64;
             let is_on = next as f64 - 0.5 >= at;
             next.saturating_sub(u64::from(is_on)).clamp(columns.start, columns.end)
         };
-        for pair in crossings.chunks_exact(2) {
-            let span = column(pair[0])..column(pair[1]);
-            if !span.is_empty() {
-                each(span);
+        while row < last {
+            let rows = row..self.end_of_band(row).min(last);
+            self.gather(rows.clone(), columns.clone(), work);
+            // (Where very many edges cross the box, it is faster to go through its columns than to sort.)
+            let is_crowded = columns.end - columns.start <= 4 * work.near.len() as u64;
+            work.is_odd
+                .resize(if is_crowded { (columns.end - columns.start) as usize + 1 } else { 0 }, false);
+            let mut is_inside = false;
+            for (row, crosses_before) in rows.clone().zip(&work.before) {
+                is_inside ^= crosses_before;
+                let y = centre(row);
+                let edges = work.near.iter().map(|number| &self.edges[*number as usize]);
+                let crossings = edges.filter_map(|edge| crossing(edge, y)).map(column);
+                work.at.clear();
+                if is_crowded {
+                    // Columns at which an odd number of edges crosses the row; all others cancel each other.
+                    work.is_odd.fill(false);
+                    crossings.for_each(|column| work.is_odd[(column - columns.start) as usize] ^= true);
+                    let odd = columns.clone().zip(&work.is_odd).filter(|(_, is_odd)| **is_odd);
+                    work.at.extend(odd.map(|(column, _)| column));
+                } else {
+                    work.at.extend(crossings);
+                    sort::numbers64(&mut work.at);
+                }
+                let (mut is_inside, mut start) = (is_inside, columns.start);
+                for end in work.at.iter().copied().chain([columns.end]) {
+                    if is_inside && start < end {
+                        each(row, start..end);
+                    }
+                    (is_inside, start) = (!is_inside, end);
+                }
+            }
+            row = rows.end;
+        }
+    }
+
+    /// The first row behind the band that a row's centre is in.
+    fn end_of_band(&self, row: u64) -> u64 {
+        let bands = self.ends.len();
+        let band = self.bands(centre(row), centre(row)).start;
+        let end = self.low + (self.high - self.low) / bands as f64 * (band + 1) as f64;
+        if band + 1 == bands { u64::MAX } else { ((end - 0.5).ceil().max(0.0) as u64).max(row + 1) }
+    }
+
+    /// Collects, for some rows, the edges that may cross them within some columns, and which rows are crossed by an odd number of edges
+    /// more than the row before, on the left of these columns.
+    fn gather(&self, rows: Range<u64>, columns: Range<u64>, work: &mut Crossings) {
+        let [low, high] = [centre(rows.start), centre(rows.end - 1)];
+        let (left, right) = (columns.start as f64 + 0.5, columns.end as f64);
+        work.near.clear();
+        work.before.clear();
+        work.before.resize((rows.end - rows.start) as usize + 1, false);
+        let bands = self.bands(low, high);
+        for band in bands.clone() {
+            for number in self.numbers_in(band..band + 1) {
+                let [a, b] = &self.edges[*number as usize];
+                let (from, to) = (a[1].min(b[1]), a[1].max(b[1]));
+                // (One that stands in several bands counts in the first of them.)
+                let is_again = band > bands.start && self.bands(from, from).start < band;
+                if is_again || to <= low || from > high || a[0].min(b[0]) > right {
+                    continue;
+                }
+                if a[0].max(b[0]) > left {
+                    work.near.push(*number);
+                    continue;
+                }
+                // Rows whose centres are not below the one end, and below the other.
+                let step = |y: f64| {
+                    let row = (y - 0.5).ceil().clamp(rows.start as f64, rows.end as f64) as u64;
+                    (row - rows.start) as usize
+                };
+                work.before[step(from)] ^= true;
+                work.before[step(to)] ^= true;
             }
         }
     }
 
     /// Number of cells of a box whose centres are inside.
-    pub fn count_centres(&self, bounds: &Bounds, crossings: &mut Vec<f64>) -> u64 {
-        let rows =
-            bounds.min[1].max(self.low.max(0.0) as u64)..bounds.max[1].min(self.high.max(0.0) as u64 + 1);
+    pub fn count_centres(&self, bounds: &Bounds, work: &mut Crossings) -> u64 {
         let mut cells = 0;
-        for row in rows {
-            let columns = bounds.min[0]..bounds.max[0];
-            self.spans(row, columns, crossings, &mut |span| cells += span.end - span.start);
-        }
+        self.spans(bounds, work, &mut |_, span| cells += span.end - span.start);
         cells
     }
 
@@ -183,20 +305,15 @@ impl Polygon {
         if low >= high {
             return 0.0;
         }
-        let height = (self.high - self.low) / self.bands.len() as f64;
+        let bands = self.bands(low, high);
         let mut sum = 0.0;
-        // Each piece of an edge counts in the one band that it lies in.
-        for number in self.bands(low, high) {
-            let from = if number == 0 { self.low } else { self.low + height * number as f64 };
-            let to = if number + 1 == self.bands.len() {
-                self.high
-            } else {
-                self.low + height * (number + 1) as f64
-            };
-            let rows = [from.max(low), to.min(high)];
-            if rows[0] < rows[1] {
-                sum +=
-                    self.bands[number].iter().map(|edge| area_left(edge, rows, [left, right])).sum::<f64>();
+        for band in bands.clone() {
+            for edge in self.edges_in(band..band + 1) {
+                // (One that stands in several bands counts in the first of them.)
+                let is_again = band > bands.start && self.bands_of(edge).start < band;
+                if !is_again {
+                    sum += area_left(edge, [low, high], [left, right]);
+                }
             }
         }
         sum.abs().min((right - left) * (high - low))
@@ -304,9 +421,23 @@ mod tests {
     }
 
     #[test]
+    fn memory_goes_with_the_edges_however_long_they_are() {
+        // Every edge passes through all rows, or through half of them, or hardly any.
+        for height in [4096.0, 2048.0, 1.0] {
+            let zigzag: Vec<[f64; 2]> = (0..20_000)
+                .map(|i| [f64::from(i) / 5.0, if i % 2 == 0 { 0.0 } else { height }])
+                .chain([[4000.0, 4096.0], [0.0, 4096.0]])
+                .collect();
+            let polygon = Polygon::new(&[zigzag]).unwrap();
+            assert!(polygon.passing.len() <= BANDS_EACH * polygon.edges.len());
+            assert_eq!(polygon.edges.len(), 20_002);
+        }
+    }
+
+    #[test]
     fn centres_are_counted_as_one_by_one() {
         let mut state = 1;
-        let mut crossings = Vec::new();
+        let mut crossings = Crossings::default();
         for _ in 0..60 {
             let middle = [random(&mut state, 40.0), random(&mut state, 40.0)];
             let radius = 1.0 + random(&mut state, 30.0);
@@ -370,7 +501,7 @@ mod tests {
         // Two squares that share a side, along rows and columns of centres.
         let square = |x: f64| vec![vec![[x, 2.5], [x + 4.0, 2.5], [x + 4.0, 8.5], [x, 8.5]]];
         let all = Bounds { min: [0; 3], max: [20, 20, 1] };
-        let mut crossings = Vec::new();
+        let mut crossings = Crossings::default();
         let [a, b] = [3.5, 7.5].map(|x| Polygon::of_parts(&[square(x)]).unwrap());
         let both = Polygon::of_parts(&[square(3.5), square(7.5)]).unwrap();
         let counts = [&a, &b, &both].map(|polygon| polygon.count_centres(&all, &mut crossings));

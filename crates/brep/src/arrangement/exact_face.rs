@@ -3,9 +3,12 @@
 use std::collections::HashMap;
 
 use super::overlay::{Corner, PlaneRegion};
-use super::point::{ExactPlane, ExactPoint};
+use super::point::{ExactPlane, ExactPoint, turn};
 use crate::boxes::{Bounds, bounds_of};
+use crate::exact::bounds::MARGIN;
+use crate::exact::vector::others;
 use crate::{Face, FaceList, Faces};
+use spinney_base::{Progress, Result};
 
 /// A face with corners that may lie beside the grid; rings as those of [`Face`].
 #[derive(Clone, Debug)]
@@ -102,6 +105,58 @@ impl ExactFace {
     /// The edges: corners with the ones that follow.
     pub(crate) fn edges(&self) -> impl Iterator<Item = (&Corner, &ExactPoint)> {
         self.rings().flat_map(|ring| (0..ring.len()).map(|i| (&ring[i], &ring[(i + 1) % ring.len()].point)))
+    }
+
+    /// What keeps it from being a face, in words: rings that cross, or turn the wrong way. Corners lie in its plane.
+    ///
+    /// # Errors
+    /// On interruption: the work may go with the square of the number of corners.
+    pub(crate) fn flaw(&self, progress: &dyn Progress) -> Result<Option<&'static str>> {
+        let axis = self.plane.main_axis();
+        let is_up = self.plane.normal[axis] > 0;
+        let [u, v] = others(axis);
+        for (number, ring) in self.rings().enumerate() {
+            // The least corner of a ring that does not cross itself is convex.
+            let order = |a: &&ExactPoint, b: &&ExactPoint| a.compare(b, u).then_with(|| a.compare(b, v));
+            let points: Vec<&ExactPoint> = ring.iter().map(|corner| &corner.point).collect();
+            let count = points.len();
+            let Some(least) = (0..count).min_by(|a, b| order(&points[*a], &points[*b])) else { continue };
+            let corners = [points[(least + count - 1) % count], points[least], points[(least + 1) % count]];
+            let is_left = turn(axis, corners) > 0;
+            if is_left == (is_up == (number > 0)) {
+                return Ok(Some(
+                    "a ring that turns the wrong way, expected an outer ring, and holes turned to it",
+                ));
+            }
+        }
+        let edges: Vec<[&ExactPoint; 2]> = self.edges().map(|(from, to)| [&from.point, to]).collect();
+        let bounds = |[from, to]: &[&ExactPoint; 2]| {
+            [u, v].map(|axis| {
+                let (a, b) = (from.near[axis], to.near[axis]);
+                [a.min(b) - MARGIN, a.max(b) + MARGIN]
+            })
+        };
+        let boxes: Vec<[[f64; 2]; 2]> = edges.iter().map(bounds).collect();
+        for (number, &[a, b]) in edges.iter().enumerate() {
+            if number.is_multiple_of(1 << 8) {
+                progress.check()?;
+            }
+            let own = &boxes[number];
+            for (other, &[c, d]) in edges.iter().enumerate().skip(number + 1) {
+                let is_apart = |k: usize| boxes[other][k][0] > own[k][1] || own[k][0] > boxes[other][k][1];
+                if is_apart(0) || is_apart(1) {
+                    continue;
+                }
+                let sides = |from, to, points: [&ExactPoint; 2]| {
+                    let [one, two] = points.map(|point| turn(axis, [from, to, point]));
+                    one * two
+                };
+                if sides(a, b, [c, d]) < 0 && sides(c, d, [a, b]) < 0 {
+                    return Ok(Some("rings that cross, expected an outer ring, and holes inside of it"));
+                }
+            }
+        }
+        Ok(None)
     }
 
     /// The corners on the grid, if all are.

@@ -89,7 +89,7 @@ pub struct Vertices {
 }
 
 /// A point as a key: coordinates of the grid, and a number above 0 for one beside it.
-pub(super) type VertexKey = ([i32; 3], u32);
+pub(crate) type VertexKey = ([i32; 3], u32);
 
 impl Vertices {
     /// The points in the order of their numbers.
@@ -98,7 +98,7 @@ impl Vertices {
     }
 
     /// The key of a point, the same for all that are the same.
-    pub(super) fn key(&mut self, point: &ExactPoint) -> VertexKey {
+    pub(crate) fn key(&mut self, point: &ExactPoint) -> VertexKey {
         match point.on_grid() {
             Some(at) => (at, 0),
             None => (point.rounded(), self.number(*point) + 1),

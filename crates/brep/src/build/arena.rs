@@ -47,6 +47,13 @@ impl Arena {
         (at as u32) << 3 | LEAF
     }
 
+    /// The head of the only leaf, which is taken away.
+    pub(super) fn take_leaf(&mut self) -> Option<LeafHead> {
+        let head = self.leaves.first().and_then(|head| LeafHead::from_byte(*head as u8));
+        self.leaves.clear();
+        head
+    }
+
     /// Makes room for the words of a node's children; returns where.
     pub(super) fn record(&mut self) -> usize {
         self.counts.inner += 1;

@@ -46,11 +46,11 @@ impl Cell {
 }
 
 /// Lists of the faces of cells that are being divided, each behind that of the cell around it, and room to work in.
-struct Lists {
-    items: Vec<u32>,
+pub(super) struct Lists {
+    pub(super) items: Vec<u32>,
     /// Children that each face of a cell cuts, as bits.
-    children: Vec<u8>,
-    boxes: Vec<Bounds>,
+    pub(super) children: Vec<u8>,
+    pub(super) boxes: Vec<Bounds>,
 }
 
 /// Bounds of a leaf's faces in its cell, or a little beyond.
@@ -89,7 +89,7 @@ impl<'a> Near<'a> {
 }
 
 /// Faces below which cells are not worth a task of their own.
-const TASK: usize = 2048;
+pub(super) const TASK: usize = 2048;
 
 /// Context of all cells of a model.
 pub(super) struct Walk<'a> {
@@ -160,7 +160,7 @@ impl Walk<'_> {
     }
 
     /// Appends the lists of a cell's children: where each begins, and where the last one ends; and the children.
-    fn divide(
+    pub(super) fn divide(
         &self,
         cell: &Cell,
         list: Range<usize>,
@@ -197,14 +197,19 @@ impl Walk<'_> {
 
     /// The kind of the leaf that a cell is; `None` if it is to be divided.
     fn end(&self, cell: &Cell, list: &[u32]) -> Option<NodeKind> {
-        let rank = self.rank(list);
-        let kind = match rank {
+        let kind = self.kind(list);
+        (kind != NodeKind::Boolean || list.len() <= self.boolean_faces || cell.level == self.depth)
+            .then_some(kind)
+    }
+
+    /// What the planes of some faces have in common.
+    pub(super) fn kind(&self, list: &[u32]) -> NodeKind {
+        match self.rank(list) {
             0 | 1 => NodeKind::Face,
             2 => NodeKind::Edge,
             3 => NodeKind::Vertex,
             _ => NodeKind::Boolean,
-        };
-        (rank < 4 || list.len() <= self.boolean_faces || cell.level == self.depth).then_some(kind)
+        }
     }
 
     fn rank(&self, list: &[u32]) -> usize {
@@ -221,7 +226,7 @@ impl Walk<'_> {
         rank_of_at_most(list.iter().map(|item| self.items.plane(*item)), most)
     }
 
-    fn leaf(
+    pub(super) fn leaf(
         &self,
         cell: &Cell,
         list: &[u32],
@@ -352,8 +357,7 @@ impl Walk<'_> {
         let (min, width) = cell.bounds(self.bits);
         for &item in list {
             // Invariant: a sample lies on no wall, so that one cell has it, and a face is looked at once.
-            // (One that has no sample is not looked at.)
-            let Some(sample) = self.items.sample(item) else { continue };
+            let sample = self.items.sample(item);
             let shift = sample.bits - 1;
             if (0..3).any(|axis| !(0..width).contains(&((sample.at[axis] >> shift) - min[axis]))) {
                 continue;

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use super::BuildReport;
+use crate::Grid;
 use spinney_base::Error;
 
 /// Places that are kept.
@@ -86,6 +87,16 @@ pub(super) struct Found {
     /// A point, in grid units.
     pub(super) at: [f64; 3],
     pub(super) faces: Vec<u32>,
+}
+
+impl Found {
+    pub(super) fn in_world(self, grid: &Grid) -> Defect {
+        Defect {
+            kind: self.kind,
+            place: grid.to_world_between(self.at),
+            faces: self.faces.into_iter().map(u64::from).collect(),
+        }
+    }
 }
 
 impl Defects {

@@ -173,19 +173,18 @@ impl Items {
         }
     }
 
-    /// A point inside a face that lies on no wall between cells, if there is one among some.
+    /// A point inside a face that lies on no wall between cells.
     #[inline]
-    pub(super) fn sample(&self, item: u32) -> Option<FinePoint> {
-        let sample = sample(&self.list[item as usize].piece.corners);
-        sample.map(|at| FinePoint { at, bits: SAMPLE_BITS })
+    pub(super) fn sample(&self, item: u32) -> FinePoint {
+        sample(&self.list[item as usize].piece.corners)
     }
 }
 
-/// Bits behind the point of samples.
+/// Bits behind the point of most samples.
 const SAMPLE_BITS: u32 = 5;
 
-/// A point inside a triangle that lies on no wall between cells, in units of 2^-[`SAMPLE_BITS`] of the grid's.
-fn sample([a, b, c]: &[[i32; 3]; 3]) -> Option<[i64; 3]> {
+/// A point inside a triangle that lies on no wall between cells.
+fn sample([a, b, c]: &[[i32; 3]; 3]) -> FinePoint {
     /// Odd enough for coordinates that have many factors of 2.
     const WEIGHTS: [[i64; 3]; 12] = [
         [11, 13, 8],
@@ -207,7 +206,20 @@ fn sample([a, b, c]: &[[i32; 3]; 3]) -> Option<[i64; 3]> {
     // Walls lie in the middle between points of the grid.
     let half = (1i64 << SAMPLE_BITS) / 2;
     let is_off = |at: &[i64; 3]| at.iter().all(|at| at & ((1 << SAMPLE_BITS) - 1) != half);
-    points.find(is_off)
+    points.find(is_off).map_or_else(
+        || {
+            // Invariant: half of the step between two points of the grid is more than two differences of coordinates
+            // there, in units of so many bits: so near to a corner there is no wall. (Of corners that are all
+            // multiples of 16, many points above lie on walls.)
+            const BITS: u32 = MOST_BITS as u32 + 2;
+            let at = [0, 1, 2].map(|axis| {
+                let [a, b, c] = [a, b, c].map(|corner| i64::from(corner[axis]));
+                (a << BITS) + (b - a) + (c - a)
+            });
+            FinePoint { at, bits: BITS }
+        },
+        |at| FinePoint { at, bits: SAMPLE_BITS },
+    )
 }
 
 /// Least and greatest coordinates of points, of which there is one at least.
@@ -229,5 +241,40 @@ impl PolygonItem {
             }
         };
         PolygonItem { points, ring_ends, polygon, triangles }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Triangles on coarse and fine lattices, up to the grid's ends: samples are inside of them, and on no wall.
+    #[test]
+    fn samples_are_inside_and_on_no_wall() {
+        let mut state = 7u64;
+        let mut below = |count: u64| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 33) % count
+        };
+        let mut fine = 0;
+        for round in 0..4000u32 {
+            let coarse = round % 25;
+            let corners: [[i32; 3]; 3] = [(); 3].map(|()| {
+                [(); 3].map(|()| {
+                    (below(1 << (u32::from(MOST_BITS) - coarse).min(6 + round % 21)) as i32) << coarse
+                })
+            });
+            let FinePoint { at, bits } = sample(&corners);
+            let normal = ring_normal(&corners);
+            if normal == [0; 3] {
+                continue;
+            }
+            fine += u32::from(bits > SAMPLE_BITS);
+            let half = 1i64 << (bits - 1);
+            assert!(at.iter().all(|at| at & (2 * half - 1) != half), "{corners:?}");
+            let outline = Outline { points: &corners, ring_ends: &[3], normal };
+            assert!(outline.has(&FinePoint { at, bits }), "{corners:?}");
+        }
+        assert!(fine > 100, "{fine}");
     }
 }

@@ -3,6 +3,7 @@
 
 mod arena;
 mod cells;
+mod check;
 mod defects;
 mod division;
 mod items;
@@ -24,12 +25,14 @@ use super::store::writer::ModelWriter;
 use super::{Face, Grid};
 use crate::exact::crossing::Outline;
 use crate::exact::normal::ring_normal;
+use crate::face_check::{FaceCheck, FaceFlaw};
 use crate::geometry::{GridPolygon, Stages, Triangulator};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 
+pub(crate) use self::check::{Checked, OctreeCheck};
 pub use self::defects::show_place;
 pub use self::defects::{Defect, DefectKind};
 
@@ -63,9 +66,7 @@ pub struct ModelBuilder {
     is_unbounded: bool,
     takes_defects: bool,
     exact: ExactPart,
-    triangulator: Triangulator,
-    wide: Vec<[i64; 3]>,
-    triangles: Vec<[u32; 3]>,
+    check: FaceCheck,
 }
 
 impl ModelBuilder {
@@ -77,6 +78,7 @@ impl ModelBuilder {
         let place: PathBuf = folder(output.path()).to_path_buf();
         let writer = ModelWriter::new(output, &grid, memory / 16)?;
         let run = RunBuilder::new((memory / 4 / 4) as usize, Place::Folder(place));
+        let check = FaceCheck::new(grid.bits);
         Ok(ModelBuilder {
             writer,
             grid,
@@ -88,9 +90,7 @@ impl ModelBuilder {
             is_unbounded: false,
             takes_defects: false,
             exact: ExactPart::default(),
-            triangulator: Triangulator::new(),
-            wide: Vec::new(),
-            triangles: Vec::new(),
+            check,
         })
     }
 
@@ -127,62 +127,17 @@ impl ModelBuilder {
                 advice: "divide the model".into(),
             });
         };
-        self.check(face)?;
+        let has_area = self.check.has_area(face).map_err(|FaceFlaw { found, expected }| {
+            Error::invalid(format!("face {}", face.number), found, expected)
+        })?;
         self.faces += 1;
         self.writer.face(&Face { number: number.into(), ..*face })?;
-        let outer = face.ring_ends.first().map_or(face.points, |end| &face.points[..*end]);
-        if ring_normal(outer) == [0; 3] {
+        if !has_area {
             return Ok(());
         }
         self.words.clear();
         FaceWords::write(number, face.points, face.ring_ends, &mut self.words);
         self.run.push(FaceWords(&self.words))
-    }
-
-    /// Whether a face is one.
-    fn check(&mut self, face: &Face<'_>) -> Result<()> {
-        let wrong = |found: String, expected: &str| {
-            Err(Error::invalid(format!("face {}", face.number), found, expected))
-        };
-        let outside = |at: &[i32; 3]| at.iter().any(|at| (*at as u32) >> self.grid.bits != 0);
-        if let Some(at) = face.points.iter().find(|at| outside(at)) {
-            return wrong(format!("a corner at {at:?}"), "corners on the grid");
-        }
-        let mut start = 0;
-        for &end in face.ring_ends {
-            if end < start + 3 || end > face.points.len() {
-                return wrong(
-                    format!("rings that end at {:?}", face.ring_ends),
-                    "rings of three corners or more",
-                );
-            }
-            start = end;
-        }
-        if start != face.points.len() || start == 0 {
-            return wrong(format!("rings up to corner {start}"), "rings of all corners");
-        }
-        if face.points.len() == 3 {
-            return Ok(());
-        }
-        let normal = ring_normal(&face.points[..face.ring_ends[0]]);
-        if normal == [0; 3] {
-            return Ok(());
-        }
-        let first = face.points[0];
-        let is_off = |at: &[i32; 3]| {
-            (0..3).map(|axis| i128::from(normal[axis]) * i128::from(at[axis] - first[axis])).sum::<i128>()
-                != 0
-        };
-        if let Some(at) = face.points.iter().find(|at| is_off(at)) {
-            return wrong(format!("a corner at {at:?}"), "all corners in one plane");
-        }
-        self.wide.clear();
-        self.wide.extend(face.points.iter().map(|point| point.map(i64::from)));
-        self.triangles.clear();
-        match self.triangulator.triangulate(&self.wide, face.ring_ends, &mut self.triangles) {
-            true => Ok(()),
-            false => wrong("rings that cross".into(), "an outer ring, and holes inside of it"),
-        }
     }
 
     /// Builds the octree and puts the file in its place, on the threads of the current rayon pool; with defects
@@ -239,15 +194,7 @@ impl ModelBuilder {
             defect_count: arena.defects.count,
         };
         let defects = std::mem::take(&mut arena.defects);
-        report.defects = defects
-            .list
-            .into_iter()
-            .map(|found| Defect {
-                kind: found.kind,
-                place: grid.to_world_between(found.at),
-                faces: found.faces.into_iter().map(u64::from).collect(),
-            })
-            .collect();
+        report.defects = defects.list.into_iter().map(|found| found.in_world(&grid)).collect();
         if report.defect_count > 0 && !takes_defects {
             return Ok(report);
         }
@@ -282,8 +229,7 @@ impl Upper<'_> {
         if run.len() == 0 {
             return Ok(uniform(cell, self.bits, out));
         }
-        // (A face of a polygon is several times as large as its words.)
-        let needed = run.len() as u64 * (ITEM / TRIANGLE_WORDS + 1) as u64;
+        let needed = room_for(&run);
         let fits = needed <= self.memory / 2;
         if !fits && cell.level == self.depth {
             return Err(Error::TooLarge {
@@ -309,7 +255,9 @@ impl Upper<'_> {
         }
         let mark = out.mark();
         let record = out.record();
-        let (runs, cells) = self.divide(cell, run)?;
+        let Upper { bits, memory, stages, progress, .. } = *self;
+        let division = RunDivision { bits, memory, stages, progress };
+        let (runs, cells) = division.of(cell, run, &mut self.place)?;
         for (child, run) in runs.into_iter().enumerate() {
             let word = self.cell(&cells[child], run, out)?;
             out.set(record, child, word);
@@ -318,13 +266,27 @@ impl Upper<'_> {
         self.store(out)?;
         Ok(word)
     }
+}
 
+/// Bytes of a run in memory, with all that its faces take there. (A face of a polygon is several times as large as its words.)
+fn room_for(run: &Run) -> u64 {
+    run.len() as u64 * (ITEM / TRIANGLE_WORDS + 1) as u64
+}
+
+/// Division of runs that are too long for memory.
+struct RunDivision<'a> {
+    bits: u8,
+    memory: u64,
+    stages: &'a Mutex<Stages>,
+    progress: &'a dyn Progress,
+}
+
+impl RunDivision<'_> {
     /// The faces of a cell's children, and the children.
-    fn divide(&mut self, cell: &Cell, run: Run) -> Result<(Vec<Run>, [Cell; 8])> {
+    fn of(&self, cell: &Cell, run: Run, at: &mut Place) -> Result<(Vec<Run>, [Cell; 8])> {
         let division = Division::of(cell, self.bits);
         let limit = (self.memory / 4 / 4 / 16) as usize;
-        let mut builders: Vec<RunBuilder> =
-            (0..8).map(|_| RunBuilder::new(limit, self.place.clone())).collect();
+        let mut builders: Vec<RunBuilder> = (0..8).map(|_| RunBuilder::new(limit, at.clone())).collect();
         let mut stages = Stages::default();
         let mut triangulator = Triangulator::new();
         let mut changes = [0; 7];
@@ -376,7 +338,7 @@ impl Upper<'_> {
             let (run, place) = builder.finish()?;
             // One temporary file serves all.
             if matches!(place, Place::Spool(_)) {
-                self.place = place;
+                *at = place;
             }
             runs.push(run);
         }

@@ -16,18 +16,21 @@ mod table;
 mod tests;
 mod winding;
 
+use std::path::Path;
+
 use self::bodies::Bodies;
 pub(super) use self::bodies::NearFaces;
 use self::placed::Placed;
 use self::seams::Seams;
 use self::table::OperationTable;
 use self::winding::winding;
-use super::arrangement::{Operands, Rounded, Rounds, divide, round};
+use super::arrangement::{ExactFace, Operands, Rounded, Rounds, divide, round};
 use super::attributes::DOMAIN;
 use super::store::exact::ExactPart;
-use super::{Attributes, BOOLEAN_FACES, BuildReport, ExactModel, Faces, Grid, ModelBuilder};
+use super::{Attributes, BOOLEAN_FACES, BuildReport, ExactModel, Face, Faces, Grid, ModelBuilder};
+use crate::closure::{Closure, ExactClosure, Seed};
 use spinney_base::io::Output;
-use spinney_base::{Progress, Result};
+use spinney_base::{Error, Progress, Result};
 use spinney_container::{Metadata, Tag, TagScope};
 
 /// Counts of a set operation on bodies.
@@ -94,12 +97,55 @@ pub fn combine(
     let table = OperationTable::new(operation, models.len())?;
     let before = models.iter().map(|model| model.len()).collect();
     let placed = Placed::of(models)?;
-    let grid = placed.grid.clone();
-    let path = models[0].path();
     let (those, table) = table.on_those_that_matter();
     let (placed, models) =
         (placed.of_those(&those), those.iter().map(|number| models[*number]).collect::<Vec<_>>());
-    let mut bodies = Bodies::new(&models, &placed, table, progress)?;
+    let is_again = |index: usize| models[..index].iter().any(|model| std::ptr::eq(*model, models[index]));
+    for index in (0..models.len()).filter(|index| !is_again(*index)) {
+        models[index].check_surface(progress)?;
+    }
+    let make = || made(operation, &models, &placed, table, output, memory, progress);
+    match make() {
+        Ok(report) => Ok(CombineReport { before, ..report }),
+        // What is no body may have been taken for one.
+        Err(error @ (Error::NoBody { .. } | Error::Invalid { .. })) => {
+            Err(suspect(&models, memory, progress)?.unwrap_or(error))
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// The error of the first of some models that is found to be no body, if there is one.
+fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Result<Option<Error>> {
+    for model in models {
+        let findings = model.verify(memory, progress)?;
+        if !findings.is_empty() {
+            let places = findings.iter().map(|finding| format!("{}: {}", finding.place, finding.problem));
+            return Ok(Some(Error::NoBody {
+                path: model.path().to_path_buf(),
+                what: "the model is no body, or its octree is not that of its faces".into(),
+                places: places.collect(),
+                count: findings.len() as u64,
+                advice: "build it again".into(),
+            }));
+        }
+    }
+    Ok(None)
+}
+
+/// Makes the body of an operation on the bodies that it depends on.
+fn made(
+    operation: u8,
+    models: &[&ExactModel],
+    placed: &Placed,
+    table: OperationTable,
+    output: Output,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<CombineReport> {
+    let grid = placed.grid.clone();
+    let path = models.first().map_or(Path::new(""), |model| model.path());
+    let mut bodies = Bodies::new(models, placed, table, progress)?;
     if !bodies.are_all_near {
         bodies.settle_components(memory / 2, progress)?;
     }
@@ -111,7 +157,7 @@ pub fn combine(
         are_bodies: true,
         changed: &[],
         winding: &|number, sample| {
-            (!bodies.are_all_near).then(|| winding(models[number], number, &placed, sample))
+            (!bodies.are_all_near).then(|| winding(models[number], number, placed, sample))
         },
         is_inside: &|windings| table.is_inside(windings),
     };
@@ -152,15 +198,20 @@ pub fn combine(
     let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
         .boolean_faces(BOOLEAN_FACES)
         .unbounded(is_unbounded);
+    let mut surface = ResultSurface::new(!exact.is_empty());
     let mut settled = 0u64;
     if !is_whole {
         bodies.settled(progress, &mut |face| {
             settled += 1;
             seams.add_watched(face);
+            surface.add(face, false);
             builder.push(face)
         })?;
     }
-    faces.each(&mut |face| builder.push(face))?;
+    faces.each(&mut |face| {
+        surface.add(face, stands_in[face.number as usize]);
+        builder.push(face)
+    })?;
     // (The builder has refused numbers of more bits.)
     let numbers = (settled..).map(|number| number as u32);
     let mut stand_ins: Vec<u32> =
@@ -169,16 +220,18 @@ pub fn combine(
     seams.close(faces.is_coloured(), &mut |face| {
         stand_ins.push(after as u32);
         after += 1;
+        surface.add(face, true);
         builder.push(face)
     })?;
     drop(faces);
+    surface.check(&exact, path, progress)?;
     // Invariant: numbers of faces are those in which the builder got them: what was settled, then the list,
     // then what closes seams. So those that stand for others come in ascending order, as files have them and
     // readers need them. With any other numbers the next operation would leave out faces of the body, and
     // keep those that stand for exact ones.
     debug_assert!(stand_ins.is_sorted());
     let builder = builder.exact(ExactPart { faces: exact, stand_ins });
-    let mut metadata = metadata(operation, &models, &grid);
+    let mut metadata = metadata(operation, models, &grid);
     metadata.set_tag(Tag::ModelDisplacement, displacement.to_string());
     let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {
         if built.defect_count > 0 {
@@ -192,7 +245,55 @@ pub fn combine(
             "check them with verify, and build them again",
         ));
     }
-    Ok(CombineReport { before, after, pairs, divided, displacement, grid, is_unbounded, built })
+    Ok(CombineReport { before: Vec::new(), after, pairs, divided, displacement, grid, is_unbounded, built })
+}
+
+/// The edges of a result, before it is put in its place.
+struct ResultSurface {
+    /// Of the faces in the octree.
+    closure: Closure,
+    /// Of the exact surface, where it is another one.
+    exact: Option<ExactClosure>,
+}
+
+impl ResultSurface {
+    fn new(is_exact: bool) -> ResultSurface {
+        let seed = Seed::new();
+        ResultSurface { closure: Closure::new(seed), exact: is_exact.then(|| ExactClosure::new(seed)) }
+    }
+
+    /// Adds a face of the octree, which may stand in for exact ones.
+    fn add(&mut self, face: &Face<'_>, stands_in: bool) {
+        self.closure.add(face);
+        if let Some(exact) = self.exact.as_mut().filter(|_| !stands_in) {
+            exact.add(face);
+        }
+    }
+
+    /// Fails if the surface is not closed, or exact faces are none. `path` is for errors.
+    fn check(self, exact: &[ExactFace], path: &Path, progress: &dyn Progress) -> Result<()> {
+        let mut is_closed = self.closure.is_closed();
+        let mut flaw = None;
+        if let Some(mut closure) = self.exact {
+            for face in exact {
+                flaw = flaw.or(face.flaw(progress)?);
+                closure.add_exact(face);
+            }
+            is_closed &= closure.is_closed();
+        }
+        let flaw = flaw.or((!is_closed).then_some("edges that have a face on one side only"));
+        flaw.map_or(Ok(()), |flaw| {
+            Err(Error::NoBody {
+                path: path.to_path_buf(),
+                what: format!(
+                    "the result would be no body, and so at least one of the models is none: {flaw}"
+                ),
+                places: Vec::new(),
+                count: 0,
+                advice: "check them with verify, and build them again".into(),
+            })
+        })
+    }
 }
 
 /// Times that faces are divided anew to mend what moving vertices to the grid did.

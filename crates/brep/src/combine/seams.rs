@@ -6,6 +6,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use crate::closure::edges;
 use crate::exact::vector::{dot, subtract};
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
@@ -137,11 +138,6 @@ impl Seams {
         }
         Ok(())
     }
-}
-
-fn edges<'a>(face: &Face<'a>) -> impl Iterator<Item = Edge> + use<'a> {
-    let of_ring = |ring: &'a [[i32; 3]]| (0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]);
-    face.rings().flat_map(of_ring).filter(|[from, to]| from != to)
 }
 
 /// An edge's lesser end and the other, and whether that is its direction: 1 or -1.

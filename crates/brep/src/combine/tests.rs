@@ -55,7 +55,7 @@ fn combined(operation: u8, models: &[&ExactModel]) -> ExactModel {
     combine(operation, models, Output::create(&path).unwrap(), 64 << 20, &())
         .unwrap_or_else(|error| panic!("{operation}: {error}"));
     let model = ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap();
-    assert_eq!(model.verify(&()).unwrap(), []);
+    assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
     model
 }
 

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, HashSet};
 use super::plane::Plane;
 use super::visited::half_of;
 use crate::exact::vector::{cross, dot};
-use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState};
+use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState, show_place};
 use spinney_base::{Error, Progress, Result, parallel, sort};
 
 /// A plane of the world: the points whose product with the normal is `distance`.
@@ -80,7 +80,8 @@ impl ExactModel {
     /// ```
     ///
     /// # Errors
-    /// If the plane is none, the body has no bounds, the file is damaged or cannot be read, or on interruption.
+    /// If the plane is none, the body has no bounds, the surface is not closed there, the file is damaged or cannot be read, or on
+    /// interruption.
     pub fn section(&self, plane: &CuttingPlane, progress: &dyn Progress) -> Result<Vec<SectionPolygon>> {
         self.check_plane(plane)?;
         let mut found = self.cut(plane.normal, &[plane.distance], progress)?;
@@ -121,7 +122,14 @@ impl ExactModel {
         let mut found = Vec::with_capacity(distances.len());
         for (plane, distance) in distances.iter().enumerate() {
             progress.check()?;
-            let rings = cut.rings(plane).into_iter().map(|ring| ring.iter().map(world).collect());
+            let rings = cut.rings(plane).map_err(|end| Error::NoBody {
+                path: self.path().to_path_buf(),
+                what: "the outline of the section is not closed, and so the surface is not".into(),
+                places: vec![format!("it ends at {}", show_place(world(&end)))],
+                count: 1,
+                advice: "look for the cause with verify, and build the model again".into(),
+            })?;
+            let rings = rings.into_iter().map(|ring| ring.iter().map(world).collect());
             found.push(polygons(rings, &CuttingPlane { normal, distance: *distance }));
         }
         Ok(found)
@@ -310,8 +318,9 @@ impl PlaneCut {
         [0, 1, 2].map(|axis| f64::from(from[axis]) + f64::from(to[axis] - from[axis]) * share)
     }
 
-    /// The rings that the pieces of a plane make: each ends with the point that it begins with.
-    fn rings(&mut self, plane: usize) -> Vec<Vec<[f64; 3]>> {
+    /// The rings that the pieces of a plane make: each ends with the point that it begins with. If they are not closed, a point where
+    /// one ends.
+    fn rings(&mut self, plane: usize) -> Result<Vec<Vec<[f64; 3]>>, [f64; 3]> {
         let mut pieces = CutPieces::of(std::mem::take(&mut self.pieces[plane]));
         let mut rings = Vec::new();
         // Lines that end at edges whose other face has no area, and is in no leaf.
@@ -328,10 +337,10 @@ impl PlaneCut {
                 if next == start { &mut rings } else { &mut open }.push(line);
             }
         }
-        rings.extend(joined(open));
+        rings.extend(joined(open)?);
         rings.iter_mut().for_each(|ring| ring.dedup());
         rings.retain(|ring| ring.len() > 3);
-        rings
+        Ok(rings)
     }
 }
 
@@ -372,8 +381,8 @@ impl CutPieces {
     }
 }
 
-/// Joins lines that begin where others end, which is told with some tolerance, to rings.
-fn joined(lines: Vec<Vec<[f64; 3]>>) -> Vec<Vec<[f64; 3]>> {
+/// Joins lines that begin where others end, which is told with some tolerance, to rings; or finds one that ends where none begins.
+fn joined(lines: Vec<Vec<[f64; 3]>>) -> Result<Vec<Vec<[f64; 3]>>, [f64; 3]> {
     /// Parts of a step that points may be apart.
     const FINE: f64 = 1024.0;
     let place = |point: &[f64; 3]| point.map(|at| (at * FINE).round() as i64);
@@ -396,13 +405,13 @@ fn joined(lines: Vec<Vec<[f64; 3]>>) -> Vec<Vec<[f64; 3]>> {
             let mut near = (0..27).map(|step| [x + step % 3 - 1, y + step / 3 % 3 - 1, z + step / 9 - 1]);
             match near.find_map(|at| starts.get_mut(&at)?.pop()) {
                 Some(next) => line.extend(next),
-                None => break,
+                None => return Err(line[line.len() - 1]),
             }
         }
         line.push(line[0]);
         rings.push(line);
     }
-    rings
+    Ok(rings)
 }
 
 /// Puts rings of a plane together to polygons.

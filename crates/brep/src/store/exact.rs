@@ -7,7 +7,7 @@ use bnum::cast::As;
 use bnum::types::I256;
 
 use crate::arrangement::{Corner, ExactFace, ExactPlane, ExactPoint, Vertices};
-use crate::exact::bounds::{NORMAL_BITS, OFFSET_BITS};
+use crate::exact::bounds::{NORMAL_BITS, OFFSET_BITS, WEIGHT_BITS};
 use spinney_base::{Error, Result};
 
 /// Tag of the section.
@@ -128,7 +128,9 @@ impl ExactPart {
             .map(|bytes| {
                 let at = [0, 1, 2].map(|axis| number(&bytes[COORDINATE * axis..COORDINATE * (axis + 1)]));
                 let weight = number(&bytes[3 * COORDINATE..]);
-                let is_positive = !weight.is_negative() && !weight.is_zero();
+                // (Numbers of more bits have no room where they are multiplied.)
+                let is_positive =
+                    !weight.is_negative() && !weight.is_zero() && (weight >> WEIGHT_BITS).is_zero();
                 let point = is_positive.then(|| ExactPoint::of(at, weight))?;
                 // (It may lie half a step beside the first or the last points.)
                 point.near.iter().all(|at| (-1.0..side).contains(at)).then_some(point)

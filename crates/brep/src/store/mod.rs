@@ -7,6 +7,7 @@ mod pieces;
 mod reader;
 pub(crate) mod segment;
 pub(crate) mod summary;
+mod surface;
 mod verify;
 pub(crate) mod writer;
 

@@ -13,7 +13,7 @@ use spinney_base::io::{ReadBackend, Stamp};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
-use spinney_container::{HEADER_SIZE, Section, Trailer};
+use spinney_container::{HEADER_SIZE, Section, Tag, Trailer};
 use spinney_crs::Crs;
 
 /// A file of an exact model, open for reading; may be shared by any number of threads.
@@ -355,7 +355,7 @@ impl ModelNode<'_> {
         self.bounds(grid).map(|corner| grid.to_world_between(corner.map(|at| at as f64 / 2.0)))
     }
 
-    pub(super) fn begins_segment(&self) -> bool {
+    pub(crate) fn begins_segment(&self) -> bool {
         self.begins_segment
     }
 
@@ -399,6 +399,10 @@ impl Faces for ExactModel {
 
     fn crs(&self) -> Option<&Crs> {
         self.metadata.frame.crs.as_ref()
+    }
+
+    fn unit(&self) -> Option<&str> {
+        self.metadata.tag(Tag::Unit)
     }
 
     fn is_unbounded(&self) -> bool {

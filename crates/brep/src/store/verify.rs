@@ -1,19 +1,46 @@
-//! Checks of a whole file.
+//! Checks of a whole file: its pieces, then each face, then that they make a closed surface, then that the octree is that of these
+//! faces, and in the end what the file says of itself.
 
-use super::reader::{ExactModel, ModelNode, ModelNodeState};
-use super::summary::NodeCounts;
+use std::collections::BTreeMap;
+
+use super::block::FaceBuffer;
+use super::reader::ExactModel;
+use crate::build::{Checked, OctreeCheck};
+use crate::closure::{Closure, Seed, edges};
+use crate::face_check::{FaceCheck, FaceFlaw};
+use crate::{Face, Faces};
+use spinney_base::io::Sorter;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::Finding;
+use spinney_container::{Finding, Tag};
 
 /// Findings beyond these are not listed.
 const MOST: usize = 100;
 
+/// An edge, the lesser end first.
+type Edge = [[i32; 3]; 2];
+
 impl ExactModel {
-    /// Checks every checksum, every face and every node.
+    /// Checks every checksum, every face and every node: that faces are planar polygons, that their surface is closed and
+    /// bounds a body, and that the octree is that of these faces. Takes about `memory` bytes, and temporary files where faces
+    /// have no room there; faces with corners beside the grid are held in any case.
+    ///
+    /// Nothing can be said about nodes where there is no closed surface, nor about that where pieces of the file are damaged: what
+    /// comes first is to be mended first. At most some hundred findings are listed.
     ///
     /// # Errors
-    /// If the file cannot be read, or on interruption. What is damaged is no error but a finding.
-    pub fn verify(&self, progress: &dyn Progress) -> Result<Vec<Finding>> {
+    /// If the file cannot be read, if the memory is not enough for the faces of one leaf, or on interruption. What is damaged is no
+    /// error but a finding.
+    pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        let mut findings = self.verify_pieces(progress)?;
+        if findings.is_empty() {
+            findings = self.verify_surface(memory, progress)?;
+        }
+        findings.truncate(MOST);
+        Ok(findings)
+    }
+
+    /// What is wrong with lists, blocks, segments and sections, each by itself.
+    fn verify_pieces(&self, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
         let sections = [
             ("directory", self.trailer.directory),
@@ -22,7 +49,7 @@ impl ExactModel {
         for (name, section) in sections {
             match section.read(&self.path, &*self.backend, name) {
                 Err(error @ Error::Io { .. }) => return Err(error),
-                Err(error) => findings.push(finding(name, error)),
+                Err(error) => findings.push(finding(name, &error)),
                 Ok(_) => {}
             }
         }
@@ -36,7 +63,7 @@ impl ExactModel {
                 match read {
                     Err(error @ Error::Io { .. }) => return Err(error),
                     Err(error) if findings.len() < MOST => {
-                        findings.push(finding(&format!("{name} {index}"), error));
+                        findings.push(finding(&format!("{name} {index}"), &error));
                     }
                     _ => {}
                 }
@@ -44,60 +71,165 @@ impl ExactModel {
         }
         match self.exact_part() {
             Err(error @ Error::Io { .. }) => return Err(error),
-            Err(error) => findings.push(finding("exact faces", error)),
+            Err(error) => findings.push(finding("exact faces", &error)),
             Ok(_) => {}
-        }
-        if !findings.is_empty() {
-            return Ok(findings);
-        }
-        let mut counts = NodeCounts::default();
-        let mut cut = 0;
-        match self.root().and_then(|root| self.count(&root, &mut counts, &mut cut, progress)) {
-            Err(error @ Error::Corrupt { .. }) => findings.push(finding("tree", error)),
-            counted => counted?,
-        }
-        if findings.is_empty() && counts != self.summary.nodes {
-            let problem = format!("{:?} nodes, the tree has {counts:?}", self.summary.nodes);
-            findings.push(Finding { place: "model".into(), problem });
-        }
-        if findings.is_empty() && cut + 1 != self.segments.len() as u64 {
-            let problem = format!("{} segments, {} of them are needed", self.segments.len(), cut + 1);
-            findings.push(Finding { place: "directory".into(), problem });
-        }
-        if findings.is_empty() && self.trailer.stored_records != counts.total() {
-            let problem = format!("{} nodes, the tree has {}", self.trailer.stored_records, counts.total());
-            findings.push(Finding { place: "trailer".into(), problem });
         }
         Ok(findings)
     }
 
-    fn count<'a>(
-        &'a self,
-        node: &ModelNode<'a>,
-        counts: &mut NodeCounts,
-        cut: &mut u64,
-        progress: &dyn Progress,
-    ) -> Result<()> {
-        match node.state() {
-            ModelNodeState::Void => counts.void += 1,
-            ModelNodeState::Full => counts.full += 1,
-            ModelNodeState::Leaf { kind, .. } => counts.count(kind),
-            ModelNodeState::Inner => {
-                counts.inner += 1;
-                if counts.inner.is_multiple_of(1 << 12) {
-                    progress.check()?;
-                }
-                for child in 0..8 {
-                    let child = self.child(node, child)?;
-                    *cut += u64::from(child.begins_segment());
-                    self.count(&child, counts, cut, progress)?;
+    /// What is wrong with the faces and the octree of a file whose pieces are good.
+    fn verify_surface(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        let mut findings = Vec::new();
+        let seed = Seed::new();
+        let (mut closure, mut octree) = (Closure::new(seed), OctreeCheck::new(memory));
+        let mut check = FaceCheck::new(self.summary.grid.bits);
+        let mut buffer = FaceBuffer::default();
+        let total = 2 * self.len();
+        for index in 0..self.blocks.len() {
+            progress.check()?;
+            let block = self.block(index)?;
+            for place in 0..block.len() {
+                block.read(place, &mut buffer);
+                let face = buffer.face();
+                closure.add(&face);
+                match check.has_area(&face) {
+                    Ok(true) => octree.push(&face)?,
+                    Ok(false) => {}
+                    Err(FaceFlaw { found, expected }) if findings.len() < MOST => findings.push(Finding {
+                        place: format!("face {}", face.number),
+                        problem: format!("{found}, expected {expected}"),
+                    }),
+                    Err(_) => {}
                 }
             }
+            progress.advance(block.len() as u64, total);
         }
-        Ok(())
+        if findings.is_empty() && !closure.is_closed() {
+            findings = self.open_edges(memory, progress)?;
+        }
+        if findings.is_empty() {
+            findings = self.verify_exact_faces(seed, progress)?;
+        }
+        if !findings.is_empty() {
+            return Ok(findings);
+        }
+        let checked = match octree.finish(self, progress, (self.len(), total)) {
+            Err(error @ Error::Corrupt { .. }) => return Ok(vec![finding("tree", &error)]),
+            checked => checked?,
+        };
+        findings.extend(self.compare(checked));
+        Ok(findings)
+    }
+
+    /// What the octree was found to be, against what the file says.
+    fn compare(&self, checked: Checked) -> Vec<Finding> {
+        let Checked { mut findings, defects, counts, cut } = checked;
+        // (Where the surface is thinner than a step, faces that stand in for others may pass through each other.)
+        let is_thin = self.exact_bytes() > 0 && self.metadata.tag(Tag::ModelThinPlaces).is_some();
+        if !is_thin {
+            let of = |defect: &crate::Defect| Finding { place: "faces".into(), problem: defect.to_string() };
+            findings.extend(defects.iter().map(of));
+        }
+        let mut differs = |place: &str, problem: String| {
+            if findings.is_empty() {
+                findings.push(Finding { place: place.into(), problem });
+            }
+        };
+        if counts != self.summary.nodes {
+            differs("model", format!("{:?} nodes, the tree has {counts:?}", self.summary.nodes));
+        }
+        if cut + 1 != self.segments.len() as u64 {
+            differs("directory", format!("{} segments, {} of them are needed", self.segments.len(), cut + 1));
+        }
+        if self.trailer.stored_records != counts.total() {
+            let stored = self.trailer.stored_records;
+            differs("trailer", format!("{stored} nodes, the tree has {}", counts.total()));
+        }
+        findings
+    }
+
+    /// What is wrong with faces that have corners beside the grid.
+    fn verify_exact_faces(&self, seed: Seed, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        let mut findings = Vec::new();
+        if self.exact_bytes() == 0 {
+            return Ok(findings);
+        }
+        for (number, face) in self.exact_part()?.faces.iter().enumerate() {
+            if let Some(problem) = face.flaw(progress)?
+                && findings.len() < MOST
+            {
+                findings.push(Finding { place: format!("exact face {number}"), problem: problem.into() });
+            }
+        }
+        if findings.is_empty() && !self.is_exactly_closed(seed, progress)? {
+            let problem = "edges that have a face on one side only, expected a closed surface".into();
+            findings.push(Finding { place: "exact faces".into(), problem });
+        }
+        Ok(findings)
+    }
+
+    /// The edges that are not as often there in one direction as in the other: sorted beyond memory, since they may be any.
+    fn open_edges(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        /// Six coordinates, a direction and a face.
+        const ITEM: usize = 6 * 4 + 1 + 4;
+        let mut sorter = Sorter::new(&std::env::temp_dir(), ITEM, memory / 2);
+        self.each(&mut |face: &Face<'_>| {
+            if face.number.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+            for [from, to] in edges(face) {
+                let is_forward = from < to;
+                let edge: Edge = if is_forward { [from, to] } else { [to, from] };
+                let mut item = Vec::with_capacity(ITEM);
+                edge.as_flattened().iter().for_each(|at| item.extend_from_slice(&at.to_le_bytes()));
+                item.push(is_forward.into());
+                item.extend_from_slice(&(face.number as u32).to_le_bytes());
+                // (Along x and then y: edges that are the same have the same key, and few others.)
+                let key = u64::from(edge[0][0] as u32) << 38
+                    ^ u64::from(edge[0][1] as u32) << 12
+                    ^ u64::from(edge[0][2] as u32 & 0xfff);
+                sorter.push(key, item)?;
+            }
+            Ok(())
+        })?;
+        let mut findings = Vec::new();
+        // Surpluses of the edges that begin near each other, with a face of each.
+        let mut group: BTreeMap<Edge, (i64, u32)> = BTreeMap::new();
+        let mut before = [0; 3];
+        let mut tell = |group: &mut BTreeMap<Edge, (i64, u32)>| {
+            for (edge, (surplus, face)) in std::mem::take(group) {
+                if surplus != 0 && findings.len() < MOST {
+                    let [from, to] = if surplus > 0 { edge } else { [edge[1], edge[0]] };
+                    let count = surplus.unsigned_abs();
+                    let problem = format!(
+                        "an edge from {from:?} to {to:?} that is there {count} times more often than the other way, expected as often"
+                    );
+                    findings.push(Finding { place: format!("face {face}"), problem });
+                }
+            }
+        };
+        let mut count = 0u64;
+        sorter.finish(&mut |item| {
+            count += 1;
+            if count.is_multiple_of(1 << 14) {
+                progress.check()?;
+            }
+            let four = |at: usize| <[u8; 4]>::try_from(&item[4 * at..4 * at + 4]).expect("four bytes");
+            let edge: Edge = [0, 3].map(|end| [0, 1, 2].map(|axis| i32::from_le_bytes(four(end + axis))));
+            if edge[0] != before {
+                tell(&mut group);
+                before = edge[0];
+            }
+            let face = u32::from_le_bytes(item[25..29].try_into().expect("four bytes"));
+            let entry = group.entry(edge).or_insert((0, face));
+            entry.0 += if item[24] == 1 { 1 } else { -1 };
+            Ok(())
+        })?;
+        tell(&mut group);
+        Ok(findings)
     }
 }
 
-fn finding(place: &str, error: Error) -> Finding {
+fn finding(place: &str, error: &Error) -> Finding {
     Finding { place: place.into(), problem: error.to_string() }
 }

@@ -12,7 +12,7 @@ use spinney_base::io::{Output, Sorter, folder};
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
-use spinney_container::{Header, Section, SectionWriter, Trailer};
+use spinney_container::{Header, Section, SectionWriter, Trailer, check_tree_name};
 
 /// A file being written, append-only.
 pub(crate) struct ModelWriter {
@@ -28,6 +28,7 @@ impl ModelWriter {
     /// Starts a file; about `memory` bytes hold entries of each list before they go to a temporary file.
     pub(crate) fn new(out: Output, grid: &Grid, memory: u64) -> Result<ModelWriter> {
         let path = out.path().to_path_buf();
+        check_tree_name(&path)?;
         let list = || Sorter::new(folder(&path), ENTRY, memory);
         let (blocks, segments) = (list(), list());
         let block = BlockBuilder::default();

@@ -127,6 +127,10 @@ pub fn surface_intersection(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<SurfaceIntersection> {
+    a.check_surface(progress)?;
+    if !std::ptr::eq(a, b) {
+        b.check_surface(progress)?;
+    }
     let NearFaces { faces, ends, first_sources } = NearFaces::of([a, b], memory / 2, progress)?;
     let operands = Operands {
         ends: &ends,

@@ -19,6 +19,7 @@ pub(crate) mod key {
     pub(crate) const PRIME_MERIDIAN: u16 = 2051;
     pub(crate) const ANGULAR_UNITS: u16 = 2054;
     pub(crate) const ANGULAR_UNIT_SIZE: u16 = 2055;
+    pub(crate) const ELLIPSOID: u16 = 2056;
     pub(crate) const SEMI_MAJOR_AXIS: u16 = 2057;
     pub(crate) const SEMI_MINOR_AXIS: u16 = 2058;
     pub(crate) const INVERSE_FLATTENING: u16 = 2059;
@@ -77,6 +78,39 @@ pub struct GeoKeys {
     doubles: Vec<f64>,
     /// Without the NUL at the end.
     texts: Vec<u8>,
+}
+
+/// Keys in the making, which may come in any order.
+#[derive(Default)]
+pub(crate) struct GeoKeysBuilder {
+    entries: BTreeMap<u16, [u16; 3]>,
+    doubles: Vec<f64>,
+    texts: Vec<u8>,
+}
+
+impl GeoKeysBuilder {
+    pub(crate) fn number(&mut self, place: u16, value: u16) {
+        self.entries.insert(place, [0, 1, value]);
+    }
+
+    pub(crate) fn double(&mut self, place: u16, values: &[f64]) {
+        // (A system has some thirty of them at most.)
+        self.entries.insert(place, [DOUBLES_TAG, values.len() as u16, self.doubles.len() as u16]);
+        self.doubles.extend(values);
+    }
+
+    /// A text: what is not ASCII is left out, as the format asks, and so is what nobody would read.
+    pub(crate) fn text(&mut self, place: u16, text: &str) {
+        let text: String = text.chars().filter(|c| c.is_ascii() && !c.is_ascii_control()).take(400).collect();
+        let start = self.texts.len() as u16;
+        self.texts.extend(text.bytes().chain(*b"|"));
+        self.entries.insert(place, [TEXTS_TAG, text.len() as u16 + 1, start]);
+    }
+
+    pub(crate) fn finish(self) -> GeoKeys {
+        let entries = self.entries.into_iter().map(|(place, [tag, count, value])| [place, tag, count, value]);
+        GeoKeys { version: [1, 1, 0], entries: entries.collect(), doubles: self.doubles, texts: self.texts }
+    }
 }
 
 /// The value of a key.
@@ -306,6 +340,12 @@ impl GeoKeys {
             USER_DEFINED => unit_of_angle(self.double(key::ANGULAR_UNIT_SIZE)?),
             _ => None,
         }
+    }
+
+    /// Metres of the plane's unit by its name, where it is told by a text.
+    pub(crate) fn metres(&self) -> Option<f64> {
+        let unit = self.is_imagine_in_feet().then(|| self.unit())??;
+        super::proj_string::metres(unit)
     }
 
     /// Whether a text says something that keys leave open, so that it is a part of the definition.

@@ -4,6 +4,7 @@ mod epsg;
 pub(crate) mod geo_keys;
 mod proj_string;
 mod projjson;
+mod registered;
 mod registry;
 mod wkt;
 
@@ -16,8 +17,9 @@ pub use self::geo_keys::GeoKeys;
 pub(super) use self::proj_string::{
     metres as metres_of_unit, parse as parse_proj_string, value as proj_value,
 };
-pub(super) use self::projjson::parse as parse_projjson;
-pub(super) use self::wkt::{BOUND, GEOGRAPHIC, WktNode, parse as parse_wkt};
+pub(super) use self::projjson::{number as number_of_json, parse as parse_projjson};
+pub(super) use self::wkt::{BOUND, GEOGRAPHIC, WKT2, WktNode, parse as parse_wkt};
+use crate::web_mercator::{WEB_MERCATOR, WEB_MERCATOR_HALF};
 use spinney_base::{Error, Result};
 
 /// Bytes of a definition in one text; real ones have a few thousand.
@@ -88,6 +90,29 @@ impl Crs {
         Err(invalid(format!("`{}`", shortened(text, 60)), forms))
     }
 
+    /// Fails if the system is named by numbers that the EPSG registry does not have: for what people write. (Files may be newer than the
+    /// registry that this was compared with.)
+    ///
+    /// ```
+    /// use spinney::space::Crs;
+    /// assert!(Crs::epsg(3035).check_registered().is_ok());
+    /// assert!(Crs::epsg(999_999).check_registered().is_err());
+    /// ```
+    ///
+    /// # Errors
+    /// If so.
+    pub fn check_registered(&self) -> Result<()> {
+        let Crs::Epsg(Epsg { horizontal, vertical }) = self else { return Ok(()) };
+        let mut numbers = [Some(*horizontal), *vertical].into_iter().flatten();
+        match numbers.find(|number| !registered::is_registered(*number)) {
+            None => Ok(()),
+            Some(number) => {
+                let expected = "a number of a coordinate system in the EPSG registry, or a definition as WKT, PROJJSON or +proj=...";
+                Err(Error::invalid("coordinate system", format!("EPSG:{number}, which is none"), expected))
+            }
+        }
+    }
+
     /// The numbers that name the system whole, if the definition has them.
     pub fn numbers(&self) -> Option<Epsg> {
         match self {
@@ -143,13 +168,26 @@ impl Crs {
         .or_else(|| self.numbers()?.unit())
     }
 
-    /// Whether two definitions mean the same system: they name the same numbers, or say the same in the same
+    /// How far the first coordinate leads once round the world: 360 degrees of longitude, or the side of web mercator's square in
+    /// metres; `None` of systems that do not come again.
+    pub fn turn(&self) -> Option<f64> {
+        match self.numbers() {
+            _ if self.unit() == Some("degrees") => Some(360.0),
+            Some(epsg) if epsg.in_parts().horizontal == WEB_MERCATOR => Some(2.0 * WEB_MERCATOR_HALF),
+            _ => None,
+        }
+    }
+
+    /// Whether two definitions mean the same system: they name the same numbers, have the same parts, or say the same in the same
     /// form, what is only told to people aside.
     ///
-    /// Definitions in different forms that have no numbers are taken for different, as it takes a geodesist to
-    /// say more.
+    /// One with numbers and one without are taken for different, and so are those in different forms that are not understood.
     pub fn is_same(&self, other: &Crs) -> bool {
-        self == other || self.normalised() == other.normalised()
+        let has_same_parts = || {
+            let are_numbered = self.numbers().is_some() || other.numbers().is_some();
+            !are_numbered && self.identity().is_some_and(|identity| Some(identity) == other.identity())
+        };
+        self == other || self.normalised() == other.normalised() || has_same_parts()
     }
 
     /// Text that is the same for the same systems.

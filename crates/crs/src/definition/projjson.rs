@@ -38,7 +38,7 @@ pub(super) fn epsg(value: &Value) -> Option<Epsg> {
     }
 }
 
-fn number(value: &Value) -> Option<u32> {
+pub(crate) fn number(value: &Value) -> Option<u32> {
     let id = &value["id"];
     let is_epsg = id["authority"].as_str()?.eq_ignore_ascii_case("EPSG");
     let code = &id["code"];

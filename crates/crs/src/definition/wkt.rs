@@ -24,6 +24,23 @@ pub(crate) const GEOGRAPHIC: [&str; 5] = ["GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", 
 const COMPOUND: [&str; 2] = ["COMPD_CS", "COMPOUNDCRS"];
 pub(crate) const BOUND: [&str; 1] = ["BOUNDCRS"];
 
+/// Keywords of coordinate systems in version 2.
+pub(crate) const WKT2: [&str; 13] = [
+    "PROJCRS",
+    "PROJECTEDCRS",
+    "DERIVEDPROJCRS",
+    "GEOGCRS",
+    "GEOGRAPHICCRS",
+    "GEODCRS",
+    "GEODETICCRS",
+    "VERTCRS",
+    "VERTICALCRS",
+    "ENGCRS",
+    "ENGINEERINGCRS",
+    "COMPOUNDCRS",
+    "BOUNDCRS",
+];
+
 /// Parts that are told to people, and define nothing.
 const TOLD: [&str; 7] = ["USAGE", "SCOPE", "AREA", "BBOX", "VERTICALEXTENT", "TIMEEXTENT", "REMARK"];
 
@@ -213,7 +230,7 @@ impl WktNode {
     }
 
     /// The number that the node itself has in the EPSG registry.
-    fn number(&self) -> Option<u32> {
+    pub(crate) fn number(&self) -> Option<u32> {
         let id = self.child(&["ID", "AUTHORITY"])?;
         match id.items.as_slice() {
             [Item::Text(authority), number, ..] if authority.eq_ignore_ascii_case("EPSG") => match number {

@@ -1,11 +1,11 @@
 //! Axes of coordinate systems.
 
 /// An axis.
-#[derive(Debug)]
-pub(super) struct Axis {
-    pub(super) name: String,
+#[derive(Clone, Debug)]
+pub(crate) struct Axis {
+    pub(crate) name: String,
     /// Where it goes, in small letters.
-    pub(super) direction: String,
+    pub(crate) direction: String,
     /// Degrees of longitude along which it leaves a pole.
-    pub(super) meridian: Option<f64>,
+    pub(crate) meridian: Option<f64>,
 }

@@ -108,7 +108,7 @@ const KNOWN: &[(&str, u16)] = &[
 ];
 
 /// A name's small letters and digits, without Esri's `D_` in front and the registry's `ensemble` behind.
-pub(super) fn key(name: &str) -> String {
+pub(crate) fn key(name: &str) -> String {
     let name = name.strip_prefix("D_").unwrap_or(name);
     let name = name.strip_suffix(" ensemble").unwrap_or(name);
     super::methods::key(name)

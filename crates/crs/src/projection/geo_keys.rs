@@ -1,11 +1,11 @@
 //! The keys of GeoTIFF files (OGC 19-008r4) as the parts of a system.
 
 use super::definition::Definition;
-use super::system::{
-    Base, Conversion, Name, Parameter, System, Unit, check_ellipsoid, degrees, half_axes, helmert,
-};
+use super::shift::Shift;
+use super::system::{Base, Conversion, Name, Parameter, System, Unit, check_ellipsoid, degrees, half_axes};
 use super::wkt;
 use crate::definition::geo_keys::{GEOGRAPHIC, GeoKeys, PROJECTED, USER_DEFINED, key};
+use crate::registry::{Ellipsoid, Geographic, meridian_numbered};
 
 /// The prime meridian of Greenwich.
 const GREENWICH: u16 = 8901;
@@ -60,38 +60,50 @@ const PARAMETERS: [(u16, &str); 19] = [
 
 /// The definition that keys have. An error says what was found.
 pub(super) fn read(keys: &GeoKeys) -> Result<Definition, String> {
-    // Systems that keys cannot say are cited in Esri's WKT.
-    for place in [key::CITATION, key::PROJECTED_CITATION, key::GEODETIC_CITATION] {
-        if let Some(text) = keys.text(place)
-            && let Some(definition) = text.strip_prefix("ESRI PE String = ")
-        {
-            return wkt::read(definition);
-        }
+    match cited(keys) {
+        Some(text) => wkt::read(&text),
+        None => system(keys)?.definition(),
     }
-    let model = keys.number(key::MODEL_TYPE).unwrap_or_default();
+}
+
+/// The definition in Esri's WKT in which systems are cited that keys cannot say.
+pub(crate) fn cited(keys: &GeoKeys) -> Option<String> {
+    let places = [key::CITATION, key::PROJECTED_CITATION, key::GEODETIC_CITATION];
+    places.into_iter().find_map(|place| Some(keys.text(place)?.strip_prefix("ESRI PE String = ")?.to_owned()))
+}
+
+/// The parts of a system that is defined by more than a number.
+pub(crate) fn system(keys: &GeoKeys) -> Result<System, String> {
     let base = base(keys)?;
     let shift = match keys.doubles_of(key::TO_WGS84) {
-        Some(numbers) => Some(helmert(check_finite(numbers)?, base.ellipsoid)?),
+        Some(numbers) => Some(Shift::Helmert(check_finite(numbers)?.to_vec())),
         None => None,
     };
-    match model {
-        GEOGRAPHIC => {
-            let unit = base.angle;
-            Ok(System { base, conversion: None, axes: Vec::new(), unit, shift }.definition()?)
-        }
+    let (name, unit, conversion) = match keys.number(key::MODEL_TYPE).unwrap_or_default() {
+        GEOGRAPHIC => (None, base.angle, None),
         PROJECTED => {
             if let Some(number) = keys.registered(key::PROJECTED_CRS) {
                 return Err(format!("EPSG:{number} in units that are not its own"));
             }
-            let unit = linear_unit(keys)?;
-            let conversion = Some(conversion(keys)?);
-            System { base, conversion, axes: Vec::new(), unit, shift }.definition()
+            let name =
+                [key::PROJECTED_CITATION, key::CITATION].into_iter().find_map(|place| keys.text(place));
+            let name = name.map(|name| part_of(&name, "PCS Name").map_or(name.clone(), String::from));
+            (name, linear_unit(keys)?, Some(conversion(keys)?))
         }
-        _ => Err(format!("a model of the kind {model}")),
-    }
+        model => return Err(format!("a model of the kind {model}")),
+    };
+    Ok(System { name, base, conversion, axes: Vec::new(), unit, height: None, shift })
 }
 
-fn check_finite(numbers: &[f64]) -> Result<&[f64], String> {
+/// A part of a citation: of `GCS Name = a|Datum = b|Ellipsoid = c|Primem = d`.
+fn part_of<'a>(citation: &'a str, name: &str) -> Option<&'a str> {
+    citation
+        .split('|')
+        .find_map(|part| part.trim().strip_prefix(name)?.trim_start().strip_prefix('='))
+        .map(str::trim)
+}
+
+pub(crate) fn check_finite(numbers: &[f64]) -> Result<&[f64], String> {
     match numbers.iter().find(|number| !number.is_finite()) {
         Some(number) => Err(format!("the number {number}")),
         None => Ok(numbers),
@@ -99,7 +111,7 @@ fn check_finite(numbers: &[f64]) -> Result<&[f64], String> {
 }
 
 /// The finite number of a key.
-fn double(keys: &GeoKeys, place: u16) -> Result<Option<f64>, String> {
+pub(crate) fn double(keys: &GeoKeys, place: u16) -> Result<Option<f64>, String> {
     match keys.double(place) {
         Some(number) if !number.is_finite() => Err(format!("{number} as the value of the key {place}")),
         number => Ok(number),
@@ -113,20 +125,21 @@ fn base(keys: &GeoKeys) -> Result<Base, String> {
         return Ok(Base { angle, ..Base::of_epsg(number)? });
     }
     if let Some(datum) = keys.registered(key::GEODETIC_DATUM) {
-        // The registry has most old systems under the number of their datum, less 2000.
-        let known = datum.checked_sub(2000).filter(|number| (4120..4905).contains(number));
-        let base = known.and_then(|number| Base::of_epsg(number).ok());
+        let base = Geographic::of_datum(datum).and_then(|known| Base::of_epsg(known.number).ok());
         return Ok(Base { angle, ..base.ok_or_else(|| format!("the datum with the number {datum}"))? });
     }
-    // `GCS Name = a|Datum = b|Ellipsoid = c|Primem = d`
     let citation = keys.text(key::GEODETIC_CITATION).unwrap_or_default();
-    let datum =
-        citation.split('|').find_map(|part| part.trim().strip_prefix("Datum = ")).unwrap_or("without a name");
+    let datum = part_of(&citation, "Datum").unwrap_or("without a name");
+    let known = keys.registered(key::ELLIPSOID).and_then(Ellipsoid::find);
     let sizes = (
-        double(keys, key::SEMI_MAJOR_AXIS)?,
+        double(keys, key::SEMI_MAJOR_AXIS)?.or(known.map(|known| known.size)),
         double(keys, key::SEMI_MINOR_AXIS)?,
         double(keys, key::INVERSE_FLATTENING)?,
     );
+    let sizes = match sizes {
+        (size, None, None) => (size, None, known.map(|known| known.inverse_flattening)),
+        told => told,
+    };
     let ellipsoid = match sizes {
         (Some(a), _, Some(inverse)) => half_axes(a, inverse)?,
         (Some(a), Some(b), None) => check_ellipsoid([a, b])?,
@@ -136,9 +149,20 @@ fn base(keys: &GeoKeys) -> Result<Base, String> {
         match (double(keys, key::PRIME_MERIDIAN_LONGITUDE)?, keys.registered(key::PRIME_MERIDIAN)) {
             (Some(longitude), _) => degrees(longitude, angle),
             (None, None | Some(GREENWICH)) => 0.0,
-            (None, Some(number)) => return Err(format!("the prime meridian with the number {number}")),
+            (None, Some(number)) => match meridian_numbered(number) {
+                Some((_, degrees)) => degrees,
+                None => return Err(format!("the prime meridian with the number {number}")),
+            },
         };
-    Ok(Base { datum: Name::Text(datum.into()), ellipsoid, prime_meridian, angle })
+    let name = part_of(&citation, "GCS Name").or(Some(citation.as_str())).filter(|name| !name.is_empty());
+    Ok(Base {
+        name: name.map(String::from),
+        datum: Name::Text(datum.into()),
+        ellipsoid,
+        ellipsoid_name: part_of(&citation, "Ellipsoid").map(String::from),
+        prime_meridian,
+        angle,
+    })
 }
 
 /// Radians of the unit of angles.
@@ -153,14 +177,24 @@ fn angular_unit(keys: &GeoKeys) -> Result<f64, String> {
 }
 
 /// Metres of the unit of the plane.
-fn linear_unit(keys: &GeoKeys) -> Result<f64, String> {
+pub(crate) fn linear_unit(keys: &GeoKeys) -> Result<f64, String> {
     match (keys.number(key::LINEAR_UNITS), double(keys, key::LINEAR_UNIT_SIZE)?) {
-        (None | Some(9001), _) => Ok(1.0),
-        (Some(9002), _) => Ok(0.3048),
-        (Some(9003), _) => Ok(1200.0 / 3937.0),
-        (Some(9036), _) => Ok(1000.0),
+        (None, _) => Ok(1.0),
         (Some(USER_DEFINED), Some(metres)) if metres > 0.0 => Ok(metres),
-        (Some(number), _) => Err(format!("the unit of lengths with the number {number}")),
+        (Some(number), _) => {
+            metres_numbered(number).ok_or_else(|| format!("the unit of lengths with the number {number}"))
+        }
+    }
+}
+
+/// Metres of a unit by its number in the EPSG registry.
+pub(crate) fn metres_numbered(number: u16) -> Option<f64> {
+    match number {
+        9001 => Some(1.0),
+        9002 => Some(0.3048),
+        9003 => Some(1200.0 / 3937.0),
+        9036 => Some(1000.0),
+        _ => None,
     }
 }
 

@@ -6,11 +6,11 @@
 use super::axis::Axis;
 
 /// Parameters with their values: PROJ's words, and degrees, metres or ones.
-pub(super) type Values = Vec<(&'static str, f64)>;
+pub(crate) type Values = Vec<(&'static str, f64)>;
 
 /// Kind of measure of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Measure {
+pub(crate) enum Measure {
     Angle,
     Length,
     Scale,

@@ -1,21 +1,21 @@
 //! Projections: coordinates of one system as those of another, by way of longitude and latitude in WGS 84.
 
-mod axis;
+pub(crate) mod axis;
 mod datum;
-mod datum_names;
+pub(crate) mod datum_names;
 mod definition;
-mod geo_keys;
-mod methods;
-mod proj_string;
-mod projjson;
+pub(crate) mod geo_keys;
+pub(crate) mod methods;
+pub(crate) mod proj_string;
+pub(crate) mod projjson;
 mod read;
-mod shift;
-mod system;
+pub(crate) mod shift;
+pub(crate) mod system;
 #[cfg(test)]
 mod tests;
 mod verified;
-mod wkt;
-mod words;
+pub(crate) mod wkt;
+pub(crate) mod words;
 
 use proj4rs::Proj;
 use proj4rs::transform::transform;

@@ -6,6 +6,8 @@ use proj4rs::Proj;
 
 use super::datum::Datum;
 use super::definition::Definition;
+use super::methods::Values;
+use super::shift::Shift;
 use super::system::{helmert, is_global};
 use super::words;
 use crate::definition::{metres_of_unit, parse_proj_string, proj_value};
@@ -68,8 +70,105 @@ const MERIDIANS: [&str; 13] = [
     "oslo",
 ];
 
+/// Datums by PROJ's names, and geographic systems of the EPSG registry that have them.
+const DATUMS: [(&str, u16); 10] = [
+    ("WGS84", 4326),
+    ("NAD83", 4269),
+    ("NAD27", 4267),
+    ("GGRS87", 4121),
+    ("potsdam", 4314),
+    ("carthage", 4223),
+    ("hermannskogel", 4312),
+    ("ire65", 4299),
+    ("nzgd49", 4272),
+    ("OSGB36", 4277),
+];
+
+/// What a definition says, in numbers.
+#[derive(Debug)]
+pub(crate) struct ProjParts {
+    /// Half axes in metres.
+    pub(crate) ellipsoid: [f64; 2],
+    /// Geographic system of the EPSG registry with the datum that is told by name.
+    pub(crate) datum: Option<u16>,
+    /// Degrees east of Greenwich.
+    pub(crate) prime_meridian: f64,
+    /// The method's words and parameters; systems of longitude and latitude have none.
+    pub(crate) projection: Option<(String, Values)>,
+    /// Metres of the plane's unit.
+    pub(crate) unit: f64,
+    pub(crate) shift: Option<Shift>,
+}
+
+/// What a definition says. An error says what was found.
+pub(crate) fn parts(text: &str) -> Result<ProjParts, String> {
+    let all = parse_proj_string(text)?;
+    let get = |name: &str| proj_value(&all, name);
+    let has = |name: &str| all.iter().any(|(own, _)| *own == name);
+    let number = |name: &str| get(name).and_then(|value| value.parse::<f64>().ok());
+    if is_web_mercator(text) {
+        let projection = Some(("+proj=webmerc".into(), Values::new()));
+        let ellipsoid = super::system::half_axes(6_378_137.0, 298.257_223_563)?;
+        return Ok(ProjParts {
+            ellipsoid,
+            datum: Some(4326),
+            prime_meridian: 0.0,
+            projection,
+            unit: 1.0,
+            shift: None,
+        });
+    }
+    // (That refuses what has another meaning, or none.)
+    let words = read(text)?.words;
+    let proj = Proj::from_proj_string(&words).map_err(|error| format!("`{words}`: {error}"))?;
+    let (a, b) = proj.ellipse_parameters();
+    let named = get("datum").and_then(|name| DATUMS.iter().find(|(own, _)| *own == name));
+    let shift = match (get("towgs84"), get("nadgrids")) {
+        (_, Some(grid)) => Some(Shift::Grid(grid.into())),
+        (Some(numbers), None) => {
+            let numbers: Result<Vec<f64>, _> = numbers.split(',').map(str::parse).collect();
+            Some(Shift::Helmert(numbers.map_err(|error| error.to_string())?))
+        }
+        (None, None) => None,
+    };
+    let roles = ["lat_0", "lon_0", "lat_1", "lat_2", "lat_ts", "lonc", "alpha", "gamma", "x_0", "y_0"];
+    let mut values: Values = roles.into_iter().filter_map(|role| Some((role, number(role)?))).collect();
+    values.extend(number("k_0").or(number("k")).map(|scale| ("k_0", scale)));
+    let unit = get("units").and_then(metres_of_unit).or(number("to_meter")).unwrap_or(1.0);
+    let method = get("proj").unwrap_or_default();
+    let projection = match method {
+        "longlat" | "latlong" | "lonlat" | "latlon" => None,
+        "utm" => {
+            let zone = number("zone").ok_or("no zone")?;
+            let northing = if has("south") { 1e7 } else { 0.0 };
+            let values =
+                [("lon_0", 6.0 * zone - 183.0), ("k_0", 0.9996), ("x_0", 500_000.0), ("y_0", northing)];
+            Some(("+proj=tmerc".into(), values.into()))
+        }
+        "tmerc" | "etmerc" if get("axis") == Some("wsu") => Some(("+proj=tmerc +axis=wsu".into(), values)),
+        "etmerc" => Some(("+proj=tmerc".into(), values)),
+        "omerc" if has("no_uoff") || has("no_off") => Some(("+proj=omerc +no_uoff".into(), values)),
+        other => Some((format!("+proj={other}"), values)),
+    };
+    Ok(ProjParts {
+        ellipsoid: [a, b],
+        datum: named.map(|(_, number)| *number),
+        prime_meridian: proj.from_greenwich().to_degrees(),
+        projection,
+        unit,
+        shift,
+    })
+}
+
+/// Zone of UTM, and its half of the earth.
+pub(crate) fn utm_zone(text: &str) -> Option<(&str, char)> {
+    let words = parse_proj_string(text).ok().filter(|words| proj_value(words, "proj") == Some("utm"))?;
+    let half = if words.iter().any(|(name, _)| *name == "south") { 'S' } else { 'N' };
+    Some((proj_value(&words, "zone")?, half))
+}
+
 /// Whether a text means web mercator, in the way that PROJ 4 had to say it.
-pub(super) fn is_web_mercator(text: &str) -> bool {
+pub(crate) fn is_web_mercator(text: &str) -> bool {
     let Ok(words) = parse_proj_string(text) else { return false };
     let is =
         |name: &str, number: f64| proj_value(&words, name).is_none_or(|value| value.parse() == Ok(number));

@@ -3,9 +3,8 @@
 use serde_json::Value;
 
 use super::axis::Axis;
-use super::datum::Datum;
 use super::definition::Definition;
-use super::shift;
+use super::shift::{self, Shift};
 use super::system::{Base, Conversion, Name, Parameter, System, Unit, check_ellipsoid, degrees, half_axes};
 use crate::definition::parse_projjson;
 
@@ -17,7 +16,8 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
     system(&parse_projjson(text)?)?.definition()
 }
 
-fn system(value: &Value) -> Result<System, String> {
+/// The parts of a system.
+pub(crate) fn system(value: &Value) -> Result<System, String> {
     if let Some(other) = OTHER.iter().find(|member| !value[**member].is_null()) {
         return Err(format!("a system with {other}"));
     }
@@ -30,14 +30,15 @@ fn system(value: &Value) -> Result<System, String> {
             let Unit::Angle(unit) = unit else {
                 return Err("longitude and latitude in no unit of angles".into());
             };
-            Ok(System { base, conversion: None, axes, unit, shift: None })
+            Ok(System { name: None, base, conversion: None, height: height(value)?, axes, unit, shift: None })
         }
         Some("ProjectedCRS") => {
             let base = base(&value["base_crs"])?;
             let (axes, unit) = axes(value, "Cartesian")?;
             let Unit::Length(unit) = unit else { return Err("a plane in no unit of length".into()) };
             let conversion = Some(conversion(&value["conversion"])?);
-            Ok(System { base, conversion, axes, unit, shift: None })
+            let (name, height) = (text(&value["name"]), height(value)?);
+            Ok(System { name, base, conversion, axes, unit, height, shift: None })
         }
         kind => Err(format!("a system of the kind {}", kind.unwrap_or("of none"))),
     }
@@ -67,7 +68,31 @@ fn base(value: &Value) -> Result<Base, String> {
         Value::Null => 0.0,
         meridian => angle(&meridian["longitude"])?,
     };
-    Ok(Base { datum: Name::Text(name.into()), ellipsoid, prime_meridian: meridian, angle: 1f64.to_radians() })
+    Ok(Base {
+        name: text(&value["name"]),
+        datum: Name::Text(name.into()),
+        ellipsoid,
+        ellipsoid_name: text(&datum["ellipsoid"]["name"]),
+        prime_meridian: meridian,
+        angle: 1f64.to_radians(),
+    })
+}
+
+fn text(value: &Value) -> Option<String> {
+    value.as_str().map(String::from)
+}
+
+/// Metres of the unit of a third axis, which has heights above the ellipsoid.
+fn height(value: &Value) -> Result<Option<f64>, String> {
+    let axis = &value["coordinate_system"]["axis"][2];
+    match (axis["direction"].as_str(), axis.is_null()) {
+        (_, true) => Ok(None),
+        (Some("up"), _) => match unit(&axis["unit"])? {
+            Unit::Length(metres) => Ok(Some(metres)),
+            _ => Err("heights in no unit of length".into()),
+        },
+        _ => Err("a third axis that is not up".into()),
+    }
 }
 
 /// A number, or an object of a number and its unit.
@@ -87,7 +112,7 @@ fn angle(value: &Value) -> Result<f64, String> {
     }
 }
 
-fn unit(value: &Value) -> Result<Unit, String> {
+pub(crate) fn unit(value: &Value) -> Result<Unit, String> {
     let factor = value["conversion_factor"].as_f64().filter(|factor| *factor > 0.0);
     match (value.as_str(), value["type"].as_str(), factor) {
         (Some("metre"), ..) => Ok(Unit::Length(1.0)),
@@ -153,8 +178,8 @@ fn bound(value: &Value) -> Result<System, String> {
     let file =
         transformation["parameters"].as_array().into_iter().flatten().find_map(|one| one["value"].as_str());
     source.shift = Some(match file {
-        Some(grid) => Datum::Grid(grid.into()),
-        None => shift::read(&conversion(transformation)?, source.base.ellipsoid)?,
+        Some(grid) => Shift::Grid(grid.into()),
+        None => shift::read(&conversion(transformation)?)?,
     });
     Ok(source)
 }

@@ -4,6 +4,25 @@ use super::datum::Datum;
 use super::methods::key;
 use super::system::{Conversion, Unit, helmert};
 
+/// A shift of the datum to WGS 84 that a definition tells.
+#[derive(Clone, Debug)]
+pub(crate) enum Shift {
+    /// By a Helmert transformation (position vector): its three or seven numbers.
+    Helmert(Vec<f64>),
+    /// By a grid of shifts: its name.
+    Grid(String),
+}
+
+impl Shift {
+    /// The way that the shift is, from an ellipsoid with these half axes.
+    pub(super) fn way(&self, ellipsoid: [f64; 2]) -> Result<Datum, String> {
+        match self {
+            Shift::Helmert(numbers) => helmert(numbers, ellipsoid),
+            Shift::Grid(name) => Ok(Datum::Grid(name.clone())),
+        }
+    }
+}
+
 /// Methods, and the sign that rotations have in them.
 const METHODS: [(&str, f64); 3] = [
     ("geocentrictranslations", 1.0),
@@ -32,7 +51,7 @@ pub(super) fn check_target(is_geographic: bool, datum: &str) -> Result<(), Strin
 }
 
 /// The shift that a method and its parameters are.
-pub(super) fn read(transformation: &Conversion, ellipsoid: [f64; 2]) -> Result<Datum, String> {
+pub(super) fn read(transformation: &Conversion) -> Result<Shift, String> {
     let name = key(&transformation.method);
     let known = METHODS
         .iter()
@@ -56,7 +75,7 @@ pub(super) fn read(transformation: &Conversion, ellipsoid: [f64; 2]) -> Result<D
         };
     }
     if numbers[3..].iter().all(|number| *number == 0.0) {
-        return helmert(&numbers[..3], ellipsoid);
+        return Ok(Shift::Helmert(numbers[..3].to_vec()));
     }
-    helmert(&numbers, ellipsoid)
+    Ok(Shift::Helmert(numbers.to_vec()))
 }

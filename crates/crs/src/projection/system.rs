@@ -9,37 +9,44 @@ use super::datum::Datum;
 use super::datum_names;
 use super::definition::Definition;
 use super::methods::{self, Values};
+use super::shift::Shift;
 use super::words;
 
 /// The parts of a system of longitude and latitude, or of a plane.
 #[derive(Debug)]
-pub(super) struct System {
-    pub(super) base: Base,
+pub(crate) struct System {
+    pub(crate) name: Option<String>,
+    pub(crate) base: Base,
     /// The projection; systems of longitude and latitude have none.
-    pub(super) conversion: Option<Conversion>,
+    pub(crate) conversion: Option<Conversion>,
     /// The axes of the plane in their order; none if the definition leaves them to the reader.
-    pub(super) axes: Vec<Axis>,
+    pub(crate) axes: Vec<Axis>,
     /// Size of a unit of the axes: metres of a plane, radians of angles.
-    pub(super) unit: f64,
+    pub(crate) unit: f64,
+    /// Metres of the unit of heights above the ellipsoid, if these are the third axis.
+    pub(crate) height: Option<f64>,
     /// The way to WGS 84 that the definition tells.
-    pub(super) shift: Option<Datum>,
+    pub(crate) shift: Option<Shift>,
 }
 
 /// Base of longitudes and latitudes.
 #[derive(Debug)]
-pub(super) struct Base {
-    pub(super) datum: Name,
+pub(crate) struct Base {
+    /// That of the geographic system.
+    pub(crate) name: Option<String>,
+    pub(crate) datum: Name,
     /// Half axes in metres.
-    pub(super) ellipsoid: [f64; 2],
+    pub(crate) ellipsoid: [f64; 2],
+    pub(crate) ellipsoid_name: Option<String>,
     /// Degrees east of Greenwich.
-    pub(super) prime_meridian: f64,
+    pub(crate) prime_meridian: f64,
     /// Radians of the unit of angles.
-    pub(super) angle: f64,
+    pub(crate) angle: f64,
 }
 
 /// Name of a datum.
 #[derive(Debug)]
-pub(super) enum Name {
+pub(crate) enum Name {
     /// By this name.
     Text(String),
     /// As that of a geographic system of the EPSG registry.
@@ -48,13 +55,13 @@ pub(super) enum Name {
 
 /// A method with its parameters.
 #[derive(Debug)]
-pub(super) struct Conversion {
+pub(crate) struct Conversion {
     pub(super) method: String,
     pub(super) parameters: Vec<Parameter>,
 }
 
 #[derive(Debug)]
-pub(super) struct Parameter {
+pub(crate) struct Parameter {
     pub(super) name: String,
     pub(super) value: f64,
     /// That of the system where the parameter tells none.
@@ -63,7 +70,7 @@ pub(super) struct Parameter {
 
 /// A unit: radians, metres, or what a number counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Unit {
+pub(crate) enum Unit {
     Angle(f64),
     Length(f64),
     Scale(f64),
@@ -88,13 +95,13 @@ pub(super) fn half_axes(size: f64, inverse_flattening: f64) -> Result<[f64; 2], 
 }
 
 /// Half axes, if they can be those of a body.
-pub(super) fn check_ellipsoid([a, b]: [f64; 2]) -> Result<[f64; 2], String> {
+pub(crate) fn check_ellipsoid([a, b]: [f64; 2]) -> Result<[f64; 2], String> {
     let is_body = SIZES.contains(&a) && b <= a && b > 0.8 * a;
     if is_body { Ok([a, b]) } else { Err(format!("an ellipsoid with half axes of {a:?} m and {b:?} m")) }
 }
 
 /// Whether two ellipsoids are one.
-fn is_same_ellipsoid(one: [f64; 2], other: [f64; 2]) -> bool {
+pub(crate) fn is_same_ellipsoid(one: [f64; 2], other: [f64; 2]) -> bool {
     (0..2).all(|axis| (one[axis] - other[axis]).abs() < SAME_SIZE)
 }
 
@@ -117,7 +124,7 @@ pub(super) fn degrees(value: f64, radians: f64) -> f64 {
 
 impl Base {
     /// Base of a geographic system of the EPSG registry.
-    pub(super) fn of_epsg(number: u16) -> Result<Base, String> {
+    pub(crate) fn of_epsg(number: u16) -> Result<Base, String> {
         let missing = || format!("EPSG:{number}, which the list of definitions does not have");
         let definition =
             crs_definitions::from_code(number).map(|known| known.proj4).filter(|text| !text.is_empty());
@@ -125,7 +132,14 @@ impl Base {
         let proj = proj.ok().filter(Proj::is_latlong).ok_or_else(missing)?;
         let (a, b) = proj.ellipse_parameters();
         let prime_meridian = proj.from_greenwich().to_degrees();
-        Ok(Base { datum: Name::Epsg(number), ellipsoid: [a, b], prime_meridian, angle: 1f64.to_radians() })
+        Ok(Base {
+            name: None,
+            datum: Name::Epsg(number),
+            ellipsoid: [a, b],
+            ellipsoid_name: None,
+            prime_meridian,
+            angle: 1f64.to_radians(),
+        })
     }
 
     /// The way to WGS 84, where the definition itself tells none.
@@ -176,7 +190,10 @@ impl System {
     /// The definition in PROJ's words.
     pub(super) fn definition(self) -> Result<Definition, String> {
         let [a, b] = self.base.ellipsoid;
-        let datum = self.shift.clone().unwrap_or_else(|| self.base.way());
+        let datum = match &self.shift {
+            Some(shift) => shift.way(self.base.ellipsoid)?,
+            None => self.base.way(),
+        };
         let ellipsoid = format!("+a={a:?} +b={b:?}");
         let directions: Vec<_> = self.axes.iter().map(|axis| axis.direction.as_str()).collect();
         let mut words = match &self.conversion {
@@ -193,17 +210,7 @@ impl System {
                 if !LENGTHS.contains(&self.unit) {
                     return Err(format!("a unit of {:?} m", self.unit));
                 }
-                let method = methods::find(&conversion.method)
-                    .ok_or_else(|| format!("the method {}", conversion.method))?;
-                let values = self.values(conversion)?;
-                let (words, values) = method.words(&conversion.method, values)?;
-                if !method.takes(&self.axes, &values) {
-                    return Err(format!(
-                        "axes that go {} in the method {}",
-                        directions.join(", "),
-                        conversion.method
-                    ));
-                }
+                let (words, values) = self.projection(conversion)?;
                 let mut text = format!("{words} {ellipsoid}");
                 for (word, value) in values {
                     let _ = write!(text, " +{word}={value:?}");
@@ -221,6 +228,18 @@ impl System {
             let _ = write!(words, " +pm={:?}", self.base.prime_meridian);
         }
         Ok(Definition { words, datum })
+    }
+
+    /// PROJ's words for the method and its parameters, if these are of the axes.
+    pub(crate) fn projection(&self, conversion: &Conversion) -> Result<(&'static str, Values), String> {
+        let name = &conversion.method;
+        let method = methods::find(name).ok_or_else(|| format!("the method {name}"))?;
+        let (words, values) = method.words(name, self.values(conversion)?)?;
+        if !method.takes(&self.axes, &values) {
+            let directions: Vec<_> = self.axes.iter().map(|axis| axis.direction.as_str()).collect();
+            return Err(format!("axes that go {} in the method {name}", directions.join(", ")));
+        }
+        Ok((words, values))
     }
 
     /// The parameters in degrees, metres and ones.

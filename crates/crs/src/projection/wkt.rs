@@ -1,10 +1,9 @@
 //! Well-known text, of version 1 (as OGC, GDAL and Esri write it) and 2 (of 2015 and 2019), as the parts of a system.
 
 use super::axis::Axis;
-use super::datum::Datum;
 use super::definition::Definition;
-use super::shift;
-use super::system::{Base, Conversion, Name, Parameter, System, Unit, degrees, half_axes, helmert};
+use super::shift::{self, Shift};
+use super::system::{Base, Conversion, Name, Parameter, System, Unit, degrees, half_axes};
 use super::{methods, proj_string};
 use crate::definition::{BOUND, GEOGRAPHIC, WktNode, parse_wkt};
 
@@ -48,7 +47,8 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
     }
 }
 
-fn system(node: &WktNode) -> Result<System, String> {
+/// The parts of a system.
+pub(crate) fn system(node: &WktNode) -> Result<System, String> {
     let node = node.horizontal().ok_or("a compound system of nothing")?;
     if node.is(&BOUND) {
         return bound(node);
@@ -66,7 +66,15 @@ fn system(node: &WktNode) -> Result<System, String> {
             return Err("longitude and latitude in a system of axes that is not ellipsoidal".into());
         }
         let unit = unit_of_axes(node, &ANGLES)?.unwrap_or(base.angle);
-        return Ok(System { base, conversion: None, axes, unit, shift });
+        return Ok(System {
+            name: None,
+            base,
+            conversion: None,
+            height: height(node, &axes)?,
+            axes,
+            unit,
+            shift,
+        });
     }
     let known = [&BASES[..], &LENGTHS, &["PROJECTION", "PARAMETER", "CONVERSION", "CS", "AXIS"]].concat();
     check_children(node, &known)?;
@@ -77,7 +85,8 @@ fn system(node: &WktNode) -> Result<System, String> {
     let axes = axes(node)?;
     let unit = unit_of_axes(node, &LENGTHS)?.ok_or("a plane without a unit")?;
     let conversion = conversion(node.child(&["CONVERSION"]).unwrap_or(node))?;
-    Ok(System { base, conversion: Some(conversion), axes, unit, shift })
+    let (name, height) = (node.texts().next().map(String::from), height(node, &axes)?);
+    Ok(System { name, base, conversion: Some(conversion), axes, unit, height, shift })
 }
 
 /// Fails if a node has children that may mean something else.
@@ -89,7 +98,7 @@ fn check_children(node: &WktNode, known: &[&str]) -> Result<(), String> {
 }
 
 /// Datum, ellipsoid and prime meridian, and the shift that the datum tells.
-fn base(node: &WktNode) -> Result<(Base, Option<Datum>), String> {
+fn base(node: &WktNode) -> Result<(Base, Option<Shift>), String> {
     let known = [&DATUMS[..], &MERIDIANS, &ANGLES, &["CS", "AXIS"]].concat();
     check_children(node, &known)?;
     let datum = node.child(&DATUMS).ok_or_else(|| format!("{} without a datum", node.keyword()))?;
@@ -97,6 +106,7 @@ fn base(node: &WktNode) -> Result<(Base, Option<Datum>), String> {
     let name = datum.texts().next().ok_or("a datum without a name")?;
     let ellipsoid =
         datum.child(&ELLIPSOIDS).ok_or_else(|| format!("the datum {name} without an ellipsoid"))?;
+    let ellipsoid_name = ellipsoid.texts().next().map(String::from);
     let [size, inverse_flattening] = ellipsoid.numbers().collect::<Vec<_>>()[..] else {
         return Err(format!("the datum {name} without the size of its ellipsoid"));
     };
@@ -104,11 +114,18 @@ fn base(node: &WktNode) -> Result<(Base, Option<Datum>), String> {
     let angle = unit_of_axes(node, &ANGLES)?.unwrap_or(1f64.to_radians());
     let meridian = node.child(&MERIDIANS).map(|node| prime_meridian(node, angle)).transpose()?.unwrap_or(0.0);
     let grid = datum.child(&["EXTENSION"]).map(|extension| match extension.texts().collect::<Vec<_>>()[..] {
-        ["PROJ4_GRIDS", grid] => Ok(Datum::Grid(grid.into())),
+        ["PROJ4_GRIDS", grid] => Ok(Shift::Grid(grid.into())),
         _ => Err(format!("the datum {name} with an EXTENSION that is not known")),
     });
-    let shift = datum.child(&["TOWGS84"]).map(|node| helmert(&node.numbers().collect::<Vec<_>>(), ellipsoid));
-    let base = Base { datum: Name::Text(name.into()), ellipsoid, prime_meridian: meridian, angle };
+    let shift = datum.child(&["TOWGS84"]).map(|node| Ok(Shift::Helmert(node.numbers().collect())));
+    let base = Base {
+        name: node.texts().next().map(String::from),
+        datum: Name::Text(name.into()),
+        ellipsoid,
+        ellipsoid_name,
+        prime_meridian: meridian,
+        angle,
+    };
     Ok((base, grid.or(shift).transpose()?))
 }
 
@@ -122,7 +139,7 @@ fn prime_meridian(node: &WktNode, angle: f64) -> Result<f64, String> {
 }
 
 /// Size of a node's unit in metres or radians.
-fn unit(node: &WktNode, keywords: &[&str]) -> Result<Option<f64>, String> {
+pub(crate) fn unit(node: &WktNode, keywords: &[&str]) -> Result<Option<f64>, String> {
     let Some(unit) = node.child(keywords) else { return Ok(None) };
     match unit.numbers().next() {
         Some(factor) if factor > 0.0 => Ok(Some(factor)),
@@ -141,6 +158,15 @@ fn unit_of_axes(node: &WktNode, keywords: &[&str]) -> Result<Option<f64>, String
         [Some(a), ..] if of_all.is_some_and(|all| all != a) => Err("axes with different units".into()),
         [a, ..] => Ok(a.or(of_all)),
         [] => Ok(of_all),
+    }
+}
+
+/// Metres of the unit of a third axis, which has heights above the ellipsoid.
+fn height(node: &WktNode, axes: &[Axis]) -> Result<Option<f64>, String> {
+    let Some(axis) = node.nodes().filter(|node| node.is(&["AXIS"])).nth(2) else { return Ok(None) };
+    match axes[2].direction.as_str() {
+        "up" => Ok(unit(axis, &LENGTHS)?.or(unit(node, &["LENGTHUNIT"])?)),
+        other => Err(format!("a third axis that goes {other}")),
     }
 }
 
@@ -209,7 +235,7 @@ fn bound(node: &WktNode) -> Result<System, String> {
     let transformation =
         node.child(&["ABRIDGEDTRANSFORMATION"]).ok_or("a BOUNDCRS without a transformation")?;
     if let Some(grid) = transformation.child(&["PARAMETERFILE"]) {
-        source.shift = Some(Datum::Grid(grid.texts().nth(1).unwrap_or("without a name").into()));
+        source.shift = Some(Shift::Grid(grid.texts().nth(1).unwrap_or("without a name").into()));
         return Ok(source);
     }
     let mut conversion = conversion(transformation)?;
@@ -219,6 +245,6 @@ fn bound(node: &WktNode) -> Result<System, String> {
             (parameter.value, parameter.unit) = (parameter.value - 1.0, Some(Unit::Scale(1.0)));
         }
     }
-    source.shift = Some(shift::read(&conversion, source.base.ellipsoid)?);
+    source.shift = Some(shift::read(&conversion)?);
     Ok(source)
 }

@@ -7,7 +7,7 @@ pub(super) fn parameter<'a>(definition: &'a str, name: &str) -> Option<&'a str> 
 }
 
 /// The definition with its ellipsoid, but without a shift.
-pub(super) fn without_shift(definition: &str) -> String {
+pub(crate) fn without_shift(definition: &str) -> String {
     let parts = definition.split_whitespace().map(|part| match part {
         // The ellipsoids of datums that have names here.
         "+datum=WGS84" => "+ellps=WGS84",

@@ -7,7 +7,7 @@ use crate::query::{
 };
 use crate::tree::Child;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::Rule;
+use spinney_base::value::{Kind, Rule};
 use spinney_base::{Error, Progress, Result};
 
 impl Dataset {
@@ -26,8 +26,8 @@ impl Dataset {
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
     /// use spinney::query::{ContourLevels, ContourRequest};
     ///
-    /// let map = spinney::open("fixtures/v1/classes.goblin")?;
-    /// let request = ContourRequest::new(ContourLevels::At(vec![2.5]));
+    /// let map = spinney::open("fixtures/v1/elevation.goblin")?;
+    /// let request = ContourRequest::new(ContourLevels::At(vec![300.0]));
     /// let mut length = 0.0;
     /// let found = map.contours(&request, &(), &mut |line| {
     ///     let mut last: Option<[f64; 3]> = None;
@@ -44,7 +44,7 @@ impl Dataset {
     /// ```
     ///
     /// # Errors
-    /// If the tree is an octree, or damaged, there is no such level, the contours' levels are none or far too close, a temporary file
+    /// If the tree is an octree, or of classes, or damaged, there is no such level, the contours' levels are none or far too close, a temporary file
     /// cannot be written, `each` fails, or on interruption.
     pub fn contours(
         &self,
@@ -85,6 +85,7 @@ impl Dataset {
             let advice = "it has isosurfaces: `spinney contours` with -o surface.ply, or export_isosurfaces";
             return Err(Error::unsupported(self.name(), "contours of an octree", advice));
         }
+        self.check_amounts("contours")?;
         let level = request.level.unwrap_or(self.depth());
         check_level(level, self.depth())?;
         let relief = self.relief(level);
@@ -100,6 +101,30 @@ impl Dataset {
         let summary = trace_contours(&ground, request, is_bands, progress, each)?;
         self.check_unchanged()?;
         Ok(summary)
+    }
+
+    /// Refuses a tree of classes, between which there is nothing that could be equal to a level.
+    ///
+    /// # Errors
+    /// If it is one.
+    pub fn check_amounts(&self, what: &str) -> Result<()> {
+        if self.header().kind != Kind::Categorical {
+            return Ok(());
+        }
+        let tree = self.name().display();
+        let advice = if self.header().form.axes() == 2 {
+            format!(
+                "numbers of classes have no order. Areas of classes: `spinney stats {tree}`; blocks of one: `spinney find {tree} --class N`; \
+                 polygons: `spinney get {tree} map.tif`, and gdal_polygonize of that. If the values are amounts: `spinney build {tree} --kind \
+                 continuous -o AMOUNTS.goblin`"
+            )
+        } else {
+            format!(
+                "numbers of classes have no order. The surface of all cells that are not VOID: `spinney export {tree} surface.ply`. If the \
+                 values are amounts: `spinney build {tree} --kind continuous -o AMOUNTS.goblin`"
+            )
+        };
+        Err(Error::unsupported(self.name(), format!("{what} of a tree of classes"), advice))
     }
 
     /// The cells of a level, which there must be.

@@ -3,6 +3,7 @@
 
 mod contours;
 mod questions;
+mod rebuild;
 mod solids;
 mod texts;
 mod viewed;
@@ -12,7 +13,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use self::viewed::Viewed;
-use crate::ops::{Chain, Sampling, Step, TreeFile, View, ViewSource};
+use crate::ops::{Chain, Sampling, Step, TreeFile, View, ViewSource, WarpGrid, data_box};
 use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
@@ -101,6 +102,33 @@ impl Dataset {
         };
         let view = View::whole(file.into())?.through(steps)?.sampled(Sampling::Area(rule))?;
         Ok(Dataset::of_view(Viewed::new(view, false)))
+    }
+
+    /// The dataset on a grid of other cells, in any coordinate system: see [`Warped`](crate::ops::Warped).
+    ///
+    /// # Errors
+    /// If it is a view of another part of its file, or one of the two systems cannot be computed.
+    pub fn warped(self, grid: &WarpGrid) -> Result<Dataset> {
+        let whole = |file: TreeFile| Ok(Viewed::new(View::whole(file.into())?, false));
+        let viewed = match self.tree {
+            Tree::Goblin(file) => whole(TreeFile::Goblin(file))?,
+            Tree::Autumnal(file) => whole(TreeFile::Autumnal(file))?,
+            Tree::View(viewed) => *viewed,
+        };
+        Ok(Dataset::of_view(viewed.warped(grid)?))
+    }
+
+    /// The smallest box of cells around all that is not VOID; `None` if all is.
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub fn data_box(&self) -> Result<Option<Bounds>> {
+        let whole = |file: TreeFile| data_box(&View::whole(file.into())?);
+        match &self.tree {
+            Tree::Goblin(file) => whole(TreeFile::Goblin(file.clone())),
+            Tree::Autumnal(file) => whole(TreeFile::Autumnal(file.clone())),
+            Tree::View(viewed) => data_box(viewed.view()),
+        }
     }
 
     /// The file, if this is no view of one: for what stands on files, such as [`Warped`](crate::ops::Warped).

@@ -1,6 +1,6 @@
 //! Views of files: questions are answered through the view, nothing is computed beforehand.
 
-use crate::ops::{Step, View, ViewSource};
+use crate::ops::{Step, View, ViewSource, WarpGrid};
 use crate::query::{Canvas, check_level};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Result;
@@ -32,6 +32,11 @@ impl Viewed {
         Ok(Viewed::new(self.view.through(steps)?, self.moves))
     }
 
+    /// The view on another grid.
+    pub(super) fn warped(self, grid: &WarpGrid) -> Result<Viewed> {
+        Ok(Viewed::new(self.view.warped(grid)?, self.moves))
+    }
+
     pub(super) fn view(&self) -> &View {
         &self.view
     }
@@ -59,13 +64,17 @@ impl Viewed {
         // A search of the whole view can take as long as drawing it: one that is not done after so many nodes
         // says yes.
         const MAX_NODES: usize = 100_000;
+        // (Those on another grid are computed, each by tens of places.)
+        const MAX_COMPUTED: usize = 1000;
+        let is_computed = matches!(**self.view.source(), ViewSource::Warped(_));
+        let most = if is_computed { MAX_COMPUTED } else { MAX_NODES };
         if !self.header.picture().contains(bounds) {
             return Ok(true);
         }
         let (view, form) = (&self.view, self.view.form());
         let mut children = no_children();
         let mut pending = vec![(Code::root(form.dimension), view.root()?)];
-        for _ in 0..MAX_NODES {
+        for _ in 0..most {
             let Some((code, child)) = pending.pop() else { return Ok(false) };
             if code.bounds(view.depth()).intersect(bounds).is_empty() {
                 continue;

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::tree_file::TreeFile;
 use super::view_source::ViewSource;
+use crate::store::builder::ReusableSource;
 use crate::store::{BuildOptions, build, check_room};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
@@ -28,9 +29,26 @@ use spinney_container::OpenOptions;
 /// If the file cannot be read, the output not be written, there is no room for all of its nodes, or on interruption.
 pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
     let file: ViewSource = TreeFile::open(path, &OpenOptions::default())?.into();
-    file.tell_remark(progress);
-    let (header, metadata) = (file.header().clone(), file.metadata().clone());
-    check_room(&output, header.form, share, file.shared_records()?)?;
-    let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
-    build(&file, header.extent, &options, output, progress).map(|_| ())
+    let (header, metadata) = (file.header(), file.metadata().clone());
+    let options = BuildOptions { metadata, share, ..BuildOptions::like(header, memory) };
+    build_again(&file, &file, header.extent, &options, output, progress)
+}
+
+/// Writes what is seen of a tree, all of it or a view, with properties of its own.
+///
+/// # Errors
+/// Those of [`convert`].
+pub(crate) fn build_again<S: ReusableSource>(
+    tree: &ViewSource,
+    seen: &S,
+    extent: [u64; 3],
+    options: &BuildOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<()> {
+    tree.tell_remark(progress);
+    // (Of a part, or of larger cells, nobody knows how many nodes it has.)
+    let records = if extent == tree.header().extent { tree.shared_records()? } else { 0 };
+    check_room(&output, seen.form(), options.share, records)?;
+    build(seen, extent, options, output, progress).map(drop)
 }

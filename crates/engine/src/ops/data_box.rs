@@ -1,7 +1,7 @@
 //! Bounding box of a tree's data: the smallest box around all that is not VOID.
 
 use super::affine::View;
-use crate::tree::{Child, Source, no_children};
+use crate::tree::{CellBlock, Child, Source, no_children};
 use spinney_base::Result;
 use spinney_base::sort;
 use spinney_base::space::{Bounds, Code};
@@ -19,6 +19,21 @@ pub fn data_box(view: &View) -> Result<Option<Bounds>> {
         (bounds.min[axis], bounds.max[axis]) = (min, max);
     }
     Ok(Some(bounds))
+}
+
+/// Levels above the cells at which all of them are drawn at once, where that is faster than to look at nodes.
+const BLOCK_LEVELS: u8 = 6;
+
+/// How far the cells of a block reach that are not VOID and in the picture; nothing if there are none.
+fn reach_in(block: &CellBlock, space: &Bounds, picture: &Bounds, axis: usize, is_max: bool) -> Option<u64> {
+    let [width, height, _] = space.size();
+    let cells = block.present.iter().enumerate().filter(|(_, present)| **present).map(|(index, _)| {
+        let index = index as u64;
+        let steps = [index % width, index / width % height, index / width / height];
+        std::array::from_fn::<u64, 3, _>(|axis| space.min[axis] + steps[axis])
+    });
+    let inside = cells.filter(|cell| (0..3).all(|axis| cell[axis] < picture.max[axis]));
+    inside.map(|cell| if is_max { cell[axis] + 1 } else { u64::MAX - cell[axis] }).max()
 }
 
 /// The least or the greatest bound, along an axis, of all cells that are not VOID.
@@ -40,6 +55,13 @@ fn furthest(view: &View, axis: usize, is_max: bool) -> Result<Option<u64>> {
         }
         match child {
             Child::Inner { node, .. } if code.level() < view.depth() => {
+                let levels = view.depth() - code.level();
+                if levels <= BLOCK_LEVELS
+                    && let Some(block) = view.cells(&node, levels)?
+                {
+                    found = found.max(reach_in(&block, &code.bounds(view.depth()), &picture, axis, is_max));
+                    continue;
+                }
                 view.children(&node, &mut children)?;
                 let below = children[..view.form().children()].iter_mut().map(std::mem::take).enumerate();
                 let start = pending.len();

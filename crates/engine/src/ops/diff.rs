@@ -40,6 +40,24 @@ pub fn diff(
     Comparison { first, second, children, found }.node(root, &first.root()?, &second.root()?)
 }
 
+/// Hands out the nodes of a level in which two trees differ, each once, in FD order; uniform blocks that are larger as they are. What
+/// else differs in a node is not looked for: see [`diff`].
+///
+/// # Errors
+/// If forms or depths differ, a file is damaged, or `found` fails.
+pub fn diff_nodes(
+    first: &TreeFile,
+    second: &TreeFile,
+    level: u8,
+    found: &mut dyn FnMut(Code) -> Result<()>,
+) -> Result<()> {
+    check_alike(first, second)?;
+    let children = first.form().children();
+    let root = Code::root(first.form().dimension);
+    let mut nodes = NodesThatDiffer { first, second, children, level, found };
+    nodes.node(root, &first.root()?, &second.root()?).map(drop)
+}
+
 /// Fails if forms or depths of two trees differ.
 fn check_alike(first: &TreeFile, second: &TreeFile) -> Result<()> {
     check_form((second.path(), second.form()), (first.path(), first.form()))?;
@@ -80,6 +98,53 @@ impl Comparison<'_> {
             self.node(code.child(step), a, b)?;
         }
         Ok(())
+    }
+}
+
+/// Two trees that are walked side by side as far as nodes of a level ask for it.
+struct NodesThatDiffer<'a> {
+    first: &'a TreeFile,
+    second: &'a TreeFile,
+    /// Children of a node.
+    children: usize,
+    level: u8,
+    found: &'a mut dyn FnMut(Code) -> Result<()>,
+}
+
+impl NodesThatDiffer<'_> {
+    /// Whether the trees differ in a node.
+    fn node(&mut self, code: Code, a: &Child<TreeFileNode>, b: &Child<TreeFileNode>) -> Result<bool> {
+        let mut differs = false;
+        match (a, b) {
+            (Child::Void, Child::Void) => return Ok(false),
+            (Child::Leaf(a), Child::Leaf(b)) if a == b => return Ok(false),
+            (Child::Inner { .. }, _) | (_, Child::Inner { .. }) => {
+                if is_same_record(self.first, a, self.second, b) {
+                    return Ok(false);
+                }
+                let (mut below_a, mut below_b) = (no_children(), no_children());
+                let from_a = children_of(self.first, a, &mut below_a)?;
+                let from_b = children_of(self.second, b, &mut below_b)?;
+                for step in 0..self.children {
+                    let a = from_a.map_or(a, |below| &below[step]);
+                    let b = from_b.map_or(b, |below| &below[step]);
+                    differs |= self.node(code.child(step), a, b)?;
+                    if differs && code.level() >= self.level {
+                        break;
+                    }
+                }
+                if differs && code.level() == self.level {
+                    (self.found)(code)?;
+                }
+            }
+            _ => {
+                differs = true;
+                if code.level() <= self.level {
+                    (self.found)(code)?;
+                }
+            }
+        }
+        Ok(differs)
     }
 }
 

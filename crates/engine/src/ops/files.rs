@@ -9,7 +9,7 @@ use super::operation::Operation;
 use super::step::Step;
 use super::tree_file::TreeFile;
 use super::universe::Universe;
-use super::view_source::check_form;
+use super::view_source::{ViewSource, check_form};
 use super::warp::{Resampling, WarpOptions};
 use crate::store::{BuildOptions, check_room};
 use crate::tree::Source;
@@ -104,7 +104,9 @@ impl Chain {
 pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
     let view = chain.open()?;
     // How many cells there are to be, unless some were left out.
-    let shrinks = (!view.has_windows()).then(|| view.to_source().determinant().abs());
+    // (On the grid of another coordinate system cells have no one size.)
+    let is_known = !view.has_windows() && !matches!(**view.source(), ViewSource::Warped(_));
+    let shrinks = is_known.then(|| view.to_source().determinant().abs());
     // (Of a part of a file nobody knows how many nodes it has.)
     let least = if view.has_windows() { 0 } else { expected_records(&view)? };
     let derivation = Derivation {

@@ -26,10 +26,11 @@ mod warp;
 
 pub use affine::{AffineMap, Alignment, Around, Axis, Sampling, View, ViewNode, align};
 pub use combine::{Combined, CombinedNode, build};
+pub(crate) use convert::build_again;
 pub use convert::convert;
 pub use crosstab::{Pair, crosstab};
 pub use data_box::data_box;
-pub use diff::{Difference, Differences, FdRange, diff, diff_files, differences};
+pub use diff::{Difference, Differences, FdRange, diff, diff_files, diff_nodes, differences};
 pub use edit::{CellValue, Edit, apply_edits, edit};
 pub use files::{Chain, Outcome, PairOfSamples, combine, crosstab_files, transform};
 pub use operation::{Operation, Prefer};
@@ -39,4 +40,4 @@ pub use step::{Step, Turn};
 pub use tree_file::{TreeFile, TreeFileNode};
 pub use universe::Universe;
 pub use view_source::{MemoryTree, ViewSource, ViewSourceNode};
-pub use warp::{MAX_ZOOM, Resampling, WarpGrid, WarpOptions, Warped, warp};
+pub use warp::{MAX_ZOOM, Resampling, WarpGrid, WarpOptions, WarpTarget, Warped, warp};

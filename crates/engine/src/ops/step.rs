@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::affine::{AffineMap, Axis, View};
 use super::data_box::data_box;
 use super::tree_file::TreeFile;
-use super::warp::WarpGrid;
+use super::warp::{WarpGrid, WarpTarget};
 use crate::tree::Source;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
@@ -45,6 +45,8 @@ pub enum Step {
     Crs(Crs),
     /// `like=FILE`: onto the cells of another tree, by the frames of both, also in another coordinate system.
     Like(PathBuf),
+    /// `warp=DEF`, `warp=DEF,cell=WIDTH,resampling=WAY`: to another coordinate system, onto square cells where data land.
+    Warp(WarpTarget),
     /// `grid=xyz`, `grid=xyz,ZOOM`: onto the cells of web maps, with the world as the root; see [`WarpGrid::web_mercator`].
     WebMercator(Option<u8>),
 }
@@ -89,6 +91,7 @@ impl Step {
             Step::Embed(code) => embed(view, code),
             Step::Crs(crs) => Ok(view.in_system(crs.clone())),
             Step::Like(path) => like(view, path),
+            Step::Warp(target) => warp(view, target),
             Step::WebMercator(zoom) => {
                 let grid =
                     WarpGrid::web_mercator(*zoom, &view.frame(false), view.extent(), view.allows_ballpark())?;
@@ -173,6 +176,14 @@ fn embed(view: View, code: &str) -> Result<View> {
     }
     let node = code.bounds(depth + code.level());
     view.translate(node.min.map(|cell| cell as f64))?.deepened(depth + code.level())
+}
+
+fn warp(view: View, target: &WarpTarget) -> Result<View> {
+    let Some(data) = data_box(&view)? else {
+        return Err(Error::invalid("warp", "a tree that is VOID", "some data"));
+    };
+    let grid = target.grid(&view.frame(false), view.extent(), &data, view.allows_ballpark())?;
+    view.resampling(target.resampling).warped(&grid)
 }
 
 fn like(view: View, path: &Path) -> Result<View> {

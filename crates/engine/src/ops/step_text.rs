@@ -10,14 +10,18 @@ use spinney_crs::Crs;
 
 /// All steps, for the message about an unknown one.
 const STEPS: &str = "window=, bbox=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
-                     tree-depth=, subtree=, embed=, crs=, like= or grid=";
+                     tree-depth=, subtree=, embed=, crs=, like=, warp= or grid=";
 
 impl FromStr for Step {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Step> {
         if let Some(definition) = text.strip_prefix("crs=") {
-            return Crs::parse(definition).map(Step::Crs);
+            let crs = Crs::parse(definition)?;
+            return crs.check_registered().map(|()| Step::Crs(crs));
+        }
+        if let Some(target) = text.strip_prefix("warp=") {
+            return target.parse().map(Step::Warp);
         }
         let step = StepText::new(text)?;
         match step.name {
@@ -246,6 +250,7 @@ impl fmt::Display for Step {
             // (In one line, as a part of the provenance; a break means no more than a space.)
             Step::Crs(crs) => write!(f, "crs={}", crs.definition().replace(['\n', '\r'], " ")),
             Step::Like(path) => write!(f, "like={}", path.display()),
+            Step::Warp(target) => write!(f, "warp={target}"),
             Step::WebMercator(None) => write!(f, "grid=xyz"),
             Step::WebMercator(Some(zoom)) => write!(f, "grid=xyz,{zoom}"),
         }
@@ -344,6 +349,10 @@ mod tests {
             "like=other map.goblin",
             "grid=xyz",
             "grid=xyz,7",
+            "warp=EPSG:3035",
+            "warp=EPSG:4326+5773,cell=0.5",
+            "warp=+proj=utm +zone=32 +datum=WGS84,resampling=cubic",
+            "warp=EPSG:3035,cell=30,resampling=area",
         ] {
             let step: Step = text.parse().unwrap();
             assert_eq!(step.to_string(), text);
@@ -370,7 +379,8 @@ mod tests {
         for text in ["room=7", "root=/0", "nest=/0", "spin=3"] {
             let error = text.parse::<Step>().unwrap_err().to_string();
             assert!(
-                error.contains(text) && error.contains("tree-depth=, subtree=, embed=, crs=, like= or grid="),
+                error.contains(text)
+                    && error.contains("tree-depth=, subtree=, embed=, crs=, like=, warp= or grid="),
                 "{error}"
             );
         }

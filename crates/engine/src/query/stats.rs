@@ -1,6 +1,8 @@
 //! Exact statistics of any box, from zone statistics where a zone lies inside and from the tree where it is
 //! cut.
 
+use std::collections::BTreeMap;
+
 use crate::store::autumnal::Autumnal;
 use crate::store::goblin::Goblin;
 use crate::store::records::dense::DenseBlock;
@@ -42,6 +44,62 @@ pub struct ChannelStatistics {
     pub max: f64,
     pub mean: f64,
     pub standard_deviation: f64,
+}
+
+impl Statistics {
+    /// Statistics of parts that have no cell in common, together.
+    pub fn of_parts(parts: &[Statistics]) -> Statistics {
+        if let [part] = parts {
+            return part.clone();
+        }
+        let mut all = Statistics::default();
+        let mut classes = BTreeMap::new();
+        for part in parts {
+            all.cells += part.cells;
+            all.void_cells += part.void_cells;
+            all.segments_read += part.segments_read;
+            // (Classes are finite numbers, whose order is that of their keys.)
+            for (value, cells) in &part.classes {
+                classes.entry(ordered(*value)).or_insert((*value, 0)).1 += cells;
+            }
+            if all.channels.is_empty() {
+                all.channels.clone_from(&part.channels);
+            } else {
+                all.channels.iter_mut().zip(&part.channels).for_each(|(all, part)| all.join(part));
+            }
+        }
+        all.classes = classes.into_values().collect();
+        all
+    }
+}
+
+/// A number as a whole one in the same order.
+fn ordered(number: f64) -> i64 {
+    let bits = number.to_bits() as i64;
+    if bits < 0 { i64::MIN - bits } else { bits }
+}
+
+impl ChannelStatistics {
+    /// Adds cells that are not among these (Chan, Golub and LeVeque 1979).
+    fn join(&mut self, other: &ChannelStatistics) {
+        if other.cells == 0 || self.cells == 0 {
+            if self.cells == 0 {
+                *self = *other;
+            }
+            return;
+        }
+        let (a, b) = (self.cells as f64, other.cells as f64);
+        let (all, away) = (a + b, other.mean - self.mean);
+        let squares = |channel: &ChannelStatistics, cells: f64| channel.standard_deviation.powi(2) * cells;
+        let squares = squares(self, a) + squares(other, b) + away * away * a * b / all;
+        *self = ChannelStatistics {
+            cells: self.cells + other.cells,
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+            mean: self.mean + away * b / all,
+            standard_deviation: (squares / all).sqrt(),
+        };
+    }
 }
 
 impl Goblin {

@@ -17,7 +17,7 @@ use crate::tree::Source;
 use spinney_base::Form;
 use spinney_base::parallel;
 use spinney_base::sort;
-use spinney_base::space::{Bounds, Code, Cover, Polygon};
+use spinney_base::space::{Bounds, Code, Cover, Crossings, Polygon};
 use spinney_base::value::{Value, ValueType};
 use spinney_base::{Progress, Result};
 
@@ -129,7 +129,7 @@ struct ZoneCells<'a> {
 
 impl ZoneCells<'_> {
     /// Cells of a box that are inside.
-    fn measure(&self, bounds: &Bounds, crossings: &mut Vec<f64>) -> f64 {
+    fn measure(&self, bounds: &Bounds, crossings: &mut Crossings) -> f64 {
         // (A polygon goes through all of an octree along z.)
         let layers = (bounds.max[2] - bounds.min[2]) as f64;
         layers
@@ -167,7 +167,7 @@ struct Gather<'a> {
     /// Parts of cells.
     parts: Parts,
     /// Room to work in.
-    crossings: Vec<f64>,
+    crossings: Crossings,
     progress: &'a dyn Progress,
 }
 
@@ -182,7 +182,15 @@ impl<'a> Gather<'a> {
         let count = if counts_classes { Box::new(Classes::new(form)) } else { counter_of(form) };
         let parts =
             Parts { channels: [Moments::default(); 4], cells: 0.0, classes: HashMap::new(), counts_classes };
-        Gather { zone, depth, value_type: form.value, count, parts, crossings: Vec::new(), progress }
+        Gather {
+            zone,
+            depth,
+            value_type: form.value,
+            count,
+            parts,
+            crossings: Crossings::default(),
+            progress,
+        }
     }
 
     fn finish(mut self) -> ZoneStatistics {
@@ -222,13 +230,15 @@ impl Visitor for Gather<'_> {
         }
         let (polygon, count) = (self.zone.polygon, &mut self.count);
         let origin = code.bounds(self.depth).min;
-        let columns = origin[0]..origin[0] + size[0] as u64;
-        for row in 0..size[1] {
-            polygon.spans(origin[1] + row as u64, columns.clone(), &mut self.crossings, &mut |span| {
-                let at = [first[0] + (span.start - origin[0]) as usize, first[1] + row, first[2]];
-                count.dense(block, (at, [(span.end - span.start) as usize, 1, size[2]]));
-            });
-        }
+        let part = Bounds {
+            min: [origin[0], origin[1], 0],
+            max: [origin[0] + size[0] as u64, origin[1] + size[1] as u64, 1],
+        };
+        polygon.spans(&part, &mut self.crossings, &mut |row, span| {
+            let from = [(span.start - origin[0]) as usize, (row - origin[1]) as usize];
+            let at = [first[0] + from[0], first[1] + from[1], first[2]];
+            count.dense(block, (at, [(span.end - span.start) as usize, 1, size[2]]));
+        });
         true
     }
 

@@ -12,7 +12,7 @@ use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Metadata, TreeFormat};
+use spinney_container::{Metadata, TreeFormat, check_tree_name};
 
 /// Builds a file from slabs of samples, in one pass; `nodata` is the value that means VOID (NaN always does).
 ///
@@ -213,6 +213,7 @@ fn write_file(
     fill: &mut Fill<'_>,
     complete: &mut dyn FnMut(&mut Metadata),
 ) -> Result<Tally> {
+    check_tree_name(output.path())?;
     let header = options.header(form, extent)?;
     match TreeFormat::of(output.path()) {
         TreeFormat::Goblin if options.share => Err(Error::unsupported(

@@ -7,7 +7,8 @@
 //! The *smooth* surface (Gibson's surface nets) runs between them, where the tree's coverage passes one half.
 //!
 //! Both are closed: every edge is passed as often in one direction as in the other, and faces are
-//! counterclockwise when viewed from outside. For rectangles this takes some care, since where two meet one,
+//! counterclockwise when viewed from outside. The smooth surface is a manifold, whose edges have two faces each (`sheets.rs`); that
+//! of cells which touch along an edge has four there, as these cells do. For rectangles this takes some care, since where two meet one,
 //! the one's edge has a point that it would not have by itself (a T-junction). Faces are merged within blocks
 //! of 32 x 32 x 32 cells only, so that a block's rectangles follow from the block and the cells that touch
 //! it; then each rectangle gets the corners of all rectangles around it as points of its own ring, those of
@@ -24,6 +25,7 @@ mod exact;
 mod faces;
 mod gltf;
 mod isosurfaces;
+mod losses;
 mod net_normals;
 mod nets;
 mod numbers;
@@ -32,6 +34,7 @@ mod off;
 mod ply;
 mod points;
 mod rings;
+mod sheets;
 mod sink;
 mod stl;
 mod visit;
@@ -50,6 +53,7 @@ pub use arrays::SurfaceMesh;
 pub use exact::{ExactSummary, export_exact};
 pub use gltf::{GltfOptions, TilesetSummary, export_glb, export_tileset};
 pub use isosurfaces::{IsosurfaceSummary, export_isosurfaces, isosurface_mesh};
+use losses::Losses;
 pub use ply::FaceAttribute;
 use sink::{Mesh, Sink};
 
@@ -123,7 +127,8 @@ pub struct MeshSummary {
 /// solid cells gives a mesh without faces.
 ///
 /// PLY files have the cells' values: three or four channels of u8 as colours of faces, as OFF files too, classes of
-/// u8 or u16 as a property `value`. Faces of different values are not merged then.
+/// u8 or u16 as a property `value`. Faces of different values are not merged then. What the format has no room for (colours, values and their
+/// names, coordinate system, unit of length) is told as a [warning](Progress::warn).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -165,8 +170,24 @@ pub fn export_mesh(
         _ => Carry::Value,
     };
     let mut blocks = tree.cell_blocks(level, carry)?;
-    let frame = tree.metadata().frame.coarser(tree.depth() - level);
-    export_blocks(&mut *blocks, attribute, &frame, request, output, format, progress)
+    let metadata = tree.metadata();
+    let frame = metadata.frame.coarser(tree.depth() - level);
+    let mut losses = Losses::of(&output);
+    if header.rule != Rule::Occupancy {
+        let is_colour =
+            matches!((header.form.value.sample, header.form.value.channels), (SampleType::U8, 3 | 4));
+        let has_none = attribute == FaceAttribute::None;
+        losses.add(has_none && is_colour, "colours");
+        if has_none && !is_colour {
+            losses.add_values(tree, "values of cells")?;
+        }
+        losses.add(!metadata.class_names.is_empty(), "names of classes");
+        losses.add(metadata.palette.is_some(), "the palette");
+    }
+    losses.add_place(metadata);
+    let summary = export_blocks(&mut *blocks, attribute, &frame, request, output, format, progress)?;
+    losses.tell(progress);
+    Ok(summary)
 }
 
 /// The surface of an octree as triangles in memory, otherwise as [`export_mesh`] writes it without values;
@@ -180,9 +201,10 @@ pub fn surface_mesh(tree: &Dataset, request: &MeshRequest, progress: &dyn Progre
     let carry = if request.smooth && is_occupancy { Carry::Coverage } else { Carry::Nothing };
     let mut blocks = tree.cell_blocks(level, carry)?;
     let frame = tree.metadata().frame.coarser(tree.depth() - level);
-    Precision::of(&frame, level)?;
+    let margin = Precision::of(&frame, level)?.margin(MeshFormat::Obj);
     let (sink, made) = arrays::Arrays::new();
-    write_surface(&mut *blocks, Mesh::new(Box::new(sink), &frame, true), request.smooth, progress)?;
+    let surface = if request.smooth { Surface::Smooth { margin } } else { Surface::Faces };
+    write_surface(&mut *blocks, Mesh::new(Box::new(sink), &frame, true), surface, progress)?;
     Ok(arrays::Arrays::take(made))
 }
 
@@ -203,22 +225,26 @@ pub fn export_blocks(
     let precision = Precision::of(frame, blocks.level())?;
     let carry = blocks.carry();
     let attribute = if carry == Carry::Value { attribute } else { FaceAttribute::None };
-    let sink = sink_of(output, format, attribute, precision)?;
+    let margin = precision.margin(format);
+    let sink = sink_of(output, format, attribute, precision, !request.smooth)?;
     let triangles = request.triangles || format == MeshFormat::Stl;
-    write_surface(blocks, Mesh::new(sink, frame, triangles), request.smooth, progress)
+    let surface = if request.smooth { Surface::Smooth { margin } } else { Surface::Faces };
+    write_surface(blocks, Mesh::new(sink, frame, triangles), surface, progress)
 }
 
-/// Starts a file of a format.
+/// Starts a file of a format. Vertices that are not `on_grid` lie anywhere in cells.
 fn sink_of(
     output: Output,
     format: MeshFormat,
     attribute: FaceAttribute,
     precision: Precision,
+    on_grid: bool,
 ) -> Result<Box<dyn Sink>> {
+    let has_room = if on_grid { precision.has_grid() } else { precision.is_single() };
     Ok(match format {
-        MeshFormat::Ply => Box::new(ply::Ply::new(output, attribute, precision != Precision::Single)?),
+        MeshFormat::Ply => Box::new(ply::Ply::new(output, attribute, !precision.is_single())?),
         MeshFormat::Obj => Box::new(obj::Obj::new(output)?),
-        MeshFormat::Stl if precision == Precision::Double => {
+        MeshFormat::Stl if !has_room => {
             let found =
                 "coordinates so large that neighbours are the same in single precision, as STL has it";
             return Err(Error::unsupported(output.path(), found, "write PLY or OBJ"));
@@ -232,49 +258,81 @@ fn sink_of(
     })
 }
 
+/// A surface of cells.
+#[derive(Clone, Copy, Debug)]
+enum Surface {
+    Faces,
+    /// Vertices stay so far, in cells, from the walls of the cubes between cells' centres that coordinates keep them apart.
+    Smooth {
+        margin: f64,
+    },
+}
+
 fn write_surface(
     blocks: &mut dyn CellBlocks,
     mut mesh: Mesh<'_>,
-    smooth: bool,
+    surface: Surface,
     progress: &dyn Progress,
 ) -> Result<MeshSummary> {
-    if smooth {
-        let is_coverage = blocks.carry() == Carry::Coverage;
-        nets::write(blocks, is_coverage, &mut mesh, progress)?;
-    } else {
-        faces::write(blocks, &mut mesh, progress)?;
+    match surface {
+        Surface::Smooth { margin } => nets::write(blocks, margin, &mut mesh, progress)?,
+        Surface::Faces => faces::write(blocks, &mut mesh, progress)?,
     }
     progress.check()?;
     blocks.check_unchanged()?;
     mesh.finish()
 }
 
-/// Precision of coordinates that keeps vertices distinct.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Precision {
-    /// f32 holds coordinates to a small part of a cell.
-    Single,
-    /// f32 holds whole cells, but not much more.
-    Rough,
-    /// f64.
-    Double,
+/// Precision of coordinates: how many numbers there are across a cell where they are fewest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Precision {
+    /// Of single precision; none where coordinates are beyond it.
+    single: f64,
+    /// Of double precision.
+    double: f64,
 }
 
 impl Precision {
     fn of(frame: &Frame, level: u8) -> Result<Precision> {
         let m = &frame.matrix;
-        let det = frame.linear().determinant();
-        if !det.is_finite() || det == 0.0 || m.iter().flatten().any(|number| !number.is_finite()) {
-            return Err(Error::invalid("frame", format!("{m:?}"), "one that is not flat"));
-        }
+        let linear = frame.linear();
         let side = (1u64 << level) as f64;
         let row_most = |row: &[f64; 4]| row[3].abs() + side * row[..3].iter().map(|x| x.abs()).sum::<f64>();
-        let spacing = m.iter().map(row_most).fold(0.0, f64::max) * f64::from(f32::EPSILON);
-        let cell = (0..3).map(|axis| frame.linear().col(axis).length()).fold(f64::INFINITY, f64::min);
-        Ok(match cell / spacing {
-            ratio if ratio >= 64.0 => Precision::Single,
-            ratio if ratio >= 2.0 => Precision::Rough,
-            _ => Precision::Double,
-        })
+        let most = m.iter().map(row_most).fold(0.0, f64::max);
+        // Distances between opposite walls of a cell. (Of columns of length 1, since products of others may be beyond all numbers.)
+        let lengths = [0, 1, 2].map(|axis| linear.col(axis).length());
+        let unit = [0, 1, 2].map(|axis| linear.col(axis) / lengths[axis]);
+        let volume = unit[0].cross(unit[1]).dot(unit[2]).abs();
+        let height =
+            |axis: usize| lengths[axis] * volume / unit[(axis + 1) % 3].cross(unit[(axis + 2) % 3]).length();
+        let across = (0..3).map(height).fold(f64::INFINITY, f64::min);
+        if !(across.is_finite() && across > 0.0) {
+            return Err(Error::invalid("frame", format!("{m:?}"), "one that is not flat"));
+        }
+        let is_beyond = most > f64::from(f32::MAX);
+        let spacing = most.max(f32::MIN_POSITIVE.into()) * f64::from(f32::EPSILON);
+        let single = if is_beyond { 0.0 } else { across / spacing };
+        let double = across / (most * f64::EPSILON);
+        if double < 64.0 {
+            let expected = "coordinates of which double precision keeps parts of a cell";
+            return Err(Error::invalid("frame", format!("{m:?}"), expected));
+        }
+        Ok(Precision { single, double })
+    }
+
+    /// Whether single precision holds coordinates to a small part of a cell.
+    fn is_single(self) -> bool {
+        self.single >= 64.0
+    }
+
+    /// Whether single precision holds whole cells.
+    fn has_grid(self) -> bool {
+        self.single >= 2.0
+    }
+
+    /// Distance, in cells, by which points on different sides of a plane must lie off it to differ in a format.
+    fn margin(self, format: MeshFormat) -> f64 {
+        let is_single = format == MeshFormat::Stl || format == MeshFormat::Ply && self.is_single();
+        1.0 / if is_single { self.single } else { self.double }
     }
 }

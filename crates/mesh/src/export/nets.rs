@@ -1,7 +1,7 @@
-//! Surface nets: a vertex in each cube of eight neighbouring cells' centres that the surface passes through,
-//! and a quadrangle across each edge between two centres that it crosses.
+//! Surface nets: a vertex in each cube of eight neighbouring cells' centres for each [sheet](Sheets) of the surface that passes through it,
+//! and a quadrangle across each edge between two centres that the surface crosses.
 //!
-//! A cube is named by its last corner, so that all it needs lies in its block and in the layer of cells
+//! A cube is named by its last corner, so that nearly all it needs lies in its block and in the layer of cells
 //! before that, and the quadrangles that a cube closes join cubes that were there before it.
 
 use std::collections::HashMap;
@@ -9,12 +9,14 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::isosurfaces::cube::EDGES;
 use super::net_normals::NetNormals;
 use super::numbers::{Shared, z_order};
+use super::sheets::Sheets;
 use super::sink::{Mesh, Vertex};
 use super::visit::{Reach, visit};
 use spinney_base::{Error, Progress, Result};
-use spinney_engine::query::cell_blocks::{Block, CellBlocks, SIDE};
+use spinney_engine::query::cell_blocks::{Block, Carry, CellBlocks, SIDE};
 
 /// Cells along an edge of a block, as an index.
 const CELLS: usize = SIDE as usize;
@@ -23,17 +25,23 @@ const WIDE: usize = CELLS + 1;
 /// Coverage, from 0 to 255, at the surface: no cell's own.
 const HALF: f64 = 127.5;
 
-/// Writes the smooth surface. Cells are full or empty unless their coverage is carried.
+/// Stands in [`Nets::vertices`] for a vertex of each edge of the cube.
+const SPLIT: u32 = 1 << 31;
+
+/// Writes the smooth surface, with vertices so far from the cubes' walls. Cells are full or empty unless their coverage is carried.
 pub(super) fn write(
     blocks: &mut dyn CellBlocks,
-    has_coverage: bool,
+    margin: f64,
     mesh: &mut Mesh<'_>,
     progress: &dyn Progress,
 ) -> Result<()> {
     let mut nets = Nets {
         mesh,
-        has_coverage,
+        has_coverage: blocks.carry() == Carry::Coverage,
+        margin,
+        sheets: Sheets::all(),
         shared: Shared::default(),
+        split: Default::default(),
         vertices: vec![0; CELLS * CELLS * CELLS],
         found: Vec::new(),
         used: Vec::new(),
@@ -45,9 +53,15 @@ pub(super) fn write(
 struct Nets<'a, 'b> {
     mesh: &'a mut Mesh<'b>,
     has_coverage: bool,
-    /// Vertices of cubes in the last layers of blocks.
+    /// Least distance of a vertex from its cube's walls, in cells.
+    margin: f64,
+    /// The sheets of cubes by their solid corners.
+    sheets: Box<[Sheets]>,
+    /// Vertices of cubes in the last layers of blocks, and those of cubes that have several sheets, by edge.
     shared: Shared,
-    /// Vertices by cube of the block: 0 for no vertex, else its index in `found` plus 1.
+    split: [Shared; EDGES],
+    /// Vertices by cube of the block: 0 for no vertex, else its index in `found` plus 1; if [`SPLIT`] is added, that of the first edge's,
+    /// which those of all others follow.
     vertices: Vec<u32>,
     found: Vec<Vertex>,
     /// Indices of the cubes that have a vertex.
@@ -56,8 +70,17 @@ struct Nets<'a, 'b> {
     before: HashMap<[i64; 3], CellLayer>,
 }
 
+/// The vertices of a cube.
+enum CubeVertices {
+    One(Vertex),
+    /// That of each edge.
+    ByEdge(Box<[Vertex; EDGES]>),
+}
+
 /// A block and the layer of cells before it.
 struct CellLayer {
+    /// The place of the block among those of its level.
+    at: [i64; 3],
     /// A block and its neighbours, by step: those before it along the axes whose bit is set.
     blocks: Vec<Arc<Block>>,
     /// Solid cells: bit x of row `z * WIDE + y`.
@@ -87,7 +110,7 @@ impl CellLayer {
                 solid[z * WIDE + y] = u64::from(own) << 1 | u64::from(before >> (CELLS - 1));
             }
         }
-        Ok(CellLayer { blocks, solid, has_coverage, normals })
+        Ok(CellLayer { at, blocks, solid, has_coverage, normals })
     }
 
     fn is_solid(&self, [x, y, z]: [usize; 3]) -> bool {
@@ -125,9 +148,29 @@ impl CellLayer {
         ((any | any >> 1) & !(all & all >> 1)) as u32
     }
 
-    /// The mean of the points where a cube's edges cross half coverage, interpolated linearly; from its first
+    /// A bit for each solid corner of a cube, which may reach beyond the block and the layer before it.
+    fn corners(&self, blocks: &mut dyn CellBlocks, first: [i64; 3]) -> Result<u8> {
+        let mut solid = 0;
+        for corner in 0..8 {
+            let cell: [i64; 3] = std::array::from_fn(|axis| first[axis] + (corner >> axis & 1));
+            let is_solid = if cell.iter().all(|cell| (0..WIDE as i64).contains(cell)) {
+                self.is_solid(cell.map(|cell| cell as usize))
+            } else {
+                // (The first cell here is the last one of the block before.)
+                let side = i64::from(SIDE);
+                let block = blocks
+                    .block(std::array::from_fn(|axis| self.at[axis] + (cell[axis] - 1).div_euclid(side)))?;
+                let [x, y, z] = cell.map(|cell| (cell - 1).rem_euclid(side) as usize);
+                block.solid[z * CELLS + y] >> x & 1 > 0
+            };
+            solid |= u8::from(is_solid) << corner;
+        }
+        Ok(solid)
+    }
+
+    /// The mean of the points where the edges that a sheet crosses pass half coverage, interpolated linearly; from the cube's first
     /// corner, in cells.
-    fn middle(&self, first: [usize; 3]) -> [f64; 3] {
+    fn middle(&self, first: [usize; 3], sheets: &Sheets, sheet: u8) -> [f64; 3] {
         let corner = |i: usize| [0, 1, 2].map(|axis| first[axis] + (i >> axis & 1));
         let coverage: [f64; 8] = std::array::from_fn(|i| self.coverage(corner(i)));
         let mut sum = [0.0; 3];
@@ -135,7 +178,7 @@ impl CellLayer {
         for axis in 0..3 {
             for from in (0..8).filter(|corner| corner >> axis & 1 == 0) {
                 let (a, b) = (coverage[from], coverage[from | 1 << axis]);
-                if (a > HALF) != (b > HALF) {
+                if (a > HALF) != (b > HALF) && sheets.of_edge[axis * 8 + from] == sheet {
                     crossings += 1.0;
                     for (i, sum) in sum.iter_mut().enumerate() {
                         *sum += if i == axis { (HALF - a) / (b - a) } else { (from >> i & 1) as f64 };
@@ -157,41 +200,107 @@ impl Nets<'_, '_> {
                 while mixed != 0 {
                     let x = mixed.trailing_zeros() as usize;
                     mixed &= mixed - 1;
-                    self.write_vertex(&field, block, [x, y, z])?;
+                    self.write_vertices(blocks, &field, block, [x, y, z])?;
                     self.write_faces(blocks, &field, block, [x, y, z])?;
                 }
             }
         }
         self.used.drain(..).for_each(|cube| self.vertices[cube] = 0);
         self.found.clear();
-        self.shared.done(z_order(block));
+        for shared in self.split.iter_mut().chain([&mut self.shared]) {
+            shared.done(z_order(block));
+        }
         Ok(())
     }
 
-    fn write_vertex(&mut self, field: &CellLayer, block: [u32; 3], cube: [usize; 3]) -> Result<()> {
+    fn write_vertices(
+        &mut self,
+        blocks: &mut dyn CellBlocks,
+        field: &CellLayer,
+        block: [u32; 3],
+        cube: [usize; 3],
+    ) -> Result<()> {
         let name = name(block, cube.map(|cube| cube as i64));
-        let vertex = self.vertex_at(field, name, cube)?;
-        self.found.push(vertex);
+        let vertices = self.vertices_at(blocks, field, name, cube)?;
+        let first = self.found.len() as u32 + 1;
         let index = index_of(cube);
-        self.vertices[index] = self.found.len() as u32;
+        match &vertices {
+            CubeVertices::One(vertex) => {
+                self.found.push(*vertex);
+                self.vertices[index] = first;
+            }
+            CubeVertices::ByEdge(vertices) => {
+                self.found.extend_from_slice(&**vertices);
+                self.vertices[index] = first | SPLIT;
+            }
+        }
         self.used.push(index);
         // Only cubes in the last layers have neighbours in later blocks; the last of these is the one after
         // them along all axes in which they are last.
         if cube.contains(&(CELLS - 1)) {
-            self.shared.put(name, vertex, z_order(name.map(|cell| (cell + 1) / SIDE)));
+            self.share(name, &vertices, z_order(name.map(|cell| (cell + 1) / SIDE)));
         }
         Ok(())
     }
 
-    /// Writes the vertex of a cube with a name, which is one of the field's.
-    fn vertex_at(&mut self, field: &CellLayer, name: [u32; 3], cube: [usize; 3]) -> Result<Vertex> {
-        let middle = field.middle(cube);
-        // The first corner is the centre of the cell before the one that gives the name. (-1 is 2^32 - 1.)
-        let at = std::array::from_fn(|axis| f64::from(name[axis] as i32) - 0.5 + middle[axis]);
-        if let Some(normals) = &field.normals {
-            self.mesh.normal(normals.at(cube))?;
+    /// Keeps the vertices of a cube until the block at this position in Z order is done.
+    fn share(&mut self, name: [u32; 3], vertices: &CubeVertices, last: u64) {
+        match vertices {
+            CubeVertices::One(vertex) => self.shared.put(name, *vertex, last),
+            CubeVertices::ByEdge(vertices) => {
+                for (shared, vertex) in self.split.iter_mut().zip(&**vertices) {
+                    shared.put(name, *vertex, last);
+                }
+            }
         }
-        self.mesh.vertex(at)
+    }
+
+    /// The sheets of a cube of the field.
+    fn sheets_of(&self, blocks: &mut dyn CellBlocks, field: &CellLayer, cube: [usize; 3]) -> Result<Sheets> {
+        let first = cube.map(|cube| cube as i64);
+        let solid = field.corners(blocks, first)?;
+        let sheets = self.sheets[usize::from(solid)];
+        if let Some(face) = sheets.pinched {
+            let mut beyond = first;
+            beyond[face / 2] += if face & 1 > 0 { 1 } else { -1 };
+            let other = field.corners(blocks, beyond)?;
+            if self.sheets[usize::from(other)].pinched == Some(face ^ 1) {
+                return Ok(Sheets::of(solid, Some(face)));
+            }
+        }
+        Ok(sheets)
+    }
+
+    /// Writes the vertices of a cube with a name, which is one of the field's.
+    fn vertices_at(
+        &mut self,
+        blocks: &mut dyn CellBlocks,
+        field: &CellLayer,
+        name: [u32; 3],
+        cube: [usize; 3],
+    ) -> Result<CubeVertices> {
+        let sheets = self.sheets_of(blocks, field, cube)?;
+        let mut write = |sheet: u8| {
+            let middle = field.middle(cube, &sheets, sheet);
+            // The first corner is the centre of the cell before the one that gives the name. (-1 is 2^32 - 1.)
+            let at = std::array::from_fn(|axis| {
+                f64::from(name[axis] as i32) - 0.5 + middle[axis].clamp(self.margin, 1.0 - self.margin)
+            });
+            if let Some(normals) = &field.normals {
+                // (What coverage says of several sheets is true of none of them: they have the normals of their faces.)
+                self.mesh.normal(if sheets.count > 1 { [0.0; 3] } else { normals.at(cube) })?;
+            }
+            self.mesh.vertex(at)
+        };
+        let first = write(0)?;
+        if sheets.count == 1 {
+            return Ok(CubeVertices::One(first));
+        }
+        let mut all = vec![first];
+        for sheet in 1..sheets.count {
+            all.push(write(sheet)?);
+        }
+        Ok(CubeVertices::ByEdge(Box::new(sheets.of_edge.map(|sheet| all[usize::from(sheet)]))))
     }
 
     /// The quadrangles around the edges that meet in a cube's first corner: all cubes around them are there.
@@ -214,7 +323,8 @@ impl Nets<'_, '_> {
                 let mut cube = cube.map(|cube| cube as i64);
                 cube[b] -= back[0];
                 cube[c] -= back[1];
-                self.vertex(blocks, block, cube)
+                let corner = (back[0] as usize) << b | (back[1] as usize) << c;
+                self.vertex(blocks, block, cube, axis * 8 + corner)
             };
             let ring = [around([1, 1])?, around([0, 1])?, around([0, 0])?, around([1, 0])?];
             let attribute = field.attribute(if is_solid { cube } else { end });
@@ -239,40 +349,55 @@ impl Nets<'_, '_> {
         triangles.into_iter().try_for_each(|triangle| self.mesh.face(triangle.into_iter(), attribute))
     }
 
-    /// The vertex of a cube that was there before, or lies before the blocks of a part.
-    fn vertex(&mut self, blocks: &mut dyn CellBlocks, block: [u32; 3], cube: [i64; 3]) -> Result<Vertex> {
+    /// The vertex, on one of its edges, of a cube that was there before, or lies before the blocks of a part.
+    fn vertex(
+        &mut self,
+        blocks: &mut dyn CellBlocks,
+        block: [u32; 3],
+        cube: [i64; 3],
+        edge: usize,
+    ) -> Result<Vertex> {
         let known = if cube.contains(&-1) {
             let name = name(block, cube);
-            match self.shared.get(name) {
-                None if name.contains(&u32::MAX) => Some(self.vertex_before(blocks, block, cube, name)?),
+            match self.shared(name, edge) {
+                None if name.contains(&u32::MAX) => {
+                    self.write_before(blocks, block, cube, name)?;
+                    self.shared(name, edge)
+                }
                 known => known,
             }
         } else {
-            let known = self.vertices[index_of(cube.map(|cube| cube as usize))].checked_sub(1);
-            known.map(|known| self.found[known as usize])
+            let known = self.vertices[index_of(cube.map(|cube| cube as usize))];
+            let step = if known & SPLIT > 0 { edge } else { 0 };
+            (known & !SPLIT).checked_sub(1).map(|known| self.found[known as usize + step])
         };
         // Only a source that gives other cells when asked again can get here.
         known.ok_or_else(|| Error::invalid("tree", "cells that change while they are read", "others"))
     }
 
-    /// Writes the vertex of a cube in a block before those of a part. (Cubes beside the first block of the space are empty.)
-    fn vertex_before(
+    /// The vertex of a cube that other blocks have, too.
+    fn shared(&self, name: [u32; 3], edge: usize) -> Option<Vertex> {
+        self.shared.get(name).or_else(|| self.split[edge].get(name))
+    }
+
+    /// Writes the vertices of a cube in a block before those of a part. (Cubes beside the first block of the space are empty.)
+    fn write_before(
         &mut self,
         blocks: &mut dyn CellBlocks,
         block: [u32; 3],
         cube: [i64; 3],
         name: [u32; 3],
-    ) -> Result<Vertex> {
+    ) -> Result<()> {
         let at = std::array::from_fn(|axis| i64::from(block[axis]) - i64::from(cube[axis] < 0));
         let field = match self.before.remove(&at) {
             Some(field) => field,
             None => CellLayer::read(blocks, at, self.has_coverage, self.mesh.wants_normals())?,
         };
         let cube = cube.map(|cube| cube.rem_euclid(CELLS as i64) as usize);
-        let vertex = self.vertex_at(&field, name, cube)?;
+        let vertices = self.vertices_at(blocks, &field, name, cube)?;
         self.before.insert(at, field);
-        self.shared.put(name, vertex, u64::MAX);
-        Ok(vertex)
+        self.share(name, &vertices, u64::MAX);
+        Ok(())
     }
 }
 

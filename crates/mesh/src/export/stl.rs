@@ -35,12 +35,14 @@ impl Sink for Stl {
             return Err(Error::unsupported(self.output.path(), found, advice));
         }
         self.triangles += 1;
-        let to = |point: &Vertex| DVec3::from(point.at) - DVec3::from(a.at);
-        let normal = to(b).cross(to(c)).normalize_or_zero().to_array();
+        // The normal is that of the triangle as it stands there.
+        let [a, b, c] = [a, b, c].map(|corner| corner.at.map(|number| number as f32));
+        let to = |corner: [f32; 3]| DVec3::from(corner.map(f64::from)) - DVec3::from(a.map(f64::from));
+        let normal = to(b).cross(to(c)).normalize_or_zero().to_array().map(|number| number as f32);
         let mut bytes = [0; 50];
-        let numbers = normal.iter().chain(&a.at).chain(&b.at).chain(&c.at);
-        for (field, number) in bytes.chunks_exact_mut(4).zip(numbers) {
-            field.copy_from_slice(&(*number as f32).to_le_bytes());
+        let numbers = [normal, a, b, c];
+        for (field, number) in bytes.chunks_exact_mut(4).zip(numbers.as_flattened()) {
+            field.copy_from_slice(&number.to_le_bytes());
         }
         self.spill.write(&bytes)
     }

@@ -42,6 +42,8 @@ pub struct ModelInfo {
     pub step: Option<f64>,
     /// Names of the parts: objects, groups, materials. A face's part is an index into this list; never empty.
     pub parts: Vec<String>,
+    /// Whether the parts are groups of faces of one object, and not objects by themselves.
+    pub is_grouped: bool,
     /// Attributes of the parts, by their numbers.
     pub attributes: Attributes,
     /// Whether faces come with colours.

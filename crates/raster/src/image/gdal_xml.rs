@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use spinney_container::Metadata;
+use spinney_container::{Metadata, Tag};
 use spinney_crs::Crs;
 
 /// Values that a list of categories is for, which has a line for each from 0 on.
@@ -15,7 +15,7 @@ pub(super) fn metadata(metadata: &Metadata, with_classes: bool) -> Option<String
     let mut xml = String::new();
     for (name, value) in &metadata.tags {
         // Those have tags of their own.
-        if !name.starts_with("TIFFTAG_") && name != "AREA_OR_POINT" {
+        if !name.starts_with("TIFFTAG_") && name != "AREA_OR_POINT" && name != Tag::ColourRoles.key() {
             push_item(&mut xml, (name, value), "", "");
         }
     }
@@ -25,12 +25,17 @@ pub(super) fn metadata(metadata: &Metadata, with_classes: bool) -> Option<String
             push_item(&mut xml, (name, value), &sample, &scope.domain);
         }
     }
-    let channels = [metadata.band_names.len(), metadata.units.len(), metadata.scale_offset.len()];
+    let roles = metadata.colour_roles();
+    let channels =
+        [metadata.band_names.len(), metadata.units.len(), metadata.scale_offset.len(), roles.len()];
     for channel in 0..channels.into_iter().max().unwrap_or(0) {
         let mut push = |name: &str, value: &str| {
             let place = format!(" sample=\"{channel}\" role=\"{}\"", name.to_lowercase());
             push_item(&mut xml, (name, value), &place, "");
         };
+        if let Some(role) = roles.get(channel) {
+            push("COLORINTERP", role);
+        }
         if let Some((scale, offset)) = metadata.scale_offset.get(channel).filter(|pair| **pair != (1.0, 0.0))
         {
             push("OFFSET", &offset.to_string());

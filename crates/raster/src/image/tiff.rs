@@ -88,7 +88,9 @@ pub(crate) fn sample_tags(spec: &ImageSpec, coding: &Coding) -> Vec<(u16, IfdFie
         SampleType::I16 | SampleType::I32 => tag_value::FORMAT_SIGNED,
         SampleType::F32 | SampleType::F64 => tag_value::FORMAT_FLOAT,
     };
-    let is_rgb = channels >= 3 && matches!(spec.value.sample, SampleType::U8 | SampleType::U16);
+    let is_rgb = channels >= 3
+        && matches!(spec.value.sample, SampleType::U8 | SampleType::U16)
+        && spec.metadata.rgb_channels() == [0, 1, 2];
     let photometric = if palette(spec).is_some() {
         tag_value::PHOTOMETRIC_PALETTE
     } else if is_rgb {

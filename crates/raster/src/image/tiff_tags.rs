@@ -209,13 +209,10 @@ pub(super) fn control_point_tags(points: &ControlPoints) -> Vec<(u16, IfdField)>
     tags
 }
 
-/// The keys that define a coordinate system: such as they came, or for its numbers. `None` where keys cannot say
+/// The keys that define a coordinate system: such as they came, for its numbers, or for its parts. `None` where keys cannot say
 /// it.
 pub(crate) fn geo_keys(crs: &Crs) -> Option<GeoKeys> {
-    match crs {
-        Crs::GeoKeys(keys) => Some(keys.clone()),
-        other => other.numbers().and_then(GeoKeys::of_epsg),
-    }
+    crs.to_geo_keys().ok()
 }
 
 /// The tags that define the coordinate system, and say what pixels are.

@@ -43,6 +43,7 @@ pub fn select(raster: Box<dyn Raster>, bands: &[usize]) -> Result<Box<dyn Raster
         class_names: class_channel.map_or(Vec::new(), |_| info.class_names.clone()),
         class_channel: class_channel.unwrap_or(0),
         band_names: pick(&info.band_names, &chosen),
+        colour_roles: pick(&info.colour_roles, &chosen),
         scale_offset: pick(&info.scale_offset, &chosen),
         units: pick(&info.units, &chosen),
         scoped_tags: pick_tags(&info.scoped_tags, &chosen),

@@ -9,7 +9,7 @@ use spinney_base::Form;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, PartOfWork, Progress, Result};
-use spinney_container::OpenOptions;
+use spinney_container::{OpenOptions, check_tree_name};
 use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
 use spinney_engine::store::build_slabs;
 
@@ -23,6 +23,8 @@ impl RasterImport {
     /// If the input cannot be read or the output not be written, or on interruption; nothing is left behind
     /// then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
+        check_tree_name(output.path())?;
+        self.remarks.iter().for_each(|(path, remark)| progress.warn(path, remark));
         let half = self.memory / 2;
         let in_bands = self.info().order == Order::Bands;
         let raster = if in_bands && bands_memory(self.raster.info(), self.value.size()) > half {
@@ -52,6 +54,7 @@ impl RasterImport {
         let (cells, extent) = (info.width * info.height, [info.width, info.height, 1]);
         let (memory, share) = (self.memory / 4, self.options.share);
         // Before anything is done: whether there is such a grid.
+        check_tree_name(output.path())?;
         let frame = self.options.metadata.frame.clone();
         let grid = WarpGrid::web_mercator(max_zoom, &frame, extent, options.allow_ballpark)?;
         let near = folder(output.path());

@@ -55,7 +55,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     })?;
     let tables = file.stream_position().map_err(Error::io(path, "read"))?;
 
-    let layer = choose_layer(path, &meta.headers, options.layer.as_deref())?;
+    let (layer, remark) = choose_layer(path, &meta.headers, options.layer.as_deref())?;
     let header = &meta.headers[layer.header];
     check_supported(path, header)?;
     let (sample, channels) = choose_channels(path, header, &layer)?;
@@ -75,6 +75,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         alpha: names.iter().position(|name| name == "A").filter(|_| names.len() == 2 || names.len() == 4),
         layout: layout(header),
         tags: tags(header, &layer.name),
+        remark,
         order: if header.blocks.has_tiles() { Order::Anywhere } else { Order::Bands },
         ..RasterInfo::plain([width, height], sample, channels.len())
     };
@@ -121,19 +122,24 @@ fn layers(headers: &[Header]) -> Vec<Layer> {
     layers
 }
 
-fn choose_layer(path: &Path, headers: &[Header], wanted: Option<&str>) -> Result<Layer> {
+/// The layer that is wanted, else the first, with a remark on the others if nobody chose.
+fn choose_layer(path: &Path, headers: &[Header], wanted: Option<&str>) -> Result<(Layer, Option<String>)> {
     let mut layers = layers(headers);
+    let names = layers.iter().map(|layer| format!("`{}`", layer.name)).collect::<Vec<_>>().join(", ");
     let found = match wanted {
         None => 0,
-        Some(wanted) => layers.iter().position(|layer| layer.name == wanted).ok_or_else(|| {
-            let names: Vec<String> = layers.iter().map(|layer| format!("`{}`", layer.name)).collect();
-            Error::invalid("layer", format!("`{wanted}`"), format!("one of {}", names.join(", ")))
-        })?,
+        Some(wanted) => layers
+            .iter()
+            .position(|layer| layer.name == wanted)
+            .ok_or_else(|| Error::invalid("layer", format!("`{wanted}`"), format!("one of {names}")))?,
     };
+    let remark = (wanted.is_none() && layers.len() > 1).then(|| {
+        format!("has {} layers, {names}, of which the first is read; --layer NAME (in Python layer=) reads another", layers.len())
+    });
     if layers.is_empty() {
         return Err(Error::corrupt(path, "EXR header", "no channels", "at least one"));
     }
-    Ok(layers.swap_remove(found))
+    Ok((layers.swap_remove(found), remark))
 }
 
 fn check_supported(path: &Path, header: &Header) -> Result<()> {
@@ -404,8 +410,14 @@ mod tests {
         let (left, right) = (part("left", &[("R", ExrType::F16)]), part("right", &[("d.Z", ExrType::F32)]));
         let parts = [left, right];
         assert_eq!(names(&parts), ["left", "right.d"]);
-        assert_eq!(choose_layer(Path::new("a.exr"), &parts, Some("right.d")).unwrap().header, 1);
-        let unknown = choose_layer(Path::new("a.exr"), &parts, Some("middle")).map(|layer| layer.name);
+        let (chosen, remark) = choose_layer(Path::new("a.exr"), &parts, Some("right.d")).unwrap();
+        assert_eq!((chosen.header, remark), (1, None));
+        let (first, remark) = choose_layer(Path::new("a.exr"), &parts, None).unwrap();
+        assert!(
+            first.header == 0
+                && remark.unwrap().contains("2 layers, `left`, `right.d`, of which the first is read")
+        );
+        let unknown = choose_layer(Path::new("a.exr"), &parts, Some("middle")).map(|(layer, _)| layer.name);
         assert!(unknown.unwrap_err().to_string().contains("one of `left`, `right.d`"));
     }
 

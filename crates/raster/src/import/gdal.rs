@@ -51,11 +51,22 @@ fn apply_item(item: &XmlElement<'_>, info: &mut RasterInfo) {
     };
     match (channel, item.attribute("role").as_deref()) {
         (Some(channel), Some("description")) => info.band_names[channel] = value,
+        (Some(channel), Some("colorinterp")) => set_colour_role(info, channel, value),
         (Some(channel), Some("unittype")) => info.units[channel] = value,
         (Some(channel), Some("scale")) => set_number(&mut info.scale_offset[channel].0, &value),
         (Some(channel), Some("offset")) => set_number(&mut info.scale_offset[channel].1, &value),
         _ => put_tag(info, channel, &item.attribute("domain").unwrap_or_default(), name, value),
     }
+}
+
+/// Takes over the role of a channel, which is opacity or is not.
+pub(super) fn set_colour_role(info: &mut RasterInfo, channel: usize, role: String) {
+    match role.as_str() {
+        "Alpha" => info.alpha = Some(channel),
+        _ if info.alpha == Some(channel) => info.alpha = None,
+        _ => {}
+    }
+    info.colour_roles[channel] = role;
 }
 
 /// Sets a number to that of a text, if it is one.

@@ -23,6 +23,7 @@ impl RasterInfo {
             frame: Frame::identity(),
             nodata: None,
             palette: None,
+            colour_roles: vec![String::new(); channels],
             class_names: Vec::new(),
             class_channel: 0,
             band_names: vec![String::new(); channels],
@@ -33,6 +34,7 @@ impl RasterInfo {
             tags: BTreeMap::new(),
             scoped_tags: BTreeMap::new(),
             control_points: None,
+            remark: None,
             order: Order::Anywhere,
         }
     }

@@ -21,7 +21,6 @@ mod worldfile;
 mod xml;
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
@@ -34,10 +33,11 @@ pub use self::slabs::RasterSlabs;
 pub use self::spill::spill;
 pub(super) use self::tiff::SampleFormat;
 pub(super) use self::validity::as_stored;
+use spinney_base::io::open_input;
 use spinney_base::space::Region;
 use spinney_base::value::{Kind, Palette, SampleType};
 use spinney_base::{Error, Result};
-use spinney_container::ScopedTags;
+use spinney_container::{FIRST_BYTES, OtherFormat, ScopedTags};
 use spinney_crs::{ControlPoints, Frame};
 
 /// Properties of a raster, from the header of its file.
@@ -64,6 +64,8 @@ pub struct RasterInfo {
     pub nodata: Option<f64>,
     /// Colours of the values of a one-channel picture.
     pub palette: Option<Palette>,
+    /// A role per channel by GDAL's names ("Red", "NIR") where the file tells it, else empty strings.
+    pub colour_roles: Vec<String>,
     /// Names of values, by value.
     pub class_names: Vec<(i64, String)>,
     /// Index of the channel whose values these are.
@@ -84,6 +86,8 @@ pub struct RasterInfo {
     pub scoped_tags: ScopedTags,
     /// Ground control points.
     pub control_points: Option<ControlPoints>,
+    /// What else is in the file and is not read, in words.
+    pub remark: Option<String>,
     /// Order in which regions are cheap to read.
     pub order: Order,
 }
@@ -132,7 +136,7 @@ pub struct RasterOptions {
     /// Bytes that a reader may hold at once, such as decoded strips or a whole picture of a format that has
     /// no other way.
     pub memory: u64,
-    /// The EXR layer to read, by name; the first one if not given.
+    /// The layer of an EXR file to read, by name, or the page of a TIFF file, by its number from 1; the first one if not given.
     pub layer: Option<String>,
 }
 
@@ -160,14 +164,10 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
         [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..] => tiff::open(path, options),
         [0x89, b'P', b'N', b'G', ..] => png::open(path, options),
         [0xff, 0xd8, 0xff, ..] => picture::open_jpeg(path, options),
-        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P'] => picture::open_webp(path, options),
+        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => picture::open_webp(path, options),
         [0x76, 0x2f, 0x31, 0x01, ..] => exr::open(path, options),
         _ if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => hgt::open(path),
-        _ => Err(Error::unsupported(
-            path,
-            "a file of this format",
-            "convert it to TIFF, PNG, JPEG, WebP, OpenEXR or .hgt",
-        )),
+        _ => Err(OtherFormat::refuse_source(path, &magic)),
     };
     sidecar::describe(raster?)
 }
@@ -175,11 +175,15 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
 /// Enough of a file's start to tell its format.
 fn first_bytes(path: &Path) -> Result<Vec<u8>> {
     if path.is_dir() {
+        // (Some formats are folders.)
+        if OtherFormat::of(path, &[]).is_some() {
+            return Err(OtherFormat::refuse_source(path, &[]));
+        }
         return Err(Error::io(path, "open")(io::Error::from(io::ErrorKind::IsADirectory)));
     }
-    let file = File::open(path).map_err(Error::io(path, "open"))?;
+    let file = open_input(path)?;
     let mut magic = Vec::new();
-    file.take(12).read_to_end(&mut magic).map_err(Error::io(path, "read"))?;
+    file.take(FIRST_BYTES as u64).read_to_end(&mut magic).map_err(Error::io(path, "read"))?;
     if magic.is_empty() {
         return Err(Error::corrupt(path, "the whole file", "no bytes", "a raster"));
     }

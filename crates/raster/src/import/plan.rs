@@ -34,7 +34,7 @@ pub struct ImportOptions {
     pub crs: Option<Crs>,
     /// Affine map of the pixels: the numbers of [`Frame::planar`]; for several inputs, of the mosaic.
     pub transform: Option<[f64; 6]>,
-    /// The layer of OpenEXR files.
+    /// The layer of OpenEXR files, by its name, or the page of TIFF files, by its number.
     pub layer: Option<String>,
     /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if
     /// not said.
@@ -59,6 +59,8 @@ pub struct RasterImport {
     pub(super) nodata: Option<f64>,
     pub(super) options: BuildOptions,
     pub(super) memory: u64,
+    /// Files of which something is not read, and what that is.
+    pub(super) remarks: Vec<(PathBuf, String)>,
     description: Vec<(&'static str, String)>,
 }
 
@@ -110,7 +112,12 @@ impl RasterImport {
 pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport> {
     let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
     let mut overruled = None;
-    let raster = mosaic(open_inputs(inputs, options, memory, &mut overruled)?)?;
+    let rasters = open_inputs(inputs, options, memory, &mut overruled)?;
+    let remarks = rasters
+        .iter()
+        .filter_map(|raster| Some((raster.path().to_path_buf(), raster.info().remark.clone()?)))
+        .collect();
+    let raster = mosaic(rasters)?;
     let info = raster.info();
     // Beside opacity nothing is missing: what has no value is transparent there.
     let missing = info.nodata.filter(|_| info.alpha.is_none());
@@ -130,7 +137,7 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
         .memory(memory / 4)
         .metadata(metadata)
         .share(options.share);
-    Ok(RasterImport { raster, value, nodata, options, memory, description })
+    Ok(RasterImport { raster, value, nodata, options, memory, remarks, description })
 }
 
 /// Opens all inputs, with the channels, nodata number and coordinate system that the user chose.
@@ -180,7 +187,7 @@ struct Choices {
 fn metadata(frame: Frame, inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Metadata {
     // Control points are for pictures that nothing else places.
     let control_points = info.control_points.clone().filter(|_| frame.is_identity());
-    Metadata {
+    let mut metadata = Metadata {
         frame,
         control_points,
         nodata: info.nodata,
@@ -202,7 +209,9 @@ fn metadata(frame: Frame, inputs: &[PathBuf], info: &RasterInfo, options: &Impor
         tags: info.tags.clone(),
         scoped_tags: info.scoped_tags.clone(),
         ..Metadata::default()
-    }
+    };
+    metadata.set_colour_roles(&info.colour_roles);
+    metadata
 }
 
 /// Lines of [`RasterImport::description`].

@@ -95,6 +95,7 @@ fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
     for element in band.children() {
         match element.name {
             "Description" => info.band_names[channel] = element.text(),
+            "ColorInterp" => gdal::set_colour_role(info, channel, element.text()),
             "UnitType" => info.units[channel] = element.text(),
             "Scale" => gdal::set_number(&mut info.scale_offset[channel].0, &element.text()),
             "Offset" => gdal::set_number(&mut info.scale_offset[channel].1, &element.text()),

@@ -1,6 +1,9 @@
 //! Percentiles of a tree's values, for domains that are given by them.
 
 use std::cell::{OnceCell, RefCell};
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
 
 use super::layer::Bound;
 use spinney_base::space::Bounds;
@@ -12,6 +15,39 @@ const MOST_CELLS: u64 = 1 << 22;
 /// Cells that are read at a time.
 const CELLS: u64 = 1 << 20;
 
+/// Numbers that percentiles of a tree's channels are, as texts that are read as the same numbers; null where a tree has no values.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct PercentileNumbers(BTreeMap<String, Option<String>>);
+
+impl PercentileNumbers {
+    fn name(channel: usize, percent: f64) -> String {
+        format!("band {}: {percent} %", channel + 1)
+    }
+
+    fn get(&self, channel: usize, percent: f64) -> Option<Option<f64>> {
+        let number = self.0.get(&PercentileNumbers::name(channel, percent))?;
+        // (What is no number counts as not there.)
+        number.as_ref().map_or(Some(None), |text| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Some))
+    }
+
+    fn set(&mut self, channel: usize, percent: f64, number: Option<f64>) {
+        let number = number.map(|number| number.to_string());
+        self.0.insert(PercentileNumbers::name(channel, percent), number);
+    }
+
+    /// What is another number in other ones, in words: "band 1: 98 % is 7 (there: 9)".
+    pub(crate) fn differences(&self, other: &PercentileNumbers, there: &str) -> Vec<String> {
+        let text =
+            |number: Option<&Option<String>>| number.cloned().flatten().unwrap_or_else(|| "none".into());
+        let differing = self.0.iter().filter(|(name, number)| other.0.get(*name) != Some(number));
+        differing
+            .map(|(name, number)| {
+                format!("{name} is {} ({there}: {})", text(Some(number)), text(other.0.get(name)))
+            })
+            .collect()
+    }
+}
+
 /// The values of a tree in order, read when they are needed first.
 ///
 /// They are those of a level with at most 4 Mi cells: all of a small tree, representatives of a large one, so that the time
@@ -22,11 +58,25 @@ pub(super) struct Percentiles<'a> {
     /// Ascending finite numbers of each channel.
     channels: OnceCell<Vec<Vec<f64>>>,
     extremes: RefCell<Option<Vec<(f64, f64)>>>,
+    /// Answers that are given whatever the tree has.
+    given: Option<&'a PercentileNumbers>,
+    answers: RefCell<PercentileNumbers>,
 }
 
 impl<'a> Percentiles<'a> {
-    pub(super) fn new(tree: &'a Dataset, progress: &'a dyn Progress) -> Percentiles<'a> {
-        Percentiles { tree, progress, channels: OnceCell::new(), extremes: RefCell::default() }
+    /// Those of a tree; `given` are known already, from another state of it.
+    pub(super) fn new(
+        tree: &'a Dataset,
+        given: Option<&'a PercentileNumbers>,
+        progress: &'a dyn Progress,
+    ) -> Percentiles<'a> {
+        let (channels, extremes, answers) = (OnceCell::new(), RefCell::default(), RefCell::default());
+        Percentiles { tree, progress, channels, extremes, given, answers }
+    }
+
+    /// All that was answered.
+    pub(super) fn into_answers(self) -> PercentileNumbers {
+        self.answers.into_inner()
     }
 
     /// The number that a bound of a channel is; `None` if it is a percentile and the tree has no values.
@@ -38,6 +88,15 @@ impl<'a> Percentiles<'a> {
             Bound::Number(number) => return Ok(Some(number)),
             Bound::Percent(percent) => percent,
         };
+        let number = match self.given.and_then(|given| given.get(channel, percent)) {
+            Some(number) => number,
+            None => self.percentile(channel, percent)?,
+        };
+        self.answers.borrow_mut().set(channel, percent, number);
+        Ok(number)
+    }
+
+    fn percentile(&self, channel: usize, percent: f64) -> Result<Option<f64>> {
         if let (true, Some((least, most))) = (percent == 0.0 || percent == 100.0, self.extremes(channel)?) {
             return Ok(Some(if percent == 0.0 { least } else { most }));
         }

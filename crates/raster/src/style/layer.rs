@@ -27,9 +27,9 @@ pub(super) enum Draw {
         other: Option<[u8; 4]>,
     },
     Ramp(Ramp),
-    /// Three channels as red, green and blue, from 0.
+    /// Three channels as red, green and blue, from 0; those of these roles, if there are none.
     Rgb {
-        bands: [usize; 3],
+        bands: Option<[usize; 3]>,
         domain: [Bound; 2],
     },
     Hillshade(Light),

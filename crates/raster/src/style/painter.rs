@@ -3,6 +3,7 @@
 use super::Style;
 use super::blend::{Blend, share};
 use super::coat::{Coat, Rows, Scratch, stretched};
+use super::domain::PercentileNumbers;
 use super::indices::Indices;
 use super::legend::Legend;
 use super::resolve::coats;
@@ -65,8 +66,21 @@ impl StylePainter {
     /// # Errors
     /// If the tree has not the channels that the style speaks of, or is damaged, or on interruption.
     pub fn new(style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<StylePainter> {
+        StylePainter::with_numbers(style, tree, None, progress).map(|(painter, _)| painter)
+    }
+
+    /// Makes a style ready, with the numbers that its percentiles are, of which some may be given; returns these as well.
+    ///
+    /// # Errors
+    /// Those of [`StylePainter::new`].
+    pub(crate) fn with_numbers(
+        style: &Style,
+        tree: &Dataset,
+        given: Option<&PercentileNumbers>,
+        progress: &dyn Progress,
+    ) -> Result<(StylePainter, PercentileNumbers)> {
         let value = tree.header().form.value;
-        let coats = coats(style, tree, progress)?;
+        let (coats, numbers) = coats(style, tree, given, progress)?;
         let opaque = match value.sample {
             SampleType::U8 => f64::from(u8::MAX),
             SampleType::U16 => f64::from(u16::MAX),
@@ -84,7 +98,7 @@ impl StylePainter {
         if let (Some(table), Some(indices)) = (&mut painter.table, &painter.indices) {
             table.indices = table.colours.iter().map(|colour| indices.index(*colour)).collect();
         }
-        Ok(painter)
+        Ok((painter, numbers))
     }
 
     /// The colours of all values, if a sample of at most 16 bits decides.

@@ -228,15 +228,17 @@ fn classes(fields: &mut Fields<'_>) -> Result<Vec<Class>> {
     }
 }
 
-fn bands(fields: &mut Fields<'_>) -> Result<[usize; 3]> {
+/// Channels for red, green and blue; nothing if those of the tree are meant.
+fn bands(fields: &mut Fields<'_>) -> Result<Option<[usize; 3]>> {
     let place = fields.place("bands");
-    let Some(value) = fields.value("bands") else { return Ok([0, 1, 2]) };
+    let Some(value) = fields.value("bands") else { return Ok(None) };
     let band =
         |value: &Value| value.as_u64().filter(|band| (1..=4).contains(band)).map(|band| band as usize - 1);
     let bands: Option<Vec<usize>> =
         value.as_array().filter(|list| list.len() == 3).and_then(|list| list.iter().map(band).collect());
     bands
         .and_then(|bands| bands.try_into().ok())
+        .map(Some)
         .ok_or_else(|| wrong(&place, value, "three channels for red, green and blue, as in [1, 2, 3]"))
 }
 

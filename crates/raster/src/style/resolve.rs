@@ -2,19 +2,24 @@
 
 use super::Style;
 use super::coat::{Classes, Coat, Ink, Lines};
-use super::domain::Percentiles;
+use super::domain::{PercentileNumbers, Percentiles};
 use super::layer::{Bound, Class, Contours, Draw, Interpolation, Layer, Ramp, RampColours};
 use super::relief::Lamp;
 use super::scale::Scale;
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 
-/// The layers of a style, from the lowest to the highest.
+/// The layers of a style, from the lowest to the highest, and the numbers that percentiles became; some may be given.
 ///
 /// # Errors
 /// If the tree has no such channel or is damaged, or on interruption.
-pub(super) fn coats(style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<Vec<Coat>> {
-    let resolver = Resolver { tree, percentiles: Percentiles::new(tree, progress) };
+pub(super) fn coats(
+    style: &Style,
+    tree: &Dataset,
+    given: Option<&PercentileNumbers>,
+    progress: &dyn Progress,
+) -> Result<(Vec<Coat>, PercentileNumbers)> {
+    let resolver = Resolver { tree, percentiles: Percentiles::new(tree, given, progress) };
     let mut coats = Vec::new();
     for layer in &style.layers {
         if layer.draw == Draw::Auto {
@@ -27,7 +32,7 @@ pub(super) fn coats(style: &Style, tree: &Dataset, progress: &dyn Progress) -> R
             coats.push(resolver.coat(layer)?);
         }
     }
-    Ok(coats)
+    Ok((coats, resolver.percentiles.into_answers()))
 }
 
 struct Resolver<'a> {
@@ -39,7 +44,7 @@ impl Resolver<'_> {
     fn coat(&self, layer: &Layer) -> Result<Coat> {
         let band = layer.band;
         let bands = match layer.draw {
-            Draw::Rgb { bands, .. } => bands,
+            Draw::Rgb { bands, .. } => bands.unwrap_or(self.tree.metadata().rgb_channels()),
             _ => [band; 3],
         };
         let channels = usize::from(self.tree.header().form.value.channels);
@@ -54,9 +59,9 @@ impl Resolver<'_> {
         let ink = match &layer.draw {
             Draw::Auto | Draw::Palette { .. } => self.classes(&layer.draw),
             Draw::Ramp(ramp) => Ink::Scale(self.scale(band, ramp)?),
-            Draw::Rgb { bands, domain } => {
+            Draw::Rgb { domain, .. } => {
                 let ends = |band: usize| -> Result<[f64; 2]> { self.ends(band, domain) };
-                Ink::Channels { bands: *bands, ends: [ends(bands[0])?, ends(bands[1])?, ends(bands[2])?] }
+                Ink::Channels { bands, ends: [ends(bands[0])?, ends(bands[1])?, ends(bands[2])?] }
             }
             Draw::Hillshade(light) => {
                 Ink::Light { lamp: Lamp::new(light), height: light.z * self.metres(band)[0] }

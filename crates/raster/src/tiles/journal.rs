@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use spinney_base::io::open_regular;
 use spinney_base::{Error, Result};
 
 /// Tiles that are equal and follow each other, and where their bytes are.
@@ -50,28 +51,34 @@ impl Journal {
     }
 
     /// Starts a journal of an export that `making` describes, or goes on with the one that is there: hands out its entries
-    /// up to the last checkpoint, and returns that.
+    /// up to the last checkpoint, and returns that. With `anew`, one of another export is started over.
     ///
     /// # Errors
     /// If the one that is there is of another export, or no journal.
     pub(super) fn resumable(
         path: &Path,
         making: &str,
+        anew: bool,
         entry: &mut dyn FnMut(Entry),
     ) -> Result<(Journal, Checkpoint)> {
         let failed = || Error::io(path, "use the journal");
-        let open = File::options().read(true).write(true).create(true).truncate(false).open(path);
-        let mut file = open.map_err(Error::io(path, "open"))?;
+        let mut options = File::options();
+        let mut file = open_regular(options.read(true).write(true).create(true).truncate(false), path)?;
         let length = file.metadata().map_err(failed())?.len();
         let head: Vec<u8> = [&MAGIC[..], &(making.len() as u32).to_le_bytes(), making.as_bytes()].concat();
         let start = head.len() as u64;
         let (mut records, mut last) = (0, Checkpoint::default());
-        if length >= start && length > 0 {
-            let mut found = vec![0; head.len()];
-            file.read_exact(&mut found).map_err(failed())?;
-            if found != head {
-                return Err(other_export(path));
-            }
+        let mut found = vec![0; length.min(start) as usize];
+        file.read_exact(&mut found).map_err(failed())?;
+        let is_ours = found.starts_with(&MAGIC[..MAGIC.len().min(found.len())]);
+        if !is_ours {
+            return Err(not_ours(path));
+        }
+        let is_same = head.starts_with(&found);
+        if !is_same && !anew {
+            return Err(other_export(path));
+        }
+        if is_same && length >= start && !anew {
             // What is behind the last checkpoint does not count.
             let mut input = BufReader::new(&file);
             let mut all = 0;
@@ -93,7 +100,8 @@ impl Journal {
             }
         } else {
             // (A journal that is shorter has nothing that matters.)
-            file.set_len(0).and_then(|()| file.write_all(&head)).map_err(failed())?;
+            let started = file.set_len(0).and_then(|()| file.seek(SeekFrom::Start(0)));
+            started.and_then(|_| file.write_all(&head)).map_err(failed())?;
         }
         file.set_len(start + records * RECORD as u64).map_err(failed())?;
         file.seek(SeekFrom::End(0)).map_err(failed())?;
@@ -158,6 +166,12 @@ impl Journal {
 pub(super) fn other_export(path: &Path) -> Error {
     let advice = "remove it to start anew, or give the source and the options with which it was started";
     Error::unsupported(path, "going on with an export of another source or with other options", advice)
+}
+
+/// The refusal to take over what no export has left.
+pub(super) fn not_ours(path: &Path) -> Error {
+    let advice = "no export has left it, and it stays as it is; move it away, or choose another name";
+    Error::unsupported(path, "going on with what is in the place of an export that was interrupted", advice)
 }
 
 fn number(bytes: &[u8]) -> u64 {

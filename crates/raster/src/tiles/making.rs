@@ -1,9 +1,14 @@
 //! Metadata of archives: for maps, and how they were made.
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
 
 use super::encode::TileFormat;
+use super::source::DataPlace;
+use crate::style::PercentileNumbers;
 use spinney_base::io::platform::read_exact_at;
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
@@ -42,6 +47,15 @@ impl SourceState {
     }
 }
 
+impl fmt::Display for SourceState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.commit {
+            Some(commit) => write!(f, "commit {commit} of {}", self.file),
+            None => write!(f, "{}", self.file),
+        }
+    }
+}
+
 fn hashed(bytes: &[u8]) -> String {
     format!("{:032x}", xxhash_rust::xxh3::xxh3_128(bytes))
 }
@@ -51,8 +65,40 @@ fn hashed(bytes: &[u8]) -> String {
 pub struct Making {
     /// The tree.
     pub source: SourceState,
-    /// The options, in words.
-    pub options: String,
+    /// The options, in words, by their names.
+    pub options: BTreeMap<String, String>,
+    /// How values became colours; `None` if tiles have samples.
+    pub(super) colours: Option<Colours>,
+}
+
+impl Making {
+    /// Fails if another export, which is to change what this one has made, has other options.
+    pub(super) fn check_options(&self, now: &Making) -> Result<()> {
+        let differs = |name: &&String| self.options.get(*name) != now.options.get(*name);
+        let names: BTreeSet<&String> =
+            self.options.keys().chain(now.options.keys()).filter(differs).collect();
+        let listed = |options: &BTreeMap<String, String>| {
+            let value =
+                |name: &&&String| format!("{name} {}", options.get(**name).map_or("none", String::as_str));
+            names.iter().map(|name| value(&name)).collect::<Vec<_>>().join(", ")
+        };
+        if names.is_empty() {
+            return Ok(());
+        }
+        let expected = format!("those that the tiles were made with: {}", listed(&self.options));
+        Err(Error::invalid("options of the update", listed(&now.options), expected))
+    }
+}
+
+/// How values of a tree became colours.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Colours {
+    /// The style's document.
+    pub(super) style: String,
+    /// The numbers that its percentiles were: updates keep them, so that all tiles have the same colours.
+    pub(super) percentiles: PercentileNumbers,
+    /// Hash of what was made of these with the tree's palette and units: another one whenever tiles look different.
+    pub(super) look: String,
 }
 
 /// Hash of all tiles of an archive, whatever its kind: a sum over tiles, from which one that is replaced can be taken away.
@@ -89,8 +135,7 @@ impl Digest {
 pub(super) struct About {
     pub(super) format: TileFormat,
     pub(super) zooms: [u8; 2],
-    /// West, south, east, north.
-    pub(super) degrees: [f64; 4],
+    pub(super) place: DataPlace,
     pub(super) side: usize,
     pub(super) name: String,
     pub(super) description: String,
@@ -109,11 +154,6 @@ pub(super) struct Own {
 }
 
 impl About {
-    pub(super) fn centre(&self) -> [f64; 2] {
-        let [west, south, east, north] = self.degrees;
-        [(west + east) / 2.0, (south + north) / 2.0]
-    }
-
     pub(super) fn centre_zoom(&self) -> u8 {
         self.zooms[0]
     }
@@ -150,11 +190,11 @@ impl About {
         let mut object = Map::new();
         object.insert("tilejson".into(), json!("3.0.0"));
         object.extend(self.texts());
-        let [longitude, latitude] = self.centre();
+        let [longitude, latitude] = self.place.centre;
         object.insert("tiles".into(), json!([pattern]));
         object.insert("minzoom".into(), json!(self.zooms[0]));
         object.insert("maxzoom".into(), json!(self.zooms[1]));
-        object.insert("bounds".into(), json!(self.degrees));
+        object.insert("bounds".into(), json!(self.place.bounds));
         object.insert("center".into(), json!([longitude, latitude, self.centre_zoom()]));
         object.insert("format".into(), json!(self.format.extension()));
         object.insert("tileSize".into(), json!(self.side));
@@ -166,8 +206,8 @@ impl About {
     /// Rows of the table `metadata` of `MBTiles`.
     #[cfg(feature = "mbtiles")]
     pub(super) fn mbtiles_rows(&self, tiles: u64, digest: Digest) -> Vec<(String, String)> {
-        let [west, south, east, north] = self.degrees;
-        let [longitude, latitude] = self.centre();
+        let [west, south, east, north] = self.place.bounds;
+        let [longitude, latitude] = self.place.centre;
         let mut rows: Vec<(String, String)> = vec![
             ("bounds".into(), format!("{west},{south},{east},{north}")),
             ("center".into(), format!("{longitude},{latitude},{}", self.centre_zoom())),

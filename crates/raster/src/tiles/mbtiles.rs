@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
 
 use super::encode::Encoded;
-use super::journal::other_export;
+use super::journal::{not_ours, other_export};
 use super::making::{About, Digest, Own};
 use super::place::{MAX_ZOOM, TileId};
 use super::sink::{Stored, TileEdit, TileSink};
@@ -48,6 +48,9 @@ fn failed(path: &Path, doing: &'static str) -> impl FnOnce(rusqlite::Error) -> E
         Some(rusqlite::ErrorCode::DiskFull) => {
             Error::Io { path, doing, cause: std::io::Error::new(std::io::ErrorKind::StorageFull, error) }
         }
+        Some(rusqlite::ErrorCode::DatabaseBusy | rusqlite::ErrorCode::DatabaseLocked) => {
+            Error::Locked { path, holder: "another process".into() }
+        }
         Some(rusqlite::ErrorCode::DatabaseCorrupt | rusqlite::ErrorCode::NotADatabase) => {
             Error::corrupt(path.as_path(), "database", error.to_string(), "an SQLite database")
         }
@@ -64,6 +67,9 @@ impl MbtilesSink {
             return Err(Error::unsupported(path, "writing MBTiles to a stream", advice));
         };
         let connection = Connection::open(&place).map_err(failed(&place, "open"))?;
+        if resume {
+            check_own(&connection, &place)?;
+        }
         // A file that nobody sees yet needs no journal of the database's own, unless it is to survive interruptions.
         let safety = if resume { "NORMAL" } else { "OFF" };
         let settings = format!(
@@ -106,6 +112,14 @@ impl MbtilesSink {
         let inserted = self.connection.execute("INSERT INTO metadata VALUES (?1, ?2)", [name, value]);
         inserted.map(drop).map_err(failed(&self.path, "write"))
     }
+}
+
+/// Fails, without changing anything, unless a database is empty or of an export that was interrupted.
+fn check_own(connection: &Connection, path: &Path) -> Result<()> {
+    let ask = |question: &str| connection.query_row(question, [], |row| row.get::<_, i64>(0));
+    let is_empty = ask("PRAGMA page_count") == Ok(0);
+    let rows = format!("SELECT count(*) FROM metadata WHERE name = '{PARTIAL}'");
+    if is_empty || ask(&rows) == Ok(1) { Ok(()) } else { Err(not_ours(path)) }
 }
 
 /// The name of a content in `images`.
@@ -227,11 +241,13 @@ impl MbtilesEdit {
     pub(super) fn open(path: &Path) -> Result<MbtilesEdit> {
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let connection = Connection::open_with_flags(path, flags).map_err(failed(path, "open"))?;
+        // (Whoever comes second does not wait: what it has read of the tree may be older by then.)
+        connection.busy_timeout(std::time::Duration::ZERO).map_err(failed(path, "open"))?;
+        connection.execute_batch("BEGIN IMMEDIATE").map_err(failed(path, "lock"))?;
         let own = own(&connection, path)?;
         let digest = Digest::parse(&own.digest);
         let digest =
             digest.ok_or_else(|| Error::corrupt(path, "metadata", "no hash", "that of all tiles"))?;
-        connection.execute_batch("BEGIN IMMEDIATE").map_err(failed(path, "lock"))?;
         Ok(MbtilesEdit { path: path.to_path_buf(), connection, own, digest })
     }
 }
@@ -263,7 +279,7 @@ impl TileEdit for MbtilesEdit {
         Ok(())
     }
 
-    fn finish(self: Box<Self>, about: &About) -> Result<Stored> {
+    fn finish(self: Box<Self>, about: &About, _: &dyn Progress) -> Result<Stored> {
         let wrong = || failed(&self.path, "write");
         let run = |statements: &str| self.connection.execute_batch(statements).map_err(wrong());
         // (Contents that no tile has any more.)

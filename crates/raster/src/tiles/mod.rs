@@ -38,10 +38,12 @@ mod sink;
 mod source;
 mod target;
 mod tiff;
+mod touched;
 mod update;
 mod walk;
 mod warped;
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -55,9 +57,9 @@ pub use paint::TilePainter;
 pub use place::{MAX_ZOOM, TileId, TileRange};
 pub use pmtiles::Pmtiles;
 pub use sink::Stored;
-pub use source::{TileContent, TileSamples, TileSource, XyzTiles};
+pub use source::{DataPlace, TileContent, TileSamples, TileSource, XyzTiles};
 pub use target::TileTarget;
-pub use update::update_tiles;
+pub use update::{TileUpdate, UpdateOptions};
 pub use warped::WarpedTiles;
 
 use self::encode::{Encoded, TileEncoder};
@@ -229,29 +231,46 @@ fn plan<'a>(
         let found = format!("{:?}", request.degrees.unwrap_or(own));
         return Err(Error::invalid("box of tiles", found, format!("one that has a part of {own:?} degrees")));
     }
+    let data = source.data_place()?;
+    let place = match request.degrees {
+        None => data,
+        Some(_) => {
+            let [w, s, e, n] = data.bounds;
+            let [west, south, east, north] = degrees;
+            let common = [west.max(w), south.max(s), east.min(e), north.min(n)];
+            let is_some = common[0] < common[2] && common[1] < common[3];
+            DataPlace::of_bounds(if is_some { common } else { degrees })
+        }
+    };
     let encoder = TileEncoder::new(source, painter, request.encoding, side, request.void)?;
     let TileEncoding { format, effort, quality } = request.encoding;
-    let style = if format.is_array() { String::new() } else { painter.document().to_owned() };
-    let options = format!(
-        "zooms {}-{}, degrees {degrees:?}, side {side}, format {}, effort {effort:?}, quality {quality:?}, void {}, style {style}{}",
-        zooms.start(),
-        zooms.end(),
-        format.extension(),
-        request.void,
-        request.options
-    );
+    let number = |number: Option<u8>| number.map_or("none".into(), |number| number.to_string());
+    let mut options = BTreeMap::from([
+        ("zooms".into(), format!("{}-{}", zooms.start(), zooms.end())),
+        ("degrees".into(), degrees.map(|degrees| degrees.to_string()).join(",")),
+        ("side".into(), side.to_string()),
+        ("format".into(), format.extension().into()),
+        ("effort".into(), number(effort)),
+        ("quality".into(), number(quality)),
+        ("void".into(), request.void.to_string()),
+    ]);
+    if !request.options.is_empty() {
+        options.insert("grid".into(), request.options.clone());
+    }
+    let colours = (!format.is_array()).then(|| painter.colours().clone());
     let about = About {
         format,
         zooms: [*zooms.start(), *zooms.end()],
-        degrees,
+        place,
         side,
         name: request.name.clone(),
         description: request.description.clone(),
         attribution: request.attribution.clone(),
         legend: request.legend.clone(),
-        making: Making { source: request.source.clone(), options },
+        making: Making { source: request.source.clone(), options, colours },
     };
-    Ok((TileExtent { zooms, degrees, margin: encoder.margin() }, about, encoder))
+    let has_places = format == TileFormat::Tiff;
+    Ok((TileExtent { zooms, degrees, margin: encoder.margin(), has_places }, about, encoder))
 }
 
 /// A tile of a run, or that nothing is in it.

@@ -1,8 +1,9 @@
 //! Colours of tiles: a style, painted tile by tile.
 
+use super::making::Colours;
 use super::place::TileId;
 use super::source::TileSamples;
-use crate::style::{Ground, SampleBlock, Style, StylePainter};
+use crate::style::{Ground, PercentileNumbers, SampleBlock, Style, StylePainter};
 use spinney_base::{Progress, Result};
 use spinney_crs::web_mercator;
 use spinney_engine::dataset::Dataset;
@@ -23,7 +24,7 @@ pub(super) struct TilePixels {
 pub struct TilePainter {
     painter: StylePainter,
     palette: Option<Box<[[u8; 4]; 256]>>,
-    document: String,
+    colours: Colours,
 }
 
 impl TilePainter {
@@ -32,15 +33,25 @@ impl TilePainter {
     /// # Errors
     /// Those of [`StylePainter::new`].
     pub fn new(style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<TilePainter> {
-        let painter = StylePainter::new(style, tree, progress)?;
+        TilePainter::with_numbers(style, tree, None, progress)
+    }
+
+    /// Makes a style ready, with numbers that its percentiles are.
+    pub(super) fn with_numbers(
+        style: &Style,
+        tree: &Dataset,
+        given: Option<&PercentileNumbers>,
+        progress: &dyn Progress,
+    ) -> Result<TilePainter> {
+        let (painter, percentiles) = StylePainter::with_numbers(style, tree, given, progress)?;
         let palette = painter.palette().map(|colours| {
             let mut all = Box::new([[0; 4]; 256]);
             all.iter_mut().zip(colours).for_each(|(to, from)| *to = *from);
             all
         });
-        // (Numbers that the tree's statistics gave are in the painter alone.)
-        let resolved = xxhash_rust::xxh3::xxh3_64(format!("{painter:?}").as_bytes());
-        Ok(TilePainter { painter, palette, document: format!("{} {resolved:016x}", style.json()) })
+        let look = format!("{:016x}", xxhash_rust::xxh3::xxh3_64(format!("{painter:?}").as_bytes()));
+        let colours = Colours { style: style.json().to_owned(), percentiles, look };
+        Ok(TilePainter { painter, palette, colours })
     }
 
     /// The painter.
@@ -58,9 +69,9 @@ impl TilePainter {
         self.palette.as_deref()
     }
 
-    /// The style's document and a hash of what the tree makes of it: another text whenever tiles look different.
-    pub(super) fn document(&self) -> &str {
-        &self.document
+    /// What an archive says of the colours.
+    pub(super) fn colours(&self) -> &Colours {
+        &self.colours
     }
 
     /// Paints a tile, of which there are the samples with the margin's cells around it.

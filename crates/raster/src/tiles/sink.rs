@@ -4,7 +4,7 @@ use super::encode::Encoded;
 use super::making::{About, Own};
 use super::place::TileId;
 use super::walk::TileRun;
-use spinney_base::Result;
+use spinney_base::{Progress, Result};
 
 /// Takes tiles in the order of their numbers.
 pub(super) trait TileSink: Send {
@@ -30,7 +30,7 @@ pub(super) trait TileEdit {
     fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()>;
 
     /// Completes the change.
-    fn finish(self: Box<Self>, about: &About) -> Result<Stored>;
+    fn finish(self: Box<Self>, about: &About, progress: &dyn Progress) -> Result<Stored>;
 }
 
 /// Totals of an archive.

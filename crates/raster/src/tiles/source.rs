@@ -105,6 +105,23 @@ impl TileSamples {
     }
 }
 
+/// The place of data in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DataPlace {
+    /// West, south, east and north in degrees: -180 to 180 if data lie across the 180th meridian.
+    pub bounds: [f64; 4],
+    /// Longitude and latitude of their middle, also if they lie across the 180th meridian.
+    pub centre: [f64; 2],
+}
+
+impl DataPlace {
+    /// The place of a box, with its own middle.
+    pub(super) fn of_bounds(bounds: [f64; 4]) -> DataPlace {
+        let [west, south, east, north] = bounds;
+        DataPlace { bounds, centre: [(west + east) / 2.0, (south + north) / 2.0] }
+    }
+}
+
 /// Samples of the world's tiles, from whatever grid they come.
 pub trait TileSource: Sync {
     /// Type of the values.
@@ -115,6 +132,12 @@ pub trait TileSource: Sync {
 
     /// West, south, east and north of the source in degrees.
     fn degrees(&self) -> [f64; 4];
+
+    /// The place of the source's data: for whoever shows the tiles, and not of what is drawn.
+    ///
+    /// # Errors
+    /// If the source cannot be read.
+    fn data_place(&self) -> Result<DataPlace>;
 
     /// Tells what is known of a tile without drawing it. Takes microseconds; `Detail` is always right.
     ///
@@ -131,11 +154,32 @@ pub trait TileSource: Sync {
     /// The tiles of a zoom that depend on a block of the tree.
     fn tiles_of(&self, block: Code, zoom: u8) -> TileRange;
 
+    /// The level of the tree's nodes that are about as large as a tile of a zoom, or its half: whoever asks for the tiles of many
+    /// smaller blocks may ask for those of the nodes that these lie in instead.
+    fn block_level(&self, zoom: u8) -> u8;
+
     /// Makes sure that what was read is still there: asked once at the end.
     ///
     /// # Errors
     /// If it was changed meanwhile.
     fn check_unchanged(&self) -> Result<()>;
+}
+
+/// The level of the world's square whose columns tell on which side of the globe data lie.
+const COLUMN_LEVEL: u8 = 8;
+
+/// First and number of the longest run of flags that are not set.
+fn widest_gap(flags: &[bool]) -> (usize, usize) {
+    let (mut widest, mut start) = ((0, 0), 0);
+    for (index, flag) in flags.iter().chain([&true]).enumerate() {
+        if *flag {
+            if index - start > widest.1 {
+                widest = (start, index - start);
+            }
+            start = index + 1;
+        }
+    }
+    widest
 }
 
 /// Tiles of a tree whose root is the world's square: each is a node of it.
@@ -165,6 +209,29 @@ impl TileSource for XyzTiles<'_> {
 
     fn degrees(&self) -> [f64; 4] {
         TileRange::world(0).degrees(0)
+    }
+
+    fn data_place(&self) -> Result<DataPlace> {
+        let Some(data) = self.tree.data_box()? else { return Ok(DataPlace::of_bounds(self.degrees())) };
+        let cells = |corner: [u64; 3]| [corner[0] as u32, corner[1] as u32];
+        let range = TileRange { min: cells(data.min), max: cells(data.max) };
+        let mut place = DataPlace::of_bounds(range.degrees(self.depth));
+        // Where a wide gap lies between data in the east and in the west, these are beside each other.
+        let level = self.depth.min(COLUMN_LEVEL);
+        let side = 1usize << level;
+        let all = Bounds::space(Dimension::Quad, level);
+        let width = self.value_type().size();
+        let (mut values, mut valid) = (vec![0; side * side * width], vec![false; side * side]);
+        self.tree.window(level, &all, 0.0, &mut values, Some(&mut valid))?;
+        let has_data: Vec<bool> =
+            (0..side).map(|column| valid.iter().skip(column).step_by(side).any(|is| *is)).collect();
+        let (start, length) = widest_gap(&has_data);
+        // (One that ends at the map's edges is no gap between data.)
+        if start > 0 && start + length < side && length > side / 4 {
+            let middle = (start + length) as f64 + (side - length) as f64 / 2.0;
+            place.centre[0] = (middle / side as f64 * 360.0).rem_euclid(360.0) - 180.0;
+        }
+        Ok(place)
     }
 
     fn content(&self, tile: TileId) -> Result<TileContent> {
@@ -215,6 +282,10 @@ impl TileSource for XyzTiles<'_> {
         }
         let min = [column, row].map(|at| at >> (level - zoom));
         TileRange { min, max: min.map(|at| at + 1) }
+    }
+
+    fn block_level(&self, zoom: u8) -> u8 {
+        zoom
     }
 
     fn check_unchanged(&self) -> Result<()> {

@@ -1,97 +1,38 @@
 //! Updates: only tiles that an edit touches are drawn anew, up to the parents; all others are copied, or stay where they are.
 
-use std::collections::HashSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::encode::{Encoded, TileEncoder};
 use super::folder::FolderEdit;
-use super::making::{Own, SourceState};
+use super::making::{Making, Own, SourceState};
 #[cfg(feature = "mbtiles")]
 use super::mbtiles::MbtilesEdit;
-use super::place::{TileId, TileRange};
+use super::paint::TilePainter;
+use super::place::TileId;
 use super::pmtiles::Pmtiles;
 use super::sink::{Stored, TileEdit};
 use super::source::{TileContent, TileSource};
 use super::target::TileTarget;
-use super::walk::{TileExtent, TileRun, TileWalk};
-use super::{Made, TilePainter, TileRequest, plan, write};
+use super::touched::{TouchedBlocks, TouchedTiles};
+use super::walk::{TileExtent, TileRun, TileWalk, settled};
+use super::{Made, TileRequest, plan, write};
+use crate::style::Style;
 use spinney_base::parallel;
-use spinney_base::sort;
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::OpenOptions;
 use spinney_engine::dataset::Dataset;
-use spinney_engine::ops::{TreeFile, diff};
+use spinney_engine::ops::{TreeFile, diff_nodes};
 
-/// Tiles of all zooms that differences touch.
-#[derive(Default)]
-struct Touched {
-    tiles: HashSet<TileId>,
-    /// Large rectangles, of which there are few.
-    wide: Vec<(u8, TileRange)>,
-}
-
-/// Tiles of the largest rectangle whose tiles are listed one by one.
-const WIDE: u64 = 1 << 10;
-
-impl Touched {
-    /// Adds a rectangle, and the tiles around it whose pictures depend on those in it.
-    fn add(&mut self, zoom: u8, range: TileRange, margin: usize, within: &TileRange) {
-        let side = 1u32 << zoom;
-        let more = u32::from(margin > 0);
-        let min = range.min.map(|at| at.saturating_sub(more));
-        let max = range.max.map(|at| (at + more).min(side));
-        let mut ranges = vec![TileRange { min, max }];
-        // Beyond the antimeridian the other side's columns are neighbours.
-        if more > 0 && range.min[0] == 0 {
-            ranges.push(TileRange { min: [side - 1, min[1]], max: [side, max[1]] });
-        }
-        if more > 0 && range.max[0] == side {
-            ranges.push(TileRange { min: [0, min[1]], max: [1, max[1]] });
-        }
-        for range in ranges {
-            let range = range.intersect(within);
-            if range.is_empty() {
-                continue;
-            }
-            let [columns, rows] = [0, 1].map(|axis| u64::from(range.max[axis] - range.min[axis]));
-            if columns * rows > WIDE {
-                if !self.wide.contains(&(zoom, range)) {
-                    self.wide.push((zoom, range));
-                }
-                continue;
-            }
-            self.tiles.extend(tiles_of(zoom, range));
-        }
-    }
-
-    fn contains(&self, tile: TileId) -> bool {
-        let own = TileRange { min: [tile.column, tile.row], max: [tile.column + 1, tile.row + 1] };
-        self.tiles.contains(&tile)
-            || self.wide.iter().any(|(zoom, range)| *zoom == tile.zoom && range.contains(&own))
-    }
-
-    /// All of them, in order.
-    fn all(&self) -> Vec<TileId> {
-        let wide = self.wide.iter().flat_map(|(zoom, range)| tiles_of(*zoom, *range));
-        let mut all: Vec<TileId> = self.tiles.iter().copied().chain(wide).collect();
-        sort::by_key(&mut all, |tile| tile.number());
-        all.dedup();
-        all
-    }
-}
-
-fn tiles_of(zoom: u8, range: TileRange) -> impl Iterator<Item = TileId> {
-    let columns = move |row| (range.min[0]..range.max[0]).map(move |column| TileId { zoom, column, row });
-    (range.min[1]..range.max[1]).flat_map(columns)
-}
-
-/// Hands out the blocks in which a tree differs from the state that an archive was made of: that is an older commit of the same
+/// Hands out the nodes of a level, or larger blocks, in which a tree differs from the state that an archive was made of: that is an older commit of the same
 /// file, or the file `since`.
 fn changes(
     tree: &Dataset,
     state: &SourceState,
     since: Option<&Path>,
+    level: u8,
+    progress: &dyn Progress,
     block: &mut dyn FnMut(Code),
 ) -> Result<()> {
     if SourceState::of(tree)?.state == state.state {
@@ -130,9 +71,11 @@ fn changes(
         now.push(format!("@{}", commit.number));
     }
     let after = TreeFile::open(now.as_ref(), &options)?;
-    diff(&before, &after, &mut |found| {
-        block(found.code);
-        Ok(())
+    let mut nodes = 0u64;
+    diff_nodes(&before, &after, level, &mut |found| {
+        block(found);
+        nodes += 1;
+        if nodes.is_multiple_of(1 << 8) { progress.check() } else { Ok(()) }
     })
 }
 
@@ -142,108 +85,223 @@ enum Old {
     InPlace(Box<dyn TileEdit>),
 }
 
-/// Brings tiles that were exported from an older state of a tree up to date: draws those that the differences touch, and copies
-/// the others from `old`, an archive of `PMTiles` that may be the target itself; `MBTiles` and folders are changed in place, the former
-/// all at once. A `PMTiles` archive has the bytes that a new export would have.
+/// Options of an update.
+#[derive(Clone, Debug, Default)]
+pub struct UpdateOptions {
+    /// The tree that the tiles were made of, where that is no commit of the same file.
+    pub since: Option<PathBuf>,
+    /// Whether all tiles are drawn, with whatever style.
+    pub restyle: bool,
+}
+
+/// Tiles that were exported from an older state of a tree and are about to be brought up to date: those that the differences touch
+/// are drawn, the others copied from an archive of `PMTiles`, that may be the target itself; `MBTiles` and folders are changed in
+/// place. A `PMTiles` archive and a folder have the bytes that a new export with the same numbers for percentiles would have.
 ///
-/// `since` is the tree that the archive was made of, where that is no commit of the same file.
-///
-/// # Errors
-/// Those of [`export_tiles`](super::export_tiles); if the archive was made with other options, by another program, or of another file.
-#[allow(clippy::too_many_arguments)] // those of an export, and the old archive
-pub fn update_tiles(
-    tree: &Dataset,
-    source: &dyn TileSource,
-    painter: &TilePainter,
-    request: &TileRequest,
-    target: &TileTarget,
-    old: Option<&Path>,
-    since: Option<&Path>,
-    progress: &dyn Progress,
-) -> Result<Stored> {
-    let (extent, about, encoder) = plan(source, painter, request)?;
-    let place = old.unwrap_or(target.path());
-    let in_place = || {
-        let advice = "copy it first, and update the copy";
-        Error::unsupported(place, "an update of one of these from another", advice)
-    };
-    let opened = match target {
-        TileTarget::Pmtiles(_) => Old::Pmtiles(Box::new(Pmtiles::open(place)?)),
-        _ if old.is_some_and(|old| old != target.path()) => return Err(in_place()),
-        #[cfg(feature = "mbtiles")]
-        TileTarget::Mbtiles(path) => Old::InPlace(Box::new(MbtilesEdit::open(path)?)),
-        TileTarget::Folder(folder) => Old::InPlace(Box::new(FolderEdit::open(folder.base())?)),
-    };
-    let own = match &opened {
-        Old::Pmtiles(archive) => archive.own(),
-        Old::InPlace(edit) => Some(edit.own().clone()),
-    };
-    let own: Own = own.ok_or_else(|| {
-        let advice = "only what `spinney export` wrote says how it was made; make it anew";
-        Error::unsupported(place, "an update of an archive of another program", advice)
-    })?;
-    if own.making.options != about.making.options {
-        let expected = format!("those that it was made with: {}", own.making.options);
-        return Err(Error::invalid("options of the update", about.making.options, expected));
+/// `MBTiles` are changed all at once. A folder is changed when all new tiles are beside it: an update that is interrupted before leaves
+/// it as it was, and one that is interrupted later is finished by the next one, whatever that is to do itself; until then
+/// [`verify_tiles`](super::verify_tiles) says so.
+pub struct TileUpdate {
+    /// The old tiles.
+    place: PathBuf,
+    target: TileTarget,
+    old: Old,
+    own: Own,
+}
+
+impl TileUpdate {
+    /// Opens the tiles of a target, or, for a target of `PMTiles`, another archive that the new one starts from. What is changed in place
+    /// is nobody else's until this is dropped; an update of a folder that was interrupted is finished first, with a warning.
+    ///
+    /// # Errors
+    /// If they cannot be read, were made by another program, or are being updated by somebody else; on interruption.
+    pub fn open(target: &TileTarget, old: Option<&Path>, progress: &dyn Progress) -> Result<TileUpdate> {
+        let place = old.unwrap_or(target.path());
+        let opened = match target {
+            TileTarget::Pmtiles(_) => Old::Pmtiles(Box::new(Pmtiles::open(place)?)),
+            _ if place != target.path() => {
+                let advice = "copy it first, and update the copy";
+                return Err(Error::unsupported(place, "an update of one of these from another", advice));
+            }
+            #[cfg(feature = "mbtiles")]
+            TileTarget::Mbtiles(path) => Old::InPlace(Box::new(MbtilesEdit::open(path)?)),
+            TileTarget::Folder(folder) => Old::InPlace(Box::new(FolderEdit::open(folder, progress)?)),
+        };
+        let own = match &opened {
+            Old::Pmtiles(archive) => archive.own(),
+            Old::InPlace(edit) => Some(edit.own().clone()),
+        };
+        let own: Own = own.ok_or_else(|| {
+            let advice =
+                "only what `spinney export` of this version wrote says how it was made; make it anew";
+            Error::unsupported(place, "an update of an archive of another program", advice)
+        })?;
+        Ok(TileUpdate { place: place.to_path_buf(), target: target.clone(), old: opened, own })
     }
-    let mut touched = Touched::default();
-    let mut last = None;
-    changes(tree, &own.making.source, since, &mut |code| {
-        // (Differences come in FD order: most lie in the same tile as the one before.)
-        let deepest = source.tiles_of(code, *extent.zooms.end());
-        if last != Some(deepest) {
-            last = Some(deepest);
-            for zoom in extent.zooms.clone() {
-                let within = TileRange::of_degrees(zoom, extent.degrees);
-                touched.add(zoom, source.tiles_of(code, zoom), extent.margin, &within);
+
+    /// A style with the numbers for its percentiles that the tiles were made with. Warns if those of the tree are others by now.
+    ///
+    /// # Errors
+    /// Those of [`TilePainter::new`]; if the tiles were made with another style, or the tree's palette or units have changed.
+    pub fn painter(&self, style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<TilePainter> {
+        let now = TilePainter::new(style, tree, progress)?;
+        let Some(old) = &self.own.making.colours else { return Ok(now) };
+        let redraw = "or --restyle, which draws all tiles anew";
+        if old.style != style.json() {
+            let expected = format!("that which the tiles were made with, {}, {redraw}", old.style);
+            return Err(Error::invalid("style", style.json(), expected));
+        }
+        let differing = old.percentiles.differences(&now.colours().percentiles, "now");
+        if differing.is_empty() {
+            return Ok(now);
+        }
+        let kept = TilePainter::with_numbers(style, tree, Some(&old.percentiles), progress)?;
+        let text = format!(
+            "colours keep the numbers that tiles were made with, {}; --restyle draws all with those of now",
+            differing.join(", ")
+        );
+        progress.warn(&self.place, &text);
+        Ok(kept)
+    }
+
+    /// Draws and writes what must be, with a painter of [`TileUpdate::painter`]; with [`UpdateOptions::restyle`] everything, with any.
+    ///
+    /// # Errors
+    /// Those of [`export_tiles`](super::export_tiles); if the tiles were made with other options or colours, or of another file.
+    pub fn run(
+        self,
+        tree: &Dataset,
+        source: &dyn TileSource,
+        painter: &TilePainter,
+        request: &TileRequest,
+        options: &UpdateOptions,
+        progress: &dyn Progress,
+    ) -> Result<Stored> {
+        let (extent, about, encoder) = plan(source, painter, request)?;
+        let making = &self.own.making;
+        making.check_options(&about.making)?;
+        let mut touched = TouchedBlocks::new(source, extent.zooms.clone(), extent.degrees, extent.margin);
+        let since = options.since.as_deref();
+        let level = extent.zooms.clone().map(|zoom| source.block_level(zoom)).max().unwrap_or(0);
+        let level = level.min(tree.depth());
+        if !options.restyle {
+            self.check_colours(&about.making)?;
+            changes(tree, &making.source, since, level, progress, &mut |code| touched.add(code))?;
+        } else if let Old::Pmtiles(_) = self.old {
+            touched.add_all();
+        } else {
+            // (What is no longer there must be removed: where nobody knows what that is, every tile is looked for.)
+            match changes(tree, &making.source, since, level, progress, &mut |code| touched.add(code)) {
+                Err(Error::Unsupported { .. }) => touched.add_all(),
+                other => other?,
             }
         }
-    })?;
-    progress.check()?;
-    match opened {
-        Old::Pmtiles(archive) => {
-            let total = TileWalk::new(source, &extent).count(progress)?;
-            let sink = target.sink(&about, request.resume)?;
-            let copied = |run: &TileRun| -> Result<Option<Made>> {
-                let tile = TileId::from_number(run.first).expect("a run of tiles");
-                if run.uniform.is_some() || touched.contains(tile) {
-                    return Ok(None);
+        let touched = touched.tiles;
+        progress.check()?;
+        match self.old {
+            Old::Pmtiles(archive) => {
+                let total = TileWalk::new(source, &extent).count(progress)?;
+                let sink = self.target.sink(&about, request.resume)?;
+                let copied = |run: &TileRun| -> Result<Option<Made>> {
+                    let tile = TileId::from_number(run.first).expect("a run of tiles");
+                    if run.uniform.is_some() || touched.contains(tile) {
+                        return Ok(None);
+                    }
+                    Ok(Some(Ok(archive.tile(tile)?.map(|bytes| Arc::new(Encoded::new(bytes))))))
+                };
+                write(source, &extent, &encoder, Some(&copied), sink, &about, total, progress)
+            }
+            Old::InPlace(mut edit) => {
+                let drawer = Drawer { source, encoder: &encoder, extent: &extent, progress };
+                if options.restyle {
+                    drawer.redraw_all(&touched, edit.as_mut())?;
                 }
-                Ok(Some(Ok(archive.tile(tile)?.map(|bytes| std::sync::Arc::new(Encoded::new(bytes))))))
-            };
-            write(source, &extent, &encoder, Some(&copied), sink, &about, total, progress)
+                drawer.redraw(&touched, edit.as_mut())?;
+                source.check_unchanged()?;
+                edit.finish(&about, progress)
+            }
         }
-        Old::InPlace(mut edit) => {
-            redraw(source, &extent, &encoder, &touched, edit.as_mut(), progress)?;
-            edit.finish(&about)
+    }
+
+    /// Fails if the colours of the tiles are others now.
+    fn check_colours(&self, now: &Making) -> Result<()> {
+        let (Some(old), Some(new)) = (&self.own.making.colours, &now.colours) else { return Ok(()) };
+        if old == new {
+            return Ok(());
         }
+        let what = if old.style != new.style {
+            format!("tiles with the style {}, which were made with {}", new.style, old.style)
+        } else if old.percentiles != new.percentiles {
+            let differing = old.percentiles.differences(&new.percentiles, "now");
+            format!("tiles with other numbers for percentiles: {}", differing.join(", "))
+        } else {
+            "an update after the tree's palette, units or meaning of channels have changed".into()
+        };
+        let advice = "--restyle draws all tiles anew";
+        Err(Error::unsupported(&self.place, what, advice))
     }
 }
 
-/// Draws the tiles that are touched, and replaces them in order.
-fn redraw(
-    source: &dyn TileSource,
-    extent: &TileExtent,
-    encoder: &TileEncoder<'_>,
-    touched: &Touched,
-    edit: &mut dyn TileEdit,
-    progress: &dyn Progress,
-) -> Result<()> {
-    let all = touched.all();
-    for tiles in all.chunks(256) {
-        let made: Vec<Made> = parallel::map(tiles, |tile| {
-            progress.check()?;
-            let uniform = match source.content(*tile)? {
-                TileContent::Empty => return Ok(None),
-                TileContent::Uniform(value) if extent.margin == 0 => Some(value),
-                _ => None,
-            };
-            encoder.encode(&TileRun { first: tile.number(), count: 1, uniform })
-        });
-        for (tile, made) in tiles.iter().zip(made) {
-            edit.replace(*tile, made?.as_deref())?;
-            progress.advance(1, all.len() as u64);
+/// Draws tiles, and replaces old ones.
+struct Drawer<'a> {
+    source: &'a dyn TileSource,
+    encoder: &'a TileEncoder<'a>,
+    extent: &'a TileExtent,
+    progress: &'a dyn Progress,
+}
+
+/// Tiles, or runs of them, that are drawn at a time.
+const BATCH: usize = 256;
+
+impl Drawer<'_> {
+    /// Replaces the tiles that are touched, also those that have nothing any more.
+    fn redraw(&self, touched: &TouchedTiles, edit: &mut dyn TileEdit) -> Result<()> {
+        let total = touched.count();
+        let mut all = touched.iter();
+        loop {
+            let tiles: Vec<TileId> = all.by_ref().take(BATCH).collect();
+            if tiles.is_empty() {
+                return Ok(());
+            }
+            let made: Vec<Made> = parallel::map(&tiles, |tile| {
+                self.progress.check()?;
+                let content = self.source.content(*tile)?;
+                if content == TileContent::Empty {
+                    return Ok(None);
+                }
+                let uniform = settled(self.source, self.extent, *tile, content)?;
+                self.encoder.encode(&TileRun { first: tile.number(), count: 1, uniform })
+            });
+            for (tile, made) in tiles.iter().zip(made) {
+                edit.replace(*tile, made?.as_deref())?;
+                self.progress.advance(1, total);
+            }
         }
     }
-    source.check_unchanged()
+
+    /// Replaces all tiles that have something, except those that are touched.
+    fn redraw_all(&self, touched: &TouchedTiles, edit: &mut dyn TileEdit) -> Result<()> {
+        let total = TileWalk::new(self.source, self.extent).count(self.progress)?;
+        let mut walk = TileWalk::new(self.source, self.extent);
+        loop {
+            let runs = walk.next_runs(BATCH)?;
+            if runs.is_empty() {
+                return Ok(());
+            }
+            let made: Vec<Made> = parallel::map(&runs, |run| {
+                self.progress.check()?;
+                self.encoder.encode(run)
+            });
+            for (run, made) in runs.iter().zip(made) {
+                let made = made?;
+                for number in run.first..run.first + run.count {
+                    let tile = TileId::from_number(number).expect("a run of tiles");
+                    if !touched.contains(tile) {
+                        edit.replace(tile, made.as_deref())?;
+                    }
+                }
+                self.progress.advance(run.count, total);
+            }
+        }
+    }
 }

@@ -26,6 +26,8 @@ pub(super) struct TileExtent {
     pub(super) degrees: [f64; 4],
     /// Cells around a tile that its picture depends on: if there are any, a tile is settled only with its neighbours.
     pub(super) margin: usize,
+    /// Whether tiles say where they lie, so that no two are equal: none is settled.
+    pub(super) has_places: bool,
 }
 
 /// A walk that is under way.
@@ -94,12 +96,12 @@ impl<'a> TileWalk<'a> {
             return Ok(None);
         }
         if node.zoom == self.zoom {
-            let uniform = self.settled(node, content)?;
+            let uniform = settled(self.source, &self.extent, node, content)?;
             return Ok(Some(TileRun { first: node.number(), count: 1, uniform }));
         }
         let along = node.along_curve();
         if self.range.contains(&below)
-            && let Some(value) = self.settled(node, content)?
+            && let Some(value) = settled(self.source, &self.extent, node, content)?
         {
             let shift = 2 * (self.zoom - node.zoom);
             let first = first_number(self.zoom) + (along << shift);
@@ -109,26 +111,6 @@ impl<'a> TileWalk<'a> {
         let children = (0..4).rev().map(|step| TileId::on_curve(node.zoom + 1, along << 2 | step));
         self.pending.extend(children);
         Ok(None)
-    }
-
-    /// The value of all cells of a tile, and of those around it that matter.
-    fn settled(&self, tile: TileId, content: TileContent) -> Result<Option<Value>> {
-        let TileContent::Uniform(value) = content else { return Ok(None) };
-        if self.extent.margin == 0 {
-            return Ok(Some(value));
-        }
-        let side = 1u32 << tile.zoom;
-        for step in 0..9u32 {
-            // One column and row back, none, and one on.
-            let column = (tile.column + side + step % 3 - 1) % side;
-            let Some(row) = (tile.row + step / 3).checked_sub(1).filter(|row| *row < side) else {
-                return Ok(None);
-            };
-            if self.source.content(TileId { column, row, ..tile })? != content {
-                return Ok(None);
-            }
-        }
-        Ok(Some(value))
     }
 
     /// Number of all tiles that are not empty, without drawing any.
@@ -143,4 +125,32 @@ impl<'a> TileWalk<'a> {
         }
         Ok(tiles)
     }
+}
+
+/// The value of all cells of a tile, of which a source knows the content, and of those around it that matter.
+pub(super) fn settled(
+    source: &dyn TileSource,
+    extent: &TileExtent,
+    tile: TileId,
+    content: TileContent,
+) -> Result<Option<Value>> {
+    let TileContent::Uniform(value) = content else { return Ok(None) };
+    if extent.has_places {
+        return Ok(None);
+    }
+    if extent.margin == 0 {
+        return Ok(Some(value));
+    }
+    let side = 1u32 << tile.zoom;
+    for step in 0..9u32 {
+        // One column and row back, none, and one on.
+        let column = (tile.column + side + step % 3 - 1) % side;
+        let Some(row) = (tile.row + step / 3).checked_sub(1).filter(|row| *row < side) else {
+            return Ok(None);
+        };
+        if source.content(TileId { column, row, ..tile })? != content {
+            return Ok(None);
+        }
+    }
+    Ok(Some(value))
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::place::{MAX_ZOOM, TileId, TileRange};
-use super::source::{TileContent, TileSamples, TileSource};
+use super::source::{DataPlace, TileContent, TileSamples, TileSource};
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::ValueType;
 use spinney_base::{Error, Result};
@@ -22,7 +22,11 @@ pub struct WarpedTiles {
     source_extent: [u64; 3],
     side: usize,
     max_zoom: u8,
+    /// The zoom whose pixels are closest in size to the raster's cells.
+    closest: u8,
     degrees: [f64; 4],
+    /// Longitude and latitude of the raster's middle, where it has one.
+    middle: Option<[f64; 2]>,
 }
 
 impl WarpedTiles {
@@ -59,7 +63,8 @@ impl WarpedTiles {
         };
         let warped = (0..=max_zoom).map(at).collect::<Result<_>>()?;
         let degrees = degrees_of(frame, source_extent, options.allow_ballpark)?;
-        Ok(WarpedTiles { warped, source_depth, source_extent, side, max_zoom, degrees })
+        let middle = middle_of(frame, source_extent, options.allow_ballpark)?;
+        Ok(WarpedTiles { warped, source_depth, source_extent, side, max_zoom, closest, degrees, middle })
     }
 
     fn at(&self, zoom: u8) -> Result<&Warped> {
@@ -93,6 +98,16 @@ impl TileSource for WarpedTiles {
         self.degrees
     }
 
+    fn data_place(&self) -> Result<DataPlace> {
+        let place = DataPlace::of_bounds(self.degrees);
+        // (A raster that goes on behind the antimeridian is on both sides of the map: its middle is where it is.)
+        let is_split = self.degrees[0] == -180.0 && self.degrees[2] == 180.0;
+        Ok(match self.middle {
+            Some([longitude, _]) if is_split => DataPlace { centre: [longitude, place.centre[1]], ..place },
+            _ => place,
+        })
+    }
+
     fn content(&self, tile: TileId) -> Result<TileContent> {
         let TileId { zoom, column, row } = tile;
         let code = Code::from_zxy(zoom, column, row);
@@ -120,9 +135,25 @@ impl TileSource for WarpedTiles {
         }
     }
 
+    fn block_level(&self, zoom: u8) -> u8 {
+        // At the closest zoom a tile has about as many cells as pixels; nodes of the half of these a side.
+        let cells =
+            i16::from(self.side.trailing_zeros() as u8) - 1 + i16::from(self.closest) - i16::from(zoom);
+        let depth = i16::from(self.source_depth);
+        (depth - cells).clamp(0, depth) as u8
+    }
+
     fn check_unchanged(&self) -> Result<()> {
         self.warped[0].source().check_unchanged()
     }
+}
+
+/// Longitude, from -180 to 180, and latitude of a raster's middle.
+fn middle_of(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result<Option<[f64; 2]>> {
+    let Some(crs) = &frame.crs else { return Ok(None) };
+    let [x, y, _] = frame.to_world(extent.map(|cells| cells as f64 / 2.0));
+    let middle = Projection::new(crs, allow_ballpark)?.inverse([x, y]);
+    Ok(middle.map(|[longitude, latitude]| [(longitude + 180.0).rem_euclid(360.0) - 180.0, latitude]))
 }
 
 /// West, south, east and north of a raster in degrees: of a lattice of its points, and a hair more for what edges bend between

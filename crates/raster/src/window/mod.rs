@@ -34,7 +34,7 @@ pub struct WindowRequest {
     /// The number for VOID cells where the format needs one; chosen if not given: see [`fill_for`].
     pub nodata: Option<f64>,
     /// Colours of the values. Without a style outputs have the values themselves; but PNG, which only has those of `u8` and
-    /// `u16`, has others in the tree's default style.
+    /// `u16`, of channels that are grey or red, green and blue, and opacity, has others in the tree's default style.
     pub style: Option<Style>,
     /// Bytes to hold at a time; what one row of the output needs must fit.
     pub memory: u64,
@@ -125,11 +125,23 @@ pub fn export_window(
 
 /// The style that an output is painted in, if it has not the values themselves.
 fn style_of(tree: &Dataset, request: &WindowRequest, format: Format) -> Option<Style> {
-    let fits = matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16);
+    let fits =
+        matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16) && has_png_channels(tree);
     match &request.style {
         Some(style) => Some(style.clone()),
         None if format == Format::Png && !fits => Some(Style::default_for(tree)),
         None => None,
+    }
+}
+
+/// Whether a tree's channels are those of PNG: grey, or red, green and blue, each also with opacity.
+fn has_png_channels(tree: &Dataset) -> bool {
+    let in_order = tree.metadata().rgb_channels() == [0, 1, 2];
+    match tree.header().form.value.channels {
+        1 => true,
+        2 => has_opacity(tree),
+        3 => in_order,
+        _ => in_order && has_opacity(tree),
     }
 }
 

@@ -29,14 +29,12 @@ impl FlatGeobuf {
     pub(super) fn new(output: Output, layer: VectorLayer) -> Result<FlatGeobuf> {
         let name = layer.crs.as_ref().and_then(Crs::name);
         let epsg = layer.crs.as_ref().and_then(|crs| crs.numbers());
+        let wkt = layer.crs.as_ref().and_then(|crs| crs.to_wkt2().ok().or_else(|| crs.foreign_text()));
         let crs = FgbCrs {
             org: epsg.map(|_| "EPSG"),
             code: epsg.map_or(0, |epsg| epsg.horizontal as i32),
             name: name.as_deref(),
-            wkt: match &layer.crs {
-                Some(Crs::Wkt(text)) => Some(text),
-                _ => None,
-            },
+            wkt: wkt.as_deref(),
             ..FgbCrs::default()
         };
         let options = FgbWriterOptions {

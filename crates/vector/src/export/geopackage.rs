@@ -5,11 +5,16 @@ use std::path::{Path, PathBuf};
 use rusqlite::types::Value;
 use rusqlite::{Connection, params, params_from_iter};
 
-use super::text::{WGS84, joined};
+use super::text::joined;
 use super::{AttributeType, AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
+
+/// Well-known text of WGS 84.
+const WGS84: &str = "GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563,AUTHORITY[\"EPSG\",\"7030\"]],\
+  AUTHORITY[\"EPSG\",\"6326\"]],PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],UNIT[\"degree\",0.0174532925199433,\
+  AUTHORITY[\"EPSG\",\"9122\"]],AUTHORITY[\"EPSG\",\"4326\"]]";
 
 /// Tables that every file has. The number of the application is `GPKG`.
 const SCHEMA: &str = "
@@ -121,17 +126,16 @@ impl GeoPackage {
 fn srs_of(crs: Option<&Crs>) -> Option<(String, i64, &'static str, String)> {
     let crs = crs?;
     let definition = match crs {
-        Crs::Wkt(text) => text.clone(),
-        _ => "undefined".into(),
+        Crs::Wkt(text) => Some(text.clone()),
+        _ => crs.to_wkt2().ok().or_else(|| crs.foreign_text()),
     };
-    match (crs.numbers(), crs) {
-        (Some(epsg), _) => {
+    match crs.numbers() {
+        Some(epsg) => {
             let number = i64::from(epsg.horizontal);
+            let definition = definition.unwrap_or_else(|| "undefined".into());
             Some((format!("EPSG:{number}"), number, "EPSG", definition))
         }
-        (None, Crs::Wkt(_)) => Some((crs.name().unwrap_or_else(|| "own".into()), OWN, "NONE", definition)),
-        // (Nobody who reads these files knows other forms.)
-        (None, _) => None,
+        None => Some((crs.name().unwrap_or_else(|| "own".into()), OWN, "NONE", definition?)),
     }
 }
 

@@ -63,8 +63,8 @@ pub enum VectorFormat {
     GeoPackage,
     /// `FlatGeobuf` with an index (feature `flatgeobuf`): at most 2^21 features of at most 2^22 points.
     FlatGeobuf,
-    /// Shapefile (feature `raster`): also the files `.shx`, `.dbf` and `.cpg` beside it, and `.prj` if the coordinate system is known
-    /// as well-known text or is WGS 84. Each of them appears whole; the one that was asked for is the last.
+    /// Shapefile (feature `raster`): also the files `.shx`, `.dbf` and `.cpg` beside it, and `.prj` with the coordinate system in Esri's
+    /// well-known text. Each of them appears whole; the one that was asked for is the last.
     Shapefile,
     /// Wavefront OBJ: an object for each feature, with lines, outlines as lines, and points; attributes are comments.
     Obj,
@@ -148,6 +148,24 @@ pub struct VectorLayer {
     pub crs: Option<Crs>,
     /// Least and greatest x and y of all features, or of what is around them.
     pub bounds: [[f64; 2]; 2],
+}
+
+impl VectorLayer {
+    /// What a file of the format cannot tell of the layer's coordinate system, for whoever reads it: nothing if it tells all.
+    pub fn remark(&self, format: VectorFormat) -> Option<String> {
+        let crs = self.crs.as_ref()?;
+        let is_told = match format {
+            VectorFormat::GeoJson => crs.numbers().is_some(),
+            VectorFormat::GeoPackage | VectorFormat::FlatGeobuf => {
+                crs.numbers().is_some() || crs.to_wkt2().is_ok() || crs.foreign_text().is_some()
+            }
+            VectorFormat::Shapefile => shapefile::definition(crs).is_some(),
+            // (These have no place for one.)
+            VectorFormat::Csv | VectorFormat::Svg | VectorFormat::Obj | VectorFormat::Ply => true,
+        };
+        (!is_told)
+            .then(|| format!("the coordinate system is not in the file, which has no words for it: {crs}"))
+    }
 }
 
 /// The geometry of a feature.

@@ -2,7 +2,6 @@
 
 use std::io::Write;
 
-use super::text::WGS84;
 use super::{AttributeType, AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
@@ -32,6 +31,14 @@ pub(super) struct Shapefile {
     high: [f64; 3],
 }
 
+/// Text of a coordinate system in a `.prj` file: of version 1, as Esri has it, or as it came where that cannot be.
+pub(super) fn definition(crs: &Crs) -> Option<String> {
+    crs.to_esri_wkt().ok().or_else(|| match crs {
+        Crs::Wkt(text) => Some(text.clone()),
+        other => other.to_wkt2().ok(),
+    })
+}
+
 impl Shapefile {
     pub(super) fn new(shapes: Output, layer: VectorLayer) -> Result<Shapefile> {
         if !shapes.is_file() {
@@ -48,12 +55,8 @@ impl Shapefile {
         let beside = |ending: &str| Output::create(&shapes.path().with_extension(ending));
         let (places, table) = (beside("shx")?, beside("dbf")?);
         let mut others = Vec::new();
-        let definition = match &layer.crs {
-            Some(Crs::Wkt(text)) => Some(text.as_str()),
-            Some(crs) if crs.is_same(&Crs::epsg(4326)) => Some(WGS84),
-            _ => None,
-        };
-        for (ending, text) in [("cpg", Some("UTF-8")), ("prj", definition)] {
+        let definition = layer.crs.as_ref().and_then(definition);
+        for (ending, text) in [("cpg", Some("UTF-8")), ("prj", definition.as_deref())] {
             if let Some(text) = text {
                 let mut other = beside(ending)?;
                 write(&mut other, text.as_bytes())?;

@@ -6,11 +6,6 @@ use super::Geometry;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 
-/// Well-known text of WGS 84.
-pub(super) const WGS84: &str = "GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563,AUTHORITY[\"EPSG\",\"7030\"]],\
-  AUTHORITY[\"EPSG\",\"6326\"]],PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],UNIT[\"degree\",0.0174532925199433,\
-  AUTHORITY[\"EPSG\",\"9122\"]],AUTHORITY[\"EPSG\",\"4326\"]]";
-
 /// Whole numbers with blanks between them.
 #[cfg(any(feature = "flatgeobuf", feature = "geopackage"))]
 pub(super) fn joined(numbers: &[u64]) -> String {

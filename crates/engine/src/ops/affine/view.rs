@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::map::AffineMap;
 use crate::ops::view_source::ViewSource;
-use crate::ops::warp::{WarpGrid, WarpOptions, Warped};
+use crate::ops::warp::{Resampling, WarpGrid, WarpOptions, Warped};
 use crate::store::depth_for;
 use crate::tree::Source;
 use spinney_base::Form;
@@ -339,6 +339,13 @@ impl View {
     #[must_use]
     pub(crate) fn warping(self, warp: WarpOptions) -> View {
         View { warp, ..self }
+    }
+
+    /// Chooses a way of resampling for what follows, if one is given.
+    #[must_use]
+    pub(in crate::ops) fn resampling(self, resampling: Option<Resampling>) -> View {
+        let resampling = resampling.or(self.warp.resampling);
+        View { warp: WarpOptions { resampling, ..self.warp }, ..self }
     }
 
     /// Whether datums may be taken for WGS 84: see [`WarpOptions::allow_ballpark`].

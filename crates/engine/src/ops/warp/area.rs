@@ -27,8 +27,24 @@ pub(super) fn cover(
         Lattice::Separable { columns, rows } => Some((spans(columns), spans(rows))),
         Lattice::Points { .. } => None,
     };
+    let mut runs = Runs::default();
+    let settles = Runs::settle(window, rule);
     for y in 0..height {
+        let span = spans.as_ref().filter(|_| settles).map(|(columns, rows)| (columns, &rows[y]));
+        if let Some((_, rows)) = span {
+            runs.find(window, rows);
+        }
         for x in 0..width {
+            if let Some((columns, (top, _))) = span
+                && let Some(found) = runs.uniform(window, &columns[x], *top)
+            {
+                if let Some(value) = found {
+                    let index = y * width + x;
+                    block.values[index * bytes_each..(index + 1) * bytes_each].copy_from_slice(value);
+                    block.present[index] = true;
+                }
+                continue;
+            }
             shares.clear();
             let whole = match &spans {
                 Some((columns, rows)) => rectangle(window, &columns[x], &rows[y], &mut shares),
@@ -63,6 +79,86 @@ fn spans(places: &[f64]) -> Vec<Span> {
         (first, (first..=last).map(part).collect())
     };
     places.windows(2).map(span).collect()
+}
+
+/// Runs of columns of a window that are alike in some of its rows: a rectangle within one needs no areas.
+#[derive(Default)]
+struct Runs {
+    /// For each column of the window whether it has one value, or none, in all of the rows.
+    is_one: Vec<bool>,
+    /// For each column the number of its run.
+    run: Vec<u32>,
+}
+
+impl Runs {
+    /// Whether a rectangle that is alike all over has that value, to the last bit.
+    fn settle(window: &Window, rule: Rule) -> bool {
+        match rule {
+            Rule::Occupancy => false,
+            Rule::Mean => !window.value.sample.is_float(),
+            _ => true,
+        }
+    }
+
+    /// Finds the runs in the rows that are covered.
+    fn find(&mut self, window: &Window, (top, rows): &Span) {
+        self.run.clear();
+        let [columns, height] = window.size;
+        let first = top - window.origin[1];
+        if first < 0 || rows.is_empty() || first as usize + rows.len() > height {
+            return;
+        }
+        let width = window.value.size();
+        let row = |row: usize| {
+            let cells = (first as usize + row) * columns..(first as usize + row + 1) * columns;
+            (&window.bytes[cells.start * width..cells.end * width], &window.valid[cells])
+        };
+        let (values, valid) = row(0);
+        self.is_one.clear();
+        self.is_one.resize(columns, true);
+        for (other, other_valid) in (1..rows.len()).map(row) {
+            let same_valid = valid.iter().zip(other_valid).map(|(is, was)| is == was);
+            let settled = self.is_one.iter_mut().zip(same_valid.zip(valid));
+            // (Single bytes, as classes have, are most of what there is.)
+            if width == 1 {
+                for ((is_one, (same, is)), (a, b)) in settled.zip(values.iter().zip(other)) {
+                    *is_one &= same & ((a == b) | !is);
+                }
+            } else {
+                let pairs = values.chunks_exact(width).zip(other.chunks_exact(width));
+                for ((is_one, (same, is)), (a, b)) in settled.zip(pairs) {
+                    *is_one &= same && (a == b || !is);
+                }
+            }
+        }
+        let cell = |column: usize| &values[column * width..(column + 1) * width];
+        let mut number = 0;
+        self.run.push(0);
+        for column in 1..columns {
+            let is_equal = if width == 1 {
+                values[column - 1] == values[column]
+            } else {
+                cell(column - 1) == cell(column)
+            };
+            let is_next = (self.is_one[column - 1] & self.is_one[column])
+                && valid[column - 1] == valid[column]
+                && (is_equal || !valid[column]);
+            number += u32::from(!is_next);
+            self.run.push(number);
+        }
+    }
+
+    /// The value of the cells that a rectangle covers in the rows, `Some(None)` if none has one; `None` if they are not alike, or not all
+    /// in the window.
+    fn uniform<'w>(&self, window: &'w Window, (left, columns): &Span, top: i64) -> Option<Option<&'w [u8]>> {
+        let first = usize::try_from(left - window.origin[0]).ok()?;
+        let last = first + columns.len().checked_sub(1)?;
+        let is_one = self.run.get(first)? == self.run.get(last)? && self.is_one[first];
+        let width = window.value.size();
+        let index = (top - window.origin[1]) as usize * window.size[0] + first;
+        let value = || window.valid[index].then(|| &window.bytes[index * width..(index + 1) * width]);
+        is_one.then(value)
+    }
 }
 
 /// Adds the cells that a rectangle covers; returns its area.

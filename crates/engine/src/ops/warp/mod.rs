@@ -19,6 +19,6 @@ mod window;
 mod tests;
 
 pub use build::warp;
-pub use grid::MAX_ZOOM;
+pub use grid::{MAX_ZOOM, WarpTarget};
 pub use options::{Resampling, WarpOptions};
 pub use source::{WarpGrid, Warped};

@@ -1,7 +1,7 @@
 //! Windows of any source, drawn block by block.
 
 use super::check_buffers;
-use crate::tree::{Child, Source, no_children};
+use crate::tree::{CellBlock, Child, Source, no_children};
 use spinney_base::Form;
 use spinney_base::Result;
 use spinney_base::space::Bounds;
@@ -16,6 +16,9 @@ pub struct Canvas<'a> {
     values: &'a mut [u8],
     valid: Option<&'a mut [bool]>,
 }
+
+/// Cells of the largest blocks that are drawn at once, as a power of two: 256 x 256, or 32 x 32 x 32.
+const BLOCK_BITS: u8 = 16;
 
 /// Evaluates an expression with a name bound to the bytes of a value as a constant.
 macro_rules! with_width {
@@ -85,6 +88,15 @@ impl<'a> Canvas<'a> {
         }
         match node {
             Child::Inner { node, .. } if levels > 0 => {
+                // (A block of which little is asked for is not worth it.)
+                let is_most = part.volume() >= space.volume() / 4;
+                if is_most
+                    && levels * self.form.axes() as u8 <= BLOCK_BITS
+                    && let Some(block) = source.cells(node, levels)?
+                {
+                    self.copy(&block, &space, &part);
+                    return Ok(());
+                }
                 let mut children = no_children();
                 source.children(node, &mut children)?;
                 for (step, child) in children[..self.form.children()].iter().enumerate() {
@@ -99,6 +111,33 @@ impl<'a> Canvas<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Copies the part of a node's cells that is asked for.
+    fn copy(&mut self, block: &CellBlock, space: &Bounds, part: &Bounds) {
+        let width = self.form.width();
+        let ([columns, rows, _], size) = (space.size(), part.size());
+        for z in part.min[2]..part.max[2] {
+            for y in part.min[1]..part.max[1] {
+                let first = [part.min[0], y, z];
+                let [x, y, z] = [0, 1, 2].map(|axis| first[axis] - space.min[axis]);
+                let from = ((z * rows + y) * columns + x) as usize;
+                let to: usize = (0..3)
+                    .map(|axis| (first[axis] - self.bounds.min[axis]) as usize * self.strides[axis])
+                    .sum();
+                for step in 0..size[0] as usize {
+                    if !block.present[from + step] {
+                        continue;
+                    }
+                    let (from, to) = (from + step, to + step);
+                    self.values[to * width..(to + 1) * width]
+                        .copy_from_slice(&block.values[from * width..(from + 1) * width]);
+                    if let Some(valid) = &mut self.valid {
+                        valid[to] = true;
+                    }
+                }
+            }
+        }
     }
 
     /// Gives all cells of a block one value.

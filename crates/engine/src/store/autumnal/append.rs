@@ -10,7 +10,7 @@ use super::layout::{PointeredLayout, Pointers};
 use super::meta::Meta;
 use super::pages::{PAGE, SECTOR};
 use super::share::{DedupTable, hash};
-use spinney_base::io::{ReadBackend, WriteBackend};
+use spinney_base::io::{ReadBackend, WriteBackend, folder};
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 
@@ -53,7 +53,8 @@ pub(super) struct Appender {
 }
 
 impl Appender {
-    /// Goes on behind `end`. `share` has the bytes of memory for finding equal subtrees.
+    /// Goes on behind `end`. `share` has the bytes of memory for finding equal subtrees; what needs more
+    /// goes to a temporary file beside this one.
     pub(super) fn new(
         backend: Box<dyn WriteBackend>,
         path: PathBuf,
@@ -61,6 +62,7 @@ impl Appender {
         end: u64,
         share: Option<u64>,
     ) -> Appender {
+        let dedup = share.map(|memory| DedupTable::new(memory, folder(&path)));
         Appender {
             backend,
             path,
@@ -69,7 +71,7 @@ impl Appender {
             buffer: Vec::new(),
             extent: None,
             written: Written::default(),
-            dedup: share.map(DedupTable::new),
+            dedup,
             reader: None,
             content: Vec::new(),
             is_poisoned: false,
@@ -240,8 +242,9 @@ impl Appender {
         let mut content = mem::take(&mut self.content);
         Self::content_of(&mut content, record, self.layout.width());
         let hash = hash(&content);
+        let known = dedup.find(hash)?;
         let mut found = None;
-        for address in dedup.find(hash) {
+        for address in known {
             found = self.size_with(address, &content, record)?.map(|size| (address, size));
             if found.is_some() {
                 break;
@@ -254,7 +257,7 @@ impl Appender {
             return Ok(address);
         }
         let address = self.write_record(record)?;
-        dedup.insert(hash, address);
+        dedup.insert(hash, address)?;
         Ok(address)
     }
 

@@ -57,6 +57,9 @@ impl<'a> Check<'a> {
     }
 }
 
+/// Bytes for nodes of other files that were copied already, where equal subtrees are stored once.
+const COPIED: u64 = 8 << 20;
+
 /// Merges parts whose siblings are complete, and writes the records that are new.
 pub(super) struct RecordBuilder<'a> {
     form: Form,
@@ -92,6 +95,9 @@ impl<'a> RecordBuilder<'a> {
         let shares = matches!(&mode, Mode::Write(appender) if appender.shares());
         // Majorities are made of the counts of all classes, which large nodes that are kept may not list.
         let must_count = options.rule == Rule::Majority;
+        // Where equal subtrees are stored once, the account of a commit counts how often one was found: that must not depend
+        // on the memory.
+        let memory = if shares { COPIED } else { options.memory / 8 };
         RecordBuilder {
             form,
             heights: base.heights(),
@@ -102,7 +108,7 @@ impl<'a> RecordBuilder<'a> {
             base,
             twin,
             shares,
-            copied: (shares || must_count).then(|| Copied::new(options.memory / 8)),
+            copied: (shares || must_count).then(|| Copied::new(memory)),
             siblings: Siblings::new(form.dimension, options.depth, covered),
             root: None,
         }

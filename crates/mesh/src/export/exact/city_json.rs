@@ -150,15 +150,19 @@ fn about_file(attributes: &Attributes, crs: Option<&Crs>) -> (String, u64) {
     } else {
         lost = attributes.files().len() as u64;
     }
-    let numbers = crs.and_then(Crs::numbers).filter(|numbers| numbers.vertical.is_none());
-    if let Some(numbers) = numbers {
-        let url = format!("https://www.opengis.net/def/crs/EPSG/0/{}", numbers.horizontal);
+    if let Some(url) = crs.and_then(reference_system) {
         metadata.push(member("referenceSystem", &serde_json::Value::from(url).to_string()));
     }
     if !metadata.is_empty() {
         lines.push_str(&format!("\"metadata\":{{{}}},\n", metadata.join(",")));
     }
     (lines, lost)
+}
+
+/// The name of a coordinate system, where it has one number.
+pub(super) fn reference_system(crs: &Crs) -> Option<String> {
+    let numbers = crs.numbers().filter(|numbers| numbers.vertical.is_none())?;
+    Some(format!("https://www.opengis.net/def/crs/EPSG/0/{}", numbers.horizontal))
 }
 
 /// Numbers such that they are read as the same ones.

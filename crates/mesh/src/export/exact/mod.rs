@@ -13,6 +13,7 @@ mod triangles;
 use std::path::PathBuf;
 
 use super::MeshFormat;
+use super::losses::Losses;
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
 use spinney_brep::{Face, Faces};
@@ -52,6 +53,8 @@ pub struct ExactSummary {
 /// | STL | triangles | | single precision; [`ExactSummary::moved`] tells how many corners that moves | no | no |
 /// | CityJSON | yes | yes | whole numbers with a transform, from which a reader may get the last bit differently | no | objects |
 ///
+/// What a format has no room for is told as a [warning](Progress::warn), too, with a name of a single part, the coordinate system and the unit of length.
+///
 /// Where holes are bridges, they and the outer ring are one ring, as
 /// [`join_rings`](spinney_brep::geometry::join_rings) makes it; [`split_bridges`](spinney_brep::geometry::split_bridges) gives the
 /// rings again. Vertices stand in the order of their coordinates, within cells of 32 x 32 x 32 steps of the grid.
@@ -88,13 +91,28 @@ pub fn export_exact(
     progress: &dyn Progress,
 ) -> Result<ExactSummary> {
     let job = Job { faces, progress, passes: if format == MeshFormat::Stl { 1 } else { 3 } };
+    let mut losses = Losses::of(&output);
     let mut summary = match format {
-        MeshFormat::CityJson => return city_json::write(&job, output),
+        MeshFormat::CityJson => city_json::write(&job, output)?,
         MeshFormat::Stl => triangles::write(&job, output)?,
         MeshFormat::Ply | MeshFormat::Obj | MeshFormat::Off => polygons::write(&job, format, output)?,
     };
-    let attributes = faces.attributes();
-    summary.lost_attributes = attributes.parts().count() as u64 + attributes.files().len() as u64;
+    let (is_city, crs) = (format == MeshFormat::CityJson, faces.crs());
+    if !is_city {
+        let attributes = faces.attributes();
+        summary.lost_attributes = attributes.parts().count() as u64 + attributes.files().len() as u64;
+    }
+    losses.add(summary.lost_colours, "colours");
+    losses.add(summary.lost_parts, "parts");
+    let has_names = is_city || format == MeshFormat::Obj;
+    losses.add(!has_names && !summary.lost_parts && job.names_something(), "the part's name");
+    let lost = summary.lost_attributes;
+    losses.add(lost > 0, format!("what is said of {lost} parts and files, beyond their names"));
+    let holes = summary.bridged_holes;
+    losses.add(holes > 0, format!("holes ({holes} are joined to the rings around them)"));
+    losses.add_crs(crs.filter(|crs| !(is_city && city_json::reference_system(crs).is_some())));
+    losses.add_unit(faces.unit(), is_city.then_some("m"));
+    losses.tell(progress);
     Ok(summary)
 }
 
@@ -123,6 +141,11 @@ impl Job<'_> {
         self.progress.check()?;
         self.progress.advance(count % OFTEN, total);
         Ok(())
+    }
+
+    /// Whether a part has a name that readers do not give by themselves.
+    fn names_something(&self) -> bool {
+        self.faces.parts().iter().any(|name| name != "mesh")
     }
 
     /// Whether there is more than one part.

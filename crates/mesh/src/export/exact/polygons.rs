@@ -26,7 +26,7 @@ pub(super) fn write(job: &Job<'_>, format: MeshFormat, output: Output) -> Result
         let at = grid.to_world(point);
         if with_colours { sink.coloured_vertex(at, colour) } else { sink.vertex(at) }
     })?;
-    let has_names = format == MeshFormat::Obj && (job.has_parts() || names_something(job));
+    let has_names = format == MeshFormat::Obj && (job.has_parts() || job.names_something());
     let mut summary = ExactSummary {
         vertices: numbers.vertices,
         lost_parts: job.has_parts() && format != MeshFormat::Obj,
@@ -54,9 +54,4 @@ pub(super) fn write(job: &Job<'_>, format: MeshFormat, output: Output) -> Result
     })?;
     sink.finish()?;
     Ok(summary)
-}
-
-/// Whether the only part has a name that readers do not give by themselves.
-fn names_something(job: &Job<'_>) -> bool {
-    job.faces.parts().iter().any(|name| name != "mesh")
 }

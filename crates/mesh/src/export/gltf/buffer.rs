@@ -66,9 +66,6 @@ impl GlbBuffer {
 
     /// Adds buffers and views to a file's root; returns the bytes of its only buffer that has any.
     pub(super) fn finish(self, root: &mut Map<String, Json>) -> Vec<u8> {
-        if self.bytes.is_empty() {
-            return self.bytes;
-        }
         let mut buffers = vec![json!({ "byteLength": self.bytes.len() })];
         if self.meshopt {
             // It stands for the bytes that readers make of the first one's.

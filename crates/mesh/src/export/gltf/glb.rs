@@ -117,8 +117,17 @@ impl<'a> Glb<'a> {
         }));
     }
 
-    /// The bytes of the file.
+    /// The bytes of the file. One without triangles has a node alone: lists, and extensions that nothing uses, are left out.
     pub(super) fn finish(mut self) -> Vec<u8> {
+        if self.meshes.is_empty() {
+            let root = json!({
+                "asset": { "version": "2.0", "generator": "spinney" },
+                "scene": 0,
+                "scenes": [{ "nodes": [0] }],
+                "nodes": self.nodes,
+            });
+            return file_of(&root, Vec::new());
+        }
         let mut required = vec!["KHR_mesh_quantization"];
         required.extend(self.buffer.extension());
         let mut used = required.clone();
@@ -143,26 +152,8 @@ impl<'a> Glb<'a> {
         if !extensions.is_empty() {
             root["extensions"] = extensions.into();
         }
-        let object = root.as_object_mut().expect("it is made above");
-        if self.meshes.is_empty() {
-            // A list that is there must not be empty.
-            object.retain(|_, list| list.as_array().is_none_or(|list| !list.is_empty()));
-            object["nodes"][0].as_object_mut().expect("it is made above").remove("children");
-        }
-        let bin = self.buffer.finish(object);
-        let mut text = root.to_string().into_bytes();
-        text.resize(text.len().next_multiple_of(4), b' ');
-        let chunks = [(b"JSON", text), (b"BIN\0", bin)];
-        let chunks = chunks.iter().filter(|(_, bytes)| !bytes.is_empty());
-        let length: usize = chunks.clone().map(|(_, bytes)| 8 + bytes.len()).sum();
-        let mut file = b"glTF\x02\0\0\0".to_vec();
-        file.extend(((12 + length) as u32).to_le_bytes());
-        for (name, bytes) in chunks {
-            file.extend((bytes.len() as u32).to_le_bytes());
-            file.extend_from_slice(*name);
-            file.extend_from_slice(bytes);
-        }
-        file
+        let bin = self.buffer.finish(root.as_object_mut().expect("it is made above"));
+        file_of(&root, bin)
     }
 
     /// The number of an accessor to an attribute of vertices, whose elements have a multiple of four bytes.
@@ -241,6 +232,23 @@ impl<'a> Glb<'a> {
             } }],
         })
     }
+}
+
+/// A file of a description and the bytes that it speaks of.
+fn file_of(root: &Json, bin: Vec<u8>) -> Vec<u8> {
+    let mut text = root.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let chunks = [(b"JSON", text), (b"BIN\0", bin)];
+    let chunks = chunks.iter().filter(|(_, bytes)| !bytes.is_empty());
+    let length: usize = chunks.clone().map(|(_, bytes)| 8 + bytes.len()).sum();
+    let mut file = b"glTF\x02\0\0\0".to_vec();
+    file.extend(((12 + length) as u32).to_le_bytes());
+    for (name, bytes) in chunks {
+        file.extend((bytes.len() as u32).to_le_bytes());
+        file.extend_from_slice(*name);
+        file.extend_from_slice(bytes);
+    }
+    file
 }
 
 fn shorts(numbers: [u16; 4]) -> [u8; 8] {

@@ -19,6 +19,7 @@ use self::glb::{Glb, y_up};
 use self::tile_mesh::TileMesh;
 use self::tiles::{Tile, TileMaker};
 use super::MeshRequest;
+use super::losses::Losses;
 use spinney_base::io::Output;
 use spinney_base::parallel::{self, Pool};
 use spinney_base::{Error, Progress, Result};
@@ -96,7 +97,10 @@ pub fn export_glb(
         });
         for made in made.into_iter().collect::<Result<Vec<_>>>()? {
             bytes += made.1.bytes();
-            meshes.push(made);
+            // (A primitive has triangles, and a node that has a mesh is there for them.)
+            if !made.1.triangles.is_empty() {
+                meshes.push(made);
+            }
         }
         if bytes > MAX_GLB {
             return Err(Error::TooLarge {
@@ -115,8 +119,12 @@ pub fn export_glb(
         triangles += mesh.triangles.len() as u64;
         maker.push(&mut glb, *tile, mesh);
     }
+    let mut losses = Losses::of(&output);
+    maker.add_losses(&mut losses)?;
+    losses.add_crs(tree.metadata().frame.crs.as_ref());
     tree.check_unchanged()?;
     output.write_all(&glb.finish()).map_err(Error::io(output.path(), "write"))?;
     output.commit()?;
+    losses.tell(progress);
     Ok(triangles)
 }

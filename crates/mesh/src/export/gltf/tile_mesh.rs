@@ -6,7 +6,7 @@ use std::rc::Rc;
 use glam::DVec3;
 
 use super::super::sink::{Mesh, Sink, Vertex};
-use super::super::write_surface;
+use super::super::{Surface, write_surface};
 use spinney_base::Result;
 use spinney_crs::Frame;
 use spinney_engine::query::cell_blocks::CellBlocks;
@@ -40,7 +40,8 @@ impl TileMesh {
         let frame = Frame::identity();
         let mesh = Mesh::new(Box::new(Collector(Rc::clone(&made))), &frame, true);
         // Nobody waits for a single tile.
-        write_surface(cells, mesh, smooth, &())?;
+        let surface = if smooth { Surface::Smooth { margin: 1.0 / STEPS } } else { Surface::Faces };
+        write_surface(cells, mesh, surface, &())?;
         Ok(std::mem::take(&mut made.borrow_mut().mesh))
     }
 
@@ -119,6 +120,11 @@ impl Sink for Collector {
 
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()> {
         let collecting = &mut *self.0.borrow_mut();
+        // Corners of a sliver may be rounded to one place.
+        let [a, b, c] = [0, 1, 2].map(|corner: usize| collecting.vertices[corners[corner].index as usize].at);
+        if a == b || b == c || c == a {
+            return Ok(());
+        }
         let attribute = if collecting.with_attribute { attribute } else { 0 };
         let flat = || {
             let [a, b, c] = [0, 1, 2].map(|corner: usize| DVec3::from(corners[corner].at));
@@ -126,11 +132,7 @@ impl Sink for Collector {
         };
         let triangle =
             [0, 1, 2].map(|corner: usize| collecting.corner(corners[corner].index as usize, flat, attribute));
-        // Corners of a sliver may be rounded to one place.
-        let [a, b, c] = triangle.map(|corner| collecting.mesh.corners[corner as usize].at);
-        if a != b && b != c && c != a {
-            collecting.mesh.triangles.push(triangle);
-        }
+        collecting.mesh.triangles.push(triangle);
         Ok(())
     }
 

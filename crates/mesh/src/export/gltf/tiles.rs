@@ -1,5 +1,6 @@
 //! Tiles of an octree: which of them a surface passes through, and the triangles of each.
 
+use super::super::losses::Losses;
 use super::super::visit::Reach;
 use super::super::{MeshRequest, Precision};
 use super::glb::{Glb, TileAttribute};
@@ -8,6 +9,7 @@ use super::tile_mesh::TileMesh;
 use spinney_base::parallel::Pool;
 use spinney_base::value::{Kind, Rule, SampleType};
 use spinney_base::{Progress, Result};
+use spinney_container::Tag;
 use spinney_crs::Frame;
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::cell_blocks::{Carry, CellBlocks, can_carry_value};
@@ -72,6 +74,16 @@ impl<'a> TileMaker<'a> {
             _ => Carry::Value,
         };
         Ok(TileMaker { tree, level, frame, smooth: request.smooth, attribute, carry })
+    }
+
+    /// Adds what glTF has no room for: values that are neither colours nor classes, and units other than metres.
+    pub(super) fn add_losses(&self, losses: &mut Losses) -> Result<()> {
+        let is_lost = self.attribute == TileAttribute::None && self.tree.header().rule != Rule::Occupancy;
+        if is_lost {
+            losses.add_values(self.tree, "values of cells")?;
+        }
+        losses.add_unit(self.tree.metadata().tag(Tag::Unit), Some("m"));
+        Ok(())
     }
 
     /// The finest level of cells.

@@ -4,6 +4,7 @@ use glam::DMat4;
 use serde_json::{Value as Json, json};
 
 use super::super::MeshRequest;
+use super::super::losses::Losses;
 use super::glb::{Glb, y_up};
 use super::globe::OnGlobe;
 use super::subtree::Subtree;
@@ -81,9 +82,15 @@ pub fn export_tileset(
     let mut text = serde_json::to_vec_pretty(&writer.tileset()).expect("keys are text");
     text.push(b'\n');
     let summary = writer.summary;
+    let mut losses = Losses::in_file(&output.path().join("tileset.json"));
+    // (What is put onto the globe is in metres, and what is not has its coordinate system in a note.)
+    if summary.deviation.is_none() {
+        writer.maker.add_losses(&mut losses)?;
+    }
     output.write("tileset.json", &text)?;
     tree.check_unchanged()?;
     output.commit()?;
+    losses.tell(progress);
     Ok(summary)
 }
 

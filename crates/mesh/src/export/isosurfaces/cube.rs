@@ -5,35 +5,45 @@
 //! face so agree on its lines, and those of a cube's six faces close to rings.
 
 /// Number of a cube's edges by which they are named: the axis times eight and the first corner. (Half of them are none.)
-const EDGES: usize = 24;
+pub(in crate::export) const EDGES: usize = 24;
 
 /// Stands for no edge.
 const NONE: u8 = u8::MAX;
 
-/// Corners of the faces, counterclockwise seen from outside. A corner's bits are the axes along which it is the second.
-const FACES: [[usize; 4]; 6] =
+/// Corners of the faces, counterclockwise seen from outside: of those across the first axis the one before the cube, then the one behind it,
+/// and so on. A corner's bits are the axes along which it is the second.
+pub(in crate::export) const FACES: [[usize; 4]; 6] =
     [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
 
 /// Edges that a piece of surface goes through, one after the other, counterclockwise seen from where values are lower.
 #[derive(Clone, Copy)]
-pub(super) struct Ring {
+pub(in crate::export) struct Ring {
     edges: [u8; 12],
     count: usize,
-    /// Whether it passes a face twice: then points of it that are no neighbours lie on one face, where an edge between them could be one
-    /// of the next cube, too.
-    pub(super) is_pinched: bool,
+    /// A face that it passes twice: points of it that are no neighbours lie on that face, where an edge between them could be one of the
+    /// next cube, too.
+    pub(in crate::export) pinched: Option<usize>,
 }
 
 impl Ring {
     /// The axis and the first corner of each edge.
-    pub(super) fn edges(&self) -> impl ExactSizeIterator<Item = (usize, usize)> {
+    pub(in crate::export) fn edges(&self) -> impl ExactSizeIterator<Item = (usize, usize)> {
         self.edges[..self.count].iter().map(|edge| (usize::from(edge >> 3), usize::from(edge & 7)))
     }
 }
 
 /// Hands out the rings of a level through a cube with these numbers at its corners.
-pub(super) fn rings(numbers: &[f64; 8], level: f64, mut each: impl FnMut(Ring)) {
-    let is_high = numbers.map(|number| number >= level);
+pub(super) fn rings(numbers: &[f64; 8], level: f64, each: impl FnMut(Ring)) {
+    let is_high_saddle = |face: usize| mean(FACES[face].map(|corner| numbers[corner])) >= level;
+    rings_between(numbers.map(|number| number >= level), is_high_saddle, each);
+}
+
+/// Hands out the rings between high corners of a cube and others; of a face with a saddle it is asked whether that is high.
+pub(in crate::export) fn rings_between(
+    is_high: [bool; 8],
+    is_high_saddle: impl Fn(usize) -> bool,
+    mut each: impl FnMut(Ring),
+) {
     // The edge that comes after each, and the face between them.
     let mut next = [(NONE, 0); EDGES];
     for (face, corners) in FACES.iter().enumerate() {
@@ -42,7 +52,7 @@ pub(super) fn rings(numbers: &[f64; 8], level: f64, mut each: impl FnMut(Ring)) 
             // What is high is on the right of the line, which so goes on where high corners come to an end: the next ones, or in a saddle
             // that is high itself the last ones.
             let is_saddle = high(start) == high(start + 2) && high(start + 1) == high(start + 3);
-            let step = if is_saddle && mean(corners.map(|corner| numbers[corner])) >= level { 3 } else { 1 };
+            let step = if is_saddle && is_high_saddle(face) { 3 } else { 1 };
             let ends = (1..4).map(|steps| (start + steps * step) % 4);
             let end = { ends }.find(|side| high(*side) && !high(*side + 1)).unwrap_or(start);
             let edge = |side: usize| edge_between(corners[side], corners[(side + 1) % 4]);
@@ -50,13 +60,15 @@ pub(super) fn rings(numbers: &[f64; 8], level: f64, mut each: impl FnMut(Ring)) 
         }
     }
     for first in 0..EDGES {
-        let mut ring = Ring { edges: [NONE; 12], count: 0, is_pinched: false };
+        let mut ring = Ring { edges: [NONE; 12], count: 0, pinched: None };
         let (mut edge, mut passed) = (first, 0u8);
         while next[edge].0 != NONE {
             let (after, face) = std::mem::replace(&mut next[edge], (NONE, 0));
             ring.edges[ring.count] = edge as u8;
             ring.count += 1;
-            ring.is_pinched |= passed >> face & 1 > 0;
+            if passed >> face & 1 > 0 {
+                ring.pinched = Some(face);
+            }
             passed |= 1 << face;
             edge = usize::from(after);
         }

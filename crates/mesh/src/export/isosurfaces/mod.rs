@@ -5,13 +5,14 @@
 //! tiles share are remembered until the last of these is done, as those of other surfaces are: memory goes with the edge of what is
 //! done.
 
-mod cube;
+pub(super) mod cube;
 mod tile;
 mod walk;
 
 use self::tile::{MOST_SURFACE_BYTES, TILE_BYTES, TileCells, TileSurface};
 use self::walk::{IsosurfaceGround, TILE, TileWalk};
 use super::arrays::Arrays;
+use super::losses::Losses;
 use super::numbers::{Shared, z_order};
 use super::sink::{Mesh, Vertex};
 use super::{FaceAttribute, MeshFormat, Precision, SurfaceMesh, sink_of};
@@ -49,7 +50,7 @@ pub struct IsosurfaceSummary {
 /// are closed there ([`ContourNodata::Close`]), midway between cells that have a value and cells that have none, as if these were lower than
 /// everything. In trees of [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy) VOID, and all outside, is 0, so that surfaces of solids are closed.
 ///
-/// Several surfaces are written one after the other, from the lowest value on: as objects in OBJ (`o level_0.5`), as a property `level` of
+/// Several surfaces are written one after the other, from the lowest value on: as objects in OBJ (`o level_0.5`; a surface that is empty is none), as a property `level` of
 /// faces in PLY; other formats hold one. Reads only where the tree's statistics cannot exclude a surface, on all threads of the current pool; the
 /// file's bytes depend on the tree alone. Besides `request.memory`, memory goes with the points where the surface leaves what
 /// is done; [`ContourRequest::folder`] does not matter.
@@ -72,7 +73,7 @@ pub struct IsosurfaceSummary {
 /// ```
 ///
 /// # Errors
-/// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if values are none, no finite numbers, or far too many; if
+/// If the tree is a quadtree, or of classes, has no such level, or is damaged; if its frame is flat; if values are none, no finite numbers, or far too many; if
 /// surfaces are to go on to the edge of cells ([`ContourNodata::Extend`]); if the format cannot hold so many faces, such coordinates or several
 /// surfaces; if the output cannot be written; or on interruption.
 pub fn export_isosurfaces(
@@ -98,8 +99,14 @@ pub fn export_isosurfaces(
     };
     let level = request.level.unwrap_or(tree.depth());
     let frame = tree.metadata().frame.coarser(tree.depth() - level);
-    let sink = sink_of(output, format, attribute, Precision::of(&frame, level)?)?;
-    write(tree, request, &values, Mesh::new(sink, &frame, true), progress)
+    let precision = Precision::of(&frame, level)?;
+    let mut losses = Losses::of(&output);
+    losses.add_place(tree.metadata());
+    let sink = sink_of(output, format, attribute, precision, false)?;
+    let mesh = Mesh::new(sink, &frame, true);
+    let summary = write(tree, request, &values, mesh, precision.margin(format), progress)?;
+    losses.tell(progress);
+    Ok(summary)
 }
 
 /// Surfaces of equal values as triangles in memory, otherwise as [`export_isosurfaces`] writes them, all in one.
@@ -114,9 +121,9 @@ pub fn isosurface_mesh(
     let values = values(tree, request)?;
     let level = request.level.unwrap_or(tree.depth());
     let frame = tree.metadata().frame.coarser(tree.depth() - level);
-    Precision::of(&frame, level)?;
+    let margin = Precision::of(&frame, level)?.margin(MeshFormat::Obj);
     let (sink, made) = Arrays::new();
-    write(tree, request, &values, Mesh::new(Box::new(sink), &frame, true), progress)?;
+    write(tree, request, &values, Mesh::new(Box::new(sink), &frame, true), margin, progress)?;
     Ok(Arrays::take(made))
 }
 
@@ -127,6 +134,7 @@ fn values(tree: &Dataset, request: &ContourRequest) -> Result<Vec<f64>> {
         let advice = "its contours are lines: `spinney contours` with another format, or Dataset::contours";
         return Err(Error::unsupported(tree.name(), "isosurfaces of a quadtree", advice));
     }
+    tree.check_amounts("isosurfaces")?;
     if request.nodata == ContourNodata::Extend {
         let expected = "open or close: only lines of quadtrees extend to the edge of the last cells";
         return Err(Error::invalid("nodata", "extend", expected));
@@ -146,6 +154,7 @@ fn write(
     request: &ContourRequest,
     values: &[f64],
     mesh: Mesh<'_>,
+    margin: f64,
     progress: &dyn Progress,
 ) -> Result<IsosurfaceSummary> {
     let level = request.level.unwrap_or(tree.depth());
@@ -161,11 +170,11 @@ fn write(
     let total = ground.cells(0, [0; 3]).saturating_mul(surfaces);
     // What is known of the first is that it may be anything; then, that neighbours are much alike.
     let mut surface_bytes = MOST_SURFACE_BYTES;
-    let mut writer = Writer { mesh, shared: Default::default(), attribute: 0 };
+    let mut writer = Writer { mesh, name: None, shared: Default::default(), attribute: 0 };
     let mut tiles_read = 0;
     for value in values {
         if surfaces > 1 {
-            writer.mesh.part(&format!("level_{value}"))?;
+            writer.name = Some(format!("level_{value}"));
             writer.attribute = (*value as f32).to_bits();
         }
         let mut walk = TileWalk::new(&ground, *value);
@@ -177,7 +186,8 @@ fn write(
             }
             let made = parallel::map(&wanted, |tile| {
                 progress.check()?;
-                Ok(TileCells::read(&ground, tile)?.surface(*value))
+                // (Points near one cell's centre are on edges across or along each other.)
+                Ok(TileCells::read(&ground, tile)?.surface(*value, 2.0 * margin))
             });
             surface_bytes = 0;
             for (tile, surface) in wanted.iter().zip(made) {
@@ -201,6 +211,8 @@ fn write(
 /// Surfaces of tiles on their way to a mesh.
 struct Writer<'a> {
     mesh: Mesh<'a>,
+    /// The name of a surface of several, until it has something: one that is empty is not there.
+    name: Option<String>,
     /// Points on edges along each axis that other tiles have, too.
     shared: [Shared; 3],
     /// That of faces.
@@ -210,6 +222,9 @@ struct Writer<'a> {
 impl Writer<'_> {
     /// Writes the surface of a tile.
     fn add(&mut self, tile: [u32; 3], surface: &TileSurface) -> Result<()> {
+        if let Some(name) = self.name.take_if(|_| !surface.triangles.is_empty()) {
+            self.mesh.part(&name)?;
+        }
         let mut vertices: Vec<Vertex> = Vec::with_capacity(surface.points.len());
         for point in &surface.points {
             let Some((axis, cell)) = point.shared else {

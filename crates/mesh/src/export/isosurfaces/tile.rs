@@ -99,8 +99,8 @@ impl TileCells {
         (z * self.size[1] + y) * self.size[0] + x
     }
 
-    /// The surface where values pass a level.
-    pub(super) fn surface(&self, level: f64) -> TileSurface {
+    /// The surface where values pass a level, with points so far from the ends of their edges.
+    pub(super) fn surface(&self, level: f64, margin: f64) -> TileSurface {
         let rows: Vec<Row> = match self.size[0] {
             0 => Vec::new(),
             width => self.numbers.chunks_exact(width).map(|numbers| Row::of(numbers, level)).collect(),
@@ -108,6 +108,7 @@ impl TileCells {
         let mut tracer = Tracer {
             cells: self,
             level,
+            margin,
             known: [(); 3].map(|()| vec![0; self.numbers.len()]),
             made: TileSurface::default(),
         };
@@ -155,6 +156,7 @@ impl Row {
 struct Tracer<'a> {
     cells: &'a TileCells,
     level: f64,
+    margin: f64,
     /// Per axis, the point on the edge that begins at each cell: its number plus 1.
     known: [Vec<u32>; 3],
     made: TileSurface,
@@ -180,7 +182,7 @@ impl Tracer<'_> {
             *point = self.point(axis, cell, ends);
         }
         let points = &mut points[..count];
-        if ring.is_pinched {
+        if ring.pinched.is_some() {
             let middle = self.middle(points);
             let next = |index: usize| points[(index + 1) % count];
             self.made.triangles.extend((0..count).map(|index| [middle, points[index], next(index)]));
@@ -205,7 +207,7 @@ impl Tracer<'_> {
         let share = if ends.iter().all(|end| end.is_finite()) { level_share(self.level, ends) } else { 0.5 };
         let first: [i64; 3] = std::array::from_fn(|axis| self.cells.first[axis] + cell[axis] as i64);
         let mut at = first.map(|cell| cell as f64 + 0.5);
-        at[axis] += share;
+        at[axis] += share.clamp(self.margin, 1.0 - self.margin);
         // Edges between the first or last cells are those of other tiles, too.
         let last = (1 << TILE) - 1;
         let is_shared = (0..3).any(|other| other != axis && first[other] & last == last);

@@ -11,7 +11,7 @@ use self::repair::repair;
 use self::snap::Snapper;
 use super::Model;
 use super::solid::closure::Closure;
-use super::solid::{bounds, common_crs, provenance};
+use super::solid::{bounds, common_crs, flat_faces, provenance};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Up;
 use spinney_base::{Error, Progress, Result};
@@ -322,7 +322,7 @@ fn read(
     }
     if snapper.planar.counts.faces == 0 {
         let path = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
-        return Err(Error::corrupt(path, "faces", "none that have an area on the grid", "a surface"));
+        return Err(flat_faces(&path, bounds(models, snapper.up)?, snapper.grid.width()));
     }
     Ok(())
 }

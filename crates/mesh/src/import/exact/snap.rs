@@ -9,8 +9,8 @@ use spinney_brep::{Face, Grid};
 
 /// Moves faces to the grid; keeps its buffers from face to face.
 pub(super) struct Snapper {
-    grid: Grid,
-    up: Up,
+    pub(super) grid: Grid,
+    pub(super) up: Up,
     pub(super) planar: PlanarFaces,
     /// Faces that were read.
     pub(super) read: u64,

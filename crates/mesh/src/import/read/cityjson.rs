@@ -18,6 +18,7 @@ use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
 use spinney_brep::Attributes;
 use spinney_brep::attributes::{ObjectText, each_member};
+use spinney_container::OtherFormat;
 use spinney_crs::Crs;
 
 struct CityJson {
@@ -61,6 +62,9 @@ fn documents(
         let document: Document<'_> = document.map_err(|error| not_json(source, 1, &error))?;
         let (kind, version) = (document.kind.as_deref(), document.version.as_deref());
         let expected = if number == 0 { "CityJSON" } else { "CityJSONFeature" };
+        if number == 0 && matches!(kind, Some("FeatureCollection" | "Feature")) {
+            return Err(OtherFormat::refuse_source(source.path(), b"\"FeatureCollection\""));
+        }
         if kind != Some(expected) {
             let found = format!("`type` {}", kind.map_or("missing".into(), |kind| shown(kind.as_bytes())));
             return Err(source.corrupt(
@@ -487,6 +491,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         unit: Some("m".into()),
         step: step.flatten(),
         parts: parts.names(),
+        is_grouped: false,
         attributes,
         is_coloured: false,
         bytes: source.bytes().len() as u64,

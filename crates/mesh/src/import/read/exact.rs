@@ -30,6 +30,7 @@ pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
         unit: model.metadata().tag(Tag::Unit).map(String::from),
         step: Some(model.grid().width()),
         parts: model.parts().to_vec(),
+        is_grouped: true,
         attributes: model.attributes(),
         is_coloured: model.is_coloured()?,
         bytes: model.file_size(),

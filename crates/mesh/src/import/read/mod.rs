@@ -16,7 +16,8 @@ use std::path::{Path, PathBuf};
 
 use self::model_file::ModelFile;
 use super::{MeshFace, Model, ModelInfo};
-use spinney_base::{Error, Result};
+use spinney_base::Result;
+use spinney_container::OtherFormat;
 
 /// Opens a boundary representation, whose format is recognised by its first bytes, and from its name only
 /// where those leave it open.
@@ -42,11 +43,7 @@ pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
         Some(Format::Off) => off::open(source, memory),
         Some(Format::CityJson) => cityjson::open(source, memory),
         Some(Format::Obj) => obj::open(source, memory),
-        None => Err(Error::unsupported(
-            path,
-            "a mesh of this format",
-            "convert it to PLY, OBJ, STL, OFF, CityJSON or CityJSONSeq",
-        )),
+        None => Err(OtherFormat::refuse_source(path, source.bytes())),
     }
 }
 

@@ -140,6 +140,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         unit: None,
         step: None,
         parts: vec!["mesh".into()],
+        is_grouped: false,
         attributes: Attributes::default(),
         is_coloured,
         bytes: source.bytes().len() as u64,

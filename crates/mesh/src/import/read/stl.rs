@@ -69,6 +69,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         unit: None,
         step: None,
         parts: parts.names(),
+        is_grouped: false,
         attributes: Attributes::default(),
         is_coloured: false,
         bytes: source.bytes().len() as u64,

@@ -7,7 +7,7 @@ use super::closure::Closure;
 use super::field::WindingField;
 use super::grid::Triangle;
 use super::inside::{Attribute, FillOptions, Inside};
-use super::plan::SolidImport;
+use super::plan::{SolidImport, flat_faces};
 use super::source::{Solid, Surface};
 use super::triangles::{Collector, Triangles};
 use super::units::Units;
@@ -28,6 +28,8 @@ pub struct SolidReport {
     pub faces: u64,
     /// Faces besides those that have fewer than three different corners.
     pub degenerate: u64,
+    /// Faces among them that are points or lines on the grid, as all are that are much smaller than a cell.
+    pub collapsed: u64,
     /// Polygons among them that cross themselves, or lost their area on the grid: they count as fans of
     /// triangles.
     pub repaired: u64,
@@ -112,6 +114,7 @@ impl SolidImport {
         let report = SolidReport {
             faces: read.faces,
             degenerate: self.models.iter().map(|model| model.degenerate()).sum(),
+            collapsed: read.collapsed,
             repaired: read.repaired,
             duplicates: read.duplicates,
             triangles: surfaces.iter().map(count).sum(),
@@ -170,6 +173,17 @@ impl SolidImport {
         self.models.iter().flat_map(|model| model.info().parts.iter().cloned()).collect()
     }
 
+    /// The number of all parts, and the way from a part's number to that of the object that it is or belongs to.
+    fn objects(&self) -> (usize, impl Fn(u32) -> u32 + use<>) {
+        let mut objects = Vec::new();
+        for info in self.models.iter().map(|model| model.info()) {
+            let first = objects.len() as u32 + 1;
+            let object = |part: u32| if info.is_grouped { first } else { first + part };
+            objects.extend((0..info.parts.len() as u32).map(object));
+        }
+        (objects.len(), move |part: u32| objects[part as usize - 1])
+    }
+
     /// Triangles that are kept in memory.
     fn held(&self) -> usize {
         (self.options.memory / 2 / TRIANGLE) as usize
@@ -195,16 +209,11 @@ impl SolidImport {
         let [triangles, slivers] = collectors;
         let (triangles, slivers) = (triangles.finish()?, slivers.finish()?);
         if triangles.is_empty() {
-            let name = &self.models[0].info().path;
-            return Err(Error::corrupt(
-                name,
-                "faces",
-                "none that have an area on the grid of cells",
-                "a surface",
-            ));
+            let step = self.grid.step();
+            return Err(flat_faces(&self.models[0].info().path, self.bounds, step));
         }
-        let Reading { faces, displacement, closure, repaired, .. } = read;
-        Ok(Read { triangles, slivers, faces, repaired, duplicates: 0, displacement, closure })
+        let Reading { faces, collapsed, displacement, closure, repaired, .. } = read;
+        Ok(Read { triangles, slivers, faces, collapsed, repaired, duplicates: 0, displacement, closure })
     }
 
     /// Chooses the test for what lies inside: one for all if it holds for all, or each for some of the surface.
@@ -216,7 +225,9 @@ impl SolidImport {
         if read.closure.is_closed() {
             return whole(Inside::Winding, InsideTest::Closed);
         }
-        if read.closure.is_even() {
+        let (parts, object) = self.objects();
+        // (Of several, those that are in order are not to be counted by even and odd.)
+        if read.closure.is_even() && parts == 1 {
             return whole(Inside::Parity, InsideTest::Flipped);
         }
         let count = read.triangles.len() + read.slivers.len();
@@ -224,7 +235,8 @@ impl SolidImport {
         if needed > self.options.memory {
             return Err(Error::TooLarge {
                 path: self.models[0].info().path.clone(),
-                what: "the winding field of a surface that is not closed".into(),
+                what: "the division of a surface that is not closed, with winding fields of its parts,"
+                    .into(),
                 needed,
                 limit: self.options.memory,
                 advice: "give more with --memory, close the surface, or build it with --surface".into(),
@@ -233,15 +245,16 @@ impl SolidImport {
         let mut all = read.triangles.all()?.to_vec();
         all.extend_from_slice(&read.slivers.all()?);
         read.triangles = Triangles::of(Vec::new());
-        let units = Units::of(all, progress)?;
+        let units = Units::of(all, &object, progress)?;
         read.duplicates = units.duplicates;
         let test = match (units.even.is_empty(), units.open.is_empty()) {
             (_, false) => InsideTest::Open,
             (false, true) => InsideTest::Flipped,
             (true, true) => InsideTest::Closed,
         };
-        let exact = [(Inside::Winding, units.closed), (Inside::Parity, units.even)];
-        let exact = exact.into_iter().filter(|(_, triangles)| !triangles.is_empty());
+        let even = units.even.into_iter().map(|triangles| (Inside::Parity, triangles));
+        let exact = std::iter::once((Inside::Winding, units.closed)).chain(even);
+        let exact = exact.filter(|(_, triangles)| !triangles.is_empty());
         let mut surfaces: Vec<Surface> =
             exact.map(|(inside, triangles)| Surface::new(inside, Triangles::of(triangles))).collect();
         for triangles in units.open {
@@ -258,6 +271,7 @@ struct Read {
     /// Those that have no area on the grid, but edges that others end at.
     slivers: Triangles,
     faces: u64,
+    collapsed: u64,
     repaired: u64,
     duplicates: u64,
     displacement: f64,
@@ -268,6 +282,7 @@ struct Read {
 #[derive(Default)]
 struct Reading {
     faces: u64,
+    collapsed: u64,
     displacement: f64,
     closure: Closure,
     snapped: Vec<[i32; 3]>,
@@ -298,10 +313,14 @@ impl Reading {
             Attribute::Colour => mean_colour(face.colours),
             Attribute::Part => part,
         };
+        // Until it has a triangle.
+        self.collapsed += 1;
+        let mut is_collapsed = true;
         let mut push = |corners: [[i32; 3]; 3]| {
             self.closure.add(corners);
             let triangle = Triangle { corners, attribute, part };
             if triangle.normal() != [0; 3] {
+                self.collapsed -= u64::from(std::mem::take(&mut is_collapsed));
                 return triangles.push(triangle);
             }
             // Two corners at one point leave an edge and its opposite, which is none.

@@ -98,6 +98,13 @@ impl Grid {
         1 << self.fraction
     }
 
+    /// Width of a step in the world, where it is least.
+    pub(super) fn step(&self) -> f64 {
+        let linear = self.frame.linear();
+        let widths = (0..3).map(|axis| linear.col(axis).length());
+        widths.fold(f64::INFINITY, f64::min) / f64::from(self.cell())
+    }
+
     /// The grid point nearest to a vertex.
     ///
     /// # Errors

@@ -22,7 +22,8 @@ pub enum Boundary {
     /// Each cell has the share of it that lies inside. Closed surfaces are clipped to the cells, which is
     /// exact, also where bodies overlap; cells with more than 48 faces that are turned against each other are
     /// divided into 4 x 4 x 4 parts, and these once more. Of open surfaces, cells at the edges of holes are
-    /// sampled by 4 x 4 x 4 points of the winding field.
+    /// sampled by 4 x 4 x 4 points of the winding field. Of cells that several objects fill a part of, what is inside any counts, exactly
+    /// away from holes and from faces that are turned inside out.
     Coverage,
 }
 

@@ -19,6 +19,7 @@ mod rim;
 mod source;
 mod surroundings;
 mod triangles;
+mod union;
 mod units;
 mod windings;
 
@@ -26,4 +27,4 @@ pub(super) use build::provenance;
 pub use build::{InsideTest, SolidReport};
 pub use inside::{Attribute, Boundary};
 pub use plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, plan_models};
-pub(super) use plan::{bounds, common_crs};
+pub(super) use plan::{bounds, common_crs, flat_faces};

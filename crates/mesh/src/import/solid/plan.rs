@@ -1,5 +1,7 @@
 //! Plans of solids: from models and options to the grid of cells.
 
+use std::path::Path;
+
 use super::grid::Grid;
 use super::inside::{Attribute, Boundary};
 use crate::import::Model;
@@ -84,6 +86,8 @@ pub struct SolidImport {
     pub(super) options: SolidOptions,
     pub(super) grid: Grid,
     pub(super) lattice: Lattice,
+    /// The box around the faces.
+    pub(super) bounds: [[f64; 3]; 2],
     /// Cells along each axis that can be other than VOID.
     pub(super) extent: [u64; 3],
     description: Vec<(&'static str, String)>,
@@ -141,7 +145,7 @@ pub fn plan_models(mut models: Vec<Box<dyn Model>>, options: &SolidOptions) -> R
     let grid = Grid::new(depth, frame)?;
     let lattice = Lattice::new([0; 3], grid.fraction);
     let description = describe(&models, options, &grid, extent);
-    Ok(SolidImport { models, options: options.clone(), grid, lattice, extent, description })
+    Ok(SolidImport { models, options: options.clone(), grid, lattice, bounds, extent, description })
 }
 
 /// The coordinate system of all models, or that of the tree that they are to be like.
@@ -182,6 +186,17 @@ pub(in crate::import) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result
         return Err(Error::corrupt(name, "vertices", "all in one point", "a model that takes up space"));
     }
     Ok(all)
+}
+
+/// The error of a model whose faces are all points or lines on a grid of this step.
+pub(in crate::import) fn flat_faces(path: &Path, [min, max]: [[f64; 3]; 2], step: f64) -> Error {
+    let place = |[x, y, z]: [f64; 3]| format!("{x:e}, {y:e}, {z:e}");
+    let found = format!(
+        "a model whose faces are all points or lines on the grid that its corners are moved to (it reaches from {} to {}, in steps of {step:e})",
+        place(min),
+        place(max)
+    );
+    Error::unsupported(path, found, "take out what lies far away from the rest, scale it, or give it an area")
 }
 
 /// Cells over a model.
@@ -243,6 +258,10 @@ fn fit([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fitted> {
     for (axis, row) in frame.matrix.iter_mut().enumerate() {
         row[axis] = cell;
         row[3] = origin[axis];
+    }
+    if !frame.linear().determinant().is_normal() {
+        let expected = "cells whose volume is a number of double precision: scale the model";
+        return Err(Error::invalid("width of a cell", format!("{cell:e}"), expected));
     }
     Ok(Fitted { frame, depth: depth_for(extent).max(1), extent })
 }

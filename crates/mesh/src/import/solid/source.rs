@@ -12,6 +12,7 @@ use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
 use super::open;
 use super::triangles::{OctantSorter, Triangles};
+use super::union::{Overlaps, Piece};
 use spinney_base::Form;
 use spinney_base::Result;
 use spinney_base::sort;
@@ -301,14 +302,17 @@ impl<'a> Solid<'a> {
         let join = |one: u32, other: u32| {
             if self.fill.boundary == Boundary::Coverage { one.max(other) } else { one }
         };
+        let is_covered = self.fill.boundary == Boundary::Coverage && !self.fill.surface;
         let mut all: Option<Cells> = None;
-        for sheet in &region.sheets {
+        let (mut pieces, mut overlaps) = (Vec::new(), Overlaps::default());
+        for (number, sheet) in (0..).zip(&region.sheets) {
             let mut triangles: Vec<Triangle> = Vec::with_capacity(sheet.triangles.len());
             sheet.triangles.each(|_, triangle| {
                 triangles.push(*triangle);
                 Ok(())
             })?;
-            let cells = match &self.tests[sheet.surface] {
+            let inside = &self.tests[sheet.surface];
+            let cells = match inside {
                 Inside::Field(field) if !self.fill.surface => {
                     let (cells, undecided) = open::block(&self.fill, field, &triangles, min, height)?;
                     self.counters.undecided.fetch_add(undecided, Ordering::Relaxed);
@@ -317,9 +321,20 @@ impl<'a> Solid<'a> {
                 inside => fill::block((&self.fill, inside), &triangles, min, height, sheet.state)?,
             };
             match &mut all {
-                Some(all) => all.add(&cells, join),
+                Some(all) => {
+                    if is_covered {
+                        overlaps.note(all, number, &cells);
+                    }
+                    all.add(&cells, join);
+                }
                 none => *none = Some(cells),
             }
+            if is_covered && region.sheets.len() > 1 {
+                pieces.push(Piece { inside, triangles, state: sheet.state });
+            }
+        }
+        if let Some(all) = all.as_mut().filter(|_| is_covered) {
+            overlaps.settle(&self.fill, &pieces, min, all)?;
         }
         Ok(Pyramid::new(all.unwrap_or_else(|| Cells { bits: Bits::new(height), values: None })))
     }

@@ -1,9 +1,9 @@
 //! Division of a surface that is not closed into what each is inside or outside for itself: what is closed, what
 //! is closed but for the way in which faces are turned, and the objects that are open.
 //!
-//! Objects that are closed by themselves are taken as they are, whatever they touch. What is left falls apart
+//! Parts that are closed by themselves are taken as they are, whatever they touch. What is left falls apart
 //! into components, whose triangles share edges. Components that are not closed belong together if they are
-//! of one object.
+//! of one part, or of one object and share edges: what is inside one object, no other decides.
 
 use std::collections::{HashMap, HashSet};
 
@@ -19,9 +19,9 @@ use spinney_brep::exact::vector::{dot, subtract};
 pub(super) struct Units {
     /// All that is closed.
     pub(super) closed: Vec<Triangle>,
-    /// All whose edges have their partners, but not in the opposite direction.
-    pub(super) even: Vec<Triangle>,
-    /// Each open object, or several that have edges in common.
+    /// Of each object, or several that close each other, all whose edges have their partners, but not in the opposite direction.
+    pub(super) even: Vec<Vec<Triangle>>,
+    /// What is open of each object.
     pub(super) open: Vec<Vec<Triangle>>,
     /// Triangles that were there more than once in what was not closed.
     pub(super) duplicates: u64,
@@ -31,11 +31,16 @@ impl Units {
     /// Bytes of memory that dividing this number of triangles takes: they and what they become, their edges and
     /// the sets they are in.
     pub(super) fn memory(triangles: usize) -> u64 {
-        (triangles * (3 * size_of::<Triangle>() + size_of::<Component>() + 40)) as u64
+        (triangles * (3 * size_of::<Triangle>() + size_of::<Component>() + 48)) as u64
     }
 
-    /// Divides triangles, of which those without an area count for what is closed, and are left out then.
-    pub(super) fn of(triangles: Vec<Triangle>, progress: &dyn Progress) -> Result<Units> {
+    /// Divides triangles, of which those without an area count for what is closed, and are left out then; `object` tells the object
+    /// that a part is, or belongs to.
+    pub(super) fn of(
+        triangles: Vec<Triangle>,
+        object: &dyn Fn(u32) -> u32,
+        progress: &dyn Progress,
+    ) -> Result<Units> {
         let mut objects: HashMap<u32, Closure> = HashMap::new();
         for triangle in &triangles {
             progress.check()?;
@@ -44,19 +49,24 @@ impl Units {
         let (mut closed, rest): (Vec<Triangle>, Vec<Triangle>) =
             triangles.into_iter().partition(|triangle| objects[&triangle.part].is_closed());
         closed.retain(has_area);
-        let single = without_duplicates(&rest, progress)?;
+        let single = without_duplicates(&rest, object, progress)?;
         let count = |triangles: &[Triangle]| triangles.iter().filter(|triangle| has_area(triangle)).count();
         let duplicates = (count(&rest) - count(&single)) as u64;
         drop(rest);
         let mut units = Units { closed, duplicates, ..Units::default() };
-        units.add_components(&single, progress)?;
+        units.add_components(&single, object, progress)?;
         Ok(units)
     }
 
-    /// Divides triangles of objects that are not closed.
-    fn add_components(&mut self, triangles: &[Triangle], progress: &dyn Progress) -> Result<()> {
+    /// Divides triangles of parts that are not closed.
+    fn add_components(
+        &mut self,
+        triangles: &[Triangle],
+        object: &dyn Fn(u32) -> u32,
+        progress: &dyn Progress,
+    ) -> Result<()> {
         let mut sets = UnionFind::new(triangles.len());
-        join_by_edges(triangles, &mut sets);
+        join_by_edges((0..).zip(triangles).map(|(number, triangle)| (0, number, triangle)), &mut sets);
         progress.check()?;
         let mut components = vec![Component::default(); triangles.len()];
         for (number, triangle) in (0..).zip(triangles) {
@@ -64,30 +74,50 @@ impl Units {
         }
         progress.check()?;
         let hollow = self.hollow(triangles, &components, &mut sets, progress)?;
-        let is_open = |root: u32| !components[root as usize].closure.is_even() || hollow.contains(&root);
-        // Components in order, so that units come in that of their first triangles.
-        let roots: Vec<u32> = (0..triangles.len() as u32).map(|number| sets.root(number)).collect();
-        let mut objects: HashMap<u32, u32> = HashMap::new();
-        for (number, triangle) in (0..).zip(triangles).filter(|(number, _)| is_open(roots[*number as usize]))
-        {
-            let first = *objects.entry(triangle.part).or_insert(number);
-            sets.join(first, number);
-        }
-        let mut places: HashMap<u32, usize> = HashMap::new();
-        for ((number, triangle), root) in (0..).zip(triangles).zip(roots).filter(|((_, it), _)| has_area(it))
-        {
-            let list = if is_open(root) {
-                let place = *places.entry(sets.root(number)).or_insert(self.open.len());
-                if place == self.open.len() {
-                    self.open.push(Vec::new());
+        let kind = |root: u32| match components[root as usize].closure {
+            closure if !closure.is_even() || hollow.contains(&root) => Kind::Open,
+            closure if closure.is_closed() => Kind::Closed,
+            _ => Kind::Even,
+        };
+        let kinds: Vec<Kind> = (0..triangles.len() as u32).map(|number| kind(sets.root(number))).collect();
+        // Which of them make a unit.
+        let mut units = UnionFind::new(triangles.len());
+        let mut firsts: HashMap<(Kind, u32), u32> = HashMap::new();
+        let mut join = |key: (Kind, u32), number: u32, units: &mut UnionFind| {
+            units.join(*firsts.entry(key).or_insert(number), number);
+        };
+        for ((number, triangle), kind) in (0..).zip(triangles).zip(&kinds) {
+            match kind {
+                Kind::Open => join((*kind, triangle.part), number, &mut units),
+                // (Closed are those that are as good as that together.)
+                Kind::Even => {
+                    join((*kind, object(triangle.part)), number, &mut units);
+                    join((Kind::Closed, sets.root(number)), number, &mut units);
                 }
-                &mut self.open[place]
-            } else if components[root as usize].closure.is_closed() {
-                &mut self.closed
-            } else {
-                &mut self.even
+                Kind::Closed => {}
+            }
+        }
+        let open = (0..).zip(triangles).filter(|(number, _)| kinds[*number as usize] == Kind::Open);
+        join_by_edges(open.map(|(number, triangle)| (object(triangle.part), number, triangle)), &mut units);
+        progress.check()?;
+        // In order, so that units come in that of their first triangles.
+        let mut places: HashMap<u32, usize> = HashMap::new();
+        for ((number, triangle), kind) in
+            (0..).zip(triangles).zip(kinds).filter(|((_, triangle), _)| has_area(triangle))
+        {
+            let lists = match kind {
+                Kind::Closed => {
+                    self.closed.push(*triangle);
+                    continue;
+                }
+                Kind::Even => &mut self.even,
+                Kind::Open => &mut self.open,
             };
-            list.push(*triangle);
+            let place = *places.entry(units.root(number)).or_insert(lists.len());
+            if place == lists.len() {
+                lists.push(Vec::new());
+            }
+            lists[place].push(*triangle);
         }
         Ok(())
     }
@@ -141,6 +171,14 @@ impl Units {
     }
 }
 
+/// Kinds of components.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Kind {
+    Closed,
+    Even,
+    Open,
+}
+
 fn has_area(triangle: &Triangle) -> bool {
     triangle.normal() != [0; 3]
 }
@@ -166,14 +204,16 @@ impl Component {
     }
 }
 
-/// Joins triangles that have an edge in common, in either direction.
-fn join_by_edges(triangles: &[Triangle], sets: &mut UnionFind) {
-    // Their numbers, and those of triangles below.
-    let mut edges: Vec<u128> = Vec::with_capacity(3 * triangles.len());
-    for (number, triangle) in (0u32..).zip(triangles) {
+/// Joins triangles, given with an object and their numbers, that are of the same object and have an edge in common, in either direction.
+fn join_by_edges<'a>(triangles: impl Iterator<Item = (u32, u32, &'a Triangle)>, sets: &mut UnionFind) {
+    // Objects, numbers of edges, and those of triangles below.
+    let mut edges: Vec<u128> = Vec::with_capacity(3 * triangles.size_hint().0);
+    for (object, number, triangle) in triangles {
         let [a, b, c] = triangle.corners;
-        let ends = [(a, b), (b, c), (c, a)];
-        edges.extend(ends.map(|(from, to)| u128::from(edge_number(from, to).0) << 32 | u128::from(number)));
+        let of = |(from, to)| {
+            u128::from(object) << 96 | u128::from(edge_number(from, to).0) << 32 | u128::from(number)
+        };
+        edges.extend([(a, b), (b, c), (c, a)].map(of));
     }
     sort::numbers128(&mut edges);
     for pair in edges.windows(2).filter(|pair| pair[0] >> 32 == pair[1] >> 32) {
@@ -181,8 +221,12 @@ fn join_by_edges(triangles: &[Triangle], sets: &mut UnionFind) {
     }
 }
 
-/// The triangles without those that are there a second time.
-fn without_duplicates(triangles: &[Triangle], progress: &dyn Progress) -> Result<Vec<Triangle>> {
+/// The triangles without those that an object has a second time.
+fn without_duplicates(
+    triangles: &[Triangle],
+    object: &dyn Fn(u32) -> u32,
+    progress: &dyn Progress,
+) -> Result<Vec<Triangle>> {
     let mut seen = HashSet::with_capacity(triangles.len());
     let mut single = Vec::new();
     for triangle in triangles {
@@ -191,7 +235,7 @@ fn without_duplicates(triangles: &[Triangle], progress: &dyn Progress) -> Result
         let least = (0..3).min_by_key(|corner| corners[*corner]).unwrap_or(0);
         // Rotated, not sorted: triangles that turn the other way are no duplicates.
         corners.rotate_left(least);
-        if seen.insert(corners) {
+        if seen.insert((object(triangle.part), corners)) {
             single.push(*triangle);
         }
     }
@@ -210,9 +254,47 @@ mod tests {
     }
 
     fn counts(triangles: &[Triangle]) -> (usize, usize, Vec<usize>, u64) {
-        let units = Units::of(triangles.to_vec(), &()).unwrap();
+        counts_of(triangles, &|part| part)
+    }
+
+    fn counts_of(triangles: &[Triangle], object: &dyn Fn(u32) -> u32) -> (usize, usize, Vec<usize>, u64) {
+        let units = Units::of(triangles.to_vec(), object, &()).unwrap();
         let open = units.open.iter().map(Vec::len).collect();
-        (units.closed.len(), units.even.len(), open, units.duplicates)
+        (units.closed.len(), units.even.iter().map(Vec::len).sum(), open, units.duplicates)
+    }
+
+    #[test]
+    fn open_objects_are_apart_where_they_touch() {
+        // Two tetrahedra with a face in common, which neither has.
+        let [a, b, c, d, e] = [[0, 0, 0], [90, 0, 0], [0, 90, 0], [0, 0, 90], [90, 90, 90]];
+        let of = |part: u32, corners| Triangle { corners, attribute: 0, part };
+        let one = [[a, c, b], [a, b, d], [c, a, d]].map(|corners| of(0, corners));
+        let other = [[e, b, c], [e, d, b], [e, c, d]].map(|corners| of(1, corners));
+        // They close each other, and one surface is closed whatever its parts are called.
+        assert_eq!(counts(&[&one[..], &other].concat()), (6, 0, vec![], 0));
+        // Each has a hole: what lies between them is neither's, unless they are groups of one object.
+        let both = [&one[1..], &other[1..]].concat();
+        assert_eq!(counts(&both), (0, 0, vec![2, 2], 0));
+        assert_eq!(counts_of(&both, &|_| 0), (0, 0, vec![4], 0));
+        // A face that both have is there for either.
+        let both = [&one[1..], &[of(0, [b, c, d])], &other[1..], &[of(1, [b, c, d])]].concat();
+        assert_eq!(counts(&both), (0, 0, vec![3, 3], 0));
+        assert_eq!(counts_of(&both, &|_| 0), (0, 0, vec![5], 1));
+    }
+
+    #[test]
+    fn flipped_objects_are_apart() {
+        let flipped = |at: i32, part: u32| {
+            let mut faces = tetrahedron([at; 3], 90, part);
+            faces[0].corners.swap(0, 1);
+            faces
+        };
+        let units = |object: &dyn Fn(u32) -> u32| {
+            let all = [flipped(0, 0), flipped(10, 1), flipped(20, 1)].concat();
+            Units::of(all, object, &()).unwrap().even.iter().map(Vec::len).collect::<Vec<_>>()
+        };
+        assert_eq!(units(&|part| part), [4, 8]);
+        assert_eq!(units(&|_| 0), [12]);
     }
 
     #[test]

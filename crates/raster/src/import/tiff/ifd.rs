@@ -146,7 +146,7 @@ impl Input {
     }
 
     /// The directories from the one at `offset` on; loops end, and so does the chain after an error.
-    pub(super) fn chain(&self, mut offset: u64) -> impl Iterator<Item = Result<Directory<'_>>> {
+    pub(super) fn chain(&self, mut offset: u64) -> impl Iterator<Item = Result<LinkedDirectory<'_>>> {
         let mut seen = HashSet::new();
         std::iter::from_fn(move || {
             if offset == 0 || seen.len() == MAX_DIRECTORIES || !seen.insert(offset) {
@@ -154,7 +154,7 @@ impl Input {
             }
             let directory = self.directory(offset);
             offset = directory.as_ref().map_or(0, |(_, next)| *next);
-            Some(directory.map(|(directory, _)| directory))
+            Some(directory)
         })
     }
 
@@ -183,6 +183,9 @@ struct Entry {
     count: u64,
     at: u64,
 }
+
+/// A directory, and the offset of the one after it, or 0.
+pub(super) type LinkedDirectory<'a> = (Directory<'a>, u64);
 
 /// The tags of one image of the file. Values are read when asked for.
 pub(super) struct Directory<'a> {

@@ -7,6 +7,7 @@ mod geokeys;
 mod ifd;
 mod image;
 mod layout;
+mod pages;
 mod predictor;
 mod samples;
 mod spec;
@@ -26,12 +27,18 @@ use spinney_base::space::Region;
 use spinney_base::value::{Kind, Palette};
 use spinney_base::{Error, Result};
 
-/// Opens a TIFF file, of which the first image counts.
+/// Opens a TIFF file, of which one page counts.
 pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let (input, first) = Input::open(path, options.memory)?;
-    let (directory, next) = input.directory(first)?;
+    let (directory, next) = match options.layer.as_deref() {
+        None => input.directory(first)?,
+        Some(page) => pages::find(&input, first, page)?,
+    };
     let mut image = Image::new(&input, &directory)?;
-    let info = info(&directory, &image)?;
+    let mut info = info(&directory, &image)?;
+    if options.layer.is_none() {
+        info.remark = pages::remark(&input, next);
+    }
     if let Some(nodata) = info.nodata {
         image.hole = sample_bytes(nodata, info.sample).unwrap_or(image.hole);
     }
@@ -99,7 +106,7 @@ impl Tiff {
 /// The mask that belongs to an image, from the directories that follow.
 fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
     for directory in input.chain(next) {
-        let directory = directory?;
+        let (directory, _) = directory?;
         let is = |tag, value: u64| Ok::<bool, Error>(directory.number(tag)? == Some(value));
         // Bit 2 of NewSubfileType is "mask", bit 0 "of an overview".
         let wanted = is(tag::NEW_SUBFILE_TYPE, 4)?
@@ -160,6 +167,9 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
         order: if layout.tiled { Order::Anywhere } else { Order::Bands },
         ..RasterInfo::plain([layout.width, layout.height], sample_format.sample(), *channels)
     };
+    if image.photometric == photometric::RGB && *channels >= 3 {
+        info.colour_roles = colour_roles(&info);
+    }
     gdal::apply(&directory.text(tag::GDAL_METADATA)?.unwrap_or_default(), &mut info);
     Ok(info)
 }
@@ -173,6 +183,16 @@ fn alpha(directory: &Directory<'_>, image: &Image) -> Result<Option<usize>> {
     // Extra samples are the last ones of a pixel; 1 and 2 are opacity, multiplied in or not.
     let index = extra.iter().position(|meaning| matches!(meaning, 1 | 2));
     Ok(index.and_then(|index| (image.channels + index).checked_sub(extra.len())))
+}
+
+/// The roles of the channels of a coloured image.
+fn colour_roles(info: &RasterInfo) -> Vec<String> {
+    let role = |channel| match channel {
+        channel if info.alpha == Some(channel) => "Alpha",
+        0..=2 => ["Red", "Green", "Blue"][channel],
+        _ => "Undefined",
+    };
+    (0..info.channels).map(|channel| role(channel).into()).collect()
 }
 
 /// The colours of a one-channel image, if it has a colour map.

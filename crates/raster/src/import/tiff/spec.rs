@@ -4,6 +4,7 @@
 /// Tags of an image file directory.
 pub(super) mod tag {
     pub(in crate::import::tiff) const NEW_SUBFILE_TYPE: u16 = 254;
+    pub(in crate::import::tiff) const SUBFILE_TYPE: u16 = 255;
     pub(in crate::import::tiff) const IMAGE_WIDTH: u16 = 256;
     pub(in crate::import::tiff) const IMAGE_LENGTH: u16 = 257;
     pub(in crate::import::tiff) const BITS_PER_SAMPLE: u16 = 258;
@@ -81,6 +82,7 @@ pub(super) mod compression {
 pub(super) mod photometric {
     pub(in crate::import::tiff) const WHITE_IS_ZERO: u64 = 0;
     pub(in crate::import::tiff) const BLACK_IS_ZERO: u64 = 1;
+    pub(in crate::import::tiff) const RGB: u64 = 2;
     pub(in crate::import::tiff) const RGB_PALETTE: u64 = 3;
     pub(in crate::import::tiff) const TRANSPARENCY_MASK: u64 = 4;
     pub(in crate::import::tiff) const SEPARATED: u64 = 5;

@@ -10,6 +10,7 @@ use super::header::{ByteRange, HEADER, Header};
 use crate::tiles::encode::TileFormat;
 use crate::tiles::making::{Digest, Own};
 use crate::tiles::place::{MAX_ZOOM, TileId, first_number};
+use spinney_base::io::open_input;
 use spinney_base::io::platform::read_exact_at;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
@@ -41,7 +42,7 @@ impl Pmtiles {
     /// # Errors
     /// If it cannot be read, is none, or is damaged there.
     pub fn open(path: &Path) -> Result<Pmtiles> {
-        let file = File::open(path).map_err(Error::io(path, "open"))?;
+        let file = open_input(path)?;
         let length = file.metadata().map_err(Error::io(path, "read"))?.len();
         let mut bytes = [0; HEADER];
         if length < HEADER as u64 {

@@ -7,7 +7,7 @@ use std::path::Path;
 use super::directory::{self, DirectoryEntry};
 use super::header::{ByteRange, HEADER, Header, START, tile_type};
 use crate::tiles::encode::Encoded;
-use crate::tiles::journal::{Checkpoint, Entry, Journal, other_export};
+use crate::tiles::journal::{Checkpoint, Entry, Journal, not_ours, other_export};
 use crate::tiles::making::{About, Digest};
 use crate::tiles::sink::{Stored, TileSink};
 use crate::tiles::walk::TileRun;
@@ -54,7 +54,12 @@ impl PmtilesSink {
                 known.entry(entry.hash).or_insert((entry.offset, entry.length));
             }
         };
-        let (journal, at) = Journal::resumable(Path::new(&name), making, &mut remember)?;
+        let name = Path::new(&name);
+        if there > 0 && !name.exists() {
+            return Err(not_ours(&partial));
+        }
+        // (A journal without an archive is of one that was finished, or removed.)
+        let (journal, at) = Journal::resumable(name, making, there == 0, &mut remember)?;
         let needed = if at.runs == 0 { 0 } else { START as u64 + at.bytes };
         if there < needed {
             return Err(other_export(&partial));
@@ -217,9 +222,9 @@ impl TileSink for PmtilesSink {
             tile_compression: 1,
             tile_type: tile_type(about.format),
             zooms: about.zooms,
-            degrees: about.degrees,
+            degrees: about.place.bounds,
             centre_zoom: about.centre_zoom(),
-            centre: about.centre(),
+            centre: about.place.centre,
         };
         let head = [header.to_bytes(), root].concat();
         let path = self.output.path().to_path_buf();

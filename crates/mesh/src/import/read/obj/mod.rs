@@ -69,6 +69,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         unit: None,
         step: None,
         parts: scan.parts.names(),
+        is_grouped: !scan.has_objects,
         attributes: Attributes::default(),
         is_coloured: scan.coloured > 0 || !materials.is_empty(),
         bytes: length,

@@ -1,0 +1,180 @@
+//! Files below folders that others may write to: no symbolic link leads out of these.
+
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::{Error, Result};
+
+/// Opens or makes a file, which is no symbolic link, device or folder.
+///
+/// # Errors
+/// If it is one of these, or cannot be opened.
+pub fn open_regular(options: &mut OpenOptions, path: &Path) -> Result<File> {
+    check(path, fs::Metadata::is_file, "a symbolic link, or something else that is no file,")?;
+    #[cfg(unix)]
+    {
+        // (It may have become a link since.)
+        use std::os::unix::fs::OpenOptionsExt;
+        options.custom_flags(rustix::fs::OFlags::NOFOLLOW.bits() as i32);
+    }
+    options.open(path).map_err(Error::io(path, "open"))
+}
+
+fn check(path: &Path, is_right: fn(&fs::Metadata) -> bool, wrong: &str) -> Result<()> {
+    match fs::symlink_metadata(path) {
+        Ok(there) if !is_right(&there) => {
+            let advice = "links are not followed here; remove it, or put there what it leads to";
+            Err(Error::unsupported(path, format!("{wrong} in this place"), advice))
+        }
+        Err(cause) if cause.kind() != io::ErrorKind::NotFound => Err(Error::io(path, "look at")(cause)),
+        _ => Ok(()),
+    }
+}
+
+/// Folder whose files are reached by names below it, through no symbolic link.
+#[derive(Debug)]
+pub struct ClosedFolder {
+    base: PathBuf,
+    /// The folder below it that was found to be one last.
+    checked: PathBuf,
+}
+
+impl ClosedFolder {
+    /// The folder at a path, to which links may lead.
+    pub fn new(base: &Path) -> ClosedFolder {
+        ClosedFolder { base: base.to_path_buf(), checked: PathBuf::new() }
+    }
+
+    /// The folder.
+    pub fn base(&self) -> &Path {
+        &self.base
+    }
+
+    /// The path of a name, whose folders are folders or not there. `make` makes those.
+    fn path(&mut self, name: &str, make: bool) -> Result<PathBuf> {
+        let above = Path::new(name).parent().unwrap_or(Path::new(""));
+        if above != self.checked {
+            let mut path = self.base.clone();
+            for part in above.components() {
+                path.push(part);
+                check(&path, fs::Metadata::is_dir, "a symbolic link, or something else that is no folder,")?;
+                let made = if make { fs::create_dir(&path) } else { Ok(()) };
+                match made {
+                    Err(cause) if cause.kind() != io::ErrorKind::AlreadyExists => {
+                        return Err(Error::io(&path, "make the folder")(cause));
+                    }
+                    _ => {}
+                }
+            }
+            self.checked = if make { above.to_path_buf() } else { PathBuf::new() };
+        }
+        Ok(self.base.join(name))
+    }
+
+    /// The path of a file that is to be read or removed.
+    ///
+    /// # Errors
+    /// If one of its folders is a link.
+    pub fn place(&mut self, name: &str) -> Result<PathBuf> {
+        self.path(name, false)
+    }
+
+    /// The path of a file that is to be put there; makes its folders.
+    ///
+    /// # Errors
+    /// If one of them is a link, or cannot be made.
+    pub fn new_place(&mut self, name: &str) -> Result<PathBuf> {
+        self.path(name, true)
+    }
+
+    /// Writes a file.
+    ///
+    /// # Errors
+    /// If it, or one of its folders, is a link, or that fails.
+    pub fn write(&mut self, name: &str, bytes: &[u8]) -> Result<()> {
+        let path = self.new_place(name)?;
+        let mut file = open_regular(File::options().write(true).create(true).truncate(true), &path)?;
+        io::Write::write_all(&mut file, bytes).map_err(Error::io(&path, "write"))
+    }
+
+    /// The bytes of a file of at most so many; `None` if it is not there.
+    ///
+    /// # Errors
+    /// If it, or one of its folders, is a link, it is longer, or cannot be read.
+    pub fn read(&mut self, name: &str, most: u64) -> Result<Option<Vec<u8>>> {
+        let path = self.place(name)?;
+        let file = match open_regular(File::options().read(true), &path) {
+            Ok(file) => file,
+            Err(Error::Io { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(error),
+        };
+        let mut bytes = Vec::new();
+        let read = io::Read::read_to_end(&mut io::Read::take(file, most + 1), &mut bytes);
+        let length = read.map_err(Error::io(&path, "read"))? as u64;
+        if length > most {
+            return Err(Error::corrupt(path, "file", format!("more than {most} bytes"), "fewer"));
+        }
+        Ok(Some(bytes))
+    }
+
+    /// Removes a file, and the folders above it that have nothing any more. What is not there is removed already.
+    ///
+    /// # Errors
+    /// If one of its folders is a link, or it cannot be removed.
+    pub fn remove(&mut self, name: &str) -> Result<()> {
+        let path = self.place(name)?;
+        match fs::remove_file(&path) {
+            Err(cause) if cause.kind() != io::ErrorKind::NotFound => {
+                return Err(Error::io(&path, "remove")(cause));
+            }
+            _ => {}
+        }
+        for above in Path::new(name).ancestors().skip(1).filter(|above| !above.as_os_str().is_empty()) {
+            // (Where another file is, it stays.)
+            if fs::remove_dir(self.base.join(above)).is_err() {
+                break;
+            }
+            self.checked = PathBuf::new();
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_come_and_go_with_their_folders() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut closed = ClosedFolder::new(folder.path());
+        closed.write("a/b/c", b"1").unwrap();
+        closed.write("a/d", b"22").unwrap();
+        assert_eq!(closed.read("a/b/c", 9).unwrap(), Some(b"1".to_vec()));
+        assert_eq!(closed.read("a/b/x", 9).unwrap(), None);
+        assert_eq!(closed.read("x/y", 9).unwrap(), None);
+        assert!(closed.read("a/d", 1).is_err());
+        closed.remove("a/b/c").unwrap();
+        closed.remove("a/b/c").unwrap();
+        assert!(!folder.path().join("a/b").exists() && folder.path().join("a/d").exists());
+        closed.write("a/b/c", b"1").unwrap();
+        assert!(folder.path().join("a/b/c").exists());
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn links_do_not_lead_out() {
+        let [folder, outside] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        std::fs::write(outside.path().join("c"), "precious").unwrap();
+        std::os::unix::fs::symlink(outside.path(), folder.path().join("a")).unwrap();
+        std::os::unix::fs::symlink(outside.path().join("c"), folder.path().join("l")).unwrap();
+        let mut closed = ClosedFolder::new(folder.path());
+        assert!(matches!(closed.write("a/c", b"1"), Err(Error::Unsupported { .. })));
+        assert!(matches!(closed.read("a/c", 9), Err(Error::Unsupported { .. })));
+        assert!(matches!(closed.remove("a/c"), Err(Error::Unsupported { .. })));
+        assert!(matches!(closed.write("l", b"1"), Err(Error::Unsupported { .. })));
+        assert!(matches!(closed.read("l", 9), Err(Error::Unsupported { .. })));
+        assert_eq!(std::fs::read(outside.path().join("c")).unwrap(), b"precious");
+    }
+}

@@ -1,0 +1,335 @@
+//! Whether the octree of a file is that of its faces: these are divided once more, as the file's nodes say, and what comes of it in
+//! each cell is compared with what the file has there. Pairs of faces and winding numbers are looked at as in building.
+
+use std::ops::Range;
+use std::sync::Mutex;
+
+use super::arena::Arena;
+use super::cells::{Cell, Lists, TASK, Walk, uniform};
+use super::defects::{Defects, MOST};
+use super::division::Division;
+use super::items::Items;
+use super::run::{FaceWords, Place, Run, RunBuilder};
+use super::{Defect, RunDivision, room_for};
+use crate::geometry::Stages;
+use crate::store::segment::{LeafHead, LeafRule, NodeKind};
+use crate::store::summary::NodeCounts;
+use crate::{ExactModel, Face, Faces, Grid, ModelNode, ModelNodeState};
+use spinney_base::parallel;
+use spinney_base::sort;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Finding;
+
+/// What is found in an octree.
+#[derive(Default)]
+pub(crate) struct Checked {
+    /// Nodes that are not what the faces make them: at most 100.
+    pub(crate) findings: Vec<Finding>,
+    /// Places where the faces bound no body: at most 100.
+    pub(crate) defects: Vec<Defect>,
+    pub(crate) counts: NodeCounts,
+    /// Nodes with segments of their own, but for the root.
+    pub(crate) cut: u64,
+}
+
+/// Collects the faces of a model, to compare its octree with.
+pub(crate) struct OctreeCheck {
+    memory: u64,
+    run: RunBuilder,
+    words: Vec<u32>,
+}
+
+impl OctreeCheck {
+    /// Takes about so many bytes of memory; what has no room there goes to temporary files.
+    pub(crate) fn new(memory: u64) -> OctreeCheck {
+        let place = Place::Folder(std::env::temp_dir());
+        OctreeCheck { memory, run: RunBuilder::new((memory / 4 / 4) as usize, place), words: Vec::new() }
+    }
+
+    /// Adds a face that is planar and has an area.
+    pub(crate) fn push(&mut self, face: &Face<'_>) -> Result<()> {
+        self.words.clear();
+        // (Files have fewer than 2^32.)
+        FaceWords::write(face.number as u32, face.points, face.ring_ends, &mut self.words);
+        self.run.push(FaceWords(&self.words))
+    }
+
+    /// Compares; `from` of `total` units of work were done before.
+    ///
+    /// # Errors
+    /// If the file cannot be read or is damaged, if the faces of one leaf have no room in memory, or on interruption.
+    pub(crate) fn finish(
+        self,
+        model: &ExactModel,
+        progress: &dyn Progress,
+        (from, total): (u64, u64),
+    ) -> Result<Checked> {
+        let (run, place) = self.run.finish()?;
+        let words = run.len() as u64;
+        let stages = Mutex::new(Stages::default());
+        let mut upper = Upper {
+            model,
+            memory: self.memory,
+            place,
+            stages: &stages,
+            progress,
+            words,
+            done: 0,
+            units: total - from,
+            total,
+        };
+        let mut found = Differences::default();
+        let root = Cell { level: 0, position: [0; 3], winding: model.far_winding() };
+        upper.cell(&root, &model.root()?, run, &mut found)?;
+        let grid = model.grid();
+        let Differences { findings, arena, counts, cut } = found;
+        let defects = arena.defects.list.into_iter().map(|found| found.in_world(grid)).collect();
+        Ok(Checked { findings, defects, counts, cut })
+    }
+}
+
+/// What was found in a part of the octree.
+#[derive(Default)]
+struct Differences {
+    findings: Vec<Finding>,
+    counts: NodeCounts,
+    cut: u64,
+    /// Of which defects are kept; leaves are made in it one by one.
+    arena: Arena,
+}
+
+impl Differences {
+    fn append(&mut self, other: Differences) {
+        self.findings.extend(other.findings);
+        self.findings.truncate(MOST);
+        self.counts.add(&other.counts);
+        self.cut += other.cut;
+        let defects: Defects = other.arena.defects;
+        self.arena.defects.append(defects);
+    }
+
+    fn add(&mut self, cell: &Cell, problem: impl FnOnce() -> String) {
+        if self.findings.len() < MOST {
+            let [x, y, z] = cell.position;
+            let place = format!("node {x}, {y}, {z} of level {}", cell.level);
+            self.findings.push(Finding { place, problem: problem() });
+        }
+    }
+}
+
+/// The upper cells, whose faces are too many for memory.
+struct Upper<'a> {
+    model: &'a ExactModel,
+    memory: u64,
+    place: Place,
+    stages: &'a Mutex<Stages>,
+    progress: &'a dyn Progress,
+    /// Of all faces, and of those that are done.
+    words: u64,
+    done: u64,
+    /// Units of work that they stand for, of all.
+    units: u64,
+    total: u64,
+}
+
+impl Upper<'_> {
+    fn cell(&mut self, cell: &Cell, node: &ModelNode<'_>, run: Run, found: &mut Differences) -> Result<()> {
+        let Grid { bits, .. } = *self.model.grid();
+        let Upper { model, memory, stages, progress, .. } = *self;
+        let needed = room_for(&run);
+        if needed <= memory / 2 {
+            let length = run.len() as u64;
+            let items = Items::of(run)?;
+            let walk = Walk { items: &items, bits, depth: 0, boolean_faces: 0, stages, progress };
+            let check = CellCheck { walk, model };
+            check.cell(cell, node, (0..items.len() as u32).collect(), found)?;
+            // (Faces that several cells have count once.)
+            let share = |words: u64| {
+                (u128::from(self.units) * u128::from(words) / u128::from(self.words.max(1))) as u64
+            };
+            let before = share(self.done);
+            self.done = (self.done + length).min(self.words);
+            progress.advance(share(self.done) - before, self.total);
+            return Ok(());
+        }
+        if node.state() != ModelNodeState::Inner {
+            return Err(Error::TooLarge {
+                path: model.path().to_path_buf(),
+                what: format!("the faces of a cell of level {} that is not divided", cell.level),
+                needed,
+                limit: memory / 2,
+                advice: "allow more memory".into(),
+            });
+        }
+        found.counts.inner += 1;
+        let division = RunDivision { bits, memory, stages, progress };
+        let (runs, cells) = division.of(cell, run, &mut self.place)?;
+        for (child, (run, cell)) in runs.into_iter().zip(&cells).enumerate() {
+            let child = model.child(node, child)?;
+            found.cut += u64::from(child.begins_segment());
+            self.cell(cell, &child, run, found)?;
+        }
+        Ok(())
+    }
+}
+
+/// Cells whose faces are in memory.
+struct CellCheck<'a> {
+    walk: Walk<'a>,
+    model: &'a ExactModel,
+}
+
+impl CellCheck<'_> {
+    fn cell(
+        &self,
+        cell: &Cell,
+        node: &ModelNode<'_>,
+        items: Vec<u32>,
+        found: &mut Differences,
+    ) -> Result<()> {
+        let all = 0..items.len();
+        let mut lists = Lists { items, children: Vec::new(), boxes: Vec::new() };
+        self.node(cell, node, all, &mut lists, found, &mut Stages::default())
+    }
+
+    fn node(
+        &self,
+        cell: &Cell,
+        node: &ModelNode<'_>,
+        list: Range<usize>,
+        lists: &mut Lists,
+        found: &mut Differences,
+        stages: &mut Stages,
+    ) -> Result<()> {
+        let Walk { items, bits, progress, .. } = self.walk;
+        match node.state() {
+            ModelNodeState::Void | ModelNodeState::Full => {
+                let is_full = node.state() == ModelNodeState::Full;
+                if let Some(item) = lists.items[list].first() {
+                    *if is_full { &mut found.counts.full } else { &mut found.counts.void } += 1;
+                    let face = items.face(*item);
+                    found.add(cell, || format!("{}, and face {face} cuts it", named(is_full)));
+                    return Ok(());
+                }
+                let before = found.arena.counts;
+                uniform(cell, bits, &mut found.arena);
+                let is_inside = found.arena.counts.full > before.full;
+                *if is_full { &mut found.counts.full } else { &mut found.counts.void } += 1;
+                if is_full != is_inside {
+                    let (is, was) = (named(is_full), named(is_inside));
+                    found.add(cell, || format!("{is}, and {was} by the faces around it"));
+                }
+                Ok(())
+            }
+            ModelNodeState::Leaf { kind, rule, inside } => {
+                found.counts.count(kind);
+                let head = LeafHead { kind, rule, inside };
+                self.leaf(cell, node, head, &lists.items[list], &mut lists.boxes, found)
+            }
+            ModelNodeState::Inner => {
+                found.counts.inner += 1;
+                if found.counts.inner.is_multiple_of(1 << 10) {
+                    progress.check()?;
+                }
+                if list.is_empty() {
+                    return self.children(cell, node, found, &mut |cell, node, found| {
+                        self.node(cell, node, 0..0, lists, found, stages)
+                    });
+                }
+                let end = lists.items.len();
+                let is_large = list.len() > TASK;
+                let (starts, cells) = self.walk.divide(cell, list, lists, stages);
+                let of = |child: usize| starts[child]..starts[child + 1];
+                if is_large {
+                    progress.check()?;
+                    let children: Vec<usize> = (0..8).collect();
+                    let checked = parallel::map(&children, |&child| {
+                        let mut part = Differences::default();
+                        let node = self.model.child(node, child)?;
+                        part.cut += u64::from(node.begins_segment());
+                        let list = lists.items[of(child)].to_vec();
+                        self.cell(&cells[child], &node, list, &mut part).map(|()| part)
+                    });
+                    for part in checked {
+                        found.append(part?);
+                    }
+                } else {
+                    for (child, cell) in cells.iter().enumerate() {
+                        let node = self.model.child(node, child)?;
+                        found.cut += u64::from(node.begins_segment());
+                        self.node(cell, &node, of(child), lists, found, stages)?;
+                    }
+                }
+                lists.items.truncate(end);
+                Ok(())
+            }
+        }
+    }
+
+    /// Goes on to the children of a cell that no face cuts.
+    fn children(
+        &self,
+        cell: &Cell,
+        node: &ModelNode<'_>,
+        found: &mut Differences,
+        each: &mut dyn FnMut(&Cell, &ModelNode<'_>, &mut Differences) -> Result<()>,
+    ) -> Result<()> {
+        for (child, cell) in Division::cells(cell, [0; 7]).iter().enumerate() {
+            let node = self.model.child(node, child)?;
+            found.cut += u64::from(node.begins_segment());
+            each(cell, &node, found)?;
+        }
+        Ok(())
+    }
+
+    fn leaf(
+        &self,
+        cell: &Cell,
+        node: &ModelNode<'_>,
+        head: LeafHead,
+        list: &[u32],
+        boxes: &mut Vec<crate::boxes::Bounds>,
+        found: &mut Differences,
+    ) -> Result<()> {
+        let items = self.walk.items;
+        let mut there: Vec<u32> = node.faces().map(|face| face as u32).collect();
+        let mut expected: Vec<u32> = list.iter().map(|item| items.face(*item)).collect();
+        sort::numbers32(&mut there);
+        sort::numbers32(&mut expected);
+        if there != expected {
+            let lacks = |list: &[u32], face: &&u32| list.binary_search(face).is_err();
+            if let Some(face) = expected.iter().find(|face| lacks(&there, face)) {
+                found.add(cell, || format!("a leaf without face {face}, which cuts it"));
+            }
+            if let Some(face) = there.iter().find(|face| lacks(&expected, face)) {
+                found.add(cell, || format!("a leaf with face {face}, which does not cut it"));
+            }
+        }
+        if list.is_empty() {
+            return Ok(());
+        }
+        let kind = self.walk.kind(list);
+        self.walk.leaf(cell, list, kind, boxes, &mut found.arena)?;
+        let Some(made) = found.arena.take_leaf() else { return Ok(()) };
+        if head.kind != kind {
+            found.add(cell, || format!("a leaf of the kind {:?}, and its faces make it {kind:?}", head.kind));
+        }
+        // (Of one plane, what is behind all faces is behind any.)
+        let is_either = kind == NodeKind::Face && made.rule == LeafRule::All && head.rule == LeafRule::Any;
+        if head.rule != LeafRule::Crossings && head.rule != made.rule && !is_either {
+            let (is, was) = (head.rule, made.rule);
+            found.add(cell, || format!("a leaf with the rule {is:?}, and its faces allow {was:?}"));
+        }
+        if head.inside != made.inside {
+            let place = |inside: bool| if inside { "inside" } else { "outside" };
+            let (is, was) = (place(head.inside), place(made.inside));
+            found
+                .add(cell, || format!("a leaf whose least corner is {is}, and {was} by the faces around it"));
+        }
+        Ok(())
+    }
+}
+
+fn named(is_full: bool) -> &'static str {
+    if is_full { "FULL" } else { "VOID" }
+}

@@ -1,0 +1,175 @@
+//! Test whether a surface is closed, in one pass and constant memory.
+//!
+//! The boundary of a surface is the sum of its faces' directed edges, where opposite edges cancel; a surface is closed if
+//! nothing is left. Instead of keeping the edges, each is turned into a random number of 64 bits that depends on its ends
+//! alone, added for one direction and taken off for the other: the sum is zero if all edges cancel, and is not but by a
+//! chance of 2^-64. Which numbers these are is drawn anew for each test, so that nobody makes a file whose edges
+//! cancel by design.
+
+use std::hash::{BuildHasher, Hasher, RandomState};
+
+use crate::Face;
+use crate::arrangement::{ExactFace, Vertices, cross};
+
+/// What the numbers of edges are drawn by: those of one test have one.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Seed(u64);
+
+impl Seed {
+    pub(crate) fn new() -> Seed {
+        Seed(RandomState::new().build_hasher().finish())
+    }
+
+    fn number(self, words: &[u64]) -> u64 {
+        words.iter().fold(self.0, |sum, word| mix(sum ^ word))
+    }
+
+    /// The number of an edge, whatever its direction, and whether it goes from the lesser end to the greater.
+    fn edge(self, from: [i32; 3], to: [i32; 3]) -> (u64, bool) {
+        let is_forward = from < to;
+        let [a, b] = if is_forward { [from, to] } else { [to, from] };
+        let pair = |a: i32, b: i32| u64::from(a as u32) << 32 | u64::from(b as u32);
+        (self.number(&[pair(a[0], a[1]), pair(a[2], b[0]), pair(b[1], b[2])]), is_forward)
+    }
+}
+
+/// A permutation of 64-bit numbers that looks random (the finaliser of Stafford, "Better bit mixing", variant 13).
+#[inline]
+fn mix(mut x: u64) -> u64 {
+    x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+/// The edges of some faces, by which nothing is left where each is there as often in one direction as in the other.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Closure {
+    seed: Seed,
+    sum: u64,
+}
+
+impl Closure {
+    /// None so far.
+    pub(crate) fn new(seed: Seed) -> Closure {
+        Closure { seed, sum: 0 }
+    }
+
+    /// Adds the edges of a face.
+    pub(crate) fn add(&mut self, face: &Face<'_>) {
+        for [from, to] in edges(face) {
+            let (number, is_forward) = self.seed.edge(from, to);
+            self.sum = self.sum.wrapping_add(if is_forward { number } else { number.wrapping_neg() });
+        }
+    }
+
+    /// Adds the edges of other faces, drawn by the same seed.
+    pub(crate) fn append(&mut self, other: Closure) {
+        self.sum = self.sum.wrapping_add(other.sum);
+    }
+
+    pub(crate) fn is_closed(&self) -> bool {
+        self.sum == 0
+    }
+}
+
+/// The edges of a surface of which some faces have corners beside the grid, and vertices may lie on edges of others.
+///
+/// Along a line, edges cancel if each point of it is as often the end of one as the beginning: so it is the ends that have
+/// numbers, each with the direction of its edge.
+pub(crate) struct ExactClosure {
+    seed: Seed,
+    sum: u64,
+    vertices: Vertices,
+}
+
+impl ExactClosure {
+    /// None so far.
+    pub(crate) fn new(seed: Seed) -> ExactClosure {
+        ExactClosure { seed, sum: 0, vertices: Vertices::default() }
+    }
+
+    /// Adds the edges of a face with corners on the grid.
+    pub(crate) fn add(&mut self, face: &Face<'_>) {
+        for [from, to] in edges(face) {
+            let along = [0, 1, 2].map(|axis| i128::from(to[axis]) - i128::from(from[axis]));
+            self.add_edge(along, (from, 0), (to, 0));
+        }
+    }
+
+    /// Adds the edges of a face with corners beside it.
+    pub(crate) fn add_exact(&mut self, face: &ExactFace) {
+        for (corner, next) in face.edges() {
+            let [from, to] = [&corner.point, next].map(|point| self.vertices.key(point));
+            self.add_edge(cross(face.plane.normal, corner.line.normal), from, to);
+        }
+    }
+
+    fn add_edge(&mut self, along: [i128; 3], from: ([i32; 3], u32), to: ([i32; 3], u32)) {
+        let divisor = along.into_iter().fold(0, |divisor, part| divide_out(divisor, part.unsigned_abs()));
+        let Some(first) = along.into_iter().find(|part| *part != 0) else { return };
+        let along = along.map(|part| part / divisor as i128 * first.signum());
+        let words = along.map(|part| [part as u64, (part >> 64) as u64]);
+        let line = self.seed.number(words.as_flattened());
+        let end = |(at, number): ([i32; 3], u32)| {
+            let [x, y, z] = at.map(|at| u64::from(at as u32));
+            Seed(line).number(&[x << 32 | y, z << 32 | u64::from(number)])
+        };
+        self.sum = self.sum.wrapping_add(end(to)).wrapping_sub(end(from));
+    }
+
+    pub(crate) fn is_closed(&self) -> bool {
+        self.sum == 0
+    }
+}
+
+/// The greatest common divisor.
+fn divide_out(mut a: u128, mut b: u128) -> u128 {
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
+
+/// The edges of a face that have a length.
+pub(crate) fn edges<'a>(face: &Face<'a>) -> impl Iterator<Item = [[i32; 3]; 2]> + use<'a> {
+    let of_ring = |ring: &'a [[i32; 3]]| (0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]);
+    face.rings().flat_map(of_ring).filter(|[from, to]| from != to)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn face(points: &[[i32; 3]]) -> Face<'_> {
+        Face { number: 0, points, ring_ends: &[3], colours: &[], part: 0, source: 0 }
+    }
+
+    fn are_closed(triangles: &[[[i32; 3]; 3]]) -> [bool; 2] {
+        let seed = Seed::new();
+        let (mut edges, mut lines) = (Closure::new(seed), ExactClosure::new(seed));
+        for points in triangles {
+            edges.add(&face(points));
+            lines.add(&face(points));
+        }
+        [edges.is_closed(), lines.is_closed()]
+    }
+
+    #[test]
+    fn tells_closed_from_turned_from_open() {
+        let [a, b, c, d, on] = [[0, 0, 0], [8, 0, 0], [0, 8, 0], [0, 0, 8], [3, 0, 0]];
+        let tetrahedron = [[a, c, b], [a, b, d], [b, c, d], [c, a, d]];
+        assert_eq!(are_closed(&tetrahedron), [true; 2]);
+        let mut turned = tetrahedron;
+        turned[1].swap(0, 1);
+        assert_eq!(are_closed(&turned), [false; 2]);
+        assert_eq!(are_closed(&tetrahedron[..3]), [false; 2]);
+        assert_eq!(are_closed(&[&tetrahedron[..], &tetrahedron[..1]].concat()), [false; 2]);
+        // A vertex on an edge leaves no part of it open.
+        let cut = [[a, c, b], [a, on, d], [on, b, d], [b, c, d], [c, a, d]];
+        assert_eq!(are_closed(&cut), [false, true]);
+        assert_eq!(are_closed(&[&cut[..], &[[a, b, on]]].concat()), [true; 2]);
+        let moved = [[a, c, b], [a, [3, 1, 0], d], [[3, 1, 0], b, d], [b, c, d], [c, a, d]];
+        assert_eq!(are_closed(&moved), [false; 2]);
+    }
+}

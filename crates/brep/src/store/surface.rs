@@ -1,0 +1,87 @@
+//! Whether a model's faces are planar polygons that make a closed surface: what operations on bodies stand on, in one pass.
+
+use super::block::FaceBuffer;
+use super::reader::ExactModel;
+use crate::closure::{Closure, ExactClosure, Seed};
+use crate::face_check::{FaceCheck, FaceFlaw};
+use crate::{Face, Faces};
+use spinney_base::parallel;
+use spinney_base::{Error, Progress, Result};
+
+impl ExactModel {
+    /// Makes sure that each face is a planar polygon, and that the surface is closed; of a model with corners beside the grid, the
+    /// exact surface.
+    ///
+    /// # Errors
+    /// If a face is none, if the surface is not closed, if the file is damaged or cannot be read, or on interruption.
+    pub(crate) fn check_surface(&self, progress: &dyn Progress) -> Result<()> {
+        /// Blocks between two looks at whether to stop.
+        const BATCH: usize = 64;
+        let seed = Seed::new();
+        let mut closure = Closure::new(seed);
+        let blocks: Vec<usize> = (0..self.blocks.len()).collect();
+        for blocks in blocks.chunks(BATCH) {
+            progress.check()?;
+            for found in parallel::map(blocks, |index| self.closure_of_block(*index, seed)) {
+                closure.append(found?);
+            }
+        }
+        let is_closed = match self.exact_bytes() {
+            0 => closure.is_closed(),
+            _ => self.is_exactly_closed(seed, progress)?,
+        };
+        if is_closed {
+            return Ok(());
+        }
+        Err(Error::NoBody {
+            path: self.path.clone(),
+            what: "the faces bound no body: some edges have a face on one side only".into(),
+            places: Vec::new(),
+            count: 0,
+            advice: "look for them with verify, and build the model again".into(),
+        })
+    }
+
+    /// The edges of a block of faces.
+    fn closure_of_block(&self, index: usize, seed: Seed) -> Result<Closure> {
+        let block = self.block(index)?;
+        let mut closure = Closure::new(seed);
+        let mut check = FaceCheck::new(self.summary.grid.bits);
+        let mut buffer = FaceBuffer::default();
+        for place in 0..block.len() {
+            block.read(place, &mut buffer);
+            let face = buffer.face();
+            // (A triangle is always one.)
+            if face.points.len() != 3
+                && let Err(FaceFlaw { found, expected }) = check.has_area(&face)
+            {
+                return Err(self.corrupt(format!("face {}", face.number), found, expected));
+            }
+            closure.add(&face);
+        }
+        Ok(closure)
+    }
+
+    /// Whether the exact surface is closed: faces with corners beside the grid, and those that stand in for nothing.
+    pub(super) fn is_exactly_closed(&self, seed: Seed, progress: &dyn Progress) -> Result<bool> {
+        let exact = self.exact_part()?;
+        let mut closure = ExactClosure::new(seed);
+        let mut stand_ins = exact.stand_ins.iter().map(|number| u64::from(*number)).peekable();
+        self.each(&mut |face: &Face<'_>| {
+            if face.number.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+            if stand_ins.next_if_eq(&face.number).is_none() {
+                closure.add(face);
+            }
+            Ok(())
+        })?;
+        for (number, face) in exact.faces.iter().enumerate() {
+            if number.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+            closure.add_exact(face);
+        }
+        Ok(closure.is_closed())
+    }
+}

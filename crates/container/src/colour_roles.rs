@@ -1,0 +1,80 @@
+//! Roles of channels: which of them are red, green, blue, opacity, or nothing that is seen.
+
+use super::metadata::Metadata;
+use super::tag::Tag;
+
+/// Names of roles that say no more than that a channel is one.
+const PLAIN: [&str; 4] = ["", "Undefined", "Gray", "Palette"];
+
+impl Metadata {
+    /// The role of each channel by GDAL's names ("Red", "NIR", "Undefined"); nothing where they are the usual ones: grey, or
+    /// red, green and blue, and opacity where [`Metadata::alpha`] says so.
+    pub fn colour_roles(&self) -> Vec<&str> {
+        self.tag(Tag::ColourRoles).map_or(Vec::new(), |roles| roles.split(',').collect())
+    }
+
+    /// Keeps the roles of all channels, unless they are the usual ones; those that are unknown are empty.
+    pub fn set_colour_roles(&mut self, roles: &[String]) {
+        let usual = |channel: usize, role: &str| match channel {
+            channel if self.alpha.map(usize::from) == Some(channel) => role == "Alpha",
+            0..=2 if roles.len() >= 3 => role == ["Red", "Green", "Blue"][channel],
+            _ => false,
+        };
+        let is_told = |(channel, role): (usize, &String)| !PLAIN.contains(&&**role) && !usual(channel, role);
+        if !roles.iter().enumerate().any(is_told) {
+            return;
+        }
+        // (A comma is no part of any name.)
+        let name = |role: &String| if role.is_empty() { "Undefined".into() } else { role.replace(',', " ") };
+        self.set_tag(Tag::ColourRoles, roles.iter().map(name).collect::<Vec<_>>().join(","));
+    }
+
+    /// The channels that are seen as red, green and blue: those of these roles, else the first three.
+    pub fn rgb_channels(&self) -> [usize; 3] {
+        let roles = self.colour_roles();
+        let channel = |role: &str| roles.iter().position(|other| other.eq_ignore_ascii_case(role));
+        match ["Red", "Green", "Blue"].map(channel) {
+            // (Values have at most four channels: a tag may say anything.)
+            [Some(red @ 0..4), Some(green @ 0..4), Some(blue @ 0..4)] => [red, green, blue],
+            _ => [0, 1, 2],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn roles(names: &str, alpha: Option<u8>) -> Metadata {
+        let mut metadata = Metadata { alpha, ..Metadata::default() };
+        metadata.set_colour_roles(&names.split(',').map(String::from).collect::<Vec<_>>());
+        metadata
+    }
+
+    #[test]
+    fn the_usual_roles_are_not_told() {
+        for (usual, alpha) in [
+            ("Gray", None),
+            ("Palette", None),
+            (",,", None),
+            ("Red,Green,Blue", None),
+            ("Red,Green,Blue,Undefined", None),
+            ("Red,Green,Blue,Alpha", Some(3)),
+            ("Gray,Alpha", Some(1)),
+            ("Gray,Undefined,Undefined,Undefined", None),
+        ] {
+            assert_eq!(roles(usual, alpha), Metadata { alpha, ..Metadata::default() }, "{usual}");
+            assert_eq!(roles(usual, alpha).rgb_channels(), [0, 1, 2]);
+        }
+    }
+
+    #[test]
+    fn others_are() {
+        let infrared = roles("Red,Green,Blue,NIR", None);
+        assert_eq!((infrared.colour_roles().len(), infrared.rgb_channels()), (4, [0, 1, 2]));
+        assert_eq!(roles("NIR,Red,Green,Blue", None).rgb_channels(), [1, 2, 3]);
+        assert_eq!(roles("Blue,Green,Red", None).rgb_channels(), [2, 1, 0]);
+        assert_eq!(roles("NIR,Red,Green", None).rgb_channels(), [0, 1, 2]);
+        assert_eq!(roles("NIR,", None).colour_roles(), ["NIR", "Undefined"]);
+    }
+}

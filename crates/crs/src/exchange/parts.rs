@@ -1,0 +1,502 @@
+//! Coordinate systems by their parts, whatever form they came in: what is written in other forms.
+
+use serde_json::Value;
+
+use crate::Crs;
+use crate::definition::geo_keys::{self, GeoKeys, key};
+use crate::definition::{WktNode, number_of_json, parse_projjson, parse_wkt};
+use crate::projection::axis::Axis;
+use crate::projection::datum_names;
+use crate::projection::methods::Values;
+use crate::projection::shift::Shift;
+use crate::projection::system::{Base, Name, System, Unit, is_same_ellipsoid};
+use crate::projection::{geo_keys as keys_reader, proj_string, projjson, wkt, words};
+use crate::registry::{Axes, Ellipsoid, Geographic, VerticalSystem, base_of};
+
+/// A system, and that of its heights.
+#[derive(Debug)]
+pub(super) struct Parts {
+    /// The name of both together, if there is one.
+    pub(super) name: Option<String>,
+    pub(super) horizontal: Horizontal,
+    pub(super) vertical: Option<Vertical>,
+}
+
+/// Where the system's plane lies.
+#[derive(Debug)]
+pub(super) enum Horizontal {
+    Earth(Box<Earth>),
+    /// Nobody says where: a plane in a unit of so many metres.
+    Local {
+        name: String,
+        unit: f64,
+    },
+}
+
+/// A system on the earth, or on another body.
+#[derive(Debug)]
+pub(super) struct Earth {
+    pub(super) name: Option<String>,
+    /// In the EPSG registry.
+    pub(super) number: Option<u32>,
+    pub(super) base: Base,
+    /// PROJ's words for the method, and its parameters; systems of longitude and latitude have none.
+    pub(super) projection: Option<(String, Values)>,
+    pub(super) axes: Vec<Axis>,
+    /// Metres of the plane's unit, radians of that of longitude and latitude.
+    pub(super) unit: f64,
+    /// Metres of the unit of heights above the ellipsoid, if these are the third axis.
+    pub(super) height: Option<f64>,
+    pub(super) shift: Option<Shift>,
+}
+
+/// A system of heights or depths.
+#[derive(Debug)]
+pub(super) struct Vertical {
+    pub(super) name: String,
+    pub(super) datum: String,
+    pub(super) number: Option<u32>,
+    /// Metres.
+    pub(super) unit: f64,
+    pub(super) is_up: bool,
+}
+
+/// Metres that units have.
+const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e7;
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
+/// Model of geocentric systems.
+const GEOCENTRIC: u16 = 3;
+
+/// The parts of a definition. An error says what was found.
+pub(super) fn read(crs: &Crs) -> Result<Parts, String> {
+    let parts = match (crs.numbers(), crs) {
+        (Some(epsg), _) => {
+            let epsg = epsg.in_parts();
+            let vertical = epsg.vertical.map(Vertical::of_epsg).transpose()?;
+            let earth = Earth::of_epsg(epsg.horizontal)?;
+            let name = crs.name().filter(|_| vertical.is_none()).or(earth.name.clone());
+            let earth = Earth { name, ..earth };
+            Parts { name: None, horizontal: Horizontal::Earth(earth.into()), vertical }
+        }
+        (None, Crs::Epsg(_)) => return Err("no number".into()),
+        (None, Crs::GeoKeys(keys)) => of_keys(keys)?,
+        (None, Crs::Wkt(text)) => of_wkt(&parse_wkt(text)?)?,
+        (None, Crs::ProjJson(text)) => of_json(&parse_projjson(text)?)?,
+        (None, Crs::Proj(text)) => Parts::of(Earth::of_proj_string(text)?),
+    };
+    parts.check()?;
+    Ok(parts)
+}
+
+impl Parts {
+    fn of(earth: Earth) -> Parts {
+        Parts { name: None, horizontal: Horizontal::Earth(earth.into()), vertical: None }
+    }
+
+    /// Text that is the same for the same systems, whatever their names are; `None` where nobody says where the plane lies.
+    pub(super) fn identity(&self) -> Option<String> {
+        let Horizontal::Earth(earth) = &self.horizontal else { return None };
+        // (Numbers may have been converted to other units and back.)
+        let number = |number: f64| format!("{:.10e}", number + 0.0);
+        let numbers = |numbers: &[f64]| numbers.iter().map(|one| number(*one)).collect::<Vec<_>>().join(",");
+        let datum = match (earth.registered(), &earth.base.datum) {
+            (Some(known), _) => known.datum_name.into(),
+            (None, Name::Text(name)) => datum_names::key(name),
+            (None, Name::Epsg(number)) => format!("EPSG:{number}"),
+        };
+        let ellipsoid = earth.ellipsoid();
+        let figure = numbers(&[ellipsoid.1, ellipsoid.2, earth.base.prime_meridian, earth.unit]);
+        let mut values: Vec<_> = earth.projection.iter().flat_map(|(_, values)| values.iter()).collect();
+        values.retain(|(word, value)| *value != if *word == "k_0" { 1.0 } else { 0.0 });
+        values.sort_by_key(|(word, _)| *word);
+        let values: Vec<_> =
+            values.into_iter().map(|(word, value)| format!("{word}={}", number(*value))).collect();
+        let directions: Vec<_> = earth.axes.iter().map(|axis| axis.direction.as_str()).collect();
+        let directions = if directions == ["east", "north"] { String::new() } else { directions.join(",") };
+        let shift = match &earth.shift {
+            None => String::new(),
+            // (A factor of a scale has fewer digits than the part by which it differs from one.)
+            Some(Shift::Helmert(shift)) => shift.iter().map(|one| format!("{:.6e} ", one + 0.0)).collect(),
+            Some(Shift::Grid(name)) => name.clone(),
+        };
+        let vertical = self.vertical.as_ref().map(|vertical| match vertical.number {
+            Some(number) => format!("EPSG:{number}"),
+            None => {
+                format!("{} {} {}", datum_names::key(&vertical.datum), number(vertical.unit), vertical.is_up)
+            }
+        });
+        let words = earth.projection.as_ref().map_or("", |(words, _)| words);
+        Some(format!(
+            "{words} {} {datum} {figure} {directions} {shift} {:?} {vertical:?}",
+            values.join(" "),
+            earth.height
+        ))
+    }
+
+    /// Fails if numbers make no sense.
+    fn check(&self) -> Result<(), String> {
+        let lengths = match &self.horizontal {
+            Horizontal::Earth(earth) => {
+                let turns = [earth.base.prime_meridian, earth.base.angle.to_degrees()];
+                if turns.iter().any(|turn| turn.abs() > 360.0) || earth.base.angle <= 0.0 {
+                    return Err(format!("a prime meridian at {:?} degrees", earth.base.prime_meridian));
+                }
+                if let Some(Shift::Helmert(numbers)) = &earth.shift
+                    && (numbers.iter().any(|number| number.abs() > 1e6) || ![3, 7].contains(&numbers.len()))
+                {
+                    return Err(format!("a shift of the datum by {numbers:?}"));
+                }
+                [Some(earth.unit).filter(|_| earth.projection.is_some()), earth.height]
+            }
+            Horizontal::Local { unit, .. } => [Some(*unit), None],
+        };
+        let vertical = self.vertical.as_ref().map(|vertical| vertical.unit);
+        match lengths.into_iter().flatten().chain(vertical).find(|unit| !LENGTHS.contains(unit)) {
+            Some(unit) => Err(format!("a unit of {unit:?} m")),
+            None => Ok(()),
+        }
+    }
+}
+
+fn axis(direction: &str) -> Axis {
+    Axis { name: String::new(), direction: direction.into(), meridian: None }
+}
+
+impl Earth {
+    /// The parts of a system; `axes` are those of longitude and latitude where it tells none.
+    fn of_system(system: System, axes: [&str; 2]) -> Result<Earth, String> {
+        let projection = match &system.conversion {
+            None => None,
+            Some(conversion) => {
+                let (words, values) = system.projection(conversion)?;
+                Some((words.to_string(), values))
+            }
+        };
+        let System { name, base, axes: told, unit, height, shift, .. } = system;
+        let axes = match told.is_empty() && projection.is_none() {
+            true => axes.map(axis).into(),
+            false => told,
+        };
+        Ok(Earth { name, number: None, base, projection, axes, unit, height, shift })
+    }
+
+    /// The parts of a system of the EPSG registry.
+    fn of_epsg(number: u32) -> Result<Earth, String> {
+        let unknown = || format!("EPSG:{number}, whose parts are not known here");
+        let small = u16::try_from(number).map_err(|_| unknown())?;
+        let in_degrees = Crs::epsg(number).unit() == Some("degrees");
+        if let Some(known) = Geographic::find(small).filter(|_| in_degrees) {
+            let axes = if known.is_longitude_first() { ["east", "north"] } else { ["north", "east"] };
+            return Ok(Earth {
+                name: Some(known.name.into()),
+                number: Some(number),
+                base: Base::of_epsg(small)?,
+                projection: None,
+                axes: axes.map(axis).into(),
+                unit: DEGREE,
+                height: None,
+                shift: None,
+            });
+        }
+        let (base, axes) = base_of(small).ok_or_else(unknown)?;
+        let axes = match axes {
+            Axes::EastNorth => ["east", "north"],
+            Axes::NorthEast => ["north", "east"],
+            Axes::WestSouth => ["west", "south"],
+            Axes::Other => ["", ""],
+        };
+        let definition = crs_definitions::from_code(small).map(|known| known.proj4).ok_or_else(unknown)?;
+        let shiftless = words::without_shift(definition);
+        let is_web_mercator = proj_string::is_web_mercator(definition);
+        let plane = Earth::of_proj_string(if is_web_mercator { definition } else { &shiftless })?;
+        Crs::epsg(number).unit().ok_or_else(unknown)?;
+        let name = Geographic::find(base).and_then(|base| {
+            let (zone, half) = proj_string::utm_zone(definition)?;
+            Some(format!("{} / UTM zone {zone}{half}", base.name))
+        });
+        Ok(Earth {
+            name: Some(name.unwrap_or_else(|| format!("EPSG:{number}"))),
+            number: Some(number),
+            base: Base::of_epsg(base)?,
+            axes: axes
+                .iter()
+                .filter(|direction| !direction.is_empty())
+                .map(|direction| axis(direction))
+                .collect(),
+            shift: None,
+            ..plane
+        })
+    }
+
+    /// The parts of a system in PROJ's words.
+    fn of_proj_string(text: &str) -> Result<Earth, String> {
+        let told = proj_string::parts(text)?;
+        let [a, b] = told.ellipsoid;
+        let known = Ellipsoid::of_size(a, inverse_flattening(told.ellipsoid));
+        let datum = match told.datum.filter(|_| told.prime_meridian == 0.0) {
+            Some(number) => Name::Epsg(number),
+            None => Name::Text(match known {
+                Some(known) => format!("Unknown based on {} ellipsoid", known.name),
+                None => format!("Unknown based on an ellipsoid of {a} and {b} m"),
+            }),
+        };
+        let base = Base {
+            name: None,
+            datum,
+            ellipsoid: told.ellipsoid,
+            ellipsoid_name: None,
+            prime_meridian: told.prime_meridian,
+            angle: DEGREE,
+        };
+        let (axes, unit) = match &told.projection {
+            Some((words, _)) if words.contains("+axis=wsu") => {
+                (["west", "south"].map(axis).into(), told.unit)
+            }
+            // (Polar stereographic ones are known by their method.)
+            Some((words, values)) if words == "+proj=laea" && values.contains(&("lat_0", 90.0)) => {
+                (["south", "south"].map(axis).into(), told.unit)
+            }
+            Some((words, values)) if words == "+proj=laea" && values.contains(&("lat_0", -90.0)) => {
+                (["north", "north"].map(axis).into(), told.unit)
+            }
+            Some(_) => (Vec::new(), told.unit),
+            None => (["east", "north"].map(axis).into(), DEGREE),
+        };
+        let projection = told.projection;
+        let shift = told.shift;
+        Ok(Earth { name: None, number: None, base, projection, axes, unit, height: None, shift })
+    }
+
+    /// The geographic system of the registry that the datum is of.
+    pub(super) fn registered(&self) -> Option<Geographic> {
+        let base = &self.base;
+        let fits = |known: &Geographic| {
+            let is_same = known.ellipsoid().is_some_and(|known| {
+                let inverse = known.inverse_flattening;
+                let b = if inverse == 0.0 { known.size } else { known.size * (1.0 - 1.0 / inverse) };
+                is_same_ellipsoid([known.size, b], base.ellipsoid)
+            });
+            is_same && known.meridian().is_some_and(|(_, turn)| (turn - base.prime_meridian).abs() < 1e-7)
+        };
+        match &base.datum {
+            Name::Epsg(number) => Geographic::find(*number),
+            Name::Text(name) => Geographic::of_datum_named(name, datum_names::key, fits),
+        }
+    }
+}
+
+/// The inverse flattening of half axes; that of a ball is 0. One of the registry is exact.
+pub(super) fn inverse_flattening([a, b]: [f64; 2]) -> f64 {
+    let inverse = if a == b { 0.0 } else { a / (a - b) };
+    Ellipsoid::of_size(a, inverse).map_or(inverse, |known| known.inverse_flattening)
+}
+
+impl Vertical {
+    fn of_epsg(number: u32) -> Result<Vertical, String> {
+        let known = u16::try_from(number).ok().and_then(VerticalSystem::find);
+        known
+            .map(Vertical::of_registry)
+            .ok_or_else(|| format!("heights in EPSG:{number}, whose parts are not known here"))
+    }
+
+    fn of_registry(known: VerticalSystem) -> Vertical {
+        let VerticalSystem { number, name, datum_name, unit, is_up, .. } = known;
+        Vertical { name: name.into(), datum: datum_name.into(), number: Some(number.into()), unit, is_up }
+    }
+}
+
+fn of_keys(keys: &GeoKeys) -> Result<Parts, String> {
+    if let Some(text) = keys_reader::cited(keys) {
+        return of_wkt(&parse_wkt(&text)?);
+    }
+    let is_told = |place| keys.number(place).is_some();
+    let model = keys.number(key::MODEL_TYPE).unwrap_or_default();
+    // (A plane that the user defines, without a model, is nowhere, whatever the geographic system is.)
+    let is_geographic = keys.registered(key::GEODETIC_CRS).is_some() && !is_told(key::PROJECTED_CRS);
+    let is_local = ![geo_keys::PROJECTED, geo_keys::GEOGRAPHIC, GEOCENTRIC].contains(&model)
+        && keys.registered(key::PROJECTED_CRS).is_none()
+        && !is_geographic;
+    let (vertical, height) = heights_of_keys(keys)?;
+    if is_local {
+        let name = keys.text(key::CITATION).unwrap_or_else(|| "unknown".into());
+        let horizontal = Horizontal::Local { name, unit: keys_reader::linear_unit(keys)? };
+        return Ok(Parts { name: None, horizontal, vertical });
+    }
+    let earth = match keys.registered(key::PROJECTED_CRS) {
+        Some(number) if model == geo_keys::PROJECTED => {
+            let own = Earth::of_epsg(number.into())?;
+            let unit = match keys.metres() {
+                Some(by_name) => by_name,
+                None if is_told(key::LINEAR_UNITS) => keys_reader::linear_unit(keys)?,
+                None => own.unit,
+            };
+            let is_own = (unit / own.unit - 1.0).abs() < 1e-9;
+            // (Another unit makes another system.)
+            Earth { number: own.number.filter(|_| is_own && height.is_none()), unit, ..own }
+        }
+        _ => Earth::of_system(keys_reader::system(keys)?, ["north", "east"])?,
+    };
+    let earth = Earth { height, ..earth };
+    Ok(Parts {
+        name: keys.text(key::CITATION).filter(|_| vertical.is_some()),
+        horizontal: Horizontal::Earth(earth.into()),
+        vertical,
+    })
+}
+
+/// The system of heights that keys tell, or the unit of those above the ellipsoid.
+fn heights_of_keys(keys: &GeoKeys) -> Result<(Option<Vertical>, Option<f64>), String> {
+    let unit = match keys.number(key::VERTICAL_UNITS) {
+        None | Some(0) => None,
+        Some(number) => Some(
+            keys_reader::metres_numbered(number).ok_or_else(|| format!("heights in the unit {number}"))?,
+        ),
+    };
+    let Some(number) = keys.number(key::VERTICAL).filter(|number| *number != 0) else {
+        let unknown = |unit| Vertical {
+            name: "unknown".into(),
+            datum: "unknown".into(),
+            number: None,
+            unit,
+            is_up: true,
+        };
+        return Ok((unit.map(unknown), None));
+    };
+    let is_ellipsoid =
+        (5001..=5035).contains(&number) || Geographic::find(number).is_some() || number == 4979;
+    if is_ellipsoid {
+        return Ok((None, Some(unit.unwrap_or(1.0))));
+    }
+    // Numbers of datums, from before GeoTIFF 1.1.
+    let of_datum = |number| VerticalSystem::of_datum(number);
+    let datum = keys.registered(key::VERTICAL_DATUM);
+    let known = match (5101..=5106).contains(&number) {
+        true => of_datum(number),
+        false => VerticalSystem::find(number).or_else(|| datum.and_then(of_datum)),
+    };
+    let told = keys.text(key::VERTICAL_CITATION);
+    let mut vertical = match known {
+        Some(known) => Vertical::of_registry(known),
+        None => {
+            let datum = datum.map_or("unknown".into(), |number| format!("unknown, of the number {number}"));
+            Vertical {
+                name: told.clone().unwrap_or_else(|| "unknown".into()),
+                datum,
+                number: None,
+                unit: 1.0,
+                is_up: true,
+            }
+        }
+    };
+    if let Some(told) = told.filter(|_| vertical.number != Some(number.into())) {
+        vertical.name = told;
+    }
+    if let Some(unit) = unit.filter(|unit| (unit / vertical.unit - 1.0).abs() > 1e-9) {
+        (vertical.unit, vertical.number) = (unit, None);
+    }
+    Ok((Some(vertical), None))
+}
+
+fn of_wkt(node: &WktNode) -> Result<Parts, String> {
+    if node.is(&["LOCAL_CS", "ENGCRS", "ENGINEERINGCRS"]) {
+        let unit = wkt::unit(node, &["LENGTHUNIT", "UNIT"])?;
+        let unit = match (unit, node.child(&["AXIS"])) {
+            (None, Some(axis)) => wkt::unit(axis, &["LENGTHUNIT"])?,
+            (unit, _) => unit,
+        };
+        let name = node.texts().next().unwrap_or("unknown").into();
+        let unit = unit.ok_or("a local system without a unit")?;
+        return Ok(Parts { name: None, horizontal: Horizontal::Local { name, unit }, vertical: None });
+    }
+    if !node.is(&["COMPD_CS", "COMPOUNDCRS"]) {
+        return Ok(Parts::of(earth_of_wkt(node)?));
+    }
+    let parts: Vec<_> = node.nodes().filter(|node| node.is_crs()).collect();
+    let [horizontal, vertical] = parts[..] else {
+        return Err(format!("a compound system of {} parts", parts.len()));
+    };
+    let vertical = Some(vertical_of_wkt(vertical)?);
+    let name = node.texts().next().map(String::from);
+    Ok(Parts { name, horizontal: Horizontal::Earth(earth_of_wkt(horizontal)?.into()), vertical })
+}
+
+fn earth_of_wkt(node: &WktNode) -> Result<Earth, String> {
+    let earth = match node.child(&["EXTENSION"]) {
+        None => Earth::of_system(wkt::system(node)?, ["east", "north"])?,
+        Some(extension) => match extension.texts().collect::<Vec<_>>()[..] {
+            ["PROJ4", words] if proj_string::is_web_mercator(words) => Earth::of_proj_string(words)?,
+            _ => return Err("an EXTENSION that is not known".into()),
+        },
+    };
+    Ok(Earth { number: node.number(), ..earth })
+}
+
+fn vertical_of_wkt(node: &WktNode) -> Result<Vertical, String> {
+    if !node.is(&["VERT_CS", "VERTCRS", "VERTICALCRS"]) {
+        return Err(format!("heights in a system of the kind {}", node.keyword()));
+    }
+    let number = node.number();
+    if let Some(known) = number.and_then(|number| Vertical::of_epsg(number).ok()) {
+        return Ok(known);
+    }
+    let datum = node.child(&["VERT_DATUM", "VDATUM", "VRF", "VERTICALDATUM", "ENSEMBLE"]);
+    let name = |node: &WktNode| node.texts().next().map(String::from);
+    let axis = node.child(&["AXIS"]);
+    let units = ["LENGTHUNIT", "UNIT"];
+    let unit = match (wkt::unit(node, &units)?, axis) {
+        (None, Some(axis)) => wkt::unit(axis, &units)?,
+        (unit, _) => unit,
+    };
+    Ok(Vertical {
+        name: name(node).ok_or("heights without a name")?,
+        datum: datum.and_then(name).ok_or("heights above nothing")?,
+        number,
+        unit: unit.ok_or("heights without a unit")?,
+        is_up: match axis.and_then(|axis| axis.words().next()) {
+            None | Some("UP") => true,
+            Some("DOWN") => false,
+            Some(other) => return Err(format!("heights that go {other}")),
+        },
+    })
+}
+
+fn of_json(value: &Value) -> Result<Parts, String> {
+    let text = |value: &Value| value.as_str().map(String::from);
+    let earth = |value: &Value| {
+        let earth = Earth::of_system(projjson::system(value)?, ["north", "east"])?;
+        Ok::<_, String>(Earth { number: number_of_json(value), ..earth })
+    };
+    match value["components"].as_array().map(Vec::as_slice) {
+        None => Ok(Parts::of(earth(value)?)),
+        Some([horizontal, vertical]) => {
+            let (horizontal, vertical) = (earth(horizontal)?, vertical_of_json(vertical)?);
+            Ok(Parts {
+                name: text(&value["name"]),
+                horizontal: Horizontal::Earth(horizontal.into()),
+                vertical: Some(vertical),
+            })
+        }
+        Some(parts) => Err(format!("a compound system of {} parts", parts.len())),
+    }
+}
+
+fn vertical_of_json(value: &Value) -> Result<Vertical, String> {
+    let number = number_of_json(value);
+    if let Some(known) = number.and_then(|number| Vertical::of_epsg(number).ok()) {
+        return Ok(known);
+    }
+    let datum =
+        [&value["datum"], &value["datum_ensemble"]].into_iter().find_map(|datum| datum["name"].as_str());
+    let axis = &value["coordinate_system"]["axis"][0];
+    let (Some("VerticalCRS"), Some(name), Some(datum), Unit::Length(unit)) =
+        (value["type"].as_str(), value["name"].as_str(), datum, projjson::unit(&axis["unit"])?)
+    else {
+        return Err("heights of a kind that is not known".into());
+    };
+    let is_up = match axis["direction"].as_str() {
+        Some("up") => true,
+        Some("down") => false,
+        _ => return Err("heights that go neither up nor down".into()),
+    };
+    Ok(Vertical { name: name.into(), datum: datum.into(), number, unit, is_up })
+}

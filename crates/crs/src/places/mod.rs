@@ -1,0 +1,416 @@
+//! Places in any coordinates as cells of a raster or a solid.
+
+use crate::coordinates::Coordinates;
+use crate::{Frame, Transformation};
+use spinney_base::space::Bounds;
+use spinney_base::{Error, Result};
+
+mod clip;
+
+/// A polygon's parts, each an outer ring and its holes, of corners x, y.
+pub type PolygonParts = Vec<Vec<Vec<[f64; 2]>>>;
+
+/// The way from coordinates in which places are given to cells of the deepest level.
+///
+/// Longitudes that differ by a whole turn are one place: what lies across the 180th meridian, or is counted from 0 to 360, is found.
+///
+/// ```
+/// use spinney::space::{Coordinates, Crs, Frame, Places};
+/// // Five degrees west and five east of the 180th meridian.
+/// let frame = Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([0.5, 0.0, 175.0, 0.0, -0.5, 10.0]) };
+/// let places = Places::new(&Coordinates::LONLAT, &frame, [20, 20, 1])?;
+/// assert_eq!(places.cell([-179.0, 9.0, 0.0]), Some([12.0, 2.0, 0.0]));
+/// assert_eq!(places.boxes([179.0, 8.0, 0.0], [-179.0, 9.0, 0.0])?[0].size(), [4, 2, 1]);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+pub struct Places {
+    frame: Frame,
+    extent: [u64; 3],
+    way: Way,
+}
+
+enum Way {
+    /// Places are cells.
+    Cells,
+    /// Places are in a coordinate system.
+    World(Box<World>),
+}
+
+/// The way from a coordinate system, that of the frame or another.
+struct World {
+    /// From the places' system to that of the frame; `None` if they are in the frame's own, whatever that is.
+    systems: Option<Transformation>,
+    /// How far the places' first coordinate leads once round the world, if it does.
+    turn: Option<f64>,
+    /// Columns after which the tree's cells come again, if they do.
+    columns: Option<f64>,
+    /// Least and greatest coordinates of places that can be in the tree, with some room; as far as is known.
+    near: [[f64; 2]; 2],
+    /// The tree's picture in these coordinates, if that is known.
+    picture: Option<[[f64; 2]; 2]>,
+    /// First coordinate of the place in the tree's middle, if that is known.
+    middle: Option<f64>,
+}
+
+/// Edges that are a rounding error beside a cell's edge mean that edge.
+const ROUNDING: f64 = 1e-6;
+/// Steps along each side of the tree's picture that tell where it lies.
+const STEPS: usize = 64;
+
+impl Places {
+    /// The way from coordinates to the cells of a tree with this frame and so many cells along each axis. Datums whose shift to WGS 84
+    /// is not known are taken for it, with a remark: see [`Places::remarks`].
+    ///
+    /// # Errors
+    /// If the frame has no inverse, or no coordinate system where one is needed; if one of the two systems cannot be computed.
+    pub fn new(coordinates: &Coordinates, frame: &Frame, extent: [u64; 3]) -> Result<Places> {
+        let way = match coordinates {
+            Coordinates::Cells => Way::Cells,
+            Coordinates::World => Way::in_world(None, frame, extent)?,
+            Coordinates::System(crs) => {
+                let Some(own) = &frame.crs else {
+                    let expected = "one, to which coordinates can be brought; the step crs=EPSG:NUMBER of `spinney transform` says which it is";
+                    return Err(Error::invalid("coordinate system of the tree", "none", expected));
+                };
+                Way::in_world(Some(Transformation::new(crs, own, true)?), frame, extent)?
+            }
+        };
+        Ok(Places { frame: frame.clone(), extent, way })
+    }
+
+    /// Remarks on how well the two systems are known.
+    pub fn remarks(&self) -> Vec<String> {
+        match &self.way {
+            Way::World(world) => world.systems.as_ref().map_or(Vec::new(), Transformation::remarks),
+            Way::Cells => Vec::new(),
+        }
+    }
+
+    /// The cell coordinates of a place, wherever they are; `None` if the tree's system has no such place.
+    pub fn cell(&self, place: [f64; 3]) -> Option<[f64; 3]> {
+        let Way::World(world) = &self.way else { return Some(place) };
+        let World { systems, columns, .. } = &**world;
+        let [x, y] = match systems {
+            None => [place[0], place[1]],
+            Some(systems) => systems.forward([place[0], place[1]])?,
+        };
+        let mut cell = self.frame.to_cells([x, y, place[2]])?;
+        if let Some(columns) = columns {
+            // (The seam lies opposite to the data.)
+            let first = (self.extent[0] as f64 - columns.abs()) / 2.0;
+            cell[0] = first + (cell[0] - first).rem_euclid(columns.abs());
+        }
+        cell.iter().all(|number| number.is_finite()).then_some(cell)
+    }
+
+    /// The tree's picture in these coordinates, for messages: west, south, east and north, or columns and rows.
+    pub fn picture(&self) -> String {
+        let [low, high] = match &self.way {
+            Way::Cells => [[0.0; 2], [self.extent[0] as f64, self.extent[1] as f64]],
+            Way::World(world) => match world.picture {
+                Some(picture) => picture,
+                None => return "nowhere in these coordinates".into(),
+            },
+        };
+        corners_text(low, high)
+    }
+
+    /// Whether cell coordinates are in the tree's picture.
+    pub fn is_inside(&self, cell: [f64; 3]) -> bool {
+        (0..3).all(|axis| (0.0..self.extent[axis] as f64).contains(&cell[axis]))
+    }
+
+    /// The cells of the tree that a box means, which is given by its least and greatest coordinates: all that it covers, if only in
+    /// part; in another coordinate system the smallest box of cells around these. Two boxes, the western first, where the box lies
+    /// across the tree's seam; none if it is outside of the tree. The third coordinates may be infinite: all layers. West of a box of longitudes may be greater than east: it then lies
+    /// across the 180th meridian.
+    ///
+    /// # Errors
+    /// If the least coordinates are not less than the greatest.
+    pub fn boxes(&self, low: [f64; 3], mut high: [f64; 3]) -> Result<Vec<Bounds>> {
+        let axes = if self.extent[2] > 1 { 3 } else { 2 };
+        if let Way::World(world) = &self.way
+            && high[0] < low[0]
+        {
+            high[0] += world.turn.unwrap_or(0.0);
+        }
+        if (0..axes).any(|axis| low[axis] >= high[axis] || !low[axis].is_finite() || !high[axis].is_finite())
+        {
+            let text =
+                |point: [f64; 3]| point[..axes].iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+            let found = format!("{} to {}", text(low), text(high));
+            return Err(Error::invalid(
+                "box",
+                found,
+                "least coordinates (west, south) below the greatest (east, north)",
+            ));
+        }
+        let found = match &self.way {
+            Way::World(world) if world.systems.is_some() || world.columns.is_some() => {
+                let ring = vec![[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]];
+                let parts = self.parts(&[vec![ring]]);
+                let boxes = parts.iter().map(|part| self.around(&part[0], [low[2], high[2]]));
+                let boxes = boxes.filter(|bounds| !bounds.is_empty());
+                // (Where the tree has no seam, that of the places' system is in its middle.)
+                if world.columns.is_some() {
+                    boxes.collect()
+                } else {
+                    boxes.reduce(|a, b| a.hull(&b)).into_iter().collect()
+                }
+            }
+            Way::World(_) => {
+                let bounds = if axes == 3 && (high[2] - low[2]).is_finite() {
+                    self.frame.cells_in_box(low, high, self.extent)
+                } else {
+                    self.frame.cells_in_rectangle([low[0], low[1], high[0], high[1]], self.extent)
+                };
+                bounds.into_iter().filter(|bounds| !bounds.is_empty()).collect()
+            }
+            Way::Cells => {
+                let inside = |axis: usize, cell: f64| cell.clamp(0.0, self.extent[axis] as f64) as u64;
+                let mut bounds = Bounds::picture(self.extent);
+                for axis in 0..axes {
+                    bounds.min[axis] = inside(axis, (low[axis] + ROUNDING).floor());
+                    bounds.max[axis] = inside(axis, (high[axis] - ROUNDING).ceil());
+                }
+                if bounds.is_empty() { Vec::new() } else { vec![bounds] }
+            }
+        };
+        Ok(found)
+    }
+
+    /// The cells around a ring of corners in cells, and along the third axis those from one world coordinate to another.
+    fn around(&self, ring: &[[f64; 2]], [floor, ceiling]: [f64; 2]) -> Bounds {
+        let mut bounds = Bounds::picture(self.extent);
+        let inside = |axis: usize, cell: f64| cell.clamp(0.0, self.extent[axis] as f64) as u64;
+        for axis in 0..2 {
+            let least = ring.iter().map(|corner| corner[axis]).fold(f64::INFINITY, f64::min);
+            let most = ring.iter().map(|corner| corner[axis]).fold(f64::NEG_INFINITY, f64::max);
+            bounds.min[axis] = inside(axis, (least + ROUNDING).floor());
+            bounds.max[axis] = inside(axis, (most - ROUNDING).ceil());
+        }
+        if self.extent[2] > 1 {
+            let row = self.frame.matrix[2];
+            let [a, b] = [floor, ceiling].map(|z| (z - row[3]) / row[2]);
+            bounds.min[2] = inside(2, (a.min(b) + ROUNDING).floor());
+            bounds.max[2] = inside(2, (a.max(b) - ROUNDING).ceil());
+        }
+        bounds
+    }
+
+    /// A polygon in cells: as many parts as it has in the tree, none if it lies outside of it. Edges that are straight in the places'
+    /// system are followed to a hundredth of a cell where they are curves in the tree's; of what lies far outside of the tree
+    /// nothing is left.
+    pub fn parts(&self, parts: &[Vec<Vec<[f64; 2]>>]) -> PolygonParts {
+        let Way::World(world) = &self.way else { return parts.to_vec() };
+        let World { systems, turn, near, .. } = &**world;
+        let straight = |ring: &Vec<[f64; 2]>| -> Vec<[f64; 2]> {
+            let cell = |[x, y]: &[f64; 2]| self.frame.to_cells([*x, *y, 0.0]).map(|[x, y, _]| [x, y]);
+            ring.iter().filter_map(cell).collect()
+        };
+        let is_same = systems.as_ref().is_none_or(Transformation::is_identity);
+        if is_same && turn.is_none() {
+            return parts.iter().map(|part| part.iter().map(straight).collect()).collect();
+        }
+        let mut found = Vec::new();
+        for part in parts {
+            let Some(outer) = part.first() else { continue };
+            for shift in shifts(outer, *turn, near) {
+                let moved =
+                    |ring: &Vec<[f64; 2]>| ring.iter().map(|[x, y]| [x + shift, *y]).collect::<Vec<_>>();
+                let clipped = part.iter().map(|ring| clip::clipped(moved(ring), near));
+                let rings: Vec<_> = clipped.filter(|ring| ring.len() >= 3).collect();
+                let in_cells =
+                    rings.iter().map(|ring| if is_same { straight(ring) } else { self.curved(ring) });
+                let in_cells: Vec<_> = in_cells.filter(|ring| ring.len() >= 3).collect();
+                if !in_cells.is_empty() {
+                    found.push(in_cells);
+                }
+            }
+        }
+        found
+    }
+
+    /// A ring in cells, with corners between where edges are curves.
+    fn curved(&self, ring: &[[f64; 2]]) -> Vec<[f64; 2]> {
+        /// How far the curve may be from the edges that stand for it, in cells.
+        const CLOSE: f64 = 0.01;
+        /// Halvings of an edge, at most.
+        const MOST: u32 = 14;
+        let Way::World(world) = &self.way else { return ring.to_vec() };
+        let World { systems: Some(systems), turn, columns, middle, .. } = &**world else {
+            return ring.to_vec();
+        };
+        let half = self.extent[0] as f64 / 2.0;
+        let cell = |place: [f64; 2]| {
+            let [x, y] = systems.forward(place)?;
+            let [column, row, _] = self.frame.to_cells([x, y, 0.0])?;
+            // Where cells come again, those are meant that are about as far from the middle as the place is.
+            let column = columns.map_or(column, |columns| {
+                let away =
+                    turn.zip(*middle).map_or(0.0, |(turn, middle)| (place[0] - middle) / turn * columns);
+                let (expected, columns) = (half + away, columns.abs());
+                expected + (column - expected + columns / 2.0).rem_euclid(columns) - columns / 2.0
+            });
+            Some([column, row])
+        };
+        let between =
+            |a: [f64; 2], b: [f64; 2], part: f64| [0, 1].map(|axis| a[axis] + (b[axis] - a[axis]) * part);
+        let mut corners = Vec::with_capacity(ring.len());
+        for (index, from) in ring.iter().enumerate() {
+            let to = ring[(index + 1) % ring.len()];
+            // Parts of the edge that are to be looked at, the next one last: ends, and how often they were halved.
+            let mut pending = vec![(*from, to, 0)];
+            while let Some((a, b, depth)) = pending.pop() {
+                let (start, end) = (cell(a), cell(b));
+                let is_close = |part: f64| match (start, end, cell(between(a, b, part))) {
+                    (Some(start), Some(end), Some(found)) => {
+                        let line = between(start, end, part);
+                        (line[0] - found[0]).abs().max((line[1] - found[1]).abs()) <= CLOSE
+                    }
+                    (None, None, None) => true,
+                    _ => false,
+                };
+                if depth < MOST && ![0.25, 0.5, 0.75].into_iter().all(is_close) {
+                    let middle = between(a, b, 0.5);
+                    pending.push((middle, b, depth + 1));
+                    pending.push((a, middle, depth + 1));
+                } else {
+                    corners.extend(start);
+                }
+            }
+        }
+        corners
+    }
+}
+
+/// Whole turns by which a ring is to be moved so that it lies near the tree: as first coordinates, the western part first.
+fn shifts(ring: &[[f64; 2]], turn: Option<f64>, near: &[[f64; 2]; 2]) -> Vec<f64> {
+    let Some(turn) = turn else { return vec![0.0] };
+    let least = ring.iter().map(|corner| corner[0]).fold(f64::INFINITY, f64::min);
+    let most = ring.iter().map(|corner| corner[0]).fold(f64::NEG_INFINITY, f64::max);
+    if !(least.is_finite() && most.is_finite()) {
+        return vec![0.0];
+    }
+    // (More turns than these are no places on the Earth.)
+    let turns = |number: f64| (number / turn).clamp(-4.0, 4.0) as i32;
+    let (first, last) = (
+        turns(((near[0][0] - most) / turn).ceil() * turn),
+        turns(((near[1][0] - least) / turn).floor() * turn),
+    );
+    (first..=last).rev().map(|count| f64::from(count) * turn).collect()
+}
+
+/// Least and greatest coordinates as text, to nine digits or so.
+pub fn corners_text(low: [f64; 2], high: [f64; 2]) -> String {
+    let numbers = [low[0], low[1], high[0], high[1]];
+    let most = numbers.iter().fold(0f64, |most, number| most.max(number.abs()));
+    let digits = (8.0 - most.max(1.0).log10()).clamp(0.0, 8.0) as usize;
+    let text = numbers.map(|number| {
+        let text = format!("{number:.digits$}");
+        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    });
+    text.join(",")
+}
+
+impl Way {
+    fn in_world(systems: Option<Transformation>, frame: &Frame, extent: [u64; 3]) -> Result<Way> {
+        if frame.to_cells([0.0; 3]).is_none() {
+            return Err(Error::invalid("frame", format!("{:?}", frame.matrix), "one that has an inverse"));
+        }
+        let [[across, b, ..], [d, ..], _] = frame.matrix;
+        let own = frame.crs.as_ref().and_then(|crs| crs.turn());
+        let turn = match &systems {
+            Some(systems) => systems.from().turn(),
+            None => own,
+        };
+        let columns = own.filter(|_| b == 0.0 && d == 0.0).map(|own| own / across);
+        let everywhere = [[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]];
+        let lattice = Lattice::new(systems.as_ref(), turn, frame, extent);
+        let (near, picture, middle) = match lattice {
+            Some(lattice) => (lattice.near(turn), Some(lattice.picture), Some(lattice.middle)),
+            None => (everywhere, None, None),
+        };
+        Ok(Way::World(Box::new(World { systems, turn, columns, near, picture, middle })))
+    }
+}
+
+/// A lattice of places in a tree's picture.
+struct Lattice {
+    /// Least and greatest coordinates.
+    picture: [[f64; 2]; 2],
+    /// How far neighbours are apart, at most.
+    apart: [f64; 2],
+    /// First coordinate of the place in the middle.
+    middle: f64,
+    /// Whether first coordinates were chosen to be next to the middle's.
+    is_beside_middle: bool,
+}
+
+impl Lattice {
+    /// The lattice in a system; `None` if nothing of the tree has a place there.
+    fn new(
+        systems: Option<&Transformation>,
+        turn: Option<f64>,
+        frame: &Frame,
+        extent: [u64; 3],
+    ) -> Option<Lattice> {
+        let place = |column: usize, row: usize| {
+            let at = |axis: usize, step: usize| extent[axis] as f64 * step as f64 / STEPS as f64;
+            let [x, y, _] = frame.to_world([at(0, column), at(1, row), 0.0]);
+            match systems {
+                None => Some([x, y]),
+                Some(systems) => systems.backward([x, y]),
+            }
+        };
+        let middle = place(STEPS / 2, STEPS / 2).or_else(|| place(STEPS / 4, STEPS / 4))?[0];
+        let is_beside_middle = systems.is_some_and(|systems| !systems.is_identity());
+        let beside = |x: f64| match turn {
+            Some(turn) if is_beside_middle => {
+                middle + (x - middle + turn / 2.0).rem_euclid(turn) - turn / 2.0
+            }
+            _ => x,
+        };
+        let row = |row: usize| -> Vec<Option<[f64; 2]>> {
+            let places = (0..=STEPS).map(|column| place(column, row));
+            places.map(|place| place.map(|[x, y]| [beside(x), y])).collect()
+        };
+        let rows: Vec<_> = (0..=STEPS).map(row).collect();
+        let (mut low, mut high, mut apart) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], [0f64; 2]);
+        for (row, places) in rows.iter().enumerate() {
+            for (column, place) in places.iter().enumerate() {
+                let Some(place) = place else { continue };
+                let right = places.get(column + 1).copied().flatten();
+                let below = rows.get(row + 1).and_then(|places| places[column]);
+                for axis in 0..2 {
+                    (low[axis], high[axis]) = (low[axis].min(place[axis]), high[axis].max(place[axis]));
+                    for other in [right, below].into_iter().flatten() {
+                        apart[axis] = apart[axis].max((place[axis] - other[axis]).abs());
+                    }
+                }
+            }
+        }
+        let is_somewhere = (0..2).all(|axis| low[axis] <= high[axis]);
+        is_somewhere.then_some(Lattice { picture: [low, high], apart, middle, is_beside_middle })
+    }
+
+    /// Least and greatest coordinates of places that can be in the tree: with as much around as neighbours are apart.
+    fn near(&self, turn: Option<f64>) -> [[f64; 2]; 2] {
+        let [low, high] = self.picture;
+        let [mut low, mut high] = [
+            [0, 1].map(|axis| low[axis] - self.apart[axis]),
+            [0, 1].map(|axis| high[axis] + self.apart[axis]),
+        ];
+        if let Some(turn) = turn
+            && high[0] - low[0] > turn
+        {
+            // All round the world, once: what is one place must not be in it twice.
+            let centre = if self.is_beside_middle { self.middle } else { (low[0] + high[0]) / 2.0 };
+            (low[0], high[0]) = (centre - turn / 2.0, centre + turn / 2.0);
+        }
+        [low, high]
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,11 @@
+//! What the EPSG registry has of datums, axes and heights, for definitions that refer to it by number or name.
+
+mod geodetic;
+mod geographic;
+mod projected;
+mod vertical;
+
+pub(crate) use geodetic::{Ellipsoid, esri_name, meridian_at, meridian_numbered};
+pub(crate) use geographic::Geographic;
+pub(crate) use projected::{Axes, base_of};
+pub(crate) use vertical::VerticalSystem;

@@ -1,0 +1,99 @@
+//! Trees of trees: the same cells, with other properties if wanted.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use spinney::space::Crs;
+use spinney::store::{BuildOptions, create_tree_file, file_is_tree};
+use spinney::value::{Kind, Palette};
+
+use crate::build::matrix_of;
+use crate::error::{OrRaise, invalid};
+use crate::files::check_output;
+use crate::jobs;
+use crate::tree::Tree;
+
+/// What is said anew of a tree; all else stays as it is.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct TreeOptions {
+    kind: Option<String>,
+    rule: Option<String>,
+    depth: Option<u8>,
+    transform: Option<Vec<f64>>,
+    crs: Option<String>,
+    categories: Option<BTreeMap<i64, String>>,
+    colormap: Option<Vec<[u8; 4]>>,
+    descriptions: Option<Vec<String>>,
+    scale_offset: Option<Vec<(f64, f64)>>,
+    units: Option<Vec<String>>,
+    tags: BTreeMap<String, String>,
+    memory: u64,
+    share: bool,
+}
+
+impl TreeOptions {
+    fn apply(self, options: &mut BuildOptions) -> PyResult<()> {
+        if let Some(kind) = self.kind {
+            let kind: Kind = kind.parse().or_raise()?;
+            if kind != options.kind {
+                (options.kind, options.rule) = (kind, kind.default_rule());
+            }
+        }
+        if let Some(rule) = self.rule {
+            options.rule = rule.parse().or_raise()?;
+        }
+        options.depth = self.depth.unwrap_or(options.depth);
+        options.share = self.share;
+        let metadata = &mut options.metadata;
+        if let Some(numbers) = self.transform {
+            metadata.frame.matrix = matrix_of(&numbers)?;
+        }
+        if let Some(crs) = self.crs {
+            metadata.frame.crs = Some(Crs::parse(&crs).or_raise()?);
+        }
+        if let Some(colours) = self.colormap {
+            metadata.palette = Some(Palette { colours });
+        }
+        metadata.class_names = self.categories.unwrap_or(std::mem::take(&mut metadata.class_names));
+        metadata.band_names = self.descriptions.unwrap_or(std::mem::take(&mut metadata.band_names));
+        metadata.scale_offset = self.scale_offset.unwrap_or(std::mem::take(&mut metadata.scale_offset));
+        metadata.units = self.units.unwrap_or(std::mem::take(&mut metadata.units));
+        metadata.tags.extend(self.tags);
+        Ok(())
+    }
+}
+
+#[pymethods]
+impl Tree {
+    /// Builds a tree of the same cells, those of a view as they are seen.
+    #[pyo3(name = "_build")]
+    fn build(
+        &self,
+        py: Python<'_>,
+        out: PathBuf,
+        options: TreeOptions,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<()> {
+        let opened = self.get()?;
+        let tree = &opened.tree;
+        check_output(&[tree.name().to_path_buf()], &out)?;
+        let mut build = tree.build_options(options.memory);
+        if let Some(line) = self.steps_text() {
+            build.metadata.provenance.push(line);
+        }
+        if opened.axes() == 2 && options.transform.as_ref().is_some_and(|numbers| numbers.len() != 6) {
+            return Err(invalid("transform: the tree is a quadtree, six numbers are expected"));
+        }
+        options.apply(&mut build)?;
+        jobs::run(py, progress, |work| tree.build(&build, create_tree_file(&out)?, work))
+    }
+}
+
+/// Whether a file, or a commit of one, is a tree of cells.
+#[pyfunction]
+#[pyo3(name = "is_tree")]
+pub(crate) fn is_tree(py: Python<'_>, path: PathBuf) -> bool {
+    py.detach(|| file_is_tree(&path))
+}

@@ -1,0 +1,221 @@
+//! Verification of exact models: single things of honest files changed, with right checksums, are found, each as what it is; and what
+//! verification takes for good gives results that it takes for good.
+
+use spinney::brep::{ExactModel, combine};
+use spinney::io::Output;
+
+use super::attack_model::{CROSSINGS, house, one_leaf, tetrahedron};
+use crate::common::Random;
+use crate::common::brep_file::BrepFile;
+use crate::common::command::is_alone;
+use crate::common::exact::{cuboid, turned};
+use crate::common::sets::Body;
+use crate::targets::seal;
+
+/// Faces as rings of corners.
+type Faces = Vec<Vec<Vec<[i32; 3]>>>;
+
+const MEMORY: u64 = 1 << 20;
+
+/// What is found in a file, in words.
+fn findings(file: &BrepFile) -> String {
+    let found = ExactModel::from_bytes(file.bytes()).unwrap().verify(MEMORY, &()).unwrap();
+    found.iter().map(|finding| format!("{}: {}\n", finding.place, finding.problem)).collect()
+}
+
+/// Where the words and the leaves of a segment begin.
+fn lists(segment: &[u8]) -> (usize, usize) {
+    let words = 12 + 4 * seal::short(segment, 0) as usize;
+    (words, words + 4 * seal::short(segment, 4) as usize)
+}
+
+/// The first of a segment's words with a state.
+fn word_of(segment: &[u8], state: u32) -> usize {
+    let (words, leaves) = lists(segment);
+    (words..leaves).step_by(4).find(|at| seal::short(segment, *at) & 7 == state).unwrap()
+}
+
+#[test]
+fn nodes_that_are_not_those_of_the_faces_are_found() {
+    let good = BrepFile::of(&house(4));
+    assert_eq!(findings(&good), "");
+    let changed = |change: &dyn Fn(&mut Vec<u8>), expected: &str| {
+        let mut file = good.clone();
+        change(&mut file.segments[0].1);
+        let found = findings(&file);
+        assert!(found.starts_with("node ") && found.contains(expected), "{expected}: {found}");
+    };
+    changed(
+        &|segment| {
+            let at = word_of(segment, 0);
+            segment[at] = 1;
+        },
+        "FULL, and VOID by the faces",
+    );
+    changed(
+        &|segment| {
+            let at = word_of(segment, 1);
+            segment[at] = 0;
+        },
+        "VOID, and FULL by the faces",
+    );
+    changed(
+        &|segment| {
+            let at = lists(segment).1;
+            segment[at] ^= 16;
+        },
+        "a leaf whose least corner is",
+    );
+    changed(
+        &|segment| {
+            let at = lists(segment).1;
+            segment[at] ^= 1;
+        },
+        "a leaf of the kind",
+    );
+    changed(
+        &|segment| {
+            let at = lists(segment).1;
+            let rule = segment[at] >> 2 & 3;
+            segment[at] = segment[at] & !12 | if rule == 0 { 1 << 2 } else { 0 };
+        },
+        "a leaf with the rule",
+    );
+    // A face that the first leaf has becomes another one.
+    changed(
+        &|segment| {
+            let faces = seal::short(segment, 0) as usize;
+            let used: Vec<u32> = (0..faces).map(|face| seal::short(segment, 12 + 4 * face)).collect();
+            let other = (0..200).find(|face| !used.contains(face));
+            // (All are there: two change places.)
+            match other.filter(|face| *face < 16) {
+                Some(face) => seal::set_short(segment, 12, face),
+                None => {
+                    seal::set_short(segment, 12, used[faces - 1]);
+                    seal::set_short(segment, 12 + 4 * (faces - 1), used[0]);
+                }
+            }
+        },
+        "a leaf with",
+    );
+    let mut file = good.clone();
+    file.model[56] ^= 1;
+    assert!(findings(&file).starts_with("model: "), "{}", findings(&file));
+    // All that is outside becomes inside.
+    let mut file = good.clone();
+    file.model[1] = 1;
+    assert!(findings(&file).contains("by the faces around it"), "{}", findings(&file));
+    let mut file = good;
+    file.nodes += 1;
+    assert!(findings(&file).starts_with("trailer: "), "{}", findings(&file));
+}
+
+#[test]
+fn faces_that_are_none_are_found() {
+    let cube = cuboid([2; 3], [9; 3]);
+    let of = |faces: &[Vec<Vec<[i32; 3]>>], head: u8| findings(&one_leaf(4, faces, head));
+    assert_eq!(of(&cube, CROSSINGS), "");
+    let changed = |change: &dyn Fn(&mut Faces), expected: &str| {
+        let mut faces = cube.clone();
+        change(&mut faces);
+        let found = of(&faces, CROSSINGS);
+        assert!(found.contains(expected), "{expected}: {found}");
+    };
+    changed(&|faces| faces[0][0][1][2] += 1, "expected all corners in one plane");
+    changed(
+        &|faces| {
+            faces[0][0].swap(0, 1);
+            // (Of a ring that is a bow tie, both halves would cancel.)
+            faces[0][0][0][0] = 5;
+        },
+        "rings that cross",
+    );
+    changed(&|faces| faces[0][0].reverse(), "2 times more often than the other way");
+    changed(&|faces| drop(faces.pop()), "1 times more often than the other way");
+    changed(&|faces| *faces = turned(faces.clone()), "goes around -1 times");
+    changed(&|faces| faces.extend(cuboid([4; 3], [7; 3])), "goes around 2 times");
+    changed(&|faces| faces.extend(cuboid([4; 3], [12; 3])), "pass through each other");
+    changed(&|faces| faces.extend(cuboid([2; 3], [9; 3])), "lie on each other");
+}
+
+/// Also where corners are multiples of 16, and simple points of faces lie on walls.
+#[test]
+fn cubes_that_are_inside_out_are_found() {
+    for side in [15, 16, 32, 48] {
+        let cube = turned(cuboid([0; 3], [side; 3]));
+        let list = crate::common::exact::model_on(crate::common::sets::grid(6), &cube);
+        let (file, report) = crate::common::exact::built(&list, MEMORY, 12);
+        assert!(file.is_none() && report.defect_count > 0, "{side}");
+    }
+}
+
+/// Bytes of models at random, with right checksums: what is good gives good results, and nothing fails in another way than by
+/// an error.
+#[test]
+fn what_is_good_gives_what_is_good() {
+    if !is_alone("model_verify::what_is_good_gives_what_is_good") {
+        return;
+    }
+    let other = Body::of(&cuboid([3; 3], [12, 9, 14]), 4).model;
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().join("x.goblin");
+    let files = [house(4), tetrahedron(4), Body::of(&cuboid([2; 3], [9; 3]), 4).bytes];
+    let mut random = Random(21);
+    let (mut good, mut made, mut refused) = (0, 0, 0);
+    for round in 0..600 {
+        let mut file = BrepFile::of(&files[round % 3]);
+        for _ in 0..1 + random.below(2) {
+            let bytes = match random.below(8) {
+                0 => &mut file.model,
+                1..=4 => &mut file.blocks[0].1,
+                _ => &mut file.segments[0].1,
+            };
+            let at = random.below(bytes.len() as u64) as usize;
+            bytes[at] = match random.below(3) {
+                0 => bytes[at].wrapping_add(1),
+                1 => bytes[at] ^ 1 << random.below(8),
+                _ => bytes[random.below(bytes.len() as u64) as usize],
+            };
+        }
+        let Ok(model) = ExactModel::from_bytes(file.bytes()) else { continue };
+        let is_good = model.verify(MEMORY, &()).unwrap().is_empty();
+        good += usize::from(is_good);
+        for (operation, models) in [(7, [&model, &other]), (1, [&model, &other]), (2, [&other, &model])] {
+            match combine(operation, &models, Output::create(&target).unwrap(), 16 << 20, &()) {
+                Ok(_) => {
+                    made += 1;
+                    let result = ExactModel::from_bytes(std::fs::read(&target).unwrap()).unwrap();
+                    let found = result.verify(MEMORY, &()).unwrap();
+                    assert!(found.is_empty(), "round {round}, operation {operation}, {is_good}: {found:?}");
+                }
+                Err(error) => {
+                    refused += 1;
+                    // (Grids may have become others that do not fit, and parts of others.)
+                    let is_other = file.model != BrepFile::of(&files[round % 3]).model;
+                    assert!(!is_good || is_other, "round {round}, operation {operation}: {error}");
+                }
+            }
+        }
+    }
+    println!("{good} good, {made} made, {refused} refused");
+    assert!(good > 20 && made > 60 && refused > 100);
+}
+
+/// Faces that have no room in memory are divided in temporary files: what is found is the same.
+#[test]
+fn memory_does_not_matter() {
+    let boxes = (0..1000).flat_map(|number| {
+        let low = [number % 10, number / 10 % 10, number / 100].map(|at| 6 * at);
+        cuboid(low, low.map(|at| at + 3))
+    });
+    let list = crate::common::exact::model_on(crate::common::sets::grid(6), &boxes.collect::<Vec<_>>());
+    let mut file = BrepFile::of(&Body::of_list(&list).bytes);
+    for expected in [0, 1] {
+        let model = ExactModel::from_bytes(file.bytes()).unwrap();
+        let [some, all] = [1 << 18, 64 << 20].map(|memory| model.verify(memory, &()).unwrap());
+        assert_eq!((some.len(), &some), (expected, &all));
+        let segment = &mut file.segments.last_mut().unwrap().1;
+        let at = word_of(segment, 0);
+        segment[at] = 1;
+    }
+}

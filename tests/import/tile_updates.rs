@@ -1,0 +1,529 @@
+//! Updates of exported tiles: killed at every step, two at once, after the values' percentiles have moved, and how much they draw.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use spinney::dataset::{Dataset, open};
+use spinney::export::tiles::{
+    DataPlace, Pmtiles, Stored, TileContent, TileId, TilePainter, TileRange, TileRequest, TileSamples,
+    TileSource, TileTarget, TileUpdate, UpdateOptions, XyzTiles, export_tiles, verify_tiles,
+};
+use spinney::io::Output;
+use spinney::ops::{CellValue, Edit, FillRegion, convert, edit};
+use spinney::space::{Bounds, Code, web_mercator};
+use spinney::store::Metadata;
+use spinney::store::autumnal::Note;
+use spinney::style::Style;
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule, SampleType, ValueType};
+use spinney::{Error, Progress, Result};
+
+use crate::common::{Cells, QUAD, options, value, with, write_cells};
+
+/// A folder of a tree and its tiles: `w.autumn`, a world of 1024 cells a side, of which the south-east is empty.
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new(form: Form, kind: Kind) -> Place {
+        let place = Place(tempfile::tempdir().unwrap());
+        let side = 1024u64;
+        let mut cells = Cells::random(form, 5, [side, side, 1], 7, false);
+        for (at, cell) in cells.cells.iter_mut().enumerate() {
+            let (x, y) = (at as u64 % side, at as u64 / side);
+            let is_empty = x >= side / 2 && y >= side / 2;
+            *cell = (!is_empty).then(|| value(form.value, (x % 41 + y % 5 + x / 256 + y / 256) % 200));
+        }
+        let rule = if kind == Kind::Categorical { Rule::Majority } else { Rule::Mean };
+        let metadata = Metadata { frame: web_mercator(10), ..Metadata::default() };
+        let goblin = place.path("w.goblin");
+        write_cells(&goblin, &cells, &options(rule, kind, 10).metadata(metadata));
+        convert(&goblin, false, Output::create(&place.tree()).unwrap(), 64 << 20, &()).unwrap();
+        std::fs::remove_file(goblin).unwrap();
+        place
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn tree(&self) -> PathBuf {
+        self.path("w.autumn")
+    }
+
+    fn map(&self) -> Dataset {
+        open(&self.tree(), &Default::default()).unwrap()
+    }
+
+    /// A folder of tiles, or an archive.
+    fn target(&self, name: &str) -> TileTarget {
+        let name = if name.contains('.') { self.path(name) } else { self.path(name).join("{z}/{x}/{y}.png") };
+        TileTarget::of(&name).unwrap().unwrap()
+    }
+
+    fn fill(&self, [x, y]: [u64; 2], [width, height]: [u64; 2], number: Option<f64>) {
+        let bounds = Bounds { min: [x, y, 0], max: [x + width, y + height, 1] };
+        self.edit(Edit::Fill(FillRegion::Box(bounds), number.map(|number| vec![number])));
+    }
+
+    fn edit(&self, one: Edit) {
+        let note = Note { time: Some(1), author: "test".into(), message: "t".into() };
+        edit(&self.tree(), [Ok(one)], note, 64 << 20, &()).unwrap();
+    }
+
+    /// A tile goes, one comes, one gets another picture.
+    fn change(&self) {
+        self.fill([256, 0], [256, 256], None);
+        self.fill([800, 800], [3, 3], Some(5.0));
+        self.fill([10, 20], [70, 30], Some(9.0));
+    }
+
+    /// Takes that back.
+    fn take_back(&self) {
+        let mut cells = Vec::new();
+        for (min, size) in [([256, 0], [256, 256]), ([10, 20], [70, 30])] {
+            for (x, y) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (min[0] + x, min[1] + y))) {
+                let number = (x % 41 + y % 5 + x / 256 + y / 256) % 200;
+                cells.push(([x, y, 0], Some(vec![number as f64])));
+            }
+        }
+        let cells: Vec<CellValue> = cells;
+        self.edit(Edit::Set(cells));
+        self.fill([800, 800], [3, 3], None);
+    }
+
+    fn style(&self) -> Style {
+        Style::default_for(&self.map())
+    }
+
+    fn export(&self, name: &str) -> Stored {
+        let map = self.map();
+        let painter = TilePainter::new(&self.style(), &map, &()).unwrap();
+        let source = XyzTiles::new(&map).unwrap();
+        let request = TileRequest::new(&map).unwrap();
+        export_tiles(&source, &painter, &request, &self.target(name), &()).unwrap()
+    }
+
+    fn update(&self, name: &str, progress: &dyn Progress) -> Result<Stored> {
+        let map = self.map();
+        let update = TileUpdate::open(&self.target(name), None, progress)?;
+        let painter = update.painter(&self.style(), &map, progress)?;
+        let source = XyzTiles::new(&map).unwrap();
+        update.run(&map, &source, &painter, &TileRequest::new(&map)?, &UpdateOptions::default(), progress)
+    }
+
+    fn restyle(&self, name: &str) -> Stored {
+        let map = self.map();
+        let update = TileUpdate::open(&self.target(name), None, &()).unwrap();
+        let painter = TilePainter::new(&self.style(), &map, &()).unwrap();
+        let (source, request) = (XyzTiles::new(&map).unwrap(), TileRequest::new(&map).unwrap());
+        let options = with(UpdateOptions::default(), |options| options.restyle = true);
+        update.run(&map, &source, &painter, &request, &options, &()).unwrap()
+    }
+}
+
+/// All files below a folder with their bytes, and all folders.
+fn contents(folder: &Path) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
+    let mut found = BTreeMap::new();
+    let mut pending = vec![folder.to_path_buf()];
+    while let Some(next) = pending.pop() {
+        for entry in std::fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.strip_prefix(folder).unwrap().to_path_buf();
+            let bytes = (!path.is_dir()).then(|| std::fs::read(&path).unwrap());
+            if bytes.is_none() {
+                pending.push(path);
+            }
+            found.insert(name, bytes);
+        }
+    }
+    found
+}
+
+/// Puts contents in the place of a folder.
+fn restore(folder: &Path, contents: &BTreeMap<PathBuf, Option<Vec<u8>>>) {
+    let _ = std::fs::remove_dir_all(folder);
+    std::fs::create_dir(folder).unwrap();
+    for (name, bytes) in contents {
+        match bytes {
+            None => std::fs::create_dir(folder.join(name)).unwrap(),
+            Some(bytes) => std::fs::write(folder.join(name), bytes).unwrap(),
+        }
+    }
+}
+
+/// Remembers all that a folder has been while work is going on: what somebody finds who comes after that was killed.
+struct Watch {
+    folder: PathBuf,
+    seen: Mutex<Vec<BTreeMap<PathBuf, Option<Vec<u8>>>>>,
+}
+
+impl Watch {
+    fn look(&self) {
+        let mut seen = self.seen.lock().unwrap();
+        let now = contents(&self.folder);
+        if seen.last() != Some(&now) {
+            seen.push(now);
+        }
+    }
+}
+
+impl Progress for Watch {
+    fn advance(&self, _: u64, _: u64) {
+        self.look();
+    }
+
+    fn interrupted(&self) -> bool {
+        self.look();
+        false
+    }
+}
+
+#[test]
+fn a_folder_whose_update_was_killed_at_any_step_is_mended_by_the_next() {
+    let place = Place::new(QUAD, Kind::Categorical);
+    place.export("a");
+    let folder = place.path("a");
+    place.change();
+    let changed = std::fs::read(place.tree()).unwrap();
+    place.export("fresh");
+    place.take_back();
+    let taken_back = std::fs::read(place.tree()).unwrap();
+    place.export("back");
+    let [fresh, back] = ["fresh", "back"].map(|name| contents(&place.path(name)));
+    assert!(fresh != back);
+    std::fs::write(place.tree(), &changed).unwrap();
+    let watch = Watch { folder: folder.clone(), seen: Mutex::default() };
+    place.update("a", &watch).unwrap();
+    assert!(contents(&folder) == fresh);
+    let seen = watch.seen.into_inner().unwrap();
+    let is_pending = |state: &BTreeMap<PathBuf, _>| state.contains_key(Path::new(".update/journal"));
+    let pending = seen.iter().filter(|state| is_pending(state)).count();
+    assert!(pending > 4 && seen.len() > pending + 4, "{pending} of {}", seen.len());
+    for state in &seen {
+        for (tree, expected) in [(&changed, &fresh), (&taken_back, &back)] {
+            std::fs::write(place.tree(), tree).unwrap();
+            restore(&folder, state);
+            let findings = verify_tiles(&folder, &()).unwrap();
+            assert_eq!(findings.iter().any(|found| found.problem.contains("finishes it")), is_pending(state));
+            assert_eq!(
+                findings.is_empty(),
+                !state.keys().any(|name| name.starts_with(".update") || name == Path::new(".lock"))
+            );
+            place.update("a", &()).unwrap();
+            assert!(contents(&folder) == *expected, "{:?}", state.keys());
+            assert_eq!(verify_tiles(&folder, &()).unwrap(), []);
+        }
+    }
+}
+
+/// Interrupts after so many questions, and collects warnings.
+#[derive(Default)]
+struct Patience(AtomicU64, Mutex<Vec<String>>);
+
+impl Progress for Patience {
+    fn warn(&self, _: &Path, text: &str) {
+        self.1.lock().unwrap().push(text.into());
+    }
+
+    fn interrupted(&self) -> bool {
+        self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).is_err()
+    }
+}
+
+#[test]
+fn an_interrupted_update_changes_nothing_or_says_that_it_has_begun() {
+    let place = Place::new(QUAD, Kind::Categorical);
+    place.export("a");
+    let folder = place.path("a");
+    let before = contents(&folder);
+    place.change();
+    place.export("fresh");
+    let fresh = contents(&place.path("fresh"));
+    let (mut untouched, mut begun) = (0, 0);
+    for patience in 0.. {
+        let patience = Patience(AtomicU64::new(patience), Mutex::default());
+        match place.update("a", &patience) {
+            Err(Error::Interrupted) => {}
+            done => {
+                done.unwrap();
+                break;
+            }
+        }
+        let warnings = patience.1.into_inner().unwrap();
+        if warnings.iter().any(|text| text.contains("has begun to change tiles")) {
+            begun += 1;
+            let told = Patience(AtomicU64::new(u64::MAX), Mutex::default());
+            place.update("a", &told).unwrap();
+            let told = told.1.into_inner().unwrap();
+            let states = "an update from commit 1 of w.autumn to commit 4 of w.autumn was interrupted";
+            assert!(told.len() == 1 && told[0].starts_with(states), "{told:?}");
+            assert!(contents(&folder) == fresh);
+            restore(&folder, &before);
+        } else {
+            untouched += 1;
+            assert!(contents(&folder) == before);
+        }
+    }
+    assert!(untouched > 4 && begun > 4, "{untouched}, {begun}");
+    assert!(contents(&folder) == fresh);
+}
+
+#[test]
+fn of_two_updates_at_once_the_second_is_told() {
+    let place = Place::new(QUAD, Kind::Categorical);
+    let mut names = vec!["a"];
+    if cfg!(feature = "mbtiles") {
+        names.push("a.mbtiles");
+    }
+    for name in &names {
+        place.export(name);
+    }
+    place.change();
+    for name in names {
+        let target = place.target(name);
+        let first = TileUpdate::open(&target, None, &()).unwrap();
+        let second = place.update(name, &());
+        assert!(matches!(&second, Err(Error::Locked { path, .. }) if path == target.path()), "{second:?}");
+        if name == "a" {
+            assert!(matches!(verify_tiles(target.path(), &()), Err(Error::Locked { .. })));
+        }
+        drop(first);
+        place.update(name, &()).unwrap();
+        assert_eq!(verify_tiles(target.path(), &()).unwrap(), []);
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn links_do_not_lead_an_update_out_of_the_folder() {
+    let place = Place::new(QUAD, Kind::Categorical);
+    place.export("a");
+    place.export("other");
+    let [folder, other] = ["a", "other"].map(|name| place.path(name));
+    let precious = contents(&other);
+    place.change();
+    for name in ["2", "2/1", "2/1/0.png", "2/3/3.png", "tiles.json", ".lock", ".update"] {
+        let backup = contents(&folder);
+        let (link, there) = (folder.join(name), other.join(name));
+        let _ = std::fs::remove_file(&link).or_else(|_| std::fs::remove_dir_all(&link));
+        std::os::unix::fs::symlink(if there.exists() { &there } else { &other }, &link)
+            .or_else(|_| {
+                std::fs::create_dir_all(link.parent().unwrap())?;
+                std::os::unix::fs::symlink(&other, &link)
+            })
+            .unwrap();
+        let updated = place.update("a", &());
+        assert!(matches!(updated, Err(Error::Unsupported { .. })), "{name}: {updated:?}");
+        assert!(contents(&other) == precious, "{name}");
+        std::fs::remove_dir_all(&folder).unwrap();
+        restore(&folder, &backup);
+    }
+}
+
+#[test]
+fn an_export_goes_on_only_with_what_it_has_left_itself() {
+    let place = Place::new(QUAD, Kind::Categorical);
+    let map = place.map();
+    let (source, mut request) = (XyzTiles::new(&map).unwrap(), TileRequest::new(&map).unwrap());
+    let painter = TilePainter::new(&place.style(), &map, &()).unwrap();
+    request.resume = true;
+    let mut names = vec!["r", "r.pmtiles"];
+    if cfg!(feature = "mbtiles") {
+        names.push("r.mbtiles");
+    }
+    for name in names {
+        let target = place.target(name);
+        let partial = place.path(&format!("{name}.partial"));
+        let go = || export_tiles(&source, &painter, &request, &target, &());
+        let refused = |what: &str| match go() {
+            Err(Error::Unsupported { .. }) => {}
+            other => panic!("{name}, {what}: {other:?}"),
+        };
+        let journal = if name == "r" {
+            partial.join(".journal")
+        } else {
+            place.path(&format!("{name}.partial.journal"))
+        };
+        // Somebody's file or folder.
+        if name == "r" {
+            std::fs::create_dir(&partial).unwrap();
+            std::fs::write(partial.join("diary"), "precious").unwrap();
+        } else {
+            std::fs::write(&partial, "precious").unwrap();
+        }
+        let before = contents(place.0.path());
+        refused("somebody's");
+        assert!(contents(place.0.path()) == before, "{name}");
+        if name == "r" {
+            std::fs::remove_dir_all(&partial).unwrap();
+        } else {
+            std::fs::remove_file(&partial).unwrap();
+        }
+        // Somebody's journal.
+        if name != "r.mbtiles" {
+            if name == "r" {
+                std::fs::create_dir(&partial).unwrap();
+            }
+            std::fs::write(&journal, "dear").unwrap();
+            refused("somebody's journal");
+            assert_eq!(std::fs::read(&journal).unwrap(), b"dear");
+            std::fs::remove_file(&journal).unwrap();
+            let _ = std::fs::remove_dir(&partial).or_else(|_| std::fs::remove_file(&partial));
+        }
+        #[cfg(unix)]
+        {
+            let outside = place.path("outside");
+            if name == "r" { std::fs::create_dir(&outside) } else { std::fs::write(&outside, "") }.unwrap();
+            std::os::unix::fs::symlink(&outside, &partial).unwrap();
+            refused("a link");
+            assert!(contents(place.0.path())[Path::new("outside")].as_ref().is_none_or(Vec::is_empty));
+            std::fs::remove_file(&partial).unwrap();
+            let _ = std::fs::remove_dir(&outside).or_else(|_| std::fs::remove_file(&outside));
+        }
+        go().unwrap();
+        let left = std::fs::read_dir(place.0.path()).unwrap();
+        let left: Vec<_> =
+            left.map(|entry| entry.unwrap().file_name()).filter(|left| left != "w.autumn").collect();
+        assert_eq!(left, [name]);
+        let _ = std::fs::remove_dir_all(place.path(name)).or_else(|_| std::fs::remove_file(place.path(name)));
+    }
+}
+
+#[test]
+fn colours_stay_when_percentiles_move_until_all_is_drawn_anew() {
+    let u16s = Form { value: ValueType::new(SampleType::U16, 1), ..QUAD };
+    let place = Place::new(u16s, Kind::Continuous);
+    let mut names = vec!["a", "a.pmtiles"];
+    if cfg!(feature = "mbtiles") {
+        names.push("a.mbtiles");
+    }
+    for name in &names {
+        place.export(name);
+    }
+    let tile = |name: &str| std::fs::read(place.path(name).join("2/1/1.png")).unwrap();
+    let before = tile("a");
+    // The upper end of the greys is another one by far.
+    place.fill([0, 0], [256, 256], Some(60_000.0));
+    place.export("fresh");
+    let fresh = tile("fresh");
+    assert!(fresh != before, "the percentiles have moved");
+    for name in names {
+        let target = place.target(name);
+        let told = Patience(AtomicU64::new(u64::MAX), Mutex::default());
+        place.update(name, &told).unwrap();
+        let told = told.1.into_inner().unwrap();
+        let texts = ["band 1: 98 % is ", "(now: 60000)", "--restyle"];
+        assert!(told.len() == 1 && texts.iter().all(|text| told[0].contains(text)), "{told:?}");
+        assert_eq!(verify_tiles(target.path(), &()).unwrap(), []);
+        if name == "a" {
+            assert!(tile("a") == before, "what was not touched keeps its colours");
+        }
+        // It does not mix colours without being told to.
+        let map = place.map();
+        let update = TileUpdate::open(&target, None, &()).unwrap();
+        let painter = TilePainter::new(&place.style(), &map, &()).unwrap();
+        let (source, request) = (XyzTiles::new(&map).unwrap(), TileRequest::new(&map).unwrap());
+        let mixed = update.run(&map, &source, &painter, &request, &UpdateOptions::default(), &());
+        let Err(Error::Unsupported { found, .. }) = mixed else { panic!("{name}: {mixed:?}") };
+        assert!(found.contains("other numbers for percentiles: band 1: 98 % is"), "{found}");
+        let update = TileUpdate::open(&target, None, &()).unwrap();
+        let other = update.painter(&Style::parse("viridis").unwrap(), &map, &());
+        assert!(matches!(other, Err(Error::Invalid { .. })));
+        drop(update);
+        // Another tile changes, and one goes; all is drawn.
+        place.restyle(name);
+        assert_eq!(verify_tiles(target.path(), &()).unwrap(), []);
+        if name == "a.pmtiles" {
+            place.export("fresh.pmtiles");
+            assert!(
+                std::fs::read(target.path()).unwrap() == std::fs::read(place.path("fresh.pmtiles")).unwrap()
+            );
+        }
+    }
+    assert!(contents(&place.path("a")) == contents(&place.path("fresh")));
+    // Also with changes to the tree, by which tiles go.
+    place.fill([256, 0], [256, 256], None);
+    place.restyle("a");
+    place.export("again");
+    assert!(contents(&place.path("a")) == contents(&place.path("again")));
+}
+
+/// Counts what a source is asked.
+struct Counted<'a> {
+    source: XyzTiles<'a>,
+    drawn: AtomicU64,
+    blocks: AtomicU64,
+}
+
+impl TileSource for Counted<'_> {
+    fn value_type(&self) -> ValueType {
+        self.source.value_type()
+    }
+
+    fn max_zoom(&self, side: usize) -> u8 {
+        self.source.max_zoom(side)
+    }
+
+    fn degrees(&self) -> [f64; 4] {
+        self.source.degrees()
+    }
+
+    fn data_place(&self) -> Result<DataPlace> {
+        self.source.data_place()
+    }
+
+    fn content(&self, tile: TileId) -> Result<TileContent> {
+        self.source.content(tile)
+    }
+
+    fn tile(&self, tile: TileId, side: usize, margin: usize, samples: &mut TileSamples) -> Result<()> {
+        self.drawn.fetch_add(1, Ordering::Relaxed);
+        self.source.tile(tile, side, margin, samples)
+    }
+
+    fn tiles_of(&self, block: Code, zoom: u8) -> TileRange {
+        self.blocks.fetch_add(1, Ordering::Relaxed);
+        self.source.tiles_of(block, zoom)
+    }
+
+    fn block_level(&self, zoom: u8) -> u8 {
+        self.source.block_level(zoom)
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        self.source.check_unchanged()
+    }
+}
+
+#[test]
+fn an_update_draws_what_was_touched_and_asks_once_for_each_tile() {
+    for (cells, tiles) in [
+        (vec![[700, 3, 0]], 3),
+        ((0..256 * 256).map(|at| [at % 256 * 2, at / 256 * 2, 0]).collect(), 1 + 1 + 4),
+    ] {
+        let place = Place::new(QUAD, Kind::Categorical);
+        place.export("a");
+        place.export("a.pmtiles");
+        let set: Vec<CellValue> = cells.iter().map(|cell| (*cell, Some(vec![199.0]))).collect();
+        place.edit(Edit::Set(set));
+        let map = place.map();
+        let painter = TilePainter::new(&place.style(), &map, &()).unwrap();
+        let request = TileRequest::new(&map).unwrap();
+        for name in ["a", "a.pmtiles"] {
+            let source = XyzTiles::new(&map).unwrap();
+            let counted = Counted { source, drawn: AtomicU64::new(0), blocks: AtomicU64::new(0) };
+            let update = TileUpdate::open(&place.target(name), None, &()).unwrap();
+            update.run(&map, &counted, &painter, &request, &UpdateOptions::default(), &()).unwrap();
+            let counts = [counted.drawn.into_inner(), counted.blocks.into_inner()];
+            assert_eq!(counts, [tiles, tiles], "{} cells, {name}", cells.len());
+        }
+        place.export("fresh.pmtiles");
+        let [updated, fresh] =
+            ["a.pmtiles", "fresh.pmtiles"].map(|name| std::fs::read(place.path(name)).unwrap());
+        assert!(updated == fresh);
+        let there = Pmtiles::open(&place.path("a.pmtiles")).unwrap();
+        assert!(there.tile(TileId { zoom: 2, column: 2, row: 0 }).unwrap().is_some());
+    }
+}

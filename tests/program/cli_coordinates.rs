@@ -1,0 +1,339 @@
+//! Places in other coordinates than the tree's: the option `--in`, features in their own systems, boxes across the 180th meridian,
+//! and the step `warp=`.
+
+use std::path::Path;
+
+use serde_json::{Value as Json, json};
+use spinney::io::Output;
+use spinney::space::{Bounds, Crs, Frame, Projection};
+use spinney::store::{Metadata, build_tree};
+use spinney::tree::MemTree;
+use spinney::value::{Kind, Rule, SampleType, Value};
+
+use crate::common::command::{command, complaint, spinney, stderr, stdout};
+use crate::common::{options, quad, with};
+
+/// A folder with trees of 200 x 100 cells: each cell's value is its column (modulo 250).
+struct Place(tempfile::TempDir);
+
+const EXTENT: [u64; 3] = [200, 100, 1];
+
+fn framed(epsg: u32, numbers: [f64; 6]) -> Frame {
+    Frame { crs: Some(Crs::epsg(epsg)), ..Frame::planar(numbers) }
+}
+
+fn utm() -> Frame {
+    framed(32632, [500.0, 0.0, 480_000.0, 0.0, -500.0, 5_350_000.0])
+}
+
+impl Place {
+    fn new() -> Place {
+        Place(tempfile::tempdir().unwrap())
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().into()
+    }
+
+    fn tree(&self, name: &str, frame: Frame) -> String {
+        let file = self.name(name);
+        let cell = |[x, y, _]: [u32; 3]| {
+            (u64::from(x) < EXTENT[0] && u64::from(y) < EXTENT[1]).then(|| Value::from([(x % 250) as u8]))
+        };
+        let tree = MemTree::from_cells(quad(SampleType::U8, 1), 8, Rule::Mean, &cell);
+        let metadata = Metadata { frame, ..Metadata::default() };
+        let options = with(options(Rule::Mean, Kind::Continuous, 8), |options| options.metadata = metadata);
+        build_tree(&tree, EXTENT, &options, Output::create(Path::new(&file)).unwrap(), &()).unwrap();
+        file
+    }
+
+    /// A GeoJSON file of a square around places, as a feature with attributes.
+    fn zones(&self, name: &str, corners: &[[f64; 2]], crs: &str) -> String {
+        let mut ring = corners.to_vec();
+        ring.push(corners[0]);
+        let geometry = json!({"type": "Polygon", "coordinates": [ring]});
+        let feature = json!({"type": "Feature", "id": "a7", "properties": {"name": "A", "owner": "Ann", "lots": [1, 2]},
+            "geometry": geometry});
+        let mut document = json!({"type": "FeatureCollection", "features": [feature]});
+        if !crs.is_empty() {
+            document["crs"] = json!({"type": "name", "properties": {"name": crs}});
+        }
+        let file = self.name(name);
+        std::fs::write(&file, document.to_string()).unwrap();
+        file
+    }
+}
+
+/// Corners of a box of cells in a system.
+fn corners(frame: &Frame, [left, top, right, bottom]: [f64; 4], epsg: u32) -> Vec<[f64; 2]> {
+    let own = Projection::new(frame.crs.as_ref().unwrap(), false).unwrap();
+    let other = Projection::new(&Crs::epsg(epsg), false).unwrap();
+    let place = |[column, row]: [f64; 2]| {
+        let [x, y, _] = frame.to_world([column, row, 0.0]);
+        other.forward(own.inverse([x, y]).unwrap()).unwrap()
+    };
+    // (A corner on each cell, so that edges are the box's also where they are curves.)
+    let steps = |from: [f64; 2], to: [f64; 2]| {
+        (0..64).map(move |i| [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * f64::from(i) / 64.0))
+    };
+    let ends = [[left, top], [right, top], [right, bottom], [left, bottom]];
+    (0..4).flat_map(|side| steps(ends[side], ends[(side + 1) % 4])).map(place).collect()
+}
+
+fn zones_of(tree: &str, zones: &str, more: &[&str]) -> Json {
+    let words = [&["stats", tree, "--zones", zones, "--json"], more].concat();
+    serde_json::from_str(&stdout(&words)).unwrap()
+}
+
+#[test]
+fn zones_are_in_their_own_system_and_keep_ids_and_attributes() {
+    let place = Place::new();
+    let tree = place.tree("utm.goblin", utm());
+    // A box whose edges pass between cells' centres.
+    let window = [20.25, 30.25, 60.25, 50.25];
+    for (epsg, crs) in [
+        (4326, ""),
+        (4326, "urn:ogc:def:crs:OGC:1.3:CRS84"),
+        (3035, "urn:ogc:def:crs:EPSG::3035"),
+        (32632, "EPSG:32632"),
+    ] {
+        let zones = place.zones("zones.geojson", &corners(&utm(), window, epsg), crs);
+        let found = zones_of(&tree, &zones, &[]);
+        let zone = &found["zones"][0];
+        assert_eq!((&zone["cells"], &zone["channels"][0]["mean"]), (&json!(800.0), &json!(39.5)), "{crs}");
+        assert_eq!(
+            (&zone["id"], &zone["name"], &zone["properties"]["owner"]),
+            (&json!("a7"), &json!("A"), &json!("Ann"))
+        );
+        assert_eq!(zone["properties"]["lots"], json!([1, 2]));
+    }
+    // What somebody says goes before what the document says.
+    let own = place.zones("own.geojson", &corners(&utm(), window, 32632), "");
+    assert_eq!(zones_of(&tree, &own, &["--in", "world"])["zones"][0]["cells"], 800.0);
+    assert_eq!(zones_of(&tree, &own, &["--in", "EPSG:32632"])["zones"][0]["cells"], 800.0);
+    // In degrees these are nowhere; so are other places.
+    let told = complaint(&["stats", &tree, "--zones", &own], 1);
+    assert!(
+        told.contains("own.geojson") && told.contains("EPSG:4326") && told.contains("outside of the tree"),
+        "{told}"
+    );
+    let away = place.zones("away.geojson", &[[20.0, 10.0], [21.0, 10.0], [21.0, 11.0]], "");
+    let told = complaint(&["stats", &tree, "--zones", &away], 1);
+    assert!(told.contains("20,10,21,11") && told.contains("8.7"), "{told}");
+    let swapped: Vec<_> = corners(&utm(), window, 4326).into_iter().map(|[x, y]| [y, x]).collect();
+    let told = complaint(&["stats", &tree, "--zones", &place.zones("swapped.geojson", &swapped, "")], 1);
+    assert!(told.contains("swapped"), "{told}");
+    // A tree without a system takes them as they are, and says so.
+    let bare = place.tree("bare.goblin", Frame::planar([1.0, 0.0, 0.0, 0.0, -1.0, 100.0]));
+    let zones = place.zones("bare.geojson", &[[0.0, 90.0], [10.0, 90.0], [10.0, 100.0], [0.0, 100.0]], "");
+    let run = spinney(&["stats", &bare, "--zones", &zones]).success();
+    assert!(stderr(run).contains("no coordinate system"));
+    assert_eq!(zones_of(&bare, &zones, &[])["zones"][0]["cells"], 100.0);
+}
+
+#[test]
+fn points_are_found_in_any_coordinates() {
+    let place = Place::new();
+    let tree = place.tree("utm.goblin", utm());
+    let at = |epsg: u32| corners(&utm(), [33.5, 44.5, 34.0, 45.0], epsg)[0];
+    let [longitude, latitude] = at(4326);
+    let lonlat = format!("{longitude},{latitude}");
+    assert_eq!(stdout(&["point", &tree, "--in", "lonlat", &lonlat]), "33\n");
+    assert_eq!(
+        stdout(&["point", &tree, "--in", "EPSG:3035", &at(3035).map(|number| number.to_string()).join(",")]),
+        "33\n"
+    );
+    assert_eq!(stdout(&["point", &tree, "--in", "cells", "33.5,44.5"]), "33\n");
+    assert_eq!(stdout(&["point", &tree, "--in", "world", "496750,5327750"]), "33\n");
+    let run =
+        spinney(&["point", &tree, "--in", "lonlat", &format!("{latitude},{longitude}"), "7,100"]).success();
+    assert_eq!(run.get_output().stdout, b"outside\noutside\n");
+    let told = stderr(run);
+    assert!(
+        told.contains("2 points are outside") && told.contains("swapped") && told.contains("8.7"),
+        "{told}"
+    );
+    assert!(complaint(&["point", &tree, "--in", "there", "1,2"], 2).contains("lonlat"));
+    assert!(complaint(&["point", &tree, "--in", "EPSG:999999", "1,2"], 2).contains("EPSG registry"));
+    let bare = place.tree("bare.goblin", Frame::identity());
+    assert!(complaint(&["point", &bare, "--in", "lonlat", "1,2"], 1).contains("crs="));
+}
+
+#[test]
+fn parts_are_found_in_any_coordinates_and_across_the_180th_meridian() {
+    let place = Place::new();
+    let world = place.tree("world.goblin", framed(4326, [1.8, 0.0, -180.0, 0.0, -1.8, 90.0]));
+    let pacific = place.tree("pacific.goblin", framed(4326, [0.1, 0.0, 170.0, 0.0, -0.1, 5.0]));
+    let utm = place.tree("utm.goblin", utm());
+    let stats = |words: &[&str]| -> Json {
+        serde_json::from_str(&stdout(&[&["stats", "--json"], words].concat())).unwrap()
+    };
+    // Columns 195 to 199 and 0 to 4.
+    for options in
+        [["--in", "lonlat", "--window", "171,-9,-171,9"], ["--in", "world", "--window", "171,-9,189,9"]]
+    {
+        let found = stats(&[&[world.as_str()], &options[..]].concat());
+        assert_eq!((&found["cells"], &found["channels"][0]["mean"]), (&json!(100), &json!(99.5)));
+        assert_eq!(
+            (&found["channels"][0]["min"], &found["channels"][0]["max"]),
+            (&json!(0.0), &json!(199.0))
+        );
+        let cells = found["histogram"].as_array().unwrap().iter().map(|bin| bin["cells"].as_u64().unwrap());
+        assert_eq!(cells.sum::<u64>(), 100);
+    }
+    let spread =
+        stats(&[&world, "--in", "lonlat", "--window", "171,-9,-171,9"])["channels"][0]["standard_deviation"]
+            .as_f64()
+            .unwrap();
+    let values: Vec<f64> = (195..200).chain(0..5).map(f64::from).collect();
+    let expected = (values.iter().map(|value| (value - 99.5).powi(2)).sum::<f64>() / 10.0).sqrt();
+    assert!((spread - expected).abs() < 1e-9);
+    let out = place.name("seam.npy");
+    command(&["get", &world, &out, "--in", "lonlat", "--window", "171,0,-171,1.8"]).assert().success();
+    let bytes = std::fs::read(&out).unwrap();
+    assert_eq!(bytes[bytes.len() - 10..], [195, 196, 197, 198, 199, 0, 1, 2, 3, 4]);
+    let found = stdout(&["find", &world, "--below", "2", "--in", "lonlat", "--window", "171,-9,-171,9"]);
+    assert!(
+        !found.is_empty() && stdout(&["find", &world, "--below", "2", "--window", "5,0,190,100"]).is_empty()
+    );
+    // A raster that is counted on beyond 180 degrees.
+    assert_eq!(stats(&[&pacific, "--in", "lonlat", "--window", "175,-1,-175,1"])["cells"], 100 * 20);
+    assert_eq!(stdout(&["point", &pacific, "-175.05,0.05"]), "149\n");
+    // A box of degrees on UTM: the smallest window around it.
+    let frame = self::utm();
+    let around = corners(&frame, [50.0, 50.0, 60.0, 60.0], 4326);
+    let side = |axis: usize, pick: fn(f64, f64) -> f64, start: f64| {
+        around.iter().map(|place| place[axis]).fold(start, pick)
+    };
+    let (west, south) = (side(0, f64::min, 999.0), side(1, f64::min, 999.0));
+    let (east, north) = (side(0, f64::max, -999.0), side(1, f64::max, -999.0));
+    let found = stats(&[&utm, "--in", "lonlat", "--window", &format!("{west},{south},{east},{north}")]);
+    let cells = found["cells"].as_u64().unwrap();
+    assert!((100..=13 * 13).contains(&cells), "{cells}");
+    for (words, expected) in [
+        (["--in", "lonlat", "--window", "48,9,49,10"], "swapped"),
+        (["--in", "lonlat", "--window", "20,9,21,10"], "outside the picture, which is 8.7"),
+        (["--in", "lonlat", "--window", "9,48,8,47"], "least"),
+        (["--in", "cells", "--window", "9.5,48,8,47"], "whole numbers"),
+    ] {
+        let told = complaint(&[&["stats", utm.as_str()], &words[..]].concat(), 1);
+        assert!(told.contains(expected), "{words:?}: {told}");
+    }
+}
+
+#[test]
+fn edits_are_done_in_any_coordinates() {
+    let place = Place::new();
+    let tree = place.tree("utm.autumn", utm());
+    let frame = utm();
+    let ring = corners(&frame, [20.25, 30.25, 60.25, 50.25], 4326);
+    let text: Vec<String> = ring.iter().map(|[x, y]| format!("{x},{y}")).collect();
+    spinney(&["edit", &tree, "fill", "--in", "lonlat", "--polygon", &text.join(" "), "--value", "250"])
+        .success();
+    let count = |tree: &str| {
+        stdout(&["find", tree, "--class", "250"])
+            .lines()
+            .map(|line| {
+                let size = line.split(' ').nth(3).unwrap().split_once(',').unwrap();
+                size.0.parse::<u64>().unwrap() * size.1.parse::<u64>().unwrap()
+            })
+            .sum::<u64>()
+    };
+    assert_eq!(count(&tree), 800);
+    let world = place.tree("world.autumn", framed(4326, [1.8, 0.0, -180.0, 0.0, -1.8, 90.0]));
+    spinney(&["edit", &world, "fill", "--in", "lonlat", "--window", "171,-9,-171,9", "--value", "250"])
+        .success();
+    assert_eq!(count(&world), 100);
+    assert!(
+        complaint(&["edit", &world, "fill", "--in", "lonlat", "--window", "0,95,1,96", "--void"], 1)
+            .contains("outside")
+    );
+}
+
+#[test]
+fn trees_are_warped_to_any_system() {
+    let place = Place::new();
+    let tree = place.tree("utm.goblin", utm());
+    let out = place.name("laea.goblin");
+    let run =
+        spinney(&["transform", &tree, "warp=EPSG:3035,cell=1000,resampling=nearest", "-o", &out]).success();
+    assert!(!stderr(run).contains("area error"));
+    let info: Json = serde_json::from_str(&stdout(&["info", &out, "--json"])).unwrap();
+    assert!(info.to_string().contains("EPSG:3035"), "{info}");
+    let warped = spinney::open(&out).unwrap();
+    let frame = warped.metadata().frame.clone();
+    assert_eq!([frame.matrix[0][0], frame.matrix[1][1]], [1000.0, -1000.0]);
+    assert!((0..2).all(|axis| frame.matrix[axis][3] % 1000.0 == 0.0));
+    // Every cell has what lies at its centre; no data are cut off, and no side is empty.
+    let (own, other) = (
+        Projection::new(&Crs::epsg(32632), false).unwrap(),
+        Projection::new(&Crs::epsg(3035), false).unwrap(),
+    );
+    let [width, height, _] = warped.header().extent;
+    let bounds = Bounds { min: [0; 3], max: [width, height, 1] };
+    let (mut bytes, mut valid) = (vec![0; (width * height) as usize], vec![false; (width * height) as usize]);
+    warped.window(warped.depth(), &bounds, 0.0, &mut bytes, Some(&mut valid)).unwrap();
+    let mut cells = 0;
+    for row in 0..height {
+        for column in 0..width {
+            let [x, y, _] = frame.to_world([column as f64 + 0.5, row as f64 + 0.5, 0.0]);
+            let place = own.forward(other.inverse([x, y]).unwrap()).unwrap();
+            let [x, y, _] = utm().to_cells([place[0], place[1], 0.0]).unwrap();
+            let is_in = (0.0..200.0).contains(&x) && (0.0..100.0).contains(&y);
+            let index = (row * width + column) as usize;
+            let is_edge = [x, y, x - 200.0, y - 100.0].into_iter().any(|away| away.abs() < 1e-3)
+                || (x - x.round()).abs() < 1e-3;
+            assert!(
+                is_edge || (valid[index], bytes[index]) == (is_in, if is_in { x as u8 } else { 0 }),
+                "{column},{row}"
+            );
+            cells += u64::from(valid[index]);
+        }
+    }
+    assert!((4900..5100).contains(&cells), "{cells} of 100 km x 50 km");
+    let has = |mut range: Box<dyn Iterator<Item = u64>>| range.any(|index| valid[index as usize]);
+    let margin = 2;
+    assert!((0..margin).any(|row| has(Box::new(row * width..(row + 1) * width))));
+    assert!((0..margin).any(|row| has(Box::new((height - 1 - row) * width..(height - row) * width))));
+    assert!((0..margin).any(|column| has(Box::new((0..height).map(move |row| row * width + column)))));
+    assert!(
+        (0..margin).any(|column| has(Box::new((0..height).map(move |row| row * width + width - 1 - column))))
+    );
+    // As a view, without a cell's width, to degrees and across their seam, around a pole.
+    let picture = place.name("view.tif");
+    spinney(&["get", &tree, &picture, "--view", "warp=EPSG:4326", "--size", "64x64"]).success();
+    let fiji = place.tree("fiji.goblin", framed(32701, [2000.0, 0.0, 200_000.0, 0.0, -2000.0, 8_000_000.0]));
+    let out = place.name("fiji_lonlat.goblin");
+    spinney(&["transform", &fiji, "warp=EPSG:4326", "-o", &out]).success();
+    let [width, height, _] = spinney::open(&out).unwrap().header().extent;
+    assert!(width < 300 && height < 150, "{width} x {height}");
+    let pole =
+        place.tree("pole.goblin", framed(3413, [20_000.0, 0.0, -2_000_000.0, 0.0, -20_000.0, 1_000_000.0]));
+    let out = place.name("pole_lonlat.goblin");
+    spinney(&["transform", &pole, "warp=EPSG:4326,cell=0.5", "-o", &out]).success();
+    assert_eq!(spinney::open(&out).unwrap().header().extent[0], 720);
+    for (step, expected) in [
+        ("warp=EPSG:999999", "EPSG registry"),
+        ("warp=EPSG:3035,cell=0", "above 0"),
+        ("warp=EPSG:3035,resampling=best", "nearest"),
+    ] {
+        assert!(complaint(&["transform", &tree, step, "-o", &out], 2).contains(expected), "{step}");
+    }
+    let told = complaint(&["transform", &tree, "warp=EPSG:3035,cell=1e-9", "-o", &out], 1);
+    assert!(told.contains("larger cell"), "{told}");
+    assert!(
+        complaint(&["build", "fixtures/island_elevation.tif", "--crs", "EPSG:999999", "-o", &out], 2)
+            .contains("EPSG registry")
+    );
+}
+
+#[test]
+fn pictures_of_web_maps_end_where_data_do() {
+    let place = Place::new();
+    let tree = place.tree("utm.goblin", utm());
+    let picture = place.name("map.npy");
+    let run = spinney(&["get", &tree, &picture, "--view", "grid=xyz,9"]).success();
+    assert!(stderr(run).contains("where data are"));
+    let length = std::fs::metadata(&picture).unwrap().len();
+    assert!((10_000..1_000_000).contains(&length), "{length}");
+}

@@ -1,0 +1,345 @@
+//! What `spinney build` takes, and what it tells of what it leaves out: trees as sources, pages, colours, files of other programs.
+
+use std::fs;
+use std::path::Path;
+
+use spinney::import::raster::{self, Pixels, RasterInfo};
+use spinney::space::Region;
+
+use crate::common::command::{complaint, spinney, stderr, stdout};
+use crate::common::tiff_file::{Ifd, Values, file};
+
+const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/classes.goblin");
+const HEIGHTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/elevation.goblin");
+const BALL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/ball.goblin");
+const PICTURE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
+
+/// A folder for one test.
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Place {
+        Place(tempfile::tempdir().unwrap())
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().into()
+    }
+
+    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
+        fs::write(self.name(name), bytes).unwrap();
+        self.name(name)
+    }
+
+    fn files(&self) -> Vec<String> {
+        let entries = fs::read_dir(self.0.path()).unwrap();
+        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+}
+
+/// A picture's properties and samples.
+fn picture(path: &str) -> (RasterInfo, Vec<u8>) {
+    let mut raster = raster::open(Path::new(path), &Default::default()).unwrap();
+    let info = raster.info().clone();
+    let mut pixels = Pixels::default();
+    raster.read(Region::new(0, 0, info.width, info.height), &mut pixels).unwrap();
+    (info, pixels.bytes)
+}
+
+#[test]
+fn a_tree_as_a_source_stays_what_it_is() {
+    let place = Place::new();
+    let (made, published) = (place.name("a.goblin"), place.name("b.goblin"));
+    let history = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/history.autumn@1");
+    for tree in [CLASSES, HEIGHTS, BALL, history] {
+        spinney(&["-q", "build", tree, "-o", &made]).success();
+        spinney(&["-q", "publish", tree, &published]).success();
+        assert!(fs::read(&made).unwrap() == fs::read(&published).unwrap(), "{tree}");
+    }
+    // What is said counts: coarser levels are made anew of all cells, exactly as of the picture itself.
+    for (words, kind) in [
+        (&["--rule", "max"][..], "continuous, averaged by max"),
+        (&["--kind", "categorical", "--depth", "9"], "categorical, averaged by majority"),
+        (&["--crs", "EPSG:3857", "--transform", "2,0,5,0,-2,7"], "continuous, averaged by mean"),
+    ] {
+        let of = |source: &str, name: &str| {
+            spinney(&[&["-q", "build", source, "-o", &place.name(name)], words].concat()).success();
+            spinney(&["-q", "verify", &place.name(name)]).success();
+            let told = stdout(&["info", &place.name(name)]);
+            let lines =
+                told.lines().skip(1).filter(|line| !line.starts_with("made ") && !line.starts_with("source"));
+            let told: Vec<String> = lines.map(String::from).collect();
+            assert!(told.iter().any(|line| line.ends_with(kind)), "{told:?}");
+            [0, 3, 6].map(|level| {
+                let window = place.name("w.npy");
+                spinney(&["-q", "get", &place.name(name), &window, "--level", &level.to_string()]).success();
+                fs::read(window).unwrap()
+            })
+        };
+        spinney(&["-q", "build", PICTURE, "-o", &place.name("t.goblin")]).success();
+        assert!(of(PICTURE, "p.goblin") == of(&place.name("t.goblin"), "q.goblin"), "{words:?}");
+    }
+    let autumn = place.name("t.autumn");
+    spinney(&["-q", "build", HEIGHTS, "-o", &autumn, "--share"]).success();
+    for (words, message) in [
+        (&[HEIGHTS, CLASSES][..], "`spinney combine`"),
+        (&[HEIGHTS, "--nodata", "0"], "--nodata is for pictures"),
+        (&[HEIGHTS, "--band", "1"], "--band is for pictures"),
+        (&[HEIGHTS, "--grid", "xyz"], "grid=xyz -o OUT"),
+        (&[HEIGHTS, "--cells", "9"], "a tree of cells"),
+        (&[HEIGHTS, "--depth", "5"], "expected 6 to"),
+        (&[HEIGHTS, "--transform", "1,1,1"], "six numbers"),
+        (&[BALL, "--transform", "1,0,0,0,1,0"], "three or twelve"),
+        (&[HEIGHTS, "--transform", "0,0,0,0,0,0"], "no inverse"),
+    ] {
+        let text = complaint(&[&["build", "-o", &place.name("x.goblin")], words].concat(), 1);
+        assert!(text.contains(message), "{words:?}: {text}");
+    }
+    assert!(complaint(&["build", HEIGHTS, "-o", &autumn], 1).contains("its history would be lost"));
+    assert!(!place.files().contains(&"x.goblin".into()));
+}
+
+#[test]
+fn trees_have_names_of_trees() {
+    let place = Place::new();
+    for ending in ["tif", "TIFF", "png", "npy", "ply", "json", "geojson", "gpkg", "nc", "zip", "las"] {
+        let out = place.name(&format!("out.{ending}"));
+        for words in [
+            &["build", PICTURE, "-o", &out][..],
+            &["build", PICTURE, "-o", &out, "--grid", "xyz"],
+            &["build", CLASSES, "-o", &out],
+            &["publish", CLASSES, &out],
+            &["transform", CLASSES, "crop", "-o", &out],
+            &["combine", "over", CLASSES, CLASSES, "-o", &out],
+            &["diff", CLASSES, CLASSES, "-o", &out],
+        ] {
+            let text = complaint(words, 1);
+            let expected =
+                [".goblin (compact, read-only) or .autumn (to be edited)", &place.name("out.goblin")];
+            assert!(expected.iter().all(|part| text.contains(part)), "{words:?}: {text}");
+        }
+    }
+    assert_eq!(place.files(), [""; 0]);
+    // Other names are nobody's.
+    spinney(&["-q", "build", CLASSES, "-o", &place.name("out.tree")]).success();
+}
+
+#[test]
+fn what_is_no_tree_is_told_with_what_to_do() {
+    let place = Place::new();
+    let tif = place.write("my map.tif", fs::read(PICTURE).unwrap());
+    let png = place.name("o.png");
+    for words in [
+        &["info", &tif][..],
+        &["get", &tif, &png],
+        &["point", &tif, "1,1"],
+        &["stats", &tif],
+        &["find", &tif, "--class", "3"],
+        &["contours", &tif, "--every", "5", "-o", "-", "--format", "csv"],
+        &["section", &tif, "z=1", "-o", "-", "--format", "csv"],
+        &["render", &tif, &png],
+        &["dump", &tif],
+        &["export", &tif, &place.name("o.ply")],
+        &["verify", &tif],
+        &["log", &tif],
+        &["transform", &tif, "crop", "-o", &place.name("o.goblin")],
+        &["publish", &tif, &place.name("o.goblin")],
+        &["combine", "over", CLASSES, &tif, "-o", &place.name("o.goblin")],
+        &["diff", CLASSES, &tif],
+    ] {
+        let text = complaint(words, 1);
+        let build = format!("build one: `spinney build '{tif}' -o '{}'`", place.name("my map.goblin"));
+        assert!(text.contains("is no tree but a TIFF picture") && text.contains(&build), "{words:?}: {text}");
+    }
+    for (name, bytes, found, advice) in [
+        ("a.obj", "v 0 0 0", "an OBJ model", "spinney build"),
+        ("a.geojson", "{}", "a GeoJSON document", "--zones"),
+        ("a.bin", "SQLite format 3\0", "a GeoPackage", "ogr2ogr"),
+        ("a.zip", "PK\x03\x04", "a ZIP archive", "unpack"),
+    ] {
+        let text = complaint(&["info", &place.write(name, bytes)], 1);
+        assert!(text.contains(found) && text.contains(advice), "{text}");
+    }
+    // Bytes of nobody are a damaged file, as before.
+    assert!(complaint(&["info", &place.write("a.goblin", [7; 100])], 1).contains("the file is damaged"));
+}
+
+#[test]
+fn refused_formats_get_advice_that_fits() {
+    let place = Place::new();
+    for (name, bytes, advice) in [
+        ("a.laz", "LASF", "point clouds are not read"),
+        ("a", "LASF", "pdal translate"),
+        ("a.gpkg", "SQLite format 3\0", "gdal_rasterize"),
+        ("a.shp", "\0\0\x27\x0a", "gdal_rasterize"),
+        ("a.nc", "CDF\x01", "NETCDF:"),
+        ("a.h5", "\u{89}HDF", "gdal_translate"),
+        ("a.jp2", "....jP", "gdal_translate"),
+        ("a.heic", "....ftypheic", "magick"),
+        ("a.svg", "<?xml version='1.0'?><svg/>", "rsvg-convert"),
+        ("a.step", "ISO-10303-21;", "export it as STL or OBJ"),
+        ("a.igs", "", "export it as STL or OBJ"),
+        ("a.fbx", "Kaydara FBX", "Blender"),
+        ("a.dwg", "AC1032", "CAD"),
+        ("a.ifc", "ISO-10303-21;", "IfcConvert"),
+        ("a.glb", "glTF", "OBJ, PLY or STL"),
+        ("a.vrt", "<VRTDataset/>", "gdal_translate"),
+        ("a.txt", "text", "TIFF, PNG, JPEG"),
+    ] {
+        let bytes = if bytes.is_empty() { "?" } else { bytes };
+        let text = complaint(&["build", &place.write(name, bytes), "-o", &place.name("o.goblin")], 1);
+        assert!(text.contains(advice) && text.contains(name), "{name}: {text}");
+        // A name is shown where it belongs into a command.
+        assert!(!text.contains("IN "), "{text}");
+    }
+    // Polygons for statistics, and GeoJSON where a model is expected.
+    for (name, bytes) in [("z.gpkg", &b"SQLite format 3\0\xff\xfe"[..]), ("z.shp", b"?")] {
+        let text = complaint(&["stats", CLASSES, "--zones", &place.write(name, bytes)], 1);
+        assert!(text.contains("ogr2ogr zones.geojson"), "{text}");
+    }
+    let polygons = place.write("p.json", r#"{"type": "FeatureCollection", "features": []}"#);
+    for more in [&[][..], &["--exact"]] {
+        let text = complaint(&[&["build", &polygons, "-o", &place.name("o.goblin")], more].concat(), 1);
+        assert!(text.contains("a GeoJSON document") && text.contains("--zones"), "{text}");
+    }
+    fs::create_dir(place.name("a.zarr")).unwrap();
+    assert!(
+        complaint(&["build", &place.name("a.zarr"), "-o", &place.name("o.goblin")], 1).contains("xarray")
+    );
+    assert!(!place.files().contains(&"o.goblin".into()));
+}
+
+#[test]
+fn contours_are_of_amounts() {
+    let place = Place::new();
+    let out = place.name("o.geojson");
+    let text = complaint(&["contours", CLASSES, "--every", "1", "-o", &out], 1);
+    for advice in ["classes", "spinney stats", "gdal_polygonize", "--kind continuous"] {
+        assert!(text.contains(advice), "{text}");
+    }
+    let amounts = place.name("a.goblin");
+    spinney(&["-q", "build", CLASSES, "-o", &amounts, "--kind", "continuous"]).success();
+    spinney(&["-q", "contours", &amounts, "--every", "1", "-o", &out]).success();
+    let labels = place.name("l.goblin");
+    spinney(&["-q", "build", BALL, "-o", &labels, "--kind", "categorical"]).success();
+    let text = complaint(&["contours", &labels, "--levels", "9", "-o", &place.name("o.ply")], 1);
+    assert!(text.contains("classes") && text.contains("spinney export"), "{text}");
+}
+
+#[test]
+fn pages_are_told_and_chosen() {
+    let place = Place::new();
+    let page = |value: u8| Ifd::grey(2, 2, vec![value; 4]);
+    let overview = |kind: u16| Ifd::grey(1, 1, vec![9]).short(254, &[kind]);
+    let old_overview = Ifd::grey(1, 1, vec![9]).short(255, &[2]);
+    let mask = Ifd::grey(2, 2, vec![255; 4]).short(254, &[4]);
+    let alone =
+        place.write("alone.tif", file(&[page(1), overview(1), old_overview, mask.clone(), overview(5)]));
+    let out = place.name("o.goblin");
+    let built = |words: &[&str]| stderr(spinney(&[&["-q", "build", "-o", &out], words].concat()).success());
+    assert_eq!(built(&[&alone]), "");
+    let several =
+        place.write("several.tif", file(&[page(1), overview(1), page(2), mask, page(3).short(254, &[2])]));
+    let text = built(&[&several]);
+    assert!(
+        text.starts_with("warning") && text.contains("several.tif: has 3 pages, of which the first is read"),
+        "{text}"
+    );
+    assert!(text.contains("--layer 2"), "{text}");
+    for (number, value) in [("1", "1"), ("2", "2"), ("3", "3")] {
+        assert_eq!(built(&[&several, "--layer", number]), "");
+        assert_eq!(stdout(&["point", &out, "--in", "cells", "0,0"]).trim(), value);
+    }
+    for wrong in ["0", "4", "x"] {
+        let text = complaint(&["build", "-o", &out, &several, "--layer", wrong], 1);
+        assert!(text.contains("1 to 3"), "{text}");
+    }
+}
+
+/// A picture of four bands, each with a number of its own.
+fn bands(extra: u16, xml: &'static str) -> Vec<u8> {
+    let image = Ifd::grey(2, 1, vec![10, 20, 30, 4, 50, 60, 70, 4]);
+    let image = image.short(258, &[8; 4]).short(277, &[4]).short(262, &[2]).short(338, &[extra]);
+    file(&[if xml.is_empty() { image } else { image.tag(42112, Values::Text(xml)) }])
+}
+
+const INFRARED_LAST: &str =
+    r#"<GDALMetadata><Item name="COLORINTERP" sample="3" role="colorinterp">NIR</Item></GDALMetadata>"#;
+const INFRARED_FIRST: &str = r#"<GDALMetadata><Item name="COLORINTERP" sample="0" role="colorinterp">NIR</Item>
+    <Item name="COLORINTERP" sample="1" role="colorinterp">Red</Item><Item name="COLORINTERP" sample="2" role="colorinterp">Green</Item>
+    <Item name="COLORINTERP" sample="3" role="colorinterp">Blue</Item></GDALMetadata>"#;
+
+#[test]
+fn bands_have_the_colours_that_files_tell() {
+    let place = Place::new();
+    let sidecar = |roles: [&str; 4]| {
+        let band = |(index, role): (usize, &str)| {
+            format!("<PAMRasterBand band=\"{}\"><ColorInterp>{role}</ColorInterp></PAMRasterBand>", index + 1)
+        };
+        let bands: String = roles.into_iter().enumerate().map(band).collect();
+        format!("<PAMDataset>{bands}</PAMDataset>")
+    };
+    let rgb = [[10, 20, 30], [50, 60, 70]].concat();
+    for (name, bytes, beside, expected, roles) in [
+        ("none", bands(0, ""), None, rgb.clone(), None),
+        ("alpha", bands(2, ""), None, vec![10, 20, 30, 4, 50, 60, 70, 4], None),
+        ("last", bands(2, INFRARED_LAST), None, rgb.clone(), Some("Red,Green,Blue,NIR")),
+        ("first", bands(0, INFRARED_FIRST), None, vec![20, 30, 4, 60, 70, 4], Some("NIR,Red,Green,Blue")),
+        (
+            "beside",
+            bands(2, ""),
+            Some(["Blue", "Green", "Red", "NIR"]),
+            vec![30, 20, 10, 70, 60, 50],
+            Some("Blue,Green,Red,NIR"),
+        ),
+        (
+            "opaque",
+            bands(0, ""),
+            Some(["Red", "Green", "Blue", "Alpha"]),
+            vec![10, 20, 30, 4, 50, 60, 70, 4],
+            None,
+        ),
+    ] {
+        let input = place.write(&format!("{name}.tif"), bytes);
+        if let Some(roles) = beside {
+            place.write(&format!("{name}.tif.aux.xml"), sidecar(roles));
+        }
+        let [tree, png, tif] = ["t.goblin", "o.png", "o.tif"].map(|out| place.name(out));
+        spinney(&["-q", "build", &input, "-o", &tree]).success();
+        spinney(&["-q", "get", &tree, &png]).success();
+        assert_eq!(picture(&png).1, expected, "{name}");
+        let told = roles.map(|roles| format!("colour_roles = {roles}"));
+        let info = stdout(&["info", &tree]);
+        assert_eq!(info.contains("colour_roles"), told.is_some(), "{name}: {info}");
+        assert!(told.is_none_or(|told| info.contains(&told)), "{name}: {info}");
+        // A picture of the values has all of them, and tells the same.
+        spinney(&["-q", "get", &tree, &tif]).success();
+        let (before, after) = (picture(&input), picture(&tif));
+        assert_eq!(after.1, before.1, "{name}");
+        assert_eq!(after.0.alpha, before.0.alpha, "{name}");
+        if roles.is_some() {
+            assert_eq!(after.0.colour_roles, before.0.colour_roles, "{name}");
+        }
+        // A style without bands takes them, too; one with bands its own.
+        spinney(&[
+            "-q",
+            "get",
+            &tree,
+            &png,
+            "--style",
+            r#"{"draw": "rgb", "domain": [0, 255], "bands": [4, 3, 2]}"#,
+        ])
+        .success();
+        assert_eq!(picture(&png).1[..3], [4, 30, 20], "{name}");
+    }
+    // Bands that are chosen keep their roles.
+    let chosen = place.name("c.goblin");
+    spinney(&["-q", "build", &place.name("first.tif"), "-o", &chosen, "--band", "4,3,2"]).success();
+    assert!(stdout(&["info", &chosen]).contains("colour_roles = Blue,Green,Red"));
+    // Two bands are no grey with opacity.
+    let two = Ifd::grey(2, 1, vec![10, 20, 30, 40]).short(258, &[8; 2]).short(277, &[2]).short(338, &[0]);
+    let input = place.write("two.tif", file(&[two]));
+    spinney(&["-q", "build", &input, "-o", &chosen]).success();
+    spinney(&["-q", "get", &chosen, &place.name("two.png")]).success();
+    assert_eq!(picture(&place.name("two.png")).1, [10, 30]);
+}
