@@ -80,6 +80,9 @@ pub(in crate::store) fn walk<S: ReusableSource>(
 /// Blocks that are built at a time, whatever the memory: at least and at most.
 const MIN_BATCH: u64 = 4;
 const MAX_BATCH: u64 = 256;
+/// Where equal subtrees are stored once, whatever the memory: which nodes of another file have been copied already when one is
+/// asked for, and with them what a commit tells of its records, depends on it.
+const SHARING_BATCH: u64 = 16;
 
 /// Plan for building blocks.
 #[derive(Clone, Copy)]
@@ -197,10 +200,14 @@ impl<'a> Builder<'a> {
         let block_bytes = form.dimension.cells(shape.reach) / (form.children() as u64 - 1) * record;
         let (rule, count_classes) = (options.rule, options.count_classes());
         let most_dense = sink.dense_levels();
+        let batch = match options.share {
+            true => SHARING_BATCH,
+            false => (options.memory / 8 / block_bytes).clamp(MIN_BATCH, MAX_BATCH),
+        };
         Builder {
             plan: Plan { form, shape, rule, count_classes, reuse: false, most_dense },
             sink,
-            batch: (options.memory / 8 / block_bytes).clamp(MIN_BATCH, MAX_BATCH) as usize,
+            batch: batch as usize,
         }
     }
 
