@@ -15,7 +15,7 @@ packaging/make.sh "$work" program wheel c
 
 mkdir "$work/program" "$work/c"
 tar -xzf "$work"/spinney-*.tar.gz -C "$work/program" --strip-components=1
-"$work/program/spinney" point --cells "$fixtures/v1/classes.goblin" 20,20 > "$work/point.txt"
+"$work/program/spinney" point --in cells "$fixtures/v1/classes.goblin" 20,20 > "$work/point.txt"
 grep -q . "$work/point.txt"
 test -s "$work/program/completions/spinney.bash"
 

@@ -275,6 +275,8 @@ class BuiltModel:
     """Triangles that close them."""
     repaired_faces: int
     """Faces that were divided or taken away where the surface passed through itself."""
+    lost_faces: int
+    """Those of them that went around no place once or more: they, or what was around them, were inside out."""
     displacement: float
     """The farthest that a corner was moved to the grid."""
     step: float

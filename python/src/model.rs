@@ -387,6 +387,7 @@ pub(crate) fn build_exact<'py>(
     facts.set_item("closing_triangles", report.closed.1)?;
     let repaired = report.repair.map_or(0, |done| done.divided + done.removed);
     facts.set_item("repaired_faces", repaired)?;
+    facts.set_item("lost_faces", report.repair.map_or(0, |done| done.outside))?;
     facts.set_item("displacement", report.displacement)?;
     facts.set_item("step", report.grid.width())?;
     facts.set_item("bits", report.grid.bits)?;

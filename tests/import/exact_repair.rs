@@ -125,6 +125,43 @@ fn nothing_inside_is_told() {
     assert!(matches!(repaired(&plate, 1.0).err().unwrap(), Error::NoBody { .. }));
 }
 
+/// What points to the inside bounds nothing where nothing is around it.
+#[test]
+fn what_is_lost_is_counted_and_most_of_a_surface_is_not_lost() {
+    let cube = cuboid([0; 3], [100; 3]);
+    // Beside: 6 x 20² of that and 6 x 100².
+    let solid = [cube.clone(), turned(cuboid([200; 3], [220; 3]))].concat();
+    let done = repaired(&solid, 1.0).unwrap().1.repair.unwrap();
+    assert_eq!((done.removed, done.outside), (6, 6));
+    assert!((done.outside_share - 400.0 / 10_400.0).abs() < 1e-12, "{}", done.outside_share);
+    // More of the area, in fewer faces.
+    let solid = [triangles(&cube), turned(cuboid([200; 3], [320; 3]))].concat();
+    let error = repaired(&solid, 1.0).err().unwrap();
+    assert!(
+        matches!(&error, Error::NoBody { what, .. } if what.contains("6 of 18 faces, 59 percent")),
+        "{error}"
+    );
+    // Walls between bodies are inside, and no loss.
+    let mut stack = Solid::new();
+    for cell in 0..27 {
+        let low = [cell % 3, cell / 3 % 3, cell / 9].map(|at| at * 10);
+        stack.extend(cuboid(low, low.map(|at| at + 10)));
+    }
+    let (model, report) = repaired(&stack, 1.0).unwrap();
+    assert_eq!((volume(&model), report.repair.unwrap().outside), (27_000.0, 0));
+    // Scans with faces on both sides and edges of many faces.
+    let Some(folder) = shared_data() else { return };
+    for name in ["horse.ply", "68730.stl"] {
+        let models = open_all(&[folder.join("hostile/bodies").join(name)], 512 << 20).unwrap();
+        let there = tempfile::tempdir().unwrap();
+        let target = there.path().join("x.goblin");
+        let error = import_exact(models, &options(None), Output::create(&target).unwrap(), &()).err();
+        let error = error.unwrap_or_else(|| panic!("{name}"));
+        assert!(matches!(&error, Error::NoBody { what, .. } if what.contains("most of it")), "{error}");
+        assert!(!target.exists());
+    }
+}
+
 /// A star whose outline crosses itself: its middle is gone around twice.
 #[test]
 fn a_pentagram_is_its_outline() {

@@ -53,10 +53,17 @@ fn repaired(done: &Repair, unit: &str) -> String {
     if done.rounds == 0 {
         return "nothing: the surface is in order".into();
     }
-    let Repair { pairs, divided, removed, rounds, displacement, .. } = done;
+    let Repair { pairs, divided, removed, outside, outside_share, rounds, displacement, .. } = done;
+    let lost = match outside {
+        0 => String::new(),
+        _ => format!(
+            "; {outside} of those removed, {:.2} percent of the area, go around no place once or more and are LOST",
+            outside_share * 100.0
+        ),
+    };
     format!(
         "{pairs} pairs of faces that met; {divided} faces divided and {removed} removed, in {rounds} rounds; new corners \
-         moved by at most {displacement:e}{unit}"
+         moved by at most {displacement:e}{unit}{lost}"
     )
 }
 

@@ -22,6 +22,10 @@ pub struct Rounds {
     pub divided: u64,
     /// Faces that were taken away as a whole.
     pub removed: u64,
+    /// Those of them that have the outside on both of their sides, at least in part.
+    pub outside: u64,
+    /// Their share of the area of all faces.
+    pub outside_share: f64,
     /// Times that faces were divided.
     pub rounds: u32,
 }
@@ -40,7 +44,7 @@ pub fn divide(
     let mut found =
         ExactFaces::of_grid(FaceList::new(faces.list.grid().clone(), faces.list.parts().to_vec()));
     let mut turner = Turner::default();
-    let Resolved { pairs, divided, removed } =
+    let Resolved { pairs, divided, removed, outside, outside_share } =
         resolve(faces, operands, path, memory, progress, &mut |kept| {
             match kept {
                 Kept::Face { face, is_turned } => match faces.exact.get(&(face.number as u32)) {
@@ -53,7 +57,7 @@ pub fn divide(
             Ok(())
         })?;
     let rounds = u32::from(divided + removed > 0);
-    Ok((found, Rounds { pairs, divided, removed, rounds }))
+    Ok((found, Rounds { pairs, divided, removed, outside, outside_share, rounds }))
 }
 
 /// A surface on the grid, and what of it is not exact.

@@ -1,7 +1,7 @@
 //! Faces with what bounds no body taken away: by winding numbers of the surfaces that they belong to.
 
 use std::borrow::Cow;
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
 use std::ops::Range;
 use std::path::Path;
@@ -15,7 +15,7 @@ use super::rounding::colours;
 use super::sample::SamplePoint;
 use crate::boxes::{BOX, Bounds, BoxTree};
 use crate::exact::bounds::MARGIN;
-use crate::exact::normal::ring_normal;
+use crate::exact::normal::{newell, ring_normal};
 use crate::exact::union_find::UnionFind;
 use crate::exact::vector::others;
 use crate::geometry::Triangulator;
@@ -25,7 +25,7 @@ use spinney_base::parallel;
 use spinney_base::{Error, Progress, Result, sort};
 
 /// Counts of what was done to a surface.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Resolved {
     /// Pairs of faces that have more in common than neighbours have.
     pub(super) pairs: u64,
@@ -33,6 +33,10 @@ pub(super) struct Resolved {
     pub(super) divided: u64,
     /// Faces that were taken away as a whole.
     pub(super) removed: u64,
+    /// Those of them that have the outside on both of their sides, at least in part.
+    pub(super) outside: u64,
+    /// Their share of the area of all faces.
+    pub(super) outside_share: f64,
 }
 
 /// Surfaces whose faces stand one behind the other in a list, and what of space is inside of the result.
@@ -88,14 +92,14 @@ pub(super) fn resolve(
         contact.faces.iter().for_each(|face| of_face.entry(*face).or_default().push(number));
     }
     let (components, samples) = surface.components(&of_face, progress)?;
-    let kept = parallel::map(&samples, |(_, face)| {
-        if progress.interrupted() { Ok(None) } else { surface.face_stays(*face, operands.are_bodies) }
+    let fates = parallel::map(&samples, |(_, face)| {
+        if progress.interrupted() { Ok(Fate::Inside) } else { surface.face_fate(*face, operands.are_bodies) }
     });
-    let mut kept_of: HashMap<u32, Option<bool>> = HashMap::new();
-    for ((component, _), kept) in samples.iter().zip(kept) {
-        kept_of.insert(*component, kept?);
+    let mut fate_of: HashMap<u32, Fate> = HashMap::new();
+    for ((component, _), fate) in samples.iter().zip(fates) {
+        fate_of.insert(*component, fate?);
     }
-    let mut counts = Resolved { pairs: contacts.len() as u64, ..Resolved::default() };
+    let mut divided_faces = 0;
     let mut divided: Vec<u32> = of_face.keys().copied().collect();
     sort::numbers32(&mut divided);
     // Some at a time, so that regions do not pile up.
@@ -103,6 +107,14 @@ pub(super) fn resolve(
     let mut regions_of: HashMap<u32, Divided> = HashMap::new();
     let mut next = 0;
     let faces = &faces.list;
+    let (mut removed, mut outside, mut outside_area) = (0, 0, 0.0);
+    let mut remove = |face: &Face<'_>, is_outside: bool| {
+        removed += 1;
+        if is_outside {
+            outside += 1;
+            outside_area += area(face);
+        }
+    };
     for number in 0..faces.len() as u32 {
         if number % 4096 == 0 {
             progress.check()?;
@@ -127,9 +139,9 @@ pub(super) fn resolve(
             let found = regions_of.remove(&number).unwrap_or_default();
             match found.whole {
                 Some(is_turned) => each(Kept::Face { face, is_turned })?,
-                None if found.regions.is_empty() => counts.removed += 1,
+                None if found.regions.is_empty() => remove(&face, found.is_outside),
                 None => {
-                    counts.divided += 1;
+                    divided_faces += 1;
                     found
                         .regions
                         .into_iter()
@@ -138,16 +150,21 @@ pub(super) fn resolve(
             }
         } else {
             let has_area = surface.planes[number as usize].is_some();
-            match kept_of.get(&components[number as usize]) {
-                Some(Some(is_turned)) if has_area || !operands.are_bodies => {
+            match fate_of.get(&components[number as usize]) {
+                Some(Fate::Stays { is_turned }) if has_area || !operands.are_bodies => {
                     each(Kept::Face { face, is_turned: *is_turned })?
                 }
+                fate if has_area => remove(&face, matches!(fate, Some(Fate::Outside))),
                 // (What has no area is nothing that is missed.)
-                _ => counts.removed += u64::from(has_area),
+                _ => {}
             }
         }
     }
-    Ok(counts)
+    let outside_share = match outside {
+        0 => 0.0,
+        _ => outside_area / (0..faces.len() as usize).map(|number| area(&faces.get(number))).sum::<f64>(),
+    };
+    Ok(Resolved { pairs: contacts.len() as u64, divided: divided_faces, removed, outside, outside_share })
 }
 
 /// Counts the pairs of faces that have more in common than neighbours have.
@@ -175,10 +192,25 @@ pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
 /// Components by their first faces, each with a face that has an area.
 type Samples = Vec<(u32, u32)>;
 
+/// What becomes of a face, or of a region of one.
+#[derive(Clone, Copy)]
+enum Fate {
+    /// It bounds what is inside, turned to its other side or not.
+    Stays { is_turned: bool },
+    /// It goes: another one that lies on it stays.
+    Covered,
+    /// It goes: what is on both of its sides is inside.
+    Inside,
+    /// It goes: nothing on either of its sides is inside.
+    Outside,
+}
+
 /// A face's regions that stay.
 #[derive(Default)]
 struct Divided {
     regions: Vec<ExactFace>,
+    /// Whether a region went that has nothing inside on either of its sides.
+    is_outside: bool,
     /// If all of the face stays just as it is: whether it is turned to the other side.
     whole: Option<bool>,
 }
@@ -364,15 +396,15 @@ impl<'a> Surface<'a> {
         Ok((components, firsts))
     }
 
-    /// Whether a face bounds what is inside, by a point of it: see [`Surface::stays`].
-    fn face_stays(&self, face: u32, alone: bool) -> Result<Option<bool>> {
+    /// What becomes of a face, by a point of it: see [`Surface::fate`].
+    fn face_fate(&self, face: u32, alone: bool) -> Result<Fate> {
         let plane = self.plane(face);
         if let Some(exact) = self.exact(face) {
-            return self.stays(&SamplePoint::of_region(plane, &exact.region()), face, alone);
+            return self.fate(&SamplePoint::of_region(plane, &exact.region()), face, alone);
         }
         let corners = self.with_pieces(face, |pieces| pieces.first().map(|piece| piece.corners));
         let first = self.faces.list.get(face as usize).points[0];
-        self.stays(&SamplePoint::of_triangle(plane, &corners.unwrap_or([first; 3])), face, alone)
+        self.fate(&SamplePoint::of_triangle(plane, &corners.unwrap_or([first; 3])), face, alone)
     }
 
     /// Whether the line through a sample meets a face.
@@ -397,10 +429,9 @@ impl<'a> Surface<'a> {
         self.boxes().each(&holds, each);
     }
 
-    /// Whether a region of a face, by a point of it, bounds what is inside: then whether its front has to be turned
-    /// round. Of faces that lie on each other, one stays for all; but of a body's faces that touch no other's (`alone`) each
-    /// does.
-    fn stays(&self, sample: &SamplePoint<'_>, face: u32, alone: bool) -> Result<Option<bool>> {
+    /// What becomes of a region of a face, by a point of it. Of faces that lie on each other, one stays for all; but of a body's
+    /// faces that touch no other's (`alone`) each does.
+    fn fate(&self, sample: &SamplePoint<'_>, face: u32, alone: bool) -> Result<Fate> {
         // Faces in the same place, and whether they are turned up.
         let mut same: Vec<(u32, bool)> = Vec::new();
         let is_up = |face: u32| self.plane(face).normal[sample.axis] > 0;
@@ -422,11 +453,12 @@ impl<'a> Surface<'a> {
         let [above, below] = self.windings(sample, &same)?;
         let (front, back) = ((self.operands.is_inside)(&above), (self.operands.is_inside)(&below));
         if front == back {
-            return Ok(None);
+            return Ok(if front { Fate::Inside } else { Fate::Outside });
         }
         let is_up = back;
         let stays = same.iter().find(|(_, up)| *up == is_up).or(same.first());
-        Ok(stays.filter(|(stays, _)| *stays == face).map(|(_, up)| *up != is_up))
+        let own = stays.filter(|(stays, _)| *stays == face);
+        Ok(own.map_or(Fate::Covered, |(_, up)| Fate::Stays { is_turned: *up != is_up }))
     }
 
     /// The winding numbers above and below a sample, on which these faces lie.
@@ -514,17 +546,19 @@ impl<'a> Surface<'a> {
             });
         }
         let own = self.faces.list.get(face as usize);
-        let failed = RefCell::new(None);
+        let (failed, is_outside) = (RefCell::new(None), Cell::new(false));
         let choose = |region: &PlaneRegion| {
             let sample = SamplePoint::of_region(plane, region);
             // Edges of others may have made regions outside of the face.
             if !self.meets(&sample, face) {
                 return None;
             }
-            self.stays(&sample, face, false).unwrap_or_else(|error| {
-                failed.replace(Some(error));
-                None
-            })
+            match self.fate(&sample, face, false) {
+                Ok(Fate::Stays { is_turned }) => return Some(is_turned),
+                Ok(fate) => is_outside.set(is_outside.get() || matches!(fate, Fate::Outside)),
+                Err(error) => drop(failed.replace(Some(error))),
+            }
+            None
         };
         let found = regions(plane, &segments, &points, &|_| false, choose).unwrap_or_default();
         if let Some(error) = failed.take() {
@@ -542,7 +576,7 @@ impl<'a> Surface<'a> {
             exact.colours = colours(&exact);
             exact
         });
-        Ok(Divided { regions: regions.collect(), whole })
+        Ok(Divided { regions: regions.collect(), is_outside: is_outside.get(), whole })
     }
 
     /// Whether a region has no corners but those of a face.
@@ -570,6 +604,16 @@ impl<'a> Surface<'a> {
             });
         }
     }
+}
+
+/// The area of a face, in squares of steps; its holes go round the other way.
+fn area(face: &Face<'_>) -> f64 {
+    let mut sum = [0.0; 3];
+    for ring in face.rings() {
+        let normal = newell(ring);
+        (0..3).for_each(|axis| sum[axis] += normal[axis] as f64);
+    }
+    sum.map(|part| part * part).iter().sum::<f64>().sqrt() / 2.0
 }
 
 /// The edges of a face.

@@ -91,6 +91,10 @@ impl<'a> Near<'a> {
 /// Faces below which cells are not worth a task of their own.
 pub(super) const TASK: usize = 2048;
 
+/// Faces above which a cell that is divided asks whether to go on: a bundle of long thin ones has most of them in each of very
+/// many cells.
+const WATCHED: usize = 64;
+
 /// Context of all cells of a model.
 pub(super) struct Walk<'a> {
     pub(super) items: &'a Items,
@@ -132,10 +136,12 @@ impl Walk<'_> {
         let record = out.record();
         let end = lists.items.len();
         let is_large = list.len() > TASK;
+        if list.len() > WATCHED {
+            self.progress.check()?;
+        }
         let (starts, cells) = self.divide(cell, list, lists, stages);
         let of = |child: usize| starts[child]..starts[child + 1];
         if is_large {
-            self.progress.check()?;
             let children: Vec<usize> = (0..8).collect();
             let built = parallel::map(&children, |child| {
                 let mut arena = Arena::default();
@@ -248,7 +254,7 @@ impl Walk<'_> {
         }));
         let near = Near::of(boxes);
         self.check_pairs(cell, list, &near, out)?;
-        self.check_windings(cell, list, &near, out);
+        self.check_windings(cell, list, &near, out)?;
         let mut rule = self.rule(list);
         let inside = cell.winding == 1;
         if rule != LeafRule::Crossings || !(0..=1).contains(&cell.winding) {
@@ -282,6 +288,9 @@ impl Walk<'_> {
         };
         let mut others = Vec::new();
         for (index, &one) in list.iter().enumerate() {
+            if out.defects.are_enough() {
+                break;
+            }
             if index & 0xff == 0xff {
                 self.progress.check()?;
             }
@@ -353,9 +362,15 @@ impl Walk<'_> {
 
     /// Looks at both sides of each face that has its sample in the cell: outside should be in front, and inside
     /// behind; or, where faces of bodies that touch lie on each other, the one or the other on both sides.
-    fn check_windings(&self, cell: &Cell, list: &[u32], near: &Near<'_>, out: &mut Arena) {
+    fn check_windings(&self, cell: &Cell, list: &[u32], near: &Near<'_>, out: &mut Arena) -> Result<()> {
         let (min, width) = cell.bounds(self.bits);
-        for &item in list {
+        for (index, &item) in list.iter().enumerate() {
+            if out.defects.are_enough() {
+                break;
+            }
+            if index & 0xff == 0xff {
+                self.progress.check()?;
+            }
             // Invariant: a sample lies on no wall, so that one cell has it, and a face is looked at once.
             let sample = self.items.sample(item);
             let shift = sample.bits - 1;
@@ -414,6 +429,7 @@ impl Walk<'_> {
                 });
             }
         }
+        Ok(())
     }
 
     /// How the planes of a few faces tell what is inside. Where all faces lie behind or in all planes, the body's

@@ -10,6 +10,10 @@ use spinney_base::Error;
 /// Places that are kept.
 pub(super) const MOST: usize = 100;
 
+/// Defects after which a part of space is not looked at any further: of equal bodies in one place, any two faces lie on each
+/// other.
+const ENOUGH: u64 = 1000;
+
 /// A place where a surface is no boundary of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Defect {
@@ -113,6 +117,11 @@ impl Defects {
         if self.list.len() < MOST {
             self.list.push(found);
         }
+    }
+
+    /// Whether it makes no difference whether there are more.
+    pub(super) fn are_enough(&self) -> bool {
+        self.count >= ENOUGH
     }
 
     pub(super) fn append(&mut self, other: Defects) {

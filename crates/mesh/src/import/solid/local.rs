@@ -104,7 +104,13 @@ impl<'a> LocalField<'a> {
         while let Some(group) = open.pop() {
             let distance = ((group.centre - middle).abs() - half).max(DVec3::ZERO).length();
             let radius = f64::from(group.radius);
-            let is_cubic = group.is_cubic(distance - radius, half);
+            let mut gap = distance - radius;
+            if group.is_triangle() {
+                // The ball around a large triangle reaches into far more than the triangle does.
+                gap =
+                    gap.max(gap_between(self.field.triangles[group.first as usize].map(wide), middle, half));
+            }
+            let is_cubic = group.is_cubic(gap, half);
             let is_dipole = group.is_dipole(distance);
             if is_cubic && is_dipole {
                 far.push_far(self.far(&group, middle));
@@ -246,6 +252,18 @@ impl<'a> LocalField<'a> {
             doubtful = rest;
         }
     }
+}
+
+/// A bound from below of the distance between a triangle and a cube: that of its box, or of its plane.
+fn gap_between(corners: [DVec3; 3], middle: DVec3, half: f64) -> f64 {
+    let [a, b, c] = corners.map(|corner| corner - middle);
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let of_box = (low - half).max(-high - half).max(DVec3::ZERO).length();
+    let normal = (b - a).cross(c - a);
+    let sides = normal.abs();
+    let of_plane = (a.dot(normal).abs() - half * (sides.x + sides.y + sides.z)) / normal.length();
+    // (A triangle without an area has no plane.)
+    of_box.max(of_plane)
 }
 
 #[cfg(test)]
