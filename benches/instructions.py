@@ -4,7 +4,7 @@
 Times on a busy machine differ by more than what a change makes slower; the instructions of a run are the same to a few
 thousandths of a percent. Each row of the table is one run under valgrind, on one thread:
 
-- `build`, `publish`, `combine`, `transform`, `edit`, `verify` and other commands of the program, with pictures and solids of
+- `build`, `convert`, `combine`, `transform`, `edit`, `verify` and other commands of the program, with pictures and solids of
   all kinds of values, to Goblin and to Autumnal files. What the program takes to start and stop is subtracted.
 - Questions to the files that come of it, asked by `benches/instructions.rs` through the library. What opening the file
   takes is subtracted.
@@ -310,7 +310,7 @@ class Bench:
             raise KeyError(name)
         if name.startswith("solid"):
             mesh, cells, *boundary = SOLIDS[name]
-            return [DATA / "mesh" / mesh, "--cells", cells, *(["--boundary", *boundary] if boundary else [])]
+            return [DATA / "mesh" / mesh, "--cells", cells, *(["--edge", *boundary] if boundary else [])]
         return [self.picture(name), *PICTURES[name.removesuffix("_b")][2].split()]
 
     def tree(self, name):
@@ -321,12 +321,12 @@ class Bench:
 
             def fill(path):
                 void = self.once(f"{base}.void.goblin", lambda path: empty_tree(path, [VOLUME_SIDE] * 3, *VOLUMES[base]))
-                self.native("publish", void, path.name, *share)
+                self.native("convert", void, path.name, *share)
                 self.native("edit", path.name, "set", self.rows(base))
 
             return self.once(name, fill)
         if base in VOLUMES:
-            return self.once(name, lambda path: self.native("publish", self.tree(f"{base}.autumn"), path.name))
+            return self.once(name, lambda path: self.native("convert", self.tree(f"{base}.autumn"), path.name))
         if base in MADE:
             command, *words = MADE[base]
             words = [self.tree(word) if word.endswith(".goblin") else word for word in words]
@@ -448,7 +448,7 @@ def fill_volume(name):
         bench.tree(f"{name}.autumn")
         shutil.copy(bench.path(f"{name}.void.goblin"), bench.path("void.goblin"))
         bench.path("void.autumn").unlink(missing_ok=True)
-        bench.native("publish", "void.goblin", "void.autumn")
+        bench.native("convert", "void.goblin", "void.autumn")
         bench.made.add("void.autumn")
         return program("edit", "{edited}", "set", bench.rows(name), edits="void.autumn")(bench)
 
@@ -515,18 +515,18 @@ def rows():
     add("build land --memory 1M", build("land", "out.goblin", "--memory", "1M"))
     add("build rgb --band 3,1", build("rgb", "out.goblin", "--band", "3,1"))
     if has_meshes:
-        add("build solid_rocker --surface", build("solid_rocker", "out.goblin", "--surface"))
+        add("build solid_rocker --shell", build("solid_rocker", "out.goblin", "--shell"))
         add("build solid_rocker --attribute part", build("solid_rocker", "out.goblin", "--attribute", "part"))
 
     solid, coverage = (["solid"], ["solid_coverage"]) if has_meshes else ([], [])
     for name in ["land", "photograph", "rgb", "f64", *solid, "volume_f32", "volume_u16"]:
-        add(f"publish {name}.autumn", program("publish", "{0}", trees=[f"{name}.autumn"], makes="out.goblin"))
-        add(f"publish {name}.goblin", program("publish", "{0}", trees=[f"{name}.goblin"], makes="out.autumn"))
+        add(f"convert {name}.autumn", program("convert", "{0}", trees=[f"{name}.autumn"], makes="out.goblin"))
+        add(f"convert {name}.goblin", program("convert", "{0}", trees=[f"{name}.goblin"], makes="out.autumn"))
     for name in ["land", *solid]:
-        row = program("publish", "{0}", "--share", trees=[f"{name}.goblin"], makes="out.autumn")
-        add(f"publish {name}.goblin --share", row)
-        row = program("publish", "{0}", trees=[f"{name}.share.autumn"], makes="out.goblin")
-        add(f"publish {name}.share.autumn", row)
+        row = program("convert", "{0}", "--share", trees=[f"{name}.goblin"], makes="out.autumn")
+        add(f"convert {name}.goblin --share", row)
+        row = program("convert", "{0}", trees=[f"{name}.share.autumn"], makes="out.goblin")
+        add(f"convert {name}.share.autumn", row)
         row = program("compact", "{0}", trees=[f"{name}.autumn"], makes="out.autumn")
         add(f"compact {name}.autumn", row)
 
@@ -559,7 +559,7 @@ def rows():
         transform(name, "window=0,0,512,512", "translate=0.5,0.5")
         transform(name, "nest=/2")
         transform(name, "root=/1")
-    transform("photograph", "rotate=30", "--nearest")
+    transform("photograph", "rotate=30", "--resampling", "nearest")
     transform("land", "depth=8")
     transform("land", "depth=12")
     transform("land", "crop")
@@ -616,7 +616,7 @@ def rows():
             add(f"edit apply {operation} {name}", row)
     for name in solid:
         add("edit set solid", set_cells("solid.autumn", 140, 3, 1, 20_000))
-        region = ["--box", "31,17,40,90,101,80", "--value", "255"]
+        region = ["--window", "31,17,40,90,101,80", "--value", "255"]
         add("edit fill solid", program("edit", "{edited}", "fill", *region, edits="solid.autumn"))
     for name in VOLUMES:
         add(f"edit set all {name}", fill_volume(name))

@@ -304,7 +304,7 @@ fn models(put: Put<'_>, folder: &Path) -> Result<()> {
     for (name, text) in [("tetrahedron", tetrahedron), ("bodies", bodies)] {
         fs::write(&mesh, text).unwrap();
         let mut options = ExactOptions::new();
-        (options.grid, options.boolean_faces) = (Some(1.0), 3);
+        (options.snap, options.leaf_size) = (Some(1.0), 3);
         import_exact(open_all(std::slice::from_ref(&mesh), 1 << 20)?, &options, Output::create(&path)?, &())?;
         let mut file = brep_file::BrepFile::of(&fs::read(&path).unwrap());
         put("model_read", name, &file.bytes());
@@ -342,7 +342,7 @@ fn texts(put: Put<'_>) {
         "turns_in_space",
         b"rotate=30,1,2,3@4,5,6\naxes=+y,-x,+z\naffine=1,0,2,0,1,3\ntranspose\n",
     );
-    put("step_text", "boxes", b"window=1,2,3,4\nbbox=0,0,5,5\ncrop\ndepth=4\n");
+    put("step_text", "boxes", b"window=1,2,3,4\nwindow=0,0,5,5,in=world\ncrop\ndepth=4\n");
     put("step_text", "nodes", b"subtree=/03\nembed=/2\ntree-depth=5\nlike=a.goblin\n");
     put("df_text", "classic", b"\x18GG1G13331G3312GG31331G3222G11221G221G1211");
     put("df_text", "octree", b"\x11M(VFV1)FM[7]VVVVVVFF0");

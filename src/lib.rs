@@ -85,7 +85,7 @@ pub use spinney_base::{Error, Progress, Result};
 
 /// Codes and boxes of nodes, and where the cells lie in the world.
 pub mod space {
-    pub use spinney_base::space::{Bounds, Cell, Code, Cover, Dimension, Polygon, Region, Up};
+    pub use spinney_base::space::{Bounds, Cell, Code, Cover, Dimension, EdgeRule, Polygon, Region, Up};
     pub use spinney_crs::{
         ControlPoint, ControlPoints, Coordinates, Crs, Epsg, Frame, GeoKeys, PROJECTION_METHODS, Places,
         PolygonParts, Projection, WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator,
@@ -159,9 +159,9 @@ pub mod store {
 /// Questions to trees: what is asked, and what is answered.
 pub mod query {
     pub use spinney_engine::query::{
-        CellHit, ChannelStatistics, Condition, Contour, ContourLevels, ContourNodata, ContourRequest,
+        CellHit, ChannelStatistics, Condition, Contour, ContourEnds, ContourLevels, ContourRequest,
         ContourSummary, FoundBlock, PointSamples, Ray, Rays, SolidStatistics, SolidSurface, Statistics,
-        StoredRows, SurfaceHit, TakeContour, ZoneChannel, ZoneRule, ZoneStatistics,
+        StoredRows, SurfaceHit, TakeContour, ZoneChannel, ZoneStatistics,
     };
 
     /// Cells of a level, block by block, with those around them.
@@ -179,7 +179,7 @@ pub mod ops {
         Difference, Differences, Edit, FdRange, FillPatch, FillRegion, MAX_ZOOM, MemoryTree, Operation,
         Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, Resampling, Sampling, Step,
         TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, ViewSource, ViewSourceNode, WarpGrid,
-        WarpOptions, WarpTarget, Warped, align, apply_edits, build, combine, convert, crosstab,
+        WarpOptions, WarpTarget, Warped, align, apply_edits, blame, build, combine, convert, crosstab,
         crosstab_files, data_box, diff, diff_files, differences, edit, transform, warp,
     };
 }
@@ -193,9 +193,9 @@ pub mod dataset {
 #[cfg(feature = "brep")]
 pub mod brep {
     pub use spinney_brep::{
-        Attributes, BOOLEAN_FACES, BuildReport, CombineReport, Defect, DefectKind, ExactModel, Face,
-        FaceBuffer, FaceList, Faces, Grid, LeafRule, MOST_BITS, ModelBuilder, ModelNode, ModelNodeState,
-        NodeCounts, NodeKind, Triangulated, combine, is_model_file,
+        Attributes, BuildReport, CombineReport, Defect, DefectKind, ExactModel, Face, FaceBuffer, FaceList,
+        Faces, Grid, LEAF_SIZE, LeafRule, MOST_BITS, ModelBuilder, ModelNode, ModelNodeState, NodeCounts,
+        NodeKind, Triangulated, combine, is_model_file,
     };
 
     /// Answers of exact models.
@@ -257,9 +257,9 @@ pub mod import {
     #[cfg(feature = "mesh")]
     pub mod mesh {
         pub use spinney_mesh::import::{
-            Attribute, Boundary, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshFace, Model,
-            ModelInfo, Repair, Resolution, SolidImport, SolidOptions, SolidReport, import_exact, is_model,
-            open, open_all, plan_models,
+            Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshFace, Model, ModelInfo,
+            Repair, Resolution, SolidImport, SolidOptions, SolidReport, import_exact, is_model, open,
+            open_all, plan_models,
         };
     }
 
@@ -268,7 +268,7 @@ pub mod import {
     pub mod raster {
         pub use spinney_raster::import::{
             DEFAULT_MEMORY, ImportOptions, Order, Pixels, Raster, RasterImport, RasterInfo, RasterOptions,
-            RasterSlabs, WebMercatorBuilt, mosaic, open, plan, select, spill, value_type,
+            RasterSlabs, TargetGrid, WarpedBuilt, mosaic, open, plan, select, spill, value_type,
         };
     }
 
@@ -311,8 +311,8 @@ pub mod export {
         pub use spinney_raster::tiles::{
             DataPlace, MAX_ZOOM, Making, Pmtiles, SourceState, Stored, TileContent, TileEncoding, TileFolder,
             TileFormat, TileId, TilePainter, TileRange, TileRequest, TileSamples, TileSource, TileTarget,
-            TileUpdate, UpdateOptions, WarpedTiles, XyzTiles, export_pmtiles, export_tiles, is_tile_archive,
-            is_tile_folder, verify_tiles,
+            TileUpdate, UpdateOptions, WarpedTiles, XyzTiles, degrees_of, export_pmtiles, export_tiles,
+            is_tile_archive, is_tile_folder, verify_tiles,
         };
     }
 
@@ -320,8 +320,8 @@ pub mod export {
     #[cfg(feature = "vector")]
     pub mod vector {
         pub use spinney_vector::export::{
-            AttributeType, AttributeValue, Geometry, GeometryKind, Smoothed, VectorFormat, VectorLayer,
-            VectorWriter,
+            AttributeType, AttributeValue, ContourFeatures, Geometry, GeometryKind, Smoothed, VectorFormat,
+            VectorLayer, VectorWriter, export_contours,
         };
     }
 }

@@ -203,7 +203,7 @@ def body(points, faces, width):
     points, faces = snapped(points, faces, width)
     off, model = PAIRS / "body.off", PAIRS / "body.goblin"
     write_off(off, points, faces)
-    build = [SPINNEY, "-q", "build", off, "-o", model, "--exact", "--grid", repr(width)]
+    build = [SPINNEY, "-q", "build", off, "-o", model, "--brep", "--snap", repr(width)]
     try:
         subprocess.run(build, check=True, stderr=subprocess.DEVNULL, timeout=PATIENCE)
     except subprocess.SubprocessError:
@@ -393,7 +393,7 @@ def prepared(asked):
 
 def model_of(mesh, width):
     model = mesh.with_suffix(".goblin")
-    spinney("-q", "build", mesh, "-o", model, "--exact", "--grid", repr(width))
+    spinney("-q", "build", mesh, "-o", model, "--brep", "--snap", repr(width))
     return model
 
 

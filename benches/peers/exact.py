@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Exact models: `spinney build --exact` against reading into manifold3d, octrees of cells, points against trimesh and libigl, volumes,
+"""Exact models: `spinney build --brep` against reading into manifold3d, octrees of cells, points against trimesh and libigl, volumes,
 repair against libigl's exact union.
 
     exact.py             all, building from 200,000 triangles
@@ -182,7 +182,7 @@ def spinney(*words, **more):
 
 def exact(mesh, *options):
     out = WORK / f"{mesh.stem}_exact.goblin"
-    return out, once([SPINNEY, "-q", "build", mesh, "-o", out, "--exact", *options])
+    return out, once([SPINNEY, "-q", "build", mesh, "-o", out, "--brep", *options])
 
 
 def building(peers, large):
@@ -220,7 +220,7 @@ def octrees():
     rows = []
     for mesh in filter(lambda mesh: mesh.exists(), meshes):
         row = [mesh.stem]
-        for options in [[], ["--boolean", "0"]]:
+        for options in [[], ["--leaf-size", "0"]]:
             out, _ = exact(mesh, *options)
             info = json.loads(spinney("info", out, "--json"))
             row.append(sum(info["nodes"].values()))
@@ -235,8 +235,8 @@ def octrees():
         # Cells of a surface are four times as many with each level.
         told = nodes[2] * 4 ** (info["depth"] - 12)
         rows.append([*row, *nodes, f"{nodes[2] / nodes[1]:.2f}", f"{told:.1e}", f"{nodes[2] / row[1]:.0f}", f"{nodes[2] / row[2]:.0f}"])
-    head = ["model", "exact, nodes", "with --boolean 0", "bits", "depth", "cells, depth 10", "11", "12", "12 / 11"]
-    table([*head, "at the exact one's depth (four times more per level)", "12 / exact", "12 / --boolean 0"], rows)
+    head = ["model", "exact, nodes", "with --leaf-size 0", "bits", "depth", "cells, depth 10", "11", "12", "12 / 11"]
+    table([*head, "at the exact one's depth (four times more per level)", "12 / exact", "12 / --leaf-size 0"], rows)
 
 
 def points(peers):
@@ -290,7 +290,7 @@ def repair(peers):
             continue
         model = WORK / "repaired.goblin"
         try:
-            seconds, _, _ = once([SPINNEY, "build", mesh, "--exact", "--repair", "-o", model])
+            seconds, _, _ = once([SPINNEY, "build", mesh, "--brep", "--repair", "-o", model])
         except SystemExit:
             rows.append([mesh.name, "not resolved"] + ["-"] * 6)
             continue

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Reading through GDAL: random windows of our files by the driver, and of COGs by GDAL's own; one core, processor time.
 
-    benches/peers/gdal_driver.py [--prefix PREFIX] [--runs N]
+    benches/peers/gdal_driver.py [--prefix PREFIX] [--ranges N]
 
 PREFIX is that of capi/install.sh and capi/gdal/build.sh, with the library as users get it; without one it is made. Both read the same windows of the same picture, ours and theirs in
 turns; rates are medians of N runs, the ratio is that of each turn. COGs have blocks of 256 x 256, deflated.
@@ -49,7 +49,7 @@ def files(name, picture, *options):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--prefix", type=Path)
-    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--ranges", type=int, default=5)
     args = parser.parse_args()
     start()
     prefix = args.prefix or WORK / "driver"

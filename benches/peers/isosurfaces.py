@@ -98,7 +98,7 @@ def main():
         subprocess.run([PYTHON, "-c", MAKE, kind, str(side), raw], check=True)
         subprocess.run([SPINNEY, "-q", "build", raw, "-o", tree], check=True)
         # (Mapped files count as memory.)
-        cpu, wall, peak = runs([SPINNEY, "-q", "contours", tree, "--levels", "0", "-o", ours, "--positioned"])
+        cpu, wall, peak = runs([SPINNEY, "-q", "contours", tree, "--at", "0", "-o", ours, "--positioned"])
         with open(result, "w") as file:
             whole, slow, more = once([PYTHON, "-c", PEER, raw, theirs], stdout=file)
         alone = json.loads(result.read_text())

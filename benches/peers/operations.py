@@ -206,7 +206,7 @@ def main():
                     script(QUARTER, SHORELINE, picture), picture, 1 / 10)
     vrt, width, height = turned(30)
     # Plain tiles: a little cheaper than a COG.
-    rows += against("rotate=30 --nearest", ours("transform", a, "rotate=30", "--nearest", "-o", out), out, "gdalwarp",
+    rows += against("rotate=30 --resampling nearest", ours("transform", a, "rotate=30", "--resampling", "nearest", "-o", out), out, "gdalwarp",
                     ["gdalwarp", "-q", "-overwrite", "-r", "near", "-te", 0, -height, width, 0, "-ts", width, height,
                      "-dstnodata", 0, "-co", "TILED=YES", "-co", "COMPRESS=ZSTD", vrt, picture], picture, 1 / 3)
     table(["operation", "peer", "peer CPU s", "peer MiB", "ours CPU s", "ours MiB", "CPU ours / peer",

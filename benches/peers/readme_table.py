@@ -157,7 +157,7 @@ def bodies():
     meshes = [pairs / f"armadillo_{side}.ply" for side in "ab"]
     models = [mesh.with_suffix(".goblin") for mesh in meshes]
     for mesh, model in zip(meshes, models):
-        once([SPINNEY, "-q", "build", mesh, "-o", model, "--exact", "--grid", repr(facts["grid"])])
+        once([SPINNEY, "-q", "build", mesh, "-o", model, "--brep", "--snap", repr(facts["grid"])])
     ours = runs([SPINNEY, "-q", "--threads", "1", "combine", "a-b", *models, "-o", WORK / "result.goblin"])
     theirs = [inside("measured", "manifold3d", 2, *meshes) for _ in range(3)]
     alone, whole, peak = (

@@ -48,7 +48,7 @@ def main():
             print(f"skipped: no {mesh}")
             continue
         model, out = WORK / "section.goblin", WORK / "section.csv"
-        once([SPINNEY, "-q", "build", mesh, "-o", model, "--exact"])
+        once([SPINNEY, "-q", "build", mesh, "-o", model, "--brep"])
 
 
         stats = json.loads(subprocess.run([SPINNEY, "stats", model, "--json"], check=True, capture_output=True).stdout)

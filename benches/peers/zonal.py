@@ -79,7 +79,7 @@ def main():
             json.dump({"type": "FeatureCollection", "features": features}, file)
         ours = {}
         for border in ["area", "centre"]:
-            seconds, output = timed([SPINNEY, "stats", tree, "--zones", zones, "--border", border, "--json"])
+            seconds, output = timed([SPINNEY, "stats", tree, "--zones", zones, "--edge", border, "--json"])
             found = json.loads(output)["zones"]
             ours[border] = seconds, [{zone["value"]: zone["cells"] for zone in each["classes"]} for each in found]
             print(f"spinney ({border}): {seconds:.3f} s, {COUNT} polygons")

@@ -317,7 +317,7 @@ spinney_status spinney_read_blocks(const spinney_dataset *dataset,
                                    spinney_take_block take,
                                    void *user);
 
-// Opens the file of an exact model, as `spinney build --exact` makes them. `flags` is 0 or SPINNEY_POSITIONED. The model is to
+// Opens the file of an exact model, as `spinney build --brep` makes them. `flags` is 0 or SPINNEY_POSITIONED. The model is to
 // be closed by spinney_model_close(). Trees of cells are SPINNEY_CORRUPT: spinney_open() is for these.
 spinney_status spinney_model_open(const char *path,
                                   uint32_t flags,

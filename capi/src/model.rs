@@ -76,7 +76,7 @@ pub struct spinney_hit {
     pub is_hit: bool,
 }
 
-/// Opens the file of an exact model, as `spinney build --exact` makes them. `flags` is 0 or SPINNEY_POSITIONED. The model is to
+/// Opens the file of an exact model, as `spinney build --brep` makes them. `flags` is 0 or SPINNEY_POSITIONED. The model is to
 /// be closed by spinney_model_close(). Trees of cells are SPINNEY_CORRUPT: spinney_open() is for these.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_open(

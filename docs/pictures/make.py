@@ -140,13 +140,13 @@ def boolean(work):
     names = ["cube", "ball", "rod0", "rod1", "rod2"]
     # Rods' sides are not flat when their corners are on the grid: triangles take their place.
     for name in names:
-        spinney("build", work / f"{name}.off", "-o", work / f"{name}.goblin", "--exact", "--grid", 2.0**-20)
+        spinney("build", work / f"{name}.off", "-o", work / f"{name}.goblin", "--brep", "--snap", 2.0**-20)
     files = {name: work / f"{name}.goblin" for name in [*names, "round", "part"]}
     spinney("combine", "and", files["cube"], files["ball"], "-o", files["round"])
     spinney("combine", "a-b", files["round"], files["rod0"], files["rod1"], files["rod2"], "-o", files["part"])
     subprocess.run([SPINNEY, "stats", files["part"]], check=True)
     drawn = work / "part.png"
-    spinney("render", files["part"], drawn, "--size", "1040x1000", "--from", "215,32", "--zoom", "1.25", "--samples", "2")
+    spinney("render", files["part"], drawn, "--size", "1040x1000", "--from", "215,32", "--scale", "1.25", "--samples", "2")
     picture = Image.open(drawn).convert("RGB").resize((520, 500), Image.LANCZOS)
     picture.quantize(128, dither=Image.Dither.NONE).save(HERE / "boolean.png", optimize=True)
 

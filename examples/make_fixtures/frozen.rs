@@ -177,7 +177,7 @@ pub(crate) fn make_model(path: &Path) -> Result<()> {
     inside.iter_mut().flatten().for_each(|ring| ring.reverse());
     faces.extend(inside);
     let output = Output::create(path)?;
-    let mut builder = ModelBuilder::new(output, grid, 16 << 20)?.boolean_faces(0);
+    let mut builder = ModelBuilder::new(output, grid, 16 << 20)?.leaf_size(0);
     for (number, rings) in (0..).zip(&faces) {
         let points = rings.concat();
         let mut end = 0;

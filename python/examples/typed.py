@@ -14,16 +14,17 @@ def tour(picture: str) -> float:
     with spinney.open("map.goblin") as ds:
         window: npt.NDArray[np.generic] = ds.read(1, window=(0, 0, 64, 64))
         coarse = ds.level(max(ds.depth - 3, 0))[...]
-        left, bottom, right, top = ds.bounds[:4]
+        left, bottom, right, top = ds.bounds.left, ds.bounds.bottom, ds.bounds.right, ds.bounds.top
+        hidden = ds.read(1, masked=True).mask
         values = ds.sample([((left + right) / 2, (bottom + top) / 2)])
-        statistics: spinney.Statistics = ds.stats(bbox=(left, bottom, right, top))
-        print(ds, window.shape, coarse.shape, values, statistics.mean)
+        statistics: spinney.Statistics = ds.stats((left, bottom, right, top), coordinates="world")
+        print(ds, window.shape, np.count_nonzero(hidden), coarse.shape, values, statistics.mean)
         for code, level, box in zip(*(lambda found: (found.codes, found.levels, found.boxes))(ds.find(above=1, largest=3))):
             print(code, level, box)
-    spinney.publish("map.goblin", "map.autumn")
+    spinney.convert("map.goblin", "map.autumn")
     with spinney.edit("map.autumn", message="A corner") as edit:
         edit.fill(1, window=(0, 0, 8, 8))
-    commit: spinney.Commit | None = edit.commit
+    commit: spinney.Commit | None = edit.made
     print(commit and commit.message, [entry.number for entry in spinney.log("map.autumn")])
     changes: spinney.Differences = spinney.diff("map.autumn@1", "map.autumn")
     return (changes.added + changes.changed) / statistics.cells

@@ -9,7 +9,7 @@ Any part at any level of detail is read straight from the file::
         ds[64:128, 96:160]                      # the same
         ds.level(5)[...]                        # coarser cells
         ds.sample([(305000, 3196000)])          # values at places in the world
-        ds.stats(bbox=(303000, 3194000, 307000, 3198000))
+        ds.stats((303000, 3194000, 307000, 3198000), coordinates="world")
 
 Exact models, the boundaries of bodies kept as they are, are built by `build_exact` and opened by `open_exact`::
 
@@ -33,7 +33,7 @@ from ._build import build
 from ._dataset import Dataset, Level, open
 from ._edit import Edit, edit
 from ._exact import ExactModel, build_exact, open_exact
-from ._files import combine, compact, cross, diff, log, publish, recover, transform, verify
+from ._files import blame, combine, compact, convert, cross, diff, log, recover, transform, verify
 from ._native import version as __version__
 from ._types import (
     BandStatistics,
@@ -41,6 +41,7 @@ from ._types import (
     BoundingBox,
     Box,
     BuiltModel,
+    CombinedModel,
     Commit,
     Coverage,
     Differences,
@@ -65,6 +66,7 @@ __all__ = [
     "BoundingBox",
     "Box",
     "BuiltModel",
+    "CombinedModel",
     "Commit",
     "Coverage",
     "Dataset",
@@ -86,17 +88,18 @@ __all__ = [
     "Transform",
     "ZoneStatistics",
     "__version__",
+    "blame",
     "build",
     "build_exact",
     "combine",
     "compact",
+    "convert",
     "cross",
     "diff",
     "edit",
     "log",
     "open",
     "open_exact",
-    "publish",
     "recover",
     "transform",
     "verify",

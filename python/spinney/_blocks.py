@@ -61,6 +61,9 @@ class Blocks:
         self.is_solid = self.is_mask and self.axes == 3
         # Samples that were made wider, so that VOID has a number, get their own type again.
         self.narrow: np.dtype[Any] | None = told.get("dtype")
+        if self.narrow is None and given.name in _NARROW:
+            # (Block by block it is seen whether they fit.)
+            self.narrow = np.dtype(_NARROW[given.name])
         self.void = told.get("void_sample")
         # Where VOID has neither colour nor opacity, or is nothing of a solid.
         self.is_zero_void = told.get("alpha") is not None or told.get("rule") == "occupancy"
@@ -141,10 +144,10 @@ class Blocks:
         fits = (array >= limits.min) & (array <= limits.max) & (array == np.floor(array))
         values = fits if shown is None else fits | ~(shown[..., None] if "b" in self.dims else shown)
         if not values.all():
-            raise ValueError(
-                f"the attributes of the DataArray say that its values are {self.dtype}, and {array[~values].flat[0]} is none; "
-                "give kind= to build it as it is"
-            )
+            what = f"{array[~values].flat[0]} is no {self.dtype}"
+            if array.dtype.name in _NARROW:
+                raise ValueError(f"an array of {array.dtype} is kept as {self.dtype}, and {what}; convert it to float64")
+            raise ValueError(f"the attributes of the DataArray say its values are {self.dtype}, and {what}; give kind= to build it as it is")
         return np.ascontiguousarray(np.where(fits, array, 0), dtype=self.dtype)
 
 
@@ -170,6 +173,10 @@ def _check_mask(mask: Any, cells: list[int]) -> None:
     if kind != np.bool_:
         # (Masks of GDAL are 0 where nothing is: the other way round.)
         raise TypeError(f"mask: expected booleans, true where a cell is VOID, got {kind}")
+
+
+_NARROW = {"int64": "int32", "uint64": "uint32"}
+"""Types that trees do not have, and those that keep their samples where these fit."""
 
 
 def _kept(given: np.dtype[Any]) -> np.dtype[Any]:

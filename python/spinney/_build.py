@@ -13,8 +13,10 @@ from . import _native
 from ._blocks import Blocks
 from ._dataset import Dataset, Level
 from ._files import MEMORY
+from ._options import refuse
 from ._progress import memory_of, telling
-from ._types import Path, Progress
+from ._sources import RasterioArray, is_mesh, is_rasterio, mesh_file, one_array, paths_of
+from ._types import Path, Progress, Resampling
 
 Dims = Literal["yx", "byx", "yxb", "zyx", "bzyx", "zyxb"]
 """Axes of an array, in order: bands, planes, rows, columns."""
@@ -49,10 +51,13 @@ def build(
     keep_transparent: bool = False,
     cells: int | None = None,
     cell: float | None = None,
-    like: Path | None = None,
-    boundary: Literal["full", "centre", "coverage"] | None = None,
+    grid: Literal["xyz"] | Path | None = None,
+    max_zoom: int | None = None,
+    resampling: Resampling | None = None,
+    allow_ballpark: bool = False,
+    edge: Literal["centre", "touch", "area"] | None = None,
     attribute: Literal["occupancy", "colour", "part"] | None = None,
-    surface: bool = False,
+    shell: bool = False,
     up: Literal["y", "z"] | None = None,
     unit: str | None = None,
 ) -> None:
@@ -72,9 +77,13 @@ def build(
       them. What is said here counts.
     - an iterator of arrays, one below the other, which together have `shape` and `dtype`.
     - the path of a picture file, or several of one grid (the last lies on top); `bands`, `layer` and `keep_transparent` are
-      for these.
+      for these, and `grid`: "xyz" (with `max_zoom`) or a tree file, to whose cells they are warped (`resampling`, `allow_ballpark`).
+    - an open dataset of rasterio, whose bands, masks, place and names are those of the tree; a Dataset of xarray, whose variables
+      are the bands.
+    - the path of a volume, an NPY file.
+    - a mesh: one of trimesh, anything with `vertices` and `faces`, or a pair of arrays of these; see models.
     - paths of models of solids (PLY, OBJ, STL, OFF, CityJSON): `cells` along the longest side or the width of a `cell` or
-      those of another octree (`like`), and `boundary`, `attribute`, `surface`, `up` and `unit` as `spinney build` has them.
+      those of another octree (`grid`), and `edge`, `attribute`, `shell`, `up` and `unit` as `spinney build` has them.
 
     `transform` has six numbers as rasterio's, or is a matrix of 3 x 4 or 4 x 4; `crs` anything whose text is a definition:
     `"EPSG:4326"`, WKT, a CRS of rasterio or pyproj. `memory` is what may be used beyond the source itself.
@@ -91,8 +100,10 @@ def build(
         "layer": layer,
         "cells": cells,
         "cell": cell,
-        "like": like,
-        "boundary": boundary,
+        "grid": None if grid is None else os.fspath(grid),
+        "max_zoom": max_zoom,
+        "resampling": resampling,
+        "edge": edge,
         "attribute": attribute,
         "up": up,
         "unit": unit,
@@ -119,8 +130,8 @@ def build(
         source = source._as_tree()
     if isinstance(source, Dataset):
         of_cells = {"dims": dims, "shape": shape, "dtype": dtype, "mask": mask, "nodata": nodata}
-        _refuse("arrays; the cells of a tree are taken as they are", of_cells)
-        _refuse("files", for_files)
+        refuse("arrays; the cells of a tree are taken as they are", of_cells)
+        refuse("files", for_files)
         for_tree = {name: common[name] for name in ("kind", "rule", "crs", "depth", "memory", "share")} | {
             "transform": None if transform is None else _numbers(transform),
             "categories": None if categories is None else dict(categories),
@@ -133,18 +144,37 @@ def build(
         _check_bands(for_tree, source.count)
         with telling(progress) as tell:
             return source._build(os.fspath(out), for_tree, tell)
+    if is_mesh(source):
+        refuse("arrays", for_arrays)
+        with mesh_file(source, out) as (path, told_unit):
+            given: dict[str, Any] = {**for_files, "unit": unit or told_unit, "shell": shell, "progress": progress}
+            return build(path, out, rule=rule, kind=kind, crs=crs, depth=depth, memory=memory, share=share, **given)
     if paths is not None:
-        _refuse("arrays", for_arrays)
-        six = None if transform is None else _six(transform)
-        for_import = common | for_files | {"transform": six, "keep_transparent": keep_transparent, "surface": surface}
+        refuse("arrays", for_arrays)
+        numbers = None if transform is None else _numbers(transform)
+        for_import = common | for_files | {"transform": numbers, "keep_transparent": keep_transparent, "shell": shell, "allow_ballpark": allow_ballpark}
         for_import["bands"] = None if bands is None else list(bands)
         with telling(progress) as tell:
             return _native.build_files(paths, os.fspath(out), for_import, tell)
     if isinstance(source, list | tuple) and any(isinstance(part, Dataset) for part in source):
         raise TypeError("a tree as a source is the only one; spinney.combine lays trees over each other")
-    _refuse("files", for_files)
+    refuse("files", for_files)
     told: dict[str, Any] = {}
-    if hasattr(source, "dims") and hasattr(source, "coords"):
+    if hasattr(source, "data_vars"):
+        source = one_array(source)
+    if is_rasterio(source):
+        source = RasterioArray(source)
+        about = source.told()
+        dims, nodata = "byx", about["nodata"] if nodata is None else nodata
+        transform = about["transform"] if transform is None else transform
+        common |= {"nodata": nodata, "crs": system or crs_text(about["crs"])}
+        colormap = about["colormap"] if colormap is None else colormap
+        descriptions = about["descriptions"] if descriptions is None else descriptions
+        units = about["units"] if units is None else units
+        scales = about["scales"] if scales is None else scales
+        offsets = about["offsets"] if offsets is None else offsets
+        tags = {**about["tags"], **(tags or {})}
+    elif hasattr(source, "dims") and hasattr(source, "coords"):
         from .xarray import described
 
         told = described(source)
@@ -193,15 +223,6 @@ def build(
         _native.build_array(array.read, os.fspath(out), options, tell)
 
 
-def paths_of(source: Any) -> list[str] | None:
-    """Names of files, if the source is that."""
-    if isinstance(source, str | os.PathLike):
-        return [str(os.fspath(source))]
-    if isinstance(source, list | tuple) and source and all(isinstance(s, str | os.PathLike) for s in source):
-        return [str(os.fspath(path)) for path in source]
-    return None
-
-
 def _texts(texts: Sequence[str | None] | None) -> list[str] | None:
     return None if texts is None else [text or "" for text in texts]
 
@@ -222,12 +243,6 @@ def _check_bands(options: dict[str, Any], bands: int) -> None:
     for name in ("descriptions", "scale_offset", "units"):
         if options[name] is not None and len(options[name]) not in (0, bands):
             raise ValueError(f"{name}: {len(options[name])} given, there are {bands} bands")
-
-
-def _refuse(what: str, options: dict[str, Any]) -> None:
-    for name, value in options.items():
-        if value is not None:
-            raise TypeError(f"{name}: is for {what}")
 
 
 def crs_text(crs: Any) -> str | None:
@@ -255,13 +270,6 @@ def _numbers(transform: Any) -> list[float]:
     if numbers.shape not in ((6,), (3, 4)):
         raise ValueError(f"transform: expected six numbers, or a matrix of 3 x 4 or 4 x 4, got {transform!r}")
     return [float(number) for number in numbers.ravel()]
-
-
-def _six(transform: Any) -> list[float]:
-    numbers = _numbers(transform)
-    if len(numbers) != 6:
-        raise ValueError("transform: pictures take six numbers")
-    return numbers
 
 
 def _colours(colormap: Mapping[int, Sequence[int]] | None) -> list[list[int]] | None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path as FilePath
 from typing import Any, Literal, Self, overload
@@ -19,22 +20,25 @@ from ._progress import telling
 from ._types import (
     Array,
     BandStatistics,
-    BBox,
     Blocks,
     BoundingBox,
     Box,
     Commit,
+    Coordinates,
     Hits,
     Mesh,
     Path,
     Points,
     Progress,
+    Resampling,
     Solid,
     Statistics,
+    Style,
     Transform,
     Window,
     ZoneStatistics,
 )
+from ._writers import Writers
 from ._zonal import definition_of, documents_of, named
 
 
@@ -53,10 +57,17 @@ def open(
     cannot be done.
     """
     steps = [view] if isinstance(view, str) else list(view)
-    return Dataset(os.fsdecode(path), steps, commit, positioned)
+    try:
+        return Dataset(os.fsdecode(path), steps, commit, positioned)
+    except OSError:
+        if commit is not None and os.path.exists(path):
+            with Dataset(os.fsdecode(path), steps, None, positioned) as ds:
+                if ds.commit is None:
+                    raise ValueError(f"{ds.path}: has no commits, as it is a {ds.format} file; leave commit out") from None
+        raise
 
 
-class Dataset(_native.Tree):
+class Dataset(Writers):
     """An open tree, or a view of one: see `spinney.open`.
 
     Indexes are those of cells: `ds[y0:y1, x0:x1]`, of octrees `ds[z, y, x]`, with steps and `...` as in NumPy; of files with several
@@ -250,7 +261,7 @@ class Dataset(_native.Tree):
         return Level(self, level)
 
     def mapped(
-        self, window: Window | None = None, bbox: BBox | None = None, *, level: int | None = None
+        self, window: Window | None = None, *, coordinates: Coordinates = None, level: int | None = None
     ) -> Array | None:
         """Cells where they stand in the mapped file, as a read-only array without a copy; `None` where that cannot be.
 
@@ -258,7 +269,7 @@ class Dataset(_native.Tree):
         windows of up to 256 x 256 cells (16 x 16 x 16 in octrees). `read` reads all parts. The mapping is there for as long as
         an array of it is, also when the dataset is closed.
         """
-        return self._mapped(window, bbox, level)
+        return self._mapped(window, coordinates, level)
 
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> Array:
         return _as_array(self[...], dtype, copy)
@@ -272,26 +283,6 @@ class Dataset(_native.Tree):
     def __len__(self) -> int:
         return self.shape[0]
 
-    def save(
-        self,
-        path: Path,
-        *,
-        window: Window | None = None,
-        bbox: BBox | None = None,
-        level: int | None = None,
-        shape: tuple[int, int] | None = None,
-        exact: bool = False,
-        nodata: float | None = None,
-        range: tuple[float, float] | None = None,
-        progress: Progress = None,
-    ) -> None:
-        """Writes a part as a picture or array file (.png, .tif, .exr, .npy, .raw), as `spinney get` does.
-
-        `shape` are rows and columns of the result, `range` the numbers that become black and white in pictures.
-        """
-        with telling(progress) as tell:
-            self._write_window(os.fspath(path), window, bbox, level, shape, exact, nodata, range, tell)
-
     # Questions
 
     @overload
@@ -301,7 +292,7 @@ class Dataset(_native.Tree):
         *,
         bands: int | Sequence[int] | None = None,
         level: int | None = None,
-        in_cells: bool = False,
+        coordinates: Coordinates = "world",
         masked: Literal[False] = False,
         fill: float | None = None,
     ) -> Array: ...
@@ -312,7 +303,7 @@ class Dataset(_native.Tree):
         *,
         bands: int | Sequence[int] | None = None,
         level: int | None = None,
-        in_cells: bool = False,
+        coordinates: Coordinates = "world",
         masked: Literal[True],
         fill: float | None = None,
     ) -> np.ma.MaskedArray[Any, Any]: ...
@@ -322,19 +313,19 @@ class Dataset(_native.Tree):
         *,
         bands: int | Sequence[int] | None = None,
         level: int | None = None,
-        in_cells: bool = False,
+        coordinates: Coordinates = "world",
         masked: bool = False,
         fill: float | None = None,
     ) -> Array | np.ma.MaskedArray[Any, Any]:
         """Values at points: an array with a row per point and a column per band; `bands` are numbers counted from 1, and
         one alone gives an array without columns.
 
-        Points are `(x, y)` in the world, of octrees `(x, y, z)`; with `in_cells` they are columns and rows of the deepest
-        level. At a coarser `level` the answer is that of the block around the point. VOID, and all that is outside, has
+        Points are `(x, y)` in the world, of octrees `(x, y, z)`, or in other `coordinates`: "cells" are columns and rows of the
+        deepest level, "lonlat" degrees of longitude and latitude, and any coordinate system will do. At a coarser `level` the answer is that of the block around the point. VOID, and all that is outside, has
         the number `fill` (by default `fill_value`), or is masked.
         """
         array = points_of(points, self.ndim)
-        values, found = self._sample_points(array, level, in_cells, fill)
+        values, found = self._sample_points(array, level, coordinates, fill)
         result: Any = values
         if masked:
             mask = np.array(np.broadcast_to(~found[:, None], values.shape))
@@ -350,9 +341,11 @@ class Dataset(_native.Tree):
             raise IndexError(f"bands: {bands}, the file's bands are 1 to {self.count}")
         return result[:, wanted - 1]  # type: ignore[no-any-return]
 
-    def stats(self, bbox: BBox | None = None, *, window: Window | None = None) -> Statistics:
-        """Exact statistics of a part, which take time for its border and not for its cells."""
-        facts = self._statistics(window, bbox)
+    def stats(self, window: Window | None = None, *, coordinates: Coordinates = None) -> Statistics:
+        """Exact statistics of a part, which take time for its border and not for its cells.
+
+        The part is a window of cells, or with other `coordinates` ("world", "lonlat", "EPSG:3035") least and greatest ones."""
+        facts = self._statistics(window, coordinates)
         bands = tuple(BandStatistics(*band) for band in facts["channels"])
         return Statistics(facts["cells"], facts["void_cells"], bands, dict(facts["classes"]))
 
@@ -362,7 +355,7 @@ class Dataset(_native.Tree):
         geometries: Any,
         stats: None = None,
         *,
-        border: Literal["centre", "area"] = "centre",
+        edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         progress: Progress = None,
     ) -> list[ZoneStatistics]: ...
@@ -373,7 +366,7 @@ class Dataset(_native.Tree):
         geometries: Any,
         stats: Sequence[str],
         *,
-        border: Literal["centre", "area"] = "centre",
+        edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         progress: Progress = None,
     ) -> list[dict[str, Any]]: ...
@@ -383,25 +376,24 @@ class Dataset(_native.Tree):
         geometries: Any,
         stats: Sequence[str] | None = None,
         *,
-        border: Literal["centre", "area"] = "centre",
+        edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         progress: Progress = None,
     ) -> list[ZoneStatistics] | list[dict[str, Any]]:
-        """Statistics of the cells in each of many polygons, of which the tree is read only where a border cuts it.
+        """Statistics of the cells in each of many polygons, of which the tree is read only where an edge cuts it.
 
         Geometries are polygons (with holes, or of several parts): anything with a `__geo_interface__` (of shapely, a
         GeoDataFrame, ...), GeoJSON as dictionaries, or a list of such. They are brought to the tree's coordinate system
         from that which they have themselves (a GeoDataFrame's `crs`; features of GeoJSON are in degrees unless a member
         `crs` says otherwise; geometries alone are in the tree's own), or from `crs`, if given: "EPSG:4326", WKT, a system
-        of pyproj, or "world" for the tree's own. Polygons that all lie outside of the tree are an error. On borders,
-        cells count whole if their `"centre"` is inside, or by the part of their `"area"` that is, exactly. With the
+        of pyproj, or "world" for the tree's own. Polygons that all lie outside of the tree are an error. At edges,
+        cells count whole if their `"centre"` is inside or if they `"touch"` the polygon, or by the part of their `"area"` that is
+        inside, exactly. With the
         names of some `stats` ("count", "void", "sum", "min", "max", "mean", "std", "classes") there is a dictionary of these
         for each polygon, of the first band.
         """
-        if border not in ("centre", "area"):
-            raise ValueError(f'border: {border!r}, expected "centre" or "area"')
         with telling(progress) as callback:
-            found = self._zones(documents_of(geometries, None if crs is None else definition_of(crs)), border == "area", callback)
+            found = self._zones(documents_of(geometries, None if crs is None else definition_of(crs)), edge, callback)
         zones = [
             ZoneStatistics(cells, void, tuple(BandStatistics(*band) for band in bands), dict(classes))  # type: ignore[arg-type]
             for cells, void, bands, classes in found
@@ -413,21 +405,21 @@ class Dataset(_native.Tree):
         bins: int = 16,
         range: tuple[float, float] | None = None,
         *,
-        bbox: BBox | None = None,
         window: Window | None = None,
+        coordinates: Coordinates = None,
     ) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.float64]]:
         """Cells of a part by equal parts of a range of the first band, and the edges of these, as `numpy.histogram`.
 
         The range is that of the part's samples if none is given; samples outside count for the first or the last bin.
         """
         if range is None:
-            bands = self.stats(bbox, window=window).bands
+            bands = self.stats(window, coordinates=coordinates).bands
             low, high = (bands[0].min, bands[0].max) if bands else (0.0, 1.0)
             if not low < high:
                 low, high = low - 0.5, high + 0.5
         else:
             low, high = range
-        counts = self._count_bins(bins, low, high, window, bbox)
+        counts = self._count_bins(bins, low, high, window, coordinates)
         return counts, np.linspace(low, high, bins + 1)
 
     def find(
@@ -436,8 +428,8 @@ class Dataset(_native.Tree):
         *,
         above: float | None = None,
         below: float | None = None,
-        bbox: BBox | None = None,
         window: Window | None = None,
+        coordinates: Coordinates = None,
         limit: int | None = None,
         largest: int | None = None,
     ) -> Blocks:
@@ -453,7 +445,7 @@ class Dataset(_native.Tree):
             raise ValueError("find: give limit or largest")
         ((name, number),) = given
         assert number is not None
-        codes, levels, boxes, values = self._find_blocks(name, number, window, bbox, limit, largest)
+        codes, levels, boxes, values = self._find_blocks(name, number, window, coordinates, limit, largest)
         return Blocks(np.array(codes, dtype=np.str_), levels, boxes, self._world_of(boxes), values)
 
     def _world_of(self, boxes: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
@@ -491,7 +483,7 @@ class Dataset(_native.Tree):
         how full cells are, in cells that are not VOID)."""
         if self.ndim != 3:
             raise ValueError(f"{self.path}: is a quadtree; this is for octrees")
-        values, found = self._sample_points(points_of(points, 3), level, False, None)
+        values, found = self._sample_points(points_of(points, 3), level, "world", None)
         if self.rule == "occupancy":
             found &= values[:, 0] >= 128
         return found
@@ -513,12 +505,12 @@ class Dataset(_native.Tree):
         x: float | None = None,
         y: float | None = None,
         z: float | None = None,
-        world: bool = False,
+        coordinates: Literal["cells", "world"] = "cells",
         level: int | None = None,
         masked: bool = False,
         fill: float | None = None,
     ) -> Array:
-        """A slice of an octree at a cell of the deepest level along x, y or z, or with `world` at a coordinate.
+        """A slice of an octree at a cell of the deepest level along x, y or z, or in `coordinates` "world" at a coordinate.
 
         A slice across z has rows along y, others have rows along z, the lowest first.
         """
@@ -526,58 +518,7 @@ class Dataset(_native.Tree):
         if len(given) != 1:
             raise ValueError("slice: give one of x, y and z")
         ((axis, at),) = given
-        return self._slice_across(axis, at, world, level, masked, fill)
-
-    def mesh(self, level: int | None = None, *, smooth: bool = False, progress: Progress = None) -> Mesh:
-        """The surface of an octree as triangles: the faces of cells, or with `smooth` the surface between them."""
-        with telling(progress) as tell:
-            return Mesh(*self._surface_arrays(level, smooth, tell))
-
-    def export(
-        self,
-        path: Path,
-        *,
-        level: int | None = None,
-        smooth: bool = False,
-        triangles: bool = False,
-        progress: Progress = None,
-    ) -> tuple[int, int]:
-        """Writes the surface of an octree as a mesh (.ply, .obj, .stl, .off); returns the numbers of vertices and faces.
-
-        What the format has no room for, such as colours, values, the coordinate system or the unit of length, is told in a warning."""
-        with telling(progress) as tell:
-            return self._write_mesh(os.fspath(path), level, smooth, triangles, tell)
-
-    def render(
-        self,
-        path: Path | None = None,
-        *,
-        size: tuple[int, int] = (1024, 768),
-        azimuth: float = 215.0,
-        elevation: float = 30.0,
-        level: int | None = None,
-        zoom: float = 1.0,
-        orthographic: bool = False,
-        up: Literal["y", "z"] = "z",
-        background: tuple[int, int, int] | None = (255, 255, 255),
-        samples: int = 2,
-        progress: Progress = None,
-    ) -> npt.NDArray[np.uint8] | None:
-        """A shaded picture of an octree's solid: an array of rows, columns and colours, or a file if `path` is given.
-
-        `size` are columns and rows; the viewer stands at `azimuth` on the compass (0 is north, along y), `elevation`
-        degrees above the horizon. Without a background the picture has opacity as a fourth channel.
-        """
-        with telling(progress) as tell, tempfile.TemporaryDirectory(prefix="spinney-") as folder:
-            to = os.path.join(folder, "picture.npy") if path is None else os.fspath(path)
-            direction = (azimuth, elevation)
-            self._write_render(
-                to, size, direction, level, zoom, orthographic, up, background, samples, tell
-            )
-            if path is not None:
-                return None
-            picture: npt.NDArray[np.uint8] = np.load(to)
-            return picture
+        return self._slice_across(axis, at, coordinates, level, masked, fill)
 
     # Notebooks
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import tempfile
+import threading
 from collections.abc import Iterable, Sequence
+from operator import index
 from typing import Any, Self
 
 import numpy as np
@@ -15,7 +17,7 @@ from ._build import build
 from ._dataset import Dataset, open
 from ._files import MEMORY
 from ._progress import memory_of, telling
-from ._types import BBox, Commit, Path, Progress, Window, commit_of
+from ._types import Commit, Path, Progress, Window, commit_of
 
 
 def edit(
@@ -33,8 +35,9 @@ def edit(
             e.fill(3, window=(60, 60, 40, 40))
             e.paste("survey.goblin", where_valid=True)
 
-    All changes become one commit at the end of the block, and none if it is left by an exception. One process edits a
-    file at a time, any number of others read it meanwhile. `author` is that of the environment (SPINNEY_AUTHOR) if none
+    All changes become one commit at the end of the block, and none if it is left by an exception; without a block `commit` makes
+    it, and `close` forgets all changes. Cells can be assigned to, `e[y0:y1, x0:x1] = array`, which is what `dask.array.store`
+    does. One process edits a file at a time, any number of others read it meanwhile. `author` is that of the environment (SPINNEY_AUTHOR) if none
     is given, `time` (seconds since 1970) is now.
 
     Raises OSError if another process edits the file.
@@ -51,25 +54,77 @@ class Edit:
     ) -> None:
         self.path = os.fspath(path)
         self.message = message
-        self.commit: Commit | None = None
+        self.made: Commit | None = None
         """The commit that was made, when all is done; `None` if nothing has changed."""
+        self._lock = threading.Lock()
         self._author, self._time, self._memory, self._progress = author, time, memory, progress
         self._done: list[str] = []
         with open(self.path) as tree:
             self._ndim, self._dtype, self._kind, self._rule = tree.ndim, tree.dtype, tree.kind, tree.rule
+            self._shape = tree.shape
             self._nodata, self._count = tree._missing, tree.count
         self._editor = _native.Editor(self.path, memory)
+        self._is_closed = False
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
-            self._editor.close()
-            return
+            self.close()
+        else:
+            self.commit()
+
+    def commit(self) -> Commit | None:
+        """Makes all changes one commit, and closes the file; `None` if nothing has changed, or it is closed already."""
+        if self._is_closed:
+            return self.made
         message = self.message if self.message is not None else "; ".join(self._done)
         made = self._editor.commit(message, self._author, self._time)
-        self.commit = None if made is None else commit_of(made)
+        self._is_closed = True
+        self.made = None if made is None else commit_of(made)
+        return self.made
+
+    def close(self) -> None:
+        """Forgets all changes that are not in a commit, and closes the file."""
+        if not self._is_closed:
+            self._is_closed = True
+            self._editor.close()
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Rows and columns, planes first in octrees, and before these bands if there are several."""
+        return self._shape if self._count == 1 else (self._count, *self._shape)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the samples."""
+        return self._dtype
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self.shape)
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        """Puts an array, or one number, over the cells of an index of whole numbers and slices without steps; masked cells become
+        VOID. Bands are all given."""
+        first, size, shape = _region(key, self.shape)
+        if 0 in size:
+            return
+        if self._count > 1:
+            if first[0] != 0 or size[0] != self._count:
+                raise IndexError(f"bands: all {self._count} are assigned to at once")
+            first = first[1:]
+        values = np.ma.asarray(value) if isinstance(value, np.ma.MaskedArray) else np.asarray(value)
+        values = np.broadcast_to(values, shape, subok=True).reshape(size)
+        mask: Any = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
+        if mask is not None and self._count > 1:
+            mask = mask.all(axis=0)
+        # (One at a time, whichever threads they come from.)
+        with self._lock:
+            self.paste(np.ma.getdata(values), at=first[::-1], mask=mask)
+            self._done[-1] = "Set cells of an array"
 
     def paste(
         self,
@@ -82,11 +137,11 @@ class Edit:
     ) -> None:
         """Puts a tree file, a picture or an array over a part of the tree.
 
-        It goes to where it lies in the world, or with its first cell to the cell `at`, `(column, row)` or `(x, y, z)`;
-        arrays (bands first) need that. With `where_valid` the tree stays as it is where the source is VOID.
+        It goes to where it lies in the world, or with its first cell to the cell `at`, `(column, row)` or `(x, y, z)`, from where it
+        must not stick out; arrays (bands first) need that. With `where_valid` the tree stays as it is where the source is VOID.
         """
         steps = [view] if isinstance(view, str) else list(view)
-        place = None if at is None else [int(number) for number in at]
+        place = None if at is None else [index(number) for number in at]
         if isinstance(source, Dataset):
             steps = [*source.view, *steps]
             source = f"{source.path}@{source.commit}" if source.commit is not None else source.path
@@ -102,7 +157,13 @@ class Edit:
                     raise ValueError("at: an array needs the cell that its first one goes to")
                 name, path = "an array", os.path.join(folder, "patch.goblin")
                 self._build(source, path, mask)
-            self._editor.paste(path, steps, place, where_valid, tell)
+            try:
+                self._editor.paste(path, steps, place, where_valid, tell)
+            except (ValueError, TypeError, OSError) as error:
+                # (Nobody knows the tree that was made of it.)
+                if path == name or path not in str(error):
+                    raise
+                raise type(error)(str(error).replace(path, name)) from None
         self._done.append(f"Paste {name}")
 
     def _build(self, array: Any, path: str, mask: Any) -> None:
@@ -123,14 +184,15 @@ class Edit:
         value: float | Sequence[float] | None,
         *,
         window: Window | None = None,
-        bbox: BBox | None = None,
+        coordinates: Any = None,
         polygon: Any = None,
         block: str | None = None,
     ) -> None:
         """Gives a region one value (one number, or one for each band); `None` makes it VOID.
 
-        The region is a `window` of cells, a `bbox` of the world, a `polygon` in the world (a ring of corners, a list of
-        rings, or a shapely polygon) or a `block` of the tree by its FD code, such as `"/031"`.
+        The region is a `window` of cells, or with other `coordinates` ("world", "lonlat", "EPSG:3035") of least and greatest ones,
+        a `polygon` in the world or these (a ring of corners, a list of rings, or a shapely polygon), or a `block` of the tree by
+        its FD code, such as `"/031"`.
         """
         rings = None if polygon is None else _rings(polygon)
         if value is None:
@@ -138,7 +200,7 @@ class Edit:
         else:
             samples = [float(number) for number in np.atleast_1d(np.asarray(value, dtype=float))]
         with telling(self._progress) as tell:
-            self._editor.fill(samples, window, bbox, rings, block, tell)
+            self._editor.fill(samples, window, coordinates, rings, block, tell)
         self._done.append(f"Fill with {'VOID' if value is None else value}")
 
     def set(self, cells: npt.ArrayLike, values: npt.ArrayLike | None) -> None:
@@ -169,6 +231,32 @@ class Edit:
         """Makes the tree what it was in another commit."""
         self._editor.revert(commit)
         self._done.append(f"Revert to commit {commit}")
+
+
+def _region(key: Any, shape: tuple[int, ...]) -> tuple[list[int], list[int], list[int]]:
+    """First cells, numbers of cells along each axis, and the shape of what is assigned to them."""
+    given = list(key) if isinstance(key, tuple) else [key]
+    if Ellipsis in given:
+        at = given.index(Ellipsis)
+        given[at : at + 1] = [slice(None)] * (len(shape) - len(given) + 1)
+    given += [slice(None)] * (len(shape) - len(given))
+    if len(given) != len(shape):
+        raise IndexError(f"{len(given)} indexes for {len(shape)} axes")
+    first, size, left = [], [], []
+    for part, length in zip(given, shape):
+        if isinstance(part, slice):
+            start, stop, step = part.indices(length)
+            if step != 1:
+                raise IndexError("slices with steps cannot be assigned to")
+            left.append(max(stop - start, 0))
+        else:
+            start = index(part) + (length if index(part) < 0 else 0)
+            if not 0 <= start < length:
+                raise IndexError(f"index {part} is outside of {length}")
+            stop = start + 1
+        first.append(start)
+        size.append(max(stop - start, 0))
+    return first, size, left
 
 
 def _is_tree(path: str) -> bool:

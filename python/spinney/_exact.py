@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from . import _native
 from ._arrays import points_of, rows_of
-from ._build import crs_text, paths_of
+from ._build import crs_text
+from ._sources import is_mesh, mesh_file, paths_of
 from ._files import MEMORY
 from ._progress import memory_of, telling
 from ._types import (
@@ -33,36 +34,43 @@ from ._types import (
 
 
 def build_exact(
-    models: Path | Sequence[Path],
+    models: Path | Sequence[Path] | Any,
     out: Path,
     *,
-    grid: float | None = None,
+    snap: float | None = None,
     close: bool = False,
     repair: bool = False,
-    boolean: int | None = None,
+    leaf_size: int | None = None,
     up: Literal["y", "z"] | None = None,
     unit: str | None = None,
     crs: Any = None,
     memory: int | str = MEMORY,
     progress: Progress = None,
 ) -> BuiltModel:
-    """Makes an exact model, a .goblin file, of one or several mesh files (PLY, OBJ, STL, OFF, CityJSON, exact models).
+    """Makes an exact model, a .goblin file, of one or several mesh files (PLY, OBJ, STL, OFF, CityJSON, exact models), or of a mesh: one
+    of trimesh, anything with `vertices` and `faces`, or a pair of arrays of these.
 
-    Corners are moved to a grid of whole steps; everything after that is exact. `grid` is the width of a step, otherwise
+    Corners are moved to a grid of whole steps; everything after that is exact. `snap` is the width of a step, otherwise
     that of the files' own grid or the finest one. `close` closes open surfaces with triangles over their boundaries;
     `repair` resolves those that pass through themselves: what they go around once or more is inside. Without these, such
-    surfaces are a ValueError that tells the places, and there is no file. Cells of the octree with up to `boolean` faces are not divided. `up`, `unit`, `crs` and `memory` are as for `build`.
+    surfaces are a ValueError that tells the places, and there is no file. Cells of the octree with up to `leaf_size` faces are not divided. `up`, `unit`, `crs` and `memory` are as for `build`.
     """
+    if is_mesh(models):
+        with mesh_file(models, out) as (path, told_unit):
+            return build_exact(
+                path, out, snap=snap, close=close, repair=repair, leaf_size=leaf_size, up=up, unit=unit or told_unit, crs=crs, memory=memory,
+                progress=progress,
+            )
     paths = paths_of(models)
     if paths is None:
         raise TypeError(f"models: expected the path of a mesh file, or several, got {models!r}")
-    if boolean is not None and boolean < 0:
-        raise ValueError(f"boolean: {boolean}, expected a number of faces")
+    if leaf_size is not None and leaf_size < 0:
+        raise ValueError(f"leaf_size: {leaf_size}, expected a number of faces")
     options = {
-        "grid": None if grid is None else float(grid),
+        "snap": None if snap is None else float(snap),
         "close": close,
         "repair": repair,
-        "boolean": boolean,
+        "leaf_size": leaf_size,
         "up": up,
         "unit": unit,
         "crs": crs_text(crs),
@@ -74,7 +82,7 @@ def build_exact(
 
 
 def open_exact(path: Path, *, positioned: bool = False) -> ExactModel:
-    """Opens a file of an exact model, made by `build_exact` or `spinney build --exact`.
+    """Opens a file of an exact model, made by `build_exact` or `spinney build --brep`.
 
     Files are mapped; `positioned=True` reads those that may be replaced in place, or that lie on network folders, without
     mapping them (see `open`).

@@ -8,7 +8,7 @@ from typing import Literal
 
 from . import _native
 from ._progress import memory_of, telling
-from ._types import Commit, Differences, Finding, Outcome, Path, Progress, commit_of, outcome_of
+from ._types import CombinedModel, Commit, Differences, Finding, Outcome, Path, Progress, Resampling, commit_of, outcome_of
 
 MEMORY = "256M"
 
@@ -18,7 +18,8 @@ def transform(
     steps: str | Sequence[str],
     out: Path,
     *,
-    nearest: bool = False,
+    resampling: Resampling | None = None,
+    allow_ballpark: bool = False,
     move: bool = False,
     memory: int | str = MEMORY,
     progress: Progress = None,
@@ -26,13 +27,14 @@ def transform(
     """Makes a tree of a part of another, moved, scaled, mirrored or turned.
 
     Steps are those of `spinney transform` (`spinney help transform` lists them): `"rotate=30"`, `["crop", "scale=0.5"]`.
-    New cells get their values by the file's rule, or with `nearest` from their centres. The picture stays where it is in
+    New cells get their values by the file's rule, or with `resampling` "nearest" from their centres; onto the grids of `like=`,
+    `warp=` and `grid=` other ways are there, too. The picture stays where it is in
     the world unless `move` is set.
     """
     chain = [steps] if isinstance(steps, str) else list(steps)
     with telling(progress) as tell:
         made = _native.transform(
-            os.fspath(path), chain, os.fspath(out), nearest, move, memory_of(memory), tell
+            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, memory_of(memory), tell
         )
     return outcome_of(made)
 
@@ -48,12 +50,12 @@ def combine(
     margin: int | None = None,
     memory: int | str = MEMORY,
     progress: Progress = None,
-) -> Outcome:
+) -> Outcome | CombinedModel:
     """Makes one tree of several: `"union"`, `"and"`, `"a-b"`, `"over"`, `"min"`, `"changed"`, ...
 
     The operations are those of `spinney combine`. `values` tells whose value stands where a set operation finds both,
     `fill` the value of cells that it makes of nothing, `within` (a box of the world) or `margin` (cells around the
-    files) where it does that.
+    files) where it does that. Exact models are combined exactly, as surfaces (set operations only, and none of these options).
     """
     if values not in ("first", "second"):
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
@@ -63,7 +65,7 @@ def combine(
         made = _native.combine(
             operation, names, os.fspath(out), values == "second", fill, box, margin, memory_of(memory), tell
         )
-    return outcome_of(made)
+    return CombinedModel(**made) if "faces" in made else outcome_of(made)
 
 
 def cross(first: Path, second: Path) -> list[tuple[list[float] | None, list[float] | None, int]]:
@@ -73,9 +75,9 @@ def cross(first: Path, second: Path) -> list[tuple[list[float] | None, list[floa
 
 def diff(first: Path, second: Path, *, ranges: bool = False) -> Differences:
     """How two trees differ, most often two commits of one file; with `ranges` also where, as runs of FD paths."""
-    sums, runs = _native.diff(os.fspath(first), os.fspath(second), ranges)
-    added, removed, changed, blocks, count = sums
-    return Differences(added, removed, changed, blocks, count, runs)
+    sums, found = _native.diff(os.fspath(first), os.fspath(second), ranges)
+    added, removed, changed, blocks, runs = sums
+    return Differences(added, removed, changed, blocks, runs, found)
 
 
 def verify(
@@ -88,12 +90,18 @@ def verify(
     return [Finding(place, problem) for place, problem in findings]
 
 
-def publish(
+def convert(
     path: Path, out: Path, *, share: bool = False, memory: int | str = MEMORY, progress: Progress = None
 ) -> None:
     """Writes a tree, or one of its commits, in the format that the output's name asks for: .goblin or .autumn."""
     with telling(progress) as tell:
-        _native.publish(os.fspath(path), os.fspath(out), share, memory_of(memory), tell)
+        _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), tell)
+
+
+def blame(path: Path, out: Path, *, memory: int | str = MEMORY, progress: Progress = None) -> None:
+    """Makes a tree of the numbers of the commits that changed each cell of an Autumnal file last."""
+    with telling(progress) as tell:
+        _native.blame(os.fspath(path), os.fspath(out), memory_of(memory), tell)
 
 
 def compact(

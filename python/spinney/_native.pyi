@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Literal, final, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -52,16 +52,47 @@ class Tree:
     @property
     def _missing(self) -> float | None: ...
     def _facts(self) -> dict[str, Any]: ...
+    @overload
     def read(
         self,
         bands: int | list[int] | tuple[int, ...] | None = None,
         *,
         window: Any = None,
-        bbox: Any = None,
+        coordinates: Any = None,
         level: int | None = None,
         out_shape: tuple[int, ...] | None = None,
         exact: bool = False,
-        masked: bool = False,
+        masked: Literal[False] = False,
+        fill: float | None = None,
+        boundless: bool = False,
+        out: Array | None = None,
+    ) -> Array: ...
+    @overload
+    def read(
+        self,
+        bands: int | list[int] | tuple[int, ...] | None = None,
+        *,
+        window: Any = None,
+        coordinates: Any = None,
+        level: int | None = None,
+        out_shape: tuple[int, ...] | None = None,
+        exact: bool = False,
+        masked: Literal[True],
+        fill: float | None = None,
+        boundless: bool = False,
+        out: Array | None = None,
+    ) -> np.ma.MaskedArray[Any, Any]: ...
+    @overload
+    def read(
+        self,
+        bands: int | list[int] | tuple[int, ...] | None = None,
+        *,
+        window: Any = None,
+        coordinates: Any = None,
+        level: int | None = None,
+        out_shape: tuple[int, ...] | None = None,
+        exact: bool = False,
+        masked: bool,
         fill: float | None = None,
         boundless: bool = False,
         out: Array | None = None,
@@ -69,23 +100,23 @@ class Tree:
     def __getitem__(self, key: Any, /) -> Any: ...
     def _at_index(self, level: int | None, key: Any) -> Any: ...
     def _sample_points(
-        self, points: npt.NDArray[np.float64], level: int | None, in_cells: bool, fill: float | None
+        self, points: npt.NDArray[np.float64], level: int | None, coordinates: Any, fill: float | None
     ) -> tuple[Array, npt.NDArray[np.bool_]]: ...
     def _build(self, out: Any, options: dict[str, Any], progress: _Tell) -> None: ...
-    def _statistics(self, window: Any = None, bbox: Any = None) -> dict[str, Any]: ...
-    def _mapped(self, window: Any = None, bbox: Any = None, level: int | None = None) -> Array | None: ...
+    def _statistics(self, window: Any = None, coordinates: Any = None) -> dict[str, Any]: ...
+    def _mapped(self, window: Any = None, coordinates: Any = None, level: int | None = None) -> Array | None: ...
     def _zones(
-        self, documents: list[tuple[str, str | None]], by_area: bool, progress: Any = None
+        self, documents: list[tuple[str, str | None]], edge: str, progress: Any = None
     ) -> list[tuple[float, float, list[tuple[float, float, float, float, float]], list[tuple[float, float]]]]: ...
     def _count_bins(
-        self, bins: int, low: float, high: float, window: Any = None, bbox: Any = None
+        self, bins: int, low: float, high: float, window: Any = None, coordinates: Any = None
     ) -> npt.NDArray[np.uint64]: ...
     def _find_blocks(
         self,
         condition: str,
         number: float,
         window: Any = None,
-        bbox: Any = None,
+        coordinates: Any = None,
         limit: int | None = None,
         largest: int | None = None,
     ) -> tuple[list[str], npt.NDArray[np.uint8], npt.NDArray[np.int64], npt.NDArray[np.float64]]: ...
@@ -98,7 +129,7 @@ class Tree:
         smooth: bool,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.int64]]: ...
     def _slice_across(
-        self, across: int, at: float, world: bool, level: int | None, masked: bool, fill: float | None
+        self, across: int, at: float, coordinates: str, level: int | None, masked: bool, fill: float | None
     ) -> Array: ...
     def _surface_arrays(
         self, level: int | None, smooth: bool, progress: _Tell
@@ -112,7 +143,7 @@ class Tree:
         size: tuple[int, int],
         direction: tuple[float, float],
         level: int | None,
-        zoom: float,
+        scale: float,
         orthographic: bool,
         up: str,
         background: tuple[int, int, int] | None,
@@ -123,14 +154,25 @@ class Tree:
         self,
         path: Any,
         window: Any,
-        bbox: Any,
+        coordinates: Any,
         level: int | None,
         shape: tuple[int, int] | None,
         exact: bool,
         nodata: float | None,
         range: tuple[float, float] | None,
+        style: str | None,
         progress: _Tell,
     ) -> None: ...
+    def _write_cog(
+        self, path: Any, tile_size: int | None, compression: str | None, nodata: float | None, progress: _Tell
+    ) -> None: ...
+    def _write_contours(self, path: Any, options: dict[str, Any], progress: _Tell) -> int: ...
+    def _write_gltf(self, path: Any, level: int | None, smooth: bool, progress: _Tell) -> int: ...
+    @staticmethod
+    def _is_tiles(path: Any) -> bool: ...
+    def _write_tiles(
+        self, path: Any, window: Any, coordinates: Any, options: dict[str, Any], progress: _Tell
+    ) -> int: ...
 
 @disjoint_base
 class Model:
@@ -177,7 +219,7 @@ class Editor:
         self,
         value: list[float] | None,
         window: Any,
-        bbox: Any,
+        coordinates: Any,
         polygon: list[list[tuple[float, float]]] | None,
         block: str | None,
         progress: _Tell,
@@ -200,7 +242,7 @@ def is_tree(path: Any) -> bool: ...
 def build_files(paths: list[Any], out: Any, options: dict[str, Any], progress: _Tell) -> None: ...
 def build_exact(paths: list[Any], out: Any, options: dict[str, Any], progress: _Tell) -> dict[str, Any]: ...
 def transform(
-    path: Any, steps: list[str], out: Any, nearest: bool, moves: bool, memory: int, progress: _Tell
+    path: Any, steps: list[str], out: Any, resampling: str | None, allow_ballpark: bool, moves: bool, memory: int, progress: _Tell
 ) -> dict[str, Any]: ...
 def combine(
     operation: str,
@@ -216,7 +258,8 @@ def combine(
 def cross(first: Any, second: Any) -> list[tuple[list[float] | None, list[float] | None, int]]: ...
 def diff(first: Any, second: Any, ranges: bool) -> tuple[list[int], npt.NDArray[np.uint64] | None]: ...
 def verify(path: Any, quick: bool, memory: int, progress: _Tell) -> list[tuple[str, str]]: ...
-def publish(path: Any, out: Any, share: bool, memory: int, progress: _Tell) -> None: ...
+def convert(path: Any, out: Any, share: bool, memory: int, progress: _Tell) -> None: ...
+def blame(path: Any, out: Any, memory: int, progress: _Tell) -> None: ...
 def compact(
     path: Any, out: Any, keep: int, commits: list[int] | None, share: bool, memory: int, progress: _Tell
 ) -> list[dict[str, Any]]: ...

@@ -1,10 +1,10 @@
 """What questions are answered with."""
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,13 @@ Progress = Callable[[int, int], object] | bool | Any | None
 """A function that is called with what is done and the total, a bar of tqdm, or `True` for a new bar."""
 Window = Any
 """Cells: `(column, row, width, height)`, of octrees `(x, y, z, width, height, depth)`, or a window of rasterio."""
+Coordinates = Any
+"""What coordinates count: `"cells"`, `"world"` (the tree's own system), `"lonlat"` (degrees, WGS 84), or a coordinate system: text such
+as `"EPSG:3035"`, or an object of pyproj or rasterio. Of a window in others than cells least and then greatest ones are given."""
+Resampling = Literal["nearest", "bilinear", "cubic", "area", "majority"]
+"""Ways in which cells get their values from those of another grid."""
+Style = str | Mapping[str, Any] | os.PathLike[str]
+"""Colours: a style's name, its document as a dictionary or JSON, or a file with it."""
 BBox = Sequence[float]
 """A box of the world: `(left, bottom, right, top)`, of octrees least and then greatest `x, y, z`."""
 Points = npt.ArrayLike | Iterable[Sequence[float]]
@@ -55,6 +62,26 @@ class Box(NamedTuple):
     max_x: float
     max_y: float
     max_z: float
+
+    @property
+    def left(self) -> float:
+        """Least x, as `BoundingBox` has it."""
+        return self.min_x
+
+    @property
+    def bottom(self) -> float:
+        """Least y."""
+        return self.min_y
+
+    @property
+    def right(self) -> float:
+        """Greatest x."""
+        return self.max_x
+
+    @property
+    def top(self) -> float:
+        """Greatest y."""
+        return self.max_y
 
 
 @dataclass(frozen=True)
@@ -285,6 +312,26 @@ class BuiltModel:
     """Bits of the grid's coordinates."""
     nodes: dict[str, int]
     """Nodes of the octree by kind."""
+
+
+@dataclass(frozen=True)
+class CombinedModel:
+    """Counts of an exact model that was made of others."""
+
+    before: list[int]
+    """Faces of each."""
+    faces: int
+    """Faces of the result."""
+    pairs: int
+    """Pairs of faces that touch or pass through each other."""
+    divided: int
+    """Faces that were divided, or of which a part was taken away."""
+    displacement: float
+    """The farthest that a new corner was moved to the grid."""
+    is_unbounded: bool
+    """Whether what is far away belongs to the result."""
+    defects: int
+    """Places where the surface passes through itself on the grid, being thinner than its step."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,9 @@ use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use spinney::import::mesh::{self, Resolution, SolidOptions};
-use spinney::import::raster::{self, ImportOptions};
+use spinney::import::raster::{self, ImportOptions, TargetGrid};
+use spinney::import::volume::{self, VolumeOptions};
+use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::space::{Crs, Dimension, Frame};
 use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, create_tree_file, depth_for};
 use spinney::tree::Form;
@@ -253,7 +255,7 @@ pub(crate) struct FileOptions {
     rule: Option<String>,
     bands: Option<Vec<usize>>,
     nodata: Option<f64>,
-    transform: Option<[f64; 6]>,
+    transform: Option<Vec<f64>>,
     crs: Option<String>,
     depth: Option<u8>,
     layer: Option<String>,
@@ -262,10 +264,13 @@ pub(crate) struct FileOptions {
     share: bool,
     cells: Option<u64>,
     cell: Option<f64>,
-    like: Option<PathBuf>,
-    boundary: Option<String>,
+    grid: Option<PathBuf>,
+    max_zoom: Option<u8>,
+    resampling: Option<String>,
+    allow_ballpark: bool,
+    edge: Option<String>,
     attribute: Option<String>,
-    surface: bool,
+    shell: bool,
     up: Option<String>,
     unit: Option<String>,
 }
@@ -277,35 +282,77 @@ impl FileOptions {
         options.rule = self.rule.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
         (options.bands, options.nodata) = (self.bands.clone(), self.nodata);
-        (options.depth, options.transform, options.layer) = (self.depth, self.transform, self.layer.clone());
+        options.transform = match self.transform.as_deref() {
+            None => None,
+            Some(&[a, b, c, d, e, f]) => Some([a, b, c, d, e, f]),
+            Some(_) => return Err(invalid("transform: pictures take six numbers")),
+        };
+        (options.depth, options.layer) = (self.depth, self.layer.clone());
         (options.keep_transparent, options.share) = (self.keep_transparent, self.share);
         options.memory = Some(self.memory);
         Ok(options)
     }
 
+    fn volume(&self) -> PyResult<VolumeOptions> {
+        if self.bands.is_some() || self.layer.is_some() || self.keep_transparent || self.grid.is_some() {
+            return Err(invalid("bands, layer, keep_transparent and grid are not for volumes"));
+        }
+        let mut options = VolumeOptions::new();
+        options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        options.rule = self.rule.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
+        options.transform = self.transform.as_deref().map(matrix_of).transpose()?;
+        (options.nodata, options.depth, options.share) = (self.nodata, self.depth, self.share);
+        options.memory = Some(self.memory);
+        Ok(options)
+    }
+
+    /// The grid that pictures are warped to, if not their own.
+    fn target(&self) -> PyResult<Option<TargetGrid>> {
+        let Some(path) = &self.grid else {
+            return match self.max_zoom.is_some() || self.resampling.is_some() || self.allow_ballpark {
+                true => Err(invalid("max_zoom, resampling and allow_ballpark: are for another grid")),
+                false => Ok(None),
+            };
+        };
+        if path.as_os_str() == "xyz" {
+            return Ok(Some(TargetGrid::WebMercator(self.max_zoom)));
+        }
+        let tree = dataset::open(path, &Default::default()).or_raise()?;
+        if tree.header().form.axes() != 2 || self.max_zoom.is_some() {
+            let text = "is an octree, a quadtree is needed; max_zoom is for xyz";
+            return Err(invalid(format!("grid: {} {text}", path.display())));
+        }
+        let (frame, extent) = (tree.metadata().frame.clone(), tree.header().extent);
+        Ok(Some(TargetGrid::Cells(Box::new(WarpGrid { frame, extent }))))
+    }
+
     fn solids(&self) -> PyResult<SolidOptions> {
         let mut options = SolidOptions::new();
-        options.resolution = match (self.cells, self.cell, &self.like, self.depth) {
+        options.resolution = match (self.cells, self.cell, &self.grid, self.depth) {
             (None, None, None, None) => Resolution::Cells(256),
             (Some(cells), None, None, None) => Resolution::Cells(cells),
             (None, Some(width), None, None) => Resolution::Cell(width),
             (None, None, Some(path), None) => {
                 let tree = dataset::open(path, &Default::default()).or_raise()?;
                 if tree.header().form.axes() != 3 {
-                    return Err(invalid(format!("{}: is a quadtree, like needs an octree", path.display())));
+                    return Err(invalid(format!(
+                        "grid: {} is a quadtree, an octree is needed",
+                        path.display()
+                    )));
                 }
                 Resolution::Like(tree.metadata().frame.clone(), tree.depth())
             }
             (None, None, None, Some(depth)) => Resolution::Depth(depth),
-            _ => return Err(invalid("cells, cell, like and depth: give one of them")),
+            _ => return Err(invalid("cells, cell, grid and depth: give one of them")),
         };
-        let boundary = self.boundary.as_ref().map(|name| name.parse()).transpose().or_raise()?;
-        options.boundary = boundary.unwrap_or_default();
+        let edge = self.edge.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        options.edge = edge.unwrap_or_default();
         let attribute = self.attribute.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.attribute = attribute.unwrap_or_default();
         options.up = self.up.as_ref().map(|name| name.parse()).transpose().or_raise()?.unwrap_or_default();
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
-        (options.surface, options.memory, options.share) = (self.surface, self.memory, self.share);
+        (options.shell, options.memory, options.share) = (self.shell, self.memory, self.share);
         Ok(options)
     }
 }
@@ -330,6 +377,24 @@ pub(crate) fn build_files(
             mesh::plan_models(models, &solid)?.build(create_tree_file(&out)?, work).map(drop)
         });
     }
-    let pictures = options.pictures()?;
-    jobs::run(py, progress, |work| raster::plan(&paths, &pictures)?.build(create_tree_file(&out)?, work))
+    if let [path] = &paths[..]
+        && volume::is_volume(path)
+    {
+        let volume = options.volume()?;
+        return jobs::run(py, progress, |work| {
+            volume::plan(path, &volume)?.build(create_tree_file(&out)?, work).map(drop)
+        });
+    }
+    let (pictures, target) = (options.pictures()?, options.target()?);
+    let mut warp = WarpOptions::default();
+    warp.resampling = options.resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
+    warp.allow_ballpark = options.allow_ballpark;
+    jobs::run(py, progress, |work| {
+        let import = raster::plan(&paths, &pictures)?;
+        let output = create_tree_file(&out)?;
+        match &target {
+            None => import.build(output, work),
+            Some(target) => import.build_warped(target, &warp, output, work).map(drop),
+        }
+    })
 }

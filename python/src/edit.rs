@@ -10,13 +10,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::dataset::Dataset;
 use spinney::ops::{Chain, Edit, FillRegion, Prefer, apply_edits};
-use spinney::space::{Code, Polygon};
+use spinney::space::{Code, Coordinates, Places, Polygon};
 use spinney::store::autumnal::{self, Note};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::{commit_facts, is_same_file, named};
 use crate::jobs;
-use crate::part::part_of;
+use crate::part::{coordinates_of, part_of};
 
 /// A file that is being edited; nothing of it is seen by others before it is committed.
 #[pyclass(frozen, module = "spinney._native")]
@@ -84,6 +84,16 @@ impl Editor {
             Some(_) => return Err(invalid("at: expected (column, row), or (x, y, z) in octrees")),
         };
         let chain = Chain { steps, ..Chain::of(&patch) };
+        if let Some(at) = at {
+            let (size, extent) = (chain.open().or_raise()?.extent(), self.tree()?.header().extent);
+            let sticks_out = |axis: usize| {
+                at[axis] < 0 || at[axis].saturating_add_unsigned(size[axis]) > extent[axis] as i64
+            };
+            if (0..3).any(sticks_out) {
+                let text = format!("at: {at:?} and {size:?} cells stick out of the tree's {extent:?}");
+                return Err(PyIndexError::new_err(text));
+            }
+        }
         self.apply(py, Edit::Paste { patch: chain, at, where_valid }, progress)
     }
 
@@ -94,22 +104,28 @@ impl Editor {
         py: Python<'_>,
         value: Option<Vec<f64>>,
         window: Option<&Bound<'_, PyAny>>,
-        bbox: Option<&Bound<'_, PyAny>>,
+        coordinates: Option<&Bound<'_, PyAny>>,
         polygon: Option<Vec<Vec<[f64; 2]>>>,
         block: Option<&str>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<()> {
         let tree = self.tree()?;
-        let part = part_of(&tree, window, bbox)?;
+        let given = coordinates.map(coordinates_of).transpose()?;
+        let part = if polygon.is_some() { None } else { part_of(&tree, window, coordinates)? };
         let region = match (part, polygon, block) {
             (Some(bounds), None, None) => FillRegion::Box(bounds),
             (None, Some(rings), None) => {
-                let corner =
-                    |[x, y]: [f64; 2]| tree.metadata().frame.to_cells([x, y, 0.0]).map(|[x, y, _]| [x, y]);
-                let rings: Option<Vec<Vec<_>>> =
-                    rings.into_iter().map(|ring| ring.into_iter().map(corner).collect()).collect();
-                let rings = rings.ok_or_else(|| invalid("the file's transform has no inverse"))?;
-                FillRegion::Polygon(Polygon::new(&rings).or_raise()?)
+                Polygon::new(&rings).or_raise()?;
+                let coordinates = given.unwrap_or(Coordinates::World);
+                let places =
+                    Places::new(&coordinates, &tree.metadata().frame, tree.header().extent).or_raise()?;
+                let parts = places.parts(&[rings]);
+                if parts.is_empty() {
+                    let text = format!("polygon: outside of the picture, which is {}", places.picture());
+                    return Err(invalid(text));
+                }
+                // (What an odd number of rings is around is inside, wherever they come from.)
+                FillRegion::Polygon(Polygon::new(&parts.concat()).or_raise()?)
             }
             (None, None, Some(text)) => {
                 let code = Code::parse(tree.header().form.dimension, text).or_raise()?;
@@ -118,7 +134,7 @@ impl Editor {
                 }
                 FillRegion::Box(code.bounds(tree.depth()))
             }
-            _ => return Err(invalid("fill: give one of window, bbox, polygon and block")),
+            _ => return Err(invalid("fill: give one of window, polygon and block")),
         };
         drop(tree);
         self.apply(py, Edit::Fill(region, value), progress)

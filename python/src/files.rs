@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
-use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe};
+use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
 use spinney::store::autumnal::{self, Commit, History, Keep};
 use spinney::store::{OpenOptions, create_tree_file, split_commit};
 
@@ -61,7 +61,8 @@ pub(crate) fn transform<'py>(
     path: PathBuf,
     steps: Vec<String>,
     out: PathBuf,
-    nearest: bool,
+    resampling: Option<String>,
+    allow_ballpark: bool,
     moves: bool,
     memory: u64,
     progress: Option<Py<PyAny>>,
@@ -73,7 +74,10 @@ pub(crate) fn transform<'py>(
     });
     let inputs: Vec<PathBuf> = like.chain([path.clone()]).collect();
     check_output(&inputs, &out)?;
-    let chain = Chain { steps, nearest, moves, ..Chain::of(&path) };
+    let mut warp = WarpOptions::default();
+    warp.resampling = resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
+    warp.allow_ballpark = allow_ballpark;
+    let chain = Chain { steps, moves, warp, ..Chain::of(&path) };
     let made = jobs::run(py, progress, |work| ops::transform(&chain, create_tree_file(&out)?, memory, work))?;
     outcome(py, &made)
 }
@@ -107,11 +111,46 @@ pub(crate) fn combine<'py>(
         return Err(invalid("within and margin are for operations that fill what neither file has"));
     }
     check_output(&paths, &out)?;
+    if paths.iter().any(|path| is_model_file(path)) {
+        if prefer_second || fill.is_some() || universe.is_some() {
+            return Err(invalid("values, fill, within and margin mean nothing for exact models"));
+        }
+        return combine_exact(py, operation, &paths, &out, memory, progress);
+    }
     let made = jobs::run(py, progress, |work| {
         let universe = universe.unwrap_or_default();
         ops::combine(operation, fill, universe, &paths, create_tree_file(&out)?, memory, work)
     })?;
     outcome(py, &made)
+}
+
+/// Makes an exact model of several; returns counts by name.
+fn combine_exact<'py>(
+    py: Python<'py>,
+    operation: Operation,
+    paths: &[PathBuf],
+    out: &Path,
+    memory: u64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let Operation::Set { number, .. } = operation else {
+        return Err(invalid("operation: exact models have no values, but set operations (0 to 15)"));
+    };
+    let made = jobs::run(py, progress, |work| {
+        let models = paths.iter().map(|path| ExactModel::open(path, &OpenOptions::new()));
+        let models = models.collect::<spinney::Result<Vec<_>>>()?;
+        let models: Vec<&ExactModel> = models.iter().collect();
+        spinney::brep::combine(number, &models, create_tree_file(out)?, memory, work)
+    })?;
+    let facts = PyDict::new(py);
+    facts.set_item("before", made.before)?;
+    facts.set_item("faces", made.after)?;
+    facts.set_item("pairs", made.pairs)?;
+    facts.set_item("divided", made.divided)?;
+    facts.set_item("displacement", made.displacement)?;
+    facts.set_item("is_unbounded", made.is_unbounded)?;
+    facts.set_item("defects", made.built.defect_count)?;
+    Ok(facts)
 }
 
 /// The operation of a name.
@@ -177,7 +216,7 @@ pub(crate) fn verify(
 
 /// Writes a tree as it is, in the format that the output's name asks for.
 #[pyfunction]
-pub(crate) fn publish(
+pub(crate) fn convert(
     py: Python<'_>,
     path: PathBuf,
     out: PathBuf,
@@ -187,6 +226,19 @@ pub(crate) fn publish(
 ) -> PyResult<()> {
     check_output(std::slice::from_ref(&path), &out)?;
     jobs::run(py, progress, |work| ops::convert(&path, share, create_tree_file(&out)?, memory, work))
+}
+
+/// Writes a tree of the numbers of the commits that changed each cell last.
+#[pyfunction]
+pub(crate) fn blame(
+    py: Python<'_>,
+    path: PathBuf,
+    out: PathBuf,
+    memory: u64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<()> {
+    check_output(std::slice::from_ref(&path), &out)?;
+    jobs::run(py, progress, |work| ops::blame(&path, create_tree_file(&out)?, memory, work))
 }
 
 /// Writes some commits of a file to a new one: the newest, or those with these numbers.

@@ -17,6 +17,17 @@ pub(crate) struct Along {
 }
 
 impl Along {
+    /// Number of cells.
+    pub(crate) fn count(&self) -> u64 {
+        (self.end - self.first).div_ceil(self.step.unsigned_abs())
+    }
+
+    /// One of the cells, by its number in the order of the index.
+    pub(crate) fn at(&self, number: u64) -> u64 {
+        let away = number * self.step.unsigned_abs();
+        if self.step > 0 { self.first + away } else { self.end - 1 - away }
+    }
+
     fn all(length: u64) -> Along {
         Along { first: 0, end: length, step: 1, is_single: false }
     }

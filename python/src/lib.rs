@@ -4,9 +4,12 @@
 #[cfg(target_endian = "big")]
 compile_error!("samples are handed to NumPy as the library has them, which is little-endian");
 
+mod buffers;
 mod build;
+mod contours;
 mod edit;
 mod error;
+mod export;
 mod files;
 mod index;
 mod jobs;
@@ -33,7 +36,7 @@ mod _native {
     #[pymodule_export]
     use super::edit::Editor;
     #[pymodule_export]
-    use super::files::{combine, compact, cross, diff, log, publish, recover, transform, verify};
+    use super::files::{blame, combine, compact, convert, cross, diff, log, recover, transform, verify};
     #[pymodule_export]
     use super::model::{Model, build_exact};
     #[pymodule_export]

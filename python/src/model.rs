@@ -344,10 +344,10 @@ impl Model {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct ModelOptions {
-    grid: Option<f64>,
+    snap: Option<f64>,
     close: bool,
     repair: bool,
-    boolean: Option<usize>,
+    leaf_size: Option<usize>,
     up: Option<String>,
     unit: Option<String>,
     crs: Option<String>,
@@ -366,9 +366,9 @@ pub(crate) fn build_exact<'py>(
 ) -> PyResult<Bound<'py, PyDict>> {
     check_output(&paths, &out)?;
     let mut exact = ExactOptions::new();
-    (exact.grid, exact.close, exact.memory) = (options.grid, options.close, options.memory);
+    (exact.snap, exact.close, exact.memory) = (options.snap, options.close, options.memory);
     exact.repair = options.repair;
-    exact.boolean_faces = options.boolean.unwrap_or(exact.boolean_faces);
+    exact.leaf_size = options.leaf_size.unwrap_or(exact.leaf_size);
     exact.up = options.up.as_ref().map(|name| name.parse()).transpose().or_raise()?.unwrap_or_default();
     exact.unit = options.unit;
     exact.crs = options.crs.as_deref().map(Crs::parse).transpose().or_raise()?;

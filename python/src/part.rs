@@ -1,24 +1,37 @@
-//! Parts of trees as Python programs give them: windows of cells, boxes of the world.
+//! Parts of trees as Python programs give them: windows of cells, or of other coordinates.
 
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
 use spinney::dataset::Dataset;
-use spinney::space::Bounds;
+use spinney::space::{Bounds, Coordinates, Places};
 
-use crate::error::invalid;
+use crate::error::{OrRaise, invalid};
 
-/// The cells of the deepest level that a window or a box of the world means; `None` if neither is given.
+/// The cells of the deepest level that a window means: of cells, a first one and numbers of them; in other coordinates least and
+/// greatest ones. `None` if none is given.
 pub(crate) fn part_of(
     tree: &Dataset,
     window: Option<&Bound<'_, PyAny>>,
-    bbox: Option<&Bound<'_, PyAny>>,
+    coordinates: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Option<Bounds>> {
-    match (window, bbox) {
-        (None, None) => Ok(None),
-        (Some(window), None) => window_cells(tree, window).map(Some),
-        (None, Some(bbox)) => box_cells(tree, bbox).map(Some),
-        (Some(_), Some(_)) => Err(invalid("window and bbox: give one of them")),
+    let coordinates = coordinates.map(coordinates_of).transpose()?.unwrap_or(Coordinates::Cells);
+    match window {
+        None if coordinates != Coordinates::Cells => {
+            Err(invalid("coordinates: are those of a window; give one"))
+        }
+        None => Ok(None),
+        Some(window) if coordinates == Coordinates::Cells => window_cells(tree, window).map(Some),
+        Some(window) => box_cells(tree, window, &coordinates).map(Some),
     }
+}
+
+/// Coordinates by name (`cells`, `world`, `lonlat`), or a coordinate system as text or as an object that has one.
+pub(crate) fn coordinates_of(given: &Bound<'_, PyAny>) -> PyResult<Coordinates> {
+    let text = match given.extract::<String>() {
+        Ok(text) => text,
+        Err(_) => given.py().import("spinney._build")?.getattr("crs_text")?.call1((given,))?.extract()?,
+    };
+    text.parse().or_raise()
 }
 
 /// First cell and size along x, y and z.
@@ -73,29 +86,24 @@ fn window_cells(tree: &Dataset, window: &Bound<'_, PyAny>) -> PyResult<Bounds> {
     Ok(Bounds { min, max: std::array::from_fn(|axis| min[axis] + size[axis] as u64) })
 }
 
-fn box_cells(tree: &Dataset, bbox: &Bound<'_, PyAny>) -> PyResult<Bounds> {
-    let (frame, extent) = (&tree.metadata().frame, tree.header().extent);
-    let cells = if let Ok(rectangle) = bbox.extract::<[f64; 4]>() {
-        let [west, south, east, north] = rectangle;
-        if !(west < east && south < north) {
-            return Err(invalid("bbox: left must be less than right, bottom less than top"));
-        }
-        frame.cells_in_rectangle(rectangle, extent)
-    } else if let Ok([a, b, c, d, e, f]) = bbox.extract::<[f64; 6]>() {
-        if !(a < d && b < e && c < f) {
-            return Err(invalid("bbox: the least x, y, z come first, then the greatest"));
-        }
-        frame.cells_in_box([a, b, c], [d, e, f], extent)
+fn box_cells(tree: &Dataset, window: &Bound<'_, PyAny>, coordinates: &Coordinates) -> PyResult<Bounds> {
+    let is_octree = tree.header().form.axes() == 3;
+    let (low, high) = if let Ok([west, south, east, north]) = window.extract::<[f64; 4]>() {
+        ([west, south, f64::NEG_INFINITY], [east, north, f64::INFINITY])
+    } else if let (true, Ok([a, b, c, d, e, f])) = (is_octree, window.extract::<[f64; 6]>()) {
+        ([a, b, c], [d, e, f])
     } else {
-        let text = "bbox: expected (left, bottom, right, top), or of octrees (min x, y, z, max x, y, z)";
+        let more = if is_octree { ", or (min x, y, z, max x, y, z)" } else { "" };
+        let text =
+            format!("window: in other coordinates than cells, expected (left, bottom, right, top){more}");
         return Err(PyTypeError::new_err(text));
     };
-    let cells = cells.ok_or_else(|| invalid("the file's transform has no inverse"))?;
-    if cells.is_empty() {
-        let [low, high] = frame.world_box(&tree.header().picture());
-        return Err(invalid(format!("bbox: outside of the picture, which lies from {low:?} to {high:?}")));
+    let places = Places::new(coordinates, &tree.metadata().frame, tree.header().extent).or_raise()?;
+    match *places.boxes(low, high).or_raise()? {
+        [bounds] => Ok(bounds),
+        [] => Err(invalid(format!("window: outside of the picture, which is {}", places.picture()))),
+        _ => Err(invalid("window: lies across the tree's seam; ask for its two parts one by one")),
     }
-    Ok(cells)
 }
 
 /// A level, the deepest if none is given.

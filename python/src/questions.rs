@@ -1,17 +1,20 @@
 //! Points, statistics, histograms, searches, commits.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use spinney::Progress as _;
 use spinney::ops::AffineMap;
 use spinney::query::{Condition, FoundBlock, PointSamples};
-use spinney::space::Bounds;
+use spinney::space::{Bounds, Coordinates, Places};
 use zerocopy::FromBytes;
 
 use crate::error::{OrRaise, invalid};
-use crate::part::{level_of, part_of};
+use crate::jobs::{self, Work};
+use crate::part::{coordinates_of, level_of, part_of};
 use crate::samples::{Plain, empty, with_bytes, with_sample};
 use crate::tree::{Opened, Tree};
 
@@ -19,7 +22,7 @@ use crate::tree::{Opened, Tree};
 const BATCH: usize = 1 << 18;
 
 /// Samples of points, and which points have any.
-type Sampled<'py> = (Bound<'py, PyAny>, Bound<'py, PyArray1<bool>>);
+pub(crate) type Sampled<'py> = (Bound<'py, PyAny>, Bound<'py, PyArray1<bool>>);
 
 #[pymethods]
 impl Tree {
@@ -31,7 +34,7 @@ impl Tree {
         py: Python<'py>,
         points: PyReadonlyArray2<'py, f64>,
         level: Option<i64>,
-        in_cells: bool,
+        coordinates: Option<&Bound<'py, PyAny>>,
         fill: Option<f64>,
     ) -> PyResult<Sampled<'py>> {
         let opened = self.get()?;
@@ -39,45 +42,27 @@ impl Tree {
         let points = points.as_slice().map_err(|error| invalid(format!("points: {error}")))?;
         let level = level_of(&opened.tree, level)?;
         let fill = opened.fill(fill)?;
-        let places = Places::new(&opened, level, in_cells)?;
-        let value = opened.tree.header().form.value;
-        let total = points.len() / axes;
-        let found = PyArray1::<bool>::zeros(py, total, false);
-        let values = empty(py, value.sample, &[total, opened.count()])?;
-        with_bytes(&values, value.sample, |bytes| {
-            let mut lent = found.readwrite();
-            let found = lent.as_slice_mut()?;
-            let (mut samples, mut cells) = (PointSamples::default(), Vec::new());
-            let parts = points.chunks(BATCH * axes);
-            let parts = parts.zip(bytes.chunks_mut(BATCH * value.size())).zip(found.chunks_mut(BATCH));
-            for ((points, bytes), found) in parts {
-                py.detach(|| {
-                    cells.clear();
-                    cells.extend(points.chunks_exact(axes).map(|point| places.cell(point)));
-                    opened.tree.points(&cells, level, &mut samples)?;
-                    with_sample!(value.sample, S => write::<S>(&samples, fill, bytes, found));
-                    Ok(())
-                })
-                .or_raise()?;
-                py.check_signals()?;
-            }
-            Ok(())
+        let coordinates = coordinates.map(coordinates_of).transpose()?.unwrap_or(Coordinates::World);
+        let places = Points::new(&opened, level, &coordinates)?;
+        let (values, found) = values_at(py, &opened, level, fill, points.len() / axes, &mut |numbers| {
+            let points = &points[numbers.start * axes..numbers.end * axes];
+            points.chunks_exact(axes).map(|point| places.cell(point)).collect()
         })?;
         opened.tree.check_unchanged().or_raise()?;
         Ok((values, found))
     }
 
     /// Exact statistics of a part, by name.
-    #[pyo3(signature = (window=None, bbox=None))]
+    #[pyo3(signature = (window=None, coordinates=None))]
     #[pyo3(name = "_statistics")]
     fn statistics<'py>(
         &self,
         py: Python<'py>,
         window: Option<&Bound<'py, PyAny>>,
-        bbox: Option<&Bound<'py, PyAny>>,
+        coordinates: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let opened = self.get()?;
-        let part = part_of(&opened.tree, window, bbox)?;
+        let part = part_of(&opened.tree, window, coordinates)?;
         let found = py.detach(|| {
             let found = opened.tree.statistics(part)?;
             opened.tree.check_unchanged()?;
@@ -96,7 +81,7 @@ impl Tree {
     }
 
     /// Cells of a part whose first sample lies in each of so many equal parts of a range.
-    #[pyo3(signature = (bins, low, high, window=None, bbox=None))]
+    #[pyo3(signature = (bins, low, high, window=None, coordinates=None))]
     #[pyo3(name = "_count_bins")]
     fn count_bins<'py>(
         &self,
@@ -105,7 +90,7 @@ impl Tree {
         low: f64,
         high: f64,
         window: Option<&Bound<'py, PyAny>>,
-        bbox: Option<&Bound<'py, PyAny>>,
+        coordinates: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<u64>>> {
         if !(1..=1 << 24).contains(&bins) {
             return Err(invalid(format!("bins: {bins}, expected 1 to {}", 1 << 24)));
@@ -114,14 +99,14 @@ impl Tree {
             return Err(invalid(format!("range: {low} to {high}, expected two numbers, the least first")));
         }
         let opened = self.get()?;
-        let part = part_of(&opened.tree, window, bbox)?.unwrap_or(opened.tree.header().picture());
+        let part = part_of(&opened.tree, window, coordinates)?.unwrap_or(opened.tree.header().picture());
         let cells = py.detach(|| opened.tree.histogram(&part, low, high, bins)).or_raise()?;
         Ok(PyArray1::from_vec(py, cells))
     }
 
     /// The largest blocks whose cells all meet a condition: codes, levels, first cells and sizes, and values (NaN where
     /// a block has several).
-    #[pyo3(signature = (condition, number, window=None, bbox=None, limit=None, largest=None))]
+    #[pyo3(signature = (condition, number, window=None, coordinates=None, limit=None, largest=None))]
     #[allow(clippy::too_many_arguments)] // those of the Python function
     #[pyo3(name = "_find_blocks")]
     fn find_blocks<'py>(
@@ -130,18 +115,18 @@ impl Tree {
         condition: &str,
         number: f64,
         window: Option<&Bound<'py, PyAny>>,
-        bbox: Option<&Bound<'py, PyAny>>,
+        coordinates: Option<&Bound<'py, PyAny>>,
         limit: Option<usize>,
         largest: Option<usize>,
     ) -> PyResult<Blocks<'py>> {
         let opened = self.get()?;
-        let part = part_of(&opened.tree, window, bbox)?;
+        let part = part_of(&opened.tree, window, coordinates)?;
         let condition = match condition {
             "above" => Condition::Above(number),
             "below" => Condition::Below(number),
             _ => Condition::Equal(number),
         };
-        let found = py.detach(|| search(&opened, condition, part, limit, largest)).or_raise()?;
+        let found = jobs::run(py, None, |work| search(&opened, condition, part, limit, largest, work))?;
         let axes = opened.axes();
         let boxes = found.iter().flat_map(|block| {
             let (min, size) = (block.bounds.min, block.bounds.size());
@@ -157,6 +142,38 @@ impl Tree {
     }
 }
 
+/// Values of many cells of a level, a row each, and flags that are `false` where there is VOID; `cells` gives those with some
+/// numbers.
+pub(crate) fn values_at<'py>(
+    py: Python<'py>,
+    opened: &Opened,
+    level: u8,
+    fill: f64,
+    total: usize,
+    cells: &mut (dyn FnMut(Range<usize>) -> Vec<[u64; 3]> + Send),
+) -> PyResult<Sampled<'py>> {
+    let value = opened.tree.header().form.value;
+    let found = PyArray1::<bool>::zeros(py, total, false);
+    let values = empty(py, value.sample, &[total, opened.count()])?;
+    with_bytes(&values, value.sample, |bytes| {
+        let mut lent = found.readwrite();
+        let found = lent.as_slice_mut()?;
+        let mut samples = PointSamples::default();
+        let parts = bytes.chunks_mut(BATCH * value.size()).zip(found.chunks_mut(BATCH));
+        for ((bytes, found), first) in parts.zip((0..).step_by(BATCH)) {
+            py.detach(|| {
+                opened.tree.points(&cells(first..first + found.len()), level, &mut samples)?;
+                with_sample!(value.sample, S => write::<S>(&samples, fill, bytes, found));
+                Ok(())
+            })
+            .or_raise()?;
+            py.check_signals()?;
+        }
+        Ok(())
+    })?;
+    Ok((values, found))
+}
+
 /// Codes, levels, boxes and values of blocks.
 type Blocks<'py> =
     (Vec<String>, Bound<'py, PyArray1<u8>>, Bound<'py, PyArray2<i64>>, Bound<'py, PyArray1<f64>>);
@@ -167,10 +184,12 @@ fn search(
     part: Option<Bounds>,
     limit: Option<usize>,
     largest: Option<usize>,
+    work: &Work,
 ) -> spinney::Result<Vec<FoundBlock>> {
     let (mut all, mut by_size) = (Vec::new(), BTreeMap::new());
     let most = limit.unwrap_or(usize::MAX);
     opened.tree.find(condition, part, &mut |block| {
+        work.check()?;
         match largest {
             // By level, and those of a level as they come.
             Some(most) => {
@@ -190,28 +209,44 @@ fn search(
 }
 
 /// The way from points to cells of a level.
-struct Places {
+struct Points {
+    /// The way to the tree's own coordinates, from others.
+    places: Option<Places>,
     /// Rows of the map to cells of the deepest level.
     rows: [[f64; 4]; 3],
     shift: u8,
 }
 
-impl Places {
-    fn new(opened: &Opened, level: u8, in_cells: bool) -> PyResult<Places> {
+impl Points {
+    fn new(opened: &Opened, level: u8, coordinates: &Coordinates) -> PyResult<Points> {
         let frame = &opened.tree.metadata().frame;
         let shift = opened.tree.depth() - level;
-        if in_cells {
-            return Ok(Places { rows: spinney::space::Frame::identity().matrix, shift });
+        let mut points = Points { places: None, rows: spinney::space::Frame::identity().matrix, shift };
+        match coordinates {
+            Coordinates::Cells => {}
+            Coordinates::World => {
+                points.rows = AffineMap::from_rows(frame.matrix).inverse().or_raise()?.to_rows();
+            }
+            Coordinates::System(_) => {
+                let extent = opened.tree.header().extent;
+                points.places = Some(Places::new(coordinates, frame, extent).or_raise()?);
+            }
         }
-        let rows = AffineMap::from_rows(frame.matrix).inverse().or_raise()?.to_rows();
-        Ok(Places { rows, shift })
+        Ok(points)
     }
 
     /// The cell at a point; one outside of every tree where there is none.
     #[inline]
     fn cell(&self, point: &[f64]) -> [u64; 3] {
         let [x, y, z] = [point[0], point[1], point.get(2).copied().unwrap_or(0.0)];
-        let cell = self.rows.map(|[a, b, c, d]| a * x + b * y + c * z + d);
+        let cell = match &self.places {
+            None => self.rows.map(|[a, b, c, d]| a * x + b * y + c * z + d),
+            // (Quadtrees have one layer, wherever that is.)
+            Some(places) => match places.cell([x, y, z]) {
+                Some([x, y, z]) => [x, y, if point.len() > 2 { z } else { 0.0 }],
+                None => [f64::NAN; 3],
+            },
+        };
         // (NaN is nowhere. Before the first cell everything is as VOID as behind the last.)
         if cell.iter().all(|number| *number >= 0.0) {
             cell.map(|number| number as u64 >> self.shift)

@@ -12,8 +12,10 @@ use spinney::value::Rule;
 
 use crate::error::{OrRaise, invalid};
 use crate::index;
+use crate::index::Along;
 use crate::jobs;
 use crate::part::{at_level, level_of, part_of};
+use crate::questions::values_at;
 use crate::samples::{dtype, empty, flags, with_bytes};
 use crate::tree::{Opened, Tree};
 
@@ -281,8 +283,8 @@ impl Tree {
     ///
     /// `bands` are numbers counted from 1: an int gives an array without a band axis, a list those bands, nothing all
     /// of them. The part is a `window` of cells of the deepest level, `(column, row, width, height)` (rasterio's windows
-    /// and pairs of ranges will do, too; octrees take `(x, y, z, width, height, depth)`), or a `bbox` in the world,
-    /// `(left, bottom, right, top)`; all of the picture if neither is given.
+    /// and pairs of ranges will do, too; octrees take `(x, y, z, width, height, depth)`), or with other `coordinates`
+    /// ("world", "lonlat", "EPSG:3035" ...) `(left, bottom, right, top)`; all of the picture if none is given.
     ///
     /// `level` chooses coarser cells, down to 0; or `out_shape`, `(rows, columns)`, the size of the result: amounts are
     /// averaged over each pixel (with `exact` from the deepest cells on), classes are those at pixels' centres.
@@ -292,14 +294,14 @@ impl Tree {
     /// given. Bands of pixels lie together in memory: `numpy.ascontiguousarray` makes planes of them.
     ///
     /// Raises ValueError or IndexError for a part that there is not, OSError if the file is damaged there.
-    #[pyo3(signature = (bands=None, *, window=None, bbox=None, level=None, out_shape=None, exact=false, masked=false, fill=None, boundless=false, out=None))]
+    #[pyo3(signature = (bands=None, *, window=None, coordinates=None, level=None, out_shape=None, exact=false, masked=false, fill=None, boundless=false, out=None))]
     #[allow(clippy::too_many_arguments)] // those of the Python function
     fn read<'py>(
         slf: &Bound<'py, Tree>,
         py: Python<'py>,
         bands: Option<&Bound<'py, PyAny>>,
         window: Option<&Bound<'py, PyAny>>,
-        bbox: Option<&Bound<'py, PyAny>>,
+        coordinates: Option<&Bound<'py, PyAny>>,
         level: Option<i64>,
         out_shape: Option<&Bound<'py, PyAny>>,
         exact: bool,
@@ -321,7 +323,7 @@ impl Tree {
         }
         let tree = &opened.tree;
         let bands = Bands::of(bands, opened.count())?;
-        let part = part_of(tree, window, bbox)?;
+        let part = part_of(tree, window, coordinates)?;
         let pixels = match out_shape {
             Some(shape) => {
                 if level.is_some() {
@@ -382,6 +384,9 @@ impl Tree {
         let extent = opened.tree.extent_at(level).max;
         let shape: Vec<u64> = extent[..axes].iter().rev().copied().collect();
         let along = index::parse(key, &shape)?;
+        if let Some(array) = picked(py, &opened, level, &along)? {
+            return Ok(array);
+        }
         let mut bounds = Bounds { min: [0; 3], max: [1; 3] };
         for (axis, along) in along.iter().rev().enumerate() {
             (bounds.min[axis], bounds.max[axis]) = (along.first, along.end);
@@ -410,6 +415,43 @@ impl Tree {
         }
         Ok(array)
     }
+}
+
+/// Cells of which each asked for one is so far from the others that they are looked up one by one.
+const SPARSE: u64 = 64;
+
+/// The cells that an index with large steps means, looked up as points; `None` where it is better to read all between them.
+fn picked<'py>(
+    py: Python<'py>,
+    opened: &Opened,
+    level: u8,
+    along: &[Along],
+) -> PyResult<Option<Bound<'py, PyAny>>> {
+    let counts: Vec<u64> = along.iter().map(Along::count).collect();
+    let all = along.iter().fold(1u64, |all, along| all.saturating_mul(along.end - along.first));
+    let total: u64 = counts.iter().product();
+    if total == 0 || total.saturating_mul(SPARSE) > all {
+        return Ok(None);
+    }
+    let cell = |number: u64| {
+        let (mut rest, mut cell) = (number, [0; 3]);
+        // (The last axis of the array is x, and runs fastest.)
+        for (axis, (along, count)) in along.iter().zip(&counts).rev().enumerate() {
+            cell[axis] = along.at(rest % count);
+            rest /= count;
+        }
+        cell
+    };
+    let (values, _) = values_at(py, opened, level, opened.void()?, total as usize, &mut |numbers| {
+        numbers.map(|number| cell(number as u64)).collect()
+    })?;
+    let shape = along.iter().zip(&counts).filter(|(along, _)| !along.is_single).map(|(_, count)| *count);
+    let bands = (opened.count() > 1).then_some(opened.count() as u64);
+    let shape = PyTuple::new(py, shape.chain(bands).collect::<Vec<_>>())?;
+    let array = values.call_method1("reshape", (shape,))?;
+    let last: isize = -1;
+    let is_banded = opened.count() > 1;
+    Ok(Some(if is_banded { py.import("numpy")?.call_method1("moveaxis", (array, last, 0))? } else { array }))
 }
 
 /// Rows and columns that are asked for: `(rows, columns)`, or `(bands, rows, columns)` as rasterio has it.

@@ -6,6 +6,7 @@ use pyo3::sync::PyOnceLock;
 use spinney::value::SampleType;
 use zerocopy::{FromBytes, IntoBytes};
 
+use crate::buffers::buffer;
 use crate::error::invalid;
 
 /// Evaluates an expression with the Rust type of a sample bound to a name.
@@ -67,6 +68,13 @@ pub(crate) fn empty<'py>(
     shape: &[usize],
 ) -> PyResult<Bound<'py, PyAny>> {
     static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    static FROM_BUFFER: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let count = shape.iter().fold(1usize, |count, length| count.saturating_mul(*length));
+    if let Some(buffer) = buffer(py, count.saturating_mul(sample.size()))? {
+        let from_buffer = FROM_BUFFER.import(py, "numpy", "frombuffer")?;
+        let array = from_buffer.call1((buffer, dtype(py, sample), count))?;
+        return array.call_method1("reshape", (pyo3::types::PyTuple::new(py, shape)?,));
+    }
     let shape = pyo3::types::PyTuple::new(py, shape)?;
     EMPTY.import(py, "numpy", "empty")?.call1((shape, dtype(py, sample)))
 }

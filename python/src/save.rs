@@ -9,6 +9,7 @@ use spinney::io::Output;
 use spinney::style::Style;
 
 use crate::error::invalid;
+use crate::export::style_of;
 use crate::files::check_output;
 use crate::jobs;
 use crate::part::{at_level, level_of, part_of};
@@ -25,12 +26,13 @@ impl Tree {
         py: Python<'_>,
         path: PathBuf,
         window: Option<&Bound<'_, PyAny>>,
-        bbox: Option<&Bound<'_, PyAny>>,
+        coordinates: Option<&Bound<'_, PyAny>>,
         level: Option<i64>,
         shape: Option<[u64; 2]>,
         exact: bool,
         nodata: Option<f64>,
         range: Option<[f64; 2]>,
+        style: Option<&str>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<()> {
         let opened = self.get()?;
@@ -39,7 +41,7 @@ impl Tree {
         let format = format_of(&path);
         let known = "use .png, .tif, .exr, .npy or .raw";
         let format = format.ok_or_else(|| invalid(format!("{}: unknown format; {known}", path.display())))?;
-        let part = part_of(tree, window, bbox)?.unwrap_or(tree.header().picture());
+        let part = part_of(tree, window, coordinates)?.unwrap_or(tree.header().picture());
         if opened.axes() == 3 && matches!(format, Format::Npy | Format::Raw) && shape.is_none() {
             let level = level_of(tree, level)?;
             let mut request = ArrayRequest::new(at_level(tree, part, level), level);
@@ -55,7 +57,12 @@ impl Tree {
             None => Detail::Level(level_of(tree, level)?),
         };
         let mut request = WindowRequest::new(part, detail);
-        (request.nodata, request.style) = (nodata, range.map(|range| Style::stretched(tree, range)));
+        request.style = match (style, range) {
+            (Some(_), Some(_)) => return Err(invalid("style and range: give one of them")),
+            (Some(style), None) => Some(style_of(style)?),
+            (None, range) => range.map(|range| Style::stretched(tree, range)),
+        };
+        request.nodata = nodata;
         jobs::run(py, progress, |work| export_window(tree, &request, Output::create(&path)?, format, work))
     }
 }

@@ -22,7 +22,7 @@ use crate::tree::{Opened, Tree};
 
 impl Opened {
     /// Fails if it is no octree.
-    fn check_octree(&self) -> PyResult<()> {
+    pub(crate) fn check_octree(&self) -> PyResult<()> {
         let name = || format!("{}: is a quadtree; this is for octrees", self.tree.name().display());
         if self.axes() == 3 { Ok(()) } else { Err(invalid(name())) }
     }
@@ -140,7 +140,7 @@ impl Tree {
         py: Python<'py>,
         across: usize,
         at: f64,
-        world: bool,
+        coordinates: &str,
         level: Option<i64>,
         masked: bool,
         fill: Option<f64>,
@@ -150,7 +150,7 @@ impl Tree {
         let tree = &opened.tree;
         let level = level_of(tree, level)?;
         let extent = tree.header().extent;
-        let cell = if world {
+        let cell = if coordinates == "world" {
             let [low, high] = tree.metadata().frame.world_box(&tree.header().picture());
             let mut middle: [f64; 3] = std::array::from_fn(|axis| low[axis].midpoint(high[axis]));
             middle[across] = at;
@@ -232,7 +232,7 @@ impl Tree {
         size: [u64; 2],
         direction: [f64; 2],
         level: Option<i64>,
-        zoom: f64,
+        scale: f64,
         orthographic: bool,
         up: &str,
         background: Option<[u8; 3]>,
@@ -246,7 +246,7 @@ impl Tree {
             format.ok_or_else(|| invalid(format!("{}: use .png, .tif, .npy or .raw", path.display())))?;
         let mut request = RenderRequest::new(size[0], size[1]);
         [request.azimuth, request.elevation] = direction;
-        request.zoom = zoom;
+        request.scale = scale;
         if orthographic {
             request.projection = CameraProjection::Orthographic;
         }

@@ -40,19 +40,19 @@ impl StoredCells {
 #[pymethods]
 impl Tree {
     /// Cells of a part where they stand in the file, as a read-only array; `None` where they do not stand in rows.
-    #[pyo3(signature = (window=None, bbox=None, level=None))]
+    #[pyo3(signature = (window=None, coordinates=None, level=None))]
     #[pyo3(name = "_mapped")]
     fn mapped<'py>(
         &self,
         py: Python<'py>,
         window: Option<&Bound<'py, PyAny>>,
-        bbox: Option<&Bound<'py, PyAny>>,
+        coordinates: Option<&Bound<'py, PyAny>>,
         level: Option<i64>,
     ) -> PyResult<Option<Bound<'py, PyAny>>> {
         static ASARRAY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
         let opened = self.get()?;
         let level = level_of(&opened.tree, level)?;
-        let part = part_of(&opened.tree, window, bbox)?;
+        let part = part_of(&opened.tree, window, coordinates)?;
         let bounds =
             part.map_or_else(|| opened.tree.extent_at(level), |part| at_level(&opened.tree, part, level));
         let stored = py.detach(|| opened.tree.stored_rows(level, &bounds)).or_raise()?;

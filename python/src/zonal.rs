@@ -2,8 +2,8 @@
 
 use pyo3::prelude::*;
 use spinney::import::geojson::{PolygonLayer, parse_polygons};
-use spinney::query::{ZoneRule, ZoneStatistics};
-use spinney::space::{Coordinates, Places, Polygon};
+use spinney::query::ZoneStatistics;
+use spinney::space::{Coordinates, EdgeRule, Places, Polygon};
 
 use crate::error::OrRaise;
 use crate::jobs;
@@ -16,13 +16,13 @@ type Zone = (f64, f64, Vec<(f64, f64, f64, f64, f64)>, Vec<(f64, f64)>);
 impl Tree {
     /// Statistics of the cells in each polygon of some GeoJSON documents, each with the definition of its coordinate system: `world` is
     /// the tree's own, and without one it is what the document says.
-    #[pyo3(signature = (documents, by_area, progress=None))]
+    #[pyo3(signature = (documents, edge, progress=None))]
     #[pyo3(name = "_zones")]
     fn zones(
         &self,
         py: Python<'_>,
         documents: Vec<(String, Option<String>)>,
-        by_area: bool,
+        edge: &str,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Vec<Zone>> {
         let opened = self.get()?;
@@ -46,7 +46,7 @@ impl Tree {
             let places = Places::new(coordinates, frame, header.extent).or_raise()?;
             polygons.extend(layer.in_cells(&places, header.extent).or_raise()?);
         }
-        let rule = if by_area { ZoneRule::Area } else { ZoneRule::Centre };
+        let rule: EdgeRule = edge.parse().or_raise()?;
         let zones = jobs::run(py, progress, |work| {
             // (Polygons that lie outside of the tree have no cells.)
             let met: Vec<Polygon> = polygons.iter().flatten().cloned().collect();

@@ -130,7 +130,7 @@ def test_masks(tmp_path: Path) -> None:
 def test_refusals(tmp_path: Path) -> None:
     out, good = tmp_path / "t.goblin", np.ones((4, 4), "u1")
     for kind, source, options in [
-        (TypeError, np.ones((4, 4), "i8"), {}),
+        (ValueError, np.full((4, 4), 2**40, "i8"), {}),
         (TypeError, np.ones((2, 4, 4), "f8"), {}),
         (TypeError, np.ones((4, 4), "c8"), {}),
         (ValueError, np.ones((9, 4, 4), "u1"), {}),
@@ -234,8 +234,8 @@ def test_files_are_built_as_by_the_program(program: str, tmp_path: Path) -> None
         assert ours.read_bytes() == theirs.read_bytes()
     model = tmp_path / "model.off"
     model.write_text("OFF\n4 4 0\n0 0 0\n4 0 0\n0 4 0\n0 0 4\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n")
-    run(program, "build", model, "-o", theirs, "--cells", 64, "--boundary", "coverage")
-    spinney.build([model], ours, cells=64, boundary="coverage")
+    run(program, "build", model, "-o", theirs, "--cells", 64, "--edge", "area")
+    spinney.build([model], ours, cells=64, edge="area")
     assert ours.read_bytes() == theirs.read_bytes()
     with spinney.open(ours) as ds:
         assert ds.volume() == pytest.approx(64 / 6, rel=0.01)
@@ -251,3 +251,50 @@ def test_generators(tmp_path: Path) -> None:
     array = noise((300, 50, 3), "uint8")
     spinney.build(bands(array), tmp_path / "t.goblin", dims="yxb", shape=array.shape, dtype="u1")
     assert np.array_equal(cells(tmp_path / "t.goblin"), array.transpose(2, 0, 1))
+
+
+def test_exports_are_those_of_the_program(tmp_path: Path, program: str) -> None:
+    tree = tmp_path / "island.goblin"
+    spinney.build(FIXTURES / "island_classes.tif", tree)
+    with spinney.open(tree) as ds:
+        for name, options, words in [
+            ("x.tif", {"tile_size": 256, "compression": "zstd"}, ["--tile-size", "256", "--compression", "zstd"]),
+            ("x.pmtiles", {"zoom": (0, 9), "name": "Island"}, ["--zoom", "0..9", "--name", "Island"]),
+            ("y.pmtiles", {"zoom": 8, "style": {"draw": "palette"}}, ["--zoom", "8", "--style", '{"draw": "palette"}']),
+        ]:
+            ours, theirs = tmp_path / name, tmp_path / f"their_{name}"
+            made = ds.export(ours, **options)
+            assert made is None or made > 0
+            run(program, "export", tree, theirs, *words)
+            assert ours.read_bytes() == theirs.read_bytes(), name
+        ds.save(tmp_path / "ours.png", shape=(50, 64), style="viridis")
+        run(program, "get", tree, tmp_path / "theirs.png", "--size", "64x50", "--style", "viridis")
+        assert (tmp_path / "ours.png").read_bytes() == (tmp_path / "theirs.png").read_bytes()
+        for name, options in [("x.tif", {"zoom": 3}), ("x.pmtiles", {"smooth": True}), ("x.ply", {"compression": "zstd"})]:
+            with pytest.raises(TypeError):
+                ds.export(tmp_path / name, **options)
+    with spinney.open(FIXTURES / "v1" / "ball.goblin") as ball:
+        assert ball.export(tmp_path / "ball.glb", smooth=True) > 100
+        assert ball.export(tmp_path / "ball" / "tileset.json") > 100
+
+
+def test_contours_are_those_of_the_program(tmp_path: Path, program: str, relief: str) -> None:
+    for name, options, words in [
+        ("a.geojson", {"every": 100}, ["--every", "100"]),
+        ("b.csv", {"at": [200, 500.5], "ends": "close", "smooth": 2}, ["--at", "200,500.5", "--ends", "close", "--smooth", "2"]),
+        ("c.geojson", {"at": [200, 500], "filled": True, "has_z": True}, ["--at", "200,500", "--filled", "--3d"]),
+    ]:
+        ours, theirs = tmp_path / name, tmp_path / f"their_{name}"
+        with spinney.open(relief) as ds:
+            assert ds.contours(ours, **options) > 0
+        run(program, "contours", relief, *words, "-o", theirs)
+        assert ours.read_bytes() == theirs.read_bytes(), name
+    with spinney.open(FIXTURES / "v1" / "ball.goblin") as ball:
+        assert ball.contours(tmp_path / "ball.ply", 127.5, ends="close") > 1000
+    with spinney.open(relief) as ds:
+        for wrong in ({}, {"at": 3, "every": 2}, {"at": 3, "ends": "ragged"}, {"at": 3, "level": 90}):
+            with pytest.raises(ValueError):
+                ds.contours(tmp_path / "no.geojson", **wrong)
+        with pytest.raises(ValueError, match="unknown format"):
+            ds.contours(tmp_path / "no.tif", 3)
+    assert not list(tmp_path.glob("no.*"))

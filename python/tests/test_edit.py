@@ -25,7 +25,7 @@ def test_a_block_is_one_commit(tree: tuple[np.ndarray, str]) -> None:
     array, path = tree
     with spinney.edit(path, message="All at once", author="Ann", time=1_700_000_000) as e:
         e.fill(7, window=(10, 20, 30, 5))
-        e.fill(None, bbox=(0, 160, 20, 180))
+        e.fill(None, window=(0, 160, 20, 180), coordinates="world")
         e.set([(100, 80), (101, 81)], [1, 2])
         e.set(np.array([(0, 89)]), 3)
         e.set([(1, 89)], None)
@@ -44,7 +44,7 @@ def test_a_block_is_one_commit(tree: tuple[np.ndarray, str]) -> None:
         assert np.array_equal(found.mask, wanted.mask) and np.array_equal(found.compressed(), wanted.compressed())
         newest, first = ds.log()
         assert (newest.number, newest.message, newest.author, newest.time.timestamp()) == (2, "All at once", "Ann", 1_700_000_000)
-        assert e.commit == newest and first.number == 1 and spinney.log(path) == ds.log()
+        assert e.made == newest and first.number == 1 and spinney.log(path) == ds.log()
     assert np.array_equal(spinney.open(path, commit=1)[...], array) and np.array_equal(spinney.open(path + "@1")[...], array)
     assert not spinney.verify(path)
 
@@ -60,7 +60,7 @@ def test_an_exception_is_no_commit(tree: tuple[np.ndarray, str]) -> None:
             e.fill(300, window=(0, 0, 50, 50))
     with spinney.edit(path) as e:
         pass
-    assert e.commit is None and len(spinney.log(path)) == 1 and np.array_equal(spinney.open(path)[...], array)
+    assert e.made is None and len(spinney.log(path)) == 1 and np.array_equal(spinney.open(path)[...], array)
     with pytest.raises(ValueError):
         e.fill(1, window=(0, 0, 1, 1))
 
@@ -113,7 +113,9 @@ def test_pastes_and_operations(tree: tuple[np.ndarray, str], tmp_path: Path) -> 
         e.paste(spinney.open(f"{path}@2", view="window=0,0,20,20"), at=(80, 60))
     assert np.array_equal(spinney.open(path)[60:80, 80:100], wanted[:20, :20])
     with spinney.edit(path) as e:
-        e.paste(patch, at=(-10, 70))
+        with pytest.raises(IndexError, match="stick out"):
+            e.paste(patch, at=(-10, 70))
+        e.paste(patch[:20, 10:], at=(0, 70))
     assert np.array_equal(spinney.open(path).read(1, masked=True)[70:, :20].filled(0), patch[:20, 10:].filled(0))
 
 
@@ -138,7 +140,7 @@ def test_from_files_to_files(tree: tuple[np.ndarray, str], tmp_path: Path, progr
     differences = spinney.diff(f"{path}@1", path, ranges=True)
     assert differences.changed == (array[:9, :9] != 77).sum() and len(differences.ranges) == differences.runs
     assert differences and not spinney.diff(path, path)
-    spinney.publish(path, ours)
+    spinney.convert(path, ours)
     assert np.array_equal(spinney.open(ours)[...], spinney.open(path)[...])
     kept = spinney.compact(path, tmp_path / "small.autumn", keep=1)
     assert [commit.number for commit in kept] == [2] == [c.number for c in spinney.log(tmp_path / "small.autumn")]
@@ -147,7 +149,7 @@ def test_from_files_to_files(tree: tuple[np.ndarray, str], tmp_path: Path, progr
     data[len(data) // 3] ^= 1
     ours.write_bytes(data)
     assert spinney.verify(ours)[0].problem
-    for wrong in (lambda: spinney.transform(path, [], path), lambda: spinney.combine("or", [path], path), lambda: spinney.publish(path, path)):
+    for wrong in (lambda: spinney.transform(path, [], path), lambda: spinney.combine("or", [path], path), lambda: spinney.convert(path, path)):
         with pytest.raises(ValueError, match="input and the output"):
             wrong()
     with pytest.raises(ValueError):
@@ -155,3 +157,79 @@ def test_from_files_to_files(tree: tuple[np.ndarray, str], tmp_path: Path, progr
     with pytest.raises(FileNotFoundError):
         spinney.diff(path, tmp_path / "none.goblin")
     assert os.path.exists(path)
+
+
+def test_cells_are_assigned_to(tree: tuple[np.ndarray, str]) -> None:
+    array, path = tree
+    e = spinney.edit(path)
+    assert (e.shape, e.dtype, e.ndim) == ((90, 110), np.uint8, 2)
+    e[10:20, -30:] = np.arange(300).reshape(10, 30) % 251
+    e[5] = 9
+    e[..., 3] = np.ma.MaskedArray(np.full(90, 4), mask=np.arange(90) >= 80)
+    made = e.commit()
+    assert made is not None and made.number == 2 and e.commit() == made
+    expected = np.ma.MaskedArray(array.copy(), mask=np.zeros(array.shape, bool))
+    expected[10:20, -30:] = np.arange(300).reshape(10, 30) % 251
+    expected[5] = 9
+    expected[:80, 3] = 4
+    expected[80:, 3] = np.ma.masked
+    found = spinney.open(path).read(1, masked=True)
+    assert np.array_equal(found.mask, expected.mask) and np.array_equal(found.compressed(), expected.compressed())
+    e = spinney.edit(path)
+    e[0, 0] = 200
+    e.close()
+    assert len(spinney.log(path)) == 2
+    with pytest.raises(ValueError):
+        e[0, 0] = 1
+
+
+def test_edits_that_make_no_sense_are_refused(tree: tuple[np.ndarray, str]) -> None:
+    _, path = tree
+    part = np.ones((10, 10), np.uint8)
+    with spinney.edit(path) as e:
+        for at in [(105, 0), (0, 85), (-1, 0)]:
+            with pytest.raises(IndexError, match="stick out"):
+                e.paste(part, at=at)
+        with pytest.raises(TypeError):
+            e.paste(part, at=(1.7, 2))
+        for key in [np.s_[::2], np.s_[0, 0, 0], 90, np.s_[0, 110]]:
+            with pytest.raises(IndexError):
+                e[key] = 1
+        with pytest.raises(ValueError):
+            e[0:2, 0:2] = np.ones((3, 3))
+    assert e.made is None
+    goblin = path.replace(".autumn", ".goblin")
+    spinney.convert(path, goblin)
+    with pytest.raises(ValueError, match="has no commits"):
+        spinney.open(goblin, commit=2)
+    with pytest.raises(ValueError, match="commit"):
+        spinney.open(path, commit=7)
+
+
+def test_blame_is_that_of_the_program(tree: tuple[np.ndarray, str], tmp_path: Path, program: str) -> None:
+    array, path = tree
+    with spinney.edit(path) as e:
+        e[10:30, 20:50] = 255
+    spinney.blame(path, tmp_path / "ours.goblin")
+    run(program, "blame", path, "-o", tmp_path / "theirs.goblin")
+    assert (tmp_path / "ours.goblin").read_bytes() == (tmp_path / "theirs.goblin").read_bytes()
+    expected = np.ones(array.shape)
+    expected[10:30, 20:50][array[10:30, 20:50] != 255] = 2
+    assert np.array_equal(spinney.open(tmp_path / "ours.goblin")[...], expected)
+
+
+def test_dask_stores_into_edits(tree: tuple[np.ndarray, str]) -> None:
+    dask_array = pytest.importorskip("dask.array")
+    array, path = tree
+    with spinney.edit(path) as e:
+        dask_array.store(dask_array.from_array(255 - array, chunks=(40, 50)), e)
+    assert np.array_equal(spinney.open(path)[...], 255 - array) and spinney.log(path)[0].number == 2
+    colours = path.replace("map", "colours")
+    bands = np.stack([array, array // 2, array // 3])
+    spinney.build(bands, colours)
+    with spinney.edit(colours) as e:
+        e[:, 5:9, 7:11] = np.full((3, 4, 4), 9, np.uint8)
+        with pytest.raises(IndexError, match="bands"):
+            e[1, 5:9, 7:11] = 1
+    bands[:, 5:9, 7:11] = 9
+    assert np.array_equal(spinney.open(colours).read(), bands)

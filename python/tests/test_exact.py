@@ -250,11 +250,11 @@ def frame() -> str:
 
 
 @pytest.mark.parametrize("boolean", [0, 12])
-@pytest.mark.parametrize(("make", "options"), [(torus, []), (torus, ["--grid", "0.001"]), (frame, ["--grid", "1"])])
+@pytest.mark.parametrize(("make", "options"), [(torus, []), (torus, ["--snap", "0.001"]), (frame, ["--snap", "1"])])
 def test_foreign_reader(program: str, tmp_path: Path, make, options: list[str], boolean: int) -> None:
     mesh, path = tmp_path / "t.off", tmp_path / "t.goblin"
     mesh.write_text(make())
-    run(program, "-q", "build", mesh, "-o", path, "--exact", *options, "--boolean", boolean)
+    run(program, "-q", "build", mesh, "-o", path, "--brep", *options, "--leaf-size", boolean)
     model = Model(path)
     assert model.walk() == list(model.counts)
     if make is frame:

@@ -35,7 +35,7 @@ def bodies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[trimesh.
     opened = {}
     for name, mesh in solids().items():
         mesh.export(folder / f"{name}.off", digits=12)
-        built = spinney.build_exact(folder / f"{name}.off", folder / f"{name}.goblin", grid=1 / 1024)
+        built = spinney.build_exact(folder / f"{name}.off", folder / f"{name}.goblin", snap=1 / 1024)
         assert (built.read, built.faces, built.displacement) == (len(mesh.faces), len(mesh.faces), 0.0)
         assert built.step == 1 / 1024 and sum(built.nodes.values()) > 0
         opened[name] = (mesh, spinney.open_exact(folder / f"{name}.goblin"))
@@ -203,7 +203,7 @@ def test_what_is_no_body_is_refused_or_closed(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="open"):
         spinney.build_exact(tmp_path / "open.off", out)
     assert not out.exists()
-    built = spinney.build_exact(tmp_path / "open.off", out, close=True, unit="m", boolean=0)
+    built = spinney.build_exact(tmp_path / "open.off", out, close=True, unit="m", leaf_size=0)
     assert (built.closed_boundaries, built.closing_triangles) == (1, 2)
     model = spinney.open_exact(out, positioned=True)
     assert model.volume == 8.0 and model.unit == "m" and model.positioned

@@ -35,7 +35,7 @@ def test_statistics_of_any_window(tree: tuple, data: st.DataObject) -> None:
     found = ds.stats(window=(x, y, w, h))
     assert (found.cells, found.void_cells) == (part.count(), part.size - part.count())
     box = (1000 + 2 * x, 5000 - 3 * (y + h), 1000 + 2 * (x + w), 5000 - 3 * y)
-    assert ds.stats(box) == found
+    assert ds.stats(box, coordinates="world") == found
     if part.count():
         assert (found.min, found.max) == (part.min(), part.max())
         assert np.isclose(found.mean, part.mean()) and np.isclose(found.std, part.std())
@@ -68,7 +68,7 @@ def test_zones_are_as_rasterio_and_shapely_have_them(tree: tuple, seed: int) -> 
             assert (zone.min, zone.max) == (cells.min(), cells.max())
             assert np.isclose(zone.mean, cells.mean()) and np.isclose(zone.std, cells.std())
     picture = shapely.box(1000, 4490, 1460, 5000)
-    for polygon, zone in zip(polygons, ds.zonal(polygons, border="area")):
+    for polygon, zone in zip(polygons, ds.zonal(polygons, edge="area")):
         if polygon.is_valid:
             area = polygon.intersection(picture).area / 6
             assert np.isclose(zone.cells + zone.void_cells, area, atol=1e-6)
@@ -80,13 +80,15 @@ def test_zones_of_all_kinds_of_geometries(tree: tuple) -> None:
     parts = shapely.MultiPolygon([square - hole, hole])
     whole = ds.zonal(square)[0]
     assert whole == ds.zonal([square])[0] == ds.zonal(square.__geo_interface__)[0]
-    box = ds.stats((1100, 4700, 1200, 4850))
+    box = ds.stats((1100, 4700, 1200, 4850), coordinates="world")
     assert (whole.cells, whole.mean) == (box.cells, box.mean)
     feature = {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(square)}
     features = {"type": "FeatureCollection", "features": [feature, feature]}
     assert ds.zonal(features, crs="world") == [whole, whole]
-    assert np.isclose(ds.zonal(parts, border="area")[0].cells, ds.zonal(square, border="area")[0].cells)
+    assert np.isclose(ds.zonal(parts, edge="area")[0].cells, ds.zonal(square, edge="area")[0].cells)
     assert ds.zonal(parts)[0].cells == whole.cells
+    touched = ds.zonal(square, edge="touch")[0].cells
+    assert ds.zonal(square, edge="area")[0].cells <= touched <= whole.cells + 2 * (50 + 50) + 4
     found = ds.zonal([square, shapely.box(0, 0, 1, 1)], ["count", "mean", "sum", "void"])
     assert found[0] == {"count": whole.cells, "mean": whole.mean, "sum": whole.mean * whole.first.cells, "void": whole.void_cells}
     assert found[1]["count"] == 0 and np.isnan(found[1]["mean"])
@@ -99,7 +101,7 @@ def test_zones_of_all_kinds_of_geometries(tree: tuple) -> None:
     with pytest.raises(ValueError):
         ds.zonal(square, ["median"])
     with pytest.raises(ValueError):
-        ds.zonal(square, border="half")
+        ds.zonal(square, edge="half")
 
 
 @given(seed=st.integers(0, 1 << 30))
@@ -115,7 +117,7 @@ def test_samples_of_any_points(tree: tuple, seed: int) -> None:
     assert np.array_equal(found.mask[:, 0], np.ma.getmaskarray(wanted)) and np.array_equal(found[:, 0].compressed(), wanted.compressed())
     assert (ds.sample(points, fill=-7)[found.mask[:, 0]] == -7).all()
     cells = np.stack([columns, rows], 1) + 0.25
-    assert np.array_equal(ds.sample(iter(cells.tolist()), in_cells=True), ds.sample(points))
+    assert np.array_equal(ds.sample(iter(cells.tolist()), coordinates="cells"), ds.sample(points))
     level = ds.depth - 2
     coarse = ds.sample(points[inside], level=level, fill=-1)[:, 0]
     assert np.array_equal(coarse, ds.read(1, level=level, fill=-1)[rows[inside] >> 2, columns[inside] >> 2])

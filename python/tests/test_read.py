@@ -95,7 +95,7 @@ def test_any_window_is_that_part(arrays: dict, name: str, data: st.DataObject) -
     out = np.zeros_like(wanted)
     assert ds.read(window=(x, y, w, h), out=out) is out and np.array_equal(out, wanted)
     # The picture's frame is that of cells.
-    assert np.array_equal(ds.read(bbox=(x, y, x + w, y + h)), wanted)
+    assert np.array_equal(ds.read(window=(x, y, x + w, y + h), coordinates="world"), wanted)
     level = data.draw(st.integers(0, ds.depth))
     coarse, shift = ds.read(level=level), ds.depth - level
     part = coarse[:, y >> shift : -(-(y + h) >> shift), x >> shift : -(-(x + w) >> shift)]
@@ -239,3 +239,16 @@ def test_dense_cells_are_shown_where_they_are(tmp_path: Path) -> None:
     assert spinney.open(same).mapped() is None
     with pytest.raises(IndexError):
         spinney.open(same).mapped((40, 40, 20, 20))
+
+
+def test_large_steps_are_looked_up(tmp_path: Path) -> None:
+    array = noise((700, 900), "uint16")
+    path = tmp_path / "map.goblin"
+    spinney.build(array, path)
+    bands = np.stack([array, array // 2, array // 3]).astype("uint8")
+    spinney.build(bands, tmp_path / "bands.goblin")
+    with spinney.open(path) as ds, spinney.open(tmp_path / "bands.goblin") as colours:
+        for key in [np.s_[::100, ::100], np.s_[650::-90, 3::70], np.s_[5, ::80], np.s_[::300], np.s_[1::699, 899:0:-899]]:
+            assert np.array_equal(ds[key], array[key]), key
+            assert np.array_equal(colours[key], bands[(slice(None), *(key if isinstance(key, tuple) else (key,)))]), key
+        assert np.array_equal(ds.level(ds.depth)[::100, ::100], array[::100, ::100])

@@ -77,7 +77,7 @@ def test_slices(cross: tuple) -> None:
     assert np.array_equal(ds.slice(z=7), full[7])
     assert np.array_equal(ds.slice(x=25), full[:, :, 25])
     assert np.array_equal(ds.slice(y=3), full[:, 3])
-    assert np.array_equal(ds.slice(y=20 - 3.7 / 2, world=True), full[:, 3])
+    assert np.array_equal(ds.slice(y=20 - 3.7 / 2, coordinates="world"), full[:, 3])
     assert ds.slice(z=4, level=3).shape == tuple(ds.level(3).shape[1:])
     for wrong in ({"z": 30}, {"x": -1}, {"y": 0.5}):
         with pytest.raises(IndexError):

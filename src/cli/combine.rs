@@ -26,10 +26,10 @@ pub(crate) struct Args {
     /// Tree files of one kind, or exact models
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// The file to make; - is standard output
+    /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: Option<PathBuf>,
-    /// The tree whose value stands where a set operation finds both: a or b
+    /// Whose value stands where a set operation finds both: a or b
     #[arg(long, value_name = "WHOSE", default_value = "a", value_parser = ["a", "b", "first", "second"])]
     values: String,
     /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
@@ -42,7 +42,7 @@ pub(crate) struct Args {
     /// Fill what neither file has in the files' pictures and so many cells around them
     #[arg(long, value_name = "CELLS")]
     margin: Option<u32>,
-    /// Print the table of `cross` as JSON
+    /// Print JSON: the table of `cross`
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -60,7 +60,7 @@ Set operations; a cell is present if it is not VOID. By number (1: both, 2: A on
   12 not     13 b|!a                14 nand              15 all     (not: of one file, too; or: of many)
 Solids whose cells tell coverage are combined by how far they fill cells, taken to overlap as far as they
 can: A-A is empty, volumes add up, and only cells with both surfaces can be off, by half a cell at most.
-Exact models (build --exact) are combined as surfaces, exactly, if their grids have the same steps (--grid): new
+Exact models (build --brep) are combined as surfaces, exactly, if their grids have the same steps (--snap): new
 corners are kept as fractions, and rounded to the grid only for questions and export. Operations with 8 have all
 that is far away. (0, 1, 2, 6, 7 and their complements are for any number of models.)
 Operations on values:

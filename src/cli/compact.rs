@@ -18,13 +18,13 @@ use super::report::{Work, commit, report_output};
 pub(crate) struct Args {
     /// The Autumnal file
     file: PathBuf,
-    /// The file to make
+    /// File to write
     #[arg(short, long, value_name = "OUT.autumn")]
     output: PathBuf,
     /// Number of commits that stay, the newest ones
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
     keep: u64,
-    /// The commits that stay, by their numbers
+    /// Numbers of the commits that stay
     #[arg(long, value_name = "N,...", value_delimiter = ',', conflicts_with = "keep")]
     commits: Option<Vec<u64>>,
     /// Store equal subtrees once, from now on

@@ -23,7 +23,7 @@ pub(crate) struct Args {
     first: PathBuf,
     /// The tree after
     second: PathBuf,
-    /// Make a tree of the cells that differ, with the second's value, or the first's where the second is VOID
+    /// File to write: a tree of the cells that differ, with the second's value, or the first's where the second is VOID
     #[arg(short, long, value_name = "OUT.goblin")]
     output: Option<PathBuf>,
     /// Print the runs of cells that differ, in FD order: the paths of the first and the last

@@ -22,19 +22,19 @@ pub(crate) struct Args {
     /// Print a line per leaf: path, FD code, value
     #[arg(long)]
     codes: bool,
-    /// Refuse trees of more records
-    #[arg(long, default_value_t = 1_000_000)]
-    most: u64,
+    /// Number of records at most: trees of more are refused
+    #[arg(long, value_name = "N", default_value_t = 1_000_000)]
+    limit: u64,
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let tree = args.tree.open()?;
     let mut text = if args.df {
-        tree.df_text(args.most)?
+        tree.df_text(args.limit)?
     } else if args.codes {
-        tree.leaf_codes(args.most)?
+        tree.leaf_codes(args.limit)?
     } else {
-        tree.classic_table(args.most)?
+        tree.classic_table(args.limit)?
     };
     if !text.ends_with('\n') {
         text.push('\n');

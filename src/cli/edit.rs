@@ -14,8 +14,7 @@ use spinney::store::autumnal::Editor;
 use spinney::store::file_is_tree;
 
 use super::args::{
-    CommitOptions, Cuboid, OperationName, PartOptions, number, numbers, parse_cuboid, parse_operation,
-    parse_step, same_file,
+    CommitOptions, OperationName, PartOptions, number, numbers, parse_operation, parse_step, same_file,
 };
 use super::report::Work;
 use super::report::commit::report_commit;
@@ -37,7 +36,7 @@ pub(crate) struct Args {
 
 const EXAMPLES: &str = "\
 Examples:
-  spinney edit map.autumn fill --bbox 5,44,17,48 --value 3 -m 'Alps are mountains'
+  spinney edit map.autumn fill --in world --window 5,44,17,48 --value 3 -m 'Alps are mountains'
   spinney edit map.autumn paste survey.tif --where-valid --author Ann
   spinney edit map.autumn paste tile.goblin --at 4096,512
   spinney edit map.autumn set cells.csv
@@ -59,10 +58,10 @@ enum Change {
 struct Paste {
     /// Tree file or picture, of the same kind of values
     patch: PathBuf,
-    /// The cell that its first one goes to [default: where it lies in the world]
+    /// At which cell its first one is put [default: where it lies in the world]
     #[arg(long, value_name = "COL,ROW[,Z]", value_parser = parse_cell)]
     at: Option<[i64; 3]>,
-    /// See it through a step of `transform`, such as rotate=30; may be given several times
+    /// See the file through a step of `transform`, such as rotate=30; may be given several times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,
     /// Leave the tree as it is where the patch is VOID
@@ -78,17 +77,14 @@ struct Paste {
 struct Fill {
     #[command(flatten)]
     part: PartOptions,
-    /// Box of an octree's cells: corner and edges
-    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid, conflicts_with_all = ["window", "bbox"])]
-    cuboid: Option<Cuboid>,
     /// Polygon, in world coordinates or those of --in: corners X,Y with blanks between, rings with semicolons; a hole is a
     /// ring, too
-    #[arg(long, value_name = "X,Y X,Y ...", conflicts_with_all = ["window", "bbox", "cuboid"])]
+    #[arg(long, value_name = "X,Y X,Y ...", conflicts_with = "window")]
     polygon: Option<String>,
     /// A node by its FD code, such as /031
-    #[arg(long, value_name = "CODE", conflicts_with_all = ["window", "bbox", "cuboid", "polygon"])]
+    #[arg(long, value_name = "CODE", conflicts_with_all = ["window", "polygon"])]
     block: Option<String>,
-    /// The value: one number, or one for each channel
+    /// Value that all cells get: one number, or one for each channel
     #[arg(long, value_name = "NUMBER,...", value_delimiter = ',', value_parser = number::<f64>)]
     #[arg(allow_negative_numbers = true, group = "what")]
     value: Option<Vec<f64>>,
@@ -139,10 +135,15 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         }
         _ => None,
     };
+    let patch = change.other().map(Path::to_path_buf);
     let mut editor = Editor::open(&file, memory)?;
     let (mut edits, message) = change.edits(&Dataset::of(editor.tree().into())?, picture.as_ref())?;
     let note = options.note(message);
-    apply_edits(&mut editor, &mut edits, &work)?;
+    let applied = apply_edits(&mut editor, &mut edits, &work);
+    match (&picture, &patch) {
+        (Some(picture), Some(patch)) => applied.map_err(|error| picture.told_of(error, patch))?,
+        _ => applied?,
+    }
     let commit = editor.commit(note)?;
     work.finish();
     report_commit(global, commit.as_ref());
@@ -209,6 +210,15 @@ struct PastedPicture {
 }
 
 impl PastedPicture {
+    /// An error that names the picture where it would name the tree.
+    fn told_of(&self, error: spinney::Error, picture: &Path) -> anyhow::Error {
+        let (text, name) = (error.to_string(), self.tree.display().to_string());
+        match text.contains(&name) {
+            true => anyhow::anyhow!(text.replace(&name, &picture.display().to_string())),
+            false => error.into(),
+        }
+    }
+
     /// Makes a tree like that in a file of a picture.
     fn import(path: &Path, file: &Path, memory: u64, work: &Work) -> Result<PastedPicture> {
         let like = open(file)?;
@@ -245,12 +255,8 @@ impl Fill {
             };
             return Ok((vec![FillRegion::Box(code.bounds(tree.depth()))], format!("block {text}")));
         }
-        let boxes = match self.cuboid {
-            Some(cuboid) => vec![cuboid.cells(tree, tree.depth(), self.part.coordinates())?],
-            None => match self.part.boxes(tree)? {
-                Some(boxes) => boxes,
-                None => bail!("fill what? Give --window, --bbox, --box, --polygon or --block"),
-            },
+        let Some(boxes) = self.part.boxes(tree)? else {
+            bail!("fill what? Give --window, --polygon or --block");
         };
         let size = |bounds: &Bounds| {
             let size: Vec<String> = bounds.size()[..header.form.axes()].iter().map(u64::to_string).collect();

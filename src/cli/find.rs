@@ -13,17 +13,17 @@ use super::report::statistics::class_as_json;
 const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
   spinney find landcover.goblin --class 11 --largest 10
-  spinney find landcover.goblin --class 11 --bbox 5,44,17,48 --json > blocks.txt
-  spinney find bracket.goblin --kind edge,vertex --limit 20
+  spinney find landcover.goblin --class 11 --in world --window 5,44,17,48 --json > blocks.txt
+  spinney find bracket.goblin --leaf edge,vertex --limit 20
 
 Every cell that meets the condition is in one block, and no block is a part of a larger one. They come
 by place, in the order of their FD codes (Z order), or with --largest by size.
 
 A line has the block's FD code, level, first column and row, columns and rows, its box in the world
-(west, south, east, north, as --bbox takes it; of octrees least x, y, z and greatest x, y, z), and its
+(west, south, east, north, as --in world --window takes it; of octrees least x, y, z and greatest x, y, z), and its
 value if it has only one.
 
-Of exact models --kind lists the octree's leaves. A line has the leaf's FD code, level, kind, position
+Of exact models --leaf lists the octree's leaves. A line has the leaf's FD code, level, kind, position
 among the cells of its level, its box in the world, and how many faces cut it.";
 
 /// Find the blocks of the tree whose cells all meet a condition, or leaves of an exact model
@@ -36,14 +36,14 @@ pub(crate) struct Args {
     condition: Wanted,
     #[command(flatten)]
     part: PartOptions,
-    /// Stop after so many blocks
+    /// Number of blocks at most
     #[arg(long, value_name = "N")]
     limit: Option<u64>,
     /// Only so many blocks, the largest first
     #[arg(long, value_name = "N", conflicts_with = "limit")]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     largest: Option<u32>,
-    /// Print a JSON object per line
+    /// Print JSON: an object per line
     #[arg(long)]
     json: bool,
 }
@@ -61,13 +61,13 @@ struct Wanted {
     /// Values equal to this
     #[arg(long, value_name = "K", allow_hyphen_values = true)]
     class: Option<f64>,
-    /// Of exact models: leaves of these kinds
+    /// Leaves of exact models, of these kinds
     #[arg(long, value_name = "KIND,...", value_delimiter = ',')]
-    kind: Option<Vec<LeafKind>>,
+    leaf: Option<Vec<LeafKind>>,
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let Wanted { above, below, class, kind } = &args.condition;
+    let Wanted { above, below, class, leaf } = &args.condition;
     let file = args.tree.file.as_path();
     let mut found = Found::new(args.limit, args.largest);
     if let Some(model) = exact::open(file)? {
@@ -76,11 +76,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             ("--below", below.is_some()),
             ("--class", class.is_some()),
             ("--view", args.tree.is_viewed()),
-            ("--window", args.part.is_window()),
-            ("--bbox", args.part.is_bbox()),
+            ("--window", args.part.is_given()),
         ];
         exact::refuse(file, &given)?;
-        exact::find(&model, kind.as_deref().unwrap_or_default(), args.json, &mut found)?;
+        exact::find(&model, leaf.as_deref().unwrap_or_default(), args.json, &mut found)?;
         found.finish()?;
         return Ok(model.check_unchanged()?);
     }
@@ -91,7 +90,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         (_, Some(bound), _) => Condition::Below(bound),
         (_, _, Some(number)) => Condition::Equal(number),
         _ => bail!(
-            "{}: is no exact model, which --kind is for; use --above, --below or --class",
+            "{}: is no exact model, which --leaf is for; use --above, --below or --class",
             file.display()
         ),
     };

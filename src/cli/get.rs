@@ -1,6 +1,6 @@
 //! `spinney get`: any part at any level as a picture or array.
 
-use std::path::PathBuf;
+use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
 use spinney::dataset::Dataset;
@@ -14,23 +14,25 @@ use spinney::value::SampleType;
 
 use super::Global;
 use super::args::{
-    Cuboid, PartOptions, Slice, ViewedTree, check_output, level_of, numbers, parse_cuboid, parse_size,
+    OutputFile, PartOptions, Size, Slice, ViewedTree, check_output, level_of, numbers, parse_size,
     parse_slice, parse_style, picture_format,
 };
-use super::report::Work;
+use super::report::{Work, report_output};
 
 const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
-  spinney get world.goblin alps.tif --bbox 5,44,17,48
+  spinney get world.goblin alps.tif --in world --window 5,44,17,48
   spinney get utm.goblin fiji.tif --in lonlat --window 176,-20,-178,-15
-  spinney get relief.goblin alps.png --bbox 5,44,17,48 --range 0,4000
-  spinney get relief.goblin alps.png --bbox 5,44,17,48 --style hillshade
+  spinney get relief.goblin alps.png --in world --window 5,44,17,48 --range 0,4000
+  spinney get relief.goblin alps.png --in world --window 5,44,17,48 --style hillshade
   spinney get world.goblin part.npy --window 20000,5000,4096,4096 --level 12
   spinney get world.goblin - --format png --size 256x256 > tile.png
   spinney get house.goblin cut.png --slice y=120 --size 800x600
   spinney get house.goblin floor.png --slice z=2.5 --in world
   spinney get house.goblin solid.npy --level 7
-  spinney get house.goblin door.npy --box 100,40,0,64,64,32
+  spinney get house.goblin door.npy --window 100,40,0,64,64,32
+
+The output is a picture or an array, by its name: .png, .tif, .exr, .npy or .raw.
 
 A slice across x or y has columns along y or x, and rows along z: pictures have the highest at the
 top, arrays the lowest first. Its --window counts so, too. An octree without --slice is an array of
@@ -42,41 +44,37 @@ three dimensions, z, y, x, in .npy and .raw files.";
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Output: .png, .tif, .exr, .npy or .raw; `-` is standard output
-    output: PathBuf,
+    #[command(flatten)]
+    output: OutputFile,
     #[command(flatten)]
     part: PartOptions,
     /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they
     /// were
     #[arg(long, conflicts_with = "size")]
     level: Option<u8>,
-    /// Columns and rows of the output. Amounts are averaged over each pixel's area, from a level with at least
+    /// Columns and rows, or the longer of the two, which keeps the aspect. Amounts are averaged over each pixel's area, from a level with at least
     /// four cells along its sides (off by at most a quarter of what values differ by within the cells at a pixel's
     /// edges); classes are those at pixels' centres
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
-    size: Option<(u64, u64)>,
-    /// With --size: averages that are exact, down to the deepest cells wherever a pixel's edge cuts a node
+    size: Option<Size>,
+    /// Averages of --size that are exact, down to the deepest cells wherever a pixel's edge cuts a node
     #[arg(long, requires = "size")]
     exact: bool,
     /// Slice of an octree across an axis, as in z=12, x=3 or y=5: a cell of the deepest level [default: z=0]
     #[arg(long, value_name = "AXIS=N", value_parser = parse_slice)]
     slice: Option<Slice>,
-    /// Box of an octree as an array: first cell and size, in cells of the level; with --in world in its coordinates
-    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid)]
-    #[arg(conflicts_with_all = ["size", "slice", "window", "bbox"])]
-    cells: Option<Cuboid>,
     /// Format where the output's name does not say
     #[arg(long, value_parser = ["png", "tif", "exr", "npy", "raw"])]
     format: Option<String>,
-    /// Number for VOID cells
+    /// Number that means VOID
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<f64>,
     /// Colours: a style's name (viridis, terrain, hillshade, relief, terrain-rgb ...), its JSON or a file with it; see
     /// docs/styles.md [default: the values themselves; .png of others than u8 and u16: the style "default"]
-    #[arg(long, value_name = "STYLE", value_parser = parse_style, conflicts_with_all = ["cells", "nodata"])]
+    #[arg(long, value_name = "STYLE", value_parser = parse_style, conflicts_with = "nodata")]
     style: Option<Style>,
     /// Grey between two numbers, which become black and white: short for a style
-    #[arg(long, value_name = "A,B", value_parser = parse_range, conflicts_with_all = ["cells", "style"])]
+    #[arg(long, value_name = "A,B", value_parser = parse_range, conflicts_with = "style")]
     range: Option<[f64; 2]>,
 }
 
@@ -89,20 +87,23 @@ fn parse_range(text: &str) -> Result<[f64; 2], String> {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
-    let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw")?;
-    check_output([args.tree.file.as_path()], &args.output)?;
+    let start = Instant::now();
+    let path = args.output.path();
+    let format = picture_format(path, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw")?;
+    check_output([args.tree.file.as_path()], path)?;
     let coordinates = args.part.coordinates();
-    let places_something =
-        args.part.is_window() || args.part.is_bbox() || args.slice.is_some() || args.cells.is_some();
-    ensure!(coordinates.given().is_none() || places_something, "--in is for --window, --slice and --box");
+    let places_something = args.part.is_given() || args.slice.is_some();
+    ensure!(coordinates.given().is_none() || places_something, "--in is for --window and --slice");
     let is_octree = tree.header().form.axes() == 3;
     let is_array = matches!(format, Format::Npy | Format::Raw);
     let style = args.style.clone().or(args.range.map(|range| Style::stretched(&tree, range)));
-    if args.cells.is_some()
-        || is_octree && is_array && args.slice.is_none() && args.size.is_none() && style.is_none()
-    {
-        ensure!(is_octree, "--box: {} is a quadtree; use --window", args.tree.file.display());
-        return array(args, &tree, format, global);
+    let is_cut = args.slice.is_some() || args.size.is_some() || style.is_some();
+    ensure!(
+        !args.part.is_solid() || !is_cut,
+        "--window: six numbers are a part of an octree as an array; --slice, --size, --style and --range are for pictures, with four"
+    );
+    if args.part.is_solid() || is_octree && is_array && !is_cut {
+        return array(args, &tree, format, global, start);
     }
     let picture = picture(&tree, global)?;
     let slice = args.slice.unwrap_or(Slice::FLOOR);
@@ -117,10 +118,23 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let is_placed = args.slice.is_some() && !coordinates.are_cells();
     let cell = slice.cell(&tree, is_placed)?;
     (bounds.min[across], bounds.max[across]) = (cell, cell + 1);
-    let detail = match args.size {
+    // Columns and rows are the other two axes, in order.
+    let [columns, rows] = [[1, 2], [0, 2], [0, 1]][across].map(|axis: usize| bounds.size()[axis]);
+    let level = level_of(&tree, args.level)?;
+    let pixels = match args.size {
+        Some(size) => size.of(columns, rows),
+        None => {
+            let shift = tree.depth() - level;
+            // (A block counts of which any cell is in the part.)
+            let blocks = |axis: usize| (bounds.max[axis].div_ceil(1 << shift)) - (bounds.min[axis] >> shift);
+            let [columns, rows] = [[1, 2], [0, 2], [0, 1]][across].map(blocks);
+            (columns, rows)
+        }
+    };
+    let detail = match args.size.map(|_| pixels) {
         Some((width, height)) if args.exact => Detail::Exact(width, height),
         Some((width, height)) => Detail::Size(width, height),
-        None => Detail::Level(args.level.unwrap_or(tree.depth())),
+        None => Detail::Level(level),
     };
     let mut request = WindowRequest::new(bounds, detail);
     (request.across, request.nodata) = (across, args.nodata);
@@ -131,13 +145,19 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         global.report("style", format_args!("{}; see --style and --range", default.json()));
     }
     request.style = style;
-    let output = Output::create(&args.output)?;
+    let output = Output::create(path)?;
     export_window(&tree, &request, output, format, &progress)
-        .with_context(|| format!("cannot write {}", args.output.display()))
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    progress.finish();
+    let detail =
+        if args.size.is_some() { String::new() } else { format!(", level {level} of {}", tree.depth()) };
+    global.report("pixels", format_args!("{} x {}{detail}", pixels.0, pixels.1));
+    report_output(global, path, start);
+    Ok(())
 }
 
 /// The cells that are shown if none are asked for: the picture, or, where that is the whole world of web maps, the box of all data.
-fn picture(tree: &Dataset, global: &Global) -> Result<Bounds> {
+pub(crate) fn picture(tree: &Dataset, global: &Global) -> Result<Bounds> {
     let header = tree.header();
     if web_mercator_depth(&tree.metadata().frame, header.extent).is_none() {
         return Ok(header.picture());
@@ -168,13 +188,13 @@ fn across_seam(tree: Dataset, west: &Bounds, east: &Bounds) -> Result<(Dataset, 
 }
 
 /// Writes a box of an octree, or all of it.
-fn array(args: &Args, tree: &Dataset, format: Format, global: &Global) -> Result<()> {
+fn array(args: &Args, tree: &Dataset, format: Format, global: &Global, start: Instant) -> Result<()> {
+    let path = args.output.path();
     let level = level_of(tree, args.level)?;
     let advice = "octrees have none: ask for the two parts one by one";
-    let bounds = match (args.part.bounds(tree, advice)?, &args.cells) {
-        (None, None) => tree.extent_at(level),
-        (None, Some(cuboid)) => cuboid.cells(tree, level, args.part.coordinates())?,
-        (Some(part), _) => {
+    let bounds = match args.part.bounds(tree, advice)? {
+        None => tree.extent_at(level),
+        Some(part) => {
             let shift = tree.depth() - level;
             let max = part.max.map(|cell| cell.div_ceil(1 << shift));
             Bounds { min: part.min.map(|cell| cell >> shift), max }
@@ -183,7 +203,12 @@ fn array(args: &Args, tree: &Dataset, format: Format, global: &Global) -> Result
     let mut request = ArrayRequest::new(bounds, level);
     request.nodata = args.nodata;
     let progress = Work::start(global, "cells")?;
-    let output = Output::create(&args.output)?;
+    let output = Output::create(path)?;
     export_array(tree, &request, output, format, &progress)
-        .with_context(|| format!("cannot write {}", args.output.display()))
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    progress.finish();
+    let [width, height, depth] = bounds.size();
+    global.report("cells", format_args!("{width} x {height} x {depth}, level {level} of {}", tree.depth()));
+    report_output(global, path, start);
+    Ok(())
 }

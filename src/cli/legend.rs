@@ -1,14 +1,12 @@
 //! `spinney legend`: what the colours of a style mean.
 
-use std::path::PathBuf;
-
 use anyhow::{Context as _, Result, bail};
 use spinney::export::{LegendFormat, export_legend};
 use spinney::io::Output;
 use spinney::style::{Style, StylePainter};
 
 use super::Global;
-use super::args::{ViewedTree, check_output, parse_style};
+use super::args::{OutputFile, ViewedTree, check_output, parse_style};
 use super::report::Work;
 
 const EXAMPLES: &str = "Examples:
@@ -22,33 +20,34 @@ const EXAMPLES: &str = "Examples:
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Output: .png, .svg or .json; `-` is standard output
-    output: PathBuf,
-    /// A style's name, its JSON or a file with it: see `spinney get --style` [default: the tree's own]
+    #[command(flatten)]
+    output: OutputFile,
+    /// Colours: a style's name, its JSON or a file with it: see `spinney get --style` [default: the tree's own]
     #[arg(long, value_name = "STYLE", value_parser = parse_style)]
     style: Option<Style>,
     /// Format where the output's name does not say
     #[arg(long, value_parser = ["png", "svg", "json"])]
     format: Option<String>,
-    /// Pixels of a dot of the letters in a .png
+    /// Enlargement of a .png
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=8))]
     scale: u8,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
-    check_output([args.tree.file.as_path()], &args.output)?;
-    let extension = args.output.extension().and_then(|extension| extension.to_str());
+    let path = args.output.path();
+    check_output([args.tree.file.as_path()], path)?;
+    let extension = path.extension().and_then(|extension| extension.to_str());
     let format = match args.format.as_deref().or(extension).map(str::to_ascii_lowercase).as_deref() {
         Some("png") => LegendFormat::Png(args.scale.into()),
         Some("svg") => LegendFormat::Svg,
         Some("json") => LegendFormat::Json,
-        _ => bail!("{}: unknown format; use .png, .svg or .json, or --format", args.output.display()),
+        _ => bail!("{}: unknown format; use .png, .svg or .json, or --format", path.display()),
     };
     let style = args.style.clone().unwrap_or_else(|| Style::default_for(&tree));
     let progress = Work::start(global, "cells")?;
     let legend = StylePainter::new(&style, &tree, &progress)?.legend(&tree)?;
     tree.check_unchanged()?;
-    export_legend(&legend, Output::create(&args.output)?, format)
-        .with_context(|| format!("cannot write {}", args.output.display()))
+    export_legend(&legend, Output::create(path)?, format)
+        .with_context(|| format!("cannot write {}", path.display()))
 }

@@ -9,7 +9,7 @@ use super::report::{commit, print_json, print_text, warn};
 
 const EXAMPLES: &str = "Examples:
   spinney log map.autumn
-  spinney log map.autumn -n 5 --json
+  spinney log map.autumn --limit 5 --json
   spinney info map.autumn@12                         what was in the map at commit 12";
 
 /// List the commits of an Autumnal file, the newest first
@@ -19,8 +19,8 @@ pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
     /// Number of commits at most
-    #[arg(short = 'n', long = "number", value_name = "N")]
-    most: Option<usize>,
+    #[arg(long, value_name = "N")]
+    limit: Option<usize>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -31,7 +31,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     if let Some(remark) = file.remark() {
         warn(&format!("{}: {remark}", args.file.display()));
     }
-    let commits = file.commits().take(args.most.unwrap_or(usize::MAX));
+    let commits = file.commits().take(args.limit.unwrap_or(usize::MAX));
     if args.json {
         let commits = commits.map(|entry| Ok(commit::as_json(&entry?))).collect::<Result<Vec<_>>>()?;
         print_json(&commits.into())?;

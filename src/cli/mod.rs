@@ -1,11 +1,13 @@
 //! The command line: a module per subcommand, and the options and the output that they share.
 
 mod args;
+mod blame;
 mod build;
 mod combine;
 mod compact;
 mod completions;
 mod contours;
+mod convert;
 mod diff;
 mod dump;
 mod edit;
@@ -17,23 +19,26 @@ mod info;
 mod legend;
 mod log;
 mod point;
-mod publish;
 mod recover;
 mod render;
 mod report;
 mod revert;
 mod section;
+mod show;
 mod signals;
 mod stats;
 mod stdio;
+mod tasks;
 mod transform;
 mod verify;
+#[cfg(test)]
+mod vocabulary;
 
 use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use clap::{Parser, Subcommand};
+use clap::{FromArgMatches as _, Parser, Subcommand};
 use spinney::dataset::Dataset;
 
 use self::args::{Global, words};
@@ -53,10 +58,11 @@ struct Cli {
 const EXAMPLES: &str = "\
 Start here:
   spinney build world.tif -o world.goblin              make a tree of a picture
+  spinney show world.goblin                            look at it, here in the terminal
   spinney info world.goblin                            see what is in it
-  spinney get world.goblin small.png --size 1024x512   look at it
+  spinney get world.goblin -o small.png --size 1024    a picture of it
   spinney build bunny.ply -o bunny.goblin              make a tree of a solid
-  spinney render bunny.goblin bunny.png                look at that
+  spinney render bunny.goblin -o bunny.png             a picture of that
   spinney build world.tif -o world.autumn              make a tree that can be edited
   spinney help edit                                    all about that
   spinney help build                                   all about building
@@ -67,6 +73,7 @@ Exit codes: 0 fine, 1 failure, 2 wrong usage, 130 interrupted.";
 #[derive(Subcommand)]
 enum Command {
     Build(build::Args),
+    Show(show::Args),
     Info(info::Args),
     Get(get::Args),
     Point(point::Args),
@@ -82,11 +89,12 @@ enum Command {
     Combine(combine::Args),
     Edit(edit::Args),
     Log(log::Args),
+    Blame(blame::Args),
     Diff(diff::Args),
     Revert(revert::Args),
     Recover(recover::Args),
     Compact(compact::Args),
-    Publish(publish::Args),
+    Convert(convert::Args),
     Verify(verify::Args),
     Completions(completions::Args),
 }
@@ -95,6 +103,8 @@ impl Command {
     fn run(self, global: &Global) -> Result<ExitCode> {
         match self {
             Command::Build(args) => build::run(args, global),
+            Command::Show(args) => show::run(&args, global),
+            Command::Blame(args) => blame::run(&args, global),
             Command::Info(args) => info::run(&args),
             Command::Get(args) => get::run(&args, global),
             Command::Point(args) => point::run(&args),
@@ -114,7 +124,7 @@ impl Command {
             Command::Revert(args) => revert::run(&args, global),
             Command::Recover(args) => recover::run(&args, global),
             Command::Compact(args) => compact::run(&args, global),
-            Command::Publish(args) => publish::run(&args, global),
+            Command::Convert(args) => convert::run(&args, global),
             Command::Verify(args) => return verify::run(&args, global),
             Command::Completions(args) => completions::run(args),
         }
@@ -133,7 +143,8 @@ fn open(path: &Path) -> Result<Dataset> {
 
 /// Runs the program with the arguments that it was given.
 pub(crate) fn main() -> ExitCode {
-    let Cli { global, command } = match Cli::try_parse_from(words()) {
+    let parsed = tasks::program().try_get_matches_from(words());
+    let Cli { global, command } = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => return report::explain_usage(&error),
     };

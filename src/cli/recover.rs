@@ -22,7 +22,7 @@ const EXAMPLES: &str = "Examples:
 pub(crate) struct Args {
     /// The Autumnal file
     file: PathBuf,
-    /// The commit's number
+    /// Number of the commit that becomes the newest
     #[arg(long, value_name = "N")]
     to: u64,
 }

@@ -1,6 +1,5 @@
 //! `spinney render`: a shaded picture of a solid.
 
-use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
@@ -10,7 +9,7 @@ use spinney::export::{CameraProjection, RenderRequest, render, render_exact};
 use spinney::io::Output;
 use spinney::space::Up;
 
-use super::args::{ViewedTree, check_output, numbers, parse_size, picture_format};
+use super::args::{OutputFile, Size, ViewedTree, check_output, numbers, parse_size, picture_format};
 use super::report::{Work, report_output};
 use super::{Global, exact};
 
@@ -23,7 +22,8 @@ const EXAMPLES: &str = "Examples:
 
 The viewer stands at a point of the compass: 0 is north (along y), 90 east (along x); 0 degrees high
 looks along the horizon, 90 straight down. Without --level the coarsest level is read whose cells
-are no larger than a pixel. Exact models are drawn with their faces as they are, and have no levels.";
+are no larger than a pixel. Exact models are drawn with their faces as they are, and have no levels.
+The output is .png, .tif, .npy or .raw.";
 
 /// Draw a shaded picture of a solid
 #[derive(clap::Args)]
@@ -31,11 +31,11 @@ are no larger than a pixel. Exact models are drawn with their faces as they are,
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Output: .png, .tif, .npy or .raw; `-` is standard output
-    output: PathBuf,
-    /// Columns and rows
+    #[command(flatten)]
+    output: OutputFile,
+    /// Columns and rows, or the longer of the two, which keeps the aspect of 4:3
     #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1024x768")]
-    size: (u64, u64),
+    size: Size,
     /// Direction in which the viewer stands, in degrees: on the compass, and above the horizon
     #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = parse_direction, default_value = "215,30")]
     from: [f64; 2],
@@ -44,14 +44,14 @@ pub(crate) struct Args {
     level: Option<u8>,
     /// Enlargement: so many times as large as when all of the solid is seen
     #[arg(long, value_name = "F", default_value_t = 1.0)]
-    zoom: f64,
+    scale: f64,
     /// Projection in which parallel lines stay parallel
     #[arg(long, conflicts_with = "perspective")]
     orthographic: bool,
     /// Projection in which more distant things are smaller (the default)
     #[arg(long)]
     perspective: bool,
-    /// Axis of the world that points up: y or z
+    /// Axis that points up in the world, y or z
     #[arg(long, value_name = "AXIS", default_value_t = Up::Z)]
     up: Up,
     /// Colour behind the solid: #rrggbb, white, grey, black, or transparent
@@ -108,23 +108,24 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if let Scene::Cells(tree) = &scene {
         ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", file.display());
     }
-    let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .npy or .raw")?;
-    check_output([file], &args.output)?;
+    let path = args.output.path();
+    let format = picture_format(path, args.format.as_deref(), ".png, .tif, .npy or .raw")?;
+    check_output([file], path)?;
     let request = args.request();
     let work = Work::start(global, "pixels")?;
-    let output = Output::create(&args.output)?;
+    let output = Output::create(path)?;
     let level = match &scene {
         Scene::Model(model) => render_exact(model, &request, output, format, &work).map(|()| None),
         Scene::Cells(tree) => {
             render(tree, &request, output, format, &work).map(|level| Some((level, tree.depth())))
         }
     };
-    let level = level.with_context(|| format!("cannot write {}", args.output.display()))?;
+    let level = level.with_context(|| format!("cannot write {}", path.display()))?;
     work.finish();
     if let Some((level, depth)) = level {
         global.report("level", format_args!("{level} of {depth}"));
     }
-    report_output(global, &args.output, start);
+    report_output(global, path, start);
     Ok(())
 }
 
@@ -136,9 +137,10 @@ enum Scene {
 
 impl Args {
     fn request(&self) -> RenderRequest {
-        let mut request = RenderRequest::new(self.size.0, self.size.1);
+        let (columns, rows) = self.size.of(4, 3);
+        let mut request = RenderRequest::new(columns, rows);
         [request.azimuth, request.elevation] = self.from;
-        request.zoom = self.zoom;
+        request.scale = self.scale;
         if self.orthographic {
             request.projection = CameraProjection::Orthographic;
         }

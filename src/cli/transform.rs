@@ -29,15 +29,13 @@ pub(crate) struct Args {
     /// Steps, in order: see below
     #[arg(value_name = "STEP", value_parser = parse_step, allow_hyphen_values = false)]
     steps: Vec<Step>,
-    /// The file to make; - is standard output
+    /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
-    /// Take the value at the centre of each new cell, also where the file's rule would average
-    #[arg(long)]
-    nearest: bool,
-    /// How grids in other coordinate systems (like=, warp=, grid=) get their values: nearest, bilinear, cubic, area or majority
-    /// [default: nearest or bilinear; majority or area where new cells are more than 1.5 times as large]
-    #[arg(long, value_name = "WAY", conflicts_with = "nearest")]
+    /// Resampling of cells that are no old ones: nearest, or for like=, warp= and grid= bilinear, cubic, area or majority, too
+    /// [default: the file's rule; with like=, warp= and grid= nearest class or bilinear amounts, and majority or area where new
+    /// cells are more than 1.5 times as large]
+    #[arg(long, value_name = "WAY")]
     resampling: Option<Resampling>,
     /// Take datums for WGS 84 whose shift to it is unknown or needs a grid
     #[arg(long)]
@@ -55,7 +53,7 @@ const EXAMPLES: &str = "\
 Steps:
   window=COL,ROW,W,H       a box of cells, aligned or not; what sticks out is VOID
   window=X,Y,Z,W,H,D       the same of octrees
-  bbox=W,S,E,N             the cells in a box of the world
+  window=W,S,E,N,in=world  the cells in a box of the world; in=lonlat: of longitudes and latitudes
   crop                     the smallest box around all data
   translate=DX,DY[,DZ]     by cells or parts of cells; room is made on the far sides
   scale=F  scale=FX,FY     so many times as many cells along each axis
@@ -78,7 +76,7 @@ Steps:
 
 Examples:
   spinney transform world.goblin window=20000,5000,4096,4096 -o part.goblin
-  spinney transform world.goblin bbox=5,44,17,48 scale=0.5 -o alps.goblin
+  spinney transform world.goblin window=5,44,17,48,in=world scale=0.5 -o alps.goblin
   spinney transform scan.goblin rotate=-1.3 crop -o straight.goblin
   spinney transform map.goblin rotate=90 mirror=x -o turned.goblin
   spinney transform bunny.goblin rotate=30,1,1,0 scale=2 -o large.goblin
@@ -90,7 +88,7 @@ Examples:
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args { file, steps, output: path, nearest, resampling, allow_ballpark, moves, memory, limit } = args;
+    let Args { file, steps, output: path, resampling, allow_ballpark, moves, memory, limit } = args;
     let like = steps.iter().filter_map(|step| match step {
         Step::Like(path) => Some(path.as_path()),
         _ => None,
@@ -98,7 +96,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     check_output([file.as_path()].into_iter().chain(like), &path)?;
     let mut warp = WarpOptions::default();
     (warp.resampling, warp.allow_ballpark) = (resampling, allow_ballpark);
-    let chain = Chain { path: file, steps, nearest, moves, warp };
+    let chain = Chain { path: file, steps, moves, warp };
     let work = Work::start(global, "cells")?;
     let outcome = ops::transform(&chain, limit.create_tree(&path)?, memory.bytes, &work)?;
     work.finish();

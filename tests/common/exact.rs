@@ -1,6 +1,6 @@
 //! Exact models made in tests.
 
-use spinney::brep::{BOOLEAN_FACES, BuildReport, ExactModel, Face, FaceList, Faces, Grid, ModelBuilder};
+use spinney::brep::{BuildReport, ExactModel, Face, FaceList, Faces, Grid, LEAF_SIZE, ModelBuilder};
 use spinney::import::mesh::open;
 use spinney::io::Output;
 use spinney::store::Metadata;
@@ -30,19 +30,18 @@ pub fn model_on(grid: Grid, faces: &[Vec<Ring>]) -> FaceList {
 
 /// The faces in a file, open.
 pub fn file_of(list: &FaceList) -> ExactModel {
-    let (bytes, report) = built(list, 64 << 20, BOOLEAN_FACES);
+    let (bytes, report) = built(list, 64 << 20, LEAF_SIZE);
     assert_eq!(report.defects, []);
     ExactModel::from_bytes(bytes.unwrap()).unwrap()
 }
 
 /// The bytes of a file that is built in so much memory, with cells of so many faces that are not divided; none if
 /// the faces bound no body.
-pub fn built(list: &FaceList, memory: u64, boolean_faces: usize) -> (Option<Vec<u8>>, BuildReport) {
+pub fn built(list: &FaceList, memory: u64, leaf_size: usize) -> (Option<Vec<u8>>, BuildReport) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.goblin");
     let output = Output::create(&path).unwrap();
-    let mut builder =
-        ModelBuilder::new(output, list.grid().clone(), memory).unwrap().boolean_faces(boolean_faces);
+    let mut builder = ModelBuilder::new(output, list.grid().clone(), memory).unwrap().leaf_size(leaf_size);
     list.each(&mut |face| builder.push(face)).unwrap();
     let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
     (std::fs::read(&path).ok(), report)

@@ -3,7 +3,7 @@
 use spinney::Result;
 use spinney::brep::query::{Location, MassProperties};
 use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{BOOLEAN_FACES, CombineReport, ExactModel, Face, FaceList, Faces, Grid, combine};
+use spinney::brep::{CombineReport, ExactModel, Face, FaceList, Faces, Grid, LEAF_SIZE, combine};
 use spinney::io::Output;
 
 use super::Random;
@@ -31,7 +31,7 @@ impl Body {
     }
 
     pub fn of_list(list: &FaceList) -> Body {
-        let (bytes, report) = built(list, 64 << 20, BOOLEAN_FACES);
+        let (bytes, report) = built(list, 64 << 20, LEAF_SIZE);
         assert_eq!(report.defects, []);
         Body::of_bytes(bytes.unwrap())
     }

@@ -48,7 +48,7 @@ pub(crate) fn house(bits: u8) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("house.goblin");
     let output = Output::create(&path).unwrap();
-    let mut builder = ModelBuilder::new(output, grid(bits), 1 << 20).unwrap().boolean_faces(3);
+    let mut builder = ModelBuilder::new(output, grid(bits), 1 << 20).unwrap().leaf_size(3);
     list.each(&mut |face| builder.push(face)).unwrap();
     let class_names = (0..).zip(list.parts().iter().cloned()).collect();
     let mut metadata = Metadata { class_names, ..Metadata::default() };

@@ -135,7 +135,7 @@ fn the_dumps_of_pages_and_commits_are_those_of_the_frozen_file() {
 fn tetrahedron(path: &Path) {
     let grid = Grid { bits: 1, origin: [0; 3], step: 1.0, divisor: 1.0 };
     let output = Output::create(path).unwrap();
-    let mut builder = ModelBuilder::new(output, grid, 1 << 20).unwrap().boolean_faces(0);
+    let mut builder = ModelBuilder::new(output, grid, 1 << 20).unwrap().leaf_size(0);
     let corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]];
     for (number, face) in (0..).zip([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]) {
         let points = face.map(|corner: usize| corners[corner]);

@@ -2,8 +2,7 @@
 
 use spinney::brep::query::Location;
 use spinney::brep::{
-    BOOLEAN_FACES, DefectKind, ExactModel, FaceBuffer, FaceList, Faces, Grid, ModelNode, ModelNodeState,
-    NodeKind,
+    DefectKind, ExactModel, FaceBuffer, FaceList, Faces, Grid, LEAF_SIZE, ModelNode, ModelNodeState, NodeKind,
 };
 use spinney::geometry::{Box3, GridPolygon, Triangulator};
 
@@ -147,8 +146,8 @@ fn points_are_where_winding_numbers_say() {
     let mut random = Random(1);
     for (name, faces) in families() {
         let list = model(&faces);
-        for boolean_faces in [0, BOOLEAN_FACES] {
-            let (bytes, report) = built(&list, 64 << 20, boolean_faces);
+        for leaf_size in [0, LEAF_SIZE] {
+            let (bytes, report) = built(&list, 64 << 20, leaf_size);
             assert_eq!(report.defects, [], "{name}");
             let file = ExactModel::from_bytes(bytes.unwrap()).unwrap();
             assert_eq!(file.verify(1 << 20, &()).unwrap(), [], "{name}");
@@ -180,7 +179,7 @@ fn points_are_where_winding_numbers_say() {
                     Some(other) => panic!("{name}: {other} times around {point:?}"),
                 };
                 let found = file.locate(point.map(|at| at as f64 / 64.0)).unwrap();
-                assert_eq!(found, expected, "{name}, {boolean_faces}: {point:?} in 64ths");
+                assert_eq!(found, expected, "{name}, {leaf_size}: {point:?} in 64ths");
                 seen[found as usize] += 1;
             }
             assert!(seen.iter().all(|times| *times > 0), "{name}: {seen:?}");
@@ -192,10 +191,10 @@ fn points_are_where_winding_numbers_say() {
 #[test]
 fn points_on_edges_of_cells_may_lie_on_faces() {
     let list = model(&prism(&[vec![[0, 0], [3, 0], [0, 3]]], 0, 4));
-    for boolean_faces in 0..8 {
-        let file = ExactModel::from_bytes(built(&list, 64 << 20, boolean_faces).0.unwrap()).unwrap();
+    for leaf_size in 0..8 {
+        let file = ExactModel::from_bytes(built(&list, 64 << 20, leaf_size).0.unwrap()).unwrap();
         for z in [0.5, 1.0, 1.2, 1.5, 3.5] {
-            assert_eq!(file.locate([1.5, 1.5, z]).unwrap(), Location::Boundary, "{boolean_faces} {z}");
+            assert_eq!(file.locate([1.5, 1.5, z]).unwrap(), Location::Boundary, "{leaf_size} {z}");
             assert_eq!(file.locate([1.5, 1.25, z]).unwrap(), Location::Inside);
             assert_eq!(file.locate([1.5, 1.75, z]).unwrap(), Location::Outside);
         }
@@ -217,8 +216,8 @@ fn leaves_have_the_faces_that_cut_them() {
                 GridPolygon::new(&points, face.ring_ends, &mut triangulator).unwrap()
             })
             .collect();
-        for boolean_faces in [0, 4] {
-            let (bytes, report) = built(&list, 64 << 20, boolean_faces);
+        for leaf_size in [0, 4] {
+            let (bytes, report) = built(&list, 64 << 20, leaf_size);
             let file = ExactModel::from_bytes(bytes.unwrap()).unwrap();
             let mut kinds = [0u64; 4];
             walk(&file, &file.root().unwrap(), &mut |node| {
@@ -277,7 +276,7 @@ fn a_turned_cube_has_few_nodes_of_all_kinds() {
         let (_, report) = built(&list, 64 << 20, 0);
         assert!(report.nodes.vertex > 0 && report.nodes.boolean == 0, "{:?}", report.nodes);
         totals.push(report.nodes.total());
-        let (_, report) = built(&list, 64 << 20, BOOLEAN_FACES);
+        let (_, report) = built(&list, 64 << 20, LEAF_SIZE);
         assert_eq!((report.nodes.total(), report.nodes.boolean), (1, 1));
     }
     assert!(totals.iter().all(|total| *total <= 25), "{totals:?}");
@@ -305,7 +304,7 @@ fn kinds_are_what_planes_have_in_common() {
 fn surfaces_that_bound_nothing_are_refused() {
     let at = |at: i32| cuboid([at; 3], [at + 100; 3]);
     let kinds = |faces: &[Vec<Ring>]| {
-        let (file, report) = built(&model(faces), 64 << 20, BOOLEAN_FACES);
+        let (file, report) = built(&model(faces), 64 << 20, LEAF_SIZE);
         assert!(file.is_none(), "{faces:?}");
         assert!(report.defect_count >= report.defects.len() as u64 && report.defects.len() <= 100);
         report.defects
@@ -349,7 +348,7 @@ fn bytes_depend_on_neither_memory_nor_threads() {
     let Some(list) = snapped("spot.ply", &|_| true) else { return };
     let file = |memory: u64, threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| built(&list, memory, BOOLEAN_FACES).0.unwrap())
+        pool.install(|| built(&list, memory, LEAF_SIZE).0.unwrap())
     };
     let expected = file(256 << 20, 1);
     for (memory, threads) in [(256 << 20, 4), (1 << 20, 2), (64 << 10, 3)] {

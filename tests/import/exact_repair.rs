@@ -31,9 +31,9 @@ fn write(faces: &Solid, path: &Path) {
     std::fs::write(path, text).unwrap();
 }
 
-fn options(grid: Option<f64>) -> ExactOptions {
+fn options(snap: Option<f64>) -> ExactOptions {
     let mut options = ExactOptions::new();
-    (options.repair, options.grid) = (true, grid);
+    (options.repair, options.snap) = (true, snap);
     options
 }
 

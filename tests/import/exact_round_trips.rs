@@ -35,7 +35,7 @@ fn again(model: &ExactModel, folder: &Path, format: MeshFormat, name: &str, grid
     let mesh = folder.join(name);
     export_exact(model, format, Output::create(&mesh).unwrap(), &()).unwrap();
     let mut options = ExactOptions::new();
-    options.grid = grid;
+    options.snap = grid;
     import(&mesh, &folder.join("again.goblin"), &options).unwrap().0
 }
 

@@ -2,8 +2,9 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney::import::mesh::{Boundary, InsideTest, SolidOptions, SolidReport, plan_models};
+use spinney::import::mesh::{InsideTest, SolidOptions, SolidReport, plan_models};
 use spinney::io::Output;
+use spinney::space::EdgeRule;
 use spinney::value::{Kind, Rule};
 use spinney::{Error, Progress, Result};
 
@@ -59,16 +60,16 @@ fn build(triangles: &[Triangle], options: &SolidOptions, progress: &dyn Progress
 fn one_block_of_many_triangles_is_interrupted_within() {
     let triangles = tetrahedra(&mut Random(5), 20, 16.0, 0.37);
     let soup: Vec<Triangle> = triangles.iter().step_by(3).copied().collect();
-    for boundary in [Boundary::Centre, Boundary::Full, Boundary::Coverage] {
-        let options = with(unit_cells(4), |it| it.boundary = boundary);
+    for edge in [EdgeRule::Centre, EdgeRule::Touch, EdgeRule::Area] {
+        let options = with(unit_cells(4), |it| it.edge = edge);
         for (triangles, inside) in [(&triangles, InsideTest::Closed), (&soup, InsideTest::Open)] {
             let work = |progress: &dyn Progress| {
                 build(triangles, &options, progress).map(|report| assert_eq!(report.inside, inside))
             };
-            check(&work, 2 * triangles.len() as u64, &format!("{boundary:?}, {inside:?}"));
+            check(&work, 2 * triangles.len() as u64, &format!("{edge:?}, {inside:?}"));
         }
     }
-    let surface = with(unit_cells(4), |it| it.surface = true);
+    let surface = with(unit_cells(4), |it| it.shell = true);
     let work = |progress: &dyn Progress| build(&soup, &surface, progress).map(|_| ());
     check(&work, soup.len() as u64, "surface");
 }

@@ -98,7 +98,7 @@ fn solids_without_an_inside_are_told() {
         let folder = tempfile::tempdir().unwrap();
         let model = folder.path().join("a.obj");
         std::fs::write(&model, text).unwrap();
-        let (_, report) = build(model, &with(sixteen(), |it| it.surface = true));
+        let (_, report) = build(model, &with(sixteen(), |it| it.shell = true));
         assert!(report.cells > 0);
     }
 }

@@ -1,10 +1,9 @@
 //! Models of which a part is open: that part costs and changes only itself.
 
 use spinney::dataset::Dataset;
-use spinney::import::mesh::{
-    Attribute, Boundary, InsideTest, Resolution, SolidOptions, open_all, plan_models,
-};
+use spinney::import::mesh::{Attribute, InsideTest, Resolution, SolidOptions, open_all, plan_models};
 use spinney::io::Output;
+use spinney::space::EdgeRule;
 use spinney::value::Value;
 
 use crate::common::solid::{Point, Polygons, Triangle, build, cells, cuboid, plain, unit_cells, winding};
@@ -38,10 +37,10 @@ fn at(index: usize) -> [usize; 3] {
 #[test]
 fn one_open_object_changes_only_itself() {
     for (step, attribute) in [(8.0, Attribute::Part), (8.0, Attribute::Colour), (6.0, Attribute::Part)] {
-        for boundary in [Boundary::Centre, Boundary::Full] {
+        for edge in [EdgeRule::Centre, EdgeRule::Touch] {
             let options = with(unit_cells(6), |it| {
                 it.attribute = attribute;
-                it.boundary = boundary;
+                it.edge = edge;
             });
             let closed = row(7, step);
             let (expected, inside) = labels(closed.clone(), &options);

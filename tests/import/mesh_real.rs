@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use spinney::dataset::{self, Dataset};
 use spinney::import::mesh::{
-    Attribute, Boundary, InsideTest, Resolution, SolidOptions, SolidReport, open_all, plan_models,
+    Attribute, InsideTest, Resolution, SolidOptions, SolidReport, open_all, plan_models,
 };
 use spinney::io::Output;
-use spinney::space::{Bounds, Crs};
+use spinney::space::{Bounds, Crs, EdgeRule};
 use spinney::store::OpenOptions;
 
 use crate::common::{shared_data, with};
@@ -48,10 +48,10 @@ fn volumes_and_areas_of_closed_models_are_right() {
         if !is_closed || name.contains("overlap") || name.contains("soup") {
             continue;
         }
-        let of = |cells, boundary| {
+        let of = |cells, edge| {
             let options = with(SolidOptions::new(), |it| {
                 it.resolution = Resolution::Cells(cells);
-                it.boundary = boundary;
+                it.edge = edge;
             });
             let (tree, report) = build(std::slice::from_ref(&path), &options);
             assert_eq!(report.inside, InsideTest::Closed, "{name}");
@@ -61,10 +61,10 @@ fn volumes_and_areas_of_closed_models_are_right() {
             [volume(&tree) / expected - 1.0, surface.smooth_area() / area - 1.0]
         };
         // A flat face along the axes may be off by half a cell all over.
-        let [coarse, fine] = [64, 256].map(|cells| of(cells, Boundary::Centre).map(f64::abs));
+        let [coarse, fine] = [64, 256].map(|cells| of(cells, EdgeRule::Centre).map(f64::abs));
         assert!(coarse[0] < 5e-2 && fine[0] < 1e-2, "{name}: {coarse:?}, {fine:?}");
         assert!(coarse[1] < 0.1 && fine[1] < 0.02 && fine[1] < coarse[1], "{name}: {coarse:?}, {fine:?}");
-        let [error, _] = of(256, Boundary::Coverage);
+        let [error, _] = of(256, EdgeRule::Area);
         assert!(error.abs() < 4e-4, "{name}: {error}");
         checked += 1;
     }

@@ -1,9 +1,9 @@
 //! Solids made of meshes, against brute force: winding numbers at every cell's centre.
 
-use spinney::import::mesh::{Attribute, Boundary, InsideTest, plan_models};
+use spinney::import::mesh::{Attribute, InsideTest, plan_models};
 use spinney::io::Output;
 use spinney::ops::{Operation, Prefer};
-use spinney::space::{Code, Dimension};
+use spinney::space::{Code, Dimension, EdgeRule};
 use spinney::store::goblin::Goblin;
 use spinney::value::Value;
 
@@ -14,15 +14,15 @@ use crate::common::{Random, as_byte, byte, combined, view_of_file, with};
 
 #[test]
 fn boxes_on_the_grid_become_their_cells() {
-    for boundary in [Boundary::Full, Boundary::Centre, Boundary::Coverage] {
-        let options = with(unit_cells(7), |it| it.boundary = boundary);
+    for edge in [EdgeRule::Touch, EdgeRule::Centre, EdgeRule::Area] {
+        let options = with(unit_cells(7), |it| it.edge = edge);
         let (tree, report) = build(plain(&cuboid([8.0, 16.0, 64.0], [72.0, 80.0, 96.0])), &options);
         assert_eq!((report.inside, report.triangles, report.displacement), (InsideTest::Closed, 12, 0.0));
         let found = cells(&tree);
         for (i, cell) in found.iter().enumerate() {
             let [x, y, z] = [i % 128, i / 128 % 128, i / 128 / 128];
             let expected = (8..72).contains(&x) && (16..80).contains(&y) && (64..96).contains(&z);
-            assert_eq!(*cell, expected.then(|| byte(255)), "{x} {y} {z} {boundary:?}");
+            assert_eq!(*cell, expected.then(|| byte(255)), "{x} {y} {z} {edge:?}");
         }
     }
     // The whole space: nothing is cut, nothing is divided.
@@ -136,7 +136,7 @@ fn coverage_is_what_a_solid_has_of_each_cell() {
         ([upright(a), upright(overlapping)].concat(), Box::new(minus)),
     ];
     for (number, (triangles, expected)) in cases.into_iter().enumerate() {
-        let options = with(unit_cells(6), |it| it.boundary = Boundary::Coverage);
+        let options = with(unit_cells(6), |it| it.edge = EdgeRule::Area);
         let (tree, report) = build(plain(&triangles), &options);
         assert_eq!(report.inside, InsideTest::Closed);
         for (i, value) in cells(&tree).into_iter().enumerate() {
@@ -183,7 +183,7 @@ fn coverage_of_closed_flipped_and_open_objects_is_that_of_any() {
         let faces = objects.into_iter().zip(0..);
         let faces =
             faces.flat_map(|(triangles, part)| triangles.into_iter().map(move |it| (it, part, [0; 3])));
-        let options = with(unit_cells(6), |it| it.boundary = Boundary::Coverage);
+        let options = with(unit_cells(6), |it| it.edge = EdgeRule::Area);
         let (tree, report) = build(Polygons::of_triangles(faces.collect()), &options);
         assert_eq!(report.inside, test, "{what}");
         let mut several = 0;
@@ -233,7 +233,7 @@ fn coverage_is_exact_where_bodies_overlap() {
                 .collect::<Vec<_>>()
         });
         let triangles: Vec<Triangle> = triangles.collect();
-        let options = with(unit_cells(3), |it| it.boundary = Boundary::Coverage);
+        let options = with(unit_cells(3), |it| it.edge = EdgeRule::Area);
         let (tree, report) = build(plain(&triangles), &options);
         assert_eq!(report.inside, InsideTest::Closed);
         // Planes of all boxes divide a cell into smaller boxes, each of which has one winding number.
@@ -298,7 +298,7 @@ fn coverage_of_turned_bodies_that_overlap() {
                 triangles.push(if turn { [p, r, q] } else { [p, q, r] });
             }
         }
-        let options = with(unit_cells(3), |it| it.boundary = Boundary::Coverage);
+        let options = with(unit_cells(3), |it| it.edge = EdgeRule::Area);
         let (tree, report) = build(plain(&triangles), &options);
         assert_eq!(report.inside, if by_parity { InsideTest::Flipped } else { InsideTest::Closed });
         for (i, value) in cells(&tree).into_iter().enumerate() {
@@ -345,7 +345,7 @@ fn coverage_of_foam_adds_up() {
             triangles.extend(cuboid(low, low.map(|at| at + size)));
             expected += size.powi(3);
         }
-        let options = with(unit_cells(3), |it| it.boundary = Boundary::Coverage);
+        let options = with(unit_cells(3), |it| it.edge = EdgeRule::Area);
         let (tree, _) = build(plain(&triangles), &options);
         let found =
             cells(&tree).into_iter().flatten().map(|value| f64::from(as_byte(value)) / 255.0).sum::<f64>();
@@ -365,7 +365,7 @@ fn coverage_adds_up_to_the_volume() {
                 / 6.0
         };
         let expected = triangles.iter().map(volume).sum::<f64>().abs();
-        let options = with(unit_cells(6), |it| it.boundary = Boundary::Coverage);
+        let options = with(unit_cells(6), |it| it.edge = EdgeRule::Area);
         let (tree, _) = build(plain(&triangles), &options);
         let found =
             cells(&tree).into_iter().flatten().map(|value| f64::from(as_byte(value)) / 255.0).sum::<f64>();
@@ -378,9 +378,9 @@ fn full_boundaries_and_surfaces_hold_every_cell_that_is_cut() {
     // Of a box off the grid the cells that are cut are known.
     let (low, high) = ([3.25, 4.5, 5.0], [20.5, 9.75, 11.0]);
     let triangles = cuboid(low, high);
-    let options = with(unit_cells(5), |it| it.boundary = Boundary::Full);
+    let options = with(unit_cells(5), |it| it.edge = EdgeRule::Touch);
     let (full, _) = build(plain(&triangles), &options);
-    let (shell, report) = build(plain(&triangles), &with(unit_cells(5), |it| it.surface = true));
+    let (shell, report) = build(plain(&triangles), &with(unit_cells(5), |it| it.shell = true));
     assert_eq!(report.inside, InsideTest::Surface);
     for (i, (full, shell)) in cells(&full).into_iter().zip(cells(&shell)).enumerate() {
         let cell = [i % 32, i / 32 % 32, i / 32 / 32].map(|x| x as f64);
@@ -438,7 +438,7 @@ fn flipped_faces_are_parity_and_holes_a_field() {
     assert_eq!((report.inside, report.duplicates), (InsideTest::Open, 1));
     assert!(cells(&turned) == cells(&tree));
     // As far as cells lie inside, away from the hole.
-    let options = with(unit_cells(6), |it| it.boundary = Boundary::Coverage);
+    let options = with(unit_cells(6), |it| it.edge = EdgeRule::Area);
     let shifted: Vec<Triangle> =
         triangles.iter().map(|corners| corners.map(|at| at.map(|x| x + 0.25))).collect();
     let (covered, _) = build(plain(&shifted), &options);

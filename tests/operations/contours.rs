@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use spinney::dataset::Dataset;
-use spinney::query::{ContourLevels, ContourNodata, ContourRequest, ContourSummary};
+use spinney::query::{ContourEnds, ContourLevels, ContourRequest, ContourSummary};
 use spinney::space::Frame;
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Progress};
@@ -44,7 +44,7 @@ impl Picture {
     }
 
     /// Lines of a level, and the area of what is at least as high. With the higher side on the right if rows go down.
-    fn contours(&self, level: f64, nodata: ContourNodata) -> (Vec<[Point; 2]>, f64) {
+    fn contours(&self, level: f64, nodata: ContourEnds) -> (Vec<[Point; 2]>, f64) {
         let (mut lines, mut area) = (Vec::new(), 0.0);
         let [width, height] = self.size.map(|side| side as i64);
         for y in -1..height {
@@ -57,7 +57,7 @@ impl Picture {
                     continue;
                 }
                 let is_cut = cells.iter().any(|cell| self.is_inside(*cell) && self.at(*cell).is_none());
-                if is_cut && nodata == ContourNodata::Open {
+                if is_cut && nodata == ContourEnds::Open {
                     continue;
                 }
                 let mean = |corners: &[usize]| {
@@ -219,9 +219,9 @@ fn tree(seed: u64) -> (Dataset, u8, bool) {
 
 const VALUES: [f64; 6] = [0.0, 1.0, 2.0, 2.5, 4.0, 5.0];
 
-fn request(level: u8, nodata: ContourNodata) -> ContourRequest {
+fn request(level: u8, nodata: ContourEnds) -> ContourRequest {
     let request = ContourRequest::new(ContourLevels::At(VALUES.to_vec()));
-    with(request, |request| (request.level, request.nodata) = (Some(level), nodata))
+    with(request, |request| (request.level, request.ends) = (Some(level), nodata))
 }
 
 #[test]
@@ -229,7 +229,7 @@ fn lines_are_those_of_marching_squares() {
     for seed in 0..60 {
         let (tree, level, is_mirrored) = tree(seed);
         let picture = Picture::of(&tree, level);
-        for nodata in [ContourNodata::Open, ContourNodata::Extend] {
+        for nodata in [ContourEnds::Open, ContourEnds::Extend] {
             let (lines, _) = found(&tree, &request(level, nodata), false);
             let ours = lines.iter().flat_map(|([value, _], parts)| {
                 parts[0].windows(2).map(|pair| {
@@ -269,7 +269,7 @@ fn closed_lines_go_around_what_is_higher() {
     for seed in 0..60 {
         let (tree, level, is_mirrored) = tree(seed);
         let picture = Picture::of(&tree, level);
-        let (lines, _) = found(&tree, &request(level, ContourNodata::Close), false);
+        let (lines, _) = found(&tree, &request(level, ContourEnds::Close), false);
         let mut areas: BTreeMap<u64, f64> = BTreeMap::new();
         for ([value, _], parts) in &lines {
             assert_eq!(parts[0].first(), parts[0].last(), "{seed}");
@@ -277,7 +277,7 @@ fn closed_lines_go_around_what_is_higher() {
                 shoelace(&parts[0]) * if is_mirrored { -1.0 } else { 1.0 };
         }
         for value in VALUES {
-            let (_, expected) = picture.contours(value, ContourNodata::Extend);
+            let (_, expected) = picture.contours(value, ContourEnds::Extend);
             let area = areas.get(&value.to_bits()).copied().unwrap_or(0.0);
             // What is lower than all values has no border but that of the picture.
             let least = tree.value_bounds().unwrap().first().map_or(f64::INFINITY, |(least, _)| *least);
@@ -296,7 +296,7 @@ fn bands_cover_every_cell_once() {
     for seed in 0..60 {
         let (tree, level, is_mirrored) = tree(seed);
         let picture = Picture::of(&tree, level);
-        let (bands, summary) = found(&tree, &request(level, ContourNodata::Open), true);
+        let (bands, summary) = found(&tree, &request(level, ContourEnds::Open), true);
         assert_eq!(summary.count, bands.len() as u64);
         let (mut areas, mut all): (BTreeMap<u64, f64>, f64) = Default::default();
         for ([_, high], rings) in &bands {
@@ -316,7 +316,7 @@ fn bands_cover_every_cell_once() {
         assert!(near(all, picture.valid()), "{seed}: {all}, not {}", picture.valid());
         let mut above = picture.valid();
         for value in VALUES {
-            let (_, higher) = picture.contours(value, ContourNodata::Extend);
+            let (_, higher) = picture.contours(value, ContourEnds::Extend);
             let area = areas.get(&value.to_bits()).copied().unwrap_or(0.0);
             // (The last band may end at the last value, too.)
             if value < VALUES[5] {
@@ -341,7 +341,7 @@ fn order_does_not_depend_on_threads_or_memory() {
     let cells = cells(12, [530, 300]);
     let tree = opened(|path| write_goblin(path, &cells, (Rule::Mean, Kind::Continuous), frame(0)));
     for is_bands in [false, true] {
-        let request = request(tree.depth(), ContourNodata::Close);
+        let request = request(tree.depth(), ContourEnds::Close);
         let in_pool = |threads: usize, memory: u64| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let request = with(request.clone(), |request| request.memory = memory);
@@ -362,7 +362,7 @@ fn both_formats_and_views_have_the_same_lines() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, cells.depth()));
-    let request = request(goblin.depth(), ContourNodata::Extend);
+    let request = request(goblin.depth(), ContourEnds::Extend);
     let autumnal = found(&spinney::open(&path).unwrap(), &request, false).0;
     assert!(found(&goblin, &request, false).0 == autumnal);
     let goblin = goblin.view(&["translate=0,0".parse().unwrap()]).unwrap();
@@ -410,7 +410,7 @@ fn what_makes_no_sense_is_refused() {
     assert!(matches!(levels(ContourLevels::At(vec![])), Err(Error::Invalid { .. })));
     assert!(matches!(levels(ContourLevels::Every { step: -1.0, base: 0.0 }), Err(Error::Invalid { .. })));
     assert!(matches!(levels(ContourLevels::Every { step: 1e-9, base: 0.0 }), Err(Error::Invalid { .. })));
-    assert!(trace(&request(tree.depth() + 1, ContourNodata::Open)).is_err());
+    assert!(trace(&request(tree.depth() + 1, ContourEnds::Open)).is_err());
     let every = ContourRequest::new(ContourLevels::Every { step: 1.0, base: 0.0 });
     let stopped = tree.contours(&every, &Impatient(AtomicU64::new(0)), &mut |_| Ok(()));
     assert!(matches!(stopped, Err(Error::Interrupted)));

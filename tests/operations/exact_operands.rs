@@ -18,7 +18,7 @@ fn imported(name: &str, text: &str) -> Body {
     let [mesh, path] = [name, "x.goblin"].map(|name| folder.path().join(name));
     std::fs::write(&mesh, text).unwrap();
     let mut options = ExactOptions::new();
-    options.grid = Some(1.0 / 1024.0);
+    options.snap = Some(1.0 / 1024.0);
     import_exact(open_all(&[mesh], MEMORY).unwrap(), &options, Output::create(&path).unwrap(), &()).unwrap();
     Body::of_bytes(std::fs::read(path).unwrap())
 }
@@ -196,7 +196,7 @@ fn grids_that_do_not_fit_are_told() {
         for bodies in [[&whole, &second], [&second, &whole]] {
             let error = try_combined(7, &bodies).err().unwrap_or_else(|| panic!("{other:?}"));
             let text = error.to_string();
-            assert!(matches!(error, Error::Invalid { .. }) && text.contains("--grid"), "{text}");
+            assert!(matches!(error, Error::Invalid { .. }) && text.contains("--snap"), "{text}");
         }
     }
 }

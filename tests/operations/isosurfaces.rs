@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use spinney::dataset::Dataset;
 use spinney::export::mesh::{MeshFormat, SurfaceMesh, export_isosurfaces, isosurface_mesh};
 use spinney::io::Output;
-use spinney::query::{ContourLevels, ContourNodata, ContourRequest};
+use spinney::query::{ContourEnds, ContourLevels, ContourRequest};
 use spinney::space::Frame;
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Progress};
@@ -250,11 +250,11 @@ fn surfaces_are_those_of_marching_cubes() {
         };
         let tree = tree_of(&cells(seed, size));
         for level in tree.depth().saturating_sub(2)..=tree.depth() {
-            for nodata in [ContourNodata::Open, ContourNodata::Close] {
-                let volume = Volume::of(&tree, level, nodata == ContourNodata::Close);
+            for nodata in [ContourEnds::Open, ContourEnds::Close] {
+                let volume = Volume::of(&tree, level, nodata == ContourEnds::Close);
                 for value in [0.0, 1.0, 2.5, 4.0, 7.0] {
                     let request = with(at(&[value]), |request| {
-                        (request.level, request.nodata) = (Some(level), nodata);
+                        (request.level, request.ends) = (Some(level), nodata);
                     });
                     let mesh = surface(&tree, &request);
                     check(&mesh, &volume, value, &format!("{seed} {size:?} {level} {nodata:?} {value}"));
@@ -329,7 +329,7 @@ fn tiles_without_a_surface_are_not_read() {
         assert_eq!((summary.triangles, summary.vertices, summary.tiles_read), (0, 0, 0));
     }
     // Around everything that has a value.
-    let closed = with(at(&[-1000.0]), |request| request.nodata = ContourNodata::Close);
+    let closed = with(at(&[-1000.0]), |request| request.ends = ContourEnds::Close);
     assert_eq!(found(&closed).tiles_read, 0);
     let mesh = surface(&tree, &closed);
     // (Edges are bevelled.)
@@ -372,7 +372,7 @@ fn formats_and_views_and_threads_give_the_same_bytes() {
     let path = folder.path().join("t.autumn");
     write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, cells.depth()));
     let out = folder.path().join("out");
-    let request = with(at(&[2.5, 1.0, 4.0]), |request| request.nodata = ContourNodata::Close);
+    let request = with(at(&[2.5, 1.0, 4.0]), |request| request.ends = ContourEnds::Close);
     let bytes = |tree: &Dataset, format: MeshFormat, threads: usize, memory: u64| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let request = with(request.clone(), |request| request.memory = memory);
@@ -417,7 +417,7 @@ fn single_precision_keeps_points_apart() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     for level in [2.0, 3.0] {
-        let request = with(at(&[level]), |request| request.nodata = ContourNodata::Close);
+        let request = with(at(&[level]), |request| request.ends = ContourEnds::Close);
         for format in [MeshFormat::Stl, MeshFormat::Ply] {
             export_isosurfaces(&tree, &request, Output::create(&out).unwrap(), format, &()).unwrap();
             let bytes = fs::read(&out).unwrap();
@@ -447,8 +447,8 @@ fn solids_have_surfaces_of_their_occupancy() {
         let cells = made(form, [side; 3], |_| Some(byte(255)));
         let tree =
             opened(|path| write_goblin(path, &cells, (Rule::Occupancy, Kind::Continuous), Frame::identity()));
-        for nodata in [ContourNodata::Open, ContourNodata::Close] {
-            let mesh = surface(&tree, &with(at(&[127.5]), |request| request.nodata = nodata));
+        for nodata in [ContourEnds::Open, ContourEnds::Close] {
+            let mesh = surface(&tree, &with(at(&[127.5]), |request| request.ends = nodata));
             assert_eq!(mesh.vertices.len(), 2 + mesh.triangles.len() / 2);
             let expected = (side as f64).powi(3) - 12.0 * (side as f64 - 1.0) / 8.0;
             assert!((volume_of(&mesh) - expected).abs() < 2.0, "{side}: {}", volume_of(&mesh));
@@ -469,7 +469,7 @@ fn numbers_that_are_none_end_a_surface() {
         let mesh = surface(&tree, &at(&[2.25]));
         // 5 x 5 squares at x = 2.75, but for the four around the hole.
         assert_eq!((mesh.triangles.len(), area_of(&mesh)), (2 * 21, 21.0), "{hole}");
-        let closed = with(at(&[2.25]), |request| request.nodata = ContourNodata::Close);
+        let closed = with(at(&[2.25]), |request| request.ends = ContourEnds::Close);
         let mesh = surface(&tree, &closed);
         assert_eq!(mesh.vertices.len(), 2 + mesh.triangles.len() / 2, "{hole}");
     }
@@ -506,7 +506,7 @@ fn what_makes_no_sense_is_refused() {
     {
         assert!(matches!(every(step, base), Err(Error::Invalid { .. })), "{step} {base}");
     }
-    let extend = with(at(&[1.0]), |request| request.nodata = ContourNodata::Extend);
+    let extend = with(at(&[1.0]), |request| request.ends = ContourEnds::Extend);
     assert!(matches!(trace(&extend), Err(Error::Invalid { .. })));
     assert!(trace(&with(at(&[1.0]), |request| request.level = Some(tree.depth() + 1))).is_err());
     let stopped = isosurface_mesh(&tree, &at(&[1.0]), &Impatient(AtomicU64::new(0)));
@@ -529,7 +529,7 @@ fn damaged_files_give_errors() {
     let path = folder.path().join("t.goblin");
     write_goblin(&path, &cells(3, [40, 30, 20]), (Rule::Mean, Kind::Continuous), Frame::identity());
     let bytes = fs::read(&path).unwrap();
-    let request = with(at(&[2.5]), |request| request.nodata = ContourNodata::Close);
+    let request = with(at(&[2.5]), |request| request.ends = ContourEnds::Close);
     let expected = isosurface_mesh(&spinney::open(&path).unwrap(), &request, &()).unwrap();
     for seed in 0..60 {
         let mut random = Random(seed);

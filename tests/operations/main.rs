@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod blame;
 #[cfg(feature = "mesh")]
 mod brep_topology;
 mod contours;

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use spinney::dataset::Dataset;
 use spinney::io::Output;
 use spinney::ops::convert;
-use spinney::query::{ZoneRule, ZoneStatistics};
-use spinney::space::{Bounds, Polygon};
+use spinney::query::ZoneStatistics;
+use spinney::space::{Bounds, EdgeRule, Polygon};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType};
 
@@ -50,6 +50,27 @@ fn has(parts: &[Vec<Vec<[f64; 2]>>], [x, y]: [f64; 2]) -> bool {
     let crosses = edges
         .filter(|(a, b)| (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]));
     crosses.count() % 2 == 1
+}
+
+/// Whether an edge passes through the inside of a cell: a line clipped at its four sides.
+fn is_cut(parts: &[Vec<Vec<[f64; 2]>>], cell: [f64; 2]) -> bool {
+    let rings = parts.iter().flatten();
+    let mut edges = rings.flat_map(|ring| ring.iter().zip(ring.iter().cycle().skip(1)));
+    edges.any(|(a, b)| {
+        let (mut from, mut to) = (0.0f64, 1.0f64);
+        for axis in 0..2 {
+            let (start, along) = (a[axis] - cell[axis], b[axis] - a[axis]);
+            if along == 0.0 {
+                if start <= 0.0 || start >= 1.0 {
+                    return false;
+                }
+            } else {
+                let ends = [-start / along, (1.0 - start) / along];
+                (from, to) = (from.max(ends[0].min(ends[1])), to.min(ends[0].max(ends[1])));
+            }
+        }
+        from < to
+    })
 }
 
 /// Statistics by going through every cell.
@@ -134,16 +155,20 @@ fn zones(form: Form, seed: u64, size: [u64; 3], (rule, kind): (Rule, Kind)) {
     let mut random = Random(seed);
     let zones: Vec<_> = (0..12).map(|_| parts(&mut random, size)).collect();
     let polygons: Vec<Polygon> = zones.iter().map(|parts| Polygon::of_parts(parts).unwrap()).collect();
-    for border in [ZoneRule::Centre, ZoneRule::Area] {
+    for edge in EdgeRule::ALL {
         for (name, dataset) in ["goblin", "autumnal", "view"].iter().zip(files.iter().chain([&view])) {
-            let found = dataset.zonal(&polygons, border, &()).unwrap();
+            let found = dataset.zonal(&polygons, edge, &()).unwrap();
             for ((parts, polygon), found) in zones.iter().zip(&polygons).zip(&found) {
-                let weight = |[x, y, _]: [u64; 3]| match border {
-                    ZoneRule::Centre => f64::from(u8::from(has(parts, [x as f64 + 0.5, y as f64 + 0.5]))),
+                let weight = |[x, y, _]: [u64; 3]| match edge {
+                    EdgeRule::Centre => f64::from(u8::from(has(parts, [x as f64 + 0.5, y as f64 + 0.5]))),
                     // (The area is tried by itself, against points.)
-                    ZoneRule::Area => {
+                    EdgeRule::Area => {
                         let area = polygon.area(&Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] });
                         if area < 1e-9 { 0.0 } else { area }
+                    }
+                    EdgeRule::Touch => {
+                        let at = [x as f64, y as f64];
+                        f64::from(u8::from(has(parts, at.map(|at| at + 0.5)) || is_cut(parts, at)))
                     }
                 };
                 let expected = expected(&cells, size, counts_classes, &weight);
@@ -151,7 +176,7 @@ fn zones(form: Form, seed: u64, size: [u64; 3], (rule, kind): (Rule, Kind)) {
                     classes: found.classes.iter().copied().filter(|(_, cells)| *cells >= 1e-9).collect(),
                     ..found.clone()
                 };
-                assert_alike(&found, &expected, &format!("{form} {seed} {border:?} {name}"));
+                assert_alike(&found, &expected, &format!("{form} {seed} {edge:?} {name}"));
             }
         }
     }
@@ -182,14 +207,18 @@ fn zones_of_nothing_and_everything() {
     };
     let polygons = [square(-1e12, 1e12), square(200.0, 300.0), square(-50.0, -1.0), square(10.2, 10.4)];
     let all = file.statistics(None).unwrap();
-    for border in [ZoneRule::Centre, ZoneRule::Area] {
-        let found = file.zonal(&polygons, border, &()).unwrap();
+    for edge in EdgeRule::ALL {
+        let found = file.zonal(&polygons, edge, &()).unwrap();
         assert_eq!((found[0].cells, found[0].void_cells), (all.cells as f64, all.void_cells as f64));
         let classes: Vec<_> = all.classes.iter().map(|(class, cells)| (*class, *cells as f64)).collect();
         assert_eq!(found[0].classes, classes);
         assert_eq!([&found[1], &found[2]], [&ZoneStatistics::default(); 2]);
-        let inside = if border == ZoneRule::Centre { 0.0 } else { 0.04 };
+        let inside = match edge {
+            EdgeRule::Centre => 0.0,
+            EdgeRule::Touch => 1.0,
+            EdgeRule::Area => 0.04,
+        };
         assert!((found[3].cells - inside).abs() < 1e-9, "{:?}", found[3]);
     }
-    assert_eq!(file.zonal(&[], ZoneRule::Area, &()).unwrap(), []);
+    assert_eq!(file.zonal(&[], EdgeRule::Area, &()).unwrap(), []);
 }

@@ -88,7 +88,7 @@ fn dump_gives_the_literature_back() {
     let codes = stdout(&["dump", &trees.classic, "--codes"]);
     assert_eq!(codes.lines().count(), 31);
     assert!(stdout(&["dump", &trees.octree, "--df"]).starts_with('M'));
-    assert!(complaint(&["dump", &trees.octree, "--most", "1"], 1).contains("at most 1"));
+    assert!(complaint(&["dump", &trees.octree, "--limit", "1"], 1).contains("at most 1"));
     complaint(&["dump", &trees.classic, "--df", "--codes"], 2);
 }
 
@@ -150,16 +150,21 @@ fn boxes_are_in_world_coordinates() {
     let (placed, part) = (trees.name("placed.goblin"), trees.name("part.raw"));
     let transform = ["--transform", "10,0,1000,0,-10,2000", "--kind", "categorical"];
     command(&["build", "-q", &fixture("classic.png"), "-o", &placed]).args(transform).assert().success();
-    command(&["get", &placed, &part, "--bbox", "1030,1970,1070,1990"]).assert().success();
+    command(&["get", &placed, &part, "--in", "world", "--window", "1030,1970,1070,1990"]).assert().success();
     assert_eq!(std::fs::read(&part).unwrap(), [3, 3, 3, 1, 3, 3, 2, 1]);
     assert_eq!(stdout(&["point", &placed, "--", "1035,1995", "-5,7"]), "3\noutside\n");
     assert_eq!(stdout(&["point", &placed, "-5,7", "1035,1995", "-5.5 -.7e3"]), "outside\n3\noutside\n");
     assert_eq!(stdout(&["point", &placed, "-5,7", "--level", "1", "1035,1995"]), "outside\n1\n");
-    command(&["get", &placed, &part, "--bbox", "-1030,-1970,1070,1990"]).assert().success();
+    command(&["get", &placed, &part, "--in", "world", "--window", "-1030,-1970,1070,1990"])
+        .assert()
+        .success();
     assert!(complaint(&["point", &placed, "-5"], 2).contains("-5"));
     assert!(complaint(&["get", &placed, &part, "--window", "-1,0,4,4"], 1).contains("none is negative"));
-    assert!(complaint(&["get", &placed, &part, "--bbox", "0,0,10,10"], 1).contains("1000,1920,1080,2000"));
-    complaint(&["get", &placed, &part, "--bbox", "10,0,0,10"], 1);
+    assert!(
+        complaint(&["get", &placed, &part, "--in", "world", "--window", "0,0,10,10"], 1)
+            .contains("1000,1920,1080,2000")
+    );
+    complaint(&["get", &placed, &part, "--in", "world", "--window", "10,0,0,10"], 1);
 }
 
 #[test]
@@ -181,10 +186,10 @@ fn get_refuses_what_makes_no_sense() {
     for outside in ["8,0,2,2", "0,8,2,2", "900,900,2,2"] {
         for question in [&["get", &trees.classic, &out][..], &["stats", &trees.classic]] {
             let said = complaint(&[question, &["--window", outside]].concat(), 1);
-            assert!(said.contains("outside the picture, which has 8 x 8 cells"), "{said}");
+            assert!(said.contains("outside the tree, which has 8 x 8 cells"), "{said}");
         }
     }
-    for step in ["window=8,0,2,2", "window=-2,0,2,2", "bbox=100,100,120,120"] {
+    for step in ["window=8,0,2,2", "window=-2,0,2,2", "window=100,100,120,120,in=world"] {
         complaint(&["get", &trees.classic, &out, "--view", step], 1);
     }
     complaint(&["get", &trees.octree, &out, "--slice", "y=3", "--window", "0,10,2,2"], 1);
@@ -283,7 +288,7 @@ fn statistics_of_polygons() {
     .unwrap();
     let whole = json(&["stats", &trees.classic, "--json"]);
     for border in ["centre", "area"] {
-        let found = json(&["stats", &trees.classic, "--json", "--zones", &document, "--border", border]);
+        let found = json(&["stats", &trees.classic, "--json", "--zones", &document, "--edge", border]);
         let zones = found["zones"].as_array().unwrap();
         assert_eq!(zones.len(), 3);
         assert_eq!((&zones[0]["name"], &zones[0]["cells"]), (&"all".into(), &64.0.into()));
@@ -295,14 +300,37 @@ fn statistics_of_polygons() {
         let half = if border == "area" { 4.0 } else { 0.0 };
         assert_eq!((&zones[1]["cells"], &zones[2]["cells"]), (&half.into(), &0.0.into()));
     }
-    let text = stdout(&["stats", &trees.classic, "--zones", &document, "--border", "area"]);
+    let text = stdout(&["stats", &trees.classic, "--zones", &document, "--edge", "area"]);
     assert!(
         text.contains("half a column  4 cells, and 0 VOID") && text.contains("elsewhere  0 cells"),
         "{text}"
     );
     // (Without a word about borders, cells count by their centres.)
     assert!(stdout(&["stats", &trees.classic, "--zones", &document]).contains("half a column  0 cells"));
-    complaint(&["stats", &trees.classic, "--border", "area"], 2);
+    // Cells that are touched; features and attributes that are asked for.
+    let some = [
+        "stats",
+        &trees.classic,
+        "--json",
+        "--zones",
+        &document,
+        "--edge",
+        "touch",
+        "--where",
+        "name=half a column",
+    ];
+    let found = json(&[&some[..], &["--attribute", "name"]].concat());
+    assert_eq!((found["zones"].as_array().unwrap().len(), &found["zones"][0]["cells"]), (1, &8.0.into()));
+    for (wrong, advice) in [
+        (["--where", "name=nobody"], "no feature is as --where says"),
+        (["--where", "place=x"], "there are: name"),
+        (["--attribute", "name,place"], "there are: name"),
+    ] {
+        let said = complaint(&[&["stats", &trees.classic, "--zones", &document], &wrong[..]].concat(), 1);
+        assert!(said.contains(advice), "{said}");
+    }
+    complaint(&["stats", &trees.classic, "--where", "name"], 2);
+    complaint(&["stats", &trees.classic, "--edge", "area"], 2);
     complaint(&["stats", &trees.classic, "--zones", &document, "--window", "0,0,1,1"], 2);
     assert!(
         complaint(&["stats", &trees.classic, "--zones", &trees.name("none.geojson")], 1)

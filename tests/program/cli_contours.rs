@@ -60,7 +60,7 @@ fn lines_as_geojson_have_values_and_a_coordinate_system() {
     for crs in [None, Some(Crs::epsg(4326))] {
         let (folder, file) = hill(crs);
         let out = folder.path().join("lines.json");
-        spinney(&["-q", "contours", &file, "--levels", "40,60", "-o", out.to_str().unwrap()]).success();
+        spinney(&["-q", "contours", &file, "--at", "40,60", "-o", out.to_str().unwrap()]).success();
         assert!(features(&out).0.get("crs").is_none());
     }
 }
@@ -69,7 +69,7 @@ fn lines_as_geojson_have_values_and_a_coordinate_system() {
 fn bands_cover_what_has_values() {
     let (folder, file) = hill(None);
     let out = folder.path().join("bands.geojson");
-    spinney(&["-q", "contours", &file, "--every", "25", "--bands", "-o", out.to_str().unwrap()]).success();
+    spinney(&["-q", "contours", &file, "--every", "25", "--filled", "-o", out.to_str().unwrap()]).success();
     let (_, bands) = features(&out);
     let area = |ring: &Value| {
         let points: Vec<[f64; 2]> = serde_json::from_value(ring.clone()).unwrap();
@@ -97,7 +97,7 @@ fn all_formats_have_the_same_lines() {
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let run = |name: &str, more: &[&str]| {
         let out = path(name);
-        let mut words = vec!["-q", "contours", &file, "--every", "20", "--nodata", "close", "-o", &out];
+        let mut words = vec!["-q", "contours", &file, "--every", "20", "--ends", "close", "-o", &out];
         words.extend(more);
         spinney(&words).success();
         fs::read(out).unwrap()
@@ -116,7 +116,7 @@ fn all_formats_have_the_same_lines() {
     let svg = String::from_utf8(run("a.svg", &[])).unwrap();
     assert!(svg.contains("viewBox=\"500000 -5200000 400 300\"") && svg.matches("<path").count() == count);
     assert_eq!(
-        stdout(&["contours", &file, "--every", "20", "--nodata", "close", "-o", "-", "--format", "svg"]),
+        stdout(&["contours", &file, "--every", "20", "--ends", "close", "-o", "-", "--format", "svg"]),
         svg
     );
     let shapes = run("a.shp", &["--3d"]);
@@ -142,7 +142,7 @@ fn smooth_lines_stay_closed() {
     let out = folder.path().join("lines.geojson");
     let run = |times: &str| {
         let out = out.to_str().unwrap();
-        spinney(&["-q", "contours", &file, "--levels", "40", "--smooth", times, "-o", out]).success();
+        spinney(&["-q", "contours", &file, "--at", "40", "--smooth", times, "-o", out]).success();
         let (_, lines) = features(Path::new(out));
         let points: Vec<[f64; 2]> =
             serde_json::from_value(lines[0]["geometry"]["coordinates"].clone()).unwrap();
@@ -164,7 +164,7 @@ fn memory_does_not_grow_with_lines() {
     let file = path("noise.goblin");
     write_goblin(Path::new(&file), &cells, (Rule::Mean, Kind::Continuous), Frame::identity());
     let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin("spinney"));
-    command.args(["-q", "contours", &file, "--levels", "0.5,1.5,2.5", "--memory", "16M", "--threads", "2"]);
+    command.args(["-q", "contours", &file, "--at", "0.5,1.5,2.5", "--memory", "16M", "--threads", "2"]);
     let peak = peak_memory(&mut command.args(["-o", &path("noise.csv")]).spawn().unwrap());
     assert!(fs::metadata(path("noise.csv")).unwrap().len() > 50 << 20);
     assert!(peak < 120 << 20, "{} MiB", peak >> 20);
@@ -187,8 +187,8 @@ fn what_cannot_be_done_leaves_no_file() {
     assert!(refused(&[&file, "--every", "10", "-o", &path("out.xyz")], 1).contains("unknown format"));
     assert!(refused(&[&file, "--every", "10", "-o", "-", "--format", "gpkg"], 1).contains("stream"));
     refused(&[&file, "-o", &out], 2);
-    refused(&[&file, "--every", "10", "--levels", "1,2", "-o", &out], 2);
-    refused(&[&file, "--every", "10", "--bands", "--nodata", "close", "-o", &out], 2);
+    refused(&[&file, "--every", "10", "--at", "1,2", "-o", &out], 2);
+    refused(&[&file, "--every", "10", "--filled", "--ends", "close", "-o", &out], 2);
     // A file that was cut short, and one with a changed byte among its records.
     let bytes = fs::read(&file).unwrap();
     let bad = path("bad.goblin");

@@ -41,7 +41,7 @@ impl Setting {
 
     /// Writes all of a tree as a picture; what was said.
     fn get(&self, tree: &str, picture: &str) -> String {
-        stderr(command(&["get", &self.name(tree), &self.name(picture)]).assert().success())
+        stderr(command(&["-q", "get", &self.name(tree), &self.name(picture)]).assert().success())
     }
 
     fn info(&self, tree: &str) -> Json {
@@ -325,6 +325,6 @@ fn definitions_survive_edits_and_operations() {
     command(&["-q", "transform", &tree, "rotate=90", "-o", &out]).assert().success();
     assert_eq!(setting.info("out.goblin")["crs"], expected);
     command(&["-q", "edit", &tree, "fill", "--value", "9", "--window", "0,0,1,1"]).assert().success();
-    command(&["-q", "publish", &tree, &out]).assert().success();
+    command(&["-q", "convert", &tree, &out]).assert().success();
     assert_eq!(setting.info("out.goblin")["crs"], expected);
 }

@@ -55,7 +55,7 @@ fn edits_outside_of_the_picture_are_refused() {
     for edit in [
         &["fill", "--window", "256,0,9,9", "--value", "3"][..],
         &["fill", "--window", "0,200,9,9", "--void"],
-        &["fill", "--bbox", "0,0,10,10", "--value", "3"],
+        &["fill", "--in", "world", "--window", "0,0,10,10", "--value", "3"],
         // In the tree's space, but behind the last row.
         &["fill", "--block", "/333", "--value", "3"],
         &["fill", "--polygon", "0,0 10,0 0,10", "--value", "3"],
@@ -148,7 +148,7 @@ fn history_is_told_and_gone_back_in() {
     let log = stdout(&["log", &file]);
     assert!(log.starts_with("     2, 2000-02-29 00:00:00, Ann: A wood\n       of beeches\n"), "{log}");
     let json: serde_json::Value =
-        serde_json::from_str(&stdout(&["log", &file, "--json", "-n", "1"])).unwrap();
+        serde_json::from_str(&stdout(&["log", &file, "--json", "--limit", "1"])).unwrap();
     assert_eq!(json[0]["author"], "Ann");
     assert_eq!(json[0]["time"], 951_782_400);
     let info: serde_json::Value = serde_json::from_str(&stdout(&["info", &file, "--json"])).unwrap();
@@ -198,12 +198,12 @@ fn publishing_and_back_gives_the_same_bytes() {
     let built = place.at("built.goblin");
     spinney(&["-q", "build", CLASSES, "-o", &built]).success();
     let published = place.at("published.goblin");
-    spinney(&["-q", "publish", &place.at("i.autumn"), &published]).success();
+    spinney(&["-q", "convert", &place.at("i.autumn"), &published]).success();
     assert!(std::fs::read(&built).unwrap() == std::fs::read(&published).unwrap());
     for share in [&["--share"][..], &[]] {
         let name = place.at(&format!("{}.autumn", share.len()));
-        spinney(&[&["-q", "publish", &built, &name], share].concat()).success();
-        spinney(&["-q", "publish", &name, &published]).success();
+        spinney(&[&["-q", "convert", &built, &name], share].concat()).success();
+        spinney(&["-q", "convert", &name, &published]).success();
         assert!(std::fs::read(&built).unwrap() == std::fs::read(&published).unwrap());
     }
     // Other programs' results can be edited, too.
@@ -214,8 +214,8 @@ fn publishing_and_back_gives_the_same_bytes() {
     spinney(&["-q", "combine", "union", &built, &format!("{turned}@1"), "-o", &both]).success();
     spinney(&["-q", "verify", &turned, &both]).success();
     let ball = place.at("ball.autumn");
-    spinney(&["-q", "publish", BALL, &ball, "--share"]).success();
-    spinney(&["-q", "edit", &ball, "fill", "--box", "0,0,0,16,32,32", "--void"]).success();
+    spinney(&["-q", "convert", BALL, &ball, "--share"]).success();
+    spinney(&["-q", "edit", &ball, "fill", "--window", "0,0,0,16,32,32", "--void"]).success();
     let solid = stdout(&["stats", &ball]);
     assert_ne!(solid, stdout(&["stats", &format!("{ball}@1")]));
     spinney(&["-q", "export", &ball, &place.at("ball.ply")]).success();
@@ -226,20 +226,21 @@ fn what_cannot_be_done_is_refused_and_changes_nothing() {
     let place = Place::new();
     let file = place.at("i.autumn");
     let goblin = place.at("i.goblin");
-    spinney(&["-q", "publish", &file, &goblin]).success();
+    spinney(&["-q", "convert", &file, &goblin]).success();
     let before = std::fs::read(&file).unwrap();
     let bad = place.at("bad.csv");
     std::fs::write(&bad, "1,2,3\n1,2\n").unwrap();
     let outside = place.at("outside.csv");
     std::fs::write(&outside, "256,0,3\n").unwrap();
     for (arguments, message) in [
-        (&["edit", &goblin, "fill", "--window", "0,0,1,1", "--void"][..], "publish"),
+        (&["edit", &goblin, "fill", "--window", "0,0,1,1", "--void"][..], "convert"),
         (&["edit", &file, "fill", "--window", "0,0,1,1", "--value", "300"], "numbers that u8 can hold"),
         (&["edit", &file, "fill", "--window", "0,0,1,1", "--value", "1,2"], "numbers that u8 can hold"),
         (&["edit", &file, "fill", "--value", "1"], "--window"),
         (&["edit", &file, "fill", "--block", "/4", "--void"], "no node"),
         (&["edit", &file, "fill", "--polygon", "1,1 2,2", "--void"], "three or more"),
         (&["edit", &file, "paste", RGB, "--at", "0,0"], "a quadtree of u8x3"),
+        (&["edit", &file, "paste", RGB, "--at", "0,0"], RGB),
         (&["edit", &file, "paste", CLASSES, "--at", "256,0"], "outside"),
         (&["edit", &file, "paste", BALL, "--at", "0,0"], "an octree of u8"),
         (&["edit", &file, "paste", &file, "--at", "0,0"], "name a commit"),
@@ -277,7 +278,7 @@ fn conversions_stay_within_memory() {
     });
     std::fs::write(&noise, lines.collect::<String>()).unwrap();
     spinney(&["-q", "transform", &place.at("i.autumn"), "scale=32,41", "-o", &large]).success();
-    spinney(&["-q", "publish", &large, &file]).success();
+    spinney(&["-q", "convert", &large, &file]).success();
     let program = || std::process::Command::new(env!("CARGO_BIN_EXE_spinney"));
     let run = |arguments: &[&str]| {
         let mut child =
@@ -287,8 +288,8 @@ fn conversions_stay_within_memory() {
     let cap = 72 << 20;
     for arguments in [
         &["edit", &file, "set", &noise][..],
-        &["publish", &file, &back],
-        &["publish", &back, &place.at("again.autumn"), "--share"],
+        &["convert", &file, &back],
+        &["convert", &back, &place.at("again.autumn"), "--share"],
         &["compact", &file, "-o", &place.at("small.autumn"), "--keep", "2"],
         &["revert", &file, "1"],
     ] {

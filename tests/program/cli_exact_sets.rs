@@ -28,8 +28,8 @@ fn cube(low: i32, high: i32) -> String {
 impl Folder {
     fn new() -> Folder {
         let mut made = Folder { folder: tempfile::tempdir().unwrap(), a: String::new(), b: String::new() };
-        made.a = made.built("a", &cube(0, 64), &["--exact", "--grid", "1"]);
-        made.b = made.built("b", &cube(32, 96), &["--exact", "--grid", "1"]);
+        made.a = made.built("a", &cube(0, 64), &["--brep", "--snap", "1"]);
+        made.b = made.built("b", &cube(32, 96), &["--brep", "--snap", "1"]);
         made
     }
 
@@ -94,7 +94,7 @@ fn operations_have_names_and_numbers() {
         std::fs::read(folder.combined("7", "v.goblin")).unwrap()
     );
     // Of one file, and of three.
-    let c = folder.built("c", &cube(90, 100), &["--exact", "--grid", "1"]);
+    let c = folder.built("c", &cube(90, 100), &["--brep", "--snap", "1"]);
     let file = folder.name("many.goblin");
     let told = stderr(command(&["combine", "or", &folder.a, &folder.b, &c, "-o", &file]).assert().success());
     assert!(told.contains("faces divided") && told.contains("result"), "{told}");
@@ -117,7 +117,7 @@ fn what_means_nothing_is_refused() {
     for files in [[a, &cells], [&cells, a]] {
         let told = refuse(&["union", files[0], files[1]]);
         assert!(
-            told.contains("cells.goblin: ") && told.contains("--exact") && told.contains("spinney build"),
+            told.contains("cells.goblin: ") && told.contains("--brep") && told.contains("spinney build"),
             "{told}"
         );
     }
@@ -150,8 +150,8 @@ fn what_means_nothing_is_refused() {
         complaint(&["combine", "union", files[0], files[1], "-o", a], 1);
     }
     assert!(std::fs::read(a).unwrap() == before && !Path::new(&never).exists());
-    let other = folder.built("other", &cube(0, 64), &["--exact", "--grid", "1.5"]);
-    assert!(refuse(&["union", a, &other]).contains("--grid"));
+    let other = folder.built("other", &cube(0, 64), &["--brep", "--snap", "1.5"]);
+    assert!(refuse(&["union", a, &other]).contains("--snap"));
 }
 
 /// Bodies without faces, or without an end, are answered for as all others are.
@@ -176,7 +176,7 @@ fn questions_to_results() {
             stdout(&["stats", file]),
             stdout(&["info", file]),
             stdout(&["info", file, "--json"]),
-            stdout(&["find", file, "--kind", "void,full,face,edge,vertex,boolean"]),
+            stdout(&["find", file, "--leaf", "void,full,face,edge,vertex,boolean"]),
             stats.to_string(),
         ];
         for text in &texts {

@@ -84,7 +84,7 @@ fn files_with_history_have_levels() {
         command(&["build", "-q", CLASSES, "-o", &edited]).args(share).assert().success();
         let fill = ["fill", "--window", "3,5,90,70", "--value", "2"];
         command(&[&["edit", "-q", &edited][..], &fill].concat()).assert().success();
-        command(&["publish", "-q", &edited, &published]).assert().success();
+        command(&["convert", "-q", &edited, &published]).assert().success();
         let levels = |file: &str| as_json(&["info", file, "--json"])["levels"].clone();
         assert_eq!(levels(&edited), levels(&published));
         let table = |file: &str| stdout(&["info", file]).split_once("level  ").unwrap().1.to_string();

@@ -42,13 +42,13 @@ fn all_formats_have_the_same_surface() {
     let (folder, file) = ball();
     let run = |name: &str| {
         let out = folder.path().join(name);
-        spinney(&["-q", "contours", &file, "--levels", "6", "-o", out.to_str().unwrap()]).success();
+        spinney(&["-q", "contours", &file, "--at", "6", "-o", out.to_str().unwrap()]).success();
         fs::read(out).unwrap()
     };
     let (ply, off, stl) = (read_ply(&run("a.ply")), read_off(&run("a.off")), read_stl(&run("a.stl")));
     [&ply, &off, &stl].into_iter().for_each(|read| check_ball(read, 7.0));
     assert_eq!((ply.faces.len(), &ply.faces), (stl.faces.len(), &off.faces));
-    let text = stdout(&["contours", &file, "--levels", "6", "-o", "-", "--format", "obj"]);
+    let text = stdout(&["contours", &file, "--at", "6", "-o", "-", "--format", "obj"]);
     assert_eq!(text.as_bytes(), run("a.obj"));
     assert_eq!(text.lines().filter(|line| line.starts_with("f ")).count(), ply.faces.len());
 }
@@ -57,24 +57,24 @@ fn all_formats_have_the_same_surface() {
 fn several_surfaces_are_told_apart() {
     let (folder, file) = ball();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    spinney(&["-q", "contours", &file, "--levels", "11.5,6.5", "-o", &path("a.obj")]).success();
+    spinney(&["-q", "contours", &file, "--at", "11.5,6.5", "-o", &path("a.obj")]).success();
     let text = fs::read_to_string(path("a.obj")).unwrap();
     let parts: Vec<&str> = text.lines().filter(|line| line.starts_with("o ")).collect();
     assert_eq!(parts, ["o level_6.5", "o level_11.5"]);
-    spinney(&["-q", "contours", &file, "--levels", "11.5,6.5", "-o", &path("a.ply")]).success();
+    spinney(&["-q", "contours", &file, "--at", "11.5,6.5", "-o", &path("a.ply")]).success();
     let bytes = fs::read(path("a.ply")).unwrap();
     let head = String::from_utf8_lossy(&bytes[..400]).into_owned();
     assert!(head.contains("vertex_indices\nproperty float level\nend_header\n"), "{head}");
     let last = |bytes: &[u8]| f32::from_le_bytes(bytes[bytes.len() - 4..].try_into().unwrap());
     assert_eq!(last(&bytes), 11.5);
     // A coarser level, a part, and one that is never reached.
-    let more = ["--level", "4", "--nodata", "close", "--view", "window=0,0,0,20,36,44"];
+    let more = ["--level", "4", "--ends", "close", "--view", "window=0,0,0,20,36,44"];
     let out = path("b.ply");
-    let words = [&["-q", "contours", &file, "--levels", "6", "-o", &out], &more[..]].concat();
+    let words = [&["-q", "contours", &file, "--at", "6", "-o", &out], &more[..]].concat();
     spinney(&words).success();
     let part = read_ply(&fs::read(&out).unwrap());
     part.check_closed("part");
-    let text = stderr(spinney(&["-q", "contours", &file, "--levels", "1000", "-o", &out]).success());
+    let text = stderr(spinney(&["-q", "contours", &file, "--at", "1000", "-o", &out]).success());
     assert!(text.contains("has no triangles"), "{text}");
     assert!(read_ply(&fs::read(&out).unwrap()).faces.is_empty());
 }
@@ -91,30 +91,30 @@ fn what_cannot_be_done_leaves_no_file() {
         text
     };
     let of = |more: &[&str]| refused(&[&[&file as &str, "-o", &out], more].concat(), 1);
-    for option in ["--bands", "--3d", "--smooth=2"] {
-        let text = of(&["--levels", "6", option]);
+    for option in ["--filled", "--3d", "--smooth=2"] {
+        let text = of(&["--at", "6", option]);
         assert!(text.contains(option.split('=').next().unwrap()) && text.contains("octree"), "{text}");
     }
-    assert!(of(&["--levels", "6", "--nodata", "extend"]).contains("open or close"));
+    assert!(of(&["--at", "6", "--ends", "extend"]).contains("open or close"));
     assert!(of(&["--every", "1e-9"]).contains("farther apart"));
-    assert!(of(&["--levels", "nan"]).contains("contour levels"));
-    assert!(of(&["--levels", "6,inf"]).contains("contour levels"));
-    assert!(of(&["--levels", "6", "--level", "30"]).contains("--level"));
-    assert!(of(&["--levels", "6", "--max-bytes", "100"]).contains("100"));
+    assert!(of(&["--at", "nan"]).contains("contour levels"));
+    assert!(of(&["--at", "6,inf"]).contains("contour levels"));
+    assert!(of(&["--at", "6", "--level", "30"]).contains("--level"));
+    assert!(of(&["--at", "6", "--max-bytes", "100"]).contains("100"));
     for name in ["out.geojson", "out.city.json", "out.glb"] {
-        let text = refused(&[&file, "--levels", "6", "-o", &path(name)], 1);
+        let text = refused(&[&file, "--at", "6", "-o", &path(name)], 1);
         assert!(text.contains(".ply, .obj, .stl or .off"), "{text}");
     }
     for name in ["out.stl", "out.off"] {
-        assert!(refused(&[&file, "--levels", "6,7", "-o", &path(name)], 1).contains("PLY or OBJ"));
+        assert!(refused(&[&file, "--at", "6,7", "-o", &path(name)], 1).contains("PLY or OBJ"));
     }
     // A file that was cut short.
     let bytes = fs::read(&file).unwrap();
     for length in [0, 50, bytes.len() / 2, bytes.len() - 1] {
         fs::write(path("bad.goblin"), &bytes[..length]).unwrap();
-        refused(&[&path("bad.goblin"), "--levels", "6", "-o", &out], 1);
+        refused(&[&path("bad.goblin"), "--at", "6", "-o", &out], 1);
     }
     // The tree is no output.
-    assert!(refused(&[&file, "--levels", "6", "-o", &file, "--format", "ply"], 1).contains("is an input"));
+    assert!(refused(&[&file, "--at", "6", "-o", &file, "--format", "ply"], 1).contains("is an input"));
     assert!(Path::new(&file).exists());
 }

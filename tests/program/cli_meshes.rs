@@ -34,7 +34,7 @@ fn a_model_becomes_a_solid_and_comes_out_again() {
     // Out as a mesh and in again: the same cells.
     let (mesh, again) = (at("plate.ply"), at("again.goblin"));
     spinney(&["export", text(&tree), text(&mesh)]).success();
-    spinney(&["build", text(&mesh), "-o", text(&again), "--like", text(&tree)]).success();
+    spinney(&["build", text(&mesh), "-o", text(&again), "--grid", text(&tree)]).success();
     assert_eq!(stdout(&["dump", text(&tree), "--codes"]), stdout(&["dump", text(&again), "--codes"]));
 }
 
@@ -47,7 +47,7 @@ fn what_a_format_has_no_room_for_is_told_once() {
     let placed = ["--unit", "mm", "--crs", "EPSG:28992"];
     spinney(&[&["build", text(&at("plate.obj")), "-o", text(&solid), "--cells", "8"], &placed[..]].concat())
         .success();
-    spinney(&[&["build", text(&at("plate.obj")), "-o", text(&exact), "--exact"], &placed[..]].concat())
+    spinney(&[&["build", text(&at("plate.obj")), "-o", text(&exact), "--brep"], &placed[..]].concat())
         .success();
     for (tree, mesh, lost) in [
         (&solid, "a.stl", "the coordinate system EPSG:28992"),
@@ -78,8 +78,8 @@ fn a_tree_without_cells_is_warned_of() {
         stderr(spinney(&words).success())
     };
     let warned = said(&[]);
-    assert!(warned.contains("warning") && warned.contains("--surface"), "{warned}");
-    assert!(!said(&["--surface"]).contains("warning"));
+    assert!(warned.contains("warning") && warned.contains("--shell"), "{warned}");
+    assert!(!said(&["--shell"]).contains("warning"));
 }
 
 #[test]
@@ -102,9 +102,9 @@ fn cells_have_units_and_fit_together() {
     assert!(stderr(build(&["--depth", "20"]).failure()).contains("1 to 19"));
     assert!(stderr(build(&["--attribute", "colour"]).failure()).contains("colour of a model that has none"));
     assert!(stderr(build(&["--rule", "mean"]).failure()).contains("for pictures"));
-    assert!(stderr(build(&["--surface", "--boundary", "full"]).failure()).contains("--boundary"));
+    assert!(stderr(build(&["--shell", "--edge", "touch"]).failure()).contains("--edge"));
     let quadtree = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/classic.goblin");
-    assert!(stderr(build(&["--like", quadtree]).failure()).contains("needs an octree"));
+    assert!(stderr(build(&["--grid", quadtree]).failure()).contains("an octree is needed"));
     // The file of the one build that succeeded is still there, whole.
     assert!(stdout(&["verify", text(&tree)]).contains("good"));
     let picture = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");

@@ -186,8 +186,17 @@ fn the_value_at_the_centre() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out.goblin");
     let (file, cells) = inputs(&folder).swap_remove(0);
-    spinney(&["-q", "transform", "--nearest", &file, "scale=0.5,1,0.25", "-o", out.to_str().unwrap()])
-        .success();
+    spinney(&[
+        "-q",
+        "transform",
+        "--resampling",
+        "nearest",
+        &file,
+        "scale=0.5,1,0.25",
+        "-o",
+        out.to_str().unwrap(),
+    ])
+    .success();
     // Sides of 13 and 11 cells do not divide: the last cells' centres are beyond the end, or not.
     let expected = made(OCT, [7, 9, 3], |[x, y, z]| cells.get([2 * x + 1, y, 4 * z + 2]));
     assert_same(&read(&out), &expected, "nearest");

@@ -39,7 +39,7 @@ fn a_view_and_the_file_made_of_it_say_the_same() {
         &["rotate=30", "crop"],
         &["scale=0.4"],
         &["translate=5,7", "transpose"],
-        &["bbox=303000,3194000,307000,3198000", "rotate=-12.5", "scale=1.5"],
+        &["window=303000,3194000,307000,3198000,in=world", "rotate=-12.5", "scale=1.5"],
     ];
     for chain in chains {
         let mut arguments = vec!["-q", "transform", file];

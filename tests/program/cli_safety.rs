@@ -53,7 +53,7 @@ fn outputs_are_no_longer_than_they_may_be() {
     let folder = tempfile::tempdir().unwrap();
     let (tree, out) = (fixture("v1/classes.goblin"), folder.path().join("out.goblin"));
     let commands: [&[&str]; 4] =
-        [&["publish"], &["transform", "rotate=90", "-o"], &["combine", "over", "-o"], &["compact", "-o"]];
+        [&["convert"], &["transform", "rotate=90", "-o"], &["combine", "over", "-o"], &["compact", "-o"]];
     for words in commands {
         let tree = if words[0] == "compact" { fixture("v1/history.autumn") } else { tree.clone() };
         let out = if words[0] == "compact" { out.with_extension("autumn") } else { out.clone() };
@@ -63,7 +63,7 @@ fn outputs_are_no_longer_than_they_may_be() {
             command.arg(first).args(["--max-bytes", most]);
             match words {
                 ["combine", operation, ..] => command.args([operation]).arg(&tree).arg("-o").arg(&out),
-                ["publish"] => command.arg(&tree).arg(&out),
+                ["convert"] => command.arg(&tree).arg(&out),
                 _ => command.arg(&tree).args(rest).arg(&out),
             };
             command.output().unwrap()
@@ -219,7 +219,7 @@ fn a_full_disk_is_told_by_every_command_that_writes() {
         &["build", &tif, "-o", &old("a.goblin")],
         &["build", &tif, "-o", &path("b.autumn")],
         &["build", &model, "-o", &old("c.goblin")],
-        &["publish", &map, &path("d.autumn")],
+        &["convert", &map, &path("d.autumn")],
         &["compact", &history, "-o", &path("e.autumn")],
         &["transform", &map, "rotate=30", "-o", &old("f.goblin")],
         &["combine", "union", &map, &map, "-o", &old("g.goblin")],

@@ -13,7 +13,7 @@ fn sections_of_a_box() {
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let [mesh, model] = ["box.off", "box.goblin"].map(name);
     std::fs::write(&mesh, BOX).unwrap();
-    command(&["build", "-q", &mesh, "-o", &model, "--exact", "--grid", "0.5"]).assert().success();
+    command(&["build", "-q", &mesh, "-o", &model, "--brep", "--snap", "0.5"]).assert().success();
     // In space, and in the plane.
     let text = stdout(&["section", "-q", &model, "y=1.25", "-o", "-", "--format", "geojson"]);
     let found: Json = serde_json::from_str(&text).unwrap();
@@ -59,7 +59,7 @@ fn what_two_models_have_in_common() {
         }
         let [mesh, model] = ["off", "goblin"].map(|ending| name(&format!("{stem}.{ending}")));
         std::fs::write(&mesh, lines.join("\n")).unwrap();
-        command(&["build", "-q", &mesh, "-o", &model, "--exact", "--grid", "0.5"]).assert().success();
+        command(&["build", "-q", &mesh, "-o", &model, "--brep", "--snap", "0.5"]).assert().success();
         model
     };
     let [a, b, c] = [built("a", [0; 3]), built("b", [1, 1, 1]), built("c", [2, 0, 1])];
@@ -120,7 +120,7 @@ fn what_has_no_sections_is_told() {
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let [mesh, model, cells, never] = ["box.off", "box.goblin", "cells.goblin", "never.svg"].map(name);
     std::fs::write(&mesh, BOX).unwrap();
-    command(&["build", "-q", &mesh, "-o", &model, "--exact", "--grid", "0.5"]).assert().success();
+    command(&["build", "-q", &mesh, "-o", &model, "--brep", "--snap", "0.5"]).assert().success();
     command(&["build", "-q", &mesh, "-o", &cells, "--cells", "8"]).assert().success();
     let refused = |plane: &str, file: &str, output: &str, code: i32| {
         complaint(&["section", file, plane, "-o", output], code)
@@ -130,7 +130,7 @@ fn what_has_no_sections_is_told() {
         assert!(refused(plane, &model, &never, 2).contains("expected"), "{plane}");
     }
     assert!(refused("plane=0,0,0,1", &model, &never, 1).contains("normal"));
-    assert!(refused("z=1", &cells, &never, 1).contains("--exact"));
+    assert!(refused("z=1", &cells, &never, 1).contains("--brep"));
     assert!(refused("z=1", &name("nothing.goblin"), &never, 1).contains("nothing.goblin"));
     assert!(refused("z=1", &model, &name("never.txt"), 1).contains("unknown format"));
     assert!(refused("z=1", &model, &model, 1).contains("unknown format"));

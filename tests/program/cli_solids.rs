@@ -93,20 +93,18 @@ fn slices() {
     );
     assert!(complaint(&["get", &trees.block, &out, "--slice", "w=1"], 2).contains("z=12"));
     assert!(
-        complaint(&["get", &trees.block, &out, "--slice", "x=1", "--bbox", "0,0,1,1"], 1)
+        complaint(&["get", &trees.block, &out, "--slice", "x=1", "--in", "world", "--window", "0,0,1,1"], 1)
             .contains("--window")
     );
     assert!(complaint(&["get", &trees.quadtree, &out, "--slice", "x=1"], 1).contains("quadtree"));
-    assert!(
-        complaint(&["get", &trees.block, &out, "--in", "world"], 1).contains("--window, --slice and --box")
-    );
+    assert!(complaint(&["get", &trees.block, &out, "--in", "world"], 1).contains("--window and --slice"));
 }
 
 #[test]
 fn boxes_and_whole_octrees() {
     let trees = Trees::new();
     let out = trees.name("box.npy");
-    command(&["get", &trees.numbers, &out, "--box", "3,2,1,5,4,6", "--nodata", "200"]).assert().success();
+    command(&["get", &trees.numbers, &out, "--window", "3,2,1,5,4,6", "--nodata", "200"]).assert().success();
     let (shape, samples) = array(&out);
     assert_eq!(shape, "(6, 4, 5)");
     let mut expected = Vec::new();
@@ -122,9 +120,11 @@ fn boxes_and_whole_octrees() {
     );
     command(&["get", &trees.block, &out, "--level", "2"]).assert().success();
     assert_eq!(array(&out).0, "(2, 3, 3)");
-    command(&["get", &trees.block, &out, "--box", "0,0,0,1,1,1", "--level", "0"]).assert().success();
+    command(&["get", &trees.block, &out, "--window", "0,0,0,1,1,1", "--level", "0"]).assert().success();
     assert_eq!(array(&out), ("(1, 1, 1)".into(), vec![(72.0f64 * 255.0 / 4096.0).round() as u8]));
-    command(&["get", &trees.block, &out, "--box", "1.5,0,0,1,1,2.5", "--in", "world"]).assert().success();
+    command(&["get", &trees.block, &out, "--window", "1.5,0,0,2.5,1,2.5", "--in", "world"])
+        .assert()
+        .success();
     assert_eq!(array(&out), ("(3, 1, 2)".into(), vec![0; 6]));
     command(&["get", &trees.block, &out, "--window", "2,1,3,2"]).assert().success();
     assert_eq!(array(&out).0, "(5, 2, 3)");
@@ -133,17 +133,17 @@ fn boxes_and_whole_octrees() {
     let refuse = |options: &[&str], code: i32| {
         complaint(&[&["get", &trees.block, &trees.name("never.npy")], options].concat(), code)
     };
-    assert!(refuse(&["--box", "0,0,0,11,1,1"], 1).contains("10 x 9 x 5"));
-    assert!(refuse(&["--box", "20,0,0,1,1,1"], 1).contains("10 x 9 x 5"));
-    assert!(refuse(&["--box", "50,0,0,1,1,1", "--in", "world"], 1).contains("outside"));
-    assert!(refuse(&["--box", "0,0,0,1,0,1"], 1).contains("more than 0"));
-    assert!(refuse(&["--box", "0.5,0,0,1,1,1"], 1).contains("--in world"));
-    assert!(refuse(&["--box", "-1,0,0,1,1,1"], 1).contains("whole numbers"));
-    assert!(refuse(&["--box", "0,0,0,1,1"], 2).contains("six numbers"));
+    assert!(refuse(&["--window", "0,0,0,11,1,1"], 1).contains("10 x 9 x 5"));
+    assert!(refuse(&["--window", "20,0,0,1,1,1"], 1).contains("10 x 9 x 5"));
+    assert!(refuse(&["--window", "50,0,0,51,1,1", "--in", "world"], 1).contains("outside"));
+    assert!(refuse(&["--window", "0,0,0,1,0,1"], 1).contains("at least one"));
+    assert!(refuse(&["--window", "0.5,0,0,1,1,1"], 1).contains("see --in"));
+    assert!(refuse(&["--window", "-1,0,0,1,1,1"], 1).contains("whole numbers"));
+    assert!(refuse(&["--window", "0,0,0,1,1"], 2).contains("six numbers"));
     assert!(refuse(&["--level", "5"], 1).contains("0 to 4"));
-    assert!(refuse(&["--box", "0,0,0,1,1,1", "--slice", "1"], 2).contains("cannot be used with"));
-    assert!(refuse(&["--box", "0,0,0,1,1,1", "--format", "png"], 1).contains(".npy"));
-    let quad = ["get", &trees.quadtree, &trees.name("never.npy"), "--box", "0,0,0,1,1,1"];
+    assert!(refuse(&["--window", "0,0,0,1,1,1", "--slice", "1"], 1).contains("with four"));
+    assert!(refuse(&["--window", "0,0,0,1,1,1", "--format", "png"], 1).contains(".npy"));
+    let quad = ["get", &trees.quadtree, &trees.name("never.npy"), "--window", "0,0,0,1,1,1"];
     assert!(complaint(&quad, 1).contains("quadtree"));
     assert!(!Path::new(&trees.name("never.npy")).exists());
 }
@@ -230,7 +230,7 @@ fn pictures_of_solids() {
     let expected = (0.92f64 * 64.0).powi(2) / 2.0;
     assert!((seen as f64 / expected - 1.0).abs() < 0.25, "{seen} {expected}");
     let (_, pixels) =
-        render(&["--size", "20x20", "--background", "transparent", "--up", "y", "--zoom", "0.5"]);
+        render(&["--size", "20x20", "--background", "transparent", "--up", "y", "--scale", "0.5"]);
     assert_eq!((pixels.len(), &pixels[..4]), (1600, &[0; 4][..]));
     render(&["--size", "20x20", "--view", "rotate=30,z", "--level", "3", "--perspective", "--samples", "1"]);
     let never = trees.name("never.png");
@@ -241,7 +241,7 @@ fn pictures_of_solids() {
     assert!(refuse(&["--size", "10000000x10"], 1).contains("65536"));
     assert!(refuse(&["--from", "10"], 2).contains("azimuth"));
     assert!(refuse(&["--from", "10,91"], 2).contains("-90 to 90"));
-    assert!(refuse(&["--zoom", "0"], 1).contains("zoom"));
+    assert!(refuse(&["--scale", "0"], 1).contains("scale"));
     assert!(refuse(&["--background", "sky"], 2).contains("#rrggbb"));
     assert!(refuse(&["--perspective", "--orthographic"], 2).contains("cannot be used with"));
     assert!(refuse(&["--format", "exr"], 2).contains("png"));

@@ -53,7 +53,7 @@ fn a_tree_as_a_source_stays_what_it_is() {
     let history = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/history.autumn@1");
     for tree in [CLASSES, HEIGHTS, BALL, history] {
         spinney(&["-q", "build", tree, "-o", &made]).success();
-        spinney(&["-q", "publish", tree, &published]).success();
+        spinney(&["-q", "convert", tree, &published]).success();
         assert!(fs::read(&made).unwrap() == fs::read(&published).unwrap(), "{tree}");
     }
     // What is said counts: coarser levels are made anew of all cells, exactly as of the picture itself.
@@ -108,7 +108,7 @@ fn trees_have_names_of_trees() {
             &["build", PICTURE, "-o", &out][..],
             &["build", PICTURE, "-o", &out, "--grid", "xyz"],
             &["build", CLASSES, "-o", &out],
-            &["publish", CLASSES, &out],
+            &["convert", CLASSES, &out],
             &["transform", CLASSES, "crop", "-o", &out],
             &["combine", "over", CLASSES, CLASSES, "-o", &out],
             &["diff", CLASSES, CLASSES, "-o", &out],
@@ -143,7 +143,7 @@ fn what_is_no_tree_is_told_with_what_to_do() {
         &["verify", &tif],
         &["log", &tif],
         &["transform", &tif, "crop", "-o", &place.name("o.goblin")],
-        &["publish", &tif, &place.name("o.goblin")],
+        &["convert", &tif, &place.name("o.goblin")],
         &["combine", "over", CLASSES, &tif, "-o", &place.name("o.goblin")],
         &["diff", CLASSES, &tif],
     ] {
@@ -198,7 +198,7 @@ fn refused_formats_get_advice_that_fits() {
         assert!(text.contains("ogr2ogr zones.geojson"), "{text}");
     }
     let polygons = place.write("p.json", r#"{"type": "FeatureCollection", "features": []}"#);
-    for more in [&[][..], &["--exact"]] {
+    for more in [&[][..], &["--brep"]] {
         let text = complaint(&[&["build", &polygons, "-o", &place.name("o.goblin")], more].concat(), 1);
         assert!(text.contains("a GeoJSON document") && text.contains("--zones"), "{text}");
     }
@@ -222,7 +222,7 @@ fn contours_are_of_amounts() {
     spinney(&["-q", "contours", &amounts, "--every", "1", "-o", &out]).success();
     let labels = place.name("l.goblin");
     spinney(&["-q", "build", BALL, "-o", &labels, "--kind", "categorical"]).success();
-    let text = complaint(&["contours", &labels, "--levels", "9", "-o", &place.name("o.ply")], 1);
+    let text = complaint(&["contours", &labels, "--at", "9", "-o", &place.name("o.ply")], 1);
     assert!(text.contains("classes") && text.contains("spinney export"), "{text}");
 }
 

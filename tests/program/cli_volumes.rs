@@ -29,9 +29,9 @@ fn a_volume_becomes_a_tree_an_array_and_a_surface() {
     let [array, tree, back, surface] = ["ball.npy", "ball.goblin", "back.npy", "ball.ply"].map(at);
     fs::write(&array, ball()).unwrap();
     spinney(&["-q", "build", &array, "-o", &tree, "--transform", "0.5,0.5,2"]).success();
-    spinney(&["-q", "get", &tree, &back, "--box", "0,0,0,40,36,44"]).success();
+    spinney(&["-q", "get", &tree, &back, "--window", "0,0,0,40,36,44"]).success();
     assert!(fs::read(&back).unwrap() == ball());
-    spinney(&["-q", "contours", &tree, "--levels", "6", "-o", &surface]).success();
+    spinney(&["-q", "contours", &tree, "--at", "6", "-o", &surface]).success();
     let read = read_ply(&fs::read(&surface).unwrap());
     read.check_closed("ball");
     let expected = std::f64::consts::PI * 1000.0 * 4.0 / 3.0 * 0.5;

@@ -144,10 +144,10 @@ fn what_cannot_be_placed_is_refused() {
         (&["--grid", "xyz", "--max-zoom", "22"], "0 to 21"),
         (&["--grid", "xyz", "--depth", "12"], "--max-zoom"),
         (&["--grid", "xyz", "--resampling", "lanczos"], "nearest, bilinear, cubic, area, majority"),
-        (&["--grid", "0.5"], "xyz"),
-        (&["--grid", "wgs84"], "xyz"),
-        (&["--max-zoom", "3"], "--grid xyz"),
-        (&["--resampling", "cubic"], "--grid xyz"),
+        (&["--snap", "0.5"], "--brep"),
+        (&["--grid", "wgs84"], "wgs84"),
+        (&["--max-zoom", "3"], "--grid"),
+        (&["--resampling", "cubic"], "--grid"),
     ] {
         let message = refusal(arguments);
         assert!(message.contains(text), "{arguments:?}: {message}");
@@ -194,6 +194,20 @@ fn tiles_are_exported_from_any_grid() {
         let columns = fs::read_dir(folder.name(&format!("tiles/{zoom}"))).unwrap().count();
         assert_eq!(columns, 1, "zoom {zoom}");
     }
+    // A part, in whatever coordinates: the western half of the island.
+    let tiles = |name: &str, window: &[&str]| {
+        let pattern = folder.name(&format!("{name}/{{z}}/{{x}}/{{y}}.png"));
+        spinney(&[&["export", "-q", &native, &pattern, "--zoom", "13"], window].concat()).success();
+        let columns = fs::read_dir(folder.name(&format!("{name}/13"))).unwrap();
+        let mut columns: Vec<_> = columns.map(|column| column.unwrap().file_name()).collect();
+        columns.sort();
+        columns
+    };
+    let (all, cells) = (tiles("all", &[]), tiles("cells", &["--window", "0,0,128,200"]));
+    let world = tiles("world", &["--in", "world", "--window", "300000,3190000,306400,3200000"]);
+    let lonlat = tiles("lonlat", &["--in", "lonlat", "--window", "-17.05,28.82,-16.985,28.92"]);
+    assert!(cells == world && cells.len() < all.len() && all.starts_with(&cells), "{cells:?} of {all:?}");
+    assert!(lonlat == all[1..3], "{lonlat:?} of {all:?}");
     let xyz = folder.built(CLASSES, "xyz.goblin", &["--grid", "xyz"]);
     let refusal = stderr(spinney(&["export", &xyz, &archive, "--resampling", "majority"]).failure());
     assert!(refusal.contains("grid of web maps already"), "{refusal}");

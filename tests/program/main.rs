@@ -35,3 +35,4 @@ mod cli_volumes;
 mod cli_warp;
 #[cfg(all(unix, feature = "cli"))]
 mod docs;
+mod first_look;

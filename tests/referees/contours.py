@@ -62,7 +62,7 @@ def compare(seed):
     ours, theirs = folder / "ours.csv", folder / "theirs.csv"
     theirs.unlink(missing_ok=True)
     subprocess.run([program, "-q", "build", source, "-o", tree], check=True)
-    subprocess.run([program, "-q", "contours", tree, "--every", "1", "--nodata", "extend", "-o", ours], check=True)
+    subprocess.run([program, "-q", "contours", tree, "--every", "1", "--ends", "extend", "-o", ours], check=True)
     csv_options = ["-f", "CSV", "-lco", "GEOMETRY=AS_WKT"]
     subprocess.run(["gdal_contour", "-q", "-i", "1", "-a", "value", *csv_options, source, theirs], check=True)
     (mine, saddles), (other, other_saddles) = segments(ours, rows), segments(theirs, rows)
@@ -80,7 +80,7 @@ def formats(seed):
     source, tree = folder / "in.tif", folder / "in.goblin"
     compare(seed)
     checked = 0
-    for options in ([], ["--bands"], ["--3d"]):
+    for options in ([], ["--filled"], ["--3d"]):
         expected = None
         for ending in ("csv", "geojson", "gpkg", "fgb", "shp"):
             ours, read = folder / f"formats.{ending}", folder / "read.csv"

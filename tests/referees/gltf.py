@@ -53,7 +53,7 @@ def main():
         lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + first).tolist()]
         first += len(mesh.vertices)
     (work / "bodies.obj").write_text("\n".join(lines) + "\n")
-    spinney("build", work / "bodies.obj", "-o", work / "shape.goblin", "--cells", 128, "--boundary", "coverage")
+    spinney("build", work / "bodies.obj", "-o", work / "shape.goblin", "--cells", 128, "--edge", "area")
     spinney("build", work / "bodies.obj", "-o", work / "parts.goblin", "--cells", 128, "--attribute", "part")
     volume = 4 / 3 * math.pi * 40.0**3 + 20 * 61 * 33
 

@@ -22,7 +22,7 @@ mod triangulated;
 
 pub use attributes::Attributes;
 pub use build::show_place;
-pub use build::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, ModelBuilder};
+pub use build::{BuildReport, Defect, DefectKind, LEAF_SIZE, ModelBuilder};
 pub use combine::{CombineReport, combine};
 pub use exact::bounds::MOST_BITS;
 pub use face::{Face, FaceList, Faces};

@@ -101,7 +101,7 @@ impl Frame {
     ///
     /// A turned box has the smallest box of cells around it. Of what lies outside the picture nothing is
     /// left: the result may be empty.
-    pub fn cells_in_box(&self, low: [f64; 3], high: [f64; 3], extent: [u64; 3]) -> Option<Bounds> {
+    pub(crate) fn cells_in_box(&self, low: [f64; 3], high: [f64; 3], extent: [u64; 3]) -> Option<Bounds> {
         // Edges that are a rounding error beside a cell's edge mean that edge.
         const ROUNDING: f64 = 1e-6;
         let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
@@ -122,7 +122,7 @@ impl Frame {
 
     /// The cells of a picture of this size that a rectangle of the world (west, south, east, north) means, in
     /// all slices: see [`Frame::cells_in_box`].
-    pub fn cells_in_rectangle(
+    pub(crate) fn cells_in_rectangle(
         &self,
         [west, south, east, north]: [f64; 4],
         extent: [u64; 3],

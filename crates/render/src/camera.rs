@@ -1,5 +1,8 @@
 //! Cameras for pictures of solids: orthographic and perspective.
 
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
 use glam::DVec3;
 
 use spinney_base::space::Up;
@@ -15,7 +18,70 @@ pub enum CameraProjection {
     Perspective,
 }
 
-/// A camera that sees all of a box.
+/// Something that a camera is to see.
+pub(super) trait Extent {
+    /// Least and greatest coordinates of a box around it.
+    fn corners(&self) -> [DVec3; 2];
+
+    /// The largest product of its points with a direction: how far it reaches there.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    fn support(&self, direction: DVec3) -> Result<f64>;
+}
+
+/// A part of something, and a bound of how far it reaches in a direction.
+struct Reaching<T>(f64, T);
+
+impl<T> PartialEq for Reaching<T> {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl<T> Eq for Reaching<T> {}
+
+impl<T> PartialOrd for Reaching<T> {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl<T> Ord for Reaching<T> {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.0.total_cmp(&other.0)
+    }
+}
+
+/// Parts of a node, each with a bound of how far it reaches; nothing of one that is not divided.
+pub(super) type Parts<T> = Option<Vec<(f64, T)>>;
+
+/// How far what is below a node reaches: the node with the largest bound is divided next (best first), until it is one that is not
+/// divided any more. `divide` gives the parts of a node with their bounds, or nothing.
+///
+/// # Errors
+/// Those of `divide`.
+pub(super) fn farthest<T>(
+    bound: f64,
+    node: T,
+    divide: &dyn Fn(&T) -> Result<Parts<T>>,
+) -> Result<Option<f64>> {
+    let mut pending = BinaryHeap::from([Reaching(bound, node)]);
+    while let Some(Reaching(bound, node)) = pending.pop() {
+        match divide(&node)? {
+            None => return Ok(Some(bound)),
+            Some(parts) => pending.extend(parts.into_iter().map(|(bound, part)| Reaching(bound, part))),
+        }
+    }
+    Ok(None)
+}
+
+/// The largest product of a box's corners with a direction.
+pub(super) fn box_support([low, high]: [DVec3; 2], direction: DVec3) -> f64 {
+    (low * direction).max(high * direction).element_sum()
+}
+
+/// A camera that sees all of something.
 #[derive(Clone, Debug)]
 pub(super) struct Camera {
     projection: CameraProjection,
@@ -29,13 +95,13 @@ pub(super) struct Camera {
     origin: DVec3,
     /// Width of a pixel, in units of the world or, in perspective, at distance 1.
     pixel: f64,
-    /// Width of a pixel where the box is nearest.
+    /// Width of a pixel where the thing is nearest.
     pub(super) footprint: f64,
     /// Columns and rows.
     size: [f64; 2],
 }
 
-/// Share of the picture that the box may fill along an axis.
+/// Share of the picture that the thing may fill along an axis.
 const FILLED: f64 = 0.92;
 /// Tangent of half the angle that the shorter side of a picture has in perspective.
 const HALF_ANGLE: f64 = 0.3;
@@ -45,19 +111,19 @@ const HALF_ANGLE: f64 = 0.3;
 pub(super) struct Pose {
     pub(super) azimuth: f64,
     pub(super) elevation: f64,
-    pub(super) zoom: f64,
+    pub(super) scale: f64,
     pub(super) projection: CameraProjection,
     pub(super) up: Up,
     pub(super) size: [u64; 2],
 }
 
 impl Camera {
-    /// A camera that sees all corners of a box.
+    /// A camera that sees all of something, as large as can be.
     ///
     /// # Errors
-    /// If a number makes no sense.
-    pub(super) fn facing(pose: &Pose, corners: &[DVec3; 8]) -> Result<Camera> {
-        let Pose { azimuth, elevation, zoom, projection, up, size } = *pose;
+    /// If a number makes no sense, or the thing cannot be measured.
+    pub(super) fn facing(pose: &Pose, thing: &dyn Extent) -> Result<Camera> {
+        let Pose { azimuth, elevation, scale, projection, up, size } = *pose;
         if !azimuth.is_finite() || !(-90.0..=90.0).contains(&elevation) {
             let found = format!("{azimuth},{elevation}");
             return Err(Error::invalid(
@@ -66,8 +132,8 @@ impl Camera {
                 "an azimuth, and an elevation of -90 to 90 degrees",
             ));
         }
-        if !(1e-3..=1e6).contains(&zoom) {
-            return Err(Error::invalid("zoom", zoom.to_string(), "0.001 to 1000000"));
+        if !(1e-3..=1e6).contains(&scale) {
+            return Err(Error::invalid("scale", scale.to_string(), "0.001 to 1000000"));
         }
         let (azimuth, elevation) = (azimuth.to_radians(), elevation.to_radians());
         let around = [azimuth.sin(), azimuth.cos()];
@@ -77,34 +143,44 @@ impl Camera {
         let right = direction([-around[1], around[0], 0.0]);
         let top = towards.cross(right);
         let sky = direction([0.0, 0.0, 1.0]);
-        let middle = corners[0].midpoint(corners[7]);
-        // The corners in the camera's axes: right, up, and towards it.
-        let corners = corners.map(|corner| [right, top, towards].map(|axis| axis.dot(corner - middle)));
+        let [low, high] = thing.corners();
+        let middle = low.midpoint(high);
+        let radius = low.distance(high).max(f64::MIN_POSITIVE) / 2.0;
         let size = size.map(|pixels| pixels as f64);
-        let nearest = corners.iter().map(|corner| corner[2]).fold(f64::NEG_INFINITY, f64::max);
-        let most = |axis: usize| corners.iter().map(|corner| corner[axis].abs()).fold(0.0, f64::max);
-        let radius = most(0).max(most(1)).max(most(2)).max(f64::MIN_POSITIVE);
+        // Half of a picture that is one pixel wide: what may be filled of it.
+        let half = size.map(|pixels| FILLED * pixels / 2.0);
+        let most =
+            |direction: DVec3| -> Result<f64> { Ok(thing.support(direction)? - direction.dot(middle)) };
+        let axes = [right, top];
         match projection {
             CameraProjection::Orthographic => {
-                let pixel = (0..2).map(|axis| 2.0 * most(axis) / (FILLED * size[axis])).fold(0.0, f64::max);
-                let pixel = pixel.max(radius * 1e-9) / zoom;
-                let origin = middle + towards * (2.0 * radius);
+                let ends = [[most(right)?, -most(-right)?], [most(top)?, -most(-top)?]];
+                let aside = ends.map(|[most, least]| most.midpoint(least));
+                let pixel =
+                    (0..2).map(|axis| (ends[axis][0] - ends[axis][1]) / 2.0 / half[axis]).fold(0.0, f64::max);
+                let pixel = pixel.max(radius * 1e-9) / scale;
+                let origin = middle + right * aside[0] + top * aside[1] + towards * (2.0 * radius);
                 Ok(Camera { projection, right, top, towards, sky, origin, pixel, footprint: pixel, size })
             }
             CameraProjection::Perspective => {
                 let pixel = 2.0 * HALF_ANGLE / size[0].min(size[1]);
-                // With the eye at distance d from the middle, a corner is projected to
-                // `corner[axis] / (d - corner[2])`, which must not exceed `half`: the largest d that any
-                // corner asks for, and in any case outside the box.
-                let distance = corners.iter().flat_map(|corner| {
-                    (0..2).map(|axis| {
-                        let half = FILLED * pixel * size[axis] / 2.0;
-                        corner[axis].abs() / half + corner[2]
-                    })
-                });
+                // With the eye at distance d from the middle, and c aside of it, a point is projected to
+                // `(point[axis] - c) / (d - point[2])`, which must not exceed the slope h = pixel * half on either side:
+                // a - h d <= c <= b + h d, with a the largest `point[axis] + h point[2]` and b the least `point[axis] - h point[2]`, where 2 is the axis towards the eye.
+                // There is such a c from d = (a - b) / 2h on, and then it is the mean of a and b.
+                let nearest = most(towards)?;
+                let mut ends = [[0.0; 2]; 2];
+                for (axis, ends) in ends.iter_mut().enumerate() {
+                    let deeper = towards * (pixel * half[axis]);
+                    *ends = [most(axes[axis] + deeper)?, -most(deeper - axes[axis])?];
+                }
+                let aside = ends.map(|[most, least]| most.midpoint(least));
+                let distance =
+                    (0..2).map(|axis| (ends[axis][0] - ends[axis][1]) / (2.0 * pixel * half[axis]));
+                // In any case the eye is outside.
                 let distance = distance.fold(nearest + 0.1 * radius, f64::max);
-                let pixel = pixel / zoom;
-                let origin = middle + towards * distance;
+                let pixel = pixel / scale;
+                let origin = middle + right * aside[0] + top * aside[1] + towards * distance;
                 let footprint = pixel * (distance - nearest);
                 Ok(Camera { projection, right, top, towards, sky, origin, pixel, footprint, size })
             }

@@ -4,13 +4,14 @@ use glam::{DMat3, DVec3};
 
 use super::scene::{Place, Scene, Surface};
 use super::{RenderRequest, draw};
+use crate::camera::{Extent, box_support, farthest};
 use crate::paint::Paint;
 use spinney_base::io::Output;
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::Frame;
 use spinney_engine::dataset::Dataset;
-use spinney_engine::query::{Ray, Rays, SurfaceHit};
+use spinney_engine::query::{PointSamples, Ray, Rays, SurfaceHit};
 use spinney_raster::image::Format;
 
 /// Deepest level at which the box around a solid is computed.
@@ -56,11 +57,7 @@ pub fn render(
     let rough = tree.solid(request.level.unwrap_or(depth).min(BOX_LEVEL).min(depth), progress)?;
     let space = Bounds { min: [0; 3], max: [1 << rough.level; 3] };
     let bounds = rough.bounds.unwrap_or(space);
-    let corners = std::array::from_fn(|corner| {
-        let pick = |axis: usize| if corner >> axis & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] };
-        DVec3::from(rough.frame().to_world(std::array::from_fn(|axis| pick(axis) as f64)))
-    });
-    let camera = request.camera(&corners)?;
+    let camera = request.camera(&Filled::new(tree, rough.frame(), &bounds))?;
     let level = match request.level {
         Some(level) if level <= depth => level,
         Some(level) => return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}"))),
@@ -77,6 +74,56 @@ pub fn render(
     draw(&Scene::new(camera, request), &make, output, format, progress)?;
     tree.check_unchanged()?;
     Ok(level)
+}
+
+/// All cells of an octree that are not VOID.
+struct Filled<'a> {
+    tree: &'a Dataset,
+    corners: [DVec3; 2],
+    /// The level whose cells are fine enough.
+    finest: u8,
+}
+
+/// Cells along the longest side of a solid, at least, that tell how far it reaches.
+const FINE: f64 = 512.0;
+
+impl<'a> Filled<'a> {
+    /// Those of a tree, which lie in a box of cells of a frame.
+    fn new(tree: &'a Dataset, frame: &Frame, bounds: &Bounds) -> Filled<'a> {
+        let [low, high] = frame.world_box(bounds).map(DVec3::from);
+        let width = (high - low).max_element() / FINE;
+        let (depth, own) = (tree.depth(), &tree.metadata().frame);
+        let is_fine = |level: &u8| cell_size(&own.coarser(depth - level)) <= width;
+        Filled { tree, corners: [low, high], finest: (0..depth).find(is_fine).unwrap_or(depth) }
+    }
+}
+
+impl Extent for Filled<'_> {
+    fn corners(&self) -> [DVec3; 2] {
+        self.corners
+    }
+
+    fn support(&self, direction: DVec3) -> Result<f64> {
+        let depth = self.tree.depth();
+        let reach = |level: u8, cell: &[u64; 3]| {
+            let bounds = Bounds { min: *cell, max: cell.map(|at| at + 1) };
+            let frame = self.tree.metadata().frame.coarser(depth - level);
+            box_support(frame.world_box(&bounds).map(DVec3::from), direction)
+        };
+        let divide = |(level, cell): &(u8, [u64; 3])| {
+            if *level == self.finest {
+                return Ok(None);
+            }
+            let child = |number: u64| [0, 1, 2].map(|axis| 2 * cell[axis] + (number >> axis & 1));
+            let (children, below) = ((0..8).map(child).collect::<Vec<_>>(), level + 1);
+            let mut samples = PointSamples::default();
+            self.tree.points(&children, below, &mut samples)?;
+            let filled = children.iter().enumerate().filter(|(index, _)| samples.get(*index).is_some());
+            Ok(Some(filled.map(|(_, cell)| (reach(below, cell), (below, *cell))).collect()))
+        };
+        let found = farthest(f64::INFINITY, (0, [0; 3]), &divide)?.filter(|found| found.is_finite());
+        Ok(found.unwrap_or(box_support(self.corners, direction)))
+    }
 }
 
 /// Edge of the cube that is as large as a cell, in the world.

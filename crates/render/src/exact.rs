@@ -4,11 +4,12 @@ use glam::DVec3;
 
 use super::scene::{Place, Scene, Surface};
 use super::{RenderRequest, draw};
+use crate::camera::{Extent, box_support, farthest};
 use crate::paint::{Paint, linear};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::exact::normal::ring_normal;
-use spinney_brep::{ExactModel, Face, FaceBuffer, Faces as _};
+use spinney_brep::{ExactModel, Face, FaceBuffer, Faces as _, ModelNode, ModelNodeState};
 use spinney_raster::image::Format;
 
 /// Writes a shaded picture of an exact model: of its faces as they are, each with its own normal.
@@ -32,14 +33,66 @@ pub fn render_exact(
         return Err(Error::invalid("level", level.to_string(), "none, of an exact model"));
     }
     let [min, max] = model.bounds()?;
-    let corners = std::array::from_fn(|corner| {
-        DVec3::from([0, 1, 2].map(|axis| if corner >> axis & 1 == 0 { min[axis] } else { max[axis] }))
-    });
-    let scene = Scene::new(request.camera(&corners)?, request);
+    let scene = Scene::new(request.camera(&Solid { model, corners: [min, max].map(DVec3::from) })?, request);
     let make =
         || -> Result<Box<dyn Surface + '_>> { Ok(Box::new(Body { model, buffer: FaceBuffer::default() })) };
     draw(&scene, &make, output, format, progress)?;
     model.check_unchanged()
+}
+
+/// Nodes along the longest side of a body, at least, that tell how far it reaches.
+const FINE: f64 = 512.0;
+
+/// All that is not outside of a body.
+struct Solid<'a> {
+    model: &'a ExactModel,
+    corners: [DVec3; 2],
+}
+
+impl<'a> Extent for Solid<'a> {
+    fn corners(&self) -> [DVec3; 2] {
+        self.corners
+    }
+
+    fn support(&self, direction: DVec3) -> Result<f64> {
+        let [low, high] = self.corners;
+        let width = (high - low).max_element() / FINE;
+        let space = |node: &ModelNode<'a>| {
+            node.world_box(self.model.grid()).map(|corner| DVec3::from(corner).clamp(low, high))
+        };
+        let divide = |node: &ModelNode<'a>| {
+            let [least, greatest] = space(node);
+            if (greatest - least).max_element() <= width {
+                return Ok(None);
+            }
+            let Some(parts) = self.model.children(node)? else { return Ok(None) };
+            let mut bounds = Vec::new();
+            for part in parts {
+                match part.state() {
+                    ModelNodeState::Void => {}
+                    ModelNodeState::Leaf { .. } => bounds.push((self.reach(&part, direction)?, part)),
+                    _ => bounds.push((box_support(space(&part), direction), part)),
+                }
+            }
+            Ok(Some(bounds))
+        };
+        let found = farthest(f64::INFINITY, self.model.root()?, &divide)?.filter(|found| found.is_finite());
+        Ok(found.unwrap_or(box_support(self.corners, direction)))
+    }
+}
+
+impl Solid<'_> {
+    /// How far the corners of a leaf's faces reach in a direction. (They are the body's own, wherever they lie.)
+    fn reach(&self, leaf: &ModelNode<'_>, direction: DVec3) -> Result<f64> {
+        let (mut buffer, mut reach) = (FaceBuffer::default(), f64::NEG_INFINITY);
+        for number in leaf.faces() {
+            self.model.face(number, &mut buffer)?;
+            for point in buffer.face().points {
+                reach = reach.max(DVec3::from(self.model.grid().to_world(*point)).dot(direction));
+            }
+        }
+        Ok(reach)
+    }
 }
 
 /// The body that a model bounds.

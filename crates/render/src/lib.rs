@@ -10,9 +10,10 @@ pub use camera::CameraProjection;
 pub use cells::render;
 pub use exact::render_exact;
 
-use crate::camera::{Camera, Pose};
-use glam::DVec3;
-use scene::{Scene, Surface};
+use std::collections::VecDeque;
+
+use crate::camera::{Camera, Extent, Pose};
+use scene::{Centre, Scene, Surface};
 use spinney_base::io::Output;
 use spinney_base::parallel::{self, Pool};
 use spinney_base::space::Up;
@@ -34,7 +35,7 @@ pub struct RenderRequest {
     /// Angle of the viewer above the horizon, in degrees: at 90 the view is straight down.
     pub elevation: f64,
     /// Magnification: 1 fits all of the solid into the picture.
-    pub zoom: f64,
+    pub scale: f64,
     /// CameraProjection of the world onto the picture.
     pub projection: CameraProjection,
     /// The axis of the world that points up.
@@ -55,7 +56,7 @@ impl RenderRequest {
             height,
             azimuth: 215.0,
             elevation: 30.0,
-            zoom: 1.0,
+            scale: 1.0,
             projection: CameraProjection::default(),
             up: Up::default(),
             level: None,
@@ -64,13 +65,13 @@ impl RenderRequest {
         }
     }
 
-    /// A camera that sees all of a box, given by its corners, the first and the last of them opposite.
+    /// A camera that sees all of something.
     ///
     /// # Errors
-    /// If a number of the request makes no sense.
-    fn camera(&self, corners: &[DVec3; 8]) -> Result<Camera> {
-        let &RenderRequest { width, height, azimuth, elevation, zoom, projection, up, .. } = self;
-        Camera::facing(&Pose { azimuth, elevation, zoom, projection, up, size: [width, height] }, corners)
+    /// If a number of the request makes no sense, or the thing cannot be measured.
+    fn camera(&self, thing: &dyn Extent) -> Result<Camera> {
+        let &RenderRequest { width, height, azimuth, elevation, scale, projection, up, .. } = self;
+        Camera::facing(&Pose { azimuth, elevation, scale, projection, up, size: [width, height] }, thing)
     }
 
     /// Fails if no picture is of that size or has so many samples.
@@ -113,15 +114,30 @@ fn draw<'a>(
     let mut writer = create(output, format, &spec)?;
     // Surfaces remember where rays were: what one row has read serves another.
     let pool = Pool::default();
+    let mut centres: VecDeque<Vec<Centre>> = VecDeque::new();
     for first in (0..height).step_by(BAND as usize) {
         let rows: Vec<u64> = (first..height.min(first + BAND)).collect();
+        // The centres of a row more are needed on both sides: the last two rows of the band before are here already.
+        let known = first + u64::from(first > 0);
+        let new: Vec<u64> = (known..height.min(first + BAND + 1)).collect();
+        for row in parallel::map(&new, |row| {
+            pool.with(surface, |surface| scene.centres(&mut **surface, *row, progress))
+        }) {
+            centres.push_back(row?);
+        }
+        let before = usize::from(first > 0);
         let rows = parallel::map(&rows, |row| {
-            pool.with(surface, |surface| scene.row(&mut **surface, *row, progress))
+            let at = (row - first) as usize + before;
+            let around = [at.checked_sub(1), Some(at), Some(at + 1)]
+                .map(|row| row.and_then(|row| centres.get(row)).map_or(&[][..], Vec::as_slice));
+            pool.with(surface, |surface| scene.row(&mut **surface, *row, around, progress))
         });
         for row in rows {
             writer.write_rows(&row?, None)?;
             progress.advance(width, width * height);
         }
+        let done = centres.len().saturating_sub(2);
+        centres.drain(..done);
     }
     writer.finish()
 }

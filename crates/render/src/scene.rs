@@ -1,6 +1,6 @@
 //! Light and shade: the colours of a picture's pixels, whatever it is that rays meet.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 use super::RenderRequest;
 use crate::camera::Camera;
@@ -24,6 +24,27 @@ pub(super) struct Place {
     pub(super) albedo: DVec3,
     /// Share of the sky's light that reaches it: 1 in the open.
     pub(super) open: f64,
+}
+
+/// What a ray through the centre of a pixel meets: linear colour, or nothing.
+pub(super) type Centre = Option<Vec3>;
+
+/// Difference of neighbours' colours, as roots of linear light from 0 to 1, from which on a pixel is looked at more closely.
+const UNEVEN: f32 = 0.03;
+
+/// Whether the centres around a pixel look like its own.
+fn is_even(around: [&[Centre]; 3], column: usize) -> bool {
+    let own = around[1][column];
+    let alike = |other: &Centre| match (own, other) {
+        (None, None) => true,
+        (Some(own), Some(other)) => {
+            let root = |colour: Vec3| colour.map(f32::sqrt);
+            (root(own) - root(*other)).abs().max_element() < UNEVEN
+        }
+        _ => false,
+    };
+    let columns = column.saturating_sub(1)..column + 2;
+    around.iter().flat_map(|row| row.iter().take(columns.end).skip(columns.start)).all(alike)
 }
 
 /// Camera, light and background.
@@ -63,39 +84,72 @@ impl Scene {
         }
     }
 
-    /// The pixels of a row.
-    pub(super) fn row(
+    /// What rays through the centres of a row's pixels meet.
+    pub(super) fn centres(
         &self,
         surface: &mut dyn Surface,
         row: u64,
         progress: &dyn Progress,
-    ) -> Result<Vec<u8>> {
-        let mut pixels = Vec::with_capacity(self.width as usize * 4);
-        let count = f64::from(self.samples * self.samples);
+    ) -> Result<Vec<Centre>> {
+        let mut centres = Vec::with_capacity(self.width as usize);
         for column in 0..self.width {
             if column % CHECKED == 0 {
                 progress.check()?;
             }
-            let (mut sum, mut covered) = (DVec3::ZERO, 0.0);
-            for sample in 0..self.samples * self.samples {
-                let offset = |number: u32| (f64::from(number) + 0.5) / f64::from(self.samples);
-                let (across, down) = (offset(sample % self.samples), offset(sample / self.samples));
-                if let Some(colour) = self.colour(surface, [column as f64 + across, row as f64 + down])? {
-                    sum += colour;
-                    covered += 1.0;
-                }
+            let colour = self.colour(surface, [column as f64 + 0.5, row as f64 + 0.5])?;
+            centres.push(colour.map(|colour| colour.as_vec3()));
+        }
+        Ok(centres)
+    }
+
+    /// The pixels of a row, given the centres of the row above, its own and those below: what looks alike all around a pixel has its
+    /// centre's colour, all else that of so many samples as were asked for.
+    pub(super) fn row(
+        &self,
+        surface: &mut dyn Surface,
+        row: u64,
+        around: [&[Centre]; 3],
+        progress: &dyn Progress,
+    ) -> Result<Vec<u8>> {
+        let mut pixels = Vec::with_capacity(self.width as usize * 4);
+        for column in 0..self.width {
+            if column % CHECKED == 0 {
+                progress.check()?;
             }
-            let share = covered / count;
+            let centre = around[1][column as usize];
+            let (sum, share) = if self.samples > 1 && !is_even(around, column as usize) {
+                self.sampled(surface, [column, row])?
+            } else {
+                (
+                    centre.map_or(DVec3::ZERO, |colour| colour.as_dvec3()),
+                    f64::from(u8::from(centre.is_some())),
+                )
+            };
             if self.is_opaque {
-                let colour = sum / count + self.background * (1.0 - share);
+                let colour = sum + self.background * (1.0 - share);
                 pixels.extend(colour.to_array().map(to_srgb));
             } else {
-                let colour = if covered > 0.0 { sum / covered } else { DVec3::ZERO };
+                let colour = if share > 0.0 { sum / share } else { DVec3::ZERO };
                 pixels.extend(colour.to_array().map(to_srgb));
                 pixels.push((share * 255.0 + 0.5) as u8);
             }
         }
         Ok(pixels)
+    }
+
+    /// The mean colour of a pixel's samples, black where nothing is met, and the share of them that meet something.
+    fn sampled(&self, surface: &mut dyn Surface, [column, row]: [u64; 2]) -> Result<(DVec3, f64)> {
+        let (mut sum, mut covered) = (DVec3::ZERO, 0.0);
+        for sample in 0..self.samples * self.samples {
+            let offset = |number: u32| (f64::from(number) + 0.5) / f64::from(self.samples);
+            let (across, down) = (offset(sample % self.samples), offset(sample / self.samples));
+            if let Some(colour) = self.colour(surface, [column as f64 + across, row as f64 + down])? {
+                sum += colour;
+                covered += 1.0;
+            }
+        }
+        let count = f64::from(self.samples * self.samples);
+        Ok((sum / count, covered / count))
     }
 
     /// Linear colour at a point of the picture, in pixels; `None` where no surface is hit.

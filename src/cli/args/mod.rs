@@ -3,12 +3,12 @@
 mod commit;
 mod coordinates;
 mod crs;
-mod cuboid;
 mod global;
 mod memory;
 mod operation;
 mod output;
 mod part;
+mod size;
 mod slice;
 mod style;
 mod viewed;
@@ -23,14 +23,14 @@ use spinney::dataset::Dataset;
 pub(crate) use commit::CommitOptions;
 pub(crate) use coordinates::{CoordinatesOption, places};
 pub(crate) use crs::parse_crs;
-pub(crate) use cuboid::{Cuboid, parse_cuboid};
 pub(crate) use global::Global;
 pub(crate) use memory::{DEFAULT_MEMORY, Memory};
 pub(crate) use operation::{OperationName, parse_operation};
 pub(crate) use output::{
-    OutputLimit, VECTOR_FORMATS, check_output, parse_size, picture_format, same_file, vector_format,
+    OutputFile, OutputLimit, VECTOR_FORMATS, check_output, picture_format, same_file, vector_format,
 };
 pub(crate) use part::PartOptions;
+pub(crate) use size::{Size, parse_size};
 pub(crate) use slice::{Slice, parse_slice};
 pub(crate) use style::parse_style;
 pub(crate) use viewed::{ViewedTree, parse_step};

@@ -1,6 +1,6 @@
 //! Outputs: that they are no inputs, the formats and sizes of pictures.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use spinney::export::image::{Format, format_of};
@@ -9,6 +9,25 @@ use spinney::io::Output;
 use spinney::store::{create_tree_file, split_commit};
 
 use super::memory::parse_bytes;
+
+/// The file that is written: behind `-o`, or the last argument.
+#[derive(clap::Args, Clone, Debug)]
+#[group(required = true, multiple = false)]
+pub(crate) struct OutputFile {
+    /// File to write, whose name says the format; - is standard output
+    #[arg(short = 'o', long = "output", value_name = "FILE")]
+    named: Option<PathBuf>,
+    /// The same, as the last argument
+    #[arg(value_name = "OUT")]
+    last: Option<PathBuf>,
+}
+
+impl OutputFile {
+    /// Its name.
+    pub(crate) fn path(&self) -> &Path {
+        self.named.as_deref().or(self.last.as_deref()).unwrap_or(Path::new("-"))
+    }
+}
 
 /// Bytes that an output may have.
 #[derive(clap::Args, Clone, Copy, Debug)]
@@ -72,13 +91,4 @@ pub(crate) fn picture_format(output: &Path, asked: Option<&str>, known: &str) ->
     let name = asked.map(|format| Path::new("x").with_extension(format));
     let format = format_of(name.as_deref().unwrap_or(output));
     format.with_context(|| format!("{}: unknown format; use {known}, or --format", output.display()))
-}
-
-/// Reads columns and rows of a picture: `1024x512`.
-pub(crate) fn parse_size(text: &str) -> Result<(u64, u64), String> {
-    let parts = text.split_once(['x', 'X', ',']);
-    let parts = parts.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
-    parts
-        .filter(|(width, height)| *width > 0 && *height > 0)
-        .ok_or_else(|| "expected WxH, as in 1024x512".into())
 }

@@ -1,40 +1,82 @@
-//! Parts of pictures as people give them: windows of cells, or boxes in other coordinates.
+//! Parts of trees as people give them: windows of cells, or boxes in other coordinates.
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
 use spinney::dataset::Dataset;
 use spinney::space::{Bounds, Coordinates};
 
 use super::{CoordinatesOption, numbers};
 
-/// A part of a picture; all of it if neither is given.
+/// A part of a picture or a solid; all of it if none is given.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct PartOptions {
-    /// Window: first column, first row, columns, rows; with --in other than cells west, south, east, north: the smallest window
-    /// around such a box, which may lie across the 180th meridian (west greater than east)
-    #[arg(long, value_name = "COL,ROW,W,H", value_parser = four, conflicts_with = "bbox")]
-    window: Option<[f64; 4]>,
-    /// Box in world coordinates: west, south, east, north; short for --in world --window
-    #[arg(long, value_name = "W,S,E,N", value_parser = four)]
-    bbox: Option<[f64; 4]>,
+    /// Part of the tree: first column, first row, columns and rows, of octrees also X,Y,Z and three lengths; with --in other than
+    /// cells least and then greatest coordinates (west, south, east, north), where west may be greater than east, across the
+    /// 180th meridian
+    #[arg(long, value_name = "COL,ROW,W,H", value_parser = parse_window)]
+    window: Option<Window>,
     #[command(flatten)]
     coordinates: CoordinatesOption,
 }
 
+/// Numbers of a window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Window {
+    /// Along two axes; all along the third.
+    Flat([f64; 4]),
+    /// Along three axes.
+    Solid([f64; 6]),
+}
+
+/// Reads four or six finite numbers with commas between them.
+fn parse_window(text: &str) -> Result<Window, String> {
+    let window = numbers(text).map(Window::Flat).or_else(|| numbers(text).map(Window::Solid));
+    window
+        .filter(|window| window.numbers().iter().all(|number| number.is_finite()))
+        .ok_or_else(|| "expected four numbers, as in 1,2,3,4, or of octrees four or six numbers".into())
+}
+
+impl Window {
+    fn numbers(&self) -> &[f64] {
+        match self {
+            Window::Flat(numbers) => numbers,
+            Window::Solid(numbers) => numbers,
+        }
+    }
+
+    /// Least and greatest coordinates.
+    fn corners(self) -> [[f64; 3]; 2] {
+        match self {
+            Window::Flat([a, b, c, d]) => [[a, b, f64::NEG_INFINITY], [c, d, f64::INFINITY]],
+            Window::Solid([a, b, c, d, e, f]) => [[a, b, c], [d, e, f]],
+        }
+    }
+}
+
 impl PartOptions {
-    /// Whether a window was given.
-    pub(crate) fn is_window(&self) -> bool {
+    /// Whether a part was given.
+    pub(crate) fn is_given(&self) -> bool {
         self.window.is_some()
     }
 
-    /// Whether a box was given.
-    pub(crate) fn is_bbox(&self) -> bool {
-        self.bbox.is_some()
+    /// Whether a part was given along all three axes.
+    pub(crate) fn is_solid(&self) -> bool {
+        matches!(self.window, Some(Window::Solid(_)))
     }
 
     /// The coordinates that were given.
     pub(crate) fn coordinates(&self) -> &CoordinatesOption {
         &self.coordinates
+    }
+
+    /// The numbers of a part in degrees: west, south, east, north.
+    pub(crate) fn degrees(&self) -> Option<[f64; 4]> {
+        match (self.window, self.coordinates.given()) {
+            (Some(Window::Flat(numbers)), Some(coordinates)) if *coordinates == Coordinates::LONLAT => {
+                Some(numbers)
+            }
+            _ => None,
+        }
     }
 
     /// The cells of the deepest level that are meant; `None`: all.
@@ -45,11 +87,7 @@ impl PartOptions {
         let boxes = self.boxes(tree)?;
         if let Some([west, east]) = boxes.as_deref() {
             let span = |bounds: &Bounds| format!("columns {} to {}", bounds.min[0], bounds.max[0]);
-            anyhow::bail!(
-                "the box lies across the tree's seam, in {} and {}; {advice}",
-                span(west),
-                span(east)
-            );
+            bail!("the window lies across the tree's seam, in {} and {}; {advice}", span(west), span(east));
         }
         Ok(boxes.map(|boxes| boxes[0]))
     }
@@ -57,39 +95,36 @@ impl PartOptions {
     /// The cells of the deepest level that are meant: one box, or two where it lies across the tree's seam, the western first;
     /// `None`: all.
     pub(crate) fn boxes(&self, tree: &Dataset) -> Result<Option<Vec<Bounds>>> {
-        let (name, numbers, usual) = match (self.window, self.bbox) {
-            (Some(window), _) if self.coordinates.are_cells() => {
-                return window_cells(tree, window, 2).map(|found| Some(vec![found]));
-            }
-            (Some(window), _) => ("--window", window, Coordinates::World),
-            (None, Some(bbox)) => ("--bbox", bbox, Coordinates::World),
-            (None, None) => return Ok(None),
-        };
+        let Some(window) = self.window else { return Ok(None) };
+        let is_octree = tree.header().form.axes() == 3;
         ensure!(
-            self.coordinates.given() != Some(&Coordinates::Cells),
-            "--bbox is in the world: with --in cells use --window COL,ROW,W,H"
+            is_octree || !self.is_solid(),
+            "--window: six numbers are for octrees; this is a quadtree, which has columns and rows"
         );
-        let [west, south, east, north] = numbers;
-        let places = self.coordinates.places(tree, usual)?;
-        let boxes = places.boxes([west, south, f64::NEG_INFINITY], [east, north, f64::INFINITY]);
-        let boxes = boxes.map_err(|error| anyhow::anyhow!("{name}: {error}"))?;
+        if self.coordinates.are_cells() {
+            return window_cells(tree, window, 2).map(|found| Some(vec![found]));
+        }
+        let [low, high] = window.corners();
+        let places = self.coordinates.places(tree, Coordinates::World)?;
+        let boxes = places.boxes(low, high).map_err(|error| anyhow::anyhow!("--window: {error}"))?;
         if boxes.is_empty() {
-            let swapped = places.boxes([south, west, f64::NEG_INFINITY], [north, east, f64::INFINITY]);
-            let advice = match swapped {
+            let swapped = |[x, y, z]: [f64; 3]| [y, x, z];
+            let advice = match places.boxes(swapped(low), swapped(high)) {
                 Ok(boxes) if !boxes.is_empty() => "; are longitude and latitude (x and y) swapped?",
                 _ => "",
             };
-            anyhow::bail!("{name}: outside the picture, which is {}{advice}", places.picture());
+            let what = if is_octree { "solid" } else { "picture" };
+            bail!("--window: outside the {what}, which is {}{advice}", places.picture());
         }
         Ok(Some(boxes))
     }
 
     /// The cells of the deepest level that are meant in a slice across an axis: see [`PartOptions::boxes`].
     pub(crate) fn slice_boxes(&self, tree: &Dataset, across: usize) -> Result<Option<Vec<Bounds>>> {
+        ensure!(!self.is_solid(), "--window: of a slice four numbers are expected");
         if across == 2 {
             return self.boxes(tree);
         }
-        ensure!(self.bbox.is_none(), "--bbox is for slices across z; use --window");
         ensure!(
             self.window.is_none() || self.coordinates.are_cells(),
             "--window in other coordinates than cells is for slices across z"
@@ -98,32 +133,53 @@ impl PartOptions {
     }
 }
 
-/// The cells of a window, as it is seen along an axis, in all slices.
-fn window_cells(tree: &Dataset, window: [f64; 4], across: usize) -> Result<Bounds> {
+/// The cells of a window; of one along two axes as it is seen along an axis, in all slices.
+fn window_cells(tree: &Dataset, window: Window, across: usize) -> Result<Bounds> {
     let is_cell = |number: &f64| number.fract() == 0.0 && (0.0..2e19).contains(number);
+    let numbers = window.numbers();
     ensure!(
-        window.iter().all(is_cell),
-        "--window: cells are whole numbers and none is negative: column, row, columns, rows; see --in for other coordinates"
+        numbers.iter().all(is_cell),
+        "--window: cells are whole numbers and none is negative: a first cell, and numbers of cells; see --in for other coordinates"
     );
-    let [column, row, width, height] = window.map(|number| number as u64);
-    ensure!(width > 0 && height > 0, "--window: {width} columns by {height} rows, at least 1 by 1 needed");
     // Columns and rows are the other two axes, in order.
-    let [columns, rows] = [[1, 2], [0, 2], [0, 1]][across];
+    let axes: &[usize] = match window {
+        Window::Flat(_) => &[[1, 2], [0, 2], [0, 1]][across],
+        Window::Solid(_) => &[0, 1, 2],
+    };
+    let text =
+        |numbers: &[f64], between| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(between);
+    let (first, size) = numbers.split_at(axes.len());
+    ensure!(
+        size.iter().all(|length| *length > 0.0),
+        "--window: {} cells, at least one along each axis is needed",
+        text(size, " x ")
+    );
     let extent = tree.header().extent;
     let mut bounds = Bounds::picture(extent);
-    (bounds.min[columns], bounds.max[columns]) = (column, column.saturating_add(width));
-    (bounds.min[rows], bounds.max[rows]) = (row, row.saturating_add(height));
+    for ((axis, first), size) in axes.iter().zip(first).zip(size) {
+        let first = *first as u64;
+        (bounds.min[*axis], bounds.max[*axis]) = (first, first.saturating_add(*size as u64));
+    }
+    let all: Vec<f64> = axes.iter().map(|axis| extent[*axis] as f64).collect();
     ensure!(
-        column < extent[columns] && row < extent[rows],
-        "--window: {column},{row} is outside the picture, which has {} x {} cells",
-        extent[columns],
-        extent[rows]
+        axes.iter().all(|axis| bounds.min[*axis] < extent[*axis]),
+        "--window: {} is outside the tree, which has {} cells",
+        text(first, ","),
+        text(&all, " x ")
     );
     Ok(bounds)
 }
 
-/// Reads four finite numbers with commas between them.
-fn four(text: &str) -> Result<[f64; 4], String> {
-    let numbers = numbers(text).filter(|numbers: &[f64; 4]| numbers.iter().all(|number| number.is_finite()));
-    numbers.ok_or_else(|| "expected four numbers, as in 1,2,3,4".into())
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_have_four_or_six_numbers() {
+        assert_eq!(parse_window("1,2,3,4"), Ok(Window::Flat([1.0, 2.0, 3.0, 4.0])));
+        assert_eq!(parse_window(" -1,2.5,3,4,5,6"), Ok(Window::Solid([-1.0, 2.5, 3.0, 4.0, 5.0, 6.0])));
+        for text in ["", "1,2,3", "1,2,3,4,5", "1,2,3,inf", "a,b,c,d"] {
+            assert!(parse_window(text).is_err(), "{text}");
+        }
+    }
 }

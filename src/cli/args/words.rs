@@ -26,7 +26,7 @@ mod tests {
         for list in ["-1,2", "-123.5,49.5", "-1e3 -2", "-.5;0,1", "-1,2,3"] {
             assert!(is_negative_list(list), "{list}");
         }
-        for other in ["-1", "1,2", "-", "--", "-q", "-q,1", "--bbox=-1,2", "-1,x", ""] {
+        for other in ["-1", "1,2", "-", "--", "-q", "-q,1", "--window=-1,2", "-1,x", ""] {
             assert!(!is_negative_list(other), "{other}");
         }
     }

@@ -1,4 +1,4 @@
-//! `spinney build --exact`: exact models.
+//! `spinney build --brep`: exact models.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use spinney::import::mesh::{self, ExactOptions, ExactReport, Model, Repair};
 use spinney::io::Output;
 
 use super::solids::SolidArgs;
-use super::{Common, Grid, Lines};
+use super::{Common, Lines};
 
 /// Models that are open, and what is to be made of them.
 pub(super) struct ExactImport {
@@ -22,10 +22,10 @@ impl ExactImport {
     pub(super) fn plan(inputs: &[PathBuf], solids: &SolidArgs, common: &Common) -> Result<ExactImport> {
         let models = mesh::open_all(inputs, common.memory.bytes)?;
         let mut options = ExactOptions::new();
-        options.grid = common.grid.and_then(Grid::step);
+        options.snap = solids.snap;
         options.close = solids.close;
         options.repair = solids.repair;
-        options.boolean_faces = solids.boolean.unwrap_or(options.boolean_faces);
+        options.leaf_size = solids.leaf_size.unwrap_or(options.leaf_size);
         options.up = solids.up.unwrap_or_default();
         options.unit = solids.unit.clone();
         options.crs = common.crs.clone();

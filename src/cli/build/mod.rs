@@ -5,15 +5,18 @@ mod pictures;
 mod solids;
 mod tree;
 
-use std::path::PathBuf;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
 use spinney::Progress;
+use spinney::dataset::Dataset;
 use spinney::import::mesh::{self, SolidImport};
-use spinney::import::{raster, volume};
+use spinney::import::raster::{self, TargetGrid};
+use spinney::import::volume;
 use spinney::io::Output;
-use spinney::ops::WarpOptions;
+use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::space::Crs;
 use spinney::store::{check_tree_name, file_is_tree};
 
@@ -21,9 +24,9 @@ use self::exact::ExactImport;
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use self::tree::TreeImport;
-use super::Global;
 use super::args::{Memory, OutputLimit, check_output, parse_crs};
 use super::report::{Work, report_built};
+use super::{Global, open};
 
 /// Make a tree of a picture, or of several on one grid, of a volume, or of models of solids.
 ///
@@ -33,11 +36,11 @@ use super::report::{Work, report_built};
 /// overrule it.
 ///
 /// Reads volumes, such as those of scanners: NPY files, as numpy.save writes them, of shape (z, y, x) in C order, or (z, y, x,
-/// channels). They become octrees of their samples, which `get --box` writes as NPY again, and `contours` makes surfaces of.
+/// channels). They become octrees of their samples, which `get` writes as NPY again, and `contours` makes surfaces of.
 ///
 /// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses
 /// becomes an octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by
-/// its winding field, to 0.01, where it is not. Several models become one solid. With --exact the faces themselves are
+/// its winding field, to 0.01, where it is not. Several models become one solid. With --brep the faces themselves are
 /// kept, which must bound a body.
 ///
 /// Takes a tree, too, and keeps what it tells about its cells, such as kind, rule, coordinate system and names, unless options
@@ -50,7 +53,7 @@ pub(crate) struct Args {
     /// Raster files (of several, the last lies on top), a volume, models, or a tree
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
-    /// The file to make; - is standard output
+    /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
     #[command(flatten)]
@@ -79,35 +82,29 @@ struct Common {
     /// Store equal subtrees once; for .autumn files
     #[arg(long)]
     share: bool,
-    /// Pictures: xyz warps them to the grid of web maps, web mercator with the world as the root, so that tiles are nodes; takes a
-    /// temporary file beside the output. Exact models: width of the steps that corners are moved to, such as 0.001 [default: the
-    /// file's own grid, or the least power of two that leaves about 2^26 steps along the longest side]
-    #[arg(long, value_name = "xyz|WIDTH", value_parser = parse_grid)]
+    /// Time of the commit that an .autumn file begins with, in seconds since the beginning of 1970 [default: none, so that the same
+    /// input makes the same bytes]
+    #[arg(long, value_name = "SECONDS", env = "SOURCE_DATE_EPOCH", allow_negative_numbers = true)]
+    time: Option<i64>,
+    /// Grid of the cells: xyz is that of web maps, web mercator with the world as the root, so that tiles are nodes; a tree file
+    /// stands for its own cells, so that both can be combined. Pictures are warped, by way of a temporary file beside the output
+    #[arg(long, value_name = "xyz|TREE")]
     grid: Option<Grid>,
 }
 
 /// A grid that is not the input's own.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 enum Grid {
     /// That of web maps.
     Xyz,
-    /// Steps of this width, for exact models.
-    Steps(f64),
+    /// That of another tree.
+    Like(PathBuf),
 }
 
-impl Grid {
-    /// The width of steps.
-    fn step(self) -> Option<f64> {
-        if let Grid::Steps(width) = self { Some(width) } else { None }
+impl From<OsString> for Grid {
+    fn from(text: OsString) -> Grid {
+        if text == "xyz" { Grid::Xyz } else { Grid::Like(text.into()) }
     }
-}
-
-/// Reads a grid.
-fn parse_grid(text: &str) -> Result<Grid, String> {
-    if text == "xyz" {
-        return Ok(Grid::Xyz);
-    }
-    text.parse().map(Grid::Steps).map_err(|_| "expected xyz, or a width such as 0.001".into())
 }
 
 const EXAMPLES: &str = "\
@@ -119,8 +116,8 @@ Examples:
   spinney build scan.png -o scan.goblin --crs EPSG:3857 --transform 0.5,0,1000,0,-0.5,2000
   spinney build scan.npy -o scan.goblin --nodata -1024 --transform 0.7,0.7,1.25
   spinney build bunny.ply -o bunny.goblin --cells 1024
-  spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --boundary coverage
-  spinney build part.stl -o exact.goblin --exact
+  spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --edge area
+  spinney build part.stl -o exact.goblin --brep
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
   spinney build landcover.tif -o landcover.autumn --share
   spinney build heights.goblin -o highest.goblin --rule max
@@ -134,12 +131,21 @@ stays.";
 /// Inputs that are open and understood, ready to be built.
 enum Import {
     Pictures(Box<raster::RasterImport>),
-    /// Pictures on the grid of web maps: see [`WarpGrid::web_mercator`](spinney::ops::WarpGrid::web_mercator).
-    WebMap(Box<raster::RasterImport>, Option<u8>, WarpOptions),
+    /// Pictures on another grid than their own.
+    Warped(Box<raster::RasterImport>, TargetGrid, WarpOptions),
     Volume(Box<volume::VolumeImport>),
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
     Tree(Box<TreeImport>),
+}
+
+/// The cells of a tree with so many axes.
+fn grid_of(tree: &Dataset, axes: usize, path: &Path) -> Result<WarpGrid> {
+    let name = ["a quadtree", "an octree"];
+    if tree.header().form.axes() != axes {
+        bail!("--grid: {} is {}, {} is needed", path.display(), name[3 - axes], name[axes - 2]);
+    }
+    Ok(WarpGrid { frame: tree.metadata().frame.clone(), extent: tree.header().extent })
 }
 
 /// Lines about what was built, each with its heading.
@@ -148,20 +154,11 @@ type Lines = Vec<(&'static str, String)>;
 impl Import {
     fn description(&self) -> &[(&'static str, String)] {
         match self {
-            Import::Pictures(import) | Import::WebMap(import, ..) => import.description(),
+            Import::Pictures(import) | Import::Warped(import, ..) => import.description(),
             Import::Volume(import) => import.description(),
             Import::Solid(import) => import.description(),
             Import::Exact(import) => import.description(),
             Import::Tree(import) => import.description(),
-        }
-    }
-
-    /// Bytes that the cells would need as plain samples; unknown of solids, whose cells are no input.
-    fn raw_bytes(&self) -> Option<u64> {
-        match self {
-            Import::Pictures(import) | Import::WebMap(import, ..) => Some(import.raw_bytes()),
-            Import::Volume(import) => Some(import.raw_bytes()),
-            Import::Solid(_) | Import::Exact(_) | Import::Tree(_) => None,
         }
     }
 
@@ -176,9 +173,15 @@ impl Import {
                 import.build(output, progress)?;
                 Ok(Lines::new())
             }
-            Import::WebMap(import, max_zoom, warp) => {
-                let made = import.build_web_mercator(max_zoom, &warp, output, progress)?;
-                Ok(vec![("grid", format!("web mercator to zoom {}, {}", made.max_zoom, made.resampling))])
+            Import::Warped(import, target, warp) => {
+                let made = import.build_warped(&target, &warp, output, progress)?;
+                let grid = match target {
+                    TargetGrid::WebMercator(_) => {
+                        format!("web mercator to zoom {}", made.depth.saturating_sub(8))
+                    }
+                    TargetGrid::Cells(_) => "the other tree's".into(),
+                };
+                Ok(vec![("grid", format!("{grid}, {}", made.resampling))])
             }
             Import::Solid(import) => Ok(solids.lines(&import.build(output, progress)?)),
             Import::Exact(import) => import.build(output, solids.stats, progress),
@@ -211,12 +214,12 @@ impl Args {
             if common.grid == Some(Grid::Xyz) {
                 bail!("--grid xyz is for pictures, not for models");
             }
-            if solids.exact {
+            if solids.brep {
                 return Ok(Import::Exact(Box::new(ExactImport::plan(inputs, solids, common)?)));
             }
             // (Whoever asks for cells has ruled out what these options require, and is not told by their declarations.)
-            if let Some(option) = common.grid.map(|_| "--grid").or(solids.of_exact_models()) {
-                bail!("{option} is for exact models: add --exact, without --cells, --cell and --like");
+            if let Some(option) = solids.of_exact_models() {
+                bail!("{option} is for exact models: add --brep, without --cells, --cell and --grid");
             }
             return Ok(Import::Solid(Box::new(solids.plan(inputs, output, common)?)));
         }
@@ -237,19 +240,22 @@ impl Args {
         }
         let options = pictures.import_options(common)?;
         let import = || raster::plan(inputs, &options).map(Box::new);
-        match common.grid {
+        let target = match &common.grid {
             Some(Grid::Xyz) if common.depth.is_some() => {
                 bail!("--depth: with --grid xyz say --max-zoom, the depth less 8")
             }
-            Some(Grid::Xyz) => Ok(Import::WebMap(import()?, pictures.max_zoom, pictures.warp_options())),
-            Some(Grid::Steps(_)) => {
-                bail!("--grid: a width is for exact models; pictures can have --grid xyz")
+            Some(Grid::Xyz) => TargetGrid::WebMercator(pictures.max_zoom),
+            Some(Grid::Like(_)) if pictures.max_zoom.is_some() => bail!("--max-zoom is for --grid xyz"),
+            Some(Grid::Like(path)) => {
+                check_output([path.as_path()], output)?;
+                TargetGrid::Cells(Box::new(grid_of(&open(path)?, 2, path)?))
             }
-            None => match pictures.of_web_grid() {
-                Some(option) => bail!("{option} is for --grid xyz"),
-                None => Ok(Import::Pictures(import()?)),
+            None => match pictures.of_warping() {
+                Some(option) => bail!("{option} is for --grid"),
+                None => return Ok(Import::Pictures(import()?)),
             },
-        }
+        };
+        Ok(Import::Warped(import()?, target, pictures.warp_options()))
     }
 }
 
@@ -259,7 +265,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     for (heading, text) in import.description() {
         global.report(heading, text);
     }
-    let raw = import.raw_bytes();
+    let input = args.inputs.iter().map(|input| std::fs::metadata(input).map_or(0, |file| file.len())).sum();
     let work = Work::start(global, "cells")?;
     let output = args.common.limit.create_tree(&args.output)?;
     let lines = import.build(output, &args.solids, &work)?;
@@ -267,6 +273,9 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     for (heading, text) in lines {
         global.report(heading, text);
     }
-    report_built(global, &args.output, start, raw);
+    report_built(global, &args.output, start, Some(input));
+    if args.output != Path::new("-") {
+        global.report("next", format_args!("spinney show {}", args.output.display()));
+    }
     Ok(())
 }

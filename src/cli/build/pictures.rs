@@ -17,14 +17,14 @@ pub(super) struct PictureArgs {
     /// the file]
     #[arg(long)]
     pub(super) kind: Option<Kind>,
-    /// The value that stands for many at coarse detail: mean, majority, dominant, min, max or nearest
+    /// Rule for the value that stands for many at coarse detail: mean, majority, dominant, min, max or nearest
     /// [default: mean of amounts, majority of classes]
     #[arg(long)]
     pub(super) rule: Option<Rule>,
     /// Channels to take, counted from 1, in this order [default: all]
     #[arg(long, value_name = "N,...", value_delimiter = ',')]
     band: Option<Vec<usize>>,
-    /// The number that means nothing is there [default: from the file]
+    /// Number that means VOID, that nothing is there [default: from the file]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     nodata: Option<f64>,
     /// Coordinates of the pixels: x = a col + b row + c, y = d col + e row + f [default: from the file]. Volumes: widths of a cell
@@ -38,15 +38,15 @@ pub(super) struct PictureArgs {
     /// [default: they are VOID]
     #[arg(long)]
     keep_transparent: bool,
-    /// With --grid xyz: the zoom whose tiles of 256 x 256 cells are the deepest [default: that whose cells are closest in size to
-    /// the picture's pixels, in its middle]
+    /// Zoom whose tiles of 256 x 256 cells are the deepest, with --grid xyz [default: that whose cells are closest in size to the
+    /// picture's pixels, in its middle]
     #[arg(long, value_name = "Z")]
     pub(super) max_zoom: Option<u8>,
-    /// With --grid xyz: how cells get their values: nearest, bilinear, cubic, area or majority [default: nearest class or
-    /// bilinear amounts; majority or area where cells are more than 1.5 times as large as pixels]
+    /// Resampling, with --grid: nearest, bilinear, cubic, area or majority [default: nearest class or bilinear amounts;
+    /// majority or area where cells are more than 1.5 times as large as pixels]
     #[arg(long, value_name = "WAY")]
     resampling: Option<Resampling>,
-    /// With --grid xyz: take the datum for WGS 84 where its shift is unknown or needs a grid, which may be off by some hundred metres
+    /// Take datums for WGS 84 whose shift to it is unknown or needs a grid, with --grid: may be off by some hundred metres
     #[arg(long)]
     allow_ballpark: bool,
 }
@@ -69,7 +69,7 @@ impl PictureArgs {
             || transform.is_some()
             || layer.is_some()
             || *keep_transparent
-            || self.of_web_grid().is_some()
+            || self.of_warping().is_some()
     }
 
     /// An option that was given and says what cells are made of.
@@ -83,8 +83,8 @@ impl PictureArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// An option that was given and is for the grid of web maps alone.
-    pub(super) fn of_web_grid(&self) -> Option<&'static str> {
+    /// An option that was given and is for another grid than the picture's own.
+    pub(super) fn of_warping(&self) -> Option<&'static str> {
         let given = [
             ("--max-zoom", self.max_zoom.is_some()),
             ("--resampling", self.resampling.is_some()),
@@ -93,7 +93,7 @@ impl PictureArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// The way to the grid of web maps.
+    /// The way to another grid.
     pub(super) fn warp_options(&self) -> WarpOptions {
         let mut options = WarpOptions::default();
         (options.resampling, options.allow_ballpark) = (self.resampling, self.allow_ballpark);
@@ -103,10 +103,10 @@ impl PictureArgs {
     /// All that is asked of an import.
     pub(super) fn import_options(&self, common: &Common) -> Result<ImportOptions> {
         let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self.clone();
-        let Common { depth, crs, memory, share, .. } = common;
+        let Common { depth, crs, memory, share, time, .. } = common;
         let mut options = ImportOptions::new();
         (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
-        (options.depth, options.crs, options.share) = (*depth, crs.clone(), *share);
+        (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);
         options.layer = layer;
         options.transform = match transform {
             None => None,
@@ -121,18 +121,18 @@ impl PictureArgs {
     /// All that is asked of an import of a volume.
     pub(super) fn volume_options(&self, common: &Common) -> Result<VolumeOptions> {
         let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self;
-        let Common { depth, crs, memory, share, grid, .. } = common;
+        let Common { depth, crs, memory, share, time, grid, .. } = common;
         if band.is_some()
             || layer.is_some()
             || *keep_transparent
             || grid.is_some()
-            || self.of_web_grid().is_some()
+            || self.of_warping().is_some()
         {
             bail!("--band, --layer, --keep-transparent and --grid with its options are not for volumes");
         }
         let mut options = VolumeOptions::new();
         (options.kind, options.rule, options.nodata) = (*kind, *rule, *nodata);
-        (options.depth, options.crs, options.share) = (*depth, crs.clone(), *share);
+        (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);
         options.transform = match *transform {
             None => None,
             Some(Transform::Volume(matrix)) => Some(matrix),

@@ -2,44 +2,38 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, bail};
 use spinney::geometry::Stages;
 use spinney::import::mesh::{
-    self, Attribute, Boundary, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
+    self, Attribute, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
 };
-use spinney::space::Up;
+use spinney::space::{EdgeRule, Up};
 
 use super::super::{args::check_output, open};
-use super::{Common, Lines};
+use super::{Common, Grid, Lines, grid_of};
 
 /// Options for models only.
 #[derive(clap::Args, Debug)]
 #[command(next_help_heading = "Solids (PLY, OBJ, STL, OFF, CityJSON)")]
 pub(super) struct SolidArgs {
     /// Cells along the model's longest side [default: 256]
-    #[arg(long, value_name = "N", conflicts_with_all = ["depth", "like"])]
+    #[arg(long, value_name = "N", conflicts_with_all = ["depth", "grid"])]
     cells: Option<u64>,
     /// Width of a cell, such as 0.5 or 0.5mm; models built with the same width fit together
-    #[arg(long, value_name = "WIDTH", conflicts_with_all = ["cells", "depth", "like"], value_parser = parse_width)]
+    #[arg(long, value_name = "WIDTH", conflicts_with_all = ["cells", "depth", "grid"], value_parser = parse_width)]
     cell: Option<Width>,
-    /// The cells of another tree, so that both can be combined
-    #[arg(long, value_name = "OTHER.goblin", conflicts_with = "depth")]
-    like: Option<PathBuf>,
-    /// All that the surface encloses; this is the default
-    #[arg(long, conflicts_with = "surface")]
-    solid: bool,
-    /// No more than the cells that the surface cuts
+    /// No more than the cells that the surface cuts, instead of all that it encloses
     #[arg(long)]
-    surface: bool,
-    /// Cells that the surface cuts: full (all belong to it), centre (those whose centre is inside) or
-    /// coverage (as far as they are inside) [default: centre]
+    shell: bool,
+    /// Cells at the edge, which the surface cuts: centre (those whose centre is inside), touch (all of them) or area (each as far as
+    /// it is inside) [default: centre]
     #[arg(long, value_name = "RULE")]
-    boundary: Option<Boundary>,
-    /// Content of cells: occupancy (255 is full), colour, or part (the number of an object, group or
+    edge: Option<EdgeRule>,
+    /// Attribute that cells have: occupancy (255 is full), colour, or part (the number of an object, group or
     /// material) [default: occupancy]
     #[arg(long)]
     attribute: Option<Attribute>,
-    /// The axis of the model that points up; y is turned to z [default: z]
+    /// Axis that points up in the model, y or z; y is turned to z [default: z]
     #[arg(long, value_name = "AXIS")]
     pub(super) up: Option<Up>,
     /// Unit of the model's coordinates, where the file does not say: mm, cm, m, km, in or ft
@@ -49,18 +43,22 @@ pub(super) struct SolidArgs {
     #[arg(long)]
     pub(super) stats: bool,
     /// Keep the faces as they are, on a fine grid, instead of making cells: an exact model
-    #[arg(long, conflicts_with_all = ["cells", "cell", "like", "depth", "surface", "boundary", "attribute", "share"])]
-    pub(super) exact: bool,
+    #[arg(long, conflicts_with_all = ["cells", "cell", "grid", "depth", "shell", "edge", "attribute", "share"])]
+    pub(super) brep: bool,
     /// Faces that a cell may have and end, whatever their planes have in common; 0 divides cells until these have a
     /// point in common, as in the literature [default: 12]
-    #[arg(long, value_name = "N", requires = "exact")]
-    pub(super) boolean: Option<usize>,
+    #[arg(long, value_name = "N", requires = "brep")]
+    pub(super) leaf_size: Option<usize>,
+    /// Width of the steps that corners are moved to, such as 0.001 [default: the file's own grid, or the least power of two that
+    /// leaves about 2^26 steps along the longest side]
+    #[arg(long, value_name = "WIDTH", requires = "brep")]
+    pub(super) snap: Option<f64>,
     /// Close an open surface with triangles over its boundaries
-    #[arg(long, requires = "exact")]
+    #[arg(long, requires = "brep")]
     pub(super) close: bool,
     /// Resolve a surface that passes through itself: what it goes around once or more is inside. Its faces are held in
     /// memory
-    #[arg(long, requires = "exact")]
+    #[arg(long, requires = "brep")]
     pub(super) repair: bool,
 }
 
@@ -91,65 +89,68 @@ impl SolidArgs {
         let SolidArgs {
             cells,
             cell,
-            like,
-            solid,
-            surface,
-            boundary,
+            shell,
+            edge,
             attribute,
             up,
             unit,
             stats,
-            exact,
+            brep,
             close: _,
             repair: _,
-            boolean: _,
+            leaf_size: _,
+            snap: _,
         } = self;
         cells.is_some()
             || cell.is_some()
-            || like.is_some()
-            || *solid
-            || *surface
-            || boundary.is_some()
+            || *shell
+            || edge.is_some()
             || attribute.is_some()
             || up.is_some()
             || unit.is_some()
             || *stats
-            || *exact
+            || *brep
     }
 
     /// An option that was given and is for exact models alone.
     pub(super) fn of_exact_models(&self) -> Option<&'static str> {
-        let given =
-            [("--boolean", self.boolean.is_some()), ("--close", self.close), ("--repair", self.repair)];
+        let given = [
+            ("--leaf-size", self.leaf_size.is_some()),
+            ("--snap", self.snap.is_some()),
+            ("--close", self.close),
+            ("--repair", self.repair),
+        ];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
     /// Opens models, and plans how they become one solid.
     pub(super) fn plan(&self, inputs: &[PathBuf], output: &Path, common: &Common) -> Result<SolidImport> {
-        let Common { depth, crs, memory, share, .. } = common;
-        check_output(self.like.as_deref(), output)?;
+        let Common { depth, crs, memory, share, time, grid, .. } = common;
+        let like = match grid {
+            Some(Grid::Like(path)) => Some(path.as_path()),
+            _ => None,
+        };
+        check_output(like, output)?;
         let models = mesh::open_all(inputs, memory.bytes)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());
         let mut options = SolidOptions::new();
-        options.resolution = self.resolution(*depth, unit.as_deref())?;
-        options.boundary = self.boundary.unwrap_or_default();
+        options.resolution = self.resolution(*depth, like, unit.as_deref())?;
+        options.edge = self.edge.unwrap_or_default();
         options.attribute = self.attribute.unwrap_or_default();
-        options.surface = self.surface;
+        options.shell = self.shell;
         options.up = self.up.unwrap_or_default();
         options.unit = self.unit.clone().or(unit);
         options.crs = crs.clone();
         options.memory = memory.bytes;
-        options.share = *share;
-        if self.surface && self.boundary.is_some() {
-            bail!(
-                "--boundary: says which cells belong to a solid; with --surface all that the surface cuts do"
-            );
+        (options.share, options.time) = (*share, *time);
+        if self.shell && self.edge.is_some() {
+            bail!("--edge: says which cells belong to a solid; with --shell all that the surface cuts do");
         }
         Ok(mesh::plan_models(models, &options)?)
     }
 
     /// The resolution that is asked for; `depth` is that of the tree, and `unit` the models' own unit.
-    fn resolution(&self, depth: Option<u8>, unit: Option<&str>) -> Result<Resolution> {
+    fn resolution(&self, depth: Option<u8>, like: Option<&Path>, unit: Option<&str>) -> Result<Resolution> {
         if let Some(Width(width, given)) = &self.cell {
             let Some(given) = given else { return Ok(Resolution::Cell(*width)) };
             let unit = self.unit.as_deref().or(unit);
@@ -157,14 +158,9 @@ impl SolidArgs {
             let of = |unit: &str| metres(unit).with_context(|| format!("unknown unit {unit}; use --unit"));
             return Ok(Resolution::Cell(width * of(given)? / of(unit)?));
         }
-        if let Some(path) = &self.like {
+        if let Some(path) = like {
             let tree = open(path)?;
-            ensure!(
-                tree.header().form.axes() == 3,
-                "{}: is a quadtree, --like needs an octree",
-                path.display()
-            );
-            return Ok(Resolution::Like(tree.metadata().frame.clone(), tree.depth()));
+            return Ok(Resolution::Like(grid_of(&tree, 3, path)?.frame, tree.depth()));
         }
         Ok(depth.map_or(Resolution::Cells(self.cells.unwrap_or(256)), Resolution::Depth))
     }
@@ -180,7 +176,7 @@ impl SolidArgs {
                 }
                 _ => {
                     "the tree is empty: the surface encloses no cell, as it is open, flat, there twice in \
-                     opposite senses or thinner than a cell; --surface builds the cells that it cuts"
+                     opposite senses or thinner than a cell; --shell builds the cells that it cuts"
                 }
             };
             lines.push(("warning", text.into()));

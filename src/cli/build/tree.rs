@@ -30,12 +30,14 @@ impl TreeImport {
         if let Some(option) = pictures.of_cells() {
             bail!("{option} is for pictures and volumes; {name} is a tree, whose cells are taken as they are")
         }
-        if common.grid.is_some() || pictures.of_web_grid().is_some() {
-            bail!("--grid: {name} is a tree; `spinney transform {name} grid=xyz -o OUT` warps it")
+        if common.grid.is_some() || pictures.of_warping().is_some() {
+            bail!(
+                "--grid: {name} is a tree; `spinney transform {name} grid=xyz -o OUT` or `like=TREE` warps it"
+            )
         }
         let tree = open(input)?;
         let mut options = tree.build_options(common.memory.bytes);
-        options.share = common.share;
+        (options.share, options.time) = (common.share, common.time);
         if let Some(kind) = pictures.kind
             && kind != options.kind
         {

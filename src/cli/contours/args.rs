@@ -9,11 +9,11 @@ use crate::cli::args::{Memory, OutputLimit, ViewedTree, number};
 const EXAMPLES: &str = "Examples:
   spinney contours dem.goblin --every 100 -o contours.geojson
   spinney contours dem.goblin --every 100 --base 50 --level 9 -o overview.svg
-  spinney contours dem.goblin --levels 0,200,500,1000 -o contours.gpkg
-  spinney contours dem.goblin --levels 0,200,500,1000 --bands -o zones.gpkg
-  spinney contours dem.goblin --every 20 --view bbox=5,44,17,48 -o alps.csv
-  spinney contours scan.goblin --levels 127.5 -o bone.ply
-  spinney contours scan.goblin --levels 300,1200 --nodata close --level 7 -o parts.obj
+  spinney contours dem.goblin --at 0,200,500,1000 -o contours.gpkg
+  spinney contours dem.goblin --at 0,200,500,1000 --filled -o zones.gpkg
+  spinney contours dem.goblin --every 20 --view window=5,44,17,48,in=world -o alps.csv
+  spinney contours scan.goblin --at 127.5 -o bone.ply
+  spinney contours scan.goblin --at 300,1200 --ends close --level 7 -o parts.obj
 
 Values go straight from one cell's centre to the next. One that is equal to a level counts as above it;
 four cells that make a saddle, by their mean. Lines of a level never touch: they stay a millionth of a
@@ -29,8 +29,8 @@ a member \"crs\", as in the format's version of 2008.";
 
 /// Write contour lines of a picture at any level of detail, the areas between them, or isosurfaces of an octree
 ///
-/// The values are those of the first channel. Parts of the tree whose extremes exclude all levels are not read. Lines have the attribute value; bands, which are polygons with holes,
-/// min and max. Memory does not grow with the picture's area, only, with --bands, with the number of holes in polygons that are not whole yet: lines
+/// The values are those of the first channel. Parts of the tree whose extremes exclude all levels are not read. Lines have the attribute value; areas, which are polygons with holes,
+/// min and max. Memory does not grow with the picture's area, only, with --filled, with the number of holes in polygons that are not whole yet: lines
 /// that wait for their ends are put into a temporary file beside the output.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -38,12 +38,12 @@ pub(crate) struct Args {
     #[command(flatten)]
     pub(super) tree: ViewedTree,
     #[command(flatten)]
-    pub(super) levels: LevelOptions,
-    /// The value that --every counts from
+    pub(super) values: LevelOptions,
+    /// Value that --every counts from
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true, requires = "every")]
     pub(super) base: f64,
-    /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp, .obj or .ply, of an octree .ply, .obj, .stl or .off;
-    /// `-` is standard output
+    /// File to write: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp, .obj or .ply, of an octree .ply, .obj, .stl or .off;
+    /// - is standard output
     #[arg(short, long, value_name = "FILE")]
     pub(super) output: PathBuf,
     /// Format where the output's name does not say
@@ -51,18 +51,18 @@ pub(crate) struct Args {
     pub(super) format: Option<String>,
     /// Areas between neighbouring levels instead of lines
     #[arg(long)]
-    pub(super) bands: bool,
+    pub(super) filled: bool,
     /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they were
     #[arg(long)]
     pub(super) level: Option<u8>,
-    /// Behaviour of lines and surfaces near VOID cells; bands always go on to the edge of the last cells
-    #[arg(long, value_name = "WHAT", default_value = "open", conflicts_with = "bands")]
-    pub(super) nodata: Nodata,
-    /// Cut the corners of lines so many times, which doubles their points each time
-    #[arg(long, value_name = "TIMES", default_value_t = 0, conflicts_with = "bands")]
+    /// Ends of lines and surfaces near VOID cells; areas always go on to the edge of the last cells
+    #[arg(long, value_name = "WHAT", default_value = "open", conflicts_with = "filled")]
+    pub(super) ends: Ends,
+    /// Smooth lines: cut their corners so many times, which doubles their points each time (Chaikin 1974)
+    #[arg(long, value_name = "TIMES", default_value_t = 0, conflicts_with = "filled")]
     #[arg(value_parser = clap::value_parser!(u8).range(0..=8))]
     pub(super) smooth: u8,
-    /// Points with a third coordinate: the value, of bands the least one
+    /// Points with a third coordinate: the value, of areas the least one
     #[arg(long = "3d")]
     pub(super) has_z: bool,
     #[command(flatten)]
@@ -78,13 +78,13 @@ pub(super) struct LevelOptions {
     /// Distance between neighbouring levels
     #[arg(long, value_name = "STEP")]
     pub(super) every: Option<f64>,
-    /// The levels
+    /// At which values
     #[arg(long, value_name = "V,...", value_delimiter = ',', allow_hyphen_values = true, value_parser = number::<f64>)]
-    pub(super) levels: Option<Vec<f64>>,
+    pub(super) at: Option<Vec<f64>>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub(super) enum Nodata {
+pub(super) enum Ends {
     /// End: no line goes between four cells of which one is VOID, and no surface between eight
     Open,
     /// Go on to the edge of the last cells and end there, as those of gdal_contour; lines only

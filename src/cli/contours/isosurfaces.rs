@@ -18,7 +18,7 @@ pub(super) fn run(
     global: &Global,
     start: Instant,
 ) -> Result<()> {
-    let given = [("--bands", args.bands), ("--smooth", args.smooth > 0), ("--3d", args.has_z)];
+    let given = [("--filled", args.filled), ("--smooth", args.smooth > 0), ("--3d", args.has_z)];
     if let Some((option, _)) = given.iter().find(|(_, is_given)| *is_given) {
         let file = args.tree.file.display();
         bail!("{option}: is for contours of pictures; {file} is an octree, which has isosurfaces");
@@ -43,7 +43,7 @@ pub(super) fn run(
         && let Some((least, greatest)) = tree.value_bounds()?.first()
     {
         let found = format!("has no triangles: values go from {least} to {greatest}");
-        let advice = "and surfaces end where VOID is near, unless --nodata is close";
+        let advice = "and surfaces end where VOID is near, unless --ends is close";
         warn(&format!("{}: {found}, {advice}", args.output.display()));
     }
     Ok(())

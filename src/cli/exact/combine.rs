@@ -47,7 +47,7 @@ fn models(files: &[PathBuf]) -> Result<Vec<ExactModel>> {
             None if !file.exists() => bail!("{}: no such file", file.display()),
             None => bail!(
                 "{}: is no exact model, but others of the files are: make cells of those (`spinney build MODEL.goblin -o \
-                 CELLS.goblin`), or build it with --exact",
+                 CELLS.goblin`), or build it with --brep",
                 file.display()
             ),
         }

@@ -19,7 +19,7 @@ pub(super) struct CogOptions {
     /// Compression of tiles; nothing is lost by any [default: deflate]
     #[arg(long, value_name = "METHOD")]
     compression: Option<Compression>,
-    /// Number for VOID cells; where it is not given and every number is in use, a mask says which cells are VOID
+    /// Number that means VOID; where it is not given and every number is in use, a mask says which cells are VOID
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<f64>,
 }
@@ -48,7 +48,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
         exact::refuse(&args.tree.file, &[(".tif", true)])?;
     }
     let tree = args.tree.open()?;
-    check_output([args.tree.file.as_path()], &args.output)?;
+    check_output([args.tree.file.as_path()], args.output.path())?;
     let mut request = CogRequest::new();
     request.tile_size = args.tiles.tile_size.unwrap_or(request.tile_size);
     request.nodata = args.cog.nodata;
@@ -58,9 +58,9 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
         Some(Compression::None) => CogCompression::None,
     };
     let work = Work::start(global, "cells")?;
-    let output = Output::create(&args.output)?;
+    let output = Output::create(args.output.path())?;
     let summary = export_cog(&tree, &request, output, &work)
-        .with_context(|| format!("cannot write {}", args.output.display()))?;
+        .with_context(|| format!("cannot write {}", args.output.path().display()))?;
     work.finish();
     let masks = if summary.has_masks { ", with masks" } else { "" };
     let sparse = summary.sparse_tiles;
@@ -68,6 +68,6 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
         "tiles",
         format_args!("{} stored, {sparse} empty, {} overviews{masks}", summary.tiles, summary.overviews),
     );
-    report_output(global, &args.output, start);
+    report_output(global, args.output.path(), start);
     Ok(())
 }

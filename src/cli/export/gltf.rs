@@ -42,7 +42,7 @@ fn start(args: &Args, what: &str, global: &Global) -> Result<(Dataset, MeshReque
     }
     ensure!(!args.mesh.triangles, "{what} has triangles anyway: leave out --triangles");
     let tree = args.tree.open()?;
-    check_output([args.tree.file.as_path()], &args.output)?;
+    check_output([args.tree.file.as_path()], args.output.path())?;
     let mut request = MeshRequest::new();
     (request.level, request.smooth) = (args.mesh.level, args.mesh.smooth);
     Ok((tree, request, Work::start(global, "tiles")?))
@@ -52,8 +52,8 @@ fn start(args: &Args, what: &str, global: &Global) -> Result<(Dataset, MeshReque
 pub(super) fn write_tileset(args: &Args, global: &Global) -> Result<()> {
     let begin = Instant::now();
     let (tree, request, work) = start(args, "3D Tiles", global)?;
-    let folder = args.output.parent().filter(|folder| *folder != Path::new(""));
-    let name = args.output.display();
+    let folder = args.output.path().parent().filter(|folder| *folder != Path::new(""));
+    let name = args.output.path().display();
     let folder = folder.with_context(|| format!("{name}: name the folder, too, as in x/tileset.json"))?;
     let folder = OutputFolder::create(folder)?;
     let summary = export_tileset(&tree, &request, &args.gltf.options(), folder, &work)
@@ -71,7 +71,7 @@ pub(super) fn write_tileset(args: &Args, global: &Global) -> Result<()> {
         }
         (None, None) => {}
     }
-    report_output(global, &args.output, begin);
+    report_output(global, args.output.path(), begin);
     Ok(())
 }
 
@@ -79,11 +79,11 @@ pub(super) fn write_tileset(args: &Args, global: &Global) -> Result<()> {
 pub(super) fn write_glb(args: &Args, global: &Global) -> Result<()> {
     let begin = Instant::now();
     let (tree, request, work) = start(args, ".glb", global)?;
-    let output = Output::create(&args.output)?;
+    let output = Output::create(args.output.path())?;
     let triangles = export_glb(&tree, &request, &args.gltf.options(), output, &work)
-        .with_context(|| format!("cannot write {}", args.output.display()))?;
+        .with_context(|| format!("cannot write {}", args.output.path().display()))?;
     work.finish();
     global.report("mesh", format_args!("{triangles} triangles"));
-    report_output(global, &args.output, begin);
+    report_output(global, args.output.path(), begin);
     Ok(())
 }

@@ -19,7 +19,7 @@ pub(super) struct MeshOptions {
     /// it is at least half full (rule occupancy), or if anything is in it (other rules)
     #[arg(long)]
     pub(super) level: Option<u8>,
-    /// The smooth surface where cells are half full (surface nets; every edge has two faces), instead of the cells' faces
+    /// Smooth surface: where cells are half full (surface nets; every edge has two faces), instead of the cells' faces
     #[arg(long)]
     pub(super) smooth: bool,
     /// Triangles only, in PLY, OBJ and OFF too; also of exact models
@@ -43,18 +43,18 @@ pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()
     if let Some(model) = exact::open(&args.tree.file)? {
         let given = [("--view", args.tree.is_viewed()), ("--level", level.is_some()), ("--smooth", smooth)];
         exact::refuse(&args.tree.file, &given)?;
-        return exact::export(&model, &args.output, format, triangles, global);
+        return exact::export(&model, args.output.path(), format, triangles, global);
     }
     let tree = args.tree.open()?;
-    check_output([args.tree.file.as_path()], &args.output)?;
+    check_output([args.tree.file.as_path()], args.output.path())?;
     let mut request = MeshRequest::new();
     (request.level, request.smooth, request.triangles) = (level, smooth, triangles);
     let work = Work::start(global, "cells")?;
-    let output = Output::create(&args.output)?;
+    let output = Output::create(args.output.path())?;
     let summary = export_mesh(&tree, &request, output, format, &work)
-        .with_context(|| format!("cannot write {}", args.output.display()))?;
+        .with_context(|| format!("cannot write {}", args.output.path().display()))?;
     work.finish();
     global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
-    report_output(global, &args.output, start);
+    report_output(global, args.output.path(), start);
     Ok(())
 }

@@ -6,7 +6,7 @@ mod gltf;
 mod mesh;
 mod tiles;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
@@ -14,11 +14,12 @@ use spinney::export::mesh::MeshFormat;
 use spinney::export::tiles::TileTarget;
 
 use super::Global;
-use super::args::ViewedTree;
+use super::args::{OutputFile, PartOptions, ViewedTree};
 
 /// Write a tree as a file of other programs: tiles or a cloud-optimized GeoTIFF of a picture, a mesh of a solid
 ///
-/// The output's name says what is written, or else --format.
+/// The output's name says what is written, or else --format: .tif, .pmtiles, .mbtiles or a pattern such as 'map/{z}/{x}/{y}.png' of
+/// pictures; .ply, .obj, .stl, .off, .glb or 'x/tileset.json' (3D Tiles) of solids, of exact models .city.json, too.
 ///
 /// A cloud-optimized GeoTIFF (.tif) has the tree's own levels as its overviews, in tiles, with the tree's statistics, palette,
 /// names and coordinate system.
@@ -44,12 +45,13 @@ use super::args::ViewedTree;
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Output: .tif, .pmtiles, .mbtiles or a pattern such as 'map/{z}/{x}/{y}.png' of pictures; .ply, .obj, .stl,
-    /// .off, .glb or 'x/tileset.json' (3D Tiles) of solids, of exact models .city.json, too; `-` is standard output
-    output: PathBuf,
+    #[command(flatten)]
+    output: OutputFile,
     /// Format where the output's name does not say: tif, ply, obj, stl, off, glb or city.json
     #[arg(long)]
     format: Option<Target>,
+    #[command(flatten)]
+    part: PartOptions,
     #[command(flatten)]
     tiles: TileOptions,
     #[command(flatten)]
@@ -91,7 +93,7 @@ const EXAMPLES: &str = "Examples:
   spinney export world.goblin world.tif
   spinney export world.goblin world.tif --tile-size 256 --compression zstd
   spinney export world.goblin world.pmtiles --attribution '(c) Survey'
-  spinney export world.goblin alps.mbtiles --zoom 4..12 --bbox 5.9,45.8,10.5,47.8 --tile-format webp
+  spinney export world.goblin alps.mbtiles --zoom 4..12 --in lonlat --window 5.9,45.8,10.5,47.8 --tile-format webp
   spinney export dem.goblin 'map/{z}/{x}/{y}.png' --style hillshade
   spinney export bunny.goblin bunny.ply
   spinney export bunny.goblin small.obj --level 6
@@ -135,13 +137,13 @@ impl FromStr for Target {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    let tiles = if args.format.is_none() { TileTarget::of(&args.output)? } else { None };
-    let target = args.format.or_else(|| Target::of(&args.output));
+    let tiles = if args.format.is_none() { TileTarget::of(args.output.path())? } else { None };
+    let target = args.format.or_else(|| Target::of(args.output.path()));
     if tiles.is_none() && target.is_none() {
         bail!(
             "{}: unknown format; use .tif, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl, \
              .off, .glb or x/tileset.json, or --format",
-            args.output.display()
+            args.output.path().display()
         );
     }
     let target = target.filter(|_| tiles.is_none());
@@ -149,13 +151,18 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let misplaced = [
         (tiles.is_some() || target == Some(Target::Cog), args.tiles.given(), "pictures in tiles"),
         (tiles.is_some(), args.archive.given(), "tiles of web maps"),
+        (
+            tiles.is_some(),
+            args.part.is_given().then_some("--window"),
+            "tiles of web maps; see --view window=...",
+        ),
         (target == Some(Target::Cog), args.cog.given(), "cloud-optimized GeoTIFF"),
         (is_solid, args.mesh.given(), "solids"),
         (matches!(target, Some(Target::Tileset | Target::Glb)), args.gltf.given(), "3D Tiles and glTF"),
     ];
     if let Some((_, Some(option), whose)) = misplaced.iter().find(|(fits, given, _)| !fits && given.is_some())
     {
-        bail!("{option} is for {whose}; {} is none", args.output.display());
+        bail!("{option} is for {whose}; {} is none", args.output.path().display());
     }
     match (tiles, target) {
         (Some(tiles), _) => tiles::run(args, &tiles, global),

@@ -9,13 +9,13 @@ use spinney::Progress as _;
 use spinney::dataset::Dataset;
 use spinney::export::tiles::{
     TileEncoding, TileFormat, TilePainter, TileRequest, TileSource, TileTarget, TileUpdate, UpdateOptions,
-    WarpedTiles, XyzTiles, export_tiles,
+    WarpedTiles, XyzTiles, degrees_of, export_tiles,
 };
 use spinney::ops::{Resampling, WarpOptions};
 use spinney::style::Style;
 
 use super::super::Global;
-use super::super::args::{check_output, numbers, parse_style};
+use super::super::args::{check_output, parse_style};
 use super::super::report::{Work, report_output};
 use super::Args;
 
@@ -26,10 +26,7 @@ pub(super) struct ArchiveOptions {
     /// Zooms, the first and the last: 0..6; up to that with about the file's own cells if nothing is said
     #[arg(long, value_parser = parse_zooms, value_name = "A..B")]
     zoom: Option<RangeInclusive<u8>>,
-    /// West, south, east and north in degrees: tiles that have nothing of it are left out
-    #[arg(long, value_parser = parse_degrees, allow_hyphen_values = true, value_name = "W,S,E,N")]
-    bbox: Option<[f64; 4]>,
-    /// Colours: a style's name (viridis, hillshade ...), its JSON, or a file of that; the file's own if nothing is said
+    /// Colours: a style's name (viridis, hillshade ...), its JSON, or a file of that [default: the file's own]
     #[arg(long, value_name = "STYLE", value_parser = parse_style)]
     style: Option<Style>,
     /// Kind of tiles in an archive: png, webp, jpg, npy or tif (the last two have the samples as they are)
@@ -42,7 +39,7 @@ pub(super) struct ArchiveOptions {
     /// otherwise
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
-    /// How pixels get their values from files on other grids: nearest, bilinear, cubic, area or majority [default:
+    /// Resampling, from files on other grids: nearest, bilinear, cubic, area or majority [default:
     /// nearest class or bilinear amounts; majority or area where pixels are more than 1.5 times as large as cells]
     #[arg(long, value_name = "WAY")]
     resampling: Option<Resampling>,
@@ -62,7 +59,7 @@ pub(super) struct ArchiveOptions {
     /// itself, or of .pmtiles another archive that the rest is copied from
     #[arg(long, value_name = "OLD", num_args = 0..=1, conflicts_with = "resume")]
     update: Option<Option<PathBuf>>,
-    /// The file that the archive was made of, if it is no commit of the same file
+    /// File that the archive was made of, if it is no commit of the same file
     #[arg(long, value_name = "FILE", requires = "update")]
     since: Option<PathBuf>,
     /// Draw all tiles of an update anew, with the style and the percentiles of now; without this, colours keep the numbers that
@@ -80,16 +77,11 @@ fn parse_zooms(text: &str) -> Result<RangeInclusive<u8>, String> {
     }
 }
 
-fn parse_degrees(text: &str) -> Result<[f64; 4], String> {
-    numbers(text).ok_or_else(|| "west, south, east, north in degrees: 5.9,45.8,10.5,47.8".into())
-}
-
 impl ArchiveOptions {
     /// The first option that was given.
     pub(super) fn given(&self) -> Option<&'static str> {
         let all = [
             ("--zoom", self.zoom.is_some()),
-            ("--bbox", self.bbox.is_some()),
             ("--style", self.style.is_some()),
             ("--tile-format", self.tile_format.is_some()),
             ("--effort", self.effort.is_some()),
@@ -139,6 +131,16 @@ fn source<'a>(
     }
 }
 
+/// The part whose tiles are written, in degrees: west, south, east, north.
+fn degrees(args: &Args, tree: &Dataset) -> Result<Option<[f64; 4]>> {
+    if let Some(degrees) = args.part.degrees() {
+        return Ok(Some(degrees));
+    }
+    let Some(bounds) = args.part.bounds(tree, "tiles of the two are two archives")? else { return Ok(None) };
+    let frame = tree.metadata().frame.shifted(bounds.min.map(|cell| cell as f64));
+    Ok(Some(degrees_of(&frame, bounds.size(), args.archive.allow_ballpark)?))
+}
+
 pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<()> {
     let start = Instant::now();
     let options = &args.archive;
@@ -153,7 +155,7 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     };
     request.encoding = TileEncoding { format, effort: options.effort, quality: options.quality };
     request.zooms = options.zoom.clone();
-    request.degrees = options.bbox;
+    request.degrees = degrees(args, &tree)?;
     request.side = args.tiles.tile_size.unwrap_or(256) as usize;
     request.resume = options.resume;
     request.options = args.tree.steps_text();
@@ -162,7 +164,7 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     let style = options.style.clone().unwrap_or_else(|| Style::default_for(&tree));
     let work = Work::start(global, "tiles")?;
     let tiles = source(args, &tree, &mut request, &work)?;
-    let cannot_write = || format!("cannot write {}", args.output.display());
+    let cannot_write = || format!("cannot write {}", args.output.path().display());
     let update = match &options.update {
         None => None,
         Some(_) if args.tree.is_viewed() => bail!("--update: of a view, make the archive anew"),

@@ -11,16 +11,16 @@ pub(crate) fn report_output(global: &Global, path: &Path, start: Instant) {
     report_built(global, path, start, None);
 }
 
-/// Does the same, and compares the file's size with that of so many bytes of samples.
-pub(crate) fn report_built(global: &Global, path: &Path, start: Instant, raw: Option<u64>) {
+/// Does the same, and compares the file's size with that of the input's files.
+pub(crate) fn report_built(global: &Global, path: &Path, start: Instant, input: Option<u64>) {
     let time = format!("{:.1} s", start.elapsed().as_secs_f64());
     let Some(file) = std::fs::metadata(path).ok().filter(|_| path != Path::new("-")) else {
         return global.report("output", format_args!("standard output, in {time}"));
     };
     let (name, size) = (path.display(), quantity::bytes(file.len()));
-    let share = raw.map_or(String::new(), |raw| {
-        let percent = 100.0 * file.len() as f64 / raw as f64;
-        format!(", {percent:.1} % of {} of samples", quantity::bytes(raw))
+    let share = input.filter(|input| *input > 0).map_or(String::new(), |input| {
+        let percent = 100.0 * file.len() as f64 / input as f64;
+        format!(", {percent:.1} % of the input's {}", quantity::bytes(input))
     });
     global.report("output", format_args!("{name}: {size}{share}, in {time}"));
 }

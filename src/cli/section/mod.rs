@@ -37,13 +37,13 @@ numbers in the files that the models were built from. Only two models need --mem
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Exact model (`build --exact`)
+    /// Exact model (`build --brep`)
     file: PathBuf,
     /// Planes: z=12.5, many at a time z=0..50/0.2, or plane=NX,NY,NZ,D with the normal and its product with the plane's points; or
     /// another exact model
     #[arg(required = true, value_name = "PLANE|MODEL", value_parser = parse_cutter)]
     cutters: Vec<Cutter>,
-    /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp (of planes), .obj or .ply; `-` is standard output
+    /// File to write: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp (of planes), .obj or .ply; - is standard output
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Format where the output's name does not say
@@ -108,7 +108,7 @@ fn open(path: &Path) -> Result<ExactModel> {
             // (What is no tree at all is told as such.)
             super::open(path)?;
             bail!(
-                "{}: is no exact model; sections are of those (`spinney build MODEL --exact`)",
+                "{}: is no exact model; sections are of those (`spinney build MODEL --brep`)",
                 path.display()
             )
         }

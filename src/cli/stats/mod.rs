@@ -17,12 +17,12 @@ use super::report::{Work, print_json, print_text, solid};
 use super::{Global, exact};
 
 const EXAMPLES: &str = "Examples:
-  spinney stats relief.goblin --bbox 5,44,17,48
+  spinney stats relief.goblin --in world --window 5,44,17,48
   spinney stats landcover.goblin --window 0,0,4096,4096 --json
   spinney stats house.goblin
   spinney stats house.goblin --surface
   spinney stats house.goblin --solid --level 7
-  spinney stats landcover.goblin --zones districts.geojson --border area --json
+  spinney stats landcover.goblin --zones districts.geojson --edge area --json
 
 Of exact models volume, centre of gravity, inertia and surface of the body are printed, and its topology: all
 are exact, and rounded once.
@@ -60,11 +60,11 @@ pub(crate) struct Args {
     /// Print the surface of a solid, too; implies --solid
     #[arg(long)]
     surface: bool,
-    /// Level at which a solid is measured [default: the deepest]
+    /// Level of detail at which a solid is measured [default: the deepest]
     #[arg(long, value_name = "LEVEL")]
     level: Option<u8>,
     /// Polygons in a GeoJSON file: statistics of the cells in each
-    #[arg(long, value_name = "GEOJSON", conflicts_with_all = ["window", "bbox", "solid", "surface", "level"])]
+    #[arg(long, value_name = "GEOJSON", conflicts_with_all = ["window", "solid", "surface", "level"])]
     zones: Option<PathBuf>,
     #[command(flatten)]
     zone_options: zones::ZoneOptions,
@@ -79,8 +79,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             ("--view", args.tree.is_viewed()),
             ("--level", args.level.is_some()),
             ("--zones", args.zones.is_some()),
-            ("--window", args.part.is_window()),
-            ("--bbox", args.part.is_bbox()),
+            ("--window", args.part.is_given()),
         ];
         exact::refuse(&args.tree.file, &given)?;
         exact::stats(&model, args.json, global)?;

@@ -1,14 +1,15 @@
 //! `spinney stats --zones`: statistics of the cells in polygons.
 
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail, ensure};
 use serde_json::json;
 use spinney::dataset::Dataset;
-use spinney::import::geojson::{PolygonFeature, read_polygons};
-use spinney::query::{ZoneChannel, ZoneRule, ZoneStatistics};
-use spinney::space::{Coordinates, Polygon};
+use spinney::import::geojson::{PolygonFeature, PolygonLayer, read_polygons};
+use spinney::query::{ZoneChannel, ZoneStatistics};
+use spinney::space::{Coordinates, EdgeRule, Polygon};
 
 use super::super::Global;
 use super::super::args::{Memory, places};
@@ -16,24 +17,62 @@ use super::super::report::statistics::class_as_json;
 use super::super::report::{Work, print_json, print_text, warn};
 use super::{cell_area, class_name};
 
-/// Ways in which cells on a polygon's border count.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-enum BorderCells {
-    /// Whole if their centre is inside
-    #[default]
-    Centre,
-    /// By the part of their area that is inside, exactly
-    Area,
-}
-
 /// Options for statistics of polygons.
 #[derive(clap::Args)]
 pub(super) struct ZoneOptions {
-    /// Cells on a polygon's border
-    #[arg(long, value_name = "RULE", value_enum, default_value_t, requires = "zones")]
-    border: BorderCells,
+    /// Cells at the edge of a polygon: centre (those whose centre is inside), touch (all of them) or area (each by the part that is
+    /// inside, exactly)
+    #[arg(long, value_name = "RULE", default_value_t, requires = "zones")]
+    edge: EdgeRule,
+    /// Features with these values of attributes alone, as in 'type=Building,lod=2.2'
+    #[arg(long = "where", value_name = "NAME=VALUE,...", value_delimiter = ',', value_parser = parse_equality)]
+    #[arg(requires = "zones")]
+    equalities: Vec<(String, String)>,
+    /// Attributes of features that are told, as in name,code [default: all]
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "zones")]
+    attribute: Option<Vec<String>>,
     #[command(flatten)]
     memory: Memory,
+}
+
+/// Reads an attribute's name and its value.
+fn parse_equality(text: &str) -> Result<(String, String), String> {
+    let (name, value) = text.split_once('=').ok_or("expected NAME=VALUE, as in type=Building")?;
+    Ok((name.trim().into(), value.trim().into()))
+}
+
+/// Whether an attribute has a value that is written so; numbers are what they are, however they are written.
+fn has_value(feature: &PolygonFeature, name: &str, value: &str) -> bool {
+    match feature.properties.get(name) {
+        Some(serde_json::Value::String(text)) => text == value,
+        Some(serde_json::Value::Number(number)) => number.as_f64() == value.parse().ok(),
+        Some(serde_json::Value::Bool(is)) => value == is.to_string(),
+        Some(serde_json::Value::Null) | None => value.is_empty(),
+        Some(_) => false,
+    }
+}
+
+/// Keeps the features and the attributes that are asked for.
+fn select(layer: &mut PolygonLayer, file: &Path, options: &ZoneOptions) -> Result<()> {
+    let names: BTreeSet<&String> =
+        layer.features.iter().flat_map(|feature| feature.properties.keys()).collect();
+    let asked = options.equalities.iter().map(|(name, _)| name).chain(options.attribute.iter().flatten());
+    for name in asked {
+        if !names.contains(name) {
+            let names = names.iter().map(|name| name.as_str()).collect::<Vec<_>>().join(", ");
+            bail!("{}: no feature has an attribute {name}; there are: {names}", file.display());
+        }
+    }
+    let is_meant = |feature: &PolygonFeature| {
+        options.equalities.iter().all(|(name, value)| has_value(feature, name, value))
+    };
+    layer.features.retain(is_meant);
+    ensure!(!layer.features.is_empty(), "{}: no feature is as --where says", file.display());
+    if let Some(wanted) = &options.attribute {
+        let features = layer.features.iter_mut();
+        features.for_each(|feature| feature.properties.retain(|name, _| wanted.contains(name)));
+    }
+    Ok(())
 }
 
 /// Prints the statistics of each polygon of a GeoJSON file.
@@ -45,7 +84,8 @@ pub(super) fn run(
     as_json: bool,
     global: &Global,
 ) -> Result<()> {
-    let layer = read_polygons(file, options.memory.bytes)?;
+    let mut layer = read_polygons(file, options.memory.bytes)?;
+    select(&mut layer, file, options)?;
     let frame = &tree.metadata().frame;
     let mut own = layer.coordinates();
     if frame.crs.is_none() && coordinates.is_none() && own != Coordinates::World {
@@ -56,13 +96,9 @@ pub(super) fn run(
     let polygons =
         layer.in_cells(&places, tree.header().extent).with_context(|| file.display().to_string())?;
     let features = &layer.features;
-    let rule = match options.border {
-        BorderCells::Centre => ZoneRule::Centre,
-        BorderCells::Area => ZoneRule::Area,
-    };
     // (Features that lie outside of the tree have no cells.)
     let met: Vec<Polygon> = polygons.iter().flatten().cloned().collect();
-    let mut found = tree.zonal(&met, rule, &Work::start(global, "polygons")?)?.into_iter();
+    let mut found = tree.zonal(&met, options.edge, &Work::start(global, "polygons")?)?.into_iter();
     let zone_of = |polygon: &Option<Polygon>| polygon.as_ref().and_then(|_| found.next()).unwrap_or_default();
     let zones: Vec<ZoneStatistics> = polygons.iter().map(zone_of).collect();
     if as_json {

@@ -3,6 +3,7 @@
 mod bounds;
 mod code;
 mod dimension;
+mod edge;
 mod polygon;
 mod region;
 mod up;
@@ -10,6 +11,7 @@ mod up;
 pub use bounds::Bounds;
 pub use code::{Cell, Code, morton_encode};
 pub use dimension::Dimension;
+pub use edge::EdgeRule;
 pub use polygon::{Cover, Crossings, Polygon};
 pub use region::Region;
 pub use up::Up;

@@ -298,6 +298,65 @@ impl Polygon {
         cells
     }
 
+    /// Hands out the columns, row by row, of a box's cells of which some part is inside: those with edges, and those between them.
+    pub fn touched_spans(
+        &self,
+        bounds: &Bounds,
+        work: &mut Crossings,
+        each: &mut dyn FnMut(u64, Range<u64>),
+    ) {
+        /// Rows whose spans are held at a time.
+        const ROWS: u64 = 256;
+        let last = bounds.max[1].min(self.high.max(0.0).ceil() as u64);
+        let mut first = bounds.min[1].max(self.low.max(0.0) as u64);
+        while first < last {
+            let end = last.min(first + ROWS);
+            let (mut part, columns) = (*bounds, bounds.min[0]..bounds.max[0]);
+            (part.min[1], part.max[1]) = (first, end);
+            self.touched_rows(&part, columns, work, each);
+            first = end;
+        }
+    }
+
+    fn touched_rows(
+        &self,
+        part: &Bounds,
+        columns: Range<u64>,
+        work: &mut Crossings,
+        each: &mut dyn FnMut(u64, Range<u64>),
+    ) {
+        let mut spans = Vec::new();
+        self.spans(part, work, &mut |row, span| spans.push((row, span.start, span.end)));
+        for row in part.min[1]..part.max[1] {
+            let (low, high) = (row as f64, row as f64 + 1.0);
+            for edge in self.edges_in(self.bands(low, high)) {
+                if let Some([left, right]) = within_row(edge, low, high) {
+                    // (What is negative becomes 0.)
+                    let span =
+                        (left.floor() as u64).max(columns.start)..(right.ceil() as u64).min(columns.end);
+                    if span.start < span.end {
+                        spans.push((row, span.start, span.end));
+                    }
+                }
+            }
+        }
+        spans.sort_unstable();
+        let mut spans = spans.into_iter().peekable();
+        while let Some((row, start, mut end)) = spans.next() {
+            while let Some((_, _, other)) = spans.next_if(|(next, from, _)| *next == row && *from <= end) {
+                end = end.max(other);
+            }
+            each(row, start..end);
+        }
+    }
+
+    /// Number of cells of a box of which some part is inside.
+    pub fn count_touched(&self, bounds: &Bounds, work: &mut Crossings) -> u64 {
+        let mut cells = 0;
+        self.touched_spans(bounds, work, &mut |_, span| cells += span.end - span.start);
+        cells
+    }
+
     /// Area of a box of cells that is inside, in cells. Exact but for rounding, if rings do not cross each other.
     pub fn area(&self, bounds: &Bounds) -> f64 {
         let [left, right] = [bounds.min[0] as f64, bounds.max[0] as f64];
@@ -318,6 +377,22 @@ impl Polygon {
         }
         sum.abs().min((right - left) * (high - low))
     }
+}
+
+/// The columns from which and to which an edge goes within a row; `None` if it is not in it, or along its border.
+fn within_row([a, b]: &Edge, low: f64, high: f64) -> Option<[f64; 2]> {
+    let (from, to) = (a[1].min(b[1]), a[1].max(b[1]));
+    if from >= high || to <= low {
+        return None;
+    }
+    let at = |y: f64| a[0] + (b[0] - a[0]) * ((y - a[1]) / (b[1] - a[1]));
+    let end = |corner: &[f64; 2]| match corner[1] {
+        y if y < low => at(low),
+        y if y > high => at(high),
+        _ => corner[0],
+    };
+    let (one, other) = (end(a), end(b));
+    Some([one.min(other), one.max(other)])
 }
 
 /// The centre of a cell along an axis.
@@ -452,6 +527,12 @@ mod tests {
                 let expected =
                     cells.filter(|(x, y)| is_inside(&rings, [centre(*x), centre(*y)])).count() as u64;
                 assert_eq!(polygon.count_centres(&bounds, &mut crossings), expected, "{bounds:?}");
+                // (Of stars' cells that hold a corner or an edge no area is too small to be one.)
+                let cells =
+                    (min[1]..bounds.max[1]).flat_map(|y| (min[0]..bounds.max[0]).map(move |x| (x, y)));
+                let cell = |(x, y): (u64, u64)| Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] };
+                let touched = cells.filter(|at| polygon.area(&cell(*at)) > 1e-12).count() as u64;
+                assert_eq!(polygon.count_touched(&bounds, &mut crossings), touched, "{bounds:?}");
                 match polygon.cover_centres(&bounds) {
                     Cover::Whole => assert_eq!(expected, size[0] * size[1]),
                     Cover::Nothing => assert_eq!(expected, 0),

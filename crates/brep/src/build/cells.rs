@@ -101,7 +101,7 @@ pub(super) struct Walk<'a> {
     pub(super) bits: u8,
     pub(super) depth: u8,
     /// Cells with at most so many faces are not divided.
-    pub(super) boolean_faces: usize,
+    pub(super) leaf_size: usize,
     pub(super) stages: &'a Mutex<Stages>,
     pub(super) progress: &'a dyn Progress,
 }
@@ -204,7 +204,7 @@ impl Walk<'_> {
     /// The kind of the leaf that a cell is; `None` if it is to be divided.
     fn end(&self, cell: &Cell, list: &[u32]) -> Option<NodeKind> {
         let kind = self.kind(list);
-        (kind != NodeKind::Boolean || list.len() <= self.boolean_faces || cell.level == self.depth)
+        (kind != NodeKind::Boolean || list.len() <= self.leaf_size || cell.level == self.depth)
             .then_some(kind)
     }
 

@@ -140,7 +140,7 @@ impl Upper<'_> {
         if needed <= memory / 2 {
             let length = run.len() as u64;
             let items = Items::of(run)?;
-            let walk = Walk { items: &items, bits, depth: 0, boolean_faces: 0, stages, progress };
+            let walk = Walk { items: &items, bits, depth: 0, leaf_size: 0, stages, progress };
             let check = CellCheck { walk, model };
             check.cell(cell, node, (0..items.len() as u32).collect(), found)?;
             // (Faces that several cells have count once.)

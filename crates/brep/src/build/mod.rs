@@ -39,7 +39,7 @@ pub use self::defects::{Defect, DefectKind};
 /// Faces that a cell may have and end, if nothing else is said: with more, files get little smaller and questions
 /// take longer; with fewer, cells are divided for nothing. (Bunny of 60,000 triangles: 277,000 nodes without, 68,000 with
 /// 12, 55,000 with 16.)
-pub const BOOLEAN_FACES: usize = 12;
+pub const LEAF_SIZE: usize = 12;
 
 /// Counts of a model that was built, and its defects: with any, no file was made.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -62,7 +62,7 @@ pub struct ModelBuilder {
     run: RunBuilder,
     words: Vec<u32>,
     faces: u64,
-    boolean_faces: usize,
+    leaf_size: usize,
     is_unbounded: bool,
     takes_defects: bool,
     exact: ExactPart,
@@ -86,7 +86,7 @@ impl ModelBuilder {
             run,
             words: Vec::new(),
             faces: 0,
-            boolean_faces: BOOLEAN_FACES,
+            leaf_size: LEAF_SIZE,
             is_unbounded: false,
             takes_defects: false,
             exact: ExactPart::default(),
@@ -97,8 +97,8 @@ impl ModelBuilder {
     /// Chooses how many faces a cell may have and end, whatever their planes have in common. With 0 there are BOOLEAN
     /// cells at the deepest level only, as in the extended octrees of the literature: several times as many cells.
     #[must_use]
-    pub fn boolean_faces(self, boolean_faces: usize) -> ModelBuilder {
-        ModelBuilder { boolean_faces, ..self }
+    pub fn leaf_size(self, leaf_size: usize) -> ModelBuilder {
+        ModelBuilder { leaf_size, ..self }
     }
 
     /// Chooses whether what is far away belongs to the body, and the faces bound what does not.
@@ -157,7 +157,7 @@ impl ModelBuilder {
             memory,
             run,
             faces,
-            boolean_faces,
+            leaf_size,
             is_unbounded,
             takes_defects,
             exact,
@@ -169,7 +169,7 @@ impl ModelBuilder {
         let mut upper = Upper {
             bits: grid.bits,
             depth: grid.depth(),
-            boolean_faces,
+            leaf_size,
             memory,
             place,
             stages: &stages,
@@ -208,7 +208,7 @@ impl ModelBuilder {
 struct Upper<'a> {
     bits: u8,
     depth: u8,
-    boolean_faces: usize,
+    leaf_size: usize,
     memory: u64,
     place: Place,
     stages: &'a Mutex<Stages>,
@@ -243,8 +243,8 @@ impl Upper<'_> {
         if fits {
             let length = run.len() as u64;
             let items = Items::of(run)?;
-            let Upper { bits, depth, boolean_faces, stages, progress, .. } = *self;
-            let walk = Walk { items: &items, bits, depth, boolean_faces, stages, progress };
+            let Upper { bits, depth, leaf_size, stages, progress, .. } = *self;
+            let walk = Walk { items: &items, bits, depth, leaf_size, stages, progress };
             let word = walk.cell(cell, (0..items.len() as u32).collect(), out)?;
             self.store(out)?;
             // (Faces that several cells have count once.)

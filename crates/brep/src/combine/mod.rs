@@ -27,7 +27,7 @@ use self::winding::winding;
 use super::arrangement::{ExactFace, Operands, Rounded, Rounds, divide, round};
 use super::attributes::DOMAIN;
 use super::store::exact::ExactPart;
-use super::{Attributes, BOOLEAN_FACES, BuildReport, ExactModel, Face, Faces, Grid, ModelBuilder};
+use super::{Attributes, BuildReport, ExactModel, Face, Faces, Grid, LEAF_SIZE, ModelBuilder};
 use crate::closure::{Closure, ExactClosure, Seed};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
@@ -195,9 +195,8 @@ fn made(
     let Rounded { faces, stands_in, exact, displacement, .. } = rounded;
     let displacement = displacement * grid.width();
     let is_on_grid = exact.is_empty();
-    let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
-        .boolean_faces(BOOLEAN_FACES)
-        .unbounded(is_unbounded);
+    let mut builder =
+        ModelBuilder::new(output, grid.clone(), memory / 2)?.leaf_size(LEAF_SIZE).unbounded(is_unbounded);
     let mut surface = ResultSurface::new(!exact.is_empty());
     let mut settled = 0u64;
     if !is_whole {

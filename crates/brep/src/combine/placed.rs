@@ -30,7 +30,7 @@ impl Placed {
             let times = grid.steps_of(finest).ok_or_else(|| {
                 let found = format!("{}: steps of {}", model.path().display(), grid.width());
                 let expected = format!(
-                    "multiples of {}, as the others have: build the models on one grid, for example with --grid {}",
+                    "multiples of {}, as the others have: build the models on one grid, for example with --snap {}",
                     finest.width(),
                     grids.iter().map(|grid| grid.width()).fold(0.0, f64::max)
                 );
@@ -161,7 +161,7 @@ fn too_far(grids: &[&Grid]) -> Error {
         "grid",
         format!("steps of {} over models that are far apart", widths.join(", ")),
         format!(
-            "at most 2^26 steps from end to end: build the models on a coarser grid, for example with --grid {wider}"
+            "at most 2^26 steps from end to end: build the models on a coarser grid, for example with --snap {wider}"
         ),
     )
 }

@@ -56,7 +56,7 @@ impl ModelWriter {
                 what: "a cell of very many faces".into(),
                 needed: bytes.len() as u64,
                 limit: u32::MAX.into(),
-                advice: "divide the model, or choose a coarser --grid".into(),
+                advice: "divide the model, or choose a coarser --snap".into(),
             });
         };
         self.write(bytes, doing)?;

@@ -105,7 +105,7 @@ pub struct SurfaceIntersection {
 /// #     let points = format!("{x} {y} {z}\n{} {y} {z}\n{x} {} {z}\n{x} {y} {}\n", x + 6, y + 6, z + 6);
 /// #     std::fs::write(&mesh, format!("OFF\n4 4 0\n{points}3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")).unwrap();
 /// #     let mut options = ExactOptions::new();
-/// #     options.grid = Some(1.0);
+/// #     options.snap = Some(1.0);
 /// #     import_exact(open_all(&[mesh], 64 << 20)?, &options, Output::create(&path)?, &())?;
 /// #     ExactModel::open(&path, &Default::default())
 /// # };

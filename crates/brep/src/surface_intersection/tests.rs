@@ -42,8 +42,7 @@ fn model(triangles: &[Triangle]) -> ExactModel {
     }
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.goblin");
-    let mut builder =
-        ModelBuilder::new(Output::create(&path).unwrap(), grid, 64 << 20).unwrap().boolean_faces(4);
+    let mut builder = ModelBuilder::new(Output::create(&path).unwrap(), grid, 64 << 20).unwrap().leaf_size(4);
     list.each(&mut |face| builder.push(face)).unwrap();
     let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
     assert_eq!(report.defects, []);

@@ -16,7 +16,7 @@ impl Dataset {
     ///
     /// Higher values are to the right of a line, as seen in the world with y going up. A value that equals a level counts as above it; four
     /// cells that make a saddle, by their mean. At the edge of the picture lines go on to the edge of its cells;
-    /// [`ContourNodata`](crate::query::ContourNodata) says what they do where VOID cells are near. Lines of a level never touch: they stay a
+    /// [`ContourEnds`](crate::query::ContourEnds) says what they do where VOID cells are near. Lines of a level never touch: they stay a
     /// millionth of a cell away from the centres of cells. Lines are whole, and closed ones end at their first point.
     ///
     /// Reads only where [statistics](Dataset::statistics) cannot exclude a line, on all threads of the current pool. The order of the lines

@@ -4,13 +4,12 @@ use super::viewed::value_at;
 use super::{Dataset, Tree};
 use crate::ops::TreeFile;
 use crate::query::{
-    Canvas, Condition, FoundBlock, PointSamples, Statistics, StoredRows, ZoneRule, ZoneStatistics,
-    autumnal_histogram, autumnal_statistics, check_level, source_find, source_histogram, source_statistics,
-    source_zonal, zonal,
+    Canvas, Condition, FoundBlock, PointSamples, Statistics, StoredRows, ZoneStatistics, autumnal_histogram,
+    autumnal_statistics, check_level, source_find, source_histogram, source_statistics, source_zonal, zonal,
 };
 use crate::query::{PixelGrid, PixelSums};
 use crate::tree::{Child, Source, no_children};
-use spinney_base::space::{Bounds, Cell, Code, Polygon};
+use spinney_base::space::{Bounds, Cell, Code, EdgeRule, Polygon};
 use spinney_base::value::Value;
 use spinney_base::{Progress, Result};
 use spinney_container::LevelCounts;
@@ -174,12 +173,12 @@ impl Dataset {
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-    /// use spinney::query::ZoneRule;
+    /// use spinney::space::EdgeRule;
     /// use spinney::space::Polygon;
     ///
     /// let map = spinney::open("fixtures/v1/classes.goblin")?;
     /// let triangle = Polygon::new(&[vec![[40.0, 40.0], [180.0, 60.0], [90.0, 170.0]]])?;
-    /// let zones = map.zonal(&[triangle], ZoneRule::Area, &())?;
+    /// let zones = map.zonal(&[triangle], EdgeRule::Area, &())?;
     /// let cells: f64 = zones[0].classes.iter().map(|(_, cells)| cells).sum();
     /// assert!((cells - zones[0].cells).abs() < 1e-6);
     /// # Ok::<(), spinney::Error>(())
@@ -190,7 +189,7 @@ impl Dataset {
     pub fn zonal(
         &self,
         polygons: &[Polygon],
-        rule: ZoneRule,
+        rule: EdgeRule,
         progress: &dyn Progress,
     ) -> Result<Vec<ZoneStatistics>> {
         let header = self.header();

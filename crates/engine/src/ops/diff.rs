@@ -149,7 +149,7 @@ impl NodesThatDiffer<'_> {
 }
 
 /// Whether two nodes are one record of one file.
-fn is_same_record(
+pub(super) fn is_same_record(
     first: &TreeFile,
     a: &Child<TreeFileNode>,
     second: &TreeFile,

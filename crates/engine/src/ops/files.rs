@@ -26,11 +26,10 @@ pub struct Chain {
     pub path: PathBuf,
     /// Steps, first to last.
     pub steps: Vec<Step>,
-    /// Takes the value at the centre of each new cell, also where the file's rule would average.
-    pub nearest: bool,
     /// Moves the picture in the world as its cells are moved, instead of leaving everything where it is.
     pub moves: bool,
-    /// Options for steps to grids in other coordinate systems.
+    /// Options for steps to other grids. [`Resampling::Nearest`] holds for all steps: new cells have the value at their centre, also
+    /// where the file's rule would average.
     pub warp: WarpOptions,
 }
 
@@ -69,10 +68,16 @@ impl Chain {
     pub fn open(&self) -> Result<View> {
         let file = TreeFile::open(&self.path, &OpenOptions::default())?;
         let rule = file.header().rule;
-        let nearest = Some(Resampling::Nearest).filter(|_| self.nearest);
-        let warp = WarpOptions { resampling: self.warp.resampling.or(nearest), ..self.warp };
-        let view = View::whole(file.into())?.warping(warp).through(&self.steps)?;
-        if self.nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
+        let is_grid = |step: &Step| matches!(step, Step::Like(_) | Step::Warp(_) | Step::WebMercator(_));
+        let is_nearest = self.warp.resampling == Some(Resampling::Nearest);
+        if let (Some(way), false, false) = (self.warp.resampling, is_nearest, self.steps.iter().any(is_grid))
+        {
+            let expected =
+                "nearest, or steps with a grid (like=, warp=, grid=): others go by the file's rule";
+            return Err(Error::invalid("resampling", way.name(), expected));
+        }
+        let view = View::whole(file.into())?.warping(self.warp).through(&self.steps)?;
+        if is_nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
     }
 
     /// A line for the result's provenance.

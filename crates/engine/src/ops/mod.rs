@@ -6,6 +6,7 @@
 //! sources, too, stored where they came from ([`edit()`]).
 
 mod affine;
+mod blame;
 mod combine;
 mod convert;
 mod coverage;
@@ -25,6 +26,7 @@ mod view_source;
 mod warp;
 
 pub use affine::{AffineMap, Alignment, Around, Axis, Sampling, View, ViewNode, align};
+pub use blame::blame;
 pub use combine::{Combined, CombinedNode, build};
 pub(crate) use convert::build_again;
 pub use convert::convert;

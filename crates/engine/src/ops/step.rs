@@ -12,15 +12,16 @@ use crate::tree::Source;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
-use spinney_crs::Crs;
+use spinney_crs::{Coordinates, Crs, Places};
 
 /// One step of a chain. Its text is that of the command line: `window=0,0,512,512`, `rotate=30`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
     /// `window=COL,ROW,W,H` or `window=X,Y,Z,W,H,D`: a box of cells, which may stick out.
     Window([i64; 3], [u64; 3]),
-    /// `bbox=W,S,E,N`: the cells in a box of world coordinates.
-    WorldBox([f64; 4]),
+    /// `window=W,S,E,N,in=world` or `window=X,Y,Z,X,Y,Z,in=world`: the cells in a box of other coordinates (`world`, `lonlat` or a
+    /// coordinate system), by its least and greatest coordinates; those along z may be infinite.
+    WindowIn(Coordinates, [f64; 3], [f64; 3]),
     /// `crop`: the smallest box around all that is not VOID.
     Crop,
     /// `translate=DX,DY[,DZ]`: moves by cells, whole or not.
@@ -79,7 +80,7 @@ impl Step {
     pub fn apply(&self, view: View) -> Result<View> {
         match self {
             Step::Window(min, size) => window(view, *min, *size),
-            Step::WorldBox(rectangle) => world_box(view, *rectangle),
+            Step::WindowIn(coordinates, low, high) => window_in(view, coordinates, *low, *high),
             Step::Crop => crop(view),
             Step::Translate(by) => view.translate(*by),
             Step::Scale(factors) => scale(view, factors),
@@ -117,12 +118,19 @@ fn window(view: View, min: [i64; 3], mut size: [u64; 3]) -> Result<View> {
     view.window(min, size)
 }
 
-fn world_box(view: View, rectangle: [f64; 4]) -> Result<View> {
-    let frame = view.frame(false);
-    let bounds = frame
-        .cells_in_rectangle(rectangle, view.extent())
-        .ok_or_else(|| Error::invalid("frame", format!("{:?}", frame.matrix), "one that has an inverse"))?;
-    view.window(bounds.min.map(|cell| cell as i64), bounds.size())
+fn window_in(view: View, coordinates: &Coordinates, low: [f64; 3], high: [f64; 3]) -> Result<View> {
+    let places = Places::new(coordinates, &view.frame(false), view.extent())?;
+    match *places.boxes(low, high)? {
+        [bounds] => view.window(bounds.min.map(|cell| cell as i64), bounds.size()),
+        [] => {
+            let expected = format!("one with a part of the tree, which is {}", places.picture());
+            Err(Error::invalid("window", "one that is outside of the tree", expected))
+        }
+        _ => {
+            let expected = "one of its two parts, each by itself";
+            Err(Error::invalid("window", "one that lies across the tree's seam", expected))
+        }
+    }
 }
 
 fn crop(view: View) -> Result<View> {

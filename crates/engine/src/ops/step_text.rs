@@ -6,10 +6,10 @@ use std::str::FromStr;
 use super::affine::{AffineMap, Axis};
 use super::step::{Step, Turn};
 use spinney_base::{Error, Result};
-use spinney_crs::Crs;
+use spinney_crs::{Coordinates, Crs};
 
 /// All steps, for the message about an unknown one.
-const STEPS: &str = "window=, bbox=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
+const STEPS: &str = "window=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
                      tree-depth=, subtree=, embed=, crs=, like=, warp= or grid=";
 
 impl FromStr for Step {
@@ -23,10 +23,14 @@ impl FromStr for Step {
         if let Some(target) = text.strip_prefix("warp=") {
             return target.parse().map(Step::Warp);
         }
+        if let Some((window, coordinates)) = text.split_once(",in=")
+            && window.starts_with("window=")
+        {
+            return StepText::new(window)?.window_in(coordinates.parse()?);
+        }
         let step = StepText::new(text)?;
         match step.name {
             "window" => step.window(),
-            "bbox" => step.world_box(),
             "crop" if step.arguments.is_empty() => Ok(Step::Crop),
             "translate" => step.translate(),
             "scale" => step.scale(),
@@ -94,13 +98,18 @@ impl<'a> StepText<'a> {
         Ok(Step::Window(min, size.map(|cells| cells as u64)))
     }
 
-    fn world_box(&self) -> Result<Step> {
-        match self.numbers.as_deref() {
-            Some(&[west, south, east, north]) if west < east && south < north => {
-                Ok(Step::WorldBox([west, south, east, north]))
-            }
-            _ => Err(self.wrong("bbox=W,S,E,N with west below east and south below north")),
+    fn window_in(&self, coordinates: Coordinates) -> Result<Step> {
+        if coordinates == Coordinates::Cells {
+            return self.window();
         }
+        let [low, high] = match self.numbers.as_deref() {
+            Some(&[west, south, east, north]) => {
+                [[west, south, f64::NEG_INFINITY], [east, north, f64::INFINITY]]
+            }
+            Some(&[a, b, c, d, e, f]) => [[a, b, c], [d, e, f]],
+            _ => return Err(self.wrong("window=W,S,E,N,in=world, or least and then greatest x, y, z")),
+        };
+        Ok(Step::WindowIn(coordinates, low, high))
     }
 
     fn translate(&self) -> Result<Step> {
@@ -229,7 +238,15 @@ impl fmt::Display for Step {
         match self {
             Step::Window([x, y, 0], [w, h, 1]) => write!(f, "window={x},{y},{w},{h}"),
             Step::Window(min, size) => write!(f, "window={},{}", List(min), List(size)),
-            Step::WorldBox(rectangle) => write!(f, "bbox={}", List(rectangle)),
+            Step::WindowIn(coordinates, low, high) => {
+                // (What is infinite is not said.)
+                let axes = if low[2].is_finite() && high[2].is_finite() { 3 } else { 2 };
+                write!(f, "window={},{},in=", List(&low[..axes]), List(&high[..axes]))?;
+                match coordinates {
+                    Coordinates::System(_) if *coordinates == Coordinates::LONLAT => f.write_str("lonlat"),
+                    _ => coordinates.fmt(f),
+                }
+            }
             Step::Crop => f.write_str("crop"),
             Step::Translate(by) => write!(f, "translate={}", List(planar(by))),
             Step::Scale(factors) => write!(f, "scale={}", List(factors)),
@@ -326,7 +343,9 @@ mod tests {
             "window=-3,4,5,6,7,8",
             "crs=EPSG:4326+5773",
             "crs=LOCAL_CS[\"a, b@c=d\",UNIT[\"m\",1]]",
-            "bbox=5.5,44,17,48",
+            "window=5.5,44,17,48,in=world",
+            "window=175,-1,-175,1,in=lonlat",
+            "window=1,2,3,4,5,6,in=EPSG:3035",
             "crop",
             "translate=3,-0.25",
             "translate=0,0,1",

@@ -26,7 +26,7 @@ mod window;
 mod zonal;
 
 pub(crate) use contours::ContourGround;
-pub use contours::{Contour, ContourLevels, ContourNodata, ContourRequest, ContourSummary, TakeContour};
+pub use contours::{Contour, ContourEnds, ContourLevels, ContourRequest, ContourSummary, TakeContour};
 pub use contours::{Extremes, Relief};
 pub use contours::{Levels, level_share};
 pub(crate) use contours::{file_extremes, source_extremes, trace_contours};
@@ -49,7 +49,7 @@ pub use window::Canvas;
 pub use window::StoredRows;
 pub(crate) use zonal::source_zonal;
 pub use zonal::zonal;
-pub use zonal::{ZoneChannel, ZoneRule, ZoneStatistics};
+pub use zonal::{ZoneChannel, ZoneStatistics};
 
 use spinney_base::{Error, Result};
 

@@ -17,24 +17,14 @@ use crate::tree::Source;
 use spinney_base::Form;
 use spinney_base::parallel;
 use spinney_base::sort;
-use spinney_base::space::{Bounds, Code, Cover, Crossings, Polygon};
+use spinney_base::space::{Bounds, Code, Cover, Crossings, EdgeRule, Polygon};
 use spinney_base::value::{Value, ValueType};
 use spinney_base::{Progress, Result};
-
-/// The rule by which cells belong to a polygon.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ZoneRule {
-    /// A cell counts whole if its centre is inside, else not at all.
-    #[default]
-    Centre,
-    /// A cell counts by the part of its area that is inside.
-    Area,
-}
 
 /// Statistics of the cells in a polygon.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ZoneStatistics {
-    /// Cells that are not VOID. (By [`ZoneRule::Area`] these, and all other numbers of cells, need not be whole.)
+    /// Cells that are not VOID. (By [`EdgeRule::Area`] these, and all other numbers of cells, need not be whole.)
     pub cells: f64,
     /// Cells within the picture that are VOID.
     pub void_cells: f64,
@@ -63,7 +53,7 @@ pub struct ZoneChannel {
 pub fn zonal(
     tree: &Goblin,
     polygons: &[Polygon],
-    rule: ZoneRule,
+    rule: EdgeRule,
     progress: &dyn Progress,
 ) -> Result<Vec<ZoneStatistics>> {
     let header = tree.header();
@@ -83,7 +73,7 @@ pub(crate) fn source_zonal<S: Source>(
     source: &S,
     (picture, counts_classes): (Bounds, bool),
     polygons: &[Polygon],
-    rule: ZoneRule,
+    rule: EdgeRule,
     progress: &dyn Progress,
 ) -> Result<Vec<ZoneStatistics>> {
     let tree = (source.form(), source.depth(), counts_classes);
@@ -100,7 +90,7 @@ fn each_zone(
     (form, depth, counts_classes): (Form, u8, bool),
     picture: Bounds,
     polygons: &[Polygon],
-    rule: ZoneRule,
+    rule: EdgeRule,
     progress: &dyn Progress,
     walk_zone: &WalkZone<'_>,
 ) -> Result<Vec<ZoneStatistics>> {
@@ -123,7 +113,7 @@ fn each_zone(
 #[derive(Clone, Copy)]
 struct ZoneCells<'a> {
     polygon: &'a Polygon,
-    rule: ZoneRule,
+    rule: EdgeRule,
     picture: Bounds,
 }
 
@@ -134,8 +124,9 @@ impl ZoneCells<'_> {
         let layers = (bounds.max[2] - bounds.min[2]) as f64;
         layers
             * match self.rule {
-                ZoneRule::Centre => self.polygon.count_centres(bounds, crossings) as f64,
-                ZoneRule::Area => self.polygon.area(bounds),
+                EdgeRule::Centre => self.polygon.count_centres(bounds, crossings) as f64,
+                EdgeRule::Touch => self.polygon.count_touched(bounds, crossings) as f64,
+                EdgeRule::Area => self.polygon.area(bounds),
             }
     }
 }
@@ -147,8 +138,8 @@ impl Selection for ZoneCells<'_> {
             return Cover::Nothing;
         }
         match self.rule {
-            ZoneRule::Centre => self.polygon.cover_centres(space),
-            ZoneRule::Area => self.polygon.cover_area(space),
+            EdgeRule::Centre => self.polygon.cover_centres(space),
+            EdgeRule::Touch | EdgeRule::Area => self.polygon.cover_area(space),
         }
     }
 
@@ -213,8 +204,8 @@ impl Visitor for Gather<'_> {
         };
         let inside = self.zone.measure(part, &mut self.crossings);
         match self.zone.rule {
-            ZoneRule::Centre if inside > 0.0 => self.count.block(value, inside as u64),
-            ZoneRule::Area if inside > 0.0 => self.parts.add(self.value_type, value, inside),
+            EdgeRule::Centre | EdgeRule::Touch if inside > 0.0 => self.count.block(value, inside as u64),
+            EdgeRule::Area if inside > 0.0 => self.parts.add(self.value_type, value, inside),
             _ => {}
         }
         Ok(())
@@ -225,7 +216,7 @@ impl Visitor for Gather<'_> {
     }
 
     fn dense(&mut self, code: Code, block: &DenseBlock<'_>, (first, size): ([usize; 3], [usize; 3])) -> bool {
-        if self.zone.rule == ZoneRule::Area {
+        if self.zone.rule == EdgeRule::Area {
             return false;
         }
         let (polygon, count) = (self.zone.polygon, &mut self.count);
@@ -234,11 +225,15 @@ impl Visitor for Gather<'_> {
             min: [origin[0], origin[1], 0],
             max: [origin[0] + size[0] as u64, origin[1] + size[1] as u64, 1],
         };
-        polygon.spans(&part, &mut self.crossings, &mut |row, span| {
+        let each = &mut |row: u64, span: std::ops::Range<u64>| {
             let from = [(span.start - origin[0]) as usize, (row - origin[1]) as usize];
             let at = [first[0] + from[0], first[1] + from[1], first[2]];
             count.dense(block, (at, [(span.end - span.start) as usize, 1, size[2]]));
-        });
+        };
+        match self.zone.rule {
+            EdgeRule::Touch => polygon.touched_spans(&part, &mut self.crossings, each),
+            _ => polygon.spans(&part, &mut self.crossings, each),
+        }
         true
     }
 

@@ -9,6 +9,5 @@ pub use exact::{ExactOptions, ExactReport, Repair, import_exact};
 pub use model::{MeshFace, Model, ModelInfo};
 pub use read::{is_model, open, open_all};
 pub use solid::{
-    Attribute, Boundary, DEFAULT_MEMORY, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
-    plan_models,
+    Attribute, DEFAULT_MEMORY, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport, plan_models,
 };

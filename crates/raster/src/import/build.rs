@@ -11,7 +11,7 @@ use spinney_base::space::Dimension;
 use spinney_base::{Error, PartOfWork, Progress, Result};
 use spinney_container::{OpenOptions, check_tree_name};
 use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
-use spinney_engine::store::build_slabs;
+use spinney_engine::store::{build_slabs, depth_for};
 
 impl RasterImport {
     /// Builds the tree, on the threads of the current rayon pool; progress counts pixels.
@@ -38,25 +38,30 @@ impl RasterImport {
         build_slabs(form, &mut slabs, nodata, &self.options, output, progress)
     }
 
-    /// Builds the tree on the grid of web maps: see [`WarpGrid::web_mercator`]. The tree of the picture itself goes to a temporary
-    /// file in the output's folder first, so that it may come in any order.
+    /// Builds the tree on another grid than the picture's own. The tree of the picture itself goes to a temporary file in the
+    /// output's folder first, so that it may come in any order.
     ///
     /// # Errors
     /// Those of [`RasterImport::build`]; also if the picture's coordinate system is not known or cannot be computed.
-    pub fn build_web_mercator(
+    pub fn build_warped(
         mut self,
-        max_zoom: Option<u8>,
+        target: &TargetGrid,
         options: &WarpOptions,
         output: Output,
         progress: &dyn Progress,
-    ) -> Result<WebMercatorBuilt> {
+    ) -> Result<WarpedBuilt> {
         let info = self.raster.info();
         let (cells, extent) = (info.width * info.height, [info.width, info.height, 1]);
-        let (memory, share) = (self.memory / 4, self.options.share);
+        let (memory, share, time) = (self.memory / 4, self.options.share, self.options.time);
         // Before anything is done: whether there is such a grid.
         check_tree_name(output.path())?;
         let frame = self.options.metadata.frame.clone();
-        let grid = WarpGrid::web_mercator(max_zoom, &frame, extent, options.allow_ballpark)?;
+        let grid = match target {
+            TargetGrid::WebMercator(zoom) => {
+                WarpGrid::web_mercator(*zoom, &frame, extent, options.allow_ballpark)?
+            }
+            TargetGrid::Cells(grid) => (**grid).clone(),
+        };
         let near = folder(output.path());
         let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(near);
         let temporary = temporary.map_err(Error::io(near, "make a temporary folder in"))?;
@@ -66,17 +71,25 @@ impl RasterImport {
         let file = TreeFile::open(&native, &OpenOptions::default())?;
         let warped = Warped::new(Arc::new(file.into()), &frame, &grid, options)?;
         let resampling = warped.resampling();
-        warp(warped, share, output, memory, &PartOfWork::new(progress, cells, 2 * cells))?;
-        let max_zoom = grid.extent[0].trailing_zeros() as u8 - 8;
-        Ok(WebMercatorBuilt { max_zoom, resampling })
+        warp(warped, (share, time), output, memory, &PartOfWork::new(progress, cells, 2 * cells))?;
+        Ok(WarpedBuilt { depth: depth_for(grid.extent), resampling })
     }
 }
 
-/// Properties of a tree that was built on the grid of web maps.
+/// A grid that pictures are warped to.
+#[derive(Clone, Debug)]
+pub enum TargetGrid {
+    /// That of web maps, down to the tiles of a zoom: see [`WarpGrid::web_mercator`].
+    WebMercator(Option<u8>),
+    /// Any other, such as that of another tree.
+    Cells(Box<WarpGrid>),
+}
+
+/// Properties of a tree that was built on another grid than the picture's own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct WebMercatorBuilt {
-    /// The zoom of the deepest tiles, of 256 x 256 cells.
-    pub max_zoom: u8,
+pub struct WarpedBuilt {
+    /// Levels of the tree below its root.
+    pub depth: u8,
     /// The way cells got their values.
     pub resampling: Resampling,
 }

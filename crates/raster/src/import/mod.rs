@@ -25,7 +25,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 pub use self::bands::{select, value_type};
-pub use self::build::WebMercatorBuilt;
+pub use self::build::{TargetGrid, WarpedBuilt};
 pub use self::mosaic::mosaic;
 pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan};
 pub(super) use self::plan::{depth_of, nodata_text};

@@ -43,6 +43,8 @@ pub struct ImportOptions {
     pub keep_transparent: bool,
     /// Whether equal subtrees are stored once, in Autumnal files.
     pub share: bool,
+    /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    pub time: Option<i64>,
 }
 
 impl ImportOptions {
@@ -136,7 +138,8 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
         .rule(rule)
         .memory(memory / 4)
         .metadata(metadata)
-        .share(options.share);
+        .share(options.share)
+        .time(options.time);
     Ok(RasterImport { raster, value, nodata, options, memory, remarks, description })
 }
 

@@ -64,6 +64,8 @@ pub(super) struct Ramp {
 pub(super) enum RampColours {
     /// Evenly over the domain.
     Even(Vec<[u8; 4]>),
+    /// Evenly over the part of the domain below 0, and over that above.
+    Heights { sea: Vec<[u8; 4]>, land: Vec<[u8; 4]> },
     /// In ascending order, by numbers or by percentiles.
     Stops(Vec<(Bound, [u8; 4])>),
 }

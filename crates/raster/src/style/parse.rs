@@ -287,11 +287,17 @@ fn ramp(fields: &mut Fields<'_>, colours: &Value, ends: [Bound; 2], percentiles:
         Value::String(name) => {
             let expected =
                 || format!("one of {}, or a list of colours", ramps::names().collect::<Vec<_>>().join(", "));
-            let colours = ramps::named(name).ok_or_else(|| wrong(&place, value, expected()))?;
+            let mut colours = ramps::named(name).ok_or_else(|| wrong(&place, value, expected()))?;
             if colours.len() > 2 {
                 interpolation = Interpolation::Discrete;
             }
-            RampColours::Even(colours)
+            match ramps::land(name) {
+                Some(first) => {
+                    let land = colours.split_off(first);
+                    RampColours::Heights { sea: colours, land }
+                }
+                None => RampColours::Even(colours),
+            }
         }
         list => {
             let list = list_of(&place, list, MOST_STOPS)?;

@@ -85,6 +85,12 @@ pub(super) fn named(name: &str) -> Option<Vec<[u8; 4]>> {
     Some(mixed.collect())
 }
 
+/// The first colour of a named ramp that is land's, where those before it are the sea's: these are for numbers below 0 alone.
+pub(super) fn land(name: &str) -> Option<usize> {
+    // (The stops are twentieths; the sea ends at the fifth of them.)
+    (name == "terrain").then_some(COLOURS / 4)
+}
+
 /// A colour between two others, given the share of the second.
 pub(super) fn mix(a: [u8; 4], b: [u8; 4], share: f64) -> [u8; 4] {
     std::array::from_fn(|i| (f64::from(a[i]) * (1.0 - share) + f64::from(b[i]) * share + 0.5) as u8)

@@ -35,6 +35,23 @@ pub(super) fn coats(
     Ok((coats, resolver.percentiles.into_answers()))
 }
 
+/// Places of colours over a part of the numbers: those that are not mixed have a part of it each, others begin and end it.
+fn even_stops(
+    colours: &[[u8; 4]],
+    [low, high]: [f64; 2],
+    interpolation: Interpolation,
+) -> Vec<(f64, [u8; 4])> {
+    let parts = match interpolation {
+        Interpolation::Discrete => colours.len(),
+        _ => colours.len() - 1,
+    };
+    let place = |i: usize| {
+        let share = i as f64 / parts as f64;
+        low * (1.0 - share) + high * share
+    };
+    colours.iter().enumerate().map(|(i, colour)| (place(i), *colour)).collect()
+}
+
 struct Resolver<'a> {
     tree: &'a Dataset,
     percentiles: Percentiles<'a>,
@@ -110,16 +127,19 @@ impl Resolver<'_> {
                     ends.reverse();
                     colours.reverse();
                 }
-                // Colours that are not mixed have a part of the domain each, others begin and end it.
-                let parts = match ramp.interpolation {
-                    Interpolation::Discrete => colours.len(),
-                    _ => colours.len() - 1,
-                };
-                let place = |i: usize| {
-                    let share = i as f64 / parts as f64;
-                    ends[0] * (1.0 - share) + ends[1] * share
-                };
-                colours.into_iter().enumerate().map(|(i, colour)| (place(i), colour)).collect()
+                even_stops(&colours, ends, ramp.interpolation)
+            }
+            RampColours::Heights { sea, land } => {
+                let [a, b] = self.ends(band, &ramp.domain)?;
+                let (low, high) = (a.min(b), a.max(b));
+                let mut stops = Vec::new();
+                if low < 0.0 {
+                    stops.extend(even_stops(sea, [low, high.min(0.0)], ramp.interpolation));
+                }
+                if high > 0.0 || low >= 0.0 {
+                    stops.extend(even_stops(land, [low.max(0.0), high], ramp.interpolation));
+                }
+                stops
             }
             RampColours::Stops(stops) => {
                 let mut numbers: Vec<(f64, [u8; 4])> = Vec::with_capacity(stops.len());

@@ -158,7 +158,7 @@ fn middle_of(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result<Op
 
 /// West, south, east and north of a raster in degrees: of a lattice of its points, and a hair more for what edges bend between
 /// these. All of the world where that does not tell.
-fn degrees_of(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result<[f64; 4]> {
+pub fn degrees_of(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result<[f64; 4]> {
     const STEPS: u32 = 256;
     const HAIR: f64 = 1e-5;
     const WORLD: [f64; 4] = [-180.0, -WEB_MERCATOR_LATITUDE, 180.0, WEB_MERCATOR_LATITUDE];

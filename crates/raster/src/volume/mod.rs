@@ -38,6 +38,8 @@ pub struct VolumeOptions {
     pub memory: Option<u64>,
     /// Whether equal subtrees are stored once, in Autumnal files.
     pub share: bool,
+    /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    pub time: Option<i64>,
 }
 
 impl VolumeOptions {
@@ -122,8 +124,12 @@ pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
         ("depth", format!("{depth} levels, {0} x {0} x {0} cells", 1u64 << depth)),
     ];
     let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
-    let options =
-        BuildOptions::new(kind, depth).rule(rule).memory(memory / 4).metadata(metadata).share(options.share);
+    let options = BuildOptions::new(kind, depth)
+        .rule(rule)
+        .memory(memory / 4)
+        .metadata(metadata)
+        .share(options.share)
+        .time(options.time);
     Ok(VolumeImport { array, value, options, memory, description })
 }
 

@@ -1,6 +1,7 @@
 //! A window of a tree as a picture, at any level or size, streamed in bands of rows.
 
 mod grid;
+mod means;
 mod painted;
 mod sampler;
 mod span;

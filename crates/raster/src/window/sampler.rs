@@ -2,8 +2,9 @@
 
 use super::TakeRows;
 use super::grid::{OutputGrid, PixelContent, is_averaged};
+use super::means::{Cells, Means};
 use super::span::Span;
-use spinney_base::value::{Rule, SampleType, Value, ValueType};
+use spinney_base::value::{Rule, SampleType, ValueType};
 use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::PixelGrid;
@@ -100,30 +101,35 @@ impl Sampler<'_> {
         let (size, channels) = (sample.size(), channels as usize);
         let mut out = Vec::with_capacity(count as usize * width as usize * size * channels);
         let mut out_valid = Vec::with_capacity(count as usize * width as usize);
+        if mean {
+            let with_shares = |span: Span| {
+                let shares = (span.first..span.end).map(|cell| span.share(cell)).collect();
+                (span, shares)
+            };
+            let columns: Vec<_> = columns.into_iter().map(with_shares).collect();
+            let first = [first, source.min[u]];
+            let (width, bytes, valid) = (source_width as usize, &bytes, &valid);
+            let mut means = Means::new(Cells { value: value_type, first, width, bytes, valid });
+            for line in &lines {
+                means.line(line, &columns, &mut |pixel| {
+                    let is_valid = pixel.iter().any(Option::is_some);
+                    out_valid.push(is_valid);
+                    let none = if is_valid { missing } else { self.fill };
+                    for number in &pixel[..channels] {
+                        push_number(sample, number.unwrap_or(none), &mut out);
+                    }
+                });
+            }
+            return Ok((out, out_valid));
+        }
         for line in &lines {
             for column in &columns {
-                let mut sums = [0.0; 4];
-                // (Of each channel, since its sample may be missing.)
-                let mut weights = [0.0; 4];
-                for y in line.first..line.end {
-                    for x in column.first..column.end {
-                        let index = ((y - first) * source_width + x - source.min[u]) as usize;
-                        if valid[index] {
-                            let share = line.share(y) * column.share(x);
-                            let pixel = &bytes[index * channels * size..][..channels * size];
-                            let present = value_type.present(Value::from_bytes(pixel));
-                            for channel in (0..channels).filter(|channel| present[*channel]) {
-                                weights[channel] += share;
-                                sums[channel] += share * number(sample, &pixel[channel * size..]);
-                            }
-                        }
-                    }
-                }
-                let is_valid = weights.iter().any(|weight| *weight > 0.0);
-                out_valid.push(is_valid);
-                let none = if is_valid { missing } else { self.fill };
-                for (sum, weight) in sums.iter().zip(weights).take(channels) {
-                    push_number(sample, if weight > 0.0 { sum / weight } else { none }, &mut out);
+                let index = ((line.first - first) * source_width + column.first - source.min[u]) as usize;
+                out_valid.push(valid[index]);
+                if valid[index] {
+                    out.extend_from_slice(&bytes[index * channels * size..][..channels * size]);
+                } else {
+                    (0..channels).for_each(|_| push_number(sample, self.fill, &mut out));
                 }
             }
         }
@@ -168,24 +174,6 @@ pub(super) fn flip_rows<T>(cells: &mut [T], width: usize) {
     // Reversing all cells reverses rows, too; reversing each row puts its own cells right again.
     cells.reverse();
     cells.chunks_mut(width).for_each(<[T]>::reverse);
-}
-
-/// The first sample of some bytes.
-fn number(sample: SampleType, bytes: &[u8]) -> f64 {
-    macro_rules! read {
-        ($type:ty) => {
-            bytes.first_chunk().map_or(0.0, |bytes| <$type>::from_le_bytes(*bytes) as f64)
-        };
-    }
-    match sample {
-        SampleType::U8 => read!(u8),
-        SampleType::U16 => read!(u16),
-        SampleType::I16 => read!(i16),
-        SampleType::U32 => read!(u32),
-        SampleType::I32 => read!(i32),
-        SampleType::F32 => read!(f32),
-        SampleType::F64 => read!(f64),
-    }
 }
 
 fn push_number(sample: SampleType, number: f64, bytes: &mut Vec<u8>) {

@@ -26,6 +26,7 @@
 //! # Ok::<(), spinney::Error>(())
 //! ```
 
+mod contours;
 mod csv;
 #[cfg(feature = "flatgeobuf")]
 mod flatgeobuf;
@@ -42,6 +43,7 @@ mod text;
 use std::path::Path;
 use std::str::FromStr;
 
+pub use self::contours::{ContourFeatures, export_contours};
 pub use self::smooth::Smoothed;
 
 use spinney_base::io::Output;

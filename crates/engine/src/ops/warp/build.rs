@@ -14,7 +14,7 @@ use spinney_base::{Progress, Result};
 /// If the source is damaged, the output cannot be written, or on interruption.
 pub fn warp(
     warped: Warped,
-    share: bool,
+    (share, time): (bool, Option<i64>),
     output: Output,
     memory: u64,
     progress: &dyn Progress,
@@ -22,6 +22,6 @@ pub fn warp(
     let tree = ViewSource::from(warped);
     tree.tell_remark(progress);
     let (header, metadata) = (tree.header().clone(), tree.metadata().clone());
-    let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
+    let options = BuildOptions { metadata, share, time, ..BuildOptions::like(&header, memory) };
     build(&tree, header.extent, &options, output, progress)
 }

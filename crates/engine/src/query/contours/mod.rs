@@ -39,7 +39,7 @@ use spinney_crs::Frame;
 
 /// Course of contour lines where cells without a value are near.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ContourNodata {
+pub enum ContourEnds {
     /// Lines end: no line goes between four cells of which one is VOID.
     #[default]
     Open,
@@ -59,7 +59,7 @@ pub struct ContourRequest {
     /// The level of the tree whose cells count; the deepest if it is not given.
     pub level: Option<u8>,
     /// Course of lines near VOID cells. Bands always go on to the edge of the last cells.
-    pub nodata: ContourNodata,
+    pub ends: ContourEnds,
     /// Bytes to hold at a time, approximately.
     pub memory: u64,
     /// Where a temporary file is made if lines need more memory than that; the system's folder for such files if it is not given.
@@ -69,7 +69,7 @@ pub struct ContourRequest {
 impl ContourRequest {
     /// Contours of the deepest level, which end where VOID cells are near, with 64 MiB of memory.
     pub fn new(levels: ContourLevels) -> ContourRequest {
-        ContourRequest { levels, level: None, nodata: ContourNodata::Open, memory: 64 << 20, folder: None }
+        ContourRequest { levels, level: None, ends: ContourEnds::Open, memory: 64 << 20, folder: None }
     }
 }
 
@@ -182,11 +182,11 @@ pub(crate) fn trace_contours(
     each: &mut TakeContour<'_>,
 ) -> Result<ContourSummary> {
     let levels = Levels::new(&request.levels)?;
-    let tracing = match request.nodata {
+    let tracing = match request.ends {
         _ if is_bands => Tracing::Bands,
-        ContourNodata::Open => Tracing::Open { to_edges: false },
-        ContourNodata::Extend => Tracing::Open { to_edges: true },
-        ContourNodata::Close => Tracing::Closed { low: levels.rank(ground.values.0) },
+        ContourEnds::Open => Tracing::Open { to_edges: false },
+        ContourEnds::Extend => Tracing::Open { to_edges: true },
+        ContourEnds::Close => Tracing::Closed { low: levels.rank(ground.values.0) },
     };
     // Pictures are looked at with rows going down: where the world is not, left and right change places. Outer rings of polygons are
     // counterclockwise.

@@ -55,7 +55,7 @@ impl Pages {
         let (format, header) = Header::read(path, bytes)?;
         if format != TreeFormat::Autumnal {
             let advice =
-                "`spinney publish` makes an Autumnal file of it, which can be edited and has a history";
+                "`spinney convert` makes an Autumnal file of it, which can be edited and has a history";
             return Err(Error::unsupported(path, "editing a Goblin file", advice));
         }
         let corrupt = |place, found: &str, expected| Error::corrupt(path, place, found, expected);

@@ -26,7 +26,7 @@ pub(in crate::store) fn write(
     complete(&mut metadata);
     let message = metadata.provenance.join("\n");
     editor.set_metadata(metadata)?;
-    editor.commit(Note { message, ..Note::default() })?;
+    editor.commit(Note { message, time: options.time, ..Note::default() })?;
     drop(editor);
     output.commit()?;
     Ok(tally)

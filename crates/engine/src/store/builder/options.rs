@@ -22,6 +22,8 @@ pub struct BuildOptions {
     pub metadata: Metadata,
     /// Whether equal subtrees are stored once; only Autumnal files can do that.
     pub share: bool,
+    /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    pub time: Option<i64>,
 }
 
 /// Bytes that building may use if nothing is said.
@@ -39,6 +41,7 @@ impl BuildOptions {
             memory: DEFAULT_MEMORY,
             metadata,
             share: false,
+            time: None,
         }
     }
 
@@ -70,6 +73,12 @@ impl BuildOptions {
     #[must_use]
     pub fn share(self, share: bool) -> BuildOptions {
         BuildOptions { share, ..self }
+    }
+
+    /// Chooses the time of the commit that an Autumnal file begins with.
+    #[must_use]
+    pub fn time(self, time: Option<i64>) -> BuildOptions {
+        BuildOptions { time, ..self }
     }
 
     pub(in crate::store) fn count_classes(&self) -> bool {

@@ -19,7 +19,7 @@ use super::{FaceAttribute, MeshFormat, Precision, SurfaceMesh, sink_of};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result, parallel};
 use spinney_engine::dataset::Dataset;
-use spinney_engine::query::{ContourLevels, ContourNodata, ContourRequest, Levels};
+use spinney_engine::query::{ContourEnds, ContourLevels, ContourRequest, Levels};
 
 /// Size of isosurfaces, and what was read for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,8 +46,8 @@ pub struct IsosurfaceSummary {
 /// Every vertex but a few in the middle of cubes lies on a line between the centres of neighbouring cells, at least a millionth of a cell
 /// away from these. Every edge has two triangles, which pass it in opposite directions, or one where the surface ends.
 ///
-/// Surfaces end ([`ContourNodata::Open`]) at the centres of the last cells, and where one of eight cells is VOID, or no finite number; or they
-/// are closed there ([`ContourNodata::Close`]), midway between cells that have a value and cells that have none, as if these were lower than
+/// Surfaces end ([`ContourEnds::Open`]) at the centres of the last cells, and where one of eight cells is VOID, or no finite number; or they
+/// are closed there ([`ContourEnds::Close`]), midway between cells that have a value and cells that have none, as if these were lower than
 /// everything. In trees of [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy) VOID, and all outside, is 0, so that surfaces of solids are closed.
 ///
 /// Several surfaces are written one after the other, from the lowest value on: as objects in OBJ (`o level_0.5`; a surface that is empty is none), as a property `level` of
@@ -59,14 +59,14 @@ pub struct IsosurfaceSummary {
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::export::mesh::{MeshFormat, export_isosurfaces};
 /// use spinney::io::Output;
-/// use spinney::query::{ContourLevels, ContourNodata, ContourRequest};
+/// use spinney::query::{ContourLevels, ContourEnds, ContourRequest};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("ball.ply");
 /// let ball = spinney::open("fixtures/v1/ball.goblin")?;
 /// // Around the cells that have a value.
 /// let mut request = ContourRequest::new(ContourLevels::At(vec![127.5]));
-/// request.nodata = ContourNodata::Close;
+/// request.ends = ContourEnds::Close;
 /// let found = export_isosurfaces(&ball, &request, Output::create(&path)?, MeshFormat::Ply, &())?;
 /// assert!(found.surfaces == 1 && found.triangles > 0);
 /// # Ok::<(), spinney::Error>(())
@@ -74,7 +74,7 @@ pub struct IsosurfaceSummary {
 ///
 /// # Errors
 /// If the tree is a quadtree, or of classes, has no such level, or is damaged; if its frame is flat; if values are none, no finite numbers, or far too many; if
-/// surfaces are to go on to the edge of cells ([`ContourNodata::Extend`]); if the format cannot hold so many faces, such coordinates or several
+/// surfaces are to go on to the edge of cells ([`ContourEnds::Extend`]); if the format cannot hold so many faces, such coordinates or several
 /// surfaces; if the output cannot be written; or on interruption.
 pub fn export_isosurfaces(
     tree: &Dataset,
@@ -135,7 +135,7 @@ fn values(tree: &Dataset, request: &ContourRequest) -> Result<Vec<f64>> {
         return Err(Error::unsupported(tree.name(), "isosurfaces of a quadtree", advice));
     }
     tree.check_amounts("isosurfaces")?;
-    if request.nodata == ContourNodata::Extend {
+    if request.ends == ContourEnds::Extend {
         let expected = "open or close: only lines of quadtrees extend to the edge of the last cells";
         return Err(Error::invalid("nodata", "extend", expected));
     }
@@ -159,10 +159,10 @@ fn write(
 ) -> Result<IsosurfaceSummary> {
     let level = request.level.unwrap_or(tree.depth());
     let relief = tree.relief(level);
-    let none = match request.nodata {
+    let none = match request.ends {
         _ if relief.has_zeros => 0.0,
-        ContourNodata::Close => f64::NEG_INFINITY,
-        ContourNodata::Open | ContourNodata::Extend => f64::NAN,
+        ContourEnds::Close => f64::NEG_INFINITY,
+        ContourEnds::Open | ContourEnds::Extend => f64::NAN,
     };
     let ground = IsosurfaceGround { relief: &relief, level, whole: tree.extent_at(level).max, none };
     let surfaces = values.len() as u64;

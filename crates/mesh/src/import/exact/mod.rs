@@ -17,7 +17,7 @@ use spinney_base::space::Up;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::attributes::DOMAIN;
 use spinney_brep::show_place;
-use spinney_brep::{Attributes, BOOLEAN_FACES, BuildReport, Face, FaceList, Faces, Grid, ModelBuilder};
+use spinney_brep::{Attributes, BuildReport, Face, FaceList, Faces, Grid, LEAF_SIZE, ModelBuilder};
 use spinney_container::{Metadata, Tag, TagScope};
 use spinney_crs::Crs;
 
@@ -30,15 +30,15 @@ pub struct ExactOptions {
     /// Width of the grid's steps, in units of the models; otherwise that of the files' own grid, if they have one
     /// (CityJSON, exact models) that is not too fine, or the least power of two with which the longest side has at most
     /// about 2^26 steps.
-    pub grid: Option<f64>,
+    pub snap: Option<f64>,
     /// Whether open surfaces are closed by triangles over their boundaries.
     pub close: bool,
     /// Whether a surface that passes through itself or lies on itself is resolved: what it goes around once or more is
     /// inside. The faces are then held in memory.
     pub repair: bool,
     /// Faces that a cell may have and end, whatever their planes have in common: see
-    /// [`ModelBuilder::boolean_faces`].
-    pub boolean_faces: usize,
+    /// [`ModelBuilder::leaf_size`].
+    pub leaf_size: usize,
     /// Axis of the models that points up; y is turned to z.
     pub up: Up,
     /// Unit of length of the models' coordinates, to be kept in the file.
@@ -51,9 +51,9 @@ pub struct ExactOptions {
 
 impl Default for ExactOptions {
     fn default() -> Self {
-        let (grid, close, repair, up, unit, crs) = (None, false, false, Up::default(), None, None);
-        let (boolean_faces, memory) = (BOOLEAN_FACES, super::DEFAULT_MEMORY);
-        ExactOptions { grid, close, repair, boolean_faces, up, unit, crs, memory }
+        let (snap, close, repair, up, unit, crs) = (None, false, false, Up::default(), None, None);
+        let (leaf_size, memory) = (LEAF_SIZE, super::DEFAULT_MEMORY);
+        ExactOptions { snap, close, repair, leaf_size, up, unit, crs, memory }
     }
 }
 
@@ -132,7 +132,7 @@ pub fn import_exact(
         None => common_crs(&models, None)?,
     };
     let bounds = bounds(&mut models, options.up)?;
-    let grid = match options.grid {
+    let grid = match options.snap {
         Some(width) => Grid::over(bounds, Some(width))?,
         // Files with a grid of their own keep it: coordinates then stay as they are.
         None => match common_step(&models).map(|width| Grid::over(bounds, Some(width))) {
@@ -208,11 +208,11 @@ pub fn import_exact(
     if built.defect_count > 0 {
         let advice = match options.repair {
             true => {
-                "on this grid it was not resolved: choose another one with --grid, or build cells of it (without \
-                 --exact)"
+                "on this grid it was not resolved: choose another one with --snap, or build cells of it (without \
+                 --brep)"
             }
             false => {
-                "resolve it with --repair, or build cells of it (without --exact), which take what is inside any of \
+                "resolve it with --repair, or build cells of it (without --brep), which take what is inside any of \
                  its parts"
             }
         };
@@ -249,7 +249,7 @@ impl Target {
     fn new(output: Output, path: &Path, grid: &Grid, options: &ExactOptions) -> Result<Target> {
         // (Of what is held there are two lists at a time, and the builder has its own.)
         let memory = if options.repair { options.memory / 2 } else { options.memory };
-        let builder = ModelBuilder::new(output, grid.clone(), memory)?.boolean_faces(options.boolean_faces);
+        let builder = ModelBuilder::new(output, grid.clone(), memory)?.leaf_size(options.leaf_size);
         let held = options.repair.then(|| FaceList::new(grid.clone(), Vec::new()));
         Ok(Target { builder, held, path: path.to_path_buf(), memory })
     }
@@ -349,6 +349,6 @@ fn open_surface(path: &Path, grid: &Grid, loops: &[Loop]) -> Error {
         what: "the surface is open: it bounds no body".into(),
         places: loops.iter().take(100).map(place).collect(),
         count: loops.len() as u64,
-        advice: "close it with --close, or build cells of it (without --exact)".into(),
+        advice: "close it with --close, or build cells of it (without --brep)".into(),
     }
 }

@@ -104,9 +104,9 @@ impl SolidImport {
         let fill = FillOptions {
             grid: self.grid.clone(),
             lattice: self.lattice,
-            boundary: options.boundary,
+            edge: options.edge,
             attribute: options.attribute,
-            surface: options.surface,
+            shell: options.shell,
             progress,
         };
         let is_open = |surface: &&Surface| matches!(surface.inside, Inside::Field(_));
@@ -158,7 +158,8 @@ impl SolidImport {
             .rule(rule)
             .memory(self.options.memory / 4)
             .metadata(metadata)
-            .share(self.options.share);
+            .share(self.options.share)
+            .time(self.options.time);
         let tally = build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
             report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
             report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");
@@ -219,7 +220,7 @@ impl SolidImport {
     /// Chooses the test for what lies inside: one for all if it holds for all, or each for some of the surface.
     fn inside(&self, read: &mut Read, progress: &dyn Progress) -> Result<(Vec<Surface>, InsideTest)> {
         let whole = |inside, test| Ok((vec![Surface::new(inside, read.triangles.clone())], test));
-        if self.options.surface {
+        if self.options.shell {
             return whole(Inside::Winding, InsideTest::Surface);
         }
         if read.closure.is_closed() {
@@ -239,7 +240,7 @@ impl SolidImport {
                     .into(),
                 needed,
                 limit: self.options.memory,
-                advice: "give more with --memory, close the surface, or build it with --surface".into(),
+                advice: "give more with --memory, close the surface, or build it with --shell".into(),
             });
         }
         let mut all = read.triangles.all()?.to_vec();
@@ -378,8 +379,8 @@ pub(in crate::import) fn provenance(info: &ModelInfo) -> String {
 
 /// Records a report in the tree's file.
 fn set_tags(metadata: &mut Metadata, import: &SolidImport, report: &SolidReport) {
-    let boundary = if import.options.surface { "surface" } else { import.options.boundary.name() };
-    metadata.set_tag(Tag::SolidBoundary, boundary);
+    let edge = if import.options.shell { "shell" } else { import.options.edge.name() };
+    metadata.set_tag(Tag::SolidBoundary, edge);
     metadata.set_tag(Tag::SolidSurface, report.inside.text());
     metadata.set_tag(Tag::SolidTriangles, report.triangles.to_string());
     metadata.set_tag(Tag::SolidDisplacement, report.displacement.to_string());

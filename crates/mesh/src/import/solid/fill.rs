@@ -3,8 +3,9 @@
 use super::bits::{Bits, Cells};
 use super::coverage::{Cube, Test};
 use super::grid::Triangle;
-use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
+use super::inside::{Attribute, FULL, FillOptions, Inside, State};
 use super::windings::{each_run, windings_at_centres};
+use spinney_base::space::EdgeRule;
 use spinney_base::{Progress, Result};
 use spinney_brep::geometry::triangle;
 
@@ -41,11 +42,11 @@ pub(super) fn block(
     height: u8,
     state: State,
 ) -> Result<Cells> {
-    if fill.boundary == Boundary::Coverage && !fill.surface {
+    if fill.edge == EdgeRule::Area && !fill.shell {
         return covered((fill, inside), triangles, min, height, state);
     }
     let mut painter = Painter::new(fill, height);
-    if !fill.surface {
+    if !fill.shell {
         each_run(&fill.lattice, triangles, min, height, state, fill.progress, |y, z, from, to, state| {
             if inside.has(state.winding) {
                 painter.row(y, z, from, to, state.attribute);
@@ -160,7 +161,7 @@ impl<'a> Painter<'a> {
     /// Rasterises the surface: marks the cells that it cuts, or gives cells of the solid its colour.
     pub(super) fn surface(&mut self, triangles: &[Triangle], min: [i32; 3]) -> Result<()> {
         let fill = self.fill;
-        if fill.surface || fill.boundary == Boundary::Full || fill.attribute == Attribute::Colour {
+        if fill.shell || fill.edge == EdgeRule::Touch || fill.attribute == Attribute::Colour {
             for triangle in triangles {
                 fill.progress.check()?;
                 let height = self.cells.height;
@@ -173,7 +174,7 @@ impl<'a> Painter<'a> {
     fn mark(&mut self, at: [usize; 3], attribute: u32) {
         let fill = self.fill;
         let is_new = !self.cells.get(at);
-        if is_new && !fill.surface && fill.boundary != Boundary::Full {
+        if is_new && !fill.shell && fill.edge != EdgeRule::Touch {
             return;
         }
         self.cells.set(at);
@@ -184,7 +185,7 @@ impl<'a> Painter<'a> {
             *value = blend(*value, attribute);
         } else if is_new {
             *value = attribute;
-        } else if fill.surface {
+        } else if fill.shell {
             // The least of several parts, whatever the order of the triangles.
             *value = attribute.min(*value);
         }

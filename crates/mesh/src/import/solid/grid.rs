@@ -120,7 +120,7 @@ impl Grid {
             path,
             "vertices",
             format!("a vertex at {x}, {y}, {z}"),
-            "vertices in or near the tree's space: leave --like away, or choose a tree that is larger",
+            "vertices in or near the tree's space: leave --grid away, or choose a tree that is larger",
         ))
     }
 

@@ -5,27 +5,12 @@ use std::sync::Arc;
 
 use super::field::WindingField;
 use super::grid::Grid;
+use spinney_base::space::EdgeRule;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::exact::lattice::Lattice;
 
 /// Occupancy of a cell that is full.
 pub(super) const FULL: u32 = 255;
-
-/// Rule for the cells that the surface cuts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Boundary {
-    /// All of them belong to the solid: the rule of the literature.
-    Full,
-    /// Cells belong to it whose centre lies inside.
-    #[default]
-    Centre,
-    /// Each cell has the share of it that lies inside. Closed surfaces are clipped to the cells, which is
-    /// exact, also where bodies overlap; cells with more than 48 faces that are turned against each other are
-    /// divided into 4 x 4 x 4 parts, and these once more. Of open surfaces, cells at the edges of holes are
-    /// sampled by 4 x 4 x 4 points of the winding field. Of cells that several objects fill a part of, what is inside any counts, exactly
-    /// away from holes and from faces that are turned inside out.
-    Coverage,
-}
 
 /// Meaning of the values of a solid's cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,26 +23,6 @@ pub enum Attribute {
     Colour,
     /// Number of the part of the model, from 1.
     Part,
-}
-
-impl Boundary {
-    /// All of them.
-    pub const ALL: [Boundary; 3] = [Boundary::Full, Boundary::Centre, Boundary::Coverage];
-
-    /// The name on the command line and in files' tags.
-    pub fn name(self) -> &'static str {
-        ["full", "centre", "coverage"][self as usize]
-    }
-}
-
-impl FromStr for Boundary {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Boundary> {
-        let found = Boundary::ALL.into_iter().find(|boundary| boundary.name() == name);
-        let expected = || Boundary::ALL.map(Boundary::name).join(", ");
-        found.ok_or_else(|| Error::invalid("boundary", format!("`{name}`"), expected()))
-    }
 }
 
 impl Attribute {
@@ -97,10 +62,10 @@ pub(super) enum Inside {
 pub(super) struct FillOptions<'a> {
     pub(super) grid: Grid,
     pub(super) lattice: Lattice,
-    pub(super) boundary: Boundary,
+    pub(super) edge: EdgeRule,
     pub(super) attribute: Attribute,
     /// Only the cells that the surface cuts.
-    pub(super) surface: bool,
+    pub(super) shell: bool,
     /// Asked for each triangle and cube of cells whether to go on: a single block can take a minute where very
     /// many triangles are.
     pub(super) progress: &'a dyn Progress,

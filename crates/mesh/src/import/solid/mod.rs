@@ -25,6 +25,6 @@ mod windings;
 
 pub(super) use build::provenance;
 pub use build::{InsideTest, SolidReport};
-pub use inside::{Attribute, Boundary};
+pub use inside::Attribute;
 pub use plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, plan_models};
 pub(super) use plan::{bounds, common_crs, flat_faces};

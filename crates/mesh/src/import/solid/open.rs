@@ -16,11 +16,12 @@ use super::cubic::{ALL, Cubic, NODES, interpolate};
 use super::field::{DOUBT, WindingField, wide};
 use super::fill::{Painter, cut_cells, occupancy};
 use super::grid::Triangle;
-use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
+use super::inside::{Attribute, FULL, FillOptions, Inside, State};
 use super::local::{LocalField, Range};
 use super::rim::Rim;
 use super::windings::{change, windings_at_centres};
 use spinney_base::Result;
+use spinney_base::space::EdgeRule;
 use spinney_brep::exact::lattice::Lattice;
 use spinney_brep::geometry::triangle;
 
@@ -41,7 +42,7 @@ pub(super) fn block(
     height: u8,
 ) -> Result<(Cells, u64)> {
     let mut painter = Painter::new(fill, height);
-    if fill.boundary == Boundary::Coverage {
+    if fill.edge == EdgeRule::Area {
         painter.values = Some(vec![0; 1 << (3 * height)]);
     }
     let cubics = (Cubic::LEAST..=height).map(Cubic::new).collect();
@@ -182,7 +183,7 @@ impl Open<'_> {
             *node -= windings[(z << height | y) << height | x] as f32;
         }
         let range = Range::of(&nodes, cubic.sum, error);
-        let is_covered = self.fill.boundary == Boundary::Coverage && !triangles.is_empty();
+        let is_covered = self.fill.edge == EdgeRule::Area && !triangles.is_empty();
         if range.distance_from_half() > DOUBT as f32 {
             let off = range.middle.round() as i32;
             windings.iter_mut().for_each(|winding| *winding += off);
@@ -243,7 +244,7 @@ impl Open<'_> {
     ) -> Result<()> {
         let [x, y, z] = self.centres(place);
         let values = local.at_lattice([&x, &y, &z], TOGETHER, self.fill.progress)?;
-        if self.fill.boundary == Boundary::Coverage {
+        if self.fill.edge == EdgeRule::Area {
             return self.covered(local, rim, &Fields { values, place }, triangles, place);
         }
         self.fields(&values, triangles, &|_, _| Ok(0), place)
@@ -348,7 +349,7 @@ impl Open<'_> {
     ) -> Result<()> {
         let cell = self.fill.cell();
         let is_doubtful = |value: &f32| (value.abs() - 0.5).abs() < DOUBT as f32;
-        let is_covered = self.fill.boundary == Boundary::Coverage;
+        let is_covered = self.fill.edge == EdgeRule::Area;
         let mut cut = Bits::new(place.height);
         if is_covered || values.iter().any(is_doubtful) {
             cut = cut_cells(triangles, place.corner, cell, place.height, self.fill.progress)?;

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use super::grid::Grid;
-use super::inside::{Attribute, Boundary};
+use super::inside::Attribute;
 use crate::import::Model;
+use spinney_base::space::EdgeRule;
 use spinney_base::space::{Dimension, Up};
 use spinney_base::{Error, Result};
 use spinney_brep::exact::lattice::Lattice;
@@ -34,12 +35,16 @@ pub enum Resolution {
 pub struct SolidOptions {
     /// Resolution of the cells.
     pub resolution: Resolution,
-    /// Rule for the cells that the surface cuts.
-    pub boundary: Boundary,
+    /// Rule for the cells that the surface cuts. Of [`EdgeRule::Area`] closed surfaces are clipped to the cells, which is exact,
+    /// also where bodies overlap; cells with more than 48 faces that are turned against each other are divided into 4 x 4 x 4
+    /// parts, and these once more. Of open surfaces, cells at the edges of holes are sampled by 4 x 4 x 4 points of the winding
+    /// field. Of cells that several objects fill a part of, what is inside any counts, exactly away from holes and from faces that
+    /// are turned inside out.
+    pub edge: EdgeRule,
     /// Meaning of the cells' values.
     pub attribute: Attribute,
     /// Only the cells that the surface cuts, instead of the whole solid.
-    pub surface: bool,
+    pub shell: bool,
     /// Axis of the models that points up; y is turned to z.
     pub up: Up,
     /// Unit of length of the models' coordinates, to be kept in the file.
@@ -50,20 +55,23 @@ pub struct SolidOptions {
     pub memory: u64,
     /// Whether equal subtrees are stored once, in Autumnal files.
     pub share: bool,
+    /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    pub time: Option<i64>,
 }
 
 impl Default for SolidOptions {
     fn default() -> Self {
         SolidOptions {
             resolution: Resolution::Cells(256),
-            boundary: Boundary::default(),
+            edge: EdgeRule::default(),
             attribute: Attribute::default(),
-            surface: false,
+            shell: false,
             up: Up::default(),
             unit: None,
             crs: None,
             memory: DEFAULT_MEMORY,
             share: false,
+            time: None,
         }
     }
 }
@@ -76,7 +84,7 @@ impl SolidOptions {
 
     /// Whether all cells count that the surface cuts.
     pub(super) fn marks_cut_cells(&self) -> bool {
-        self.surface || self.boundary == Boundary::Full
+        self.shell || self.edge == EdgeRule::Touch
     }
 }
 
@@ -131,9 +139,9 @@ pub fn plan_models(mut models: Vec<Box<dyn Model>>, options: &SolidOptions) -> R
         let advice = "leave --attribute colour away, or choose --attribute part";
         return Err(Error::unsupported(&model.info().path, "colour of a model that has none", advice));
     }
-    if options.attribute != Attribute::Occupancy && options.boundary == Boundary::Coverage {
-        let expected = "full or centre: cells with colours or parts are there or not";
-        return Err(Error::invalid("boundary", "coverage", expected));
+    if options.attribute != Attribute::Occupancy && options.edge == EdgeRule::Area {
+        let expected = "touch or centre: cells with colours or parts are there or not";
+        return Err(Error::invalid("edge", "area", expected));
     }
     let bounds = bounds(&mut models, options.up)?;
     let Fitted { frame, depth, extent } = fit(bounds, options)?;
@@ -287,18 +295,18 @@ fn describe(
         "cells",
         format!("{x} x {y} x {z} in a tree of depth {}, each {cell}{unit} wide", grid.depth),
     ));
-    let what = if options.surface { "the surface" } else { "the solid" };
-    let boundary = match options.boundary {
-        _ if options.surface => "cells that it cuts",
-        Boundary::Full => "cells inside or cut by the surface",
-        Boundary::Centre => "cells whose centre is inside",
-        Boundary::Coverage => "cells as far as they are inside",
+    let what = if options.shell { "the surface" } else { "the solid" };
+    let edge = match options.edge {
+        _ if options.shell => "cells that it cuts",
+        EdgeRule::Touch => "cells inside or cut by the surface",
+        EdgeRule::Centre => "cells whose centre is inside",
+        EdgeRule::Area => "cells as far as they are inside",
     };
     let attribute = match options.attribute {
         Attribute::Occupancy => "",
         Attribute::Colour => ", with colours",
         Attribute::Part => ", with part numbers",
     };
-    lines.push(("fill", format!("{what}: {boundary}{attribute}")));
+    lines.push(("fill", format!("{what}: {edge}{attribute}")));
     lines
 }

@@ -9,13 +9,14 @@ use glam::DVec3;
 use super::bits::{Bits, Cells, Content, Pyramid};
 use super::fill;
 use super::grid::Triangle;
-use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
+use super::inside::{Attribute, FULL, FillOptions, Inside, State};
 use super::open;
 use super::triangles::{OctantSorter, Triangles};
 use super::union::{Overlaps, Piece};
 use spinney_base::Form;
 use spinney_base::Result;
 use spinney_base::sort;
+use spinney_base::space::EdgeRule;
 use spinney_base::value::Value;
 use spinney_brep::exact::lattice::Projected;
 use spinney_brep::geometry::triangle;
@@ -124,7 +125,7 @@ impl<'a> Solid<'a> {
             Solid { form, fill, tests: Vec::new(), held, root, value, counters: Counters::default() };
         for (number, Surface { inside, triangles }) in surfaces.into_iter().enumerate() {
             let state = match inside {
-                _ if solid.fill.surface => State::default(),
+                _ if solid.fill.shell => State::default(),
                 Inside::Field(_) => State::default(),
                 Inside::Winding | Inside::Parity => solid.outside_in(&triangles, State::outside(&inside))?,
             };
@@ -154,7 +155,7 @@ impl<'a> Solid<'a> {
 
     /// Whether crossings decide what is inside a surface.
     fn is_crossed(&self, sheet: &Sheet) -> bool {
-        !self.fill.surface && !matches!(self.tests[sheet.surface], Inside::Field(_))
+        !self.fill.shell && !matches!(self.tests[sheet.surface], Inside::Field(_))
     }
 
     /// Grid coordinates of a region's first corner, and its width.
@@ -267,7 +268,7 @@ impl<'a> Solid<'a> {
         if !sheet.triangles.is_empty() {
             return Ok(None);
         }
-        if self.fill.surface {
+        if self.fill.shell {
             return Ok(Some(None));
         }
         let Inside::Field(field) = inside else {
@@ -300,9 +301,9 @@ impl<'a> Solid<'a> {
         let (min, _) = self.bounds(region);
         let height = self.fill.grid.depth - region.level;
         let join = |one: u32, other: u32| {
-            if self.fill.boundary == Boundary::Coverage { one.max(other) } else { one }
+            if self.fill.edge == EdgeRule::Area { one.max(other) } else { one }
         };
-        let is_covered = self.fill.boundary == Boundary::Coverage && !self.fill.surface;
+        let is_covered = self.fill.edge == EdgeRule::Area && !self.fill.shell;
         let mut all: Option<Cells> = None;
         let (mut pieces, mut overlaps) = (Vec::new(), Overlaps::default());
         for (number, sheet) in (0..).zip(&region.sheets) {
@@ -313,7 +314,7 @@ impl<'a> Solid<'a> {
             })?;
             let inside = &self.tests[sheet.surface];
             let cells = match inside {
-                Inside::Field(field) if !self.fill.surface => {
+                Inside::Field(field) if !self.fill.shell => {
                     let (cells, undecided) = open::block(&self.fill, field, &triangles, min, height)?;
                     self.counters.undecided.fetch_add(undecided, Ordering::Relaxed);
                     cells

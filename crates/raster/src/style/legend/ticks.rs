@@ -3,27 +3,30 @@
 use super::super::resolve::round_step;
 use super::Tick;
 
-/// Ticks between two numbers: some five round ones, or the ends if there is nothing round between them.
+/// Part of the band beside an end in which nothing else is told.
+const END: f64 = 0.1;
+
+/// Ticks of two numbers, and between them some four round ones.
 pub(super) fn ticks(low: f64, high: f64) -> Vec<Tick> {
     let step = round_step((high - low).abs() / 5.0);
     let (least, most) = (low.min(high), low.max(high));
     let at = |number: f64| ((number - low) / (high - low)).clamp(0.0, 1.0);
     let (first, last) = ((least / step).ceil(), (most / step).floor());
+    let end = |at: f64, end: f64| Tick { at, label: number(end) };
+    let (begin, end) = (end(0.0, low), end(1.0, high));
     // (Ends that are alike or endless have no round numbers between them.)
-    if !(most > least && (last - first) >= 1.0 && (last - first) < 20.0) {
-        let tick = |at: f64, end: f64| Tick { at, label: number(end) };
-        return vec![tick(0.0, low), tick(1.0, high)];
-    }
-    let count = (last - first) as usize + 1;
-    let mut ticks: Vec<Tick> = (0..count)
-        .map(|i| {
-            let place = (first + i as f64) * step;
-            Tick { at: at(place), label: number(place) }
-        })
-        .collect();
+    let is_divided = most > least && (last - first) >= 0.0 && (last - first) < 20.0;
+    let count = if is_divided { (last - first) as usize + 1 } else { 0 };
+    let round = (0..count).map(|i| {
+        let place = (first + i as f64) * step;
+        Tick { at: at(place), label: number(place) }
+    });
+    let mut ticks: Vec<Tick> = round.filter(|tick| (END..=1.0 - END).contains(&tick.at)).collect();
     if low > high {
         ticks.reverse();
     }
+    ticks.insert(0, begin);
+    ticks.push(end);
     ticks
 }
 
@@ -50,8 +53,8 @@ mod tests {
             ticks(low, high).into_iter().map(|tick| tick.label).collect()
         };
         assert_eq!(labels(0.0, 100.0), ["0", "20", "40", "60", "80", "100"]);
-        assert_eq!(labels(193.4, 4031.0), ["1000", "2000", "3000", "4000"]);
-        assert_eq!(labels(-0.013, 0.011), ["-0.01", "-0.005", "0", "0.005", "0.01"]);
+        assert_eq!(labels(193.4, 4031.0), ["193.4", "1000", "2000", "3000", "4031"]);
+        assert_eq!(labels(-0.013, 0.011), ["-0.013", "-0.01", "-0.005", "0", "0.005", "0.011"]);
         assert_eq!(labels(5.0, 5.0), ["5", "5"]);
         assert_eq!(labels(f64::MIN, f64::MAX).len(), 2);
         assert_eq!(ticks(100.0, 0.0)[0], Tick { at: 0.0, label: "100".into() });

@@ -1,4 +1,4 @@
-//! `spinney publish`: the same tree in the other format.
+//! `spinney convert`: the same tree in the other format.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -7,7 +7,7 @@ use anyhow::Result;
 use spinney::ops;
 
 use super::Global;
-use super::args::{Memory, OutputLimit, check_output};
+use super::args::{Memory, OutputFile, OutputLimit, check_output};
 use super::report::{Work, report_output};
 
 /// Write a tree as it is to a file of the other format (or of the same).
@@ -20,8 +20,8 @@ use super::report::{Work, report_output};
 pub(crate) struct Args {
     /// Tree file; FILE@N is one of its commits
     file: PathBuf,
-    /// The file to make; - is standard output
-    output: PathBuf,
+    #[command(flatten)]
+    output: OutputFile,
     /// Store equal subtrees once; for .autumn files
     #[arg(long)]
     share: bool,
@@ -33,16 +33,17 @@ pub(crate) struct Args {
 
 const EXAMPLES: &str = "\
 Examples:
-  spinney publish map.autumn map.goblin
-  spinney publish map.autumn@12 release.goblin
-  spinney publish release.goblin next.autumn --share";
+  spinney convert map.autumn map.goblin
+  spinney convert map.autumn@12 release.goblin
+  spinney convert release.goblin next.autumn --share";
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    check_output([Path::new(&args.file)], &args.output)?;
+    let output = args.output.path();
+    check_output([Path::new(&args.file)], output)?;
     let work = Work::start(global, "cells")?;
-    ops::convert(&args.file, args.share, args.limit.create_tree(&args.output)?, args.memory.bytes, &work)?;
+    ops::convert(&args.file, args.share, args.limit.create_tree(output)?, args.memory.bytes, &work)?;
     work.finish();
-    report_output(global, &args.output, start);
+    report_output(global, output, start);
     Ok(())
 }

@@ -1,0 +1,163 @@
+//! The commit that changed each cell last.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::diff::is_same_record;
+use super::tree_file::{TreeFile, TreeFileNode};
+use crate::store::autumnal::History;
+use crate::store::builder::ReusableSource;
+use crate::store::{BuildOptions, build};
+use crate::tree::{Child, Children, Source, no_children};
+use spinney_base::io::Output;
+use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney_base::{Error, Form, Progress, Result};
+use spinney_container::{Metadata, OpenOptions};
+
+/// Writes a tree of the numbers of the commits that changed each cell of an Autumnal file last, from its first commit to the newest
+/// or, of `FILE@N`, to that one; cells that no commit has given a value are VOID. Coarse cells have the newest commit below them.
+///
+/// What commits have in common is read once: time goes with the tree's nodes and with what was changed, memory with the number of
+/// commits, of each of which the root is held.
+///
+/// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// use spinney::{io::Output, ops};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("age.goblin");
+/// ops::blame("fixtures/v1/history.autumn".as_ref(), Output::create(&path)?, 64 << 20, &())?;
+/// assert_eq!(spinney::open(&path)?.value_bounds()?[0].0, 1.0);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If it is no Autumnal file, cannot be read, has a commit whose number is 2^32 or more, the output cannot be written, or on
+/// interruption.
+pub fn blame(path: &Path, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
+    let asked = TreeFile::open(path, &OpenOptions::default())?;
+    let TreeFile::Autumnal(commit) = &asked else {
+        let expected = "an Autumnal file, which has commits";
+        return Err(Error::invalid("file to blame", format!("{}, a Goblin file", path.display()), expected));
+    };
+    let last = commit.commit().number;
+    let (name, _) = spinney_container::split_commit(path);
+    let history = History::open(&name, &OpenOptions::default())?;
+    let depth = asked.depth();
+    let mut commits = Vec::new();
+    for commit in history.commits() {
+        let number = commit?.number;
+        if number <= last {
+            progress.check()?;
+            let mut at = name.as_os_str().to_owned();
+            at.push(format!("@{number}"));
+            let other = TreeFile::open(at.as_ref(), &OpenOptions::default())?;
+            // (Trees of other depths have nothing in common.)
+            if other.depth() != depth {
+                let found = format!("{} levels at commit {number}", other.depth());
+                let expected = format!("{depth}, as commit {last} has");
+                return Err(Error::invalid("depth of a tree", found, expected));
+            }
+            commits.push((number, other.root()?));
+        }
+    }
+    commits.reverse();
+    let form = Form::new(asked.form().dimension, ValueType::new(SampleType::U32, 1));
+    // (Records are where they are in the file, whichever commit leads to them.)
+    let file = TreeFile::open(&name, &OpenOptions::default())?;
+    let ages = Ages { file, commits, form, depth };
+    let frame = asked.metadata().frame.clone();
+    let provenance = vec![format!("commits that changed the cells of {} last", path.display())];
+    let metadata = Metadata { frame, band_names: vec!["commit".into()], provenance, ..Metadata::default() };
+    let options =
+        BuildOptions::new(Kind::Continuous, depth).rule(Rule::Max).memory(memory).metadata(metadata);
+    build(&ages, asked.header().extent, &options, output, progress)?;
+    history.check_unchanged()
+}
+
+/// The numbers of the commits that changed each cell last.
+struct Ages {
+    file: TreeFile,
+    /// Numbers and roots, the oldest first.
+    commits: Vec<(u64, Child<TreeFileNode>)>,
+    form: Form,
+    depth: u8,
+}
+
+/// What a node was like, and from which commit on: its states, the oldest first, each another one than the one before.
+#[derive(Clone)]
+struct States(Arc<[(usize, Child<TreeFileNode>)]>);
+
+impl Ages {
+    fn number(&self, commit: usize) -> Result<Value> {
+        let number = self.commits[commit].0;
+        let value = u32::try_from(number).ok().and_then(|number| self.form.value.splat(f64::from(number)));
+        value.ok_or_else(|| Error::invalid("number of a commit", number.to_string(), "less than 2^32"))
+    }
+
+    /// Whether a node is the same in two commits, as far as it can be told without looking below it.
+    fn is_same(&self, a: &(usize, Child<TreeFileNode>), b: &(usize, Child<TreeFileNode>)) -> bool {
+        match (&a.1, &b.1) {
+            (Child::Void, Child::Void) => true,
+            (Child::Leaf(a), Child::Leaf(b)) => a == b,
+            (Child::Inner { .. }, Child::Inner { .. }) => is_same_record(&self.file, &a.1, &self.file, &b.1),
+            _ => false,
+        }
+    }
+
+    /// The node that has had some states.
+    fn node(&self, mut states: Vec<(usize, Child<TreeFileNode>)>) -> Result<Child<States>> {
+        states.dedup_by(|next, before| self.is_same(before, next));
+        let Some((last, newest)) = states.last() else { return Ok(Child::Void) };
+        if states.iter().any(|(_, state)| state.is_inner()) {
+            let representative = self.number(*last)?;
+            return Ok(Child::Inner { representative, node: States(states.into()) });
+        }
+        // (What has been nothing all the time has no age.)
+        if states.len() == 1 && matches!(newest, Child::Void) {
+            return Ok(Child::Void);
+        }
+        Ok(Child::Leaf(self.number(*last)?))
+    }
+}
+
+impl Source for Ages {
+    type Node = States;
+
+    fn form(&self) -> Form {
+        self.form
+    }
+
+    fn depth(&self) -> u8 {
+        self.depth
+    }
+
+    fn root(&self) -> Result<Child<States>> {
+        let roots = self.commits.iter().enumerate().map(|(index, (_, root))| (index, *root));
+        self.node(roots.collect())
+    }
+
+    fn children(&self, node: &States, children: &mut Children<States>) -> Result<()> {
+        let count = self.form.children();
+        let mut below: Vec<Vec<(usize, Child<TreeFileNode>)>> = vec![Vec::new(); count];
+        let mut own = no_children();
+        for (commit, state) in node.0.iter() {
+            if let Child::Inner { node, .. } = state {
+                self.file.children(node, &mut own)?;
+            } else {
+                own.fill(*state);
+            }
+            below.iter_mut().zip(&own).for_each(|(states, child)| states.push((*commit, *child)));
+        }
+        for (child, states) in children.iter_mut().zip(below) {
+            *child = self.node(states)?;
+        }
+        Ok(())
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        self.file.check_unchanged()
+    }
+}
+
+impl ReusableSource for Ages {}

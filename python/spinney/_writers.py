@@ -1,0 +1,190 @@
+"""What writes trees as files of other programs, and pictures and meshes of them."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _native
+from ._options import refuse
+from ._progress import memory_of, telling
+from ._types import Coordinates, Mesh, Path, Progress, Resampling, Style, Window
+
+
+class Writers(_native.Tree):
+    """The part of a dataset that writes it."""
+
+    def save(
+        self,
+        path: Path,
+        *,
+        window: Window | None = None,
+        coordinates: Coordinates = None,
+        level: int | None = None,
+        shape: tuple[int, int] | None = None,
+        exact: bool = False,
+        nodata: float | None = None,
+        range: tuple[float, float] | None = None,
+        style: Style | None = None,
+        progress: Progress = None,
+    ) -> None:
+        """Writes a part as a picture or array file (.png, .tif, .exr, .npy, .raw), as `spinney get` does.
+
+        `shape` are rows and columns of the result, `range` the numbers that become black and white in pictures, `style` a style's
+        name ("viridis", "terrain", "hillshade", "relief" ...), its document as a dictionary or JSON, or a file with it.
+        """
+        with telling(progress) as tell:
+            self._write_window(os.fspath(path), window, coordinates, level, shape, exact, nodata, range, _style_text(style), tell)
+
+    def mesh(self, level: int | None = None, *, smooth: bool = False, progress: Progress = None) -> Mesh:
+        """The surface of an octree as triangles: the faces of cells, or with `smooth` the surface between them."""
+        with telling(progress) as tell:
+            return Mesh(*self._surface_arrays(level, smooth, tell))
+
+    def export(
+        self,
+        path: Path,
+        *,
+        level: int | None = None,
+        smooth: bool = False,
+        triangles: bool = False,
+        window: Window | None = None,
+        coordinates: Coordinates = None,
+        tile_size: int | None = None,
+        compression: Literal["deflate", "zstd", "none"] | None = None,
+        nodata: float | None = None,
+        zoom: int | tuple[int, int] | None = None,
+        style: Style | None = None,
+        tile_format: Literal["png", "webp", "jpg", "npy", "tif"] | None = None,
+        effort: int | None = None,
+        quality: int | None = None,
+        resampling: Resampling | None = None,
+        allow_ballpark: bool = False,
+        name: str | None = None,
+        attribution: str | None = None,
+        resume: bool = False,
+        progress: Progress = None,
+    ) -> tuple[int, int] | int | None:
+        """Writes a file of other programs, as `spinney export` does; its name says which.
+
+        - .ply, .obj, .stl, .off: the surface of an octree, at a `level`, `smooth` or of its cells, as `triangles` only if wanted;
+          returns the numbers of vertices and faces.
+        - .glb and x/tileset.json: the same for viewers, as binary glTF and 3D Tiles; returns the number of triangles.
+        - .tif: a cloud-optimized GeoTIFF of a picture (`tile_size`, `compression`, `nodata`).
+        - .pmtiles, .mbtiles (in packages built with it) and patterns such as "map/{z}/{x}/{y}.png": tiles of web maps, of some zooms
+          (`zoom=(0, 6)`), a part, in a `style` (see `save`); returns their number. An interrupted export leaves nothing or, with
+          `resume`, what the next one goes on with.
+
+        What the format has no room for, such as colours, values, the coordinate system or the unit of length, is told in a warning.
+        Options of other formats than that of the name are a TypeError.
+        """
+        to = os.fspath(path)
+        of_tiles = {
+            "zoom": (zoom, zoom) if isinstance(zoom, int) else zoom,
+            "style": _style_text(style),
+            "tile_format": tile_format,
+            "effort": effort,
+            "quality": quality,
+            "resampling": resampling,
+            "name": name,
+            "attribution": attribution,
+        }
+        of_surfaces = {"level": level, "smooth": smooth or None, "triangles": triangles or None}
+        of_cog = {"compression": compression, "nodata": nodata}
+        only_tiles = of_tiles | {"window": window, "resume": resume or None, "allow_ballpark": allow_ballpark or None}
+        with telling(progress) as tell:
+            if self._is_tiles(to):
+                refuse("solids and GeoTIFF", of_surfaces | of_cog)
+                options = of_tiles | {"tile_size": tile_size, "allow_ballpark": allow_ballpark, "resume": resume}
+                return self._write_tiles(to, window, coordinates, options, tell)
+            refuse("tiles", only_tiles)
+            if to.lower().endswith((".tif", ".tiff")):
+                refuse("solids", of_surfaces)
+                self._write_cog(to, tile_size, compression, nodata, tell)
+                return None
+            refuse("pictures", of_cog | {"tile_size": tile_size})
+            if to.lower().endswith(".glb") or os.path.basename(to) == "tileset.json":
+                refuse("meshes; it has triangles anyway", {"triangles": triangles or None})
+                return self._write_gltf(to, level, smooth, tell)
+            return self._write_mesh(to, level, smooth, triangles, tell)
+
+    def contours(
+        self,
+        path: Path,
+        at: float | Sequence[float] | None = None,
+        *,
+        every: float | None = None,
+        base: float = 0.0,
+        filled: bool = False,
+        level: int | None = None,
+        ends: Literal["open", "extend", "close"] = "open",
+        smooth: int = 0,
+        has_z: bool = False,
+        memory: int | str = "256M",
+        progress: Progress = None,
+    ) -> int:
+        """Writes contours of the first band as features (.geojson, .csv, .svg, .fgb, .shp, .obj, .ply, and .gpkg in packages built
+        with it), of octrees surfaces of equal values as a mesh (.ply, .obj, .stl, .off); returns how many lines, polygons or
+        triangles there are.
+
+        Values are those `at` which lines are wanted, or `every` so many, counted from `base`. With `filled` there are the areas
+        between them. Lines `ends` where VOID is near (`"open"`), `"extend"` to the edge of the last cells or `"close"` along it;
+        `smooth` is how often their corners are cut; with `has_z` points have the value as their third coordinate.
+        """
+        options = {
+            "at": None if at is None else [float(value) for value in np.atleast_1d(np.asarray(at, dtype=float))],
+            "every": every,
+            "base": base,
+            "filled": filled,
+            "level": level,
+            "ends": ends,
+            "smooth": smooth,
+            "has_z": has_z,
+            "memory": memory_of(memory),
+        }
+        with telling(progress) as tell:
+            return self._write_contours(os.fspath(path), options, tell)
+
+    def render(
+        self,
+        path: Path | None = None,
+        *,
+        size: tuple[int, int] = (1024, 768),
+        azimuth: float = 215.0,
+        elevation: float = 30.0,
+        level: int | None = None,
+        scale: float = 1.0,
+        orthographic: bool = False,
+        up: Literal["y", "z"] = "z",
+        background: tuple[int, int, int] | None = (255, 255, 255),
+        samples: int = 2,
+        progress: Progress = None,
+    ) -> npt.NDArray[np.uint8] | None:
+        """A shaded picture of an octree's solid: an array of rows, columns and colours, or a file if `path` is given.
+
+        `size` are columns and rows; the viewer stands at `azimuth` on the compass (0 is north, along y), `elevation`
+        degrees above the horizon. Without a background the picture has opacity as a fourth channel.
+        """
+        with telling(progress) as tell, tempfile.TemporaryDirectory(prefix="spinney-") as folder:
+            to = os.path.join(folder, "picture.npy") if path is None else os.fspath(path)
+            direction = (azimuth, elevation)
+            self._write_render(
+                to, size, direction, level, scale, orthographic, up, background, samples, tell
+            )
+            if path is not None:
+                return None
+            picture: npt.NDArray[np.uint8] = np.load(to)
+            return picture
+
+
+def _style_text(style: Style | None) -> str | None:
+    """A style as the program has it."""
+    if style is None or isinstance(style, str):
+        return style
+    return json.dumps(dict(style)) if isinstance(style, Mapping) else os.fspath(style)

@@ -1,0 +1,198 @@
+//! Trees as files of other programs: cloud-optimized GeoTIFF, tiles of web maps, glTF and 3D Tiles.
+
+use std::path::{Path, PathBuf};
+
+use pyo3::prelude::*;
+use spinney::dataset::Dataset;
+use spinney::export::mesh::{GltfOptions, MeshRequest, export_glb, export_tileset};
+use spinney::export::tiles::{
+    TileEncoding, TilePainter, TileRequest, TileSource, TileTarget, WarpedTiles, XyzTiles, degrees_of,
+    export_tiles,
+};
+use spinney::export::{CogCompression, CogRequest, export_cog};
+use spinney::io::{Output, OutputFolder};
+use spinney::ops::WarpOptions;
+use spinney::style::Style;
+
+use crate::error::{OrRaise, invalid};
+use crate::files::check_output;
+use crate::jobs::{self, Work};
+use crate::part::{level_of, part_of};
+use crate::tree::{Opened, Tree};
+
+/// A style: a name, a JSON document, or the path of a file with one.
+pub(crate) fn style_of(text: &str) -> PyResult<Style> {
+    let is_text = text.trim_start().starts_with('{') || Style::names().contains(&text);
+    if !is_text && (text.contains(['.', '/', '\\']) || Path::new(text).exists()) {
+        return Style::read(Path::new(text)).or_raise();
+    }
+    Style::parse(text).or_raise()
+}
+
+/// Options of tiles; what is not said is as it is for the program.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct TileOptions {
+    zoom: Option<(u8, u8)>,
+    style: Option<String>,
+    tile_format: Option<String>,
+    tile_size: Option<usize>,
+    effort: Option<u8>,
+    quality: Option<u8>,
+    resampling: Option<String>,
+    allow_ballpark: bool,
+    name: Option<String>,
+    attribution: Option<String>,
+    resume: bool,
+}
+
+impl TileOptions {
+    fn warp(&self) -> PyResult<WarpOptions> {
+        let mut warp = WarpOptions::default();
+        warp.resampling = self.resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
+        warp.allow_ballpark = self.allow_ballpark;
+        Ok(warp)
+    }
+}
+
+#[pymethods]
+impl Tree {
+    /// Writes a cloud-optimized GeoTIFF.
+    #[pyo3(name = "_write_cog")]
+    fn write_cog(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        tile_size: Option<u32>,
+        compression: Option<&str>,
+        nodata: Option<f64>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<()> {
+        let opened = self.get()?;
+        check_output(&[opened.tree.name().to_path_buf()], &path)?;
+        let mut request = CogRequest::new();
+        request.tile_size = tile_size.unwrap_or(request.tile_size);
+        request.nodata = nodata;
+        request.compression = match compression {
+            None | Some("deflate") => CogCompression::Deflate,
+            Some("zstd") => CogCompression::Zstd,
+            Some("none") => CogCompression::None,
+            Some(other) => {
+                return Err(invalid(format!("compression: {other}, expected deflate, zstd or none")));
+            }
+        };
+        jobs::run(py, progress, |work| export_cog(&opened.tree, &request, Output::create(&path)?, work))?;
+        Ok(())
+    }
+
+    /// Writes binary glTF, or 3D Tiles if the name is `x/tileset.json`; returns the number of triangles.
+    #[pyo3(name = "_write_gltf")]
+    fn write_gltf(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        level: Option<i64>,
+        smooth: bool,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<u64> {
+        let opened = self.get()?;
+        opened.check_octree()?;
+        check_output(&[opened.tree.name().to_path_buf()], &path)?;
+        let mut request = MeshRequest::new();
+        request.level = level.map(|level| level_of(&opened.tree, Some(level))).transpose()?;
+        request.smooth = smooth;
+        let options = GltfOptions::new();
+        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("glb")) {
+            return jobs::run(py, progress, |work| {
+                export_glb(&opened.tree, &request, &options, Output::create(&path)?, work)
+            });
+        }
+        let folder = path.parent().filter(|folder| *folder != Path::new(""));
+        let folder = folder.ok_or_else(|| invalid("name the folder, too, as in x/tileset.json"))?;
+        jobs::run(py, progress, |work| {
+            let folder = OutputFolder::create(folder)?;
+            export_tileset(&opened.tree, &request, &options, folder, work).map(|made| made.triangles)
+        })
+    }
+
+    /// Whether a name is that of an archive of tiles, or a pattern of their names.
+    #[staticmethod]
+    #[pyo3(name = "_is_tiles")]
+    fn is_tiles(path: PathBuf) -> PyResult<bool> {
+        Ok(TileTarget::of(&path).or_raise()?.is_some())
+    }
+
+    /// Writes tiles of web maps; returns their number.
+    #[pyo3(name = "_write_tiles")]
+    fn write_tiles(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        window: Option<&Bound<'_, PyAny>>,
+        coordinates: Option<&Bound<'_, PyAny>>,
+        options: TileOptions,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<u64> {
+        let opened = self.get()?;
+        let tree = &opened.tree;
+        let target = TileTarget::of(&path).or_raise()?;
+        let target = target.ok_or_else(|| invalid(format!("{}: no archive of tiles", path.display())))?;
+        check_output(&[tree.name().to_path_buf()], target.path())?;
+        let warp = options.warp()?;
+        let mut request = TileRequest::new(tree).or_raise()?;
+        let asked = options.tile_format.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        let format = asked.or(target.format()).unwrap_or_default();
+        if target.format().is_some_and(|named| named != format) {
+            return Err(invalid("tile_format: the names of tiles say another one"));
+        }
+        request.encoding = TileEncoding { format, effort: options.effort, quality: options.quality };
+        request.zooms = options.zoom.map(|(first, last)| first..=last);
+        request.side = options.tile_size.unwrap_or(256);
+        request.resume = options.resume;
+        request.options = self.steps_text().unwrap_or_default();
+        request.name = options.name.clone().unwrap_or(request.name);
+        request.attribution = options.attribution.clone().unwrap_or_default();
+        if let Some(bounds) = part_of(tree, window, coordinates)? {
+            let frame = tree.metadata().frame.shifted(bounds.min.map(|cell| cell as f64));
+            let degrees = degrees_of(&frame, bounds.size(), options.allow_ballpark).or_raise()?;
+            request.degrees = Some(degrees);
+        }
+        let style = match &options.style {
+            Some(text) => style_of(text)?,
+            None => Style::default_for(tree),
+        };
+        let stored = jobs::run(py, progress, |work| {
+            let tiles = tiles_of(&opened, &mut request, &options, &warp, work)?;
+            let painter = TilePainter::new(&style, tree, work)?;
+            if !format.is_array() {
+                request.legend = painter.painter().legend(tree)?.svg();
+            }
+            export_tiles(&*tiles, &painter, &request, &target, work)
+        })?;
+        Ok(stored.tiles)
+    }
+}
+
+/// The tiles of a tree: its nodes, or, where it lies on another grid, what it is warped to.
+fn tiles_of<'a>(
+    opened: &'a Opened,
+    request: &mut TileRequest,
+    options: &TileOptions,
+    warp: &WarpOptions,
+    work: &Work,
+) -> spinney::Result<Box<dyn TileSource + 'a>> {
+    use spinney::Progress as _;
+    let tree: &Dataset = &opened.tree;
+    if let Some(tiles) = XyzTiles::new(tree) {
+        return Ok(Box::new(tiles));
+    }
+    let Some(file) = tree.as_file() else {
+        let expected = "a file: spinney.transform makes one of it";
+        return Err(spinney::Error::invalid("source of tiles", "a view on another grid", expected));
+    };
+    let last = options.zoom.map(|(_, last)| last);
+    let tiles = WarpedTiles::new(file, &tree.metadata().frame, request.side, last, warp)?;
+    tiles.remarks().iter().for_each(|remark| work.warn(tree.name(), remark));
+    request.options.push_str(&tiles.signature());
+    Ok(Box::new(tiles))
+}

@@ -1,0 +1,80 @@
+"""Every subcommand and option of the program has a name in Python, or a reason why it has none."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import spinney
+
+PAGE = Path(__file__).parents[2] / "docs" / "options.md"
+
+
+def rows(begin: str) -> list[list[str]]:
+    lines = PAGE.read_text().splitlines()
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines if line.startswith(begin)]
+
+
+def help_of(program: str, *words: str) -> str:
+    return subprocess.run([program, *words, "--help"], capture_output=True, text=True, check=True).stdout
+
+
+def commands(program: str) -> list[str]:
+    """Names of all subcommands, from the program's own list."""
+    listed = help_of(program).split("\nOptions:")[0]
+    names = [name for name in re.findall(r"^  ([a-z]+) {2,}\S", listed, re.MULTILINE) if name != "help"]
+    changes = re.findall(r"^  ([a-z]+) {2,}\S", help_of(program, "edit").split("Commands:")[1].split("\n\n")[0], re.MULTILINE)
+    return sorted([*names, *(f"edit {name}" for name in changes if name != "help")])
+
+
+def named(text: str) -> list[str]:
+    """The names in a cell of the table: `build(crs=)`, `Dataset.read`; none if it gives a reason."""
+    return re.findall(r"`([^`]+)`", text)
+
+
+def check(name: str) -> None:
+    path, _, argument = name.partition("(")
+    found = spinney
+    for part in path.split("."):
+        found = getattr(found, part)
+    if argument:
+        parameters = inspect.signature(found).parameters
+        assert argument.rstrip(")=") in parameters, name
+
+
+def test_options_have_names(program: str) -> None:
+    told: dict[str, set[str]] = {}
+    every = commands(program)
+    for option, meaning, used, python in rows("| `--"):
+        assert meaning and python, option
+        told[option.strip("`")] = set(every) if used == "all" else set(used.split(", "))
+        names = named(python)
+        assert names or " " in python, f"{option}: neither a name nor a reason"
+        for name in names:
+            check(name)
+    found: dict[str, set[str]] = {}
+    for command in every:
+        for option in re.findall(r"^ {2,6}(?:-\w, )?(--[\w-]+)", help_of(program, *command.split()), re.MULTILINE):
+            if option not in ("--help", "--version"):
+                found.setdefault(option, set()).add(command)
+    assert found == told
+
+
+def test_commands_have_names(program: str) -> None:
+    listed = rows("| `spinney ")
+    assert [command.strip("`").removeprefix("spinney ") for command, _ in listed] == commands(program)
+    for command, python in listed:
+        names = named(python)
+        assert names or " " in python, f"{command}: neither a name nor a reason"
+        for name in names:
+            check(name)
+
+
+@pytest.mark.parametrize("name", ["nothing", "build(nothing=)"])
+def test_the_check_can_fail(name: str) -> None:
+    with pytest.raises((AttributeError, AssertionError)):
+        check(name)

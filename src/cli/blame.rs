@@ -1,0 +1,44 @@
+//! `spinney blame`: the commit that changed each cell last.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Result;
+use spinney::ops;
+
+use super::Global;
+use super::args::{Memory, OutputFile, OutputLimit, check_output};
+use super::report::{Work, report_output};
+
+const EXAMPLES: &str = "Examples:
+  spinney blame map.autumn -o age.goblin
+  spinney blame map.autumn@12 -o age.goblin          up to commit 12
+  spinney find age.goblin --class 7                  what commit 7 changed, and none after it
+  spinney log map.autumn                             who made commit 7, when and why";
+
+/// Make a tree of the numbers of the commits that changed each cell last
+///
+/// Cells that no commit has given a value are VOID. Coarse cells have the newest commit below them.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// The Autumnal file; FILE@N: up to that commit
+    file: PathBuf,
+    #[command(flatten)]
+    output: OutputFile,
+    #[command(flatten)]
+    memory: Memory,
+    #[command(flatten)]
+    limit: OutputLimit,
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    let output = args.output.path();
+    check_output([args.file.as_path()], output)?;
+    let work = Work::start(global, "cells")?;
+    ops::blame(&args.file, args.limit.create_tree(output)?, args.memory.bytes, &work)?;
+    work.finish();
+    report_output(global, output, start);
+    Ok(())
+}
