@@ -11,6 +11,7 @@ mod contact;
 mod contacts;
 mod delaunay;
 mod exact_face;
+mod fate;
 mod meeting;
 mod overlay;
 mod point;
