@@ -312,7 +312,7 @@ pub mod export {
             DataPlace, MAX_ZOOM, Making, Pmtiles, SourceState, Stored, TileContent, TileEncoding, TileFolder,
             TileFormat, TileId, TilePainter, TileRange, TileRequest, TileSamples, TileSource, TileTarget,
             TileUpdate, UpdateOptions, WarpedTiles, XyzTiles, degrees_of, export_pmtiles, export_tiles,
-            is_tile_archive, is_tile_folder, verify_tiles,
+            is_tile_archive, is_tile_folder, tile_source, verify_tiles,
         };
     }
 

@@ -3,11 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
-use spinney::dataset::Dataset;
 use spinney::export::mesh::{GltfOptions, MeshRequest, export_glb, export_tileset};
 use spinney::export::tiles::{
-    TileEncoding, TilePainter, TileRequest, TileSource, TileTarget, WarpedTiles, XyzTiles, degrees_of,
-    export_tiles,
+    TileEncoding, TilePainter, TileRequest, TileTarget, degrees_of, export_tiles, tile_source,
 };
 use spinney::export::{CogCompression, CogRequest, export_cog};
 use spinney::io::{Output, OutputFolder};
@@ -16,18 +14,9 @@ use spinney::style::Style;
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs::{self, Work};
+use crate::jobs;
 use crate::part::{level_of, part_of};
-use crate::tree::{Opened, Tree};
-
-/// A style: a name, a JSON document, or the path of a file with one.
-pub(crate) fn style_of(text: &str) -> PyResult<Style> {
-    let is_text = text.trim_start().starts_with('{') || Style::names().contains(&text);
-    if !is_text && (text.contains(['.', '/', '\\']) || Path::new(text).exists()) {
-        return Style::read(Path::new(text)).or_raise();
-    }
-    Style::parse(text).or_raise()
-}
+use crate::tree::Tree;
 
 /// Options of tiles; what is not said is as it is for the program.
 #[derive(FromPyObject)]
@@ -158,11 +147,11 @@ impl Tree {
             request.degrees = Some(degrees);
         }
         let style = match &options.style {
-            Some(text) => style_of(text)?,
+            Some(text) => Style::given(text).or_raise()?,
             None => Style::default_for(tree),
         };
         let stored = jobs::run(py, progress, |work| {
-            let tiles = tiles_of(&opened, &mut request, &options, &warp, work)?;
+            let tiles = tile_source(tree, &mut request, &warp, work)?;
             let painter = TilePainter::new(&style, tree, work)?;
             if !format.is_array() {
                 request.legend = painter.painter().legend(tree)?.svg();
@@ -171,28 +160,4 @@ impl Tree {
         })?;
         Ok(stored.tiles)
     }
-}
-
-/// The tiles of a tree: its nodes, or, where it lies on another grid, what it is warped to.
-fn tiles_of<'a>(
-    opened: &'a Opened,
-    request: &mut TileRequest,
-    options: &TileOptions,
-    warp: &WarpOptions,
-    work: &Work,
-) -> spinney::Result<Box<dyn TileSource + 'a>> {
-    use spinney::Progress as _;
-    let tree: &Dataset = &opened.tree;
-    if let Some(tiles) = XyzTiles::new(tree) {
-        return Ok(Box::new(tiles));
-    }
-    let Some(file) = tree.as_file() else {
-        let expected = "a file: spinney.transform makes one of it";
-        return Err(spinney::Error::invalid("source of tiles", "a view on another grid", expected));
-    };
-    let last = options.zoom.map(|(_, last)| last);
-    let tiles = WarpedTiles::new(file, &tree.metadata().frame, request.side, last, warp)?;
-    tiles.remarks().iter().for_each(|remark| work.warn(tree.name(), remark));
-    request.options.push_str(&tiles.signature());
-    Ok(Box::new(tiles))
 }

@@ -8,8 +8,7 @@ use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_
 use spinney::io::Output;
 use spinney::style::Style;
 
-use crate::error::invalid;
-use crate::export::style_of;
+use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs;
 use crate::part::{at_level, level_of, part_of};
@@ -59,7 +58,7 @@ impl Tree {
         let mut request = WindowRequest::new(part, detail);
         request.style = match (style, range) {
             (Some(_), Some(_)) => return Err(invalid("style and range: give one of them")),
-            (Some(style), None) => Some(style_of(style)?),
+            (Some(style), None) => Some(Style::given(style).or_raise()?),
             (None, range) => range.map(|range| Style::stretched(tree, range)),
         };
         request.nodata = nodata;

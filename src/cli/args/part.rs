@@ -69,16 +69,6 @@ impl PartOptions {
         &self.coordinates
     }
 
-    /// The numbers of a part in degrees: west, south, east, north.
-    pub(crate) fn degrees(&self) -> Option<[f64; 4]> {
-        match (self.window, self.coordinates.given()) {
-            (Some(Window::Flat(numbers)), Some(coordinates)) if *coordinates == Coordinates::LONLAT => {
-                Some(numbers)
-            }
-            _ => None,
-        }
-    }
-
     /// The cells of the deepest level that are meant; `None`: all.
     ///
     /// # Errors

@@ -5,11 +5,10 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::Progress as _;
 use spinney::dataset::Dataset;
 use spinney::export::tiles::{
-    TileEncoding, TileFormat, TilePainter, TileRequest, TileSource, TileTarget, TileUpdate, UpdateOptions,
-    WarpedTiles, XyzTiles, degrees_of, export_tiles,
+    TileEncoding, TileFormat, TilePainter, TileRequest, TileTarget, TileUpdate, UpdateOptions, degrees_of,
+    export_tiles, tile_source,
 };
 use spinney::ops::{Resampling, WarpOptions};
 use spinney::style::Style;
@@ -99,43 +98,8 @@ impl ArchiveOptions {
     }
 }
 
-/// The tiles of a tree: its nodes, or, where it lies on another grid, what it is warped to.
-fn source<'a>(
-    args: &Args,
-    tree: &'a Dataset,
-    request: &mut TileRequest,
-    work: &Work,
-) -> Result<Box<dyn TileSource + 'a>> {
-    let (options, path) = (&args.archive, args.tree.file.as_path());
-    match XyzTiles::new(tree) {
-        Some(_) if options.resampling.is_some() => {
-            bail!("--resampling: {} lies on the grid of web maps already", path.display())
-        }
-        Some(tiles) => Ok(Box::new(tiles)),
-        None => {
-            let Some(file) = tree.as_file() else {
-                let path = path.display();
-                bail!(
-                    "{path}: tiles of a view that is not on the grid of web maps need a file of it: `spinney transform {path} STEP ... -o \
-                     OTHER`"
-                );
-            };
-            let mut warp = WarpOptions::default();
-            (warp.resampling, warp.allow_ballpark) = (options.resampling, options.allow_ballpark);
-            let last = options.zoom.as_ref().map(|zooms| *zooms.end());
-            let tiles = WarpedTiles::new(file, &tree.metadata().frame, request.side, last, &warp)?;
-            tiles.remarks().iter().for_each(|remark| work.warn(path, remark));
-            request.options.push_str(&tiles.signature());
-            Ok(Box::new(tiles))
-        }
-    }
-}
-
 /// The part whose tiles are written, in degrees: west, south, east, north.
 fn degrees(args: &Args, tree: &Dataset) -> Result<Option<[f64; 4]>> {
-    if let Some(degrees) = args.part.degrees() {
-        return Ok(Some(degrees));
-    }
     let Some(bounds) = args.part.bounds(tree, "tiles of the two are two archives")? else { return Ok(None) };
     let frame = tree.metadata().frame.shifted(bounds.min.map(|cell| cell as f64));
     Ok(Some(degrees_of(&frame, bounds.size(), args.archive.allow_ballpark)?))
@@ -163,7 +127,9 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     request.attribution = options.attribution.clone().unwrap_or_default();
     let style = options.style.clone().unwrap_or_else(|| Style::default_for(&tree));
     let work = Work::start(global, "tiles")?;
-    let tiles = source(args, &tree, &mut request, &work)?;
+    let mut warp = WarpOptions::default();
+    (warp.resampling, warp.allow_ballpark) = (options.resampling, options.allow_ballpark);
+    let tiles = tile_source(&tree, &mut request, &warp, &work)?;
     let cannot_write = || format!("cannot write {}", args.output.path().display());
     let update = match &options.update {
         None => None,

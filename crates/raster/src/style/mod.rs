@@ -80,6 +80,19 @@ impl Style {
         if text.starts_with('{') { parse::document(text) } else { parse::named(text) }
     }
 
+    /// Reads what people write for a style: its name, its document, or the path of a file with one.
+    ///
+    /// # Errors
+    /// Those of [`Style::parse`] and [`Style::read`].
+    pub fn given(text: &str) -> Result<Style> {
+        let is_text = text.trim_start().starts_with('{') || parse::names().contains(&text);
+        // (A name that is no style's may be a file's.)
+        if !is_text && (text.contains(['.', '/', '\\']) || Path::new(text).exists()) {
+            return Style::read(Path::new(text));
+        }
+        Style::parse(text)
+    }
+
     /// Reads the document in a file.
     ///
     /// # Errors

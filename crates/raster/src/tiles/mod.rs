@@ -60,7 +60,7 @@ pub use sink::Stored;
 pub use source::{DataPlace, TileContent, TileSamples, TileSource, XyzTiles};
 pub use target::TileTarget;
 pub use update::{TileUpdate, UpdateOptions};
-pub use warped::{WarpedTiles, degrees_of};
+pub use warped::{WarpedTiles, degrees_of, tile_source};
 
 use self::encode::{Encoded, TileEncoder};
 use self::making::About;

@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
+use super::TileRequest;
 use super::place::{MAX_ZOOM, TileId, TileRange};
-use super::source::{DataPlace, TileContent, TileSamples, TileSource};
+use super::source::{DataPlace, TileContent, TileSamples, TileSource, XyzTiles};
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::ValueType;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Progress, Result};
 use spinney_crs::{Frame, Projection, WEB_MERCATOR_LATITUDE, web_mercator};
+use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::{TreeFile, ViewSource, WarpGrid, WarpOptions, Warped};
 use spinney_engine::tree::Source as _;
 
@@ -146,6 +148,43 @@ impl TileSource for WarpedTiles {
     fn check_unchanged(&self) -> Result<()> {
         self.warped[0].source().check_unchanged()
     }
+}
+
+/// The tiles of a tree: its nodes, or, where it lies on another grid, those that it is warped to; what makes these other ones is
+/// added to the request's options.
+///
+/// # Errors
+/// If a way of resampling is given for a tree that needs none, the tree is a view on another grid, or it has no place in the world.
+pub fn tile_source<'a>(
+    tree: &'a Dataset,
+    request: &mut TileRequest,
+    options: &WarpOptions,
+    progress: &dyn Progress,
+) -> Result<Box<dyn TileSource + 'a>> {
+    let path = tree.name();
+    if let Some(tiles) = XyzTiles::new(tree) {
+        return match options.resampling {
+            None => Ok(Box::new(tiles)),
+            Some(way) => {
+                let expected = format!("none: {} lies on the grid of web maps already", path.display());
+                Err(Error::invalid("resampling", way.name(), expected))
+            }
+        };
+    }
+    let Some(file) = tree.as_file() else {
+        let expected =
+            format!("a file of it: `spinney transform {} STEP ... -o OTHER` makes one", path.display());
+        return Err(Error::invalid(
+            "source of tiles",
+            "a view that is not on the grid of web maps",
+            expected,
+        ));
+    };
+    let last = request.zooms.as_ref().map(|zooms| *zooms.end());
+    let tiles = WarpedTiles::new(file, &tree.metadata().frame, request.side, last, options)?;
+    tiles.remarks().iter().for_each(|remark| progress.warn(path, remark));
+    request.options.push_str(&tiles.signature());
+    Ok(Box::new(tiles))
 }
 
 /// Longitude, from -180 to 180, and latitude of a raster's middle.
