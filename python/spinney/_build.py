@@ -164,21 +164,13 @@ def build(
         source = one_array(source)
     if is_rasterio(source):
         source = RasterioArray(source)
-        about = source.told()
-        dims, nodata = "byx", about["nodata"] if nodata is None else nodata
-        transform = about["transform"] if transform is None else transform
-        common |= {"nodata": nodata, "crs": system or crs_text(about["crs"])}
-        colormap = about["colormap"] if colormap is None else colormap
-        descriptions = about["descriptions"] if descriptions is None else descriptions
-        units = about["units"] if units is None else units
-        scales = about["scales"] if scales is None else scales
-        offsets = about["offsets"] if offsets is None else offsets
-        tags = {**about["tags"], **(tags or {})}
+        told = source.told()
     elif hasattr(source, "dims") and hasattr(source, "coords"):
         from .xarray import described
 
         told = described(source)
         source = source.variable
+    if told:
         dims = dims or told["dims"]
         if nodata is not None:
             told["void_number"] = None

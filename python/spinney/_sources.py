@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -43,21 +44,44 @@ def mesh_file(source: Any, out: Path) -> Iterator[tuple[str, str | None]]:
     if corners.size and not 0 <= int(corners.min()) <= int(corners.max()) < len(points):
         raise IndexError(f"faces: vertices are 0 to {len(points) - 1}, got {int(corners.min())} to {int(corners.max())}")
     count = corners.shape[1]
-    rows = np.empty(len(corners), dtype=[("count", "u1"), ("corners", "<i4", (count,))])
+    of_vertices, of_faces = _colours_of(source, len(points), len(corners))
+    colour = [(name, "u1") for name in ("red", "green", "blue")]
+    corner_rows = np.empty(len(points), dtype=[("at", "<f8", (3,)), *(colour if of_vertices is not None else [])])
+    corner_rows["at"] = points
+    rows = np.empty(len(corners), dtype=[("count", "u1"), ("corners", "<i4", (count,)), *(colour if of_faces is not None else [])])
     rows["count"], rows["corners"] = count, corners
+    for table, colours in ((corner_rows, of_vertices), (rows, of_faces)):
+        if colours is not None:
+            for channel, (name, _) in enumerate(colour):
+                table[name] = colours[:, channel]
+    told = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
     header = (
         f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\nproperty double x\nproperty double y\nproperty double z\n"
-        f"element face {len(rows)}\nproperty list uchar int vertex_indices\nend_header\n"
+        f"{told if of_vertices is not None else ''}element face {len(rows)}\nproperty list uchar int vertex_indices\n{told if of_faces is not None else ''}end_header\n"
     )
     beside = os.path.dirname(os.path.abspath(os.fspath(out)))
     with tempfile.TemporaryDirectory(prefix="spinney-", dir=beside) as folder:
         path = os.path.join(folder, "mesh.ply")
         with open(path, "wb") as file:
             file.write(header.encode())
-            file.write(points.data)
+            file.write(corner_rows.tobytes())
             file.write(rows.tobytes())
         unit = {"millimeters": "mm", "centimeters": "cm", "meters": "m", "kilometers": "km", "inches": "in", "feet": "ft"}
         yield path, unit.get(str(getattr(source, "units", None)))
+
+
+def _colours_of(source: Any, vertices: int, faces: int) -> tuple[Array | None, Array | None]:
+    """Colours of the vertices and of the faces of a mesh of trimesh, those that it has; textures are none, which is told."""
+    visual = getattr(source, "visual", None)
+    kind = getattr(visual, "kind", None)
+    if kind == "texture":
+        warnings.warn("the mesh's texture is left out; `mesh.visual.to_color()` makes colours of it", stacklevel=4)
+    of_vertices = np.asarray(visual.vertex_colors) if kind == "vertex" else None  # type: ignore[union-attr]
+    of_faces = np.asarray(visual.face_colors) if kind == "face" else None  # type: ignore[union-attr]
+    for colours, count in ((of_vertices, vertices), (of_faces, faces)):
+        if colours is not None and (colours.ndim != 2 or len(colours) != count):
+            raise ValueError(f"colours of shape {colours.shape}, expected a row for each of {count}")
+    return of_vertices, of_faces
 
 
 def is_rasterio(source: Any) -> bool:
@@ -75,30 +99,48 @@ class RasterioArray:
         if len(set(dataset.dtypes)) > 1:
             raise TypeError(f"bands of several types, {', '.join(dataset.dtypes)}: build a tree of each")
 
+        roles = [role.name.capitalize() for role in dataset.colorinterp]
+        self.roles = roles
+        self.alpha = roles.index("Alpha") if "Alpha" in roles and len(roles) > 1 else None
+
     def __getitem__(self, key: tuple[slice, slice, slice]) -> Array:
         _, rows, columns = key
         window = ((rows.start, rows.stop), (columns.start, columns.stop))
-        found: Array = self.dataset.read(window=window, masked=True)
-        return found
+        if self.alpha is None:
+            found: Array = self.dataset.read(window=window, masked=True)
+            return found
+        # (Masks made of opacity leave opacity itself out.)
+        samples = self.dataset.read(window=window)
+        return np.ma.MaskedArray(samples, mask=np.broadcast_to(samples[self.alpha] == 0, samples.shape))
 
     def told(self) -> dict[str, Any]:
         """What the dataset tells about itself, as arguments of `spinney.build`."""
         dataset = self.dataset
         placed = dataset.crs is not None or not dataset.transform.is_identity
-        colours = None
-        if dataset.count == 1 and "palette" in str(dataset.colorinterp[0]):
-            colours = dataset.colormap(1)
+        colours = dataset.colormap(1) if self.roles == ["Palette"] else None
         scaled = set(dataset.scales) != {1.0} or set(dataset.offsets) != {0.0}
+        tags = {name: text for name, text in dataset.tags().items() if name != "AREA_OR_POINT"}
+        usual = [["Red", "Green", "Blue", "Alpha"][: len(self.roles)], ["Gray", "Undefined", "Undefined", "Undefined"][: len(self.roles)]]
+        if self.roles not in usual and not {"Gray", "Palette", "Undefined"}.issuperset(self.roles):
+            tags["colour_roles"] = ",".join(self.roles)
+        lost = [what for what, there in (("ground control points", dataset.gcps[0]), ("rational polynomials", dataset.rpcs)) if there]
+        if lost:
+            warnings.warn(f"{dataset.name}: {' and '.join(lost)} are not kept of a dataset of rasterio; build from its path", stacklevel=3)
         return {
+            "dims": "byx",
+            "kind": "categorical" if colours else None,
+            "rule": None,
             "transform": dataset.transform if placed else None,
             "crs": dataset.crs,
             "nodata": dataset.nodata,
+            "alpha": self.alpha,
+            "categories": None,
             "colormap": colours,
             "descriptions": dataset.descriptions if any(dataset.descriptions) else None,
             "units": dataset.units if any(dataset.units) else None,
             "scales": dataset.scales if scaled else None,
             "offsets": dataset.offsets if scaled else None,
-            "tags": {name: text for name, text in dataset.tags().items() if name != "AREA_OR_POINT"},
+            "tags": tags,
         }
 
 
@@ -110,10 +152,24 @@ def one_array(dataset: Any) -> Any:
     if len(names) == 1:
         return dataset[names[0]]
     first = dataset[names[0]]
-    array = dataset[names].to_dataarray("band")
-    if any(dataset[name].dtype != first.dtype or dataset[name].dims != first.dims for name in names):
+    arrays = [dataset[name] for name in names]
+    if any(array.dtype != first.dtype or array.dims != first.dims for array in arrays):
         raise ValueError(f"variables of several types or axes, {', '.join(map(str, names))}: build a tree of each")
-    array.attrs = {name: value for name, value in first.attrs.items() if name not in ("long_name", "units")}
-    array.attrs["long_name"] = tuple(map(str, names))
-    array.encoding = dict(first.encoding)
-    return array
+    about = [{**array.encoding, **array.attrs} for array in arrays]
+    for key in ("_FillValue", "missing_value", "nodata", "flag_values", "flag_meanings"):
+        if any(str(other.get(key)) != str(about[0].get(key)) for other in about):
+            raise ValueError(f"variables that differ in {key}, {', '.join(map(str, names))}: build a tree of each")
+    made = dataset[names].to_dataarray("band")
+    # What all have alike is told of all, and what is told by band of each.
+    by_band = {"units": "", "scale_factor": 1.0, "add_offset": 0.0}
+    alike = {key for key in first.attrs if all(str(array.attrs.get(key)) == str(first.attrs[key]) for array in arrays)}
+    made.attrs = {key: first.attrs[key] for key in alike}
+    for key, usual in by_band.items():
+        if any(key in other for other in about):
+            made.attrs[{"scale_factor": "scales", "add_offset": "offsets"}.get(key, key)] = tuple(other.get(key, usual) for other in about)
+    made.attrs["long_name"] = tuple(str(array.attrs.get("long_name", name)) for name, array in zip(names, arrays))
+    lost = sorted({str(key) for array in arrays for key in array.attrs if key not in alike and key not in {"long_name", *by_band}})
+    if lost:
+        warnings.warn(f"attributes that are not those of all variables are left out: {', '.join(lost)}", stacklevel=3)
+    made.encoding = {key: value for key, value in first.encoding.items() if key not in by_band}
+    return made

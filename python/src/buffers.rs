@@ -26,7 +26,8 @@ pub(crate) fn buffer(py: Python<'_>, bytes: usize) -> PyResult<Option<Bound<'_, 
     let mut free = None;
     for (index, buffer) in buffers.iter().enumerate() {
         let buffer = buffer.bind(py);
-        // (Ours, and that of the question.)
+        // Invariant: an array holds a reference to its buffer for as long as it, or any view of it, is there. Two references are
+        // ours and that of the question, and no other can come meanwhile: the interpreter's lock is held.
         if references.call1((buffer,))?.extract::<usize>()? <= 2 {
             if (bytes..=2 * bytes).contains(&buffer.len()) {
                 return Ok(Some(buffer.clone()));

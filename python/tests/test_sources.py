@@ -425,3 +425,47 @@ def test_datasets_of_rasterio_and_xarray_are_sources(tmp_path: Path) -> None:
     spinney.build(dataset[["red"]], tmp_path / "one.goblin")
     with spinney.open(tmp_path / "one.goblin") as ds:
         assert np.array_equal(ds[...], samples[0])
+
+
+def test_datasets_lose_nothing_in_silence(tmp_path: Path) -> None:
+    rgba = np.stack([noise((60, 70), "uint8", seed) for seed in range(4)])
+    rgba[3, :20] = 0
+    profile = {"driver": "GTiff", "height": 60, "width": 70, "count": 4, "dtype": "uint8"}
+    with rasterio.open(tmp_path / "rgba.tif", "w", **profile, photometric="RGB", alpha="YES") as made:
+        made.write(rgba)
+    with rasterio.open(tmp_path / "nir.tif", "w", **(profile | {"count": 3})) as made:
+        made.write(rgba[:3])
+        made.colorinterp = [rasterio.enums.ColorInterp.blue, rasterio.enums.ColorInterp.green, rasterio.enums.ColorInterp.red]
+    for name in ("rgba.tif", "nir.tif"):
+        spinney.build(tmp_path / name, tmp_path / "file.goblin")
+        with rasterio.open(tmp_path / name) as dataset:
+            spinney.build(dataset, tmp_path / "dataset.goblin")
+        with spinney.open(tmp_path / "file.goblin") as ours, spinney.open(tmp_path / "dataset.goblin") as theirs:
+            assert np.array_equal(ours.read(masked=True).mask, theirs.read(masked=True).mask), name
+            assert np.array_equal(ours.read(), theirs.read()), name
+            assert ours.tags.get("colour_roles") == theirs.tags.get("colour_roles"), name
+    with rasterio.open(FIXTURES / "island_classes.tif") as dataset:
+        spinney.build(dataset, tmp_path / "classes.goblin")
+    with spinney.open(tmp_path / "classes.goblin") as ds:
+        assert ds.kind == "categorical" and len(ds.colormap) > 5
+
+
+def test_variables_lose_nothing_in_silence(tmp_path: Path) -> None:
+    samples = noise((30, 40), "float32")
+    a = xarray.DataArray(samples, dims=("y", "x"), attrs={"units": "m", "long_name": "height", "survey": "1987"})
+    b = xarray.DataArray(samples + 1, dims=("y", "x"), attrs={"units": "K", "survey": "1987", "sensor": "B"})
+    with pytest.warns(UserWarning, match="sensor"):
+        spinney.build(xarray.Dataset({"a": a, "b": b}), tmp_path / "t.goblin")
+    with spinney.open(tmp_path / "t.goblin") as ds:
+        assert ds.units == ("m", "K") and ds.descriptions == ("height", "b") and ds.tags["survey"] == "1987"
+    with pytest.raises(ValueError, match="_FillValue"):
+        spinney.build(xarray.Dataset({"a": a, "b": b.assign_attrs(_FillValue=-1)}), tmp_path / "no.goblin")
+
+
+def test_colours_of_meshes_are_kept(tmp_path: Path) -> None:
+    mesh = tetrahedron()
+    mesh.visual.face_colors = [[200, 10, 20, 255]] * 4
+    spinney.build(mesh, tmp_path / "red.goblin", cells=16, attribute="colour")
+    with spinney.open(tmp_path / "red.goblin") as ds:
+        found = ds.read(masked=True)
+        assert ds.count == 3 and [int(band.max()) for band in found] == [200, 10, 20]
