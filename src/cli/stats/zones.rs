@@ -28,7 +28,7 @@ pub(super) struct ZoneOptions {
     #[arg(long = "where", value_name = "NAME=VALUE,...", value_delimiter = ',', value_parser = parse_equality)]
     #[arg(requires = "zones")]
     equalities: Vec<(String, String)>,
-    /// Attributes of features that are told, as in name,code [default: all]
+    /// Attributes of features that --json tells, as in name,code [default: all]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "zones")]
     attribute: Option<Vec<String>>,
     #[command(flatten)]
@@ -52,7 +52,7 @@ fn has_value(feature: &PolygonFeature, name: &str, value: &str) -> bool {
     }
 }
 
-/// Keeps the features and the attributes that are asked for.
+/// Keeps the features that are asked for; fails if attributes are asked for that there are not.
 fn select(layer: &mut PolygonLayer, file: &Path, options: &ZoneOptions) -> Result<()> {
     let names: BTreeSet<&String> =
         layer.features.iter().flat_map(|feature| feature.properties.keys()).collect();
@@ -68,10 +68,6 @@ fn select(layer: &mut PolygonLayer, file: &Path, options: &ZoneOptions) -> Resul
     };
     layer.features.retain(is_meant);
     ensure!(!layer.features.is_empty(), "{}: no feature is as --where says", file.display());
-    if let Some(wanted) = &options.attribute {
-        let features = layer.features.iter_mut();
-        features.for_each(|feature| feature.properties.retain(|name, _| wanted.contains(name)));
-    }
     Ok(())
 }
 
@@ -102,8 +98,11 @@ pub(super) fn run(
     let zone_of = |polygon: &Option<Polygon>| polygon.as_ref().and_then(|_| found.next()).unwrap_or_default();
     let zones: Vec<ZoneStatistics> = polygons.iter().map(zone_of).collect();
     if as_json {
-        let zones: Vec<_> =
-            features.iter().zip(&zones).map(|(feature, zone)| json_of(tree, feature, zone)).collect();
+        let zones: Vec<_> = features
+            .iter()
+            .zip(&zones)
+            .map(|(feature, zone)| json_of(tree, feature, zone, options))
+            .collect();
         return print_json(&json!({ "zones": zones }));
     }
     let mut text = String::new();
@@ -114,7 +113,16 @@ pub(super) fn run(
     print_text(&text)
 }
 
-fn json_of(tree: &Dataset, feature: &PolygonFeature, zone: &ZoneStatistics) -> serde_json::Value {
+fn json_of(
+    tree: &Dataset,
+    feature: &PolygonFeature,
+    zone: &ZoneStatistics,
+    options: &ZoneOptions,
+) -> serde_json::Value {
+    let is_wanted = |name: &String| options.attribute.as_ref().is_none_or(|wanted| wanted.contains(name));
+    let properties = feature.properties.iter().filter(|(name, _)| is_wanted(name));
+    let properties: serde_json::Map<_, _> =
+        properties.map(|(name, value)| (name.clone(), value.clone())).collect();
     let area = cell_area(tree).ok();
     let channel = |channel: &ZoneChannel| {
         let ZoneChannel { cells, min, max, mean, standard_deviation } = channel;
@@ -131,7 +139,7 @@ fn json_of(tree: &Dataset, feature: &PolygonFeature, zone: &ZoneStatistics) -> s
     json!({
         "id": feature.id,
         "name": feature.name(),
-        "properties": feature.properties,
+        "properties": properties,
         "cells": zone.cells,
         "void_cells": zone.void_cells,
         "area_m2": area.map(|area| area * zone.cells),

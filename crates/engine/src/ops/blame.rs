@@ -12,12 +12,12 @@ use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::io::Output;
 use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Form, Progress, Result};
-use spinney_container::{Metadata, OpenOptions};
+use spinney_container::{Metadata, OpenOptions, Tag};
 
 /// Writes a tree of the numbers of the commits that changed each cell of an Autumnal file last, from its first commit to the newest
 /// or, of `FILE@N`, to that one; cells that no commit has given a value are VOID. Coarse cells have the newest commit below them.
 ///
-/// What commits have in common is read once: time goes with the tree's nodes and with what was changed, memory with the number of
+/// Records that commits have in common are read once: time goes with the tree's nodes and with what was changed, memory with the number of
 /// commits, of each of which the root is held.
 ///
 /// ```
@@ -66,9 +66,19 @@ pub fn blame(path: &Path, output: Output, memory: u64, progress: &dyn Progress) 
     // (Records are where they are in the file, whichever commit leads to them.)
     let file = TreeFile::open(&name, &OpenOptions::default())?;
     let ages = Ages { file, commits, form, depth };
-    let frame = asked.metadata().frame.clone();
+    let own = asked.metadata();
     let provenance = vec![format!("commits that changed the cells of {} last", path.display())];
-    let metadata = Metadata { frame, band_names: vec!["commit".into()], provenance, ..Metadata::default() };
+    // (All that tells where the cells lie, and nothing of what their values meant.)
+    let mut metadata = Metadata {
+        frame: own.frame.clone(),
+        control_points: own.control_points.clone(),
+        band_names: vec!["commit".into()],
+        provenance,
+        ..Metadata::default()
+    };
+    if let Some(unit) = own.tag(Tag::Unit) {
+        metadata.set_tag(Tag::Unit, unit);
+    }
     let options =
         BuildOptions::new(Kind::Continuous, depth).rule(Rule::Max).memory(memory).metadata(metadata);
     build(&ages, asked.header().extent, &options, output, progress)?;
@@ -84,7 +94,10 @@ struct Ages {
     depth: u8,
 }
 
-/// What a node was like, and from which commit on: its states, the oldest first, each another one than the one before.
+/// States of a node, the oldest first, each with the commit that it began with.
+///
+/// Invariant: each is another one than the one before, as far as records tell. So the last of them began with the commit that
+/// changed the node last, if all are uniform; if one is INNER, its children are asked in the same way, down to cells.
 #[derive(Clone)]
 struct States(Arc<[(usize, Child<TreeFileNode>)]>);
 
