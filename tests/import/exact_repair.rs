@@ -125,7 +125,7 @@ fn nothing_inside_is_told() {
     assert!(matches!(repaired(&plate, 1.0).err().unwrap(), Error::NoBody { .. }));
 }
 
-/// What points to the inside bounds nothing where nothing is around it.
+/// Faces that point to the inside bound nothing where nothing is around them.
 #[test]
 fn what_is_lost_is_counted_and_most_of_a_surface_is_not_lost() {
     let cube = cuboid([0; 3], [100; 3]);
@@ -133,7 +133,7 @@ fn what_is_lost_is_counted_and_most_of_a_surface_is_not_lost() {
     let solid = [cube.clone(), turned(cuboid([200; 3], [220; 3]))].concat();
     let done = repaired(&solid, 1.0).unwrap().1.repair.unwrap();
     assert_eq!((done.removed, done.outside), (6, 6));
-    assert!((done.outside_share - 400.0 / 10_400.0).abs() < 1e-12, "{}", done.outside_share);
+    assert!((done.outside_share - 400.0 / 10_400.0).abs() < f64::EPSILON, "{}", done.outside_share);
     // More of the area, in fewer faces.
     let solid = [triangles(&cube), turned(cuboid([200; 3], [320; 3]))].concat();
     let error = repaired(&solid, 1.0).err().unwrap();

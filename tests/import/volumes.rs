@@ -270,7 +270,6 @@ fn a_file_that_shrinks_is_an_error() {
     fs::write(&input, npy(1, "|u1", &[70, 70, 70], &[7; 343_000])).unwrap();
     assert!(is_volume(&input) && !is_volume(folder.path()) && !is_volume(&path));
     let import = plan(&input, &VolumeOptions::new()).unwrap();
-    assert_eq!(import.raw_bytes(), 343_000);
     fs::File::options().write(true).open(&input).unwrap().set_len(300_000).unwrap();
     let error = import.build(Output::create(&path).unwrap(), &()).unwrap_err();
     assert!(matches!(error, Error::Corrupt { .. }), "{error}");

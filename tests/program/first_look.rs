@@ -1,4 +1,4 @@
-//! What somebody sees first: pictures of fixtures, as they were when somebody looked at them. Where they change, and that is meant,
+//! Pictures that somebody sees first, of fixtures, as they were when somebody looked at them. Where they change, and that is meant,
 //! the new ones are looked at and put in `fixtures/first_look/`.
 
 use std::path::Path;

@@ -2,6 +2,7 @@
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
+use std::ops::RangeInclusive;
 
 use glam::DVec3;
 
@@ -66,6 +67,8 @@ pub(super) fn farthest<T>(
     node: T,
     divide: &dyn Fn(&T) -> Result<Parts<T>>,
 ) -> Result<Option<f64>> {
+    // Invariant: a node's bound is no less than how far any of its parts reaches. So the first node that comes from the heap and is not
+    // divided reaches as far as its bound says, and all that waits reaches no farther.
     let mut pending = BinaryHeap::from([Reaching(bound, node)]);
     while let Some(Reaching(bound, node)) = pending.pop() {
         match divide(&node)? {
@@ -106,6 +109,11 @@ const FILLED: f64 = 0.92;
 /// Tangent of half the angle that the shorter side of a picture has in perspective.
 const HALF_ANGLE: f64 = 0.3;
 
+/// Enlargements that make sense: beyond, a picture has less than a pixel of the thing, or the rays' doubles run out.
+const SCALES: RangeInclusive<f64> = 1e-3..=1e6;
+/// Least width of a pixel, in parts of the thing's radius: what is seen edge on has no width of its own.
+const FLAT: f64 = 1e-9;
+
 /// Parameters of a camera: see [`RenderRequest`](super::RenderRequest).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pose {
@@ -132,8 +140,9 @@ impl Camera {
                 "an azimuth, and an elevation of -90 to 90 degrees",
             ));
         }
-        if !(1e-3..=1e6).contains(&scale) {
-            return Err(Error::invalid("scale", scale.to_string(), "0.001 to 1000000"));
+        if !SCALES.contains(&scale) {
+            let expected = format!("{} to {}", SCALES.start(), SCALES.end());
+            return Err(Error::invalid("scale", scale.to_string(), expected));
         }
         let (azimuth, elevation) = (azimuth.to_radians(), elevation.to_radians());
         let around = [azimuth.sin(), azimuth.cos()];
@@ -158,7 +167,7 @@ impl Camera {
                 let aside = ends.map(|[most, least]| most.midpoint(least));
                 let pixel =
                     (0..2).map(|axis| (ends[axis][0] - ends[axis][1]) / 2.0 / half[axis]).fold(0.0, f64::max);
-                let pixel = pixel.max(radius * 1e-9) / scale;
+                let pixel = pixel.max(radius * FLAT) / scale;
                 let origin = middle + right * aside[0] + top * aside[1] + towards * (2.0 * radius);
                 Ok(Camera { projection, right, top, towards, sky, origin, pixel, footprint: pixel, size })
             }

@@ -26,7 +26,7 @@ pub(super) struct Place {
     pub(super) open: f64,
 }
 
-/// What a ray through the centre of a pixel meets: linear colour, or nothing.
+/// Linear colour that a ray through the centre of a pixel meets, or nothing.
 pub(super) type Centre = Option<Vec3>;
 
 /// Difference of neighbours' colours, as roots of linear light from 0 to 1, from which on a pixel is looked at more closely.
@@ -84,7 +84,7 @@ impl Scene {
         }
     }
 
-    /// What rays through the centres of a row's pixels meet.
+    /// Colours that rays through the centres of a row's pixels meet.
     pub(super) fn centres(
         &self,
         surface: &mut dyn Surface,

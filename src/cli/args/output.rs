@@ -17,7 +17,7 @@ pub(crate) struct OutputFile {
     /// File to write, whose name says the format; - is standard output
     #[arg(short = 'o', long = "output", value_name = "FILE")]
     named: Option<PathBuf>,
-    /// The same, as the last argument
+    /// File to write, as the last argument
     #[arg(value_name = "OUT")]
     last: Option<PathBuf>,
 }

@@ -52,7 +52,7 @@ impl RasterImport {
     ) -> Result<WarpedBuilt> {
         let info = self.raster.info();
         let (cells, extent) = (info.width * info.height, [info.width, info.height, 1]);
-        let (memory, share, time) = (self.memory / 4, self.options.share, self.options.time);
+        let how = self.options.clone().memory(self.memory / 4);
         // Before anything is done: whether there is such a grid.
         check_tree_name(output.path())?;
         let frame = self.options.metadata.frame.clone();
@@ -71,7 +71,7 @@ impl RasterImport {
         let file = TreeFile::open(&native, &OpenOptions::default())?;
         let warped = Warped::new(Arc::new(file.into()), &frame, &grid, options)?;
         let resampling = warped.resampling();
-        warp(warped, (share, time), output, memory, &PartOfWork::new(progress, cells, 2 * cells))?;
+        warp(warped, &how, output, &PartOfWork::new(progress, cells, 2 * cells))?;
         Ok(WarpedBuilt { depth: depth_for(grid.extent), resampling })
     }
 }

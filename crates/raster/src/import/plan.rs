@@ -86,11 +86,6 @@ impl RasterImport {
     pub fn value_type(&self) -> ValueType {
         self.value
     }
-
-    /// Bytes of all samples, as they would be without compression.
-    pub fn raw_bytes(&self) -> u64 {
-        self.info().width * self.info().height * self.value.size() as u64
-    }
 }
 
 /// Opens raster files and decides how their tree is built. Several files become one picture: see

@@ -161,11 +161,6 @@ impl VolumeImport {
         self.value
     }
 
-    /// Bytes of all samples, as they would be without compression.
-    pub fn raw_bytes(&self) -> u64 {
-        self.array.size.iter().product::<u64>() * self.value.size() as u64
-    }
-
     /// Builds the octree, on the threads of the current rayon pool; progress counts cells.
     ///
     /// # Errors

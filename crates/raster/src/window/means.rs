@@ -47,6 +47,8 @@ impl<'a> Means<'a> {
     ) {
         let channels = usize::from(self.cells.value.channels);
         let [first_row, first_column] = self.cells.first;
+        // Invariant: a cell's weight is the product of its shares along both axes. So the rows can be added up first, all along the
+        // band, and the columns of each pixel then; sums of whole numbers by whole shares are exact in either order.
         self.sums.fill(0.0);
         self.weights.fill(0.0);
         let mut rows = 0.0;
