@@ -10,12 +10,13 @@ use spinney::export::tiles::{
 use spinney::export::{CogCompression, CogRequest, export_cog};
 use spinney::io::{Output, OutputFolder};
 use spinney::ops::WarpOptions;
+use spinney::space::Coordinates;
 use spinney::style::Style;
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs;
-use crate::part::{level_of, part_of};
+use crate::part::{coordinates_of, level_of, part_of};
 use crate::tree::Tree;
 
 /// Options of tiles; what is not said is as it is for the program.
@@ -141,7 +142,11 @@ impl Tree {
         request.options = self.steps_text().unwrap_or_default();
         request.name = options.name.clone().unwrap_or(request.name);
         request.attribution = options.attribution.clone().unwrap_or_default();
-        if let Some(bounds) = part_of(tree, window, coordinates)? {
+        let in_degrees = coordinates.map(coordinates_of).transpose()? == Some(Coordinates::LONLAT);
+        if let (true, Some(window)) = (in_degrees, window) {
+            // (The cells around it would reach farther.)
+            request.degrees = Some(window.extract()?);
+        } else if let Some(bounds) = part_of(tree, window, coordinates)? {
             let frame = tree.metadata().frame.shifted(bounds.min.map(|cell| cell as f64));
             let degrees = degrees_of(&frame, bounds.size(), options.allow_ballpark).or_raise()?;
             request.degrees = Some(degrees);

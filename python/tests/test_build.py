@@ -260,6 +260,8 @@ def test_exports_are_those_of_the_program(tmp_path: Path, program: str) -> None:
         for name, options, words in [
             ("x.tif", {"tile_size": 256, "compression": "zstd"}, ["--tile-size", "256", "--compression", "zstd"]),
             ("x.pmtiles", {"zoom": (0, 9), "name": "Island"}, ["--zoom", "0..9", "--name", "Island"]),
+            ("z.pmtiles", {"zoom": 12, "window": (-17.05, 28.82, -16.985, 28.92), "coordinates": "lonlat"},
+             ["--zoom", "12", "--in", "lonlat", "--window", "-17.05,28.82,-16.985,28.92"]),
             ("y.pmtiles", {"zoom": 8, "style": {"draw": "palette"}}, ["--zoom", "8", "--style", '{"draw": "palette"}']),
         ]:
             ours, theirs = tmp_path / name, tmp_path / f"their_{name}"

@@ -69,6 +69,16 @@ impl PartOptions {
         &self.coordinates
     }
 
+    /// West, south, east and north of a part that is given in degrees. (The cells around it would reach farther.)
+    pub(crate) fn degrees(&self) -> Option<[f64; 4]> {
+        match (self.window, self.coordinates.given()) {
+            (Some(Window::Flat(numbers)), Some(coordinates)) if *coordinates == Coordinates::LONLAT => {
+                Some(numbers)
+            }
+            _ => None,
+        }
+    }
+
     /// The cells of the deepest level that are meant; `None`: all.
     ///
     /// # Errors

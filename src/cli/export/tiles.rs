@@ -100,6 +100,9 @@ impl ArchiveOptions {
 
 /// The part whose tiles are written, in degrees: west, south, east, north.
 fn degrees(args: &Args, tree: &Dataset) -> Result<Option<[f64; 4]>> {
+    if let Some(degrees) = args.part.degrees() {
+        return Ok(Some(degrees));
+    }
     let Some(bounds) = args.part.bounds(tree, "tiles of the two are two archives")? else { return Ok(None) };
     let frame = tree.metadata().frame.shifted(bounds.min.map(|cell| cell as f64));
     Ok(Some(degrees_of(&frame, bounds.size(), args.archive.allow_ballpark)?))
