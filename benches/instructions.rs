@@ -182,7 +182,7 @@ fn cuboid(tree: &Dataset, random: &mut Random) -> Bounds {
 fn walk(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let mut random = Random(5);
     for _ in 0..count {
-        let statistics = tree.statistics(Some(cuboid(tree, &mut random)))?;
+        let statistics = tree.statistics(Some(cuboid(tree, &mut random)), &())?;
         answers.add(statistics.cells);
         for channel in &statistics.channels {
             answers.add_numbers(&[channel.min, channel.max, channel.mean, channel.standard_deviation]);
@@ -196,7 +196,7 @@ fn histogram(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let mut random = Random(6);
     let (low, high) = tree.value_bounds()?.first().copied().unwrap_or_default();
     for _ in 0..count {
-        let bins = tree.histogram(&cuboid(tree, &mut random), low, high, 16)?;
+        let bins = tree.histogram(&cuboid(tree, &mut random), low, high, 16, &())?;
         bins.into_iter().for_each(|cells| answers.add(cells));
     }
     Ok(())

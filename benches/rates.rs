@@ -284,7 +284,7 @@ fn statistics(tree: &Goblin) -> Outcome<()> {
     for pass in 0..=PASSES {
         let took = seconds(|| {
             for bounds in &places {
-                black_box(tree.statistics(Some(*bounds))?);
+                black_box(tree.statistics(Some(*bounds), &())?);
             }
             Ok(())
         })?;

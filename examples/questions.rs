@@ -40,7 +40,7 @@ fn main() -> spinney::Result<()> {
 
     // Statistics of a part, from what is stored beside every segment.
     let part = Bounds { min: [64, 50, 0], max: [192, 150, 1] };
-    let statistics = tree.statistics(Some(part))?;
+    let statistics = tree.statistics(Some(part), &())?;
     println!("{} cells, first channel {:?}", statistics.cells, statistics.channels.first());
 
     // The first large blocks that lie above the mean.

@@ -25,7 +25,7 @@
 //! map.window(level, &Bounds { min: [20, 20, 0], max: [24, 23, 1] }, 0.0, &mut classes, None)?;
 //!
 //! // Exact statistics of any part, without looking at its cells.
-//! let statistics = map.statistics(None)?;
+//! let statistics = map.statistics(None, &())?;
 //! assert_eq!(statistics.classes.iter().map(|(_, cells)| cells).sum::<u64>(), statistics.channels[0].cells);
 //! # assert!(classes.iter().all(|class| statistics.classes.iter().any(|(known, _)| *known == f64::from(*class))));
 //! # Ok(())
@@ -202,8 +202,8 @@ pub mod brep {
     pub mod query {
         pub use spinney_brep::query::{
             BoxPlace, CellCoverage, Coverage, CoverageSums, Crossing, Cube, CuttingPlane, Hit, Line,
-            Location, MassProperties, MassSums, Nearest, SectionPolygon, SurfacePoint, TakeSection, Visited,
-            nearest_on_face,
+            Location, MassProperties, MassSums, ModelRays, Nearest, SectionPolygon, SurfacePoint,
+            TakeSection, Visited, nearest_on_face,
         };
     }
 

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""The Python package against rasterio: windows at random levels, and a million points; one thread of one process.
+"""The Python package against rasterio and NumPy: windows, averaged sizes, points, statistics; one thread of one process.
 
-Run it with a Python that has both (`pip install ./python rasterio`). Both read the same aligned windows of 256 x 256 cells
-at levels that the COG has, and the same points; files are in the system's cache. Times are processor time, medians of
-three passes after a first one; windows are other ones in each pass.
+Run it with a Python that has both (`pip install ./python rasterio`), all files in the system's cache. Windows are 256 x 256 cells
+anywhere, at levels that the COG has, the same ones in each pass: all blocks are in GDAL's cache after the first. Times are processor
+time, medians of three passes after a first one.
 """
 
 import os
@@ -14,16 +14,17 @@ import time
 import numpy
 import rasterio
 import spinney
-from common import RELIEF, SHORELINE, WORK, cog, start, table
+from common import EARTH, RELIEF, SHORELINE, WORK, cog, start, table, verdict
+from rasterio.enums import Resampling
 from rasterio.windows import Window
 
 PASSES, WINDOWS, POINTS = 4, 1000, 1_000_000
 
 
-def rate(passes):
-    """Things a second of processor time: the median of all passes but the first, each a list of calls."""
+def rate(calls):
+    """Calls a second of processor time: the median of all passes but the first."""
     rates = []
-    for calls in passes:
+    for _ in range(PASSES):
         began = time.process_time()
         for call in calls:
             call()
@@ -33,17 +34,37 @@ def rate(passes):
 
 def overhead(ds):
     """Microseconds of a call that reads one cell, which is nearly nothing to the library."""
-    calls = [lambda: ds.read(1, window=(0, 0, 1, 1))] * 20000
-    return 1e6 / rate([calls] * PASSES)
+    return 1e6 / rate([lambda: ds.read(1, window=(0, 0, 1, 1))] * 20000)
+
+
+def us(rate):
+    return f"{1e6 / rate:,.1f} us"
+
+
+def averages(ds, file, picture):
+    """Averaged sizes: times, and how far they are from the exact means of the cells, of ours and of what rasterio makes of overviews."""
+    rows = []
+    for side, size in ((640, 50), (2160, 256)):
+        part = (300, 0, side, side)
+        shape = {"out_shape": (size, size)}
+        ours = lambda: ds.read(1, window=part, **shape)
+        theirs = lambda: file.read(1, window=Window(*part), resampling=Resampling.average, **shape)
+        exact = ds.read(1, window=part, exact=True, **shape).astype(float)
+        off = [numpy.sqrt(((read().astype(float) - exact) ** 2).mean()) for read in (theirs, ours)]
+        found = [rate([read] * (400 if size < 100 else 60)) for read in (theirs, ours)]
+        errors = f"{off[0]:.3g}, {off[1]:.3g}"
+        rows.append([f"{picture}: {side} -> {size}", *map(us, found), verdict(found[0] / found[1], 2, least=False), errors])
+    return rows
 
 
 def main():
     start()
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    rows, limits = [], []
+    rows, sizes, limits = [], [], []
     for name, source, kind, resampling, options in (
         ("shoreline", SHORELINE, "categorical", "MODE", []),
         ("relief", RELIEF, "continuous", "AVERAGE", ["PREDICTOR=YES"]),
+        ("earth", EARTH, "continuous", "AVERAGE", ["PREDICTOR=YES"]),
     ):
         goblin, picture = WORK / f"{name}.goblin", WORK / f"{name}_zstd.tif"
         if not goblin.exists():
@@ -53,25 +74,38 @@ def main():
         files = [rasterio.open(picture)]
         files += [rasterio.open(picture, OVERVIEW_LEVEL=up) for up in range(len(files[0].overviews(1)))]
         usable = [up for up, file in enumerate(files) if min(file.width, file.height) >= 256]
+        bands = 1 if files[0].count == 1 else None
         random.seed(1)
-        places = []
-        for _ in range(PASSES * WINDOWS):
-            file = files[up := random.choice(usable)]
-            places.append((up, *(random.randrange(side // 256) * 256 for side in (file.width, file.height))))
-        levels = {up: ds.level(ds.depth - up) for up in usable}
-        ours = [lambda at=levels[up], x=x, y=y: at[y : y + 256, x : x + 256] for up, x, y in places]
-        theirs = [lambda at=files[up], x=x, y=y: at.read(1, window=Window(x, y, 256, 256)) for up, x, y in places]
-        in_passes = lambda calls: [calls[first : first + WINDOWS] for first in range(0, len(calls), WINDOWS)]
-        found = [rate(in_passes(calls)) for calls in (theirs, ours)]
-        rows.append([f"{name}: windows", *(f"{number:,.0f} /s" for number in found), f"{found[1] / found[0]:.3g}"])
-        box = files[0].bounds
-        points = numpy.random.default_rng(2).uniform(box[:2], box[2:], (POINTS, 2))
-        few = points[: POINTS // 20].tolist()
-        theirs = len(few) * rate([[lambda: list(files[0].sample(few))]] * 3)
-        ours = POINTS * rate([[lambda: ds.sample(points)]] * PASSES)
-        rows.append([f"{name}: points", f"{theirs:,.0f} /s", f"{ours:,.0f} /s", f"{ours / theirs:.3g}"])
+        ours, theirs = [], []
+        for _ in range(WINDOWS):
+            up = random.choice(usable)
+            level, file = ds.depth - up, files[up]
+            x, y = (random.randrange(side - 255) for side in (file.width, file.height))
+            part = tuple(number << up for number in (x, y, 256, 256))
+            ours.append(lambda part=part, level=level: ds.read(bands, window=part, level=level))
+            theirs.append(lambda file=file, x=x, y=y: file.read(bands, window=Window(x, y, 256, 256)))
+        found = [rate(calls) for calls in (theirs, ours)]
+        rows.append([f"{name}: windows", *(f"{number:,.0f} /s" for number in found), verdict(found[1] / found[0], 1.3)])
+        if files[0].crs:
+            box = files[0].bounds
+            points = numpy.random.default_rng(2).uniform(box[:2], box[2:], (POINTS, 2))
+            few = points[: POINTS // 20].tolist()
+            found = [len(few) * rate([lambda: list(files[0].sample(few))]), POINTS * rate([lambda: ds.sample(points)])]
+            rows.append([f"{name}: points", *(f"{number:,.0f} /s" for number in found), f"{found[1] / found[0]:.3g}"])
+        if name == "relief":
+            sizes = averages(ds, files[0], name)
+            part = (300, 700, 500, 500)
+            numpy.save(WORK / "relief.npy", ds.read(1))
+            cells = numpy.load(WORK / "relief.npy", mmap_mode="r")[700:1200, 300:800]
+            measure = lambda: (cells.min(), cells.max(), cells.mean(), cells.std())
+            found = [rate([measure] * 300), rate([lambda: ds.stats(part)] * 300)]
+            rows.append(["relief: statistics of 500 x 500", *map(us, found), verdict(found[0] / found[1], 1, least=False)])
+        if name == "shoreline":
+            found = rate([lambda: ds[::1000, ::1000]] * 20)
+            rows.append(["shoreline: [::1000, ::1000]", "-", us(found), verdict(1e3 / found, 20, least=False) + " ms"])
         limits.append([name, f"{overhead(ds):.2f}"])
-    table(["job", "rasterio, COG ZSTD", "spinney", "ours / theirs"], rows)
+    table(["job", "rasterio, COG ZSTD (statistics: NumPy, mapped)", "spinney", "ours / theirs"], rows)
+    table(["averaged size", "rasterio", "spinney", "time ours / theirs", "off by (root mean square): rasterio, spinney"], sizes)
     table(["picture", "a read of one cell, us"], limits)
 
 

@@ -232,7 +232,7 @@ pub unsafe extern "C" fn spinney_statistics_of(
         // SAFETY: it is NULL, or a place of the caller's.
         let place = unsafe { statistics.as_mut() };
         let place = place.ok_or_else(|| Failure::invalid("statistics: got NULL, expected a place"))?;
-        let found = dataset.statistics(bounds)?;
+        let found = dataset.statistics(bounds, &())?;
         let none = f64::NAN;
         let absent = spinney_channel_statistics {
             cells: 0,
@@ -275,7 +275,7 @@ pub unsafe extern "C" fn spinney_classes(
                 count.as_mut().ok_or_else(|| Failure::invalid("count: got NULL, expected a place"))?;
             (buffer("values", values, capacity, None)?, buffer("counts", counts, capacity, None)?, count)
         };
-        let found = dataset.statistics(bounds)?;
+        let found = dataset.statistics(bounds, &())?;
         for ((value, cells), (class, found)) in values.iter_mut().zip(counts).zip(&found.classes) {
             (*value, *cells) = (*class, *found);
         }
@@ -307,7 +307,7 @@ pub unsafe extern "C" fn spinney_histogram(
             );
             return Err(Failure::invalid(found));
         }
-        bins.copy_from_slice(&dataset.histogram(&bounds, low, high, count)?);
+        bins.copy_from_slice(&dataset.histogram(&bounds, low, high, count, &())?);
         Ok(())
     })
 }

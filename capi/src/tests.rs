@@ -207,7 +207,7 @@ fn points_statistics_classes_and_histograms_agree() {
         [(null(), None), (std::ptr::from_ref(&part), Some(Bounds { min: [3, 3, 0], max: [33, 23, 1] }))]
     {
         assert_eq!(unsafe { spinney_statistics_of(dataset, part, &mut found) }, SPINNEY_OK);
-        let expected = library.statistics(bounds).unwrap();
+        let expected = library.statistics(bounds, &()).unwrap();
         assert_eq!((found.cells, found.void_cells), (expected.cells, expected.void_cells));
         assert_eq!(found.channels[0].mean, expected.channels[0].mean);
         assert!(found.channels[1].mean.is_nan());
@@ -226,7 +226,7 @@ fn points_statistics_classes_and_histograms_agree() {
     let mut bins = [0; 5];
     let asked = unsafe { spinney_histogram(dataset, null(), 0.0, 5.0, bins.as_mut_ptr(), 5) };
     assert_eq!(asked, SPINNEY_OK);
-    assert_eq!(bins[..], library.histogram(&library.header().picture(), 0.0, 5.0, 5).unwrap());
+    assert_eq!(bins[..], library.histogram(&library.header().picture(), 0.0, 5.0, 5, &()).unwrap());
     unsafe { spinney_close(dataset) };
 }
 

@@ -135,9 +135,9 @@ fn questions(tree: &Dataset) -> Result<bool> {
     }
     let _ = tree.metadata().counts.records();
     let _ = (tree.sections(), tree.remark(), tree.commit(), tree.segments());
-    note(tree.statistics(None).map(|_| ()));
+    note(tree.statistics(None, &()).map(|_| ()));
     note(tree.value_bounds().map(|_| ()));
-    note(tree.statistics(Some(middle(header.extent, SIDE))).map(|_| ()));
+    note(tree.statistics(Some(middle(header.extent, SIDE)), &()).map(|_| ()));
     note(tree.may_have_void(all).map(|_| ()));
     done.map(|()| fits)
 }
@@ -150,8 +150,8 @@ fn long_questions(tree: &Dataset) -> Result<bool> {
         count += 1;
         Ok(count < 10_000)
     })?;
-    tree.histogram(&all, 0.0, 9.0, 9)?;
-    let [known, counted] = [tree.statistics(None)?, tree.statistics(Some(all))?];
+    tree.histogram(&all, 0.0, 9.0, 9, &())?;
+    let [known, counted] = [tree.statistics(None, &())?, tree.statistics(Some(all), &())?];
     // (These refuse what is too large for them.)
     let _ = tree.df_text(1000);
     let _ = tree.classic_table(1000);

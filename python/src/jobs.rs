@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
 use pyo3::prelude::*;
@@ -14,6 +14,9 @@ use rayon::ThreadPoolBuilder;
 use spinney::{Error, Progress};
 
 use crate::error::raised;
+
+/// Time between looks at signals.
+const TICK: Duration = Duration::from_millis(50);
 
 /// The process that has the usual pool of threads.
 static HOME: AtomicU32 = AtomicU32::new(0);
@@ -90,6 +93,54 @@ pub(crate) fn warn(py: Python<'_>, text: &str) -> PyResult<()> {
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
 
+/// Work of one thread, which is mostly done before a thread of its own would have begun: on the calling thread, which looks at signals
+/// now and then.
+struct ShortWork {
+    /// How often it was asked whether to stop.
+    asked: AtomicU64,
+    /// When signals were looked at, in milliseconds.
+    attended: AtomicU64,
+    began: Instant,
+    failure: Mutex<Option<PyErr>>,
+}
+
+impl Progress for ShortWork {
+    fn interrupted(&self) -> bool {
+        /// Questions between looks at the clock.
+        const OFTEN: u64 = 1 << 8;
+        if !self.asked.fetch_add(1, Ordering::Relaxed).is_multiple_of(OFTEN) {
+            return false;
+        }
+        let now = self.began.elapsed().as_millis() as u64;
+        if now < self.attended.load(Ordering::Relaxed) + TICK.as_millis() as u64 {
+            return false;
+        }
+        self.attended.store(now, Ordering::Relaxed);
+        let failure = Python::attach(|py| py.check_signals().err());
+        let mut found = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        *found = found.take().or(failure);
+        found.is_some()
+    }
+}
+
+/// Does work of one thread without the interpreter's lock, on the calling thread, and stops it when Python has a signal.
+pub(crate) fn run_here<R: Send>(
+    py: Python<'_>,
+    job: impl FnOnce(&dyn Progress) -> spinney::Result<R> + Send,
+) -> PyResult<R> {
+    let work = ShortWork {
+        asked: AtomicU64::new(0),
+        attended: AtomicU64::new(0),
+        began: Instant::now(),
+        failure: Mutex::new(None),
+    };
+    let outcome = py.detach(|| job(&work));
+    match work.failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        Some(exception) => Err(exception),
+        None => outcome.map_err(raised),
+    }
+}
+
 /// Does long work without the interpreter's lock, and stops it when Python has a signal or the callback raises. The
 /// callback gets what is done and the total.
 pub(crate) fn run<R: Send>(
@@ -97,8 +148,6 @@ pub(crate) fn run<R: Send>(
     callback: Option<Py<PyAny>>,
     job: impl FnOnce(&Work) -> spinney::Result<R> + Send,
 ) -> PyResult<R> {
-    /// Time between looks at signals.
-    const TICK: Duration = Duration::from_millis(50);
     let work = Work::default();
     let (mut told, mut failure) = (0, None);
     let outcome = py.detach(|| {

@@ -63,12 +63,11 @@ impl Tree {
     ) -> PyResult<Bound<'py, PyDict>> {
         let opened = self.get()?;
         let part = part_of(&opened.tree, window, coordinates)?;
-        let found = py.detach(|| {
-            let found = opened.tree.statistics(part)?;
+        let found = jobs::run_here(py, |work| {
+            let found = opened.tree.statistics(part, work)?;
             opened.tree.check_unchanged()?;
             Ok(found)
-        });
-        let found = found.or_raise()?;
+        })?;
         let facts = PyDict::new(py);
         facts.set_item("cells", found.cells)?;
         facts.set_item("void_cells", found.void_cells)?;
@@ -100,7 +99,7 @@ impl Tree {
         }
         let opened = self.get()?;
         let part = part_of(&opened.tree, window, coordinates)?.unwrap_or(opened.tree.header().picture());
-        let cells = py.detach(|| opened.tree.histogram(&part, low, high, bins)).or_raise()?;
+        let cells = jobs::run_here(py, |work| opened.tree.histogram(&part, low, high, bins, work))?;
         Ok(PyArray1::from_vec(py, cells))
     }
 

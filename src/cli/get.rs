@@ -53,7 +53,7 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with = "size")]
     level: Option<u8>,
     /// Columns and rows, or the longer of the two, which keeps the aspect. Amounts are averaged over each pixel's area, from a level with at least
-    /// four cells along its sides (off by at most a quarter of what values differ by within the cells at a pixel's
+    /// two cells along its sides (off by at most half of what values differ by within the cells at a pixel's
     /// edges); classes are those at pixels' centres
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<Size>,

@@ -75,7 +75,7 @@ fn tree_name(tree: &Dataset) -> &'static str {
 fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
     let header = tree.header();
     let metadata = tree.metadata();
-    let stats = tree.statistics(None)?;
+    let stats = tree.statistics(None, &())?;
     let axes = header.form.axes();
     let row = |(level, [void, leaf, inner]): (usize, &[u64; 3])| json!({ "level": level, "void": void, "leaf": leaf, "inner": inner });
     let epsg = metadata.frame.crs.as_ref().and_then(Crs::numbers);
@@ -261,7 +261,7 @@ fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
 fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
     /// Classes that are listed.
     const MOST: usize = 32;
-    let stats = tree.statistics(None)?;
+    let stats = tree.statistics(None, &())?;
     writeln!(text, "cells       {}, and {} VOID", stats.cells, stats.void_cells)?;
     if stats.classes.is_empty() {
         for (number, channel) in (1..).zip(&stats.channels) {

@@ -153,7 +153,7 @@ fn same_answers(found: &Dataset, expected: &Dataset) {
     }
     let part = Bounds { min: size.map(|cells| cells / 3), max: size.map(|cells| cells - cells / 4) };
     for bounds in [None, Some(part)] {
-        let [mut found, mut expected] = [found, expected].map(|tree| tree.statistics(bounds).unwrap());
+        let [mut found, mut expected] = [found, expected].map(|tree| tree.statistics(bounds, &()).unwrap());
         (found.segments_read, expected.segments_read) = (0, 0);
         assert_eq!(found, expected);
     }

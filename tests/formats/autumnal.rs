@@ -102,13 +102,13 @@ fn answers_agree(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
         let bounds = Bounds { min, max: if is_octree { max } else { [max[0], max[1], 1] } };
         let bounds =
             Bounds { min: bounds.min, max: std::array::from_fn(|i| bounds.max[i].max(bounds.min[i] + 1)) };
-        let mut statistics = [a, b].map(|tree| tree.statistics(Some(bounds)).unwrap());
+        let mut statistics = [a, b].map(|tree| tree.statistics(Some(bounds), &()).unwrap());
         statistics.iter_mut().for_each(|statistics| statistics.segments_read = 0);
         if !value.sample.is_float() {
             assert_eq!(statistics[0], statistics[1]);
         }
         assert_eq!(statistics[0].cells, statistics[1].cells);
-        let histograms = [a, b].map(|tree| tree.histogram(&bounds, 0.0, 64.0, 7).unwrap());
+        let histograms = [a, b].map(|tree| tree.histogram(&bounds, 0.0, 64.0, 7, &()).unwrap());
         assert_eq!(histograms[0], histograms[1]);
         let shown = Bounds {
             min: bounds.min.map(|x| x >> (depth - level)),

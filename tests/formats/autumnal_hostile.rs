@@ -54,9 +54,9 @@ fn ask_all(tree: &Dataset) {
     for level in [0, depth / 2, depth] {
         let _ = tree.window(level, &window, 0.0, &mut [0; 64], None);
     }
-    let _ = tree.statistics(None);
-    let _ = tree.statistics(Some(Bounds { min: [1, 1, 0], max: [side, side, 1] }));
-    let _ = tree.histogram(&Bounds { min: [0; 3], max: [side, side, 1] }, 0.0, 9.0, 9);
+    let _ = tree.statistics(None, &());
+    let _ = tree.statistics(Some(Bounds { min: [1, 1, 0], max: [side, side, 1] }), &());
+    let _ = tree.histogram(&Bounds { min: [0; 3], max: [side, side, 1] }, 0.0, 9.0, 9, &());
     let mut count = 0;
     let _ = tree.find(Condition::Above(1.0), None, &mut |_| {
         count += 1;
@@ -393,7 +393,7 @@ fn subtrees_shared_beyond_all_bounds_take_no_time() {
             Some(byte(expected))
         );
     }
-    let statistics = dataset(&file).statistics(None).unwrap();
+    let statistics = dataset(&file).statistics(None, &()).unwrap();
     assert_eq!(statistics.cells, 1 << 58);
     assert_eq!(statistics.classes, [(1.0, 1 << 56), (2.0, 1 << 57), (3.0, 1 << 56)]);
     is_refused("honest", bytes);

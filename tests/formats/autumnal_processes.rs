@@ -32,7 +32,7 @@ fn file() -> (TempDir, PathBuf) {
 /// Looks at a file as any reader does: all cells are those of one commit. Tells its number.
 fn look(path: &Path) -> u64 {
     let tree = open(path, &Default::default()).unwrap();
-    let statistics = tree.statistics(None).unwrap();
+    let statistics = tree.statistics(None, &()).unwrap();
     assert_eq!(statistics.cells, SIDE * SIDE);
     // Every commit has stripes of one value and the next.
     let channel = statistics.channels[0];

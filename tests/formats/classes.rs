@@ -84,7 +84,7 @@ fn lists_of_classes_are_bounded_and_answers_exact() {
             assert!(lists <= zones * (MOST * 7 + 8) + 4096, "{classes}: {lists}");
             for tree in [&tree, &autumnal(&edited)] {
                 for bounds in [whole, part] {
-                    let found = tree.statistics(Some(bounds)).unwrap();
+                    let found = tree.statistics(Some(bounds), &()).unwrap();
                     assert!(found.classes == counted(&cells, &bounds), "{classes}, {bounds:?}");
                     assert_eq!(found.cells, bounds.volume());
                 }
@@ -146,7 +146,7 @@ fn an_edit_among_very_many_classes_writes_little() {
         }
         let tree = autumnal(&file.bytes());
         let whole = Bounds::picture([side, side, 1]);
-        assert!(tree.statistics(None).unwrap().classes == counted(&cells, &whole), "{classes}");
+        assert!(tree.statistics(None, &()).unwrap().classes == counted(&cells, &whole), "{classes}");
         assert_eq!(tree.verify(1 << 26, &()).unwrap(), [], "{classes}");
         // As if it had been made so.
         if side == 256 {

@@ -150,7 +150,7 @@ fn counts(file: &Goblin, cells: &Cells, random: &mut Random) {
         let bounds = some_bounds(cells.form, cells.size[0], random).intersect(&Bounds::picture(cells.size));
         let values = cells_of(&bounds).filter_map(|cell| cells.get(cell));
         let numbers: Vec<f64> = values.map(|value| value_type.samples(value)[0]).collect();
-        let found = file.statistics(Some(bounds)).unwrap();
+        let found = file.statistics(Some(bounds), &()).unwrap();
         assert_eq!(found.cells, numbers.len() as u64);
         assert_eq!(found.void_cells, bounds.volume() - found.cells);
         if let Some(channel) = found.channels.first() {
@@ -166,7 +166,7 @@ fn counts(file: &Goblin, cells: &Cells, random: &mut Random) {
         for number in &numbers {
             bins[((number - 10.0) * (7.0 / 200.0)).clamp(0.0, 6.0) as usize] += 1;
         }
-        assert_eq!(file.histogram(&bounds, 10.0, 210.0, 7).unwrap(), bins);
+        assert_eq!(file.histogram(&bounds, 10.0, 210.0, 7, &()).unwrap(), bins);
         let (mut count, above) = (0, |value| value_type.samples(value)[0] > 90.0);
         file.find(Condition::Above(90.0), Some(bounds), &mut |block| {
             assert!(cells_of(&block.bounds).all(|cell| cells.get(cell).is_some_and(above)), "{block:?}");

@@ -46,18 +46,18 @@ fn questions_take_the_work_of_the_records() {
             .collect();
         assert_eq!(levels.levels(), expected);
         let whole = Bounds { min: [0; 3], max: [side, side, 1] };
-        let (bins, reads) = work.of(|| tree.histogram(&whole, 1.0, 3.0, 4).unwrap());
+        let (bins, reads) = work.of(|| tree.histogram(&whole, 1.0, 3.0, 4, &()).unwrap());
         assert!(reads < FEW, "histogram: {reads}");
         assert_eq!(bins, [cells / 4, 0, cells / 2, cells / 4]);
-        let (statistics, reads) = work.of(|| tree.statistics(None).unwrap());
+        let (statistics, reads) = work.of(|| tree.statistics(None, &()).unwrap());
         assert!(reads < FEW, "statistics: {reads}");
         assert_eq!((statistics.cells, statistics.channels[0].mean), (cells, 2.0));
         // A box of which only the left border cuts anything.
         let half = Bounds { min: [side / 2 + 64, 0, 0], max: [side / 2 + 1024, 1024, 1] };
-        let (statistics, reads) = work.of(|| tree.statistics(Some(half)).unwrap());
+        let (statistics, reads) = work.of(|| tree.statistics(Some(half), &()).unwrap());
         assert!(reads < 20 * FEW, "statistics of a box: {reads}");
         assert_eq!(statistics.cells, 960 * 1024);
-        let (bins, reads) = work.of(|| tree.histogram(&half, 1.0, 3.0, 2).unwrap());
+        let (bins, reads) = work.of(|| tree.histogram(&half, 1.0, 3.0, 2, &()).unwrap());
         assert!(reads < 20 * FEW, "histogram of a box: {reads}");
         assert_eq!(bins, [960 * 256, 960 * 768]);
         let (findings, reads) = work.of(|| tree.verify(1 << 20, &()).unwrap());
@@ -92,8 +92,8 @@ fn boxes_are_counted_as_cell_by_cell() {
                 expected[usize::from(cells.get([x, y, 0]).unwrap().to_bytes()[0]) - 1] += 1;
             }
         }
-        assert_eq!(tree.histogram(&bounds, 1.0, 3.0, 3).unwrap(), expected, "{bounds:?}");
-        let classes = tree.statistics(Some(bounds)).unwrap().classes;
+        assert_eq!(tree.histogram(&bounds, 1.0, 3.0, 3, &()).unwrap(), expected, "{bounds:?}");
+        let classes = tree.statistics(Some(bounds), &()).unwrap().classes;
         let found: Vec<u64> = classes.iter().map(|(_, cells)| *cells).collect();
         assert_eq!(found, expected.into_iter().filter(|cells| *cells > 0).collect::<Vec<_>>(), "{bounds:?}");
     }

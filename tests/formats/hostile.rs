@@ -61,7 +61,7 @@ fn points(tree: &Dataset) -> Result<String> {
 }
 
 fn statistics(tree: &Dataset, bounds: Option<Bounds>) -> Result<String> {
-    let stats = tree.statistics(bounds)?;
+    let stats = tree.statistics(bounds, &())?;
     Ok(format!("{} {} {:?} {:?}", stats.cells, stats.void_cells, stats.channels, stats.classes))
 }
 
@@ -90,7 +90,7 @@ fn ask(file: Result<Goblin>) -> Answers {
     let mut answers = vec![walked, points(tree), statistics(tree, None), statistics(tree, Some(bounds))];
     let depth = tree.depth();
     answers.extend([0, depth / 2, depth.saturating_sub(1), depth].map(|level| window(tree, level)));
-    answers.push(tree.histogram(&bounds, 0.0, 50.0, 7).map(|bins| format!("{bins:?}")));
+    answers.push(tree.histogram(&bounds, 0.0, 50.0, 7, &()).map(|bins| format!("{bins:?}")));
     answers.push(search(tree));
     answers.push(tree.df_text(1 << 20).map(|text| digest(text.as_bytes())));
     let _ = tree.metadata().counts.records();

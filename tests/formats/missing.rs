@@ -121,7 +121,9 @@ fn statistics_are_of_the_cells_that_have_a_sample() {
         for ([left, top], [right, bottom]) in boxes {
             let bounds = Bounds { min: [left, top, 0], max: [right, bottom, 1] };
             let mirrored = Bounds { min: [700 - right, top, 0], max: [700 - left, bottom, 1] };
-            for found in [tree.statistics(Some(bounds)).unwrap(), view.statistics(Some(mirrored)).unwrap()] {
+            for found in
+                [tree.statistics(Some(bounds), &()).unwrap(), view.statistics(Some(mirrored), &()).unwrap()]
+            {
                 for (channel, found) in found.channels.iter().enumerate() {
                     let samples = samples(&cells, &bounds, channel);
                     assert_eq!(found.cells, samples.len() as u64, "{name} {bounds:?} {channel}");
@@ -139,7 +141,7 @@ fn statistics_are_of_the_cells_that_have_a_sample() {
                 }
             }
             let first = samples(&cells, &bounds, 0);
-            let histogram = tree.histogram(&bounds, 0.0, 200.0, 10).unwrap();
+            let histogram = tree.histogram(&bounds, 0.0, 200.0, 10, &()).unwrap();
             for (bin, found) in histogram.into_iter().enumerate() {
                 let is_in = |sample: &&f64| ((**sample / 20.0) as usize).min(9) == bin;
                 assert_eq!(found, first.iter().filter(is_in).count() as u64, "{name} {bounds:?} {bin}");

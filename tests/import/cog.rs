@@ -290,7 +290,7 @@ fn descriptions_go_along() {
     let parts = Parts::of(std::fs::read(&path).unwrap());
     parts.check_layout();
     let xml = parts.text(0, 42112).unwrap();
-    let statistics = tree.statistics(None).unwrap().channels[0];
+    let statistics = tree.statistics(None, &()).unwrap().channels[0];
     for (name, number) in [
         ("MINIMUM", statistics.min),
         ("MAXIMUM", statistics.max),

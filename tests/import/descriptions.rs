@@ -120,7 +120,7 @@ fn nodata_of_one_band_is_missing_there_alone() {
     // Averages over other areas than those of cells.
     assert_eq!(read(Detail::Size(3, 1)), [10, 44, 54, 20, 26, 63, 30, 0, 90]);
     let cells: Vec<u64> =
-        trip.tree.statistics(None).unwrap().channels.iter().map(|channel| channel.cells).collect();
+        trip.tree.statistics(None, &()).unwrap().channels.iter().map(|channel| channel.cells).collect();
     assert_eq!(cells, [2, 2, 3]);
     // Beside opacity nothing is missing, nor where there is one band.
     let with_opacity = picture.short(277, &[4]).short(258, &[8; 4]).short(338, &[2]);

@@ -273,7 +273,7 @@ fn files_with_open_objects() {
         plan_models(models, &options).unwrap().build(Output::create(&output).unwrap(), &()).unwrap();
         Some(spinney::open(&output).unwrap())
     };
-    let classes = |tree: &Dataset| tree.statistics(None).unwrap().classes;
+    let classes = |tree: &Dataset| tree.statistics(None, &()).unwrap().classes;
     let [open, closed] = ["parts_open1.obj", "parts_closed.obj"]
         .map(|name| build(name, Attribute::Part, Resolution::Cell(0.25)));
     if let (Some(open), Some(closed)) = (open, closed) {
@@ -282,7 +282,7 @@ fn files_with_open_objects() {
         assert_eq!(found[..19], expected[..19]);
     }
     if let Some(tree) = build("colo.obj", Attribute::Colour, Resolution::Cell(0.25)) {
-        let stats = tree.statistics(None).unwrap();
+        let stats = tree.statistics(None, &()).unwrap();
         assert!(stats.channels.iter().all(|channel| (channel.min, channel.max) == (0.0, 255.0)));
     }
     if let Some(tree) = build("DELFSHAVEN.city.json", Attribute::Part, Resolution::Cells(256)) {

@@ -34,7 +34,7 @@ fn models(folder: &Path) -> Vec<(PathBuf, bool, [f64; 2])> {
 /// Volume in the units of the model.
 fn volume(tree: &Dataset) -> f64 {
     let cell = tree.metadata().frame.matrix[0][0];
-    let statistics = tree.statistics(None).unwrap();
+    let statistics = tree.statistics(None, &()).unwrap();
     statistics.cells as f64 * statistics.channels[0].mean / 255.0 * cell * cell * cell
 }
 

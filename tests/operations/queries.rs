@@ -149,7 +149,7 @@ fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
         let bounds = (round > 0).then_some(bounds);
         let picture = Bounds::picture(size);
         let inside = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
-        let found = file.statistics(bounds).unwrap();
+        let found = file.statistics(bounds, &()).unwrap();
         let values: Vec<Value> = cells_of(&inside).filter_map(|cell| cells.get(cell)).collect();
         assert_eq!(found.cells, values.len() as u64);
         assert_eq!(found.void_cells, inside.volume() - found.cells);
@@ -185,7 +185,7 @@ fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
             let bin = (number(value, 0) - low) * (7.0 / (high - low));
             bins[(bin.max(0.0) as usize).min(6)] += 1;
         }
-        assert_eq!(file.histogram(&inside, low, high, 7).unwrap(), bins);
+        assert_eq!(file.histogram(&inside, low, high, 7, &()).unwrap(), bins);
     }
 }
 
@@ -306,7 +306,7 @@ fn exact_to_nine_digits(form: Form, number: impl Fn(u64) -> f64) {
             let mean = values.iter().map(|value| value - near).sum::<f64>() / count;
             let squares = values.iter().map(|value| (value - near - mean).powi(2)).sum::<f64>();
             let expected = (squares / count).sqrt();
-            let found = file.statistics(Some(inside)).unwrap().channels[0];
+            let found = file.statistics(Some(inside), &()).unwrap().channels[0];
             let off = (found.standard_deviation - expected).abs();
             assert!(off <= 1e-9 * expected, "{found:?}, {expected}");
             // (A mean is as near as an f64 can be.)
@@ -325,7 +325,7 @@ fn standard_deviations_of_large_numbers_keep_their_digits() {
     // Of equal cells there is none, whatever their number.
     let cells = made(quad(SampleType::F64, 1), [5, 3, 1], |_| Some(Value::from(0.1f64.to_le_bytes())));
     let file = dataset(&cells, Rule::Mean, Kind::Continuous);
-    assert_eq!(file.statistics(None).unwrap().channels[0].standard_deviation, 0.0);
+    assert_eq!(file.statistics(None, &()).unwrap().channels[0].standard_deviation, 0.0);
 }
 
 #[test]
@@ -340,7 +340,7 @@ fn statistics_of_numbers_without_bounds() {
             Some(Value::from(numbers[(2 * y + x) as usize].to_le_bytes()))
         });
         let file = dataset(&cells, Rule::Mean, Kind::Continuous);
-        let found = file.statistics(None).unwrap();
+        let found = file.statistics(None, &()).unwrap();
         assert!(file.verify(1 << 20, &()).unwrap().is_empty());
         assert_eq!(found.cells, 4);
         let finite = numbers.iter().all(|number| number.abs() < 1.0);
@@ -366,7 +366,7 @@ fn very_many_classes_are_counted_exactly() {
                 }
             }
         }
-        let found = tree.statistics(Some(bounds)).unwrap().classes;
+        let found = tree.statistics(Some(bounds), &()).unwrap().classes;
         let found: Vec<(u64, u64)> = found.into_iter().map(|(value, cells)| (value as u64, cells)).collect();
         let expected: Vec<_> = expected.into_iter().collect();
         let first = found.iter().zip(&expected).find(|(found, expected)| found != expected);

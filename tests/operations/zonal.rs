@@ -206,7 +206,7 @@ fn zones_of_nothing_and_everything() {
         Polygon::new(&[vec![[low, low], [high, low], [high, high], [low, high]]]).unwrap()
     };
     let polygons = [square(-1e12, 1e12), square(200.0, 300.0), square(-50.0, -1.0), square(10.2, 10.4)];
-    let all = file.statistics(None).unwrap();
+    let all = file.statistics(None, &()).unwrap();
     for edge in EdgeRule::ALL {
         let found = file.zonal(&polygons, edge, &()).unwrap();
         assert_eq!((found[0].cells, found[0].void_cells), (all.cells as f64, all.void_cells as f64));

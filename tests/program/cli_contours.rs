@@ -87,7 +87,7 @@ fn bands_cover_what_has_values() {
         assert!(area(&rings[0]) > 0.0, "outer rings are counterclockwise");
         all += rings.iter().map(area).sum::<f64>();
     }
-    let cells = spinney::open(&file).unwrap().statistics(None).unwrap().cells as f64;
+    let cells = spinney::open(&file).unwrap().statistics(None, &()).unwrap().cells as f64;
     assert!((all / 100.0 - cells).abs() < 1e-3, "{all} of {cells}");
 }
 

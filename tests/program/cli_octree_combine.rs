@@ -349,7 +349,7 @@ fn complements_have_a_universe() {
             metadata.provenance
         );
         let origin = metadata.frame.to_world([0.0; 3]);
-        (said, tree.statistics(None).unwrap().cells, tree.header().extent, origin, read(Path::new(&out)))
+        (said, tree.statistics(None, &()).unwrap().cells, tree.header().extent, origin, read(Path::new(&out)))
     };
     let (said, cells, extent, origin, found) = complement(&[]);
     assert!(said.contains("16 x 16 x 16 cells from 0,0,0"), "{said}");

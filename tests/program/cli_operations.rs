@@ -19,7 +19,7 @@ fn island() -> (TempDir, PathBuf) {
 
 fn cells(file: &Path) -> u64 {
     let tree = dataset::open(file, &OpenOptions::new()).unwrap();
-    tree.statistics(None).unwrap().cells
+    tree.statistics(None, &()).unwrap().cells
 }
 
 /// All values of a picture, by way of raw samples.

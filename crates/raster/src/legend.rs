@@ -12,7 +12,7 @@ use spinney_container::Metadata;
 /// A file that a legend is written to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LegendFormat {
-    /// A picture, each dot of its font so many pixels wide (1 to 8).
+    /// A picture, enlarged 1 to 8 times: see [`Legend::draw`].
     Png(usize),
     /// Lines and letters.
     Svg,

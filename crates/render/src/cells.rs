@@ -176,7 +176,11 @@ impl Surface for CellSurface<'_> {
         let inwards = DVec3::from(hit.inwards);
         let outwards = (*normals * -inwards).try_normalize().unwrap_or(-direction);
         let open = self.openness(&hit)?;
-        Ok(Some(Place { outwards, albedo: paint.colour(&hit.value).into(), open }))
+        let albedo = match paint {
+            Paint::Clay(colour) => *colour,
+            paint => paint.colour(&self.rays.value(hit.cell)?),
+        };
+        Ok(Some(Place { outwards, albedo: albedo.into(), open }))
     }
 }
 
@@ -186,12 +190,13 @@ impl CellSurface<'_> {
         let Some(outwards) = (-DVec3::from(hit.inwards)).try_normalize() else { return Ok(1.0) };
         let (aside, across) = outwards.any_orthonormal_pair();
         let (mut hidden, mut most) = (0.0, 0.0);
-        for distance in OCCLUSION {
+        // (Aside and across in turn: what is around changes little from one distance to the next.)
+        for (index, distance) in OCCLUSION.into_iter().enumerate() {
             let weight = 1.0 / (1.0 + 6.0 * distance);
             // At less than 1.5 cells the density is that of the surface itself.
             let distance = (distance * self.cells.radius).max(1.5);
-            for (u, v) in [(0.8, 0.0), (-0.8, 0.0), (0.0, 0.8), (0.0, -0.8)] {
-                let direction = outwards + u * aside + v * across;
+            let lean = 0.8 * if index % 2 == 0 { aside } else { across };
+            for direction in [outwards + lean, outwards - lean] {
                 hidden +=
                     weight * self.rays.density((DVec3::from(hit.point) + distance * direction).to_array())?;
                 most += weight;

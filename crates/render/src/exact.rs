@@ -8,7 +8,7 @@ use crate::camera::{Extent, box_support, farthest};
 use crate::paint::{Paint, linear};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
-use spinney_brep::exact::normal::ring_normal;
+use spinney_brep::query::ModelRays;
 use spinney_brep::{ExactModel, Face, FaceBuffer, Faces as _, ModelNode, ModelNodeState};
 use spinney_raster::image::Format;
 
@@ -32,10 +32,12 @@ pub fn render_exact(
     if let Some(level) = request.level {
         return Err(Error::invalid("level", level.to_string(), "none, of an exact model"));
     }
-    let [min, max] = model.bounds()?;
-    let scene = Scene::new(request.camera(&Solid { model, corners: [min, max].map(DVec3::from) })?, request);
-    let make =
-        || -> Result<Box<dyn Surface + '_>> { Ok(Box::new(Body { model, buffer: FaceBuffer::default() })) };
+    let corners = model.bounds()?.map(DVec3::from);
+    let scene = Scene::new(request.camera(&Solid { model, corners })?, request);
+    let clay = Paint::clay().colour(&[0.0; 4]).into();
+    let make = || -> Result<Box<dyn Surface + '_>> {
+        Ok(Box::new(Body { model, corners, rays: model.rays(), clay }))
+    };
     draw(&scene, &make, output, format, progress)?;
     model.check_unchanged()
 }
@@ -98,24 +100,38 @@ impl Solid<'_> {
 /// The body that a model bounds.
 struct Body<'a> {
     model: &'a ExactModel,
-    buffer: FaceBuffer,
+    /// Least and greatest coordinates of the box around it.
+    corners: [DVec3; 2],
+    rays: ModelRays<'a>,
+    /// Linear colour of faces without one.
+    clay: DVec3,
 }
 
 impl Surface for Body<'_> {
     fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<Place>> {
-        let (hit, _) = self.model.ray(origin.to_array(), direction.to_array())?;
-        let Some(hit) = hit else { return Ok(None) };
-        self.model.face(hit.face, &mut self.buffer)?;
-        let face = self.buffer.face();
-        let outer = face.rings().next().unwrap_or_default();
-        let normal = DVec3::from(ring_normal(outer).map(|at| at as f64));
-        let outwards = normal.try_normalize().unwrap_or(-direction);
+        if !may_meet(self.corners, origin, direction) {
+            return Ok(None);
+        }
+        let Some(hit) = self.rays.first(origin.to_array(), direction.to_array())? else { return Ok(None) };
+        let (face, normal) = self.rays.face(hit.face)?;
+        let outwards = DVec3::from(normal.map(|at| at as f64)).try_normalize().unwrap_or(-direction);
         let albedo = match face.colours {
-            [] => Paint::Clay.colour(&[0.0; 4]).into(),
+            [] => self.clay,
             _ => colour_at(&face, self.model.grid().to_grid(hit.point).into()),
         };
         Ok(Some(Place { outwards, albedo, open: 1.0 }))
     }
+}
+
+/// Whether a ray may meet a box, or what is next to it. (Rays that do not need not be looked at closely.)
+fn may_meet([low, high]: [DVec3; 2], origin: DVec3, direction: DVec3) -> bool {
+    let around = (high - low) * 1e-6 + DVec3::splat(f64::MIN_POSITIVE);
+    let [a, b] = [low - around, high + around].map(|corner| (corner - origin) / direction);
+    // (Where it goes along two walls, on or between them, a quotient may be no number, which neither bound heeds.)
+    let (enters, leaves) = (0..3).fold((0.0f64, f64::INFINITY), |(enters, leaves), axis| {
+        (enters.max(a[axis].min(b[axis])), leaves.min(a[axis].max(b[axis])))
+    });
+    enters <= leaves
 }
 
 /// Linear colour of a face at a place of it: between the corners' of a triangle, and their mean of others.

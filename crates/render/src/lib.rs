@@ -90,6 +90,8 @@ impl RenderRequest {
 
 /// Rows that are made before they are written.
 const BAND: u64 = 32;
+/// Rows that a thread makes one after the other: what is read for one serves the next.
+const TOGETHER: usize = 8;
 /// Pixels that a row may have.
 const MOST: u64 = 1 << 16;
 
@@ -120,21 +122,29 @@ fn draw<'a>(
         // The centres of a row more are needed on both sides: the last two rows of the band before are here already.
         let known = first + u64::from(first > 0);
         let new: Vec<u64> = (known..height.min(first + BAND + 1)).collect();
-        for row in parallel::map(&new, |row| {
-            pool.with(surface, |surface| scene.centres(&mut **surface, *row, progress))
-        }) {
-            centres.push_back(row?);
+        let new = parallel::map(&new.chunks(TOGETHER).collect::<Vec<_>>(), |rows| {
+            let centres =
+                |row: &u64| pool.with(surface, |surface| scene.centres(&mut **surface, *row, progress));
+            rows.iter().map(centres).collect::<Result<Vec<_>>>()
+        });
+        for rows in new {
+            centres.extend(rows?);
         }
         let before = usize::from(first > 0);
-        let rows = parallel::map(&rows, |row| {
-            let at = (row - first) as usize + before;
-            let around = [at.checked_sub(1), Some(at), Some(at + 1)]
-                .map(|row| row.and_then(|row| centres.get(row)).map_or(&[][..], Vec::as_slice));
-            pool.with(surface, |surface| scene.row(&mut **surface, *row, around, progress))
+        let rows = parallel::map(&rows.chunks(TOGETHER).collect::<Vec<_>>(), |rows| {
+            let row = |row: &u64| {
+                let at = (row - first) as usize + before;
+                let around = [at.checked_sub(1), Some(at), Some(at + 1)]
+                    .map(|row| row.and_then(|row| centres.get(row)).map_or(&[][..], Vec::as_slice));
+                pool.with(surface, |surface| scene.row(&mut **surface, *row, around, progress))
+            };
+            rows.iter().map(row).collect::<Result<Vec<_>>>()
         });
-        for row in rows {
-            writer.write_rows(&row?, None)?;
-            progress.advance(width, width * height);
+        for rows in rows {
+            for row in rows? {
+                writer.write_rows(&row, None)?;
+                progress.advance(width, width * height);
+            }
         }
         let done = centres.len().saturating_sub(2);
         centres.drain(..done);

@@ -8,7 +8,7 @@ use spinney_raster::style::{CLAY, distinct, to_linear, viridis};
 /// Map from values to colours: linear red, green and blue, 0 to 1.
 pub(super) enum Paint {
     /// One colour for all.
-    Clay,
+    Clay([f64; 3]),
     /// The first three channels, with `most` for full intensity; in sRGB or, of floating samples, linear.
     Channels { most: f64, is_linear: bool },
     /// Classes, by their palette.
@@ -32,7 +32,7 @@ impl Paint {
             return Ok(Paint::Channels { most, is_linear: value.sample.is_float() });
         }
         if header.rule == Rule::Occupancy {
-            return Ok(Paint::Clay);
+            return Ok(Paint::clay());
         }
         if let Some(palette) = &tree.metadata().palette {
             return Ok(Paint::Palette(palette.clone()));
@@ -45,13 +45,18 @@ impl Paint {
             Some((least, most)) if least < most => {
                 Paint::Range { least: *least, range: most - least, colours: viridis() }
             }
-            _ => Paint::Clay,
+            _ => Paint::clay(),
         })
+    }
+
+    /// The colour of solids whose values are none.
+    pub(super) fn clay() -> Paint {
+        Paint::Clay(linear(CLAY))
     }
 
     pub(super) fn colour(&self, value: &[f64; 4]) -> [f64; 3] {
         match self {
-            Paint::Clay => linear(CLAY),
+            Paint::Clay(colour) => *colour,
             Paint::Channels { most, is_linear } => [0, 1, 2].map(|channel| {
                 let share = (value[channel] / most).clamp(0.0, 1.0);
                 if *is_linear { share } else { to_linear(share) }

@@ -26,21 +26,20 @@ pub(super) struct Place {
     pub(super) open: f64,
 }
 
-/// Linear colour that a ray through the centre of a pixel meets, or nothing.
+/// Colour that a ray through the centre of a pixel meets, as roots of linear light, or nothing.
 pub(super) type Centre = Option<Vec3>;
 
-/// Difference of neighbours' colours, as roots of linear light from 0 to 1, from which on a pixel is looked at more closely.
-const UNEVEN: f32 = 0.03;
+/// Difference of neighbours' colours, as roots of linear light from 0 to 1, from which on a pixel is looked at more closely: a step of about
+/// 25 of 255 in the picture. (With a third of it, the picture of an armadillo is no nearer to one with 16 samples of each pixel than by a
+/// twentieth of the error, and takes half as long again.)
+const UNEVEN: f32 = 0.1;
 
 /// Whether the centres around a pixel look like its own.
 fn is_even(around: [&[Centre]; 3], column: usize) -> bool {
     let own = around[1][column];
     let alike = |other: &Centre| match (own, other) {
         (None, None) => true,
-        (Some(own), Some(other)) => {
-            let root = |colour: Vec3| colour.map(f32::sqrt);
-            (root(own) - root(*other)).abs().max_element() < UNEVEN
-        }
+        (Some(own), Some(other)) => (own - *other).abs().max_element() < UNEVEN,
         _ => false,
     };
     let columns = column.saturating_sub(1)..column + 2;
@@ -53,6 +52,8 @@ pub(super) struct Scene {
     /// Direction to the light.
     light: DVec3,
     background: DVec3,
+    /// A pixel in which nothing is met.
+    empty: Vec<u8>,
     pub(super) is_opaque: bool,
     samples: u32,
     pub(super) width: u64,
@@ -77,6 +78,7 @@ impl Scene {
             camera,
             light,
             background: background.into(),
+            empty: request.background.map_or(vec![0; 4], |background| background.to_vec()),
             is_opaque: request.background.is_some(),
             samples: request.samples,
             width: request.width,
@@ -97,7 +99,7 @@ impl Scene {
                 progress.check()?;
             }
             let colour = self.colour(surface, [column as f64 + 0.5, row as f64 + 0.5])?;
-            centres.push(colour.map(|colour| colour.as_vec3()));
+            centres.push(colour.map(|colour| colour.as_vec3().map(f32::sqrt)));
         }
         Ok(centres)
     }
@@ -116,21 +118,21 @@ impl Scene {
             if column % CHECKED == 0 {
                 progress.check()?;
             }
-            let centre = around[1][column as usize];
             let (sum, share) = if self.samples > 1 && !is_even(around, column as usize) {
                 self.sampled(surface, [column, row])?
             } else {
-                (
-                    centre.map_or(DVec3::ZERO, |colour| colour.as_dvec3()),
-                    f64::from(u8::from(centre.is_some())),
-                )
+                match around[1][column as usize] {
+                    Some(root) => ((root * root).as_dvec3(), 1.0),
+                    None => (DVec3::ZERO, 0.0),
+                }
             };
-            if self.is_opaque {
+            if share == 0.0 {
+                pixels.extend_from_slice(&self.empty);
+            } else if self.is_opaque {
                 let colour = sum + self.background * (1.0 - share);
                 pixels.extend(colour.to_array().map(to_srgb));
             } else {
-                let colour = if share > 0.0 { sum / share } else { DVec3::ZERO };
-                pixels.extend(colour.to_array().map(to_srgb));
+                pixels.extend((sum / share).to_array().map(to_srgb));
                 pixels.push((share * 255.0 + 0.5) as u8);
             }
         }

@@ -104,9 +104,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     );
     let is_solid = is_octree && tree.header().rule == Rule::Occupancy && boxes.is_none();
     let stats = match boxes.as_deref() {
-        None => tree.statistics(None)?,
+        None => tree.statistics(None, &())?,
         Some(boxes) => {
-            let parts = boxes.iter().map(|bounds| tree.statistics(Some(*bounds)));
+            let parts = boxes.iter().map(|bounds| tree.statistics(Some(*bounds), &()));
             Statistics::of_parts(&parts.collect::<spinney::Result<Vec<_>>>()?)
         }
     };
@@ -145,7 +145,7 @@ fn histogram(tree: &Dataset, boxes: &[Bounds], stats: &Statistics, bins: u32) ->
             let mut cells = vec![0; bins as usize];
             for bounds in boxes {
                 let bounds = bounds.intersect(&tree.header().picture());
-                let part = tree.histogram(&bounds, first.min, first.max, bins as usize)?;
+                let part = tree.histogram(&bounds, first.min, first.max, bins as usize, &())?;
                 cells.iter_mut().zip(part).for_each(|(all, part)| *all += part);
             }
             let width = (first.max - first.min) / f64::from(bins);

@@ -33,7 +33,7 @@ pub fn triangle_normal([a, b, c]: &[[i32; 3]; 3]) -> [i64; 3] {
 ///
 /// Of rings with many corners it may have more than 64 bits; it is divided by powers of two until it fits, which does
 /// not happen to rings of a plane that have less than 2^8 turns.
-pub fn ring_normal(ring: &[[i32; 3]]) -> [i64; 3] {
+pub(crate) fn ring_normal(ring: &[[i32; 3]]) -> [i64; 3] {
     if let [a, b, c] = *ring {
         return triangle_normal(&[a, b, c]);
     }

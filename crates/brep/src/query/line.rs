@@ -25,11 +25,21 @@ pub struct Line {
     fraction: u8,
     /// From the first end to the second one.
     along: [i64; 3],
+    /// The first end and the way to the second one in grid steps, exactly.
+    start: [f64; 3],
+    way: [f64; 3],
     /// The other axes than that along which the half-plane goes.
     across: [usize; 2],
     /// Shares of the given line at which this one begins and ends.
     shares: [f64; 2],
 }
+
+/// Shares of a line at which it enters and leaves what lies between two walls.
+pub(super) type Passage = [f64; 2];
+
+/// Passages of a line along two walls: between them, or not.
+const ALWAYS: Passage = [f64::NEG_INFINITY, f64::INFINITY];
+const NEVER: Passage = [f64::INFINITY, f64::NEG_INFINITY];
 
 /// A crossing of a line and a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,12 +117,18 @@ impl Line {
         // Along the axis that it is the least along, so that the half-plane is one.
         let axis = (0..3).min_by_key(|&axis| along[axis].abs())?;
         let across = others(axis);
-        (along != [0; 3]).then_some(Line { from, to, fraction, along, across, shares })
+        let scale = 1.0 / (1u64 << fraction) as f64;
+        let [start, way] = [from, along].map(|at| at.map(|at| at as f64 * scale));
+        (along != [0; 3]).then_some(Line { from, to, fraction, along, start, way, across, shares })
     }
 
     /// The crossing with a face, if there is one.
     pub fn crossing(&self, face: &Face<'_>) -> Option<Crossing> {
-        let plane = Plane::of(face);
+        self.crossing_of(face, &Plane::of(face))
+    }
+
+    /// The crossing with a face whose plane is known.
+    pub(super) fn crossing_of(&self, face: &Face<'_>, plane: &Plane) -> Option<Crossing> {
         let normal = plane.normal.map(i128::from);
         // (A step of the line against the normal raises the plane.)
         let raised = normal.map(|n| -n);
@@ -184,19 +200,40 @@ impl Line {
     /// The share of the line within a box of grid coordinates, walls included, a little more than less; `None` if it
     /// passes by. Shares are those of a [`Crossing`].
     pub fn within(&self, min: [f64; 3], max: [f64; 3]) -> Option<[f64; 2]> {
-        let scale = 1.0 / (1u64 << self.fraction) as f64;
+        self.within_all(&[0, 1, 2].map(|axis| self.passage(axis, min[axis], max[axis])))
+    }
+
+    /// The shares of this part of the line at which it enters and leaves what lies between two walls across an axis; the first is greater
+    /// if it never does.
+    #[inline]
+    pub(super) fn passage(&self, axis: usize, min: f64, max: f64) -> Passage {
+        let (from, along) = (self.start[axis], self.way[axis]);
+        if along == 0.0 {
+            return if min <= from && from <= max { ALWAYS } else { NEVER };
+        }
+        let [a, b] = [min, max].map(|wall| (wall - from) / along);
+        [a.min(b), a.max(b)]
+    }
+
+    /// The passages through both halves of what lies between two walls, which it passes, divided by a wall between them.
+    #[inline]
+    pub(super) fn halves(&self, axis: usize, [first, last]: Passage, middle: f64) -> [Passage; 2] {
+        let (from, along) = (self.start[axis], self.way[axis]);
+        if along == 0.0 {
+            return [from <= middle, from >= middle].map(|is_there| if is_there { ALWAYS } else { NEVER });
+        }
+        let middle = (middle - from) / along;
+        let (before, behind) = ([first, middle], [middle, last]);
+        if along > 0.0 { [before, behind] } else { [behind, before] }
+    }
+
+    /// [`Line::within`] of a box, by the passages along each axis.
+    #[inline]
+    pub(super) fn within_all(&self, passages: &[Passage; 3]) -> Option<[f64; 2]> {
         let (mut first, mut last) = (0.0f64, 1.0f64);
-        for axis in 0..3 {
-            let (from, along) = (self.from[axis] as f64 * scale, self.along[axis] as f64 * scale);
-            if along == 0.0 {
-                if from < min[axis] || from > max[axis] {
-                    return None;
-                }
-                continue;
-            }
-            let [a, b] = [min[axis], max[axis]].map(|wall| (wall - from) / along);
-            first = first.max(a.min(b) - SHARE_ROUNDING);
-            last = last.min(a.max(b) + SHARE_ROUNDING);
+        for [enters, leaves] in passages {
+            first = first.max(enters - SHARE_ROUNDING);
+            last = last.min(leaves + SHARE_ROUNDING);
         }
         let [start, end] = self.shares;
         (first <= last).then(|| [first, last].map(|share| start + (end - start) * share))
@@ -209,10 +246,9 @@ impl Line {
 
     /// The point at a share, in steps of the grid.
     pub fn at(&self, share: f64) -> [f64; 3] {
-        let scale = 1.0 / (1u64 << self.fraction) as f64;
         let [first, last] = self.shares;
         let part = if last > first { (share - first) / (last - first) } else { 0.0 };
-        [0, 1, 2].map(|axis| (self.from[axis] as f64 + self.along[axis] as f64 * part) * scale)
+        [0, 1, 2].map(|axis| self.start[axis] + self.way[axis] * part)
     }
 }
 

@@ -48,7 +48,7 @@ pub use distance::SurfacePoint;
 pub use line::{Crossing, Line};
 pub use mass::{MassProperties, MassSums};
 pub use nearest::{Nearest, nearest_on_face};
-pub use ray::Hit;
+pub use ray::{Hit, ModelRays};
 pub use region::BoxPlace;
 pub use section::{CuttingPlane, SectionPolygon, TakeSection};
 pub use visited::Visited;

@@ -1,9 +1,10 @@
 //! Rays and lines through a model: cells from front to back.
 
-use super::line::{Crossing, Line};
-use super::visited::{Recent, Visited, half_of};
-use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
-use spinney_base::{Result, sort};
+use super::line::{Crossing, Line, Passage};
+use super::plane::Plane;
+use super::visited::{Recent, Visited};
+use crate::{ExactModel, Face, FaceBuffer, Faces, ModelNode, ModelNodeState};
+use spinney_base::{Error, Result, sort};
 
 /// A place where a line passes through the surface of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,7 +52,7 @@ impl ExactModel {
         let Some(line) = Line::between(grid, grid.to_grid(from), grid.to_grid(to)) else {
             return Ok(Vec::new());
         };
-        let mut walk = Walk::new(self, line, false);
+        let mut walk = Walk::new(self, line, (false, 1));
         walk.root()?;
         let mut all = walk.found;
         sort::by_key(&mut all, |(number, _)| *number);
@@ -65,14 +66,107 @@ impl ExactModel {
 
     fn first_hit(&self, line: Option<Line>) -> Result<(Option<Hit>, Visited)> {
         let Some(line) = line else { return Ok((None, Visited::default())) };
-        let mut walk = Walk::new(self, line, true);
+        let mut walk = Walk::new(self, line, (true, 1));
         walk.root()?;
-        let hit = walk.found.first().map(|(number, crossing)| self.hit(&line, *number, *crossing));
-        Ok((hit, walk.visited))
+        Ok((walk.first(), walk.visited))
+    }
+
+    /// Casts many rays through the model: see [`ModelRays`].
+    pub fn rays(&self) -> ModelRays<'_> {
+        ModelRays { model: self, walk: None }
     }
 
     fn hit(&self, line: &Line, face: u64, Crossing { share, is_entry }: Crossing) -> Hit {
         Hit { share, point: self.grid().to_world_between(line.at(share)), is_entry, face }
+    }
+}
+
+/// Casts rays through a model, one thread at a time, because it remembers faces that were read; the answers do not depend on that.
+pub struct ModelRays<'a> {
+    model: &'a ExactModel,
+    walk: Option<Walk<'a>>,
+}
+
+impl ModelRays<'_> {
+    /// The first place where a ray in the world meets the surface: [`ExactModel::ray`].
+    ///
+    /// # Errors
+    /// Those of [`ExactModel::ray`].
+    pub fn first(&mut self, from: [f64; 3], direction: [f64; 3]) -> Result<Option<Hit>> {
+        let grid = self.model.grid();
+        let steps = direction.map(|along| along * grid.divisor / grid.step);
+        let Some(line) = Line::ray(grid, grid.to_grid(from), steps) else { return Ok(None) };
+        let walk = self.walk.get_or_insert_with(|| Walk::new(self.model, line, (true, REMEMBERED)));
+        walk.start(line);
+        walk.root()?;
+        Ok(walk.first())
+    }
+
+    /// A face, and its normal on the grid, of any length, outwards.
+    ///
+    /// # Errors
+    /// If there is none of that number, or the file is damaged or cannot be read.
+    pub fn face(&mut self, number: u64) -> Result<(Face<'_>, [i64; 3])> {
+        let Some(walk) = &mut self.walk else {
+            return Err(Error::invalid("face", number.to_string(), "one that a ray has met"));
+        };
+        let seen = walk.remembered.face(self.model, number)?;
+        Ok((seen.buffer.face(), seen.plane.normal))
+    }
+}
+
+/// Faces that are remembered from one ray to the next.
+const REMEMBERED: usize = 1 << 10;
+/// Corners of a face that is remembered, at most: others are read again.
+const MOST_CORNERS: usize = 64;
+
+/// Faces that were read last, and their planes: one for each number modulo how many there are.
+struct Remembered {
+    faces: Vec<SeenFace>,
+    /// One with too many corners to be kept.
+    large: SeenFace,
+}
+
+/// A face that was read.
+struct SeenFace {
+    /// Its number, if there is one.
+    number: Option<u64>,
+    buffer: FaceBuffer,
+    plane: Plane,
+}
+
+impl SeenFace {
+    fn none() -> SeenFace {
+        SeenFace {
+            number: None,
+            buffer: FaceBuffer::default(),
+            plane: Plane { normal: [0; 3], through: [0; 3] },
+        }
+    }
+}
+
+impl Remembered {
+    fn new(most: usize) -> Remembered {
+        Remembered { faces: (0..most).map(|_| SeenFace::none()).collect(), large: SeenFace::none() }
+    }
+
+    /// A face of the model.
+    fn face(&mut self, model: &ExactModel, number: u64) -> Result<&SeenFace> {
+        let Remembered { faces, large } = self;
+        let place = (number % faces.len() as u64) as usize;
+        if faces[place].number == Some(number) {
+            return Ok(&faces[place]);
+        }
+        // (Not known until it has been read, whatever fails on the way.)
+        large.number = None;
+        model.face(number, &mut large.buffer)?;
+        large.plane = Plane::of(&large.buffer.face());
+        large.number = Some(number);
+        if large.buffer.points.len() > MOST_CORNERS {
+            return Ok(large);
+        }
+        std::mem::swap(&mut faces[place], large);
+        Ok(&faces[place])
     }
 }
 
@@ -85,43 +179,61 @@ struct Walk<'a> {
     /// Crossings by the numbers of their faces; one, or all, some of them more than once.
     found: Vec<(u64, Crossing)>,
     recent: Recent,
-    buffer: FaceBuffer,
+    remembered: Remembered,
     visited: Visited,
 }
 
 impl Walk<'_> {
-    fn new(model: &ExactModel, line: Line, is_first: bool) -> Walk<'_> {
-        let (recent, buffer) = (Recent::new(), FaceBuffer::default());
-        Walk { model, line, is_first, found: Vec::new(), recent, buffer, visited: Visited::default() }
+    /// A way that looks for the first crossing, or for all, and remembers so many faces.
+    fn new(model: &ExactModel, line: Line, (is_first, most): (bool, usize)) -> Walk<'_> {
+        let (recent, remembered) = (Recent::new(), Remembered::new(most));
+        Walk { model, line, is_first, found: Vec::new(), recent, remembered, visited: Visited::default() }
+    }
+
+    /// Begins with another line.
+    fn start(&mut self, line: Line) {
+        self.line = line;
+        self.found.clear();
+        (self.recent, self.visited) = (Recent::new(), Visited::default());
+    }
+
+    /// The first crossing that was found.
+    fn first(&self) -> Option<Hit> {
+        self.found.first().map(|(number, crossing)| self.model.hit(&self.line, *number, *crossing))
     }
 
     fn root(&mut self) -> Result<()> {
         let root = self.model.root()?;
-        if self.is_wanted(root.bounds(self.model.grid())) { self.node(&root) } else { Ok(()) }
+        let [min, max] = root.bounds(self.model.grid()).map(|corner| corner.map(|at| at as f64 / 2.0));
+        let passages = [0, 1, 2].map(|axis| self.line.passage(axis, min[axis], max[axis]));
+        if self.is_wanted(&passages) { self.node(&root, &passages) } else { Ok(()) }
     }
 
-    /// Goes through a node, from front to back.
-    fn node(&mut self, node: &ModelNode<'_>) -> Result<()> {
+    /// Goes through a node, from front to back, given its cell's passages along each axis.
+    fn node(&mut self, node: &ModelNode<'_>, passages: &[Passage; 3]) -> Result<()> {
         self.visited.nodes += 1;
         if node.state() != ModelNodeState::Inner {
             return self.leaf(node);
         }
-        let bounds = node.bounds(self.model.grid());
+        let [min, max] = node.bounds(self.model.grid());
+        // (In half steps: a quarter of the sum is the middle in steps.)
+        let middle = |axis: usize| (min[axis] + max[axis]) as f64 / 4.0;
+        let halves = [0, 1, 2].map(|axis| self.line.halves(axis, passages[axis], middle(axis)));
         // Along each axis that half first in which the line begins.
         let turned = self.line.turned();
         for child in (0..8).map(|child| child ^ turned) {
+            let passages = [0, 1, 2].map(|axis| halves[axis][child >> axis & 1]);
             // (Before the child is looked up, which takes longer.)
-            if self.is_wanted(half_of(&bounds, child)) {
-                self.node(&self.model.child(node, child)?)?;
+            if self.is_wanted(&passages) {
+                self.node(&self.model.child(node, child)?, &passages)?;
             }
         }
         Ok(())
     }
 
     /// Whether the line passes through a cell before what was found.
-    fn is_wanted(&self, bounds: [[i64; 3]; 2]) -> bool {
-        let [min, max] = bounds.map(|corner| corner.map(|at| at as f64 / 2.0));
-        let Some([first, _]) = self.line.within(min, max) else { return false };
+    fn is_wanted(&self, passages: &[Passage; 3]) -> bool {
+        let Some([first, _]) = self.line.within_all(passages) else { return false };
         !(self.is_first && self.found.first().is_some_and(|(_, found)| found.share < first))
     }
 
@@ -131,8 +243,8 @@ impl Walk<'_> {
                 continue;
             }
             self.visited.faces += 1;
-            self.model.face(number, &mut self.buffer)?;
-            let Some(crossing) = self.line.crossing(&self.buffer.face()) else { continue };
+            let seen = self.remembered.face(self.model, number)?;
+            let Some(crossing) = self.line.crossing_of(&seen.buffer.face(), &seen.plane) else { continue };
             match self.found.first_mut() {
                 Some(first) if self.is_first => {
                     let is_before = crossing.share.total_cmp(&first.1.share).then(number.cmp(&first.0));

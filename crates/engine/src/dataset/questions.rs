@@ -142,17 +142,19 @@ impl Dataset {
     /// Exact statistics of a box of cells (of the deepest level); the whole picture if there is none.
     ///
     /// # Errors
-    /// If the file is damaged there.
-    pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+    /// If the file is damaged there, or on interruption.
+    pub fn statistics(&self, bounds: Option<Bounds>, progress: &dyn Progress) -> Result<Statistics> {
         match &self.tree {
             Tree::View(viewed) => {
                 let counts_classes = self.header().counts_classes();
-                source_statistics(viewed.view(), &self.header().within_picture(bounds), counts_classes)
+                let within = self.header().within_picture(bounds);
+                source_statistics(viewed.view(), &within, counts_classes, progress)
             }
-            Tree::Goblin(file) => file.statistics(bounds),
+            Tree::Goblin(file) => file.statistics(bounds, progress),
             Tree::Autumnal(file) => {
                 let counts_classes = self.header().counts_classes();
-                autumnal_statistics(file, &self.header().within_picture(bounds), counts_classes)
+                let within = self.header().within_picture(bounds);
+                autumnal_statistics(file, &within, counts_classes, progress)
             }
         }
     }
@@ -161,8 +163,8 @@ impl Dataset {
     fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
         let within = self.header().within_picture(bounds);
         match &self.tree {
-            Tree::Goblin(file) => file.statistics_with(Some(within), false),
-            Tree::Autumnal(file) => autumnal_statistics(file, &within, false),
+            Tree::Goblin(file) => file.statistics_with(Some(within), false, &()),
+            Tree::Autumnal(file) => autumnal_statistics(file, &within, false, &()),
             Tree::View(viewed) => viewed.source().totals(bounds),
         }
     }
@@ -256,12 +258,19 @@ impl Dataset {
     /// `low ..= high`.
     ///
     /// # Errors
-    /// If the file is damaged there.
-    pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
+    /// If the file is damaged there, or on interruption.
+    pub fn histogram(
+        &self,
+        bounds: &Bounds,
+        low: f64,
+        high: f64,
+        bins: usize,
+        progress: &dyn Progress,
+    ) -> Result<Vec<u64>> {
         match &self.tree {
-            Tree::Goblin(file) => file.histogram(bounds, low, high, bins),
-            Tree::Autumnal(file) => autumnal_histogram(file, bounds, (low, high), bins),
-            Tree::View(viewed) => source_histogram(viewed.view(), bounds, (low, high), bins),
+            Tree::Goblin(file) => file.histogram(bounds, low, high, bins, progress),
+            Tree::Autumnal(file) => autumnal_histogram(file, bounds, (low, high), bins, progress),
+            Tree::View(viewed) => source_histogram(viewed.view(), bounds, (low, high), bins, progress),
         }
     }
 

@@ -167,10 +167,15 @@ impl TreeFile {
     }
 
     /// Exact statistics of a box of cells (of the deepest level).
-    pub(super) fn statistics_with(&self, bounds: &Bounds, count_classes: bool) -> Result<Statistics> {
+    pub(super) fn statistics_with(
+        &self,
+        bounds: &Bounds,
+        count_classes: bool,
+        progress: &dyn Progress,
+    ) -> Result<Statistics> {
         match self {
-            TreeFile::Goblin(file) => file.statistics_with(Some(*bounds), count_classes),
-            TreeFile::Autumnal(file) => autumnal_statistics(file, bounds, count_classes),
+            TreeFile::Goblin(file) => file.statistics_with(Some(*bounds), count_classes, progress),
+            TreeFile::Autumnal(file) => autumnal_statistics(file, bounds, count_classes, progress),
         }
     }
 

@@ -167,10 +167,10 @@ impl ViewSource {
     pub fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
         let within = self.header().within_picture(bounds);
         match self {
-            ViewSource::File(file) => file.statistics_with(&within, false),
+            ViewSource::File(file) => file.statistics_with(&within, false, &()),
             // (Its own cells would have to be computed, all of them.)
             ViewSource::Warped(tree) if bounds.is_none() => tree.source().totals(None),
-            _ => source_statistics(self, &within, false),
+            _ => source_statistics(self, &within, false, &()),
         }
     }
 

@@ -12,17 +12,24 @@ use crate::store::records::subtree::{BadSkip, each_leaf};
 use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
 use crate::tree::Source;
 use spinney_base::Form;
-use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Native, Sample, Value};
+use spinney_base::{Progress, Result};
 
 impl Goblin {
     /// Cells of a box whose first channel lies in each of `bins` equal parts of `low ..= high`.
     ///
     /// # Errors
-    /// If the file is damaged there.
-    pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
-        let mut histogram = Histogram::new(self.header().form, (low, high), bins);
+    /// If the file is damaged there, or on interruption.
+    pub fn histogram(
+        &self,
+        bounds: &Bounds,
+        low: f64,
+        high: f64,
+        bins: usize,
+        progress: &dyn Progress,
+    ) -> Result<Vec<u64>> {
+        let mut histogram = Histogram::new(self.header().form, (low, high), bins, progress);
         ended(walk(self, bounds, &mut histogram))?;
         Ok(histogram.bins.cells)
     }
@@ -34,8 +41,9 @@ pub(crate) fn source_histogram<S: Source>(
     bounds: &Bounds,
     range: (f64, f64),
     bins: usize,
+    progress: &dyn Progress,
 ) -> Result<Vec<u64>> {
-    let mut histogram = Histogram::new(source.form(), range, bins);
+    let mut histogram = Histogram::new(source.form(), range, bins, progress);
     ended(walk_source(source, bounds, &mut histogram))?;
     Ok(histogram.bins.cells)
 }
@@ -46,11 +54,12 @@ pub(crate) fn autumnal_histogram(
     bounds: &Bounds,
     range: (f64, f64),
     bins: usize,
+    progress: &dyn Progress,
 ) -> Result<Vec<u64>> {
     if !file.is_folded()? {
-        return source_histogram(file, bounds, range, bins);
+        return source_histogram(file, bounds, range, bins, progress);
     }
-    let mut histogram = Histogram::new(file.form(), range, bins);
+    let mut histogram = Histogram::new(file.form(), range, bins, progress);
     walk_folded(file, bounds, &mut histogram)?;
     Ok(histogram.bins.cells)
 }
@@ -85,16 +94,17 @@ impl Bins {
     }
 }
 
-struct Histogram {
+struct Histogram<'a> {
     form: Form,
     bins: Bins,
     /// The first sample of a value.
     number: fn(Value) -> f64,
     subtree: CountSubtree<Bins>,
+    progress: &'a dyn Progress,
 }
 
-impl Histogram {
-    fn new(form: Form, (low, high): (f64, f64), bins: usize) -> Histogram {
+impl Histogram<'_> {
+    fn new(form: Form, (low, high): (f64, f64), bins: usize, progress: &dyn Progress) -> Histogram<'_> {
         let cells = vec![0; bins.max(1)];
         let missing = form.value.all_missing().map(|value| form.value.first_sample(value).to_bits());
         Histogram {
@@ -102,11 +112,12 @@ impl Histogram {
             bins: Bins { low, scale: cells.len() as f64 / (high - low), missing, cells },
             number: number_of(form.value),
             subtree: with_form_type!(form, V, R => bin_subtree::<<V as Native>::Sample, R>),
+            progress,
         }
     }
 }
 
-impl Visitor for Histogram {
+impl Visitor for Histogram<'_> {
     fn zone(&mut self, _: Code, zone: &dyn Zone) -> Walked<bool> {
         let zone = zone.tally()?;
         let [first, last] = [zone.min, zone.max].map(|value| self.bins.bin((self.number)(value)));
@@ -134,6 +145,10 @@ impl Visitor for Histogram {
             block.each_leaf_in::<R>(part, &mut |bytes| bins.add(number(Value::from_bytes(bytes.as_bytes())), 1));
         });
         true
+    }
+
+    fn leave(&mut self, _: Code) -> Walked {
+        Ok(self.progress.check()?)
     }
 }
 

@@ -52,13 +52,15 @@ impl Filling {
     }
 }
 
-/// A uniform block of cells.
+/// A block of cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OccupancyBlock {
     /// First cell along each axis.
     pub(super) min: [u32; 3],
     /// Cells along each axis.
     pub(super) side: u32,
+    /// Whether all of its cells are alike; a block that is not tells nothing of them.
+    pub(super) is_uniform: bool,
     /// Occupancy of its cells, 255 for full.
     pub(super) fill: u8,
     /// Their samples; `None` is VOID.
@@ -75,11 +77,11 @@ pub trait Occupancy: Send {
     /// Whether there is nothing finer anywhere, also not behind the source.
     fn is_finest(&self) -> bool;
 
-    /// The largest uniform block that a cell lies in.
+    /// The largest uniform block that a cell lies in, or the one of `2^smallest` cells along each axis if that is larger.
     ///
     /// # Errors
     /// If the source fails.
-    fn block(&mut self, cell: [u32; 3]) -> Result<OccupancyBlock>;
+    fn block(&mut self, cell: [u32; 3], smallest: u8) -> Result<OccupancyBlock>;
 
     /// Writes the occupancy of the cells of a brick, x fastest, then y, then z.
     ///
@@ -173,14 +175,17 @@ impl<P: Deref<Target: Source> + Send> Occupancy for OccupancyLevel<P> {
         self.is_finest
     }
 
-    fn block(&mut self, cell: [u32; 3]) -> Result<OccupancyBlock> {
+    fn block(&mut self, cell: [u32; 3], smallest: u8) -> Result<OccupancyBlock> {
         let (cells, filling, value_type) = (self.level, self.filling, self.value_type);
-        let (found, level) = self.find(cell, cells)?;
-        let value = found.value();
+        let (found, level) = self.find(cell, cells - smallest.min(cells))?;
         let height = cells - level;
+        // (Of the level's own cells the finer detail does not matter.)
+        let is_uniform = height == 0 || !found.is_inner();
+        let value = found.value().filter(|_| is_uniform);
         Ok(OccupancyBlock {
             min: cell.map(|cell| cell >> height << height),
             side: 1 << height,
+            is_uniform,
             fill: filling.fill(value),
             value: value.map(|value| value_type.samples(value).padded()),
         })

@@ -6,7 +6,7 @@
 //! whole numbers for the cells so that rounding can neither skip a block nor stay in one.
 
 use super::field::Field;
-use super::occupancy::{HALF, OccupancyBlock};
+use super::occupancy::{BRICK, HALF, OccupancyBlock};
 use spinney_base::Result;
 
 /// The surface is where the density between cells is this; at levels above the finest it is where it is this.
@@ -17,10 +17,8 @@ const SURFACE: f64 = 0.5;
 const COARSE_SURFACE: f64 = 0.25;
 /// Steps along a ray in search of the surface, in cells.
 const STRIDE: f64 = 0.5;
-/// Radius of the ball of cells that a surface's normal comes from.
-const REACH: f64 = 3.5;
-/// Halvings of the last step.
-const HALVINGS: usize = 7;
+/// Densities that are asked for on the last step, before the surface is taken to be where a straight line between the last two meets it.
+const REFINEMENTS: usize = 3;
 
 /// A half-line, in cells of the level that it is cast through.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,8 +59,8 @@ pub struct SurfaceHit {
     pub point: [f64; 3],
     /// Direction in which occupancy grows, inwards, of any length: see [`Rays::surface`].
     pub inwards: [f64; 3],
-    /// Samples of the cell that was found there.
-    pub value: [f64; 4],
+    /// The cell with something in it that was found there; the surface may lie a little before it.
+    pub cell: [u32; 3],
 }
 
 /// Casts rays through one level of an octree. One thread at a time, because it remembers where it was; the
@@ -89,60 +87,135 @@ pub trait Rays: Send {
     /// # Errors
     /// If the file is damaged there.
     fn density(&mut self, point: [f64; 3]) -> Result<f64>;
+
+    /// The samples of a cell inside the space, as in [`Dataset::point`](crate::dataset::Dataset::point); zeros if it is VOID.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    fn value(&mut self, cell: [u32; 3]) -> Result<[f64; 4]>;
 }
 
 impl Rays for Field<'_> {
     fn cell(&mut self, ray: &Ray) -> Result<Option<CellHit>> {
-        self.along(ray, |_, step, value| {
-            let hit = CellHit { t: step.from, cell: step.cell, axis: step.axis, value };
-            Ok((step.block.fill >= HALF).then_some(hit))
+        self.along(ray, 0, |_, step| {
+            let Some(value) = step.block.value.filter(|_| step.block.fill >= HALF) else { return Ok(None) };
+            Ok(Some(CellHit { t: step.from, cell: step.cell, axis: step.axis, value }))
         })
     }
 
     fn surface(&mut self, ray: &Ray) -> Result<Option<SurfaceHit>> {
         let length = ray.direction.iter().map(|number| number * number).sum::<f64>().sqrt();
-        let (stride, back) = (STRIDE / length, 1.0 / length);
         let surface = if self.is_finest() { SURFACE } else { COARSE_SURFACE };
-        let found = self.along(ray, |field, step, value| {
-            if step.block.fill == 0 {
-                return Ok(None);
+        let mut search =
+            Search { ray: *ray, stride: STRIDE / length, back: 1.0 / length, surface, asked: -1.0 };
+        // Bricks that are divided are gone through cell by cell without a look at the tree: they are kept for densities anyway.
+        let found = self.along(ray, BRICK, |field, step| match step.block {
+            OccupancyBlock { is_uniform: true, fill: 0, .. } => Ok(None),
+            OccupancyBlock { is_uniform: true, .. } => {
+                Ok(search.between(field, step.from, step.to)?.map(|found| (found, step.cell)))
             }
-            let mut t = step.from;
-            let mut before = (step.from - back).max(0.0);
-            loop {
-                if field.density(ray.at(t))? >= surface {
-                    return Ok(Some((before, t, value)));
-                }
-                if t >= step.to {
-                    return Ok(None);
-                }
-                before = t;
-                t = (t + stride).min(step.to);
-            }
+            _ => search.in_brick(field, step),
         })?;
-        let Some((mut outside, mut inside, value)) = found else { return Ok(None) };
+        let Some((Found { mut outside, mut inside }, cell)) = found else { return Ok(None) };
+        let mut without = self.density(ray.at(outside))?;
         // The surface can lie before the first cell that has something, farther along a grazing ray.
         for _ in 0..4 {
-            if outside > 0.0 && self.density(ray.at(outside))? >= surface {
-                inside = outside;
-                outside = (outside - back).max(0.0);
+            if outside > 0.0 && without >= surface {
+                inside = (outside, without);
+                outside = (outside - search.back).max(0.0);
+                without = self.density(ray.at(outside))?;
             }
         }
-        if self.density(ray.at(outside))? >= surface {
-            // It starts inside.
-            outside = inside;
-        }
-        for _ in 0..HALVINGS {
-            let middle = outside.midpoint(inside);
-            if self.density(ray.at(middle))? >= surface { inside = middle } else { outside = middle }
-        }
-        let point = ray.at(inside);
-        let inwards = self.gradient(point, REACH)?;
-        Ok(Some(SurfaceHit { t: inside, point, inwards, value }))
+        // (If it does not, it starts inside.)
+        let t =
+            if without < surface { self.between(ray, (outside, without), inside, surface)? } else { outside };
+        let point = ray.at(t);
+        let inwards = self.gradient(point)?;
+        Ok(Some(SurfaceHit { t, point, inwards, cell }))
     }
 
     fn density(&mut self, point: [f64; 3]) -> Result<f64> {
         Field::density(self, point)
+    }
+
+    fn value(&mut self, cell: [u32; 3]) -> Result<[f64; 4]> {
+        Ok(self.block(cell, 0)?.value.unwrap_or_default())
+    }
+}
+
+/// Search for the surface along a ray.
+struct Search {
+    ray: Ray,
+    /// Distances between densities, and of a cell.
+    stride: f64,
+    back: f64,
+    /// Density at the surface.
+    surface: f64,
+    /// Where the density was asked for last, which was less.
+    asked: f64,
+}
+
+/// Distances before and behind the surface, and the density behind it.
+struct Found {
+    outside: f64,
+    inside: (f64, f64),
+}
+
+impl Search {
+    /// Looks for the surface between two distances.
+    fn between(&mut self, field: &mut Field<'_>, from: f64, to: f64) -> Result<Option<Found>> {
+        let mut before = (from - self.back).max(0.0);
+        let mut t = from;
+        if self.asked >= from {
+            (before, t) = (self.asked, (self.asked + self.stride).min(to));
+        }
+        while t > self.asked {
+            let density = field.density(self.ray.at(t))?;
+            if density >= self.surface {
+                return Ok(Some(Found { outside: before, inside: (t, density) }));
+            }
+            self.asked = t;
+            before = t;
+            t = (t + self.stride).min(to);
+        }
+        Ok(None)
+    }
+
+    /// Looks for the surface in a brick, in its cells that are not empty; also gives the cell.
+    ///
+    /// From cell to cell across the nearest plane, whose distance along each axis is kept (Amanatides and Woo, A fast voxel traversal
+    /// algorithm for ray tracing, Eurographics 1987).
+    fn in_brick(&mut self, field: &mut Field<'_>, step: &Step) -> Result<Option<(Found, [u32; 3])>> {
+        let Ray { origin, direction } = self.ray;
+        let OccupancyBlock { min, side, .. } = step.block;
+        let mut cell = step.cell;
+        let mut next: [f64; 3] = std::array::from_fn(|axis| {
+            let plane = cell[axis] + u32::from(direction[axis] > 0.0);
+            let t = (f64::from(plane) - origin[axis]) / direction[axis];
+            if direction[axis] == 0.0 { f64::INFINITY } else { t }
+        });
+        let apart = direction.map(|speed| (1.0 / speed).abs());
+        // Invariant: densities are asked for of this brick and its neighbours, which do not drive it out.
+        let start = field.brick(cell.map(|cell| cell >> BRICK))?;
+        let mut from = step.from;
+        loop {
+            let nearest = |a: usize, b: usize| if next[b] < next[a] { b } else { a };
+            let out = nearest(nearest(0, 1), 2);
+            // (Rounding must not lead backwards, nor out of the brick.)
+            let to = next[out].clamp(from, step.to);
+            if field.fill_in(start, cell) > 0
+                && let Some(found) = self.between(field, from, to)?
+            {
+                return Ok(Some((found, cell)));
+            }
+            let onwards = if direction[out] > 0.0 { cell[out] + 1 } else { cell[out].wrapping_sub(1) };
+            if onwards.wrapping_sub(min[out]) >= side || to >= step.to {
+                return Ok(None);
+            }
+            cell[out] = onwards;
+            next[out] += apart[out];
+            from = to;
+        }
     }
 }
 
@@ -159,22 +232,42 @@ struct Step {
 }
 
 impl Field<'_> {
-    /// Shows the blocks along a ray that are not VOID, with their samples, from near to far, until `visit`
-    /// has found something.
+    /// The distance at which the density along a ray is that of the surface, between one with less and one with no less: by false position,
+    /// where the density at an end that stays is halved (the Illinois algorithm: Dowell and Jarratt, BIT 11, 1971).
+    fn between(&mut self, ray: &Ray, outside: (f64, f64), inside: (f64, f64), surface: f64) -> Result<f64> {
+        let mut ends = [outside, inside].map(|(t, density)| (t, density - surface));
+        let meeting = |[(a, less), (b, more)]: [(f64, f64); 2]| a + less / (less - more) * (b - a);
+        let mut moved = None;
+        for _ in 0..REFINEMENTS {
+            let t = meeting(ends);
+            let above = self.density(ray.at(t))? - surface;
+            let end = usize::from(above >= 0.0);
+            ends[end] = (t, above);
+            if moved == Some(end) {
+                ends[1 - end].1 /= 2.0;
+            }
+            moved = Some(end);
+        }
+        Ok(meeting(ends))
+    }
+
+    /// Shows the blocks along a ray, from near to far, until `visit` has found something: uniform ones, or those of `2^smallest` cells
+    /// along each axis if these are divided.
     fn along<T>(
         &mut self,
         ray: &Ray,
-        mut visit: impl FnMut(&mut Self, Step, [f64; 4]) -> Result<Option<T>>,
+        smallest: u8,
+        mut visit: impl FnMut(&mut Self, &Step) -> Result<Option<T>>,
     ) -> Result<Option<T>> {
         let side = self.side();
         let Some((mut from, mut axis)) = entry(ray, f64::from(side)) else { return Ok(None) };
         let start = ray.at(from);
-        let mut cell: [u32; 3] = std::array::from_fn(|axis| (start[axis].floor() as u32).min(side - 1));
+        let mut cell: [u32; 3] = std::array::from_fn(|axis| (start[axis] as u32).min(side - 1));
         if let Some(axis) = axis {
             cell[axis] = if ray.direction[axis] > 0.0 { 0 } else { side - 1 };
         }
         loop {
-            let block = self.block(cell)?;
+            let block = self.block(cell, smallest)?;
             // Where the ray leaves: at the first of the three far planes.
             let (mut to, mut out) = (f64::INFINITY, 0);
             for axis in 0..3 {
@@ -188,9 +281,7 @@ impl Field<'_> {
                 }
             }
             let to = to.max(from);
-            if let Some(value) = block.value
-                && let Some(found) = visit(self, Step { block, cell, from, to, axis }, value)?
-            {
+            if let Some(found) = visit(self, &Step { block, cell, from, to, axis })? {
                 return Ok(Some(found));
             }
             // Rounding may put the exit outside of the block: it is clamped to the block along the other
@@ -199,7 +290,7 @@ impl Field<'_> {
             let exit = ray.at(to);
             for axis in 0..3 {
                 let last = block.min[axis] + block.side - 1;
-                cell[axis] = (exit[axis].floor() as u32).clamp(block.min[axis], last);
+                cell[axis] = (exit[axis] as u32).clamp(block.min[axis], last);
             }
             let next = if ray.direction[out] > 0.0 {
                 Some(block.min[out] + block.side).filter(|next| *next < side)

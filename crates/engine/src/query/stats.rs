@@ -9,9 +9,9 @@ use crate::store::records::dense::DenseBlock;
 use crate::store::records::subtree::BadSkip;
 use crate::tree::{Child, Source};
 use spinney_base::Form;
-use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Sums, Tally, Value};
+use spinney_base::{Progress, Result};
 
 use super::classes::{Classes, tally_of_classes};
 use super::count::{Count, counter_of};
@@ -107,19 +107,24 @@ impl Goblin {
     /// is proportional to the records on the box's border, not to its cells.
     ///
     /// # Errors
-    /// If the file is damaged there.
-    pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
-        self.statistics_with(bounds, self.header().counts_classes())
+    /// If the file is damaged there, or on interruption.
+    pub fn statistics(&self, bounds: Option<Bounds>, progress: &dyn Progress) -> Result<Statistics> {
+        self.statistics_with(bounds, self.header().counts_classes(), progress)
     }
 
     /// [`Goblin::statistics`] with or without classes, for which more of the file is read where there are very many.
-    pub(crate) fn statistics_with(&self, bounds: Option<Bounds>, count_classes: bool) -> Result<Statistics> {
+    pub(crate) fn statistics_with(
+        &self,
+        bounds: Option<Bounds>,
+        count_classes: bool,
+        progress: &dyn Progress,
+    ) -> Result<Statistics> {
         let header = self.header();
         let picture = header.picture();
         let bounds = header.within_picture(bounds);
         // A box that has the whole picture has the whole tree: the rest is VOID.
         let space = Bounds::space(header.form.dimension, header.depth());
-        let mut gather = Gather::new(header.form, count_classes);
+        let mut gather = Gather::new(header.form, count_classes, progress);
         ended(walk(self, if bounds == picture { &space } else { &bounds }, &mut gather))?;
         Ok(gather.finish(bounds.volume()))
     }
@@ -130,8 +135,9 @@ pub(crate) fn source_statistics<S: Source>(
     source: &S,
     bounds: &Bounds,
     count_classes: bool,
+    progress: &dyn Progress,
 ) -> Result<Statistics> {
-    let mut gather = Gather::new(source.form(), count_classes);
+    let mut gather = Gather::new(source.form(), count_classes, progress);
     ended(walk_source(source, bounds, &mut gather))?;
     Ok(gather.finish(bounds.volume()))
 }
@@ -141,6 +147,7 @@ pub(crate) fn autumnal_statistics(
     file: &Autumnal,
     bounds: &Bounds,
     counts_classes: bool,
+    progress: &dyn Progress,
 ) -> Result<Statistics> {
     let (header, volume) = (file.header(), bounds.volume());
     // All of the picture is all of the tree, however many nodes that has.
@@ -152,9 +159,9 @@ pub(crate) fn autumnal_statistics(
         return Ok(tally_statistics(tally, volume, counts_classes));
     }
     if !file.is_folded()? {
-        return source_statistics(file, bounds, counts_classes);
+        return source_statistics(file, bounds, counts_classes, progress);
     }
-    let mut gather = Gather::new(header.form, counts_classes);
+    let mut gather = Gather::new(header.form, counts_classes, progress);
     walk_folded(file, bounds, &mut gather)?;
     Ok(gather.finish(volume))
 }
@@ -164,7 +171,7 @@ pub(crate) fn autumnal_statistics(
 /// # Errors
 /// If the file is damaged there.
 pub(super) fn tally_of(file: &Goblin, bounds: &Bounds) -> Result<Tally> {
-    let mut gather = Gather::new(file.header().form, false);
+    let mut gather = Gather::new(file.header().form, false, &());
     ended(walk(file, bounds, &mut gather))?;
     Ok(gather.count.finish())
 }
@@ -206,16 +213,17 @@ pub(super) fn summary(tally: &Tally, volume: u64, segments_read: u64) -> Statist
 }
 
 /// Gathers the statistics of a box.
-struct Gather {
+struct Gather<'a> {
     count: Box<dyn Count>,
     segments: u64,
+    progress: &'a dyn Progress,
 }
 
-impl Gather {
-    fn new(form: Form, count_classes: bool) -> Gather {
+impl Gather<'_> {
+    fn new(form: Form, count_classes: bool, progress: &dyn Progress) -> Gather<'_> {
         // If classes are counted, everything else follows from the counts.
         let count = if count_classes { Box::new(Classes::new(form)) } else { counter_of(form) };
-        Gather { count, segments: 0 }
+        Gather { count, segments: 0, progress }
     }
 
     fn finish(self, volume: u64) -> Statistics {
@@ -223,7 +231,7 @@ impl Gather {
     }
 }
 
-impl Visitor for Gather {
+impl Visitor for Gather<'_> {
     fn zone(&mut self, _: Code, zone: &dyn Zone) -> Walked<bool> {
         Ok(self.count.zone(zone)?)
     }
@@ -243,6 +251,10 @@ impl Visitor for Gather {
     fn dense(&mut self, _: Code, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
         self.count.dense(block, part);
         true
+    }
+
+    fn leave(&mut self, _: Code) -> Walked {
+        Ok(self.progress.check()?)
     }
 
     fn enter_segment(&mut self) {

@@ -177,7 +177,7 @@ fn picture(tree: &Dataset, request: &CogRequest) -> Result<(ImageSpec, Option<f6
 
 /// Adds the tree's exact statistics as GDAL names them.
 fn add_statistics(metadata: &mut Metadata, tree: &Dataset) -> Result<()> {
-    let statistics = tree.statistics(None)?;
+    let statistics = tree.statistics(None, &())?;
     let cells = statistics.cells + statistics.void_cells;
     for (number, channel) in statistics.channels.iter().enumerate().filter(|(_, channel)| channel.cells > 0) {
         let numbers = [

@@ -1,5 +1,7 @@
 //! Colours: as they are written, and how they are computed with.
 
+use std::sync::LazyLock;
+
 /// The colour of solids of which nothing else is known.
 pub const CLAY: [u8; 3] = [214, 194, 171];
 
@@ -39,11 +41,27 @@ pub fn to_linear(number: f64) -> f64 {
     if number <= 0.04045 { number / 12.92 } else { ((number + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Converts linear light to an sRGB sample, 0 to 255.
+/// The least linear light of each sRGB sample.
+static LEAST: LazyLock<[f64; 256]> =
+    LazyLock::new(|| std::array::from_fn(|sample| to_linear((sample as f64 - 0.5) / 255.0)));
+/// Parts of the range from 0 to 1 whose least sample is known.
+const PARTS: usize = 1024;
+/// The sample of the least light of each part.
+static FIRST: LazyLock<[u8; PARTS + 1]> = LazyLock::new(|| {
+    std::array::from_fn(|part| {
+        let linear = part as f64 / PARTS as f64;
+        (LEAST.partition_point(|least| *least <= linear) - 1) as u8
+    })
+});
+
+/// Converts linear light to an sRGB sample, 0 to 255: that of the nearest number. (By a table: powers take longer than all else of a pixel.)
 pub fn to_srgb(linear: f64) -> u8 {
     let linear = linear.clamp(0.0, 1.0);
-    let number = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
-    (number * 255.0 + 0.5) as u8
+    let mut sample = FIRST[(linear * PARTS as f64) as usize];
+    while LEAST.get(usize::from(sample) + 1).is_some_and(|least| *least <= linear) {
+        sample += 1;
+    }
+    sample
 }
 
 #[cfg(test)]
@@ -59,6 +77,20 @@ mod tests {
         {
             assert_eq!(parse(wrong), None, "{wrong}");
         }
+    }
+
+    #[test]
+    fn samples_are_those_of_the_nearest_numbers() {
+        for sample in 0..=255u8 {
+            assert_eq!(to_srgb(to_linear(f64::from(sample) / 255.0)), sample);
+        }
+        for step in 0..=100_000 {
+            let linear = f64::from(step) / 100_000.0;
+            let number =
+                if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+            assert!((f64::from(to_srgb(linear)) - 255.0 * number).abs() < 0.501, "{linear}");
+        }
+        assert_eq!([f64::NAN, -1.0, 2.0].map(to_srgb), [0, 0, 255]);
     }
 
     #[test]

@@ -89,7 +89,7 @@ pub fn is_volume(path: &Path) -> bool {
 /// plan(&array, &options)?.build(Output::create(&path)?, &())?;
 /// let tree = spinney::open(&path)?;
 /// assert_eq!(tree.header().extent, [4, 3, 2]);
-/// assert_eq!(tree.statistics(None)?.cells, 23);
+/// assert_eq!(tree.statistics(None, &())?.cells, 23);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///

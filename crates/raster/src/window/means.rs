@@ -1,110 +1,153 @@
 //! Means of the cells that pixels cover, weighted by area: rows of cells are added up first, then columns of what they make.
 
+use std::ops::Range;
+
 use super::span::Span;
 use spinney_base::value::{SampleType, Value, ValueType};
 
 /// Cells of some rows, all along the columns that pixels cover.
 pub(super) struct Cells<'a> {
     pub(super) value: ValueType,
-    /// The first row and the first column.
-    pub(super) first: [u64; 2],
+    /// The first row.
+    pub(super) first: u64,
     /// Cells of a row.
     pub(super) width: usize,
     pub(super) bytes: &'a [u8],
-    /// Whether each cell has a value.
-    pub(super) valid: &'a [bool],
+    /// Whether each cell has a value; all have one if this is not given.
+    pub(super) valid: Option<&'a [bool]>,
+}
+
+/// The pixels of a line, one after the other: columns of cells that each covers.
+pub(super) struct Columns {
+    pixels: Vec<Column>,
+    /// Shares of their cells, of all pixels.
+    shares: Vec<f64>,
+}
+
+/// Columns that a pixel covers: the first one of a row of cells, and their shares.
+struct Column {
+    first: usize,
+    shares: Range<usize>,
+    /// Sum of the shares.
+    weight: f64,
+}
+
+impl Columns {
+    /// Those of spans of cells, the first of which in a row has a number.
+    pub(super) fn new(spans: &[Span], first: u64) -> Columns {
+        let mut columns = Columns { pixels: Vec::with_capacity(spans.len()), shares: Vec::new() };
+        for span in spans {
+            let begin = columns.shares.len();
+            columns.shares.extend((span.first..span.end).map(|cell| span.share(cell)));
+            let weight = columns.shares[begin..].iter().sum();
+            let shares = begin..columns.shares.len();
+            columns.pixels.push(Column { first: (span.first - first) as usize, shares, weight });
+        }
+        columns
+    }
+
+    /// Pixels of a line.
+    pub(super) fn len(&self) -> usize {
+        self.pixels.len()
+    }
+
+    /// First column, shares and their sum of each pixel.
+    fn pixels(&self) -> impl Iterator<Item = (usize, &[f64], f64)> {
+        self.pixels.iter().map(|pixel| (pixel.first, &self.shares[pixel.shares.clone()], pixel.weight))
+    }
 }
 
 /// Sums for each column and channel of the cells of some rows, and their weights.
-pub(super) struct Means<'a> {
-    cells: Cells<'a>,
-    /// Whether all samples count.
-    is_full: bool,
+#[derive(Default)]
+pub(super) struct Means {
     sums: Vec<f64>,
     /// Not used if all samples count: then they are all the same.
     weights: Vec<f64>,
 }
 
-impl<'a> Means<'a> {
-    pub(super) fn new(cells: Cells<'a>) -> Means<'a> {
-        let length = cells.width * usize::from(cells.value.channels);
-        let is_full = cells.value.all_missing().is_none() && cells.valid.iter().all(|valid| *valid);
-        Means {
-            is_full,
-            sums: vec![0.0; length],
-            weights: vec![0.0; if is_full { 0 } else { length }],
-            cells,
-        }
-    }
-
-    /// Hands out the means of each channel, `None` where there is none, of the pixels of a line, one after the other; `columns` are
-    /// the pixels' spans with the shares of their cells.
+impl Means {
+    /// The means of all channels of the pixels of a line, and whether each pixel has any: `none` where a channel has none, `fill`
+    /// where no channel has one.
     pub(super) fn line(
         &mut self,
+        cells: &Cells<'_>,
         line: &Span,
-        columns: &[(Span, Vec<f64>)],
-        each: &mut dyn FnMut([Option<f64>; 4]),
+        columns: &Columns,
+        [none, fill]: [f64; 2],
+        (means, valid): (&mut [f64], &mut [bool]),
     ) {
-        let channels = usize::from(self.cells.value.channels);
-        let [first_row, first_column] = self.cells.first;
+        let channels = usize::from(cells.value.channels);
+        let length = cells.width * channels;
+        let is_full = cells.valid.is_none() && cells.value.missing.is_none();
         // Invariant: a cell's weight is the product of its shares along both axes. So the rows can be added up first, all along the
         // band, and the columns of each pixel then; sums of whole numbers by whole shares are exact in either order.
-        self.sums.fill(0.0);
-        self.weights.fill(0.0);
+        self.sums.clear();
+        self.sums.resize(length, 0.0);
+        self.weights.clear();
+        self.weights.resize(if is_full { 0 } else { length }, 0.0);
         let mut rows = 0.0;
         for row in line.first..line.end {
             let share = line.share(row);
             rows += share;
-            self.add((row - first_row) as usize, share);
+            self.add(cells, (row - cells.first) as usize, share);
         }
-        for (column, shares) in columns {
-            let begin = (column.first - first_column) as usize * channels;
-            let (mut sums, mut weights) = ([0.0; 4], [0.0; 4]);
-            if self.is_full {
-                weights[..channels].fill(rows * shares.iter().sum::<f64>());
-            } else {
-                for (share, own) in shares.iter().zip(self.weights[begin..].chunks_exact(channels)) {
-                    weights.iter_mut().zip(own).for_each(|(weight, own)| *weight += share * own);
-                }
+        let pixels = means.chunks_exact_mut(channels).zip(valid).zip(columns.pixels());
+        for ((means, valid), (first, shares, weight)) in pixels {
+            let columns = first * channels..(first + shares.len()) * channels;
+            if is_full {
+                let weight = rows * weight;
+                across(shares, &self.sums[columns], means);
+                means.iter_mut().for_each(|mean| *mean /= weight);
+                *valid = true;
+                continue;
             }
-            for (share, own) in shares.iter().zip(self.sums[begin..].chunks_exact(channels)) {
-                sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += share * own);
+            let mut weights = [0.0; 4];
+            across(shares, &self.sums[columns.clone()], means);
+            across(shares, &self.weights[columns], &mut weights[..channels]);
+            *valid = weights.iter().any(|weight| *weight > 0.0);
+            let none = if *valid { none } else { fill };
+            for (mean, weight) in means.iter_mut().zip(weights) {
+                *mean = if weight > 0.0 { *mean / weight } else { none };
             }
-            each(std::array::from_fn(|channel| {
-                (weights[channel] > 0.0).then(|| sums[channel] / weights[channel])
-            }));
         }
     }
 
     /// Adds a row of cells, each of which counts for a share.
-    fn add(&mut self, row: usize, share: f64) {
-        match self.cells.value.sample {
-            SampleType::U8 => self.add_row(row, share, |[byte]| f64::from(byte)),
-            SampleType::U16 => self.add_row(row, share, |bytes| u16::from_le_bytes(bytes).into()),
-            SampleType::I16 => self.add_row(row, share, |bytes| i16::from_le_bytes(bytes).into()),
-            SampleType::U32 => self.add_row(row, share, |bytes| u32::from_le_bytes(bytes).into()),
-            SampleType::I32 => self.add_row(row, share, |bytes| i32::from_le_bytes(bytes).into()),
-            SampleType::F32 => self.add_row(row, share, |bytes| f32::from_le_bytes(bytes).into()),
-            SampleType::F64 => self.add_row(row, share, f64::from_le_bytes),
+    fn add(&mut self, cells: &Cells<'_>, row: usize, share: f64) {
+        match cells.value.sample {
+            SampleType::U8 => self.add_row(cells, row, share, |[byte]| f64::from(byte)),
+            SampleType::U16 => self.add_row(cells, row, share, |bytes| u16::from_le_bytes(bytes).into()),
+            SampleType::I16 => self.add_row(cells, row, share, |bytes| i16::from_le_bytes(bytes).into()),
+            SampleType::U32 => self.add_row(cells, row, share, |bytes| u32::from_le_bytes(bytes).into()),
+            SampleType::I32 => self.add_row(cells, row, share, |bytes| i32::from_le_bytes(bytes).into()),
+            SampleType::F32 => self.add_row(cells, row, share, |bytes| f32::from_le_bytes(bytes).into()),
+            SampleType::F64 => self.add_row(cells, row, share, f64::from_le_bytes),
         }
     }
 
     #[inline]
-    fn add_row<const N: usize>(&mut self, row: usize, share: f64, number: impl Fn([u8; N]) -> f64) {
-        let Means { cells, is_full, sums, weights } = self;
+    fn add_row<const N: usize>(
+        &mut self,
+        cells: &Cells<'_>,
+        row: usize,
+        share: f64,
+        number: impl Fn([u8; N]) -> f64,
+    ) {
+        let Means { sums, weights } = self;
         let channels = usize::from(cells.value.channels);
         let bytes = &cells.bytes[row * cells.width * channels * N..][..cells.width * channels * N];
         let (samples, _) = bytes.as_chunks::<N>();
-        if *is_full {
+        if weights.is_empty() {
             sums.iter_mut().zip(samples).for_each(|(sum, sample)| *sum += share * number(*sample));
             return;
         }
-        let valid = &cells.valid[row * cells.width..][..cells.width];
+        let valid = cells.valid.map(|valid| &valid[row * cells.width..][..cells.width]);
         let values = bytes.chunks_exact(channels * N).zip(samples.chunks_exact(channels));
         let columns = sums.chunks_exact_mut(channels).zip(weights.chunks_exact_mut(channels));
-        for (((value, samples), (sums, weights)), _) in
-            values.zip(columns).zip(valid).filter(|(_, valid)| **valid)
-        {
+        for (column, ((value, samples), (sums, weights))) in values.zip(columns).enumerate() {
+            if valid.is_some_and(|valid| !valid[column]) {
+                continue;
+            }
             // (Of each channel, since its sample may be missing.)
             let present = cells.value.present(Value::from_bytes(value));
             for channel in (0..channels).filter(|channel| present[*channel]) {
@@ -112,5 +155,18 @@ impl<'a> Means<'a> {
                 weights[channel] += share;
             }
         }
+    }
+}
+
+/// The sum of the numbers of each channel of some columns, each by its share.
+#[inline]
+fn across(shares: &[f64], numbers: &[f64], sums: &mut [f64]) {
+    if let [sum] = sums {
+        *sum = shares.iter().zip(numbers).map(|(share, number)| share * number).sum();
+        return;
+    }
+    sums.fill(0.0);
+    for (share, numbers) in shares.iter().zip(numbers.chunks_exact(sums.len())) {
+        sums.iter_mut().zip(numbers).for_each(|(sum, number)| *sum += share * number);
     }
 }

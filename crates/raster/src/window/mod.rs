@@ -56,12 +56,13 @@ impl WindowRequest {
 pub enum Detail {
     /// One pixel per cell of this level.
     Level(u8),
-    /// So many columns and rows: from the level whose cells are the pixels, if there is one; else, where pixels are
-    /// averaged, from the coarsest level that has at least four cells along each side of a pixel, and where they
-    /// are not, from the coarsest that is fine enough.
+    /// So many columns and rows. Where pixels are averaged, they are made of the coarsest level that has at least two cells along each
+    /// side of a pixel, or of a level about as fine of which each pixel has a whole number of cells; where they are not, of the
+    /// coarsest that is fine enough.
     ///
     /// Each cell at a pixel's edge counts by the part of it that is in the pixel, as if it were alike all over: an average
-    /// is off by at most a quarter of what values differ by within such a cell, mostly by far less.
+    /// is off by at most half of what values differ by within such a cell, mostly by far less, and not at all where edges of pixels
+    /// are those of cells.
     Size(u64, u64),
     /// So many columns and rows, averaged exactly: down to the deepest cells wherever a pixel's edge cuts a node.
     Exact(u64, u64),

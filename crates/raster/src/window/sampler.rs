@@ -2,12 +2,15 @@
 
 use super::TakeRows;
 use super::grid::{OutputGrid, PixelContent, is_averaged};
-use super::means::{Cells, Means};
+use super::means::{Cells, Columns, Means};
 use super::span::Span;
 use spinney_base::value::{Rule, SampleType, ValueType};
 use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::PixelGrid;
+
+/// Bytes of cells that are averaged at a time, at least a line's: few enough to stay in a processor's cache between being read and added up.
+const CACHED: usize = 1 << 18;
 
 /// Rows of a window, straight or resampled.
 pub(super) struct Sampler<'a> {
@@ -60,18 +63,32 @@ impl Sampler<'_> {
 
     /// The cells of some rows of the level, and whether each has a value.
     fn rows(&self, first: u64, end: u64) -> Result<(Vec<u8>, Vec<bool>)> {
+        let (mut bytes, mut valid) = (Vec::new(), Vec::new());
+        self.read(first, end, &mut bytes, Some(&mut valid))?;
+        Ok((bytes, valid))
+    }
+
+    /// Reads the cells of some rows of the level, and whether each has a value if that is asked for, to buffers whose former contents
+    /// go.
+    fn read(&self, first: u64, end: u64, bytes: &mut Vec<u8>, valid: Option<&mut Vec<bool>>) -> Result<()> {
         let mut bounds = self.grid.source;
         let rows = self.grid.axes[1];
         (bounds.min[rows], bounds.max[rows]) = (first, end);
         let cells = bounds.volume() as usize;
-        let mut bytes = vec![0; cells * self.tree.header().form.value.size()];
-        let mut valid = vec![true; cells];
-        self.tree.window(self.grid.level, &bounds, self.fill, &mut bytes, Some(&mut valid))?;
-        if self.tree.header().rule == Rule::Occupancy {
+        bytes.resize(cells * self.tree.header().form.value.size(), 0);
+        let valid = valid.map(|valid| {
+            valid.resize(cells, true);
+            valid.as_mut_slice()
+        });
+        let is_occupancy = self.tree.header().rule == Rule::Occupancy;
+        match valid {
             // VOID is a number, too: an empty cell.
-            valid.fill(true);
+            Some(valid) if is_occupancy => {
+                valid.fill(true);
+                self.tree.window(self.grid.level, &bounds, self.fill, bytes, None)
+            }
+            valid => self.tree.window(self.grid.level, &bounds, self.fill, bytes, valid),
         }
-        Ok((bytes, valid))
     }
 
     /// Rows of the output that are rows of cells.
@@ -84,9 +101,6 @@ impl Sampler<'_> {
     /// at their centres.
     fn resample(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
         let OutputGrid { source, axes: [u, v], origin, step, width, .. } = self.grid;
-        let value_type = self.tree.header().form.value;
-        let ValueType { sample, channels, .. } = value_type;
-        let missing = value_type.all_missing().map_or(self.fill, |value| value_type.first_sample(value));
         let mean = is_averaged(self.tree);
         let spans = |axis: usize, first: u64, count: u64, min: u64, max: u64| -> Vec<Span> {
             (first..first + count)
@@ -95,42 +109,72 @@ impl Sampler<'_> {
         };
         let columns = spans(0, 0, width, source.min[u], source.max[u]);
         let lines = spans(1, row, count, source.min[v], source.max[v]);
+        if mean { self.means(&columns, &lines) } else { self.centres(&columns, &lines) }
+    }
+
+    /// Pixels that are means of the cells that they cover.
+    fn means(&self, columns: &[Span], lines: &[Span]) -> Result<(Vec<u8>, Vec<bool>)> {
+        let value = self.tree.header().form.value;
+        let fill = self.fill;
+        let none = value.all_missing().map_or(fill, |missing| value.first_sample(missing));
+        let first = self.grid.source.min[self.grid.axes[0]];
+        let width = self.grid.source.size()[self.grid.axes[0]] as usize;
+        let row_bytes = width * (value.size() + 1);
+        let columns = Columns::new(columns, first);
+        let samples = columns.len() * usize::from(value.channels);
+        let mut out = Vec::with_capacity(lines.len() * samples * value.sample.size());
+        let mut out_valid = vec![true; lines.len() * columns.len()];
+        let mut flags = out_valid.chunks_exact_mut(columns.len());
+        let may_be_void = self.may_be_void()?;
+        let (mut bytes, mut valid) = (Vec::new(), Vec::new());
+        let (mut means, mut numbers) = (Means::default(), vec![0.0; samples]);
+        let mut rest = lines;
+        while let Some(Span { first, .. }) = rest.first() {
+            let most = first + (CACHED / row_bytes) as u64;
+            let count = rest.iter().take_while(|line| line.end <= most).count().max(1);
+            let (now, later) = rest.split_at(count);
+            rest = later;
+            let end = now[count - 1].end;
+            self.read(*first, end, &mut bytes, may_be_void.then_some(&mut valid))?;
+            let valid = may_be_void.then_some(&valid[..]);
+            let cells = Cells { value, first: *first, width, bytes: &bytes, valid };
+            for (line, flags) in now.iter().zip(&mut flags) {
+                means.line(&cells, line, &columns, [none, fill], (&mut numbers, flags));
+                push_numbers(value.sample, &numbers, &mut out);
+            }
+        }
+        Ok((out, out_valid))
+    }
+
+    /// Whether some cells that pixels cover may have no value.
+    fn may_be_void(&self) -> Result<bool> {
+        let OutputGrid { source, level, .. } = &self.grid;
+        if self.tree.header().rule == Rule::Occupancy {
+            return Ok(false);
+        }
+        // (Of the whole picture, which the file knows without a look at the cells.)
+        Ok(!self.tree.extent_at(*level).contains(source)
+            || self.tree.may_have_void(self.tree.header().picture())?)
+    }
+
+    /// Pixels that are the cells at their centres.
+    fn centres(&self, columns: &[Span], lines: &[Span]) -> Result<(Vec<u8>, Vec<bool>)> {
+        let value = self.tree.header().form.value;
         let (first, end) = (lines[0].first, lines[lines.len() - 1].end);
         let (bytes, valid) = self.rows(first, end)?;
-        let source_width = source.size()[u];
-        let (size, channels) = (sample.size(), channels as usize);
-        let mut out = Vec::with_capacity(count as usize * width as usize * size * channels);
-        let mut out_valid = Vec::with_capacity(count as usize * width as usize);
-        if mean {
-            let with_shares = |span: Span| {
-                let shares = (span.first..span.end).map(|cell| span.share(cell)).collect();
-                (span, shares)
-            };
-            let columns: Vec<_> = columns.into_iter().map(with_shares).collect();
-            let first = [first, source.min[u]];
-            let (width, bytes, valid) = (source_width as usize, &bytes, &valid);
-            let mut means = Means::new(Cells { value: value_type, first, width, bytes, valid });
-            for line in &lines {
-                means.line(line, &columns, &mut |pixel| {
-                    let is_valid = pixel.iter().any(Option::is_some);
-                    out_valid.push(is_valid);
-                    let none = if is_valid { missing } else { self.fill };
-                    for number in &pixel[..channels] {
-                        push_number(sample, number.unwrap_or(none), &mut out);
-                    }
-                });
-            }
-            return Ok((out, out_valid));
-        }
-        for line in &lines {
-            for column in &columns {
-                let index = ((line.first - first) * source_width + column.first - source.min[u]) as usize;
+        let (min, width) =
+            (self.grid.source.min[self.grid.axes[0]], self.grid.source.size()[self.grid.axes[0]]);
+        let pixels = lines.len() * columns.len();
+        let mut out = Vec::with_capacity(pixels * value.size());
+        let mut out_valid = Vec::with_capacity(pixels);
+        let mut void = Vec::new();
+        push_numbers(value.sample, &[self.fill; 4][..value.channels.into()], &mut void);
+        for line in lines {
+            for column in columns {
+                let index = ((line.first - first) * width + column.first - min) as usize;
                 out_valid.push(valid[index]);
-                if valid[index] {
-                    out.extend_from_slice(&bytes[index * channels * size..][..channels * size]);
-                } else {
-                    (0..channels).for_each(|_| push_number(sample, self.fill, &mut out));
-                }
+                let cell = &bytes[index * value.size()..][..value.size()];
+                out.extend_from_slice(if valid[index] { cell } else { &void });
             }
         }
         Ok((out, out_valid))
@@ -152,7 +196,7 @@ impl Sampler<'_> {
         bounds.max[rows] = end.clamp(bounds.min[rows] + 1, source.max[rows]);
         let sums = self.tree.pixel_sums(&bounds, grid, progress)?;
         let is_occupancy = self.tree.header().rule == Rule::Occupancy;
-        let mut bytes = Vec::with_capacity(sums.sums.len() * sample.size() * usize::from(channels));
+        let mut numbers = Vec::with_capacity(sums.sums.len() * usize::from(channels));
         let mut valid = Vec::with_capacity(sums.sums.len());
         for (sums, areas) in sums.sums.iter().zip(&sums.areas) {
             let is_valid = is_occupancy || areas.iter().any(|area| *area > 0.0);
@@ -162,9 +206,11 @@ impl Sampler<'_> {
                 // VOID is a number in trees of occupancy: an empty cell.
                 let weight = if is_occupancy { step[0] * step[1] } else { *area };
                 let void = if is_occupancy { (weight - area).max(0.0) * self.fill } else { 0.0 };
-                push_number(sample, if weight > 0.0 { (sum + void) / weight } else { none }, &mut bytes);
+                numbers.push(if weight > 0.0 { (sum + void) / weight } else { none });
             }
         }
+        let mut bytes = Vec::with_capacity(numbers.len() * sample.size());
+        push_numbers(sample, &numbers, &mut bytes);
         Ok((bytes, valid))
     }
 }
@@ -176,14 +222,29 @@ pub(super) fn flip_rows<T>(cells: &mut [T], width: usize) {
     cells.chunks_mut(width).for_each(<[T]>::reverse);
 }
 
-fn push_number(sample: SampleType, number: f64, bytes: &mut Vec<u8>) {
+/// Appends numbers as samples of a type: whole ones rounded half up, and kept within what the type can hold.
+fn push_numbers(sample: SampleType, numbers: &[f64], bytes: &mut Vec<u8>) {
+    // (A number that is cut off is rounded down if it is no less than 0; unsigned types have nothing below. As a call, rounding down takes
+    // longer than all else.)
+    fn rounded(number: f64) -> i64 {
+        let half_up = number + 0.5;
+        let whole = half_up as i64;
+        whole.saturating_sub(i64::from(whole as f64 > half_up))
+    }
+    fn push<const N: usize>(numbers: &[f64], bytes: &mut Vec<u8>, sample: impl Fn(f64) -> [u8; N]) {
+        bytes.extend(numbers.iter().flat_map(|number| sample(*number)));
+    }
     match sample {
-        SampleType::U8 => bytes.push((number + 0.5).floor() as u8),
-        SampleType::U16 => bytes.extend(((number + 0.5).floor() as u16).to_le_bytes()),
-        SampleType::I16 => bytes.extend(((number + 0.5).floor() as i16).to_le_bytes()),
-        SampleType::U32 => bytes.extend(((number + 0.5).floor() as u32).to_le_bytes()),
-        SampleType::I32 => bytes.extend(((number + 0.5).floor() as i32).to_le_bytes()),
-        SampleType::F32 => bytes.extend((number as f32).to_le_bytes()),
-        SampleType::F64 => bytes.extend(number.to_le_bytes()),
+        SampleType::U8 => push(numbers, bytes, |number| [(number + 0.5) as u8]),
+        SampleType::U16 => push(numbers, bytes, |number| ((number + 0.5) as u16).to_le_bytes()),
+        SampleType::I16 => push(numbers, bytes, |number| {
+            (rounded(number).clamp(i16::MIN.into(), i16::MAX.into()) as i16).to_le_bytes()
+        }),
+        SampleType::U32 => push(numbers, bytes, |number| ((number + 0.5) as u32).to_le_bytes()),
+        SampleType::I32 => push(numbers, bytes, |number| {
+            (rounded(number).clamp(i32::MIN.into(), i32::MAX.into()) as i32).to_le_bytes()
+        }),
+        SampleType::F32 => push(numbers, bytes, |number| (number as f32).to_le_bytes()),
+        SampleType::F64 => push(numbers, bytes, f64::to_le_bytes),
     }
 }

@@ -307,6 +307,22 @@ impl<'r> DenseBlock<'r> {
         }
     }
 
+    /// Shows the values of all bottom nodes in a box, row by row, whatever their states.
+    #[inline]
+    pub(crate) fn rows_in<R: Record>(
+        &self,
+        (first, size): ([usize; 3], [usize; 3]),
+        show: &mut impl FnMut(&[R::Bytes]),
+    ) {
+        let values = self.values_of::<R>(self.levels);
+        for z in 0..size[2] {
+            for y in 0..size[1] {
+                let start = self.index(self.levels, [first[0], first[1] + y, first[2] + z]);
+                show(&values[start..start + size[0]]);
+            }
+        }
+    }
+
     /// All of the block's bottom: the first place, and places along each axis.
     pub(crate) fn whole(&self) -> ([usize; 3], [usize; 3]) {
         let side = 1 << self.levels;

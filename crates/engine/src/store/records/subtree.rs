@@ -151,16 +151,40 @@ pub(crate) fn each_leaf<R: Record>(
     levels: u8,
     mut leaf: impl FnMut(R::Bytes, u64),
 ) -> Result<(), BadSkip> {
+    each_leaf_or_block(records, levels, |part| match part {
+        LeafOrBlock::Leaf(value, cells) => leaf(value, cells),
+        LeafOrBlock::Block(block) => block.each_leaf_in::<R>(block.whole(), &mut |value| leaf(value, 1)),
+    })
+}
+
+/// A part of a subtree.
+pub(crate) enum LeafOrBlock<'b, 'r, R: Record> {
+    /// A leaf's value, and its cells.
+    Leaf(R::Bytes, u64),
+    /// A dense block, whose bottom nodes are cells.
+    Block(&'b DenseBlock<'r>),
+}
+
+/// Shows all leaves of a subtree of so many levels, but dense blocks as a whole.
+///
+/// # Errors
+/// As [`each_record`].
+#[inline]
+pub(crate) fn each_leaf_or_block<R: Record>(
+    records: &[R],
+    levels: u8,
+    mut show: impl FnMut(LeafOrBlock<'_, '_, R>),
+) -> Result<(), BadSkip> {
     each_record(records, levels, |level, record: &R, block| {
         if let Some(block) = block {
-            block.each_leaf_in::<R>(block.whole(), &mut |value| leaf(value, 1));
+            show(LeafOrBlock::Block(block));
             return;
         }
         let cells = 1u64 << (R::AXES * usize::from(levels - level - 1));
         let states = record.states();
         for child in 0..R::CHILDREN {
             if state_of(states, child) == LEAF {
-                leaf(record.values()[child], cells);
+                show(LeafOrBlock::Leaf(record.values()[child], cells));
             }
         }
     })

@@ -1,7 +1,7 @@
 //! Legends as pictures.
 
 use super::super::blend::Blend;
-use super::font::{ADVANCE, HEIGHT, WIDTH, glyph, width};
+use super::text::Letters;
 use super::{Key, Legend};
 
 /// A picture: red, green, blue and straight opacity of each pixel, rows from the top.
@@ -15,98 +15,103 @@ pub struct LegendImage {
     pub rgba: Vec<u8>,
 }
 
-/// In dots of the font: the edge, the height of a line, the side of a colour's box, the width of a band.
+/// In pixels at scale 1: the edge, the height of a line, the side of a colour's box, the width of a band, the space between labels.
 const PADDING: usize = 6;
-const LINE: usize = 12;
+const LINE: usize = 13;
 const BOX: usize = 9;
-const BAND: usize = 160;
-/// Letters of a line; others are left out.
-const MOST_LETTERS: usize = 80;
+const BAND: usize = 180;
+const GAP: usize = 4;
+/// How far letters stand above the box beside them.
+const RAISED: usize = 2;
 
-/// Draws a legend on white, in so many pixels per dot.
-pub(super) fn picture(legend: &Legend, dot: usize) -> LegendImage {
-    // (First its size, then its dots.)
-    let mut size = Canvas { dot, columns: 0, rows: 0, rgba: None };
+/// Draws a legend on white, enlarged so many times.
+pub(super) fn picture(legend: &Legend, scale: usize) -> LegendImage {
+    let letters = Letters::new(scale);
+    // (First its size, then its pixels.)
+    let mut size = Canvas { scale, letters: &letters, width: 0, height: 0, rgba: None };
     content(legend, &mut size);
-    let (columns, rows) = (size.columns + PADDING, size.rows + PADDING);
-    let (width, height) = (columns * dot, rows * dot);
-    let mut canvas = Canvas { dot, columns, rows, rgba: Some(vec![255; 4 * width * height]) };
+    let (width, height) = (size.width + PADDING * scale, size.height + PADDING * scale);
+    let rgba = Some(vec![255; 4 * width * height]);
+    let mut canvas = Canvas { scale, letters: &letters, width, height, rgba };
     content(legend, &mut canvas);
     LegendImage { width, height, rgba: canvas.rgba.unwrap_or_default() }
 }
 
-fn content(legend: &Legend, canvas: &mut Canvas) {
+fn content(legend: &Legend, canvas: &mut Canvas<'_>) {
+    let scale = canvas.scale;
     let mut y = PADDING;
     if !legend.title.is_empty() {
-        // (Bold: twice, one dot apart.)
-        canvas.text(PADDING, y, &legend.title);
-        canvas.text(PADDING + 1, y, &legend.title);
+        // (Bold: twice, a little apart.)
+        canvas.text(PADDING * scale, y, &legend.title);
+        canvas.text(PADDING * scale + scale.div_ceil(3), y, &legend.title);
         y += LINE + 2;
     }
     for section in &legend.sections {
         if !section.title.is_empty() {
-            canvas.text(PADDING, y, &section.title);
+            canvas.text(PADDING * scale, y, &section.title);
             y += LINE;
         }
         match &section.key {
             Key::Classes(classes) => {
                 for (code, name) in classes {
-                    canvas.framed(PADDING, y - 1, BOX, &[*code]);
-                    canvas.text(PADDING + BOX + 4, y, name);
+                    canvas.framed(PADDING, y, BOX, &[*code]);
+                    canvas.text((PADDING + BOX + GAP) * scale, y - RAISED, name);
                     y += LINE;
                 }
             }
             Key::Ramp { colours, ticks } => {
-                canvas.framed(PADDING, y - 1, BAND, colours);
+                canvas.framed(PADDING, y, BAND, colours);
                 y += BOX;
+                let (begin, end) = (PADDING * scale, (PADDING + BAND) * scale);
                 let mut free = 0;
                 for tick in ticks {
                     let x = PADDING + (tick.at.clamp(0.0, 1.0) * (BAND - 1) as f64).round() as usize;
-                    canvas.fill([x, y - 1, 1, 3], [0, 0, 0, 255]);
-                    let length = width(&tick.label);
-                    let start = (x.saturating_sub(length / 2))
-                        .max(PADDING)
-                        .min((PADDING + BAND).saturating_sub(length));
+                    canvas.fill([x, y, 1, 3], [0, 0, 0, 255]);
+                    let width = canvas.letters.line(&tick.label).width;
+                    let middle = x * scale + scale / 2;
+                    let start = middle.saturating_sub(width / 2).min(end.saturating_sub(width)).max(begin);
                     // Labels that would lie on others are left out.
                     if start >= free {
-                        canvas.text(start, y + 4, &tick.label);
-                        free = start + length + ADVANCE / 2;
+                        canvas.text(start, y + GAP, &tick.label);
+                        free = start + width + GAP * scale;
                     }
                 }
-                y += LINE + 4;
+                y += LINE + GAP;
             }
         }
         y += 3;
     }
 }
 
-/// Dots to be drawn on; without pixels, only how many are needed.
-struct Canvas {
-    dot: usize,
-    columns: usize,
-    rows: usize,
+/// Pixels to be drawn on; without them, only how many are needed.
+struct Canvas<'a> {
+    scale: usize,
+    letters: &'a Letters,
+    width: usize,
+    height: usize,
     rgba: Option<Vec<u8>>,
 }
 
-impl Canvas {
-    /// Fills columns and rows of dots with a colour, over what is there.
-    fn fill(&mut self, [x, y, columns, rows]: [usize; 4], colour: [u8; 4]) {
-        let Canvas { dot, .. } = *self;
-        let Some(rgba) = &mut self.rgba else {
-            self.columns = self.columns.max(x + columns);
-            self.rows = self.rows.max(y + rows);
-            return;
-        };
-        let width = self.columns * dot;
+impl Canvas<'_> {
+    /// Makes room for so many columns and rows of pixels.
+    fn extend(&mut self, width: usize, height: usize) {
+        self.width = self.width.max(width);
+        self.height = self.height.max(height);
+    }
+
+    /// Fills columns and rows, in pixels at scale 1, with a colour, over what is there.
+    fn fill(&mut self, part: [usize; 4], colour: [u8; 4]) {
+        let [x, y, columns, rows] = part.map(|pixels| pixels * self.scale);
+        let Some(rgba) = &mut self.rgba else { return self.extend(x + columns, y + rows) };
         let (pixels, _) = rgba.as_chunks_mut::<4>();
-        for row in y * dot..(y + rows) * dot {
-            for pixel in &mut pixels[row * width + x * dot..][..columns * dot] {
+        for row in y..y + rows {
+            for pixel in &mut pixels[row * self.width + x..][..columns] {
                 *pixel = Blend::Normal.over(*pixel, colour);
             }
         }
     }
 
-    /// A box with colours side by side, and a frame of one dot.
+    /// A box with colours side by side, and a frame.
     fn framed(&mut self, x: usize, y: usize, columns: usize, colours: &[[u8; 4]]) {
         self.fill([x, y, columns, BOX], [0x60, 0x60, 0x60, 255]);
         self.fill([x + 1, y + 1, columns - 2, BOX - 2], [255; 4]);
@@ -116,17 +121,21 @@ impl Canvas {
         }
     }
 
-    /// A line of text, whose highest dots are in row `y`.
+    /// A line of text from a column of pixels on, below the row `y` of pixels at scale 1.
     fn text(&mut self, x: usize, y: usize, text: &str) {
-        for (index, letter) in text.chars().take(MOST_LETTERS).enumerate() {
-            let left = x + index * ADVANCE;
-            for (row, dots) in glyph(letter).into_iter().enumerate() {
-                for column in (0..WIDTH).filter(|column| dots >> (WIDTH - 1 - column) & 1 == 1) {
-                    self.fill([left + column, y + row, 1, 1], [0, 0, 0, 255]);
-                }
+        let line = self.letters.line(text);
+        let top = y * self.scale;
+        let Some(rgba) = &mut self.rgba else { return self.extend(x + line.width, (y + LINE) * self.scale) };
+        let (pixels, _) = rgba.as_chunks_mut::<4>();
+        line.draw(&mut |[column, row], cover| {
+            // (Parts of letters that stick out are cut off.)
+            let place = [x as i64 + i64::from(column), top as i64 + i64::from(row)];
+            let inside =
+                (0..self.width as i64).contains(&place[0]) && (0..self.height as i64).contains(&place[1]);
+            if inside {
+                let pixel = &mut pixels[place[1] as usize * self.width + place[0] as usize];
+                *pixel = Blend::Normal.over(*pixel, [0, 0, 0, (cover * 255.0 + 0.5) as u8]);
             }
-        }
-        // (Letters take their room also where they have no dots.)
-        self.fill([x, y, text.chars().count().min(MOST_LETTERS) * ADVANCE, HEIGHT], [0; 4]);
+        });
     }
 }

@@ -1,8 +1,8 @@
 //! Legends: what the colours of a picture mean.
 
 mod draw;
-mod font;
 mod svg;
+mod text;
 mod ticks;
 
 use serde_json::json;
@@ -95,9 +95,9 @@ impl Legend {
         svg::document(self)
     }
 
-    /// The legend as a picture, each dot of its font so many pixels wide (1 to 8).
-    pub fn draw(&self, dot: usize) -> LegendImage {
-        draw::picture(self, dot.clamp(1, 8))
+    /// The legend as a picture, enlarged 1 to 8 times: at 1 a line of letters is 12 pixels high.
+    pub fn draw(&self, scale: usize) -> LegendImage {
+        draw::picture(self, scale.clamp(1, 8))
     }
 }
 
@@ -193,7 +193,7 @@ fn named(classes: &Classes, tree: &Dataset) -> Result<Vec<([u8; 4], String)>> {
     }
     let header = tree.header();
     if header.counts_classes() && header.form.value.channels == 1 {
-        let occurring = tree.statistics(None)?.classes;
+        let occurring = tree.statistics(None, &())?.classes;
         let told = occurring.iter().take(MOST_CLASSES);
         return Ok(told.map(|(value, _)| (classes.colour(*value), value.to_string())).collect());
     }

@@ -1,0 +1,56 @@
+//! Lines of text in legends that are pictures: in DejaVu Sans, which has the letters of most European languages and some others.
+
+use ab_glyph::{Font, FontRef, OutlinedGlyph, PxScale, ScaleFont, point};
+
+/// Height of a line of letters, from the highest ascender to the lowest descender, in pixels at scale 1.
+const HEIGHT: f32 = 11.5;
+/// Letters of a line; what is beyond is cut off, and three dots say so.
+const MOST_LETTERS: usize = 80;
+
+/// Letters of one size.
+pub(super) struct Letters {
+    font: FontRef<'static>,
+    scale: PxScale,
+}
+
+/// A line of text, ready to be drawn.
+pub(super) struct Line {
+    /// Pixels from its start to where the next letter would be.
+    pub(super) width: usize,
+    glyphs: Vec<OutlinedGlyph>,
+}
+
+impl Letters {
+    /// Those that fit a scale of so many pixels.
+    pub(super) fn new(scale: usize) -> Letters {
+        let font = FontRef::try_from_slice(dejavu::sans::regular()).expect("the font is part of the program");
+        Letters { font, scale: PxScale::from(HEIGHT * scale as f32) }
+    }
+
+    /// A line of text, its letters side by side.
+    pub(super) fn line(&self, text: &str) -> Line {
+        let font = self.font.as_scaled(self.scale);
+        let is_long = text.chars().nth(MOST_LETTERS).is_some();
+        let letters = text.chars().take(if is_long { MOST_LETTERS - 1 } else { MOST_LETTERS });
+        let (mut at, mut before, mut glyphs) = (0.0, None, Vec::new());
+        for letter in letters.chain(is_long.then_some('…')).filter(|letter| !letter.is_control()) {
+            let id = font.glyph_id(letter);
+            at += before.map_or(0.0, |before| font.kern(before, id));
+            let glyph = id.with_scale_and_position(self.scale, point(at, font.ascent()));
+            glyphs.extend(font.outline_glyph(glyph));
+            at += font.h_advance(id);
+            before = Some(id);
+        }
+        Line { width: at.ceil() as usize, glyphs }
+    }
+}
+
+impl Line {
+    /// Shows the pixels that letters touch, from the line's upper left corner on, and how much of each they cover, from 0 to 1.
+    pub(super) fn draw(&self, show: &mut dyn FnMut([i32; 2], f32)) {
+        for glyph in &self.glyphs {
+            let corner = glyph.px_bounds().min;
+            glyph.draw(|x, y, cover| show([corner.x as i32 + x as i32, corner.y as i32 + y as i32], cover));
+        }
+    }
+}
