@@ -13,7 +13,7 @@ use spinney::value::Rule;
 use crate::error::{OrRaise, invalid};
 use crate::index;
 use crate::index::Along;
-use crate::jobs;
+use crate::jobs::{self, Terms};
 use crate::part::{at_level, level_of, part_of};
 use crate::questions::values_at;
 use crate::samples::{dtype, empty, flags, with_bytes};
@@ -52,8 +52,8 @@ pub(crate) struct Pixels<'py> {
     pub(crate) void: Option<Bound<'py, PyAny>>,
 }
 
-/// Cells to read at a time before signals are looked at.
-const PIECE: u64 = 1 << 24;
+/// Cells to read at a time before signals are looked at: of a file, and of a view, in which each may have a long way.
+const PIECES: [u64; 2] = [1 << 24, 1 << 18];
 /// Pixels that are resampled in a fraction of a second.
 const SHORT: u64 = 1 << 18;
 
@@ -82,7 +82,7 @@ pub(crate) fn cells<'py>(
     with_bytes(&array, value.sample, |bytes| {
         let mut lent = void.as_ref().map(|void| void.readwrite());
         let mut valid = lent.as_mut().map(|lent| lent.as_slice_mut()).transpose()?;
-        for part in pieces(bounds, opened.axes()) {
+        for part in pieces(bounds, opened.axes(), PIECES[usize::from(opened.is_view)]) {
             let first = (part.min[0] - bounds.min[0])
                 + width as u64
                     * (part.min[1] - bounds.min[1] + height as u64 * (part.min[2] - bounds.min[2]));
@@ -117,15 +117,15 @@ fn read(
     Ok(())
 }
 
-/// A box in pieces that lie one behind the other in memory.
-fn pieces(bounds: &Bounds, axes: usize) -> Vec<Bounds> {
-    if bounds.volume() <= PIECE {
+/// A box in pieces of about so many cells that lie one behind the other in memory.
+fn pieces(bounds: &Bounds, axes: usize, most: u64) -> Vec<Bounds> {
+    if bounds.volume() <= most {
         return vec![*bounds];
     }
     let [width, height, _] = bounds.size();
     let mut pieces = Vec::new();
-    if axes == 3 && width * height <= PIECE {
-        let planes = PIECE / (width * height);
+    if axes == 3 && width * height <= most {
+        let planes = most / (width * height);
         for z in (bounds.min[2]..bounds.max[2]).step_by(planes as usize) {
             let (mut piece, end) = (*bounds, bounds.max[2].min(z + planes));
             (piece.min[2], piece.max[2]) = (z, end);
@@ -133,7 +133,7 @@ fn pieces(bounds: &Bounds, axes: usize) -> Vec<Bounds> {
         }
         return pieces;
     }
-    let rows = (PIECE / width).max(1);
+    let rows = (most / width).max(1);
     for z in bounds.min[2]..bounds.max[2] {
         for y in (bounds.min[1]..bounds.max[1]).step_by(rows as usize) {
             let max = [bounds.max[0], bounds.max[1].min(y + rows), z + 1];
@@ -159,7 +159,7 @@ pub(crate) fn resampled<'py>(
     let array = empty(py, value.sample, &sizes[..if opened.count() > 1 { 3 } else { 2 }])?;
     let void = masked.then(|| flags(py, &sizes[..2])).transpose()?;
     // (So little that nobody will interrupt it does without a thread of its own.)
-    let is_short = rows * columns <= SHORT && !matches!(request.detail, Detail::Exact(..));
+    let is_short = rows * columns <= SHORT && !opened.is_view && !matches!(request.detail, Detail::Exact(..));
     with_bytes(&array, value.sample, |bytes| {
         let mut lent = void.as_ref().map(|void| void.readwrite());
         let mut void = lent.as_mut().map(|lent| lent.as_slice_mut()).transpose()?;
@@ -176,7 +176,9 @@ pub(crate) fn resampled<'py>(
         };
         match is_short {
             true => py.detach(|| window_rows(&opened.tree, request, &(), &mut take)).or_raise(),
-            false => jobs::run(py, None, |work| window_rows(&opened.tree, request, work, &mut take)),
+            false => {
+                jobs::run(py, Terms::default(), |work| window_rows(&opened.tree, request, work, &mut take))
+            }
         }
     })?;
     Ok(Pixels { array, void: void.map(|void| void.into_any()) })
