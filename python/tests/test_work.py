@@ -265,7 +265,7 @@ def many_cells(place: Path, to: Path) -> None:
     copy = to / "edit.autumn"
     copy.write_bytes((place / "map.autumn").read_bytes())
     with spinney.edit(copy) as edit:
-        edit.set(points(500_000, 2, 4096).astype(int), [7])
+        edit.set(points(300_000, 2, 4096).astype(int), [7])
 
 
 def pasted(place: Path, to: Path) -> None:
@@ -303,15 +303,15 @@ LONG: dict[str, Work] = {
     # Maps
     "sample": lambda place, _: tree(place / "first.goblin").sample(points(4_000_000, 2, 4096)),
     "sample of a view": lambda place, _: tree(place / "first.goblin", "rotate=30").sample(points(60_000, 2, 4096)),
-    "read of a view": lambda place, _: tree(place / "first.goblin", "rotate=30").read(),
-    "find": lambda place, _: tree(place / "first.goblin").find(2, window=(1, 1, 4000, 4000)),
-    "find in a view": lambda place, _: tree(place / "first.goblin", "rotate=30").find(255),
+    "read of a view": lambda place, _: tree(place / "first.goblin", "scale=0.7").read(window=(0, 0, 900, 900)),
+    "find": lambda place, _: tree(place / "first.goblin").find(2, window=(1, 1, 2000, 2000)),
+    "find in a view": lambda place, _: tree(place / "first.goblin", "rotate=30").find(255, window=(0, 0, 2500, 2500)),
     "zonal": lambda place, _: tree(place / "first.goblin").zonal(triangles(), edge="area"),
     "contours": lambda place, to: tree(place / "heights.goblin").contours(to / "c.csv", every=60),
     "export of tiles": lambda place, to: tree(place / "heights.goblin").export(to / "t.pmtiles"),
     "build": lambda place, to: spinney.build(noise((5000, 4000), "u2"), to / "b.goblin"),
     "build of rows": lambda place, to: spinney.build(rows(), to / "b.goblin", shape=(9000, 4000), dtype="u2"),
-    "transform": lambda place, to: spinney.transform(place / "first.goblin", "scale=0.7", to / "t.goblin"),
+    "transform": lambda place, to: spinney.transform(place / "first.goblin", ["window=0,0,2048,2048", "scale=0.7"], to / "t.goblin"),
     "combine": lambda place, to: spinney.combine("max", [place / "first.goblin", place / "second.goblin"], to / "c.goblin"),
     "convert": lambda place, to: spinney.convert(place / "first.goblin", to / "c.autumn"),
     "compact": lambda place, to: spinney.compact(place / "map.autumn", to / "c.autumn"),
@@ -354,5 +354,5 @@ def test_ctrl_c_ends_work(place: Path, tmp_path: Path, name: str) -> None:
         pass
     assert outcome == "was interrupted"
     # (Whoever did not look at signals meanwhile is told of them at the end.)
-    assert took < max(0.8 * whole, 0.15), f"{took:.2f} of {whole:.2f} s"
+    assert took < max(0.8 * whole, 0.3), f"{took:.2f} of {whole:.2f} s"
     assert {path.name for path in second.iterdir()} <= {"edit.autumn"}
