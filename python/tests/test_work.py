@@ -149,18 +149,19 @@ def test_numbers_of_threads_that_make_no_sense(relief: str, tmp_path: Path, thre
 # Limits and times
 
 
-def test_outputs_keep_to_their_limit(place: Path, relief: str, tmp_path: Path) -> None:
-    first, second = place / "first.goblin", place / "second.goblin"
+def test_outputs_keep_to_their_limit(island: str, relief: str, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    history = tmp_path_factory.mktemp("history") / "island.autumn"
+    spinney.convert(island, history)
     never = tmp_path / "never.goblin"
     works: list[Callable[..., Any]] = [
         lambda **limit: spinney.build(noise((900, 700), "u2"), never, **limit),
-        lambda **limit: spinney.build(first, never, **limit),
+        lambda **limit: spinney.build(island, never, **limit),
         lambda **limit: spinney.build(FIXTURES / "island_elevation.tif", never, **limit),
-        lambda **limit: spinney.transform(first, "rotate=20", never, **limit),
-        lambda **limit: spinney.combine("and", [first, second], never, **limit),
-        lambda **limit: spinney.convert(first, never, **limit),
-        lambda **limit: spinney.compact(place / "map.autumn", tmp_path / "never.autumn", **limit),
-        lambda **limit: spinney.blame(place / "map.autumn", never, **limit),
+        lambda **limit: spinney.transform(island, "rotate=20", never, **limit),
+        lambda **limit: spinney.combine("and", [island, island], never, **limit),
+        lambda **limit: spinney.convert(island, never, **limit),
+        lambda **limit: spinney.compact(history, tmp_path / "never.autumn", **limit),
+        lambda **limit: spinney.blame(history, never, **limit),
         lambda **limit: spinney.build_exact(BOX, never, **limit),
         lambda **limit: spinney.open(relief).contours(tmp_path / "never.csv", every=5, **limit),
     ]
@@ -169,10 +170,10 @@ def test_outputs_keep_to_their_limit(place: Path, relief: str, tmp_path: Path) -
             with pytest.raises(OSError, match="allowed"):
                 work(max_bytes=limit)
             assert not list(tmp_path.iterdir()), number
-    spinney.convert(first, never, max_bytes="1G")
+    spinney.convert(island, never, max_bytes="1G")
     for nonsense in (0, -1, "much"):
         with pytest.raises(ValueError, match="max_bytes"):
-            spinney.convert(first, never, max_bytes=nonsense)
+            spinney.convert(island, never, max_bytes=nonsense)
 
 
 def test_the_first_commit_has_a_time(program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
