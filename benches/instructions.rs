@@ -209,7 +209,7 @@ fn find(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     for _ in 0..count {
         // Not more than so many, since each has a text.
         let mut left = 1000;
-        tree.find(condition, Some(cuboid(tree, &mut random)), &mut |block| {
+        tree.find(condition, Some(cuboid(tree, &mut random)), &(), &mut |block| {
             answers.add(block.bounds.min[0] ^ block.bounds.max[1] << 32 ^ u64::from(block.level));
             left -= 1;
             Ok(left > 0)

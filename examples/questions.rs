@@ -46,7 +46,7 @@ fn main() -> spinney::Result<()> {
     // The first large blocks that lie above the mean.
     let mean = statistics.channels.first().map_or(0.0, |channel| channel.mean);
     let mut left = 5;
-    tree.find(Condition::Above(mean), Some(part), &mut |block| {
+    tree.find(Condition::Above(mean), Some(part), &(), &mut |block| {
         println!("{} of level {}: {:?}", block.code, block.level, block.bounds.min);
         left -= 1;
         Ok(left > 0)

@@ -311,8 +311,8 @@ pub mod export {
         pub use spinney_raster::tiles::{
             DataPlace, MAX_ZOOM, Making, Pmtiles, SourceState, Stored, TileContent, TileEncoding, TileFolder,
             TileFormat, TileId, TilePainter, TileRange, TileRequest, TileSamples, TileSource, TileTarget,
-            TileUpdate, UpdateOptions, WarpedTiles, XyzTiles, degrees_of, export_pmtiles, export_tiles,
-            is_tile_archive, is_tile_folder, tile_source, verify_tiles,
+            TileUpdate, UpdateOptions, WarpedTiles, XyzTiles, degrees_of, draw_tiles, export_pmtiles,
+            export_tiles, is_tile_archive, is_tile_folder, tile_source, verify_tiles,
         };
     }
 
@@ -320,8 +320,9 @@ pub mod export {
     #[cfg(feature = "vector")]
     pub mod vector {
         pub use spinney_vector::export::{
-            AttributeType, AttributeValue, ContourFeatures, Geometry, GeometryKind, Smoothed, VectorFormat,
-            VectorLayer, VectorWriter, export_contours,
+            AttributeType, AttributeValue, ContourFeatures, Geometry, GeometryKind, IntersectionSummary,
+            SectionPlanes, SectionSummary, Smoothed, VectorFormat, VectorLayer, VectorWriter,
+            export_contours, export_intersection, export_section,
         };
     }
 }

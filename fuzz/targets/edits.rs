@@ -55,7 +55,7 @@ pub fn edit_as(script: &[u8], file: Vec<u8>) {
 /// The newest commit of a file, if its tree is not too large to be looked at.
 fn open(file: &[u8]) -> Option<Dataset> {
     let file = Autumnal::from_bytes(file.to_vec()).ok()?;
-    file.level_counts(MOST_RECORDS).ok()??;
+    file.level_counts(MOST_RECORDS, &()).ok()??;
     Dataset::of(Arc::new(file).into()).ok()
 }
 

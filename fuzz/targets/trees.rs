@@ -80,7 +80,7 @@ const SIDE: u64 = 24;
 /// together.
 pub fn ask(tree: &Dataset) {
     let is_small =
-        matches!(tree.level_counts(MOST_RECORDS), Ok(Some(_))) && tree.stored_records() <= MOST_RECORDS;
+        matches!(tree.level_counts(MOST_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MOST_RECORDS;
     let quick = questions(tree);
     if !is_small {
         return;
@@ -146,7 +146,7 @@ fn questions(tree: &Dataset) -> Result<bool> {
 fn long_questions(tree: &Dataset) -> Result<bool> {
     let all = Bounds::picture(tree.header().extent);
     let mut count = 0;
-    tree.find(Condition::Above(1.0), None, &mut |_| {
+    tree.find(Condition::Above(1.0), None, &(), &mut |_| {
         count += 1;
         Ok(count < 10_000)
     })?;

@@ -13,8 +13,8 @@ from . import _native
 from ._blocks import Blocks
 from ._dataset import Dataset, Level
 from ._files import MEMORY
-from ._options import refuse
-from ._progress import memory_of, telling
+from ._options import refuse, time_of
+from ._progress import memory_of, working
 from ._sources import RasterioArray, is_mesh, is_rasterio, mesh_file, one_array, paths_of
 from ._types import Path, Progress, Resampling
 
@@ -38,6 +38,9 @@ def build(
     depth: int | None = None,
     memory: int | str = MEMORY,
     share: bool = False,
+    time: int | None = None,
+    max_bytes: int | str | None = None,
+    threads: int | None = None,
     progress: Progress = None,
     categories: Mapping[int, str] | None = None,
     colormap: Mapping[int, Sequence[int]] | None = None,
@@ -87,6 +90,9 @@ def build(
 
     `transform` has six numbers as rasterio's, or is a matrix of 3 x 4 or 4 x 4; `crs` anything whose text is a definition:
     `"EPSG:4326"`, WKT, a CRS of rasterio or pyproj. `memory` is what may be used beyond the source itself.
+    `time` is that of the commit that an .autumn file begins with, in seconds since the beginning of 1970: that of SOURCE_DATE_EPOCH, if the
+    environment has it, and otherwise none, so that the same source makes the same bytes. An output that would have more than `max_bytes`
+    (`"2G"`) is an OSError. `threads` work on it, one for each processor if nothing is said; the file is the same whatever their number.
 
     The output appears when it is complete. Ctrl-C, and whatever else goes wrong, leaves nothing behind.
     """
@@ -94,7 +100,7 @@ def build(
     if depth is not None and not 0 <= depth <= 64:
         raise ValueError(f"depth: {depth}, expected a number of levels")
     system = crs_text(crs)
-    common: dict[str, Any] = {"kind": kind, "rule": rule, "nodata": nodata, "crs": system, "depth": depth, "memory": size, "share": share}
+    common: dict[str, Any] = {"kind": kind, "rule": rule, "nodata": nodata, "crs": system, "depth": depth, "memory": size, "share": share, "time": time_of(time)}
     for_files = {
         "bands": bands,
         "layer": layer,
@@ -132,7 +138,7 @@ def build(
         of_cells = {"dims": dims, "shape": shape, "dtype": dtype, "mask": mask, "nodata": nodata}
         refuse("arrays; the cells of a tree are taken as they are", of_cells)
         refuse("files", for_files)
-        for_tree = {name: common[name] for name in ("kind", "rule", "crs", "depth", "memory", "share")} | {
+        for_tree = {name: common[name] for name in ("kind", "rule", "crs", "depth", "memory", "share", "time")} | {
             "transform": None if transform is None else _numbers(transform),
             "categories": None if categories is None else dict(categories),
             "colormap": _colours(colormap),
@@ -142,20 +148,20 @@ def build(
             "tags": dict(tags or {}),
         }
         _check_bands(for_tree, source.count)
-        with telling(progress) as tell:
-            return source._build(os.fspath(out), for_tree, tell)
+        with working(progress, threads, max_bytes) as terms:
+            return source._build(os.fspath(out), for_tree, terms)
     if is_mesh(source):
         refuse("arrays", for_arrays)
         with mesh_file(source, out) as (path, told_unit):
-            given: dict[str, Any] = {**for_files, "unit": unit or told_unit, "shell": shell, "progress": progress}
-            return build(path, out, rule=rule, kind=kind, crs=crs, depth=depth, memory=memory, share=share, **given)
+            given: dict[str, Any] = {**for_files, "unit": unit or told_unit, "shell": shell, "threads": threads, "progress": progress}
+            return build(path, out, rule=rule, kind=kind, crs=crs, depth=depth, memory=memory, share=share, time=time, max_bytes=max_bytes, **given)
     if paths is not None:
         refuse("arrays", for_arrays)
         numbers = None if transform is None else _numbers(transform)
         for_import = common | for_files | {"transform": numbers, "keep_transparent": keep_transparent, "shell": shell, "allow_ballpark": allow_ballpark}
         for_import["bands"] = None if bands is None else list(bands)
-        with telling(progress) as tell:
-            return _native.build_files(paths, os.fspath(out), for_import, tell)
+        with working(progress, threads, max_bytes) as terms:
+            return _native.build_files(paths, os.fspath(out), for_import, terms)
     if isinstance(source, list | tuple) and any(isinstance(part, Dataset) for part in source):
         raise TypeError("a tree as a source is the only one; spinney.combine lays trees over each other")
     refuse("files", for_files)
@@ -211,8 +217,8 @@ def build(
         "tags": dict(tags or {}),
     }
     _check_bands(options, array.channels)
-    with telling(progress) as tell:
-        _native.build_array(array.read, os.fspath(out), options, tell)
+    with working(progress, threads, max_bytes) as terms:
+        _native.build_array(array.read, os.fspath(out), options, terms)
 
 
 def _texts(texts: Sequence[str | None] | None) -> list[str] | None:

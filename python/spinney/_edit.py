@@ -16,7 +16,8 @@ from . import _native
 from ._build import build
 from ._dataset import Dataset, open
 from ._files import MEMORY
-from ._progress import memory_of, telling
+from ._options import time_of
+from ._progress import memory_of, working
 from ._types import Commit, Path, Progress, Window, commit_of
 
 
@@ -27,6 +28,7 @@ def edit(
     author: str | None = None,
     time: int | None = None,
     memory: int | str = MEMORY,
+    threads: int | None = None,
     progress: Progress = None,
 ) -> Edit:
     """Opens an Autumnal file to change it::
@@ -38,26 +40,27 @@ def edit(
     All changes become one commit at the end of the block, and none if it is left by an exception; without a block `commit` makes
     it, and `close` forgets all changes. Cells can be assigned to, `e[y0:y1, x0:x1] = array`, which is what `dask.array.store`
     does. One process edits a file at a time, any number of others read it meanwhile. `author` is that of the environment (SPINNEY_AUTHOR) if none
-    is given, `time` (seconds since 1970) is now.
+    is given, `time` (seconds since 1970) that of the environment (SOURCE_DATE_EPOCH), or now.
 
     Raises OSError if another process edits the file.
     """
     name = os.environ.get("SPINNEY_AUTHOR", "") if author is None else author
-    return Edit(path, message, name, time, memory_of(memory), progress)
+    return Edit(path, message, name, time_of(time), memory_of(memory), threads, progress)
 
 
 class Edit:
     """A file that is being edited: see `spinney.edit`."""
 
     def __init__(
-        self, path: Path, message: str | None, author: str, time: int | None, memory: int, progress: Progress
+        self, path: Path, message: str | None, author: str, time: int | None, memory: int, threads: int | None, progress: Progress
     ) -> None:
         self.path = os.fspath(path)
         self.message = message
         self.made: Commit | None = None
         """The commit that was made, when all is done; `None` if nothing has changed."""
         self._lock = threading.Lock()
-        self._author, self._time, self._memory, self._progress = author, time, memory, progress
+        self._author, self._time, self._memory = author, time, memory
+        self._threads, self._progress = threads, progress
         self._done: list[str] = []
         with open(self.path) as tree:
             self._ndim, self._dtype, self._kind, self._rule = tree.ndim, tree.dtype, tree.kind, tree.rule
@@ -146,19 +149,19 @@ class Edit:
             steps = [*source.view, *steps]
             source = f"{source.path}@{source.commit}" if source.commit is not None else source.path
         beside = os.path.dirname(os.path.abspath(self.path))
-        with telling(self._progress) as tell, tempfile.TemporaryDirectory(prefix="spinney-", dir=beside) as folder:
+        with working(self._progress, self._threads) as terms, tempfile.TemporaryDirectory(prefix="spinney-", dir=beside) as folder:
             if isinstance(source, str | os.PathLike):
                 name = path = os.fspath(source)
                 if not _is_tree(path):
                     path = os.path.join(folder, "patch.goblin")
-                    build(name, path, kind=self._kind, rule=self._rule, memory=self._memory)  # type: ignore[arg-type]
+                    build(name, path, kind=self._kind, rule=self._rule, memory=self._memory, threads=self._threads)  # type: ignore[arg-type]
             else:
                 if place is None:
                     raise ValueError("at: an array needs the cell that its first one goes to")
                 name, path = "an array", os.path.join(folder, "patch.goblin")
                 self._build(source, path, mask)
             try:
-                self._editor.paste(path, steps, place, where_valid, tell)
+                self._editor.paste(path, steps, place, where_valid, terms)
             except (ValueError, TypeError, OSError) as error:
                 # (Nobody knows the tree that was made of it.)
                 if path == name or path not in str(error):
@@ -177,7 +180,7 @@ class Edit:
         if array.dtype != self._dtype:
             array = array.astype(self._dtype)
         kind: Any = self._kind
-        build(array, path, dims=dims, mask=mask, kind=kind, rule=self._rule, nodata=self._nodata, memory=self._memory)
+        build(array, path, dims=dims, mask=mask, kind=kind, rule=self._rule, nodata=self._nodata, memory=self._memory, threads=self._threads)
 
     def fill(
         self,
@@ -199,8 +202,8 @@ class Edit:
             samples = None
         else:
             samples = [float(number) for number in np.atleast_1d(np.asarray(value, dtype=float))]
-        with telling(self._progress) as tell:
-            self._editor.fill(samples, window, coordinates, rings, block, tell)
+        with working(self._progress, self._threads) as terms:
+            self._editor.fill(samples, window, coordinates, rings, block, terms)
         self._done.append(f"Fill with {'VOID' if value is None else value}")
 
     def set(self, cells: npt.ArrayLike, values: npt.ArrayLike | None) -> None:
@@ -217,19 +220,20 @@ class Edit:
             if numbers.ndim == 1 and len(numbers) == len(places):
                 numbers = numbers[:, None]
             numbers = np.broadcast_to(numbers, (len(places), numbers.shape[-1] if numbers.ndim else 1))
-        with telling(self._progress) as tell:
-            self._editor.set(np.ascontiguousarray(places, dtype=np.int64), numbers, tell)
+        with working(self._progress, self._threads) as terms:
+            self._editor.set(np.ascontiguousarray(places, dtype=np.int64), numbers, terms)
         self._done.append(f"Set {len(places)} cells")
 
     def apply(self, operation: str, other: Path) -> None:
         """Makes the tree what an operation (as in `combine`) makes of it and another, which lies where it lies."""
-        with telling(self._progress) as tell:
-            self._editor.combine(operation, os.fspath(other), tell)
+        with working(self._progress, self._threads) as terms:
+            self._editor.combine(operation, os.fspath(other), terms)
         self._done.append(f"Apply {operation} of {os.fspath(other)}")
 
     def revert(self, commit: int) -> None:
         """Makes the tree what it was in another commit."""
-        self._editor.revert(commit)
+        with working(self._progress, self._threads) as terms:
+            self._editor.revert(commit, terms)
         self._done.append(f"Revert to commit {commit}")
 
 

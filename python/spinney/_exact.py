@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from ._arrays import points_of, rows_of
 from ._build import crs_text
 from ._sources import is_mesh, mesh_file, paths_of
 from ._files import MEMORY
-from ._progress import memory_of, telling
+from ._progress import memory_of, working
 from ._types import (
     BBox,
     Box,
@@ -28,8 +28,10 @@ from ._types import (
     Path,
     Points,
     Progress,
+    Section,
     Surface,
     SurfaceHits,
+    SurfaceIntersection,
 )
 
 
@@ -45,6 +47,8 @@ def build_exact(
     unit: str | None = None,
     crs: Any = None,
     memory: int | str = MEMORY,
+    max_bytes: int | str | None = None,
+    threads: int | None = None,
     progress: Progress = None,
 ) -> BuiltModel:
     """Makes an exact model, a .goblin file, of one or several mesh files (PLY, OBJ, STL, OFF, CityJSON, exact models), or of a mesh: one
@@ -53,13 +57,14 @@ def build_exact(
     Corners are moved to a grid of whole steps; everything after that is exact. `snap` is the width of a step, otherwise
     that of the files' own grid or the finest one. `close` closes open surfaces with triangles over their boundaries;
     `repair` resolves those that pass through themselves: what they go around once or more is inside. Without these, such
-    surfaces are a ValueError that tells the places, and there is no file. Cells of the octree with up to `leaf_size` faces are not divided. `up`, `unit`, `crs` and `memory` are as for `build`.
+    surfaces are a ValueError that tells the places, and there is no file. Cells of the octree with up to `leaf_size` faces are not divided. `up`, `unit`,
+    `crs`, `memory` and `max_bytes` are as for `build`.
     """
     if is_mesh(models):
         with mesh_file(models, out) as (path, told_unit):
             return build_exact(
                 path, out, snap=snap, close=close, repair=repair, leaf_size=leaf_size, up=up, unit=unit or told_unit, crs=crs, memory=memory,
-                progress=progress,
+                max_bytes=max_bytes, threads=threads, progress=progress,
             )
     paths = paths_of(models)
     if paths is None:
@@ -76,8 +81,8 @@ def build_exact(
         "crs": crs_text(crs),
         "memory": memory_of(memory),
     }
-    with telling(progress) as tell:
-        facts = _native.build_exact(paths, os.fspath(out), options, tell)
+    with working(progress, threads, max_bytes) as terms:
+        facts = _native.build_exact(paths, os.fspath(out), options, terms)
     return BuiltModel(**facts)
 
 
@@ -181,16 +186,16 @@ class ExactModel(_native.Model):
         low, high = self._bounds()
         return Box(*low, *high)
 
-    def verify(self, *, progress: Progress = None) -> list[Finding]:
+    def verify(self, *, threads: int | None = None, progress: Progress = None) -> list[Finding]:
         """Checks every checksum, that the faces bound a body, and that the octree is theirs; an empty list is good."""
-        with telling(progress) as tell:
-            found = _native.verify(os.fspath(self.path), False, memory_of(MEMORY), tell)
+        with working(progress, threads) as terms:
+            found = _native.verify(os.fspath(self.path), False, memory_of(MEMORY), terms)
         return [Finding(place, problem) for place, problem in found]
 
-    def mass(self, *, progress: Progress = None) -> Mass:
+    def mass(self, *, threads: int | None = None, progress: Progress = None) -> Mass:
         """Volume, area, centre of gravity and moments, of a density of 1."""
-        with telling(progress) as tell:
-            facts = self._mass(tell)
+        with working(progress, threads) as terms:
+            facts = self._mass(terms)
         centre = facts.pop("centre")
         second, inertia = (np.array(facts.pop(name)) for name in ("second_moments", "inertia"))
         return Mass(centre=None if centre is None else tuple(centre), second_moments=second, inertia=inertia, **facts)
@@ -205,44 +210,44 @@ class ExactModel(_native.Model):
         """The area of the surface, by all faces: see `mass`."""
         return self.mass().area
 
-    def euler(self, *, memory: int | str = "1G", progress: Progress = None) -> Euler:
+    def euler(self, *, memory: int | str = "1G", threads: int | None = None, progress: Progress = None) -> Euler:
         """Numbers of vertices, edges, faces, shells, and handles: how the surface hangs together."""
-        with telling(progress) as tell:
-            return Euler(**self._euler(memory_of(memory), tell))
+        with working(progress, threads) as terms:
+            return Euler(**self._euler(memory_of(memory), terms))
 
-    def locate(self, points: Points, *, progress: Progress = None) -> npt.NDArray[np.int8]:
+    def locate(self, points: Points, *, threads: int | None = None, progress: Progress = None) -> npt.NDArray[np.int8]:
         """1 for points inside the body, 0 on its surface, -1 outside; exact for the doubles that are given."""
-        with telling(progress) as tell:
-            return self._locate(points_of(points, 3), tell)
+        with working(progress, threads) as terms:
+            return self._locate(points_of(points, 3), terms)
 
     def contains(
-        self, points: Points, *, boundary: bool = True, progress: Progress = None
+        self, points: Points, *, boundary: bool = True, threads: int | None = None, progress: Progress = None
     ) -> npt.NDArray[np.bool_]:
         """Whether points are in the body; `boundary` tells whether those on its surface are."""
         least = 0 if boundary else 1
-        found: npt.NDArray[np.bool_] = self.locate(points, progress=progress) >= least
+        found: npt.NDArray[np.bool_] = self.locate(points, threads=threads, progress=progress) >= least
         return found
 
     def distance(
-        self, points: Points, *, signed: bool = True, progress: Progress = None
+        self, points: Points, *, signed: bool = True, threads: int | None = None, progress: Progress = None
     ) -> npt.NDArray[np.float64]:
         """Distances of points from the surface: negative inside, if they are `signed`; NaN of what is no number."""
-        with telling(progress) as tell:
-            distance, _, _ = self._nearest(points_of(points, 3), signed, tell)
+        with working(progress, threads) as terms:
+            distance, _, _ = self._nearest(points_of(points, 3), signed, terms)
         return distance
 
-    def nearest(self, points: Points, *, progress: Progress = None) -> Surface:
+    def nearest(self, points: Points, *, threads: int | None = None, progress: Progress = None) -> Surface:
         """The points of the surface that are nearest to points."""
-        with telling(progress) as tell:
-            distance, nearest, faces = self._nearest(points_of(points, 3), False, tell)
+        with working(progress, threads) as terms:
+            distance, nearest, faces = self._nearest(points_of(points, 3), False, terms)
         return Surface(distance, nearest, faces)
 
-    def rays(self, origins: Points, directions: Points, *, progress: Progress = None) -> SurfaceHits:
+    def rays(self, origins: Points, directions: Points, *, threads: int | None = None, progress: Progress = None) -> SurfaceHits:
         """Where rays meet the surface first; no ray slips through between two faces. One origin or one direction serves
         all rays."""
         starts, ways = np.broadcast_arrays(rows_of(origins, "origins"), rows_of(directions, "directions"))
-        with telling(progress) as tell:
-            found = self._cast_rays(np.ascontiguousarray(starts), np.ascontiguousarray(ways), tell)
+        with working(progress, threads) as terms:
+            found = self._cast_rays(np.ascontiguousarray(starts), np.ascontiguousarray(ways), terms)
         return SurfaceHits(*found)
 
     def ray(self, origin: Sequence[float], direction: Sequence[float]) -> SurfaceHits | None:
@@ -257,36 +262,99 @@ class ExactModel(_native.Model):
         return place
 
     def coverage(
-        self, level: int, cell: Sequence[int], *, progress: Progress = None
+        self, level: int, cell: Sequence[int], *, threads: int | None = None, progress: Progress = None
     ) -> Coverage:
         """The part of a cell (x, y, z of a level, 0 to `bits`) that is inside, exact but for rounding."""
         x, y, z = (int(at) for at in cell)
         if not 0 <= level <= 255 or not all(0 <= at < 1 << 32 for at in (x, y, z)):
             raise ValueError(f"cell: {(x, y, z)} of level {level}, expected levels of 0 to {self.bits}")
-        with telling(progress) as tell:
-            share, volume, centre = self._coverage(level, [x, y, z], tell)
+        with working(progress, threads) as terms:
+            share, volume, centre = self._coverage(level, [x, y, z], terms)
         return Coverage(share, volume, None if centre is None else (centre[0], centre[1], centre[2]))
 
-    def faces(self, box: BBox | None = None, *, progress: Progress = None) -> Faces:
+    def faces(self, box: BBox | None = None, *, threads: int | None = None, progress: Progress = None) -> Faces:
         """The faces as polygons with holes: all, or those whose own boxes meet a box (of these, faces without area are
         left out)."""
-        with telling(progress) as tell:
-            return Faces(**self._face_arrays(None if box is None else _box(box), tell))
+        with working(progress, threads) as terms:
+            return Faces(**self._face_arrays(None if box is None else _box(box), terms))
 
-    def triangles(self, box: BBox | None = None, *, progress: Progress = None) -> Mesh:
+    def triangles(self, box: BBox | None = None, *, threads: int | None = None, progress: Progress = None) -> Mesh:
         """The faces cut into triangles: `trimesh.Trimesh(*model.triangles())`. Of a box as `faces`."""
-        with telling(progress) as tell:
-            vertices, triangles, _ = self._triangle_arrays(None if box is None else _box(box), tell)
+        with working(progress, threads) as terms:
+            vertices, triangles, _ = self._triangle_arrays(None if box is None else _box(box), terms)
         return Mesh(vertices, triangles)
 
-    def export(self, path: Path, *, progress: Progress = None) -> tuple[int, int]:
+    def export(self, path: Path, *, threads: int | None = None, progress: Progress = None) -> tuple[int, int]:
         """Writes the faces as a mesh, .ply, .obj, .stl, .off or .city.json; returns how many vertices and faces that are.
 
         Polygons stay polygons, but in STL, which has triangles in single precision (and no numbered vertices: 0). What the format
         has no room for, such as colours, parts, the coordinate system or the unit of length, is told in a warning."""
-        with telling(progress) as tell:
-            vertices, faces, _ = self._export(os.fspath(path), tell)
+        with working(progress, threads) as terms:
+            vertices, faces, _ = self._export(os.fspath(path), terms)
         return vertices, faces
+
+    @overload
+    def section(
+        self,
+        out: Path,
+        by: str | Sequence[str],
+        *,
+        flat: bool = False,
+        memory: int | str = MEMORY,
+        max_bytes: int | str | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> Section: ...
+
+    @overload
+    def section(
+        self,
+        out: Path,
+        by: ExactModel | os.PathLike[str],
+        *,
+        memory: int | str = MEMORY,
+        max_bytes: int | str | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> SurfaceIntersection: ...
+
+    def section(
+        self,
+        out: Path,
+        by: str | Sequence[str] | ExactModel | os.PathLike[str],
+        *,
+        flat: bool = False,
+        memory: int | str = MEMORY,
+        max_bytes: int | str | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> Section | SurfaceIntersection:
+        """Writes where planes cut the model, or what its surface and that of another one have in common, as features (.geojson, .csv,
+        .svg, .fgb, .shp of planes, .obj, .ply, and .gpkg in packages built with it), as `spinney section` does::
+
+            model.section("outline.svg", "z=12.5")
+            model.section("slices.geojson", ["z=0..50/0.2", "plane=1,1,0,7.5"]).area
+            with spinney.open_exact("tool.goblin") as tool:
+                model.section("lines.ply", tool).crossings
+
+        Planes are `"z=12.5"`, many at a time `"z=0..50/0.2"`, or `"plane=NX,NY,NZ,D"` with the normal and its product with the plane's
+        points. The section is that just below the plane: what ends there counts, what stands on it does not. Attributes are `plane`
+        (x, y, z, or the normal), `at` and `area`. Points are in space; with `flat` coordinates are those in the plane (y and z where x is
+        given, z and x where y is, x and y where z is), as an SVG always has them.
+
+        Of two models, the other being open or the path of a file (a `pathlib.Path`), features are lines where the surfaces pass through each other (`kind` crossing:
+        closed, with what of this model's surface is inside of the other on the left) or touch, areas in which they lie on each other
+        (overlap) and lone points; `a_left`, `a_right`, `b_left` and `b_right` are the faces of both beside each segment, by their numbers
+        in the files that the models were built from. They are found exactly, and points are rounded once; this alone needs `memory`.
+
+        An output that would have more than `max_bytes` is an OSError, and leaves nothing behind.
+        """
+        given = [by] if isinstance(by, str | os.PathLike | ExactModel) else list(by)
+        if not given:
+            raise ValueError("by: expected planes such as 'z=12.5', or another model")
+        with working(progress, threads, max_bytes) as terms:
+            made = self._write_section(os.fspath(out), given, flat, memory_of(memory), terms)
+        return Section(**made) if "planes" in made else SurfaceIntersection(**made)
 
 
 def _box(box: BBox) -> tuple[list[float], list[float]]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from . import _native
-from ._progress import memory_of, telling
+from ._progress import ALONE, memory_of, working
 from ._types import CombinedModel, Commit, Differences, Finding, Outcome, Path, Progress, Resampling, commit_of, outcome_of
 
 MEMORY = "256M"
@@ -22,6 +22,8 @@ def transform(
     allow_ballpark: bool = False,
     move: bool = False,
     memory: int | str = MEMORY,
+    max_bytes: int | str | None = None,
+    threads: int | None = None,
     progress: Progress = None,
 ) -> Outcome:
     """Makes a tree of a part of another, moved, scaled, mirrored or turned.
@@ -29,12 +31,12 @@ def transform(
     Steps are those of `spinney transform` (`spinney help transform` lists them): `"rotate=30"`, `["crop", "scale=0.5"]`.
     New cells get their values by the file's rule, or with `resampling` "nearest" from their centres; onto the grids of `like=`,
     `warp=` and `grid=` other ways are there, too. The picture stays where it is in
-    the world unless `move` is set.
+    the world unless `move` is set. An output that would have more than `max_bytes` is an OSError, and leaves nothing behind.
     """
     chain = [steps] if isinstance(steps, str) else list(steps)
-    with telling(progress) as tell:
+    with working(progress, threads, max_bytes) as terms:
         made = _native.transform(
-            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, memory_of(memory), tell
+            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, memory_of(memory), terms
         )
     return outcome_of(made)
 
@@ -49,6 +51,8 @@ def combine(
     within: Sequence[float] | None = None,
     margin: int | None = None,
     memory: int | str = MEMORY,
+    max_bytes: int | str | None = None,
+    threads: int | None = None,
     progress: Progress = None,
 ) -> Outcome | CombinedModel:
     """Makes one tree of several: `"union"`, `"and"`, `"a-b"`, `"over"`, `"min"`, `"changed"`, ...
@@ -61,47 +65,62 @@ def combine(
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
     box = None if within is None else list(within)
     names = [os.fspath(path) for path in paths]
-    with telling(progress) as tell:
+    with working(progress, threads, max_bytes) as terms:
         made = _native.combine(
-            operation, names, os.fspath(out), values == "second", fill, box, margin, memory_of(memory), tell
+            operation, names, os.fspath(out), values == "second", fill, box, margin, memory_of(memory), terms
         )
     return CombinedModel(**made) if "faces" in made else outcome_of(made)
 
 
 def cross(first: Path, second: Path) -> list[tuple[list[float] | None, list[float] | None, int]]:
     """Which values of one tree meet which of another, and in how many cells; `None` is VOID."""
-    return _native.cross(os.fspath(first), os.fspath(second))
+    return _native.cross(os.fspath(first), os.fspath(second), ALONE)
 
 
 def diff(first: Path, second: Path, *, ranges: bool = False) -> Differences:
     """How two trees differ, most often two commits of one file; with `ranges` also where, as runs of FD paths."""
-    sums, found = _native.diff(os.fspath(first), os.fspath(second), ranges)
+    sums, found = _native.diff(os.fspath(first), os.fspath(second), ranges, ALONE)
     added, removed, changed, blocks, runs = sums
     return Differences(added, removed, changed, blocks, runs, found)
 
 
 def verify(
-    path: Path, *, quick: bool = False, memory: int | str = MEMORY, progress: Progress = None
+    path: Path, *, quick: bool = False, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None
 ) -> list[Finding]:
     """Checks every checksum and every rule of the tree; an empty list is good. With `quick` trees of older commits are
     left out."""
-    with telling(progress) as tell:
-        findings = _native.verify(os.fspath(path), quick, memory_of(memory), tell)
+    with working(progress, threads) as terms:
+        findings = _native.verify(os.fspath(path), quick, memory_of(memory), terms)
     return [Finding(place, problem) for place, problem in findings]
 
 
 def convert(
-    path: Path, out: Path, *, share: bool = False, memory: int | str = MEMORY, progress: Progress = None
+    path: Path,
+    out: Path,
+    *,
+    share: bool = False,
+    memory: int | str = MEMORY,
+    max_bytes: int | str | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
 ) -> None:
     """Writes a tree, or one of its commits, in the format that the output's name asks for: .goblin or .autumn."""
-    with telling(progress) as tell:
-        _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), tell)
+    with working(progress, threads, max_bytes) as terms:
+        _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), terms)
 
 
-def blame(path: Path, out: Path, *, memory: int | str = MEMORY, progress: Progress = None) -> None:
+def blame(
+    path: Path,
+    out: Path,
+    *,
+    memory: int | str = MEMORY,
+    max_bytes: int | str | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> None:
     """Makes a tree of the numbers of the commits that changed each cell of an Autumnal file last."""
-    with telling(progress) as tell:
-        _native.blame(os.fspath(path), os.fspath(out), memory_of(memory), tell)
+    with working(progress, threads, max_bytes) as terms:
+        _native.blame(os.fspath(path), os.fspath(out), memory_of(memory), terms)
 
 
 def compact(
@@ -112,21 +131,23 @@ def compact(
     commits: Sequence[int] | None = None,
     share: bool = False,
     memory: int | str = MEMORY,
+    max_bytes: int | str | None = None,
+    threads: int | None = None,
     progress: Progress = None,
 ) -> list[Commit]:
     """Writes the newest commits of an Autumnal file, so many, or those with certain numbers, to a new one."""
     numbers = None if commits is None else list(commits)
-    with telling(progress) as tell:
+    with working(progress, threads, max_bytes) as terms:
         made = _native.compact(
-            os.fspath(path), os.fspath(out), keep, numbers, share, memory_of(memory), tell
+            os.fspath(path), os.fspath(out), keep, numbers, share, memory_of(memory), terms
         )
     return [commit_of(facts) for facts in made]
 
 
-def recover(path: Path, to: int, *, progress: Progress = None) -> Commit:
+def recover(path: Path, to: int, *, threads: int | None = None, progress: Progress = None) -> Commit:
     """Makes an older commit the newest, where newer ones are damaged."""
-    with telling(progress) as tell:
-        return commit_of(_native.recover(os.fspath(path), to, tell))
+    with working(progress, threads) as terms:
+        return commit_of(_native.recover(os.fspath(path), to, terms))
 
 
 def log(path: Path) -> list[Commit]:

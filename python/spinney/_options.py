@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,3 +12,15 @@ def refuse(what: str, options: Mapping[str, Any]) -> None:
     for name, value in options.items():
         if value is not None:
             raise TypeError(f"{name}: is for {what}")
+
+
+def time_of(time: int | None) -> int | None:
+    """The time of a commit, in seconds since the beginning of 1970: the one that is given, or that of the environment
+    (SOURCE_DATE_EPOCH), as the program has it."""
+    if time is not None:
+        return time
+    text = os.environ.get("SOURCE_DATE_EPOCH")
+    try:
+        return None if text is None else int(text)
+    except ValueError:
+        raise ValueError(f"SOURCE_DATE_EPOCH: {text!r}, expected a whole number of seconds") from None

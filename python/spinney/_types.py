@@ -438,6 +438,45 @@ class Faces:
         return [self.vertices[self.corners[start:end]] for start, end in zip(starts, ends)]
 
 
+@dataclass(frozen=True)
+class Section:
+    """Sums of the sections of a model by planes."""
+
+    planes: int
+    polygons: int
+    """Polygons in all planes."""
+    area: float
+    """The sum of their areas, without those of holes."""
+
+
+@dataclass(frozen=True)
+class SurfaceIntersection:
+    """Sums of what the surfaces of two models have in common."""
+
+    crossings: int
+    """Lines where they pass through each other."""
+    crossing_length: float
+    touches: int
+    """Lines where they touch."""
+    touch_length: float
+    overlaps: int
+    """Areas in which they lie on each other."""
+    overlap_area: float
+    points: int
+    """Lone points."""
+
+
+class LevelCounts(NamedTuple):
+    """Nodes of a level of a tree."""
+
+    void: int
+    """Nodes without anything below them."""
+    leaf: int
+    """Nodes with one value all over."""
+    inner: int
+    """Nodes with more detail below them."""
+
+
 def commit_of(facts: dict[str, Any]) -> Commit:
     """The commit that the native part describes."""
     time = facts["time"]

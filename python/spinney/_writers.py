@@ -6,18 +6,19 @@ import json
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from operator import index
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from . import _native
 from ._options import refuse
-from ._progress import memory_of, telling
+from ._progress import memory_of, working
+from ._properties import Properties
 from ._types import Coordinates, Mesh, Path, Progress, Resampling, Style, Window
 
 
-class Writers(_native.Tree):
+class Writers(Properties):
     """The part of a dataset that writes it."""
 
     def save(
@@ -32,6 +33,7 @@ class Writers(_native.Tree):
         nodata: float | None = None,
         range: tuple[float, float] | None = None,
         style: Style | None = None,
+        threads: int | None = None,
         progress: Progress = None,
     ) -> None:
         """Writes a part as a picture or array file (.png, .tif, .exr, .npy, .raw), as `spinney get` does.
@@ -39,13 +41,13 @@ class Writers(_native.Tree):
         `shape` are rows and columns of the result, `range` the numbers that become black and white in pictures, `style` a style's
         name ("viridis", "terrain", "hillshade", "relief" ...), its document as a dictionary or JSON, or a file with it.
         """
-        with telling(progress) as tell:
-            self._write_window(os.fspath(path), window, coordinates, level, shape, exact, nodata, range, _style_text(style), tell)
+        with working(progress, threads) as terms:
+            self._write_window(os.fspath(path), window, coordinates, level, shape, exact, nodata, range, _style_text(style), terms)
 
-    def mesh(self, level: int | None = None, *, smooth: bool = False, progress: Progress = None) -> Mesh:
+    def mesh(self, level: int | None = None, *, smooth: bool = False, threads: int | None = None, progress: Progress = None) -> Mesh:
         """The surface of an octree as triangles: the faces of cells, or with `smooth` the surface between them."""
-        with telling(progress) as tell:
-            return Mesh(*self._surface_arrays(level, smooth, tell))
+        with working(progress, threads) as terms:
+            return Mesh(*self._surface_arrays(level, smooth, terms))
 
     def export(
         self,
@@ -69,6 +71,10 @@ class Writers(_native.Tree):
         name: str | None = None,
         attribution: str | None = None,
         resume: bool = False,
+        update: Path | bool = False,
+        since: Path | None = None,
+        restyle: bool = False,
+        threads: int | None = None,
         progress: Progress = None,
     ) -> tuple[int, int] | int | None:
         """Writes a file of other programs, as `spinney export` does; its name says which.
@@ -79,7 +85,10 @@ class Writers(_native.Tree):
         - .tif: a cloud-optimized GeoTIFF of a picture (`tile_size`, `compression`, `nodata`).
         - .pmtiles, .mbtiles (in packages built with it) and patterns such as "map/{z}/{x}/{y}.png": tiles of web maps, of some zooms
           (`zoom=(0, 6)`), a part, in a `style` (see `save`); returns their number. An interrupted export leaves nothing or, with
-          `resume`, what the next one goes on with.
+          `resume`, what the next one goes on with. With `update` tiles that were exported from an older commit of the file are brought up
+          to date, `ds.export("map.pmtiles", update=True)`: only what edits have touched is drawn. `update="old.pmtiles"` copies the rest
+          from another archive; `since` is the file that the tiles were made of, if it is no commit of the same file. Colours keep the
+          numbers that percentiles were then, unless `restyle` draws all tiles anew.
 
         What the format has no room for, such as colours, values, the coordinate system or the unit of length, is told in a warning.
         Options of other formats than that of the name are a TypeError.
@@ -94,25 +103,34 @@ class Writers(_native.Tree):
             "resampling": resampling,
             "name": name,
             "attribution": attribution,
+            "update": update or None,
+            "since": None if since is None else os.fspath(since),
+            "restyle": restyle or None,
         }
         of_surfaces = {"level": level, "smooth": smooth or None, "triangles": triangles or None}
         of_cog = {"compression": compression, "nodata": nodata}
         only_tiles = of_tiles | {"window": window, "resume": resume or None, "allow_ballpark": allow_ballpark or None}
-        with telling(progress) as tell:
+        with working(progress, threads) as terms:
             if self._is_tiles(to):
                 refuse("solids and GeoTIFF", of_surfaces | of_cog)
+                if not update and (since is not None or restyle):
+                    raise ValueError("since and restyle are for an update")
+                if update and resume:
+                    raise ValueError("update and resume: give one of them")
+                old = None if isinstance(update, bool) else os.fspath(update)
                 options = of_tiles | {"tile_size": tile_size, "allow_ballpark": allow_ballpark, "resume": resume}
-                return self._write_tiles(to, window, coordinates, options, tell)
+                options |= {"update": bool(update), "old": old, "restyle": restyle}
+                return self._write_tiles(to, window, coordinates, options, terms)
             refuse("tiles", only_tiles)
             if to.lower().endswith((".tif", ".tiff")):
                 refuse("solids", of_surfaces)
-                self._write_cog(to, tile_size, compression, nodata, tell)
+                self._write_cog(to, tile_size, compression, nodata, terms)
                 return None
             refuse("pictures", of_cog | {"tile_size": tile_size})
             if to.lower().endswith(".glb") or os.path.basename(to) == "tileset.json":
                 refuse("meshes; it has triangles anyway", {"triangles": triangles or None})
-                return self._write_gltf(to, level, smooth, tell)
-            return self._write_mesh(to, level, smooth, triangles, tell)
+                return self._write_gltf(to, level, smooth, terms)
+            return self._write_mesh(to, level, smooth, triangles, terms)
 
     def contours(
         self,
@@ -127,6 +145,8 @@ class Writers(_native.Tree):
         smooth: int = 0,
         has_z: bool = False,
         memory: int | str = "256M",
+        max_bytes: int | str | None = None,
+        threads: int | None = None,
         progress: Progress = None,
     ) -> int:
         """Writes contours of the first band as features (.geojson, .csv, .svg, .fgb, .shp, .obj, .ply, and .gpkg in packages built
@@ -135,7 +155,8 @@ class Writers(_native.Tree):
 
         Values are those `at` which lines are wanted, or `every` so many, counted from `base`. With `filled` there are the areas
         between them. Lines `ends` where VOID is near (`"open"`), `"extend"` to the edge of the last cells or `"close"` along it;
-        `smooth` is how often their corners are cut; with `has_z` points have the value as their third coordinate.
+        `smooth` is how often their corners are cut; with `has_z` points have the value as their third coordinate. An output that would
+        have more than `max_bytes` is an OSError, and leaves nothing behind.
         """
         options = {
             "at": None if at is None else [float(value) for value in np.atleast_1d(np.asarray(at, dtype=float))],
@@ -148,8 +169,26 @@ class Writers(_native.Tree):
             "has_z": has_z,
             "memory": memory_of(memory),
         }
-        with telling(progress) as tell:
-            return self._write_contours(os.fspath(path), options, tell)
+        with working(progress, threads, max_bytes) as terms:
+            return self._write_contours(os.fspath(path), options, terms)
+
+    def legend(
+        self,
+        out: Path,
+        style: Style | None = None,
+        *,
+        scale: int = 2,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> None:
+        """Writes the legend of a style, what its colours mean, as a picture (.png, .svg) or for programs (.json), as `spinney legend`
+        does: `ds.legend("legend.png", "terrain")`. Without a `style` (see `save`) it is that of the tree's own colours. `scale` enlarges a
+        .png, 1 to 8 times.
+        """
+        if not 1 <= index(scale) <= 8:
+            raise ValueError(f"scale: {scale}, expected 1 to 8")
+        with working(progress, threads) as terms:
+            self._write_legend(os.fspath(out), _style_text(style), index(scale), terms)
 
     def render(
         self,
@@ -164,6 +203,7 @@ class Writers(_native.Tree):
         up: Literal["y", "z"] = "z",
         background: tuple[int, int, int] | None = (255, 255, 255),
         samples: int = 2,
+        threads: int | None = None,
         progress: Progress = None,
     ) -> npt.NDArray[np.uint8] | None:
         """A shaded picture of an octree's solid: an array of rows, columns and colours, or a file if `path` is given.
@@ -171,11 +211,11 @@ class Writers(_native.Tree):
         `size` are columns and rows; the viewer stands at `azimuth` on the compass (0 is north, along y), `elevation`
         degrees above the horizon. Without a background the picture has opacity as a fourth channel.
         """
-        with telling(progress) as tell, tempfile.TemporaryDirectory(prefix="spinney-") as folder:
+        with working(progress, threads) as terms, tempfile.TemporaryDirectory(prefix="spinney-") as folder:
             to = os.path.join(folder, "picture.npy") if path is None else os.fspath(path)
             direction = (azimuth, elevation)
             self._write_render(
-                to, size, direction, level, scale, orthographic, up, background, samples, tell
+                to, size, direction, level, scale, orthographic, up, background, samples, terms
             )
             if path is not None:
                 return None

@@ -46,6 +46,17 @@ def documents_of(geometries: Any, crs: str | None = None) -> list[tuple[str, str
     return [part for geometry in document for part in documents_of(geometry, crs)]
 
 
+def values_of(where: Mapping[str, Any] | None) -> list[tuple[str, str]]:
+    """Values of attributes as text; nothing for `None`."""
+
+    def text(value: Any) -> str:
+        if isinstance(value, bool):
+            return str(value).lower()
+        return "" if value is None else str(value)
+
+    return [(name, text(value)) for name, value in (where or {}).items()]
+
+
 def definition_of(crs: Any) -> str:
     """The definition of a coordinate system of pyproj, or one that is text or a number of the EPSG registry already."""
     if isinstance(crs, int):

@@ -11,14 +11,14 @@ use spinney::import::raster::{self, ImportOptions, TargetGrid};
 use spinney::import::volume::{self, VolumeOptions};
 use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::space::{Crs, Dimension, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, create_tree_file, depth_for};
+use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, depth_for};
 use spinney::tree::Form;
 use spinney::value::{Kind, Palette, Rule, SampleType, ValueType};
 use spinney::{Result, dataset};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs::{self, Work};
+use crate::jobs::{self, Terms, Work};
 use crate::samples::{copy_bytes, sample_of};
 
 /// Facts that are told about an array.
@@ -44,6 +44,8 @@ pub(crate) struct ArrayOptions {
     depth: Option<u8>,
     memory: u64,
     share: bool,
+    /// Time of an Autumnal file's first commit.
+    time: Option<i64>,
     categories: BTreeMap<i64, String>,
     colormap: Option<Vec<[u8; 4]>>,
     descriptions: Vec<String>,
@@ -98,7 +100,7 @@ impl ArrayOptions {
         };
         let depth = self.depth.unwrap_or(depth_for(self.extent));
         let options = BuildOptions::new(kind, depth).rule(rule).metadata(metadata);
-        Ok(options.memory(self.memory / 2).share(self.share))
+        Ok(options.memory(self.memory / 2).share(self.share).time(self.time))
     }
 }
 
@@ -221,13 +223,13 @@ impl Slabs for ArraySlabs<'_> {
 
 /// Builds a tree of an array, which `read` hands out block by block.
 #[pyfunction]
-#[pyo3(signature = (read, out, options, progress))]
+#[pyo3(signature = (read, out, options, terms))]
 pub(crate) fn build_array(
     py: Python<'_>,
     read: Py<PyAny>,
     out: PathBuf,
     options: ArrayOptions,
-    progress: Option<Py<PyAny>>,
+    terms: Terms,
 ) -> PyResult<()> {
     let value = options.value()?;
     let build = options.options(value.sample)?;
@@ -241,9 +243,9 @@ pub(crate) fn build_array(
     };
     let dimension = if options.octree { Dimension::Oct } else { Dimension::Quad };
     let form = Form::new(dimension, value);
-    jobs::run(py, progress, |work| {
+    jobs::run(py, terms, |work| {
         let mut slabs = ArraySlabs::new(read, &options, value, options.memory / 8, work);
-        build_slabs(form, &mut slabs, nodata, &build, create_tree_file(&out)?, work)
+        build_slabs(form, &mut slabs, nodata, &build, work.create_tree(&out)?, work)
     })
 }
 
@@ -262,6 +264,8 @@ pub(crate) struct FileOptions {
     keep_transparent: bool,
     memory: u64,
     share: bool,
+    /// Time of an Autumnal file's first commit.
+    time: Option<i64>,
     cells: Option<u64>,
     cell: Option<f64>,
     grid: Option<PathBuf>,
@@ -289,7 +293,7 @@ impl FileOptions {
         };
         (options.depth, options.layer) = (self.depth, self.layer.clone());
         (options.keep_transparent, options.share) = (self.keep_transparent, self.share);
-        options.memory = Some(self.memory);
+        (options.memory, options.time) = (Some(self.memory), self.time);
         Ok(options)
     }
 
@@ -303,7 +307,7 @@ impl FileOptions {
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
         options.transform = self.transform.as_deref().map(matrix_of).transpose()?;
         (options.nodata, options.depth, options.share) = (self.nodata, self.depth, self.share);
-        options.memory = Some(self.memory);
+        (options.memory, options.time) = (Some(self.memory), self.time);
         Ok(options)
     }
 
@@ -353,45 +357,46 @@ impl FileOptions {
         options.up = self.up.as_ref().map(|name| name.parse()).transpose().or_raise()?.unwrap_or_default();
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
         (options.shell, options.memory, options.share) = (self.shell, self.memory, self.share);
+        options.time = self.time;
         Ok(options)
     }
 }
 
 /// Builds a tree of picture files (of several, the last lies on top), or of models of solids.
 #[pyfunction]
-#[pyo3(signature = (paths, out, options, progress))]
+#[pyo3(signature = (paths, out, options, terms))]
 pub(crate) fn build_files(
     py: Python<'_>,
     paths: Vec<PathBuf>,
     out: PathBuf,
     options: FileOptions,
-    progress: Option<Py<PyAny>>,
+    terms: Terms,
 ) -> PyResult<()> {
     check_output(&paths, &out)?;
     if paths.iter().any(|path| mesh::is_model(path)) {
         let mut solid = options.solids()?;
-        return jobs::run(py, progress, |work| {
+        return jobs::run(py, terms, |work| {
             let models = mesh::open_all(&paths, options.memory)?;
             let told = models.iter().find_map(|model| model.info().unit.clone());
             solid.unit = options.unit.clone().or(told);
-            mesh::plan_models(models, &solid)?.build(create_tree_file(&out)?, work).map(drop)
+            mesh::plan_models(models, &solid)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
     if let [path] = &paths[..]
         && volume::is_volume(path)
     {
         let volume = options.volume()?;
-        return jobs::run(py, progress, |work| {
-            volume::plan(path, &volume)?.build(create_tree_file(&out)?, work).map(drop)
+        return jobs::run(py, terms, |work| {
+            volume::plan(path, &volume)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
     let (pictures, target) = (options.pictures()?, options.target()?);
     let mut warp = WarpOptions::default();
     warp.resampling = options.resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
     warp.allow_ballpark = options.allow_ballpark;
-    jobs::run(py, progress, |work| {
+    jobs::run(py, terms, |work| {
         let import = raster::plan(&paths, &pictures)?;
-        let output = create_tree_file(&out)?;
+        let output = work.create_tree(&out)?;
         match &target {
             None => import.build(output, work),
             Some(target) => import.build_warped(target, &warp, output, work).map(drop),

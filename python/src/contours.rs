@@ -5,12 +5,11 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use spinney::export::mesh::{MeshFormat, export_isosurfaces};
 use spinney::export::vector::{ContourFeatures, VectorFormat, export_contours};
-use spinney::io::Output;
 use spinney::query::{ContourEnds, ContourLevels, ContourRequest};
 
 use crate::error::invalid;
 use crate::files::check_output;
-use crate::jobs;
+use crate::jobs::{self, Terms};
 use crate::part::level_of;
 use crate::tree::Tree;
 
@@ -57,7 +56,7 @@ impl Tree {
         py: Python<'_>,
         path: PathBuf,
         options: ContourOptions,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<u64> {
         let opened = self.get()?;
         check_output(&[opened.tree.name().to_path_buf()], &path)?;
@@ -72,8 +71,8 @@ impl Tree {
             }
             let format = MeshFormat::of(&path).filter(|format| *format != MeshFormat::CityJson);
             let format = format.ok_or_else(|| unknown(".ply, .obj, .stl or .off"))?;
-            let made = jobs::run(py, progress, |work| {
-                export_isosurfaces(&opened.tree, &request, Output::create(&path)?, format, work)
+            let made = jobs::run(py, terms, |work| {
+                export_isosurfaces(&opened.tree, &request, work.create(&path)?, format, work)
             })?;
             return Ok(made.triangles);
         }
@@ -82,8 +81,8 @@ impl Tree {
             format.ok_or_else(|| unknown(".geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply"))?;
         let mut features = ContourFeatures::new();
         (features.filled, features.smooth, features.has_z) = (options.filled, options.smooth, options.has_z);
-        let made = jobs::run(py, progress, |work| {
-            export_contours(&opened.tree, &request, &features, Output::create(&path)?, format, work)
+        let made = jobs::run(py, terms, |work| {
+            export_contours(&opened.tree, &request, &features, work.create(&path)?, format, work)
         })?;
         Ok(made.count)
     }

@@ -15,7 +15,7 @@ use spinney::store::autumnal::{self, Note};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::{commit_facts, is_same_file, named};
-use crate::jobs;
+use crate::jobs::{self, Terms};
 use crate::part::{coordinates_of, part_of};
 
 /// A file that is being edited; nothing of it is seen by others before it is committed.
@@ -36,10 +36,10 @@ impl Editor {
         Ok(editor)
     }
 
-    fn apply(&self, py: Python<'_>, edit: Edit, progress: Option<Py<PyAny>>) -> PyResult<()> {
+    fn apply(&self, py: Python<'_>, edit: Edit, terms: Terms) -> PyResult<()> {
         let mut editor = self.get()?;
         let Some(editor) = editor.as_mut() else { return Ok(()) };
-        jobs::run(py, progress, |work| apply_edits(editor, &mut std::iter::once(Ok(edit)), work))
+        jobs::run(py, terms, |work| apply_edits(editor, &mut std::iter::once(Ok(edit)), work))
     }
 
     /// Fails if another file is the one that is edited. (Its commits are others.)
@@ -73,7 +73,7 @@ impl Editor {
         steps: Vec<String>,
         at: Option<Vec<i64>>,
         where_valid: bool,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<()> {
         self.check_other(&patch)?;
         let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<_>>>()?;
@@ -94,7 +94,7 @@ impl Editor {
                 return Err(PyIndexError::new_err(text));
             }
         }
-        self.apply(py, Edit::Paste { patch: chain, at, where_valid }, progress)
+        self.apply(py, Edit::Paste { patch: chain, at, where_valid }, terms)
     }
 
     /// Gives a region one value, or makes it VOID.
@@ -107,7 +107,7 @@ impl Editor {
         coordinates: Option<&Bound<'_, PyAny>>,
         polygon: Option<Vec<Vec<[f64; 2]>>>,
         block: Option<&str>,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<()> {
         let tree = self.tree()?;
         let given = coordinates.map(coordinates_of).transpose()?;
@@ -137,7 +137,7 @@ impl Editor {
             _ => return Err(invalid("fill: give one of window, polygon and block")),
         };
         drop(tree);
-        self.apply(py, Edit::Fill(region, value), progress)
+        self.apply(py, Edit::Fill(region, value), terms)
     }
 
     /// Gives single cells (x, y and in octrees z, a row each) new values (a row each; none: VOID).
@@ -146,7 +146,7 @@ impl Editor {
         py: Python<'_>,
         cells: PyReadonlyArray2<'_, i64>,
         values: Option<PyReadonlyArray2<'_, f64>>,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<()> {
         let axes = self.tree()?.header().form.axes();
         let (cells, values) = (cells.as_array(), values.as_ref().map(|values| values.as_array()));
@@ -164,24 +164,18 @@ impl Editor {
             }
             edits.push((at, values.map(|values| values.row(index).to_vec())));
         }
-        self.apply(py, Edit::Set(edits), progress)
+        self.apply(py, Edit::Set(edits), terms)
     }
 
     /// Makes the tree what an operation makes of it and another one.
-    fn combine(
-        &self,
-        py: Python<'_>,
-        operation: &str,
-        other: PathBuf,
-        progress: Option<Py<PyAny>>,
-    ) -> PyResult<()> {
+    fn combine(&self, py: Python<'_>, operation: &str, other: PathBuf, terms: Terms) -> PyResult<()> {
         self.check_other(&other)?;
-        self.apply(py, Edit::Apply(named(operation, Prefer::First)?, other), progress)
+        self.apply(py, Edit::Apply(named(operation, Prefer::First)?, other), terms)
     }
 
     /// Makes the tree what it was in another commit.
-    fn revert(&self, py: Python<'_>, commit: u64) -> PyResult<()> {
-        self.apply(py, Edit::Revert(commit), None)
+    fn revert(&self, py: Python<'_>, commit: u64, terms: Terms) -> PyResult<()> {
+        self.apply(py, Edit::Revert(commit), terms)
     }
 
     /// Makes all edits one commit, and closes the file; `None` if nothing has changed.

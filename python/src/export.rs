@@ -5,17 +5,17 @@ use std::path::{Path, PathBuf};
 use pyo3::prelude::*;
 use spinney::export::mesh::{GltfOptions, MeshRequest, export_glb, export_tileset};
 use spinney::export::tiles::{
-    TileEncoding, TilePainter, TileRequest, TileTarget, degrees_of, export_tiles, tile_source,
+    TileEncoding, TileRequest, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source,
 };
 use spinney::export::{CogCompression, CogRequest, export_cog};
-use spinney::io::{Output, OutputFolder};
+use spinney::io::OutputFolder;
 use spinney::ops::WarpOptions;
 use spinney::space::Coordinates;
 use spinney::style::Style;
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs;
+use crate::jobs::{self, Terms};
 use crate::part::{coordinates_of, level_of, part_of};
 use crate::tree::Tree;
 
@@ -34,6 +34,12 @@ pub(crate) struct TileOptions {
     name: Option<String>,
     attribution: Option<String>,
     resume: bool,
+    /// Whether tiles that are there are brought up to date.
+    update: bool,
+    /// The archive that a new one starts from, if not the output itself.
+    old: Option<PathBuf>,
+    since: Option<PathBuf>,
+    restyle: bool,
 }
 
 impl TileOptions {
@@ -42,6 +48,12 @@ impl TileOptions {
         warp.resampling = self.resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
         warp.allow_ballpark = self.allow_ballpark;
         Ok(warp)
+    }
+
+    fn update(&self) -> Option<UpdateOptions> {
+        let mut update = UpdateOptions::default();
+        (update.old, update.since, update.restyle) = (self.old.clone(), self.since.clone(), self.restyle);
+        self.update.then_some(update)
     }
 }
 
@@ -56,7 +68,7 @@ impl Tree {
         tile_size: Option<u32>,
         compression: Option<&str>,
         nodata: Option<f64>,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<()> {
         let opened = self.get()?;
         check_output(&[opened.tree.name().to_path_buf()], &path)?;
@@ -71,7 +83,7 @@ impl Tree {
                 return Err(invalid(format!("compression: {other}, expected deflate, zstd or none")));
             }
         };
-        jobs::run(py, progress, |work| export_cog(&opened.tree, &request, Output::create(&path)?, work))?;
+        jobs::run(py, terms, |work| export_cog(&opened.tree, &request, work.create(&path)?, work))?;
         Ok(())
     }
 
@@ -83,7 +95,7 @@ impl Tree {
         path: PathBuf,
         level: Option<i64>,
         smooth: bool,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<u64> {
         let opened = self.get()?;
         opened.check_octree()?;
@@ -93,13 +105,13 @@ impl Tree {
         request.smooth = smooth;
         let options = GltfOptions::new();
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("glb")) {
-            return jobs::run(py, progress, |work| {
-                export_glb(&opened.tree, &request, &options, Output::create(&path)?, work)
+            return jobs::run(py, terms, |work| {
+                export_glb(&opened.tree, &request, &options, work.create(&path)?, work)
             });
         }
         let folder = path.parent().filter(|folder| *folder != Path::new(""));
         let folder = folder.ok_or_else(|| invalid("name the folder, too, as in x/tileset.json"))?;
-        jobs::run(py, progress, |work| {
+        jobs::run(py, terms, |work| {
             let folder = OutputFolder::create(folder)?;
             export_tileset(&opened.tree, &request, &options, folder, work).map(|made| made.triangles)
         })
@@ -121,14 +133,17 @@ impl Tree {
         window: Option<&Bound<'_, PyAny>>,
         coordinates: Option<&Bound<'_, PyAny>>,
         options: TileOptions,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<u64> {
         let opened = self.get()?;
         let tree = &opened.tree;
         let target = TileTarget::of(&path).or_raise()?;
         let target = target.ok_or_else(|| invalid(format!("{}: no archive of tiles", path.display())))?;
         check_output(&[tree.name().to_path_buf()], target.path())?;
-        let warp = options.warp()?;
+        let (warp, update) = (options.warp()?, options.update());
+        if update.is_some() && !self.is_file() {
+            return Err(invalid("update: of a view, make the archive anew"));
+        }
         let mut request = TileRequest::new(tree).or_raise()?;
         let asked = options.tile_format.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         let format = asked.or(target.format()).unwrap_or_default();
@@ -155,13 +170,9 @@ impl Tree {
             Some(text) => Style::given(text).or_raise()?,
             None => Style::default_for(tree),
         };
-        let stored = jobs::run(py, progress, |work| {
+        let stored = jobs::run(py, terms, |work| {
             let tiles = tile_source(tree, &mut request, &warp, work)?;
-            let painter = TilePainter::new(&style, tree, work)?;
-            if !format.is_array() {
-                request.legend = painter.painter().legend(tree)?.svg();
-            }
-            export_tiles(&*tiles, &painter, &request, &target, work)
+            draw_tiles(tree, &*tiles, &style, &mut request, &target, update.as_ref(), work)
         })?;
         Ok(stored.tiles)
     }

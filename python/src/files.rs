@@ -6,14 +6,15 @@ use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use spinney::Progress as _;
 use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
 use spinney::store::autumnal::{self, Commit, History, Keep};
-use spinney::store::{OpenOptions, create_tree_file, split_commit};
+use spinney::store::{OpenOptions, split_commit};
 
 use crate::error::{OrRaise, invalid};
-use crate::jobs;
+use crate::jobs::{self, Terms};
 
 /// Fails if one of the inputs is the output.
 pub(crate) fn check_output(inputs: &[PathBuf], output: &Path) -> PyResult<()> {
@@ -65,7 +66,7 @@ pub(crate) fn transform<'py>(
     allow_ballpark: bool,
     moves: bool,
     memory: u64,
-    progress: Option<Py<PyAny>>,
+    terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
     let like = steps.iter().filter_map(|step| match step {
@@ -78,7 +79,7 @@ pub(crate) fn transform<'py>(
     warp.resampling = resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
     warp.allow_ballpark = allow_ballpark;
     let chain = Chain { steps, moves, warp, ..Chain::of(&path) };
-    let made = jobs::run(py, progress, |work| ops::transform(&chain, create_tree_file(&out)?, memory, work))?;
+    let made = jobs::run(py, terms, |work| ops::transform(&chain, work.create_tree(&out)?, memory, work))?;
     outcome(py, &made)
 }
 
@@ -95,7 +96,7 @@ pub(crate) fn combine<'py>(
     within: Option<Vec<f64>>,
     margin: Option<u32>,
     memory: u64,
-    progress: Option<Py<PyAny>>,
+    terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let prefer = if prefer_second { Prefer::Second } else { Prefer::First };
     let operation = named(operation, prefer)?;
@@ -115,11 +116,11 @@ pub(crate) fn combine<'py>(
         if prefer_second || fill.is_some() || universe.is_some() {
             return Err(invalid("values, fill, within and margin mean nothing for exact models"));
         }
-        return combine_exact(py, operation, &paths, &out, memory, progress);
+        return combine_exact(py, operation, &paths, &out, memory, terms);
     }
-    let made = jobs::run(py, progress, |work| {
+    let made = jobs::run(py, terms, |work| {
         let universe = universe.unwrap_or_default();
-        ops::combine(operation, fill, universe, &paths, create_tree_file(&out)?, memory, work)
+        ops::combine(operation, fill, universe, &paths, work.create_tree(&out)?, memory, work)
     })?;
     outcome(py, &made)
 }
@@ -131,16 +132,16 @@ fn combine_exact<'py>(
     paths: &[PathBuf],
     out: &Path,
     memory: u64,
-    progress: Option<Py<PyAny>>,
+    terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let Operation::Set { number, .. } = operation else {
         return Err(invalid("operation: exact models have no values, but set operations (0 to 15)"));
     };
-    let made = jobs::run(py, progress, |work| {
+    let made = jobs::run(py, terms, |work| {
         let models = paths.iter().map(|path| ExactModel::open(path, &OpenOptions::new()));
         let models = models.collect::<spinney::Result<Vec<_>>>()?;
         let models: Vec<&ExactModel> = models.iter().collect();
-        spinney::brep::combine(number, &models, create_tree_file(out)?, memory, work)
+        spinney::brep::combine(number, &models, work.create_tree(out)?, memory, work)
     })?;
     let facts = PyDict::new(py);
     facts.set_item("before", made.before)?;
@@ -164,8 +165,8 @@ type Pairs = Vec<(Option<Vec<f64>>, Option<Vec<f64>>, u64)>;
 
 /// Counts which values of one file meet which of another.
 #[pyfunction]
-pub(crate) fn cross(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<Pairs> {
-    py.detach(|| ops::crosstab_files(&first, &second)).or_raise()
+pub(crate) fn cross(py: Python<'_>, first: PathBuf, second: PathBuf, terms: Terms) -> PyResult<Pairs> {
+    jobs::run(py, terms, |work| ops::crosstab_files(&first, &second, work))
 }
 
 /// Sums of differences, and the runs of paths in which they are.
@@ -178,18 +179,18 @@ pub(crate) fn diff<'py>(
     first: PathBuf,
     second: PathBuf,
     ranges: bool,
+    terms: Terms,
 ) -> PyResult<Compared<'py>> {
     let mut runs: Vec<FdRange> = Vec::new();
-    let found = py.detach(|| {
+    let found = jobs::run(py, terms, |work| {
         if !ranges {
-            return ops::differences(&first, &second);
+            return ops::differences(&first, &second, work);
         }
-        ops::diff_files(&first, &second, &mut |range| {
+        ops::diff_files(&first, &second, work, &mut |range| {
             runs.push(range);
             Ok(())
         })
-    });
-    let found = found.or_raise()?;
+    })?;
     let sums = [found.added, found.removed, found.changed, found.blocks, found.runs];
     let list = Array2::from_shape_fn((runs.len(), 2), |(run, end)| [runs[run].first, runs[run].last][end]);
     Ok((sums, ranges.then(|| PyArray2::from_owned_array(py, list))))
@@ -202,9 +203,9 @@ pub(crate) fn verify(
     path: PathBuf,
     quick: bool,
     memory: u64,
-    progress: Option<Py<PyAny>>,
+    terms: Terms,
 ) -> PyResult<Vec<(String, String)>> {
-    let findings = jobs::run(py, progress, |work| {
+    let findings = jobs::run(py, terms, |work| {
         if is_model_file(&path) {
             return ExactModel::open(&path, &OpenOptions::new())?.verify(memory, work);
         }
@@ -222,23 +223,17 @@ pub(crate) fn convert(
     out: PathBuf,
     share: bool,
     memory: u64,
-    progress: Option<Py<PyAny>>,
+    terms: Terms,
 ) -> PyResult<()> {
     check_output(std::slice::from_ref(&path), &out)?;
-    jobs::run(py, progress, |work| ops::convert(&path, share, create_tree_file(&out)?, memory, work))
+    jobs::run(py, terms, |work| ops::convert(&path, share, work.create_tree(&out)?, memory, work))
 }
 
 /// Writes a tree of the numbers of the commits that changed each cell last.
 #[pyfunction]
-pub(crate) fn blame(
-    py: Python<'_>,
-    path: PathBuf,
-    out: PathBuf,
-    memory: u64,
-    progress: Option<Py<PyAny>>,
-) -> PyResult<()> {
+pub(crate) fn blame(py: Python<'_>, path: PathBuf, out: PathBuf, memory: u64, terms: Terms) -> PyResult<()> {
     check_output(std::slice::from_ref(&path), &out)?;
-    jobs::run(py, progress, |work| ops::blame(&path, create_tree_file(&out)?, memory, work))
+    jobs::run(py, terms, |work| ops::blame(&path, work.create_tree(&out)?, memory, work))
 }
 
 /// Writes some commits of a file to a new one: the newest, or those with these numbers.
@@ -252,12 +247,12 @@ pub(crate) fn compact<'py>(
     commits: Option<Vec<u64>>,
     share: bool,
     memory: u64,
-    progress: Option<Py<PyAny>>,
+    terms: Terms,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     check_output(std::slice::from_ref(&path), &out)?;
     let keep = commits.map_or(Keep::Last(keep), Keep::Numbers);
-    let made = jobs::run(py, progress, |work| {
-        autumnal::compact(&path, &keep, share, create_tree_file(&out)?, memory, work)
+    let made = jobs::run(py, terms, |work| {
+        autumnal::compact(&path, &keep, share, work.create_tree(&out)?, memory, work)
     })?;
     made.iter().map(|commit| commit_facts(py, commit)).collect()
 }
@@ -268,20 +263,24 @@ pub(crate) fn recover<'py>(
     py: Python<'py>,
     path: PathBuf,
     to: u64,
-    progress: Option<Py<PyAny>>,
+    terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let commit = jobs::run(py, progress, |work| autumnal::recover(&path, to, work))?;
+    let commit = jobs::run(py, terms, |work| autumnal::recover(&path, to, work))?;
     commit_facts(py, &commit)
 }
 
 /// The commits of a file, the newest first.
 #[pyfunction]
 pub(crate) fn log<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Vec<Bound<'py, PyDict>>> {
-    let commits = py.detach(|| -> spinney::Result<Vec<Commit>> {
+    let commits = jobs::run(py, Terms::default(), |work| {
         let history = History::open(&path, &OpenOptions::new())?;
-        let commits = history.commits().collect::<spinney::Result<_>>()?;
+        let mut commits: Vec<Commit> = Vec::new();
+        for commit in history.commits() {
+            work.check()?;
+            commits.push(commit?);
+        }
         history.check_unchanged()?;
         Ok(commits)
-    });
-    commits.or_raise()?.iter().map(|commit| commit_facts(py, commit)).collect()
+    })?;
+    commits.iter().map(|commit| commit_facts(py, commit)).collect()
 }

@@ -1,5 +1,6 @@
 //! Long work: on a thread of its own, while the calling one heeds Ctrl-C and tells how far it is.
 
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::process;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -11,6 +12,8 @@ use std::time::{Duration, Instant};
 use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
 use pyo3::prelude::*;
 use rayon::ThreadPoolBuilder;
+use spinney::io::Output;
+use spinney::store::create_tree_file;
 use spinney::{Error, Progress};
 
 use crate::error::raised;
@@ -26,13 +29,26 @@ pub(crate) fn remember_process() {
     HOME.store(process::id(), Ordering::Relaxed);
 }
 
-/// Runs something that may use many threads. A forked process has a copy of its parent's pool but none of its threads,
+/// Terms of long work: who is told what is done and the total, threads to work with, and bytes that the output may have at most. What is
+/// not said is as it is for the program.
+#[derive(Default, FromPyObject)]
+pub(crate) struct Terms(Option<Py<PyAny>>, Option<NonZeroUsize>, Option<u64>);
+
+/// Threads that are started at most, whatever is asked for: more only take memory.
+const MAX_THREADS: usize = 256;
+
+/// Runs something on so many threads, or on the usual ones. A forked process has a copy of its parent's pool but none of its threads,
 /// and would wait for them for ever: it gets a pool of its own.
-fn on_own_threads<R: Send>(job: impl FnOnce() -> spinney::Result<R> + Send) -> spinney::Result<R> {
-    if process::id() == HOME.load(Ordering::Relaxed) {
+fn on_threads<R: Send>(
+    threads: Option<NonZeroUsize>,
+    job: impl FnOnce() -> spinney::Result<R> + Send,
+) -> spinney::Result<R> {
+    if threads.is_none() && process::id() == HOME.load(Ordering::Relaxed) {
         return job();
     }
-    let pool = ThreadPoolBuilder::new().build().map_err(|cause| {
+    // (0 are as many as there are processors.)
+    let threads = threads.map_or(0, |threads| threads.get().min(MAX_THREADS));
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build().map_err(|cause| {
         let cause = std::io::Error::other(cause);
         Error::Io { path: "threads".into(), doing: "start", cause }
     })?;
@@ -45,12 +61,30 @@ pub(crate) struct Work {
     done: AtomicU64,
     total: AtomicU64,
     stop: AtomicBool,
+    max_bytes: Option<u64>,
     warnings: Mutex<Vec<String>>,
     /// An exception of what Python had to do for the work.
     failure: Mutex<Option<PyErr>>,
 }
 
 impl Work {
+    /// Starts a file, with the bytes that it may have.
+    pub(crate) fn create(&self, path: &Path) -> spinney::Result<Output> {
+        Output::create(path).map(|output| self.limited(output))
+    }
+
+    /// Starts a tree's file.
+    pub(crate) fn create_tree(&self, path: &Path) -> spinney::Result<Output> {
+        create_tree_file(path).map(|output| self.limited(output))
+    }
+
+    fn limited(&self, output: Output) -> Output {
+        match self.max_bytes {
+            Some(most) => output.with_limit(most),
+            None => output,
+        }
+    }
+
     /// Notes an exception, and gives the error that ends the work.
     pub(crate) fn fail(&self, exception: PyErr) -> Error {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(exception);
@@ -107,7 +141,7 @@ struct ShortWork {
 impl Progress for ShortWork {
     fn interrupted(&self) -> bool {
         /// Questions between looks at the clock.
-        const OFTEN: u64 = 1 << 8;
+        const OFTEN: u64 = 1 << 4;
         if !self.asked.fetch_add(1, Ordering::Relaxed).is_multiple_of(OFTEN) {
             return false;
         }
@@ -141,14 +175,14 @@ pub(crate) fn run_here<R: Send>(
     }
 }
 
-/// Does long work without the interpreter's lock, and stops it when Python has a signal or the callback raises. The
-/// callback gets what is done and the total.
+/// Does long work without the interpreter's lock, and stops it when Python has a signal or the callback raises.
 pub(crate) fn run<R: Send>(
     py: Python<'_>,
-    callback: Option<Py<PyAny>>,
+    terms: Terms,
     job: impl FnOnce(&Work) -> spinney::Result<R> + Send,
 ) -> PyResult<R> {
-    let work = Work::default();
+    let Terms(callback, threads, max_bytes) = terms;
+    let work = Work { max_bytes, ..Work::default() };
     let (mut told, mut failure) = (0, None);
     let outcome = py.detach(|| {
         thread::scope(|scope| {
@@ -156,7 +190,7 @@ pub(crate) fn run<R: Send>(
             let work = &work;
             let worker = scope.spawn(move || {
                 let _done = done;
-                on_own_threads(|| job(work))
+                on_threads(threads, || job(work))
             });
             while let Err(RecvTimeoutError::Timeout) = is_done.recv_timeout(TICK) {
                 if failure.is_none() {

@@ -21,6 +21,7 @@ mod read;
 mod rebuild;
 mod samples;
 mod save;
+mod sections;
 mod solids;
 mod stored;
 mod tree;

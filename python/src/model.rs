@@ -13,14 +13,13 @@ use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{ExactModel, Faces, NodeCounts};
 use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::import::mesh::{self, ExactOptions};
-use spinney::io::Output;
 use spinney::space::Crs;
-use spinney::store::{OpenOptions, Tag, create_tree_file};
+use spinney::store::{OpenOptions, Tag};
 use spinney::{Progress, Result};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs;
+use crate::jobs::{self, Terms};
 use crate::tree::crs_text;
 
 /// An exact model in a file, open for questions from any number of threads.
@@ -57,18 +56,27 @@ pub(crate) fn each<R: Send>(
     work: &dyn Progress,
     answer: impl Fn(usize, [f64; 3]) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
-    /// Points between two looks at whether to stop, and of one thread at a time.
+    each_with(points, work, &|| &answer)
+}
+
+/// [`each`] by what `begin` makes, which may remember what it has read, for some points at a time.
+fn each_with<R: Send, A: FnMut(usize, [f64; 3]) -> Result<R>>(
+    points: &[f64],
+    work: &dyn Progress,
+    begin: &(impl Fn() -> A + Sync),
+) -> Result<Vec<R>> {
+    /// Points whose progress is told together, and of one thread at a time, before it looks at whether to stop.
     const BATCH: usize = 1 << 16;
     const PART: usize = 1 << 9;
     let (points, _) = points.as_chunks::<3>();
     let mut answers = Vec::with_capacity(points.len());
     for (start, batch) in (0..).step_by(BATCH).zip(points.chunks(BATCH)) {
-        work.check()?;
         let parts: Result<Vec<Vec<R>>> = batch
             .par_chunks(PART)
             .enumerate()
             .map(|(part, points)| {
-                let first = start + part * PART;
+                work.check()?;
+                let (first, mut answer) = (start + part * PART, begin());
                 points.iter().enumerate().map(|(index, point)| answer(first + index, *point)).collect()
             })
             .collect();
@@ -158,9 +166,9 @@ impl Model {
 
     /// Volume, centre, moments, area, by name.
     #[pyo3(name = "_mass")]
-    fn mass<'py>(&self, py: Python<'py>, progress: Option<Py<PyAny>>) -> PyResult<Bound<'py, PyDict>> {
+    fn mass<'py>(&self, py: Python<'py>, terms: Terms) -> PyResult<Bound<'py, PyDict>> {
         let model = self.get()?;
-        let mass = jobs::run(py, progress, |work| {
+        let mass = jobs::run(py, terms, |work| {
             let mass = MassProperties::of(&*model, work)?;
             model.check_unchanged()?;
             Ok(mass)
@@ -176,15 +184,10 @@ impl Model {
 
     /// Numbers of vertices, edges, faces, inner rings, shells, boundaries and handles.
     #[pyo3(name = "_euler")]
-    fn euler<'py>(
-        &self,
-        py: Python<'py>,
-        memory: u64,
-        progress: Option<Py<PyAny>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    fn euler<'py>(&self, py: Python<'py>, memory: u64, terms: Terms) -> PyResult<Bound<'py, PyDict>> {
         let model = self.get()?;
         let options = TopologyOptions { memory, path: self.path.clone() };
-        let euler = jobs::run(py, progress, |work| Ok(Topology::of(&*model, &options, work)?.euler()))?;
+        let euler = jobs::run(py, terms, |work| Ok(Topology::of(&*model, &options, work)?.euler()))?;
         let facts = PyDict::new(py);
         facts.set_item("vertices", euler.vertices)?;
         facts.set_item("edges", euler.edges)?;
@@ -202,11 +205,11 @@ impl Model {
         &self,
         py: Python<'py>,
         points: PyReadonlyArray2<'py, f64>,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<Bound<'py, PyArray1<i8>>> {
         let model = self.get()?;
         let points = points.as_slice()?;
-        let found = jobs::run(py, progress, |work| {
+        let found = jobs::run(py, terms, |work| {
             let found = each(points, work, |_, point| {
                 Ok(match model.locate(point)? {
                     Location::Inside => 1,
@@ -227,11 +230,11 @@ impl Model {
         py: Python<'py>,
         points: PyReadonlyArray2<'py, f64>,
         signed: bool,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<Nearest<'py>> {
         let model = self.get()?;
         let points = points.as_slice()?;
-        let found = jobs::run(py, progress, |work| {
+        let found = jobs::run(py, terms, |work| {
             let found = each(points, work, |_, point| {
                 let Some(nearest) = model.nearest(point)? else { return Ok((f64::NAN, [f64::NAN; 3], -1)) };
                 let distance = match signed.then(|| model.locate(point)).transpose()? {
@@ -260,7 +263,7 @@ impl Model {
         py: Python<'py>,
         origins: PyReadonlyArray2<'py, f64>,
         directions: PyReadonlyArray2<'py, f64>,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<Hits<'py>> {
         let model = self.get()?;
         let (origins, directions) = (origins.as_slice()?, directions.as_slice()?);
@@ -271,13 +274,15 @@ impl Model {
         {
             return Err(invalid("rays: expected finite origins, and as many directions other than 0"));
         }
-        let found = jobs::run(py, progress, |work| {
-            let found = each(origins, work, |index, origin| {
-                let direction = [0, 1, 2].map(|axis| directions[3 * index + axis]);
-                let (hit, _) = model.ray(origin, direction)?;
-                Ok(hit.map_or((f64::NAN, [f64::NAN; 3], -1, false), |hit| {
-                    (hit.share, hit.point, hit.face as i64, hit.is_entry)
-                }))
+        let found = jobs::run(py, terms, |work| {
+            let found = each_with(origins, work, &|| {
+                let mut rays = model.rays();
+                move |index: usize, origin| {
+                    let direction = [0, 1, 2].map(|axis| directions[3 * index + axis]);
+                    Ok(rays.first(origin, direction)?.map_or((f64::NAN, [f64::NAN; 3], -1, false), |hit| {
+                        (hit.share, hit.point, hit.face as i64, hit.is_entry)
+                    }))
+                }
             })?;
             model.check_unchanged()?;
             Ok(found)
@@ -311,28 +316,23 @@ impl Model {
         py: Python<'_>,
         level: u8,
         position: [u32; 3],
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<(f64, f64, Option<[f64; 3]>)> {
         let model = self.get()?;
-        let found = jobs::run(py, progress, |work| model.cell_coverage(level, position, work))?;
+        let found = jobs::run(py, terms, |work| model.cell_coverage(level, position, work))?;
         Ok((found.share, found.volume, found.centre))
     }
 
     /// Writes the faces as a mesh; returns vertices and faces, and corners that single precision has moved.
     #[pyo3(name = "_export")]
-    fn export(
-        &self,
-        py: Python<'_>,
-        path: PathBuf,
-        progress: Option<Py<PyAny>>,
-    ) -> PyResult<(u64, u64, u64)> {
+    fn export(&self, py: Python<'_>, path: PathBuf, terms: Terms) -> PyResult<(u64, u64, u64)> {
         let model = self.get()?;
         check_output(std::slice::from_ref(&self.path), &path)?;
         let format = MeshFormat::of(&path).ok_or_else(|| {
             invalid(format!("{}: use .ply, .obj, .stl, .off or .city.json", path.display()))
         })?;
-        let made = jobs::run(py, progress, |work| {
-            let made = export_exact(&*model, format, Output::create(&path)?, work)?;
+        let made = jobs::run(py, terms, |work| {
+            let made = export_exact(&*model, format, work.create(&path)?, work)?;
             model.check_unchanged()?;
             Ok(made)
         })?;
@@ -356,13 +356,13 @@ pub(crate) struct ModelOptions {
 
 /// Builds an exact model of mesh files; returns counts by name.
 #[pyfunction]
-#[pyo3(signature = (paths, out, options, progress))]
+#[pyo3(signature = (paths, out, options, terms))]
 pub(crate) fn build_exact<'py>(
     py: Python<'py>,
     paths: Vec<PathBuf>,
     out: PathBuf,
     options: ModelOptions,
-    progress: Option<Py<PyAny>>,
+    terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     check_output(&paths, &out)?;
     let mut exact = ExactOptions::new();
@@ -372,9 +372,9 @@ pub(crate) fn build_exact<'py>(
     exact.up = options.up.as_ref().map(|name| name.parse()).transpose().or_raise()?.unwrap_or_default();
     exact.unit = options.unit;
     exact.crs = options.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
-    let report = jobs::run(py, progress, |work| {
+    let report = jobs::run(py, terms, |work| {
         let models = mesh::open_all(&paths, exact.memory)?;
-        mesh::import_exact(models, &exact, create_tree_file(&out)?, work)
+        mesh::import_exact(models, &exact, work.create_tree(&out)?, work)
     })?;
     let facts = PyDict::new(py);
     facts.set_item("read", report.read)?;

@@ -9,7 +9,7 @@ use spinney::brep::{ExactModel, Face, FaceBuffer, Faces, ModelNode};
 use spinney::geometry::{Triangulator, join_rings};
 use spinney::{Progress, Result};
 
-use crate::jobs;
+use crate::jobs::{self, Terms};
 use crate::model::Model;
 
 /// A box of the world: least and greatest coordinates.
@@ -148,10 +148,10 @@ impl Model {
         &self,
         py: Python<'py>,
         part: Option<WorldBox>,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<Bound<'py, PyDict>> {
         let model = self.get()?;
-        let lists = jobs::run(py, progress, |work| {
+        let lists = jobs::run(py, terms, |work| {
             let mut lists = Lists::default();
             each(&model, part.as_ref(), work, &mut |face| lists.push(&model, face))?;
             Ok(lists)
@@ -177,10 +177,10 @@ impl Model {
         &self,
         py: Python<'py>,
         part: Option<WorldBox>,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<Triangles<'py>> {
         let model = self.get()?;
-        let lists = jobs::run(py, progress, |work| {
+        let lists = jobs::run(py, terms, |work| {
             let (mut lists, mut triangulator) = (Lists::default(), Triangulator::new());
             each(&model, part.as_ref(), work, &mut |face| {
                 lists.push_triangles(&model, face, &mut triangulator);

@@ -6,20 +6,19 @@ use std::ops::Range;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::Progress as _;
 use spinney::ops::AffineMap;
 use spinney::query::{Condition, FoundBlock, PointSamples};
 use spinney::space::{Bounds, Coordinates, Places};
 use zerocopy::FromBytes;
 
 use crate::error::{OrRaise, invalid};
-use crate::jobs::{self, Work};
+use crate::jobs::{self, Terms, Work};
 use crate::part::{coordinates_of, level_of, part_of};
 use crate::samples::{Plain, empty, with_bytes, with_sample};
 use crate::tree::{Opened, Tree};
 
-/// Points that are answered at a time, before signals are looked at.
-const BATCH: usize = 1 << 18;
+/// Points that are answered at a time, before signals are looked at: of a file, and of a view, in which each may have a long way.
+const BATCHES: [usize; 2] = [1 << 18, 1 << 13];
 
 /// Samples of points, and which points have any.
 pub(crate) type Sampled<'py> = (Bound<'py, PyAny>, Bound<'py, PyArray1<bool>>);
@@ -103,6 +102,20 @@ impl Tree {
         Ok(PyArray1::from_vec(py, cells))
     }
 
+    /// VOID, LEAF and INNER nodes of each level of the file's tree, the root first.
+    #[pyo3(name = "_level_counts")]
+    fn level_counts(&self, py: Python<'_>, terms: Terms) -> PyResult<Vec<[u64; 3]>> {
+        let opened = self.get()?;
+        if opened.is_view {
+            let name = opened.tree.name().display().to_string();
+            return Err(invalid(format!(
+                "{name}: is a view, and nodes are those of files; open it without one"
+            )));
+        }
+        let counts = jobs::run(py, terms, |work| opened.tree.level_counts(u64::MAX, work))?;
+        Ok(counts.map(|counts| counts.levels().to_vec()).unwrap_or_default())
+    }
+
     /// The largest blocks whose cells all meet a condition: codes, levels, first cells and sizes, and values (NaN where
     /// a block has several).
     #[pyo3(signature = (condition, number, window=None, coordinates=None, limit=None, largest=None))]
@@ -125,7 +138,8 @@ impl Tree {
             "below" => Condition::Below(number),
             _ => Condition::Equal(number),
         };
-        let found = jobs::run(py, None, |work| search(&opened, condition, part, limit, largest, work))?;
+        let found =
+            jobs::run(py, Terms::default(), |work| search(&opened, condition, part, limit, largest, work))?;
         let axes = opened.axes();
         let boxes = found.iter().flat_map(|block| {
             let (min, size) = (block.bounds.min, block.bounds.size());
@@ -158,8 +172,9 @@ pub(crate) fn values_at<'py>(
         let mut lent = found.readwrite();
         let found = lent.as_slice_mut()?;
         let mut samples = PointSamples::default();
-        let parts = bytes.chunks_mut(BATCH * value.size()).zip(found.chunks_mut(BATCH));
-        for ((bytes, found), first) in parts.zip((0..).step_by(BATCH)) {
+        let batch = BATCHES[usize::from(opened.is_view)];
+        let parts = bytes.chunks_mut(batch * value.size()).zip(found.chunks_mut(batch));
+        for ((bytes, found), first) in parts.zip((0..).step_by(batch)) {
             py.detach(|| {
                 opened.tree.points(&cells(first..first + found.len()), level, &mut samples)?;
                 with_sample!(value.sample, S => write::<S>(&samples, fill, bytes, found));
@@ -187,8 +202,7 @@ fn search(
 ) -> spinney::Result<Vec<FoundBlock>> {
     let (mut all, mut by_size) = (Vec::new(), BTreeMap::new());
     let most = limit.unwrap_or(usize::MAX);
-    opened.tree.find(condition, part, &mut |block| {
-        work.check()?;
+    opened.tree.find(condition, part, work, &mut |block| {
         match largest {
             // By level, and those of a level as they come.
             Some(most) => {

@@ -5,13 +5,13 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use spinney::space::Crs;
-use spinney::store::{BuildOptions, create_tree_file, file_is_tree};
+use spinney::store::{BuildOptions, file_is_tree};
 use spinney::value::{Kind, Palette};
 
 use crate::build::matrix_of;
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs;
+use crate::jobs::{self, Terms};
 use crate::tree::Tree;
 
 /// What is said anew of a tree; all else stays as it is.
@@ -31,6 +31,7 @@ pub(crate) struct TreeOptions {
     tags: BTreeMap<String, String>,
     memory: u64,
     share: bool,
+    time: Option<i64>,
 }
 
 impl TreeOptions {
@@ -45,7 +46,7 @@ impl TreeOptions {
             options.rule = rule.parse().or_raise()?;
         }
         options.depth = self.depth.unwrap_or(options.depth);
-        options.share = self.share;
+        (options.share, options.time) = (self.share, self.time);
         let metadata = &mut options.metadata;
         if let Some(numbers) = self.transform {
             metadata.frame.matrix = matrix_of(&numbers)?;
@@ -69,13 +70,7 @@ impl TreeOptions {
 impl Tree {
     /// Builds a tree of the same cells, those of a view as they are seen.
     #[pyo3(name = "_build")]
-    fn build(
-        &self,
-        py: Python<'_>,
-        out: PathBuf,
-        options: TreeOptions,
-        progress: Option<Py<PyAny>>,
-    ) -> PyResult<()> {
+    fn build(&self, py: Python<'_>, out: PathBuf, options: TreeOptions, terms: Terms) -> PyResult<()> {
         let opened = self.get()?;
         let tree = &opened.tree;
         check_output(&[tree.name().to_path_buf()], &out)?;
@@ -87,7 +82,7 @@ impl Tree {
             return Err(invalid("transform: the tree is a quadtree, six numbers are expected"));
         }
         options.apply(&mut build)?;
-        jobs::run(py, progress, |work| tree.build(&build, create_tree_file(&out)?, work))
+        jobs::run(py, terms, |work| tree.build(&build, work.create_tree(&out)?, work))
     }
 }
 

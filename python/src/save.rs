@@ -1,16 +1,17 @@
-//! Windows as picture files.
+//! Windows as picture files, and legends of them.
 
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use spinney::export::image::{Format, format_of};
-use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
-use spinney::io::Output;
-use spinney::style::Style;
+use spinney::export::{
+    ArrayRequest, Detail, LegendFormat, WindowRequest, export_array, export_legend, export_window,
+};
+use spinney::style::{Style, StylePainter};
 
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
-use crate::jobs;
+use crate::jobs::{self, Terms};
 use crate::part::{at_level, level_of, part_of};
 use crate::tree::Tree;
 
@@ -32,7 +33,7 @@ impl Tree {
         nodata: Option<f64>,
         range: Option<[f64; 2]>,
         style: Option<&str>,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<()> {
         let opened = self.get()?;
         let tree = &opened.tree;
@@ -45,8 +46,8 @@ impl Tree {
             let level = level_of(tree, level)?;
             let mut request = ArrayRequest::new(at_level(tree, part, level), level);
             request.nodata = nodata;
-            return jobs::run(py, progress, |work| {
-                export_array(tree, &request, Output::create(&path)?, format, work)
+            return jobs::run(py, terms, |work| {
+                export_array(tree, &request, work.create(&path)?, format, work)
             });
         }
         let detail = match shape {
@@ -62,6 +63,32 @@ impl Tree {
             (None, range) => range.map(|range| Style::stretched(tree, range)),
         };
         request.nodata = nodata;
-        jobs::run(py, progress, |work| export_window(tree, &request, Output::create(&path)?, format, work))
+        jobs::run(py, terms, |work| export_window(tree, &request, work.create(&path)?, format, work))
+    }
+    /// Writes the legend of a style, the tree's own if none is given.
+    #[pyo3(name = "_write_legend")]
+    fn write_legend(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        style: Option<&str>,
+        scale: u8,
+        terms: Terms,
+    ) -> PyResult<()> {
+        let opened = self.get()?;
+        let tree = &opened.tree;
+        check_output(&[tree.name().to_path_buf()], &path)?;
+        let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+        let format = LegendFormat::named(ending, scale)
+            .ok_or_else(|| invalid(format!("{}: unknown format; use .png, .svg or .json", path.display())))?;
+        let style = match style {
+            Some(text) => Style::given(text).or_raise()?,
+            None => Style::default_for(tree),
+        };
+        jobs::run(py, terms, |work| {
+            let legend = StylePainter::new(&style, tree, work)?.legend(tree)?;
+            tree.check_unchanged()?;
+            export_legend(&legend, work.create(&path)?, format)
+        })
     }
 }

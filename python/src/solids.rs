@@ -9,13 +9,12 @@ use pyo3::types::PyDict;
 use spinney::export::image::{Format, format_of};
 use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh, surface_mesh};
 use spinney::export::{CameraProjection, Detail, RenderRequest, WindowRequest, render};
-use spinney::io::Output;
 use spinney::ops::AffineMap;
 use spinney::query::Ray;
 use spinney::space::Bounds;
 
 use crate::error::{OrRaise, invalid};
-use crate::jobs;
+use crate::jobs::{self, Terms};
 use crate::part::level_of;
 use crate::read::resampled_slice;
 use crate::tree::{Opened, Tree};
@@ -43,12 +42,12 @@ impl Tree {
         py: Python<'py>,
         level: Option<i64>,
         surface: bool,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<Bound<'py, PyDict>> {
         let opened = self.get()?;
         opened.check_octree()?;
         let level = level_of(&opened.tree, level)?;
-        let (solid, surface) = jobs::run(py, progress, |work| {
+        let (solid, surface) = jobs::run(py, terms, |work| {
             let solid = opened.tree.solid(level, work)?;
             let surface = surface.then(|| opened.tree.solid_surface(level, work)).transpose()?;
             opened.tree.check_unchanged()?;
@@ -76,9 +75,10 @@ impl Tree {
         level: Option<i64>,
         smooth: bool,
     ) -> PyResult<Hits<'py>> {
-        /// Rays that are cast before signals are looked at.
-        const BATCH: usize = 1 << 14;
+        /// Rays that are cast before signals are looked at: in a file, and in a view, in which each may have a long way.
+        const BATCHES: [usize; 2] = [1 << 14, 1 << 8];
         let opened = self.get()?;
+        let batch = BATCHES[usize::from(opened.is_view)];
         opened.check_octree()?;
         let level = level_of(&opened.tree, level)?;
         let frame = opened.tree.metadata().frame.coarser(opened.tree.depth() - level);
@@ -92,9 +92,9 @@ impl Tree {
         let mut rays = py.detach(|| opened.tree.rays(level)).or_raise()?;
         let (mut distances, mut points) = (vec![f64::NAN; total], vec![f64::NAN; 3 * total]);
         let mut hit_cells = vec![-1i64; 3 * total];
-        for first in (0..total).step_by(BATCH) {
+        for first in (0..total).step_by(batch) {
             py.detach(|| -> spinney::Result<()> {
-                for index in first..total.min(first + BATCH) {
+                for index in first..total.min(first + batch) {
                     let of = |numbers: &[f64]| -> [f64; 3] {
                         std::array::from_fn(|axis| numbers[3 * index + axis])
                     };
@@ -180,14 +180,14 @@ impl Tree {
         py: Python<'py>,
         level: Option<i64>,
         smooth: bool,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<Surface<'py>> {
         let opened = self.get()?;
         opened.check_octree()?;
         let mut request = MeshRequest::new();
         request.level = Some(level_of(&opened.tree, level)?);
         request.smooth = smooth;
-        let mesh = jobs::run(py, progress, |work| surface_mesh(&opened.tree, &request, work))?;
+        let mesh = jobs::run(py, terms, |work| surface_mesh(&opened.tree, &request, work))?;
         let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
         let coordinates = mesh.vertices.into_iter().flatten();
         let corners = mesh.triangles.into_iter().flatten().map(i64::from);
@@ -206,7 +206,7 @@ impl Tree {
         level: Option<i64>,
         smooth: bool,
         triangles: bool,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<(u64, u64)> {
         let opened = self.get()?;
         opened.check_octree()?;
@@ -216,8 +216,8 @@ impl Tree {
         let mut request = MeshRequest::new();
         request.level = Some(level_of(&opened.tree, level)?);
         (request.smooth, request.triangles) = (smooth, triangles);
-        let made = jobs::run(py, progress, |work| {
-            export_mesh(&opened.tree, &request, Output::create(&path)?, format, work)
+        let made = jobs::run(py, terms, |work| {
+            export_mesh(&opened.tree, &request, work.create(&path)?, format, work)
         })?;
         Ok((made.vertices, made.faces))
     }
@@ -237,7 +237,7 @@ impl Tree {
         up: &str,
         background: Option<[u8; 3]>,
         samples: u32,
-        progress: Option<Py<PyAny>>,
+        terms: Terms,
     ) -> PyResult<u8> {
         let opened = self.get()?;
         opened.check_octree()?;
@@ -254,6 +254,6 @@ impl Tree {
         request.level = level.map(|level| level_of(&opened.tree, Some(level))).transpose()?;
         request.background = background;
         request.samples = samples;
-        jobs::run(py, progress, |work| render(&opened.tree, &request, Output::create(&path)?, format, work))
+        jobs::run(py, terms, |work| render(&opened.tree, &request, work.create(&path)?, format, work))
     }
 }

@@ -36,6 +36,8 @@ pub(crate) fn crs_text(crs: &Crs) -> String {
 /// A state of a file.
 pub(crate) struct Opened {
     pub(crate) tree: Dataset,
+    /// Whether it is seen through steps, which take time for each cell.
+    pub(crate) is_view: bool,
     void: OnceLock<f64>,
 }
 
@@ -83,6 +85,11 @@ impl Tree {
         (!steps.is_empty()).then(|| format!("view of {}: {}", self.path.display(), steps.join(", ")))
     }
 
+    /// Whether it is seen as it is in the file.
+    pub(crate) fn is_file(&self) -> bool {
+        self.steps.is_empty()
+    }
+
     fn set(&self, opened: Option<Arc<Opened>>) {
         *self.opened.write().unwrap_or_else(PoisonError::into_inner) = opened;
     }
@@ -105,7 +112,8 @@ impl Tree {
         if !self.steps.is_empty() {
             tree = tree.view(&self.steps)?;
         }
-        Ok(Arc::new(Opened { tree, void: OnceLock::new() }))
+        let is_view = !self.is_file();
+        Ok(Arc::new(Opened { tree, is_view, void: OnceLock::new() }))
     }
 }
 

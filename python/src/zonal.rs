@@ -1,12 +1,13 @@
 //! Statistics of the cells in polygons.
 
 use pyo3::prelude::*;
+use spinney::Progress as _;
 use spinney::import::geojson::{PolygonLayer, parse_polygons};
 use spinney::query::ZoneStatistics;
 use spinney::space::{Coordinates, EdgeRule, Places, Polygon};
 
 use crate::error::OrRaise;
-use crate::jobs;
+use crate::jobs::{self, Terms, Work};
 use crate::tree::Tree;
 
 /// Cells, VOID cells, numbers of each channel, and cells of each class.
@@ -15,39 +16,28 @@ type Zone = (f64, f64, Vec<(f64, f64, f64, f64, f64)>, Vec<(f64, f64)>);
 #[pymethods]
 impl Tree {
     /// Statistics of the cells in each polygon of some GeoJSON documents, each with the definition of its coordinate system: `world` is
-    /// the tree's own, and without one it is what the document says.
-    #[pyo3(signature = (documents, edge, progress=None))]
+    /// the tree's own, and without one it is what the document says. Features are those that have all values of some attributes.
     #[pyo3(name = "_zones")]
     fn zones(
         &self,
         py: Python<'_>,
         documents: Vec<(String, Option<String>)>,
         edge: &str,
-        progress: Option<Py<PyAny>>,
+        values: Vec<(String, String)>,
+        terms: Terms,
     ) -> PyResult<Vec<Zone>> {
         let opened = self.get()?;
-        let (header, frame) = (opened.tree.header(), &opened.tree.metadata().frame);
-        // Documents of one system after each other are one layer: all of it must lie outside for that to be an error.
-        let mut layers: Vec<(Coordinates, PolygonLayer)> = Vec::new();
-        for (document, crs) in &documents {
-            let layer = parse_polygons(document).or_raise()?;
-            let coordinates = match crs {
-                Some(crs) => crs.parse().or_raise()?,
-                None if frame.crs.is_none() => Coordinates::World,
-                None => layer.coordinates(),
-            };
-            match layers.last_mut() {
-                Some((last, all)) if *last == coordinates => all.features.extend(layer.features),
-                _ => layers.push((coordinates, layer)),
-            }
-        }
-        let mut polygons = Vec::new();
-        for (coordinates, layer) in &layers {
-            let places = Places::new(coordinates, frame, header.extent).or_raise()?;
-            polygons.extend(layer.in_cells(&places, header.extent).or_raise()?);
-        }
         let rule: EdgeRule = edge.parse().or_raise()?;
-        let zones = jobs::run(py, progress, |work| {
+        let zones = jobs::run(py, terms, |work| {
+            let (header, frame) = (opened.tree.header(), &opened.tree.metadata().frame);
+            let (coordinates, mut layers) = layers_of(&documents, frame.crs.is_some(), work)?;
+            PolygonLayer::select(&mut layers, &values)?;
+            let mut polygons = Vec::new();
+            for (coordinates, layer) in coordinates.iter().zip(&layers) {
+                work.check()?;
+                let places = Places::new(coordinates, frame, header.extent)?;
+                polygons.extend(layer.in_cells(&places, header.extent)?);
+            }
             // (Polygons that lie outside of the tree have no cells.)
             let met: Vec<Polygon> = polygons.iter().flatten().cloned().collect();
             let mut found = opened.tree.zonal(&met, rule, work)?.into_iter();
@@ -58,6 +48,33 @@ impl Tree {
         })?;
         Ok(zones.into_iter().map(told).collect())
     }
+}
+
+/// The features of documents, and their coordinates. Those of one system after each other are one layer: all of it must lie outside of
+/// the tree for that to be an error.
+fn layers_of(
+    documents: &[(String, Option<String>)],
+    has_system: bool,
+    work: &Work,
+) -> spinney::Result<(Vec<Coordinates>, Vec<PolygonLayer>)> {
+    let (mut systems, mut layers): (Vec<Coordinates>, Vec<PolygonLayer>) = (Vec::new(), Vec::new());
+    for (document, crs) in documents {
+        work.check()?;
+        let layer = parse_polygons(document)?;
+        let coordinates = match crs {
+            Some(crs) => crs.parse()?,
+            None if !has_system => Coordinates::World,
+            None => layer.coordinates(),
+        };
+        match layers.last_mut() {
+            Some(last) if systems.last() == Some(&coordinates) => last.features.extend(layer.features),
+            _ => {
+                systems.push(coordinates);
+                layers.push(layer);
+            }
+        }
+    }
+    Ok((systems, layers))
 }
 
 fn told(zone: ZoneStatistics) -> Zone {

@@ -17,6 +17,13 @@ FIXTURES = ROOT / "fixtures"
 TREES = sorted(path for path in (FIXTURES / "v1").glob("*.*") if path.stem != "chapel")
 QUADTREES = [path for path in TREES if path.stem not in ("ball", "segments")]
 
+BOX = (
+    np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [0, 0, 4], [2, 0, 4], [2, 3, 4], [0, 3, 4]], float),
+    np.array([[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], *([a, b, b + 4] for a, b in ((0, 1), (1, 2), (2, 3), (3, 0))),
+              *([a, b + 4, a + 4] for a, b in ((0, 1), (1, 2), (2, 3), (3, 0)))]),
+)
+"""Vertices and triangles of a box of 2 x 3 x 4."""
+
 settings.register_profile(
     "spinney", derandomize=True, deadline=None, suppress_health_check=list(HealthCheck), max_examples=60, database=None
 )

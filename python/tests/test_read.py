@@ -252,3 +252,18 @@ def test_large_steps_are_looked_up(tmp_path: Path) -> None:
             assert np.array_equal(ds[key], array[key]), key
             assert np.array_equal(colours[key], bands[(slice(None), *(key if isinstance(key, tuple) else (key,)))]), key
         assert np.array_equal(ds.level(ds.depth)[::100, ::100], array[::100, ::100])
+
+
+@pytest.mark.parametrize("shape", [(1900, 1300), (3, 1100, 700), (200, 90, 60)])
+@pytest.mark.parametrize("masked", [False, True])
+def test_large_views_are_read_piece_by_piece(tmp_path: Path, shape: tuple[int, ...], masked: bool) -> None:
+    array = np.random.default_rng(5).integers(1, 250, shape, "u1")
+    hidden = array > 200
+    dims = "zyx"[3 - len(shape) :]
+    spinney.build(array, tmp_path / "t.goblin", dims=dims, mask=hidden, kind="categorical")
+    with spinney.open(tmp_path / "t.goblin", view="rotate=180") as ds:
+        # (About z, as seen from above.)
+        turned, void = (np.flip(given, (-1, -2)) for given in (array, hidden))
+        found = ds.read(1, masked=masked)
+        assert np.array_equal(np.asarray(found)[~void], turned[~void])
+        assert not masked or np.array_equal(found.mask, void)

@@ -143,7 +143,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
 /// Prints the table of pairs.
 fn table(files: &[PathBuf], json: bool) -> Result<()> {
     let [first, second] = files else { bail!("cross takes two files, not {}", files.len()) };
-    let pairs = ops::crosstab_files(first, second)?;
+    let pairs = ops::crosstab_files(first, second, &())?;
     if json {
         let samples = |value: &Option<Vec<f64>>| {
             let value = value.as_ref();

@@ -96,7 +96,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     };
     let parts = boxes.map_or(vec![None], |boxes| boxes.into_iter().map(Some).collect());
     for bounds in parts {
-        tree.find(condition, bounds, &mut |block| {
+        tree.find(condition, bounds, &(), &mut |block| {
             found.take(block.level, &block.code, &|| {
                 if args.json { as_json(&tree, &block).to_string() } else { as_text(&tree, &block) }
             })

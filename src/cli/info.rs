@@ -41,7 +41,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     let tree = open(&args.file)?;
     let most = if args.levels { u64::MAX } else { COUNTED };
-    let levels = tree.level_counts(most)?;
+    let levels = tree.level_counts(most, &())?;
     let levels = levels.as_ref().map(LevelCounts::levels);
     if args.json {
         print_json(&as_json(&tree, levels)?)?

@@ -38,11 +38,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let path = args.output.path();
     check_output([args.tree.file.as_path()], path)?;
     let extension = path.extension().and_then(|extension| extension.to_str());
-    let format = match args.format.as_deref().or(extension).map(str::to_ascii_lowercase).as_deref() {
-        Some("png") => LegendFormat::Png(args.scale.into()),
-        Some("svg") => LegendFormat::Svg,
-        Some("json") => LegendFormat::Json,
-        _ => bail!("{}: unknown format; use .png, .svg or .json, or --format", path.display()),
+    let ending = args.format.as_deref().or(extension).unwrap_or_default();
+    let Some(format) = LegendFormat::named(ending, args.scale) else {
+        bail!("{}: unknown format; use .png, .svg or .json, or --format", path.display());
     };
     let style = args.style.clone().unwrap_or_else(|| Style::default_for(&tree));
     let progress = Work::start(global, "cells")?;

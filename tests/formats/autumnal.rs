@@ -140,7 +140,7 @@ fn answers_agree(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
     }
     let found = [a, b].map(|tree| {
         let mut found = Vec::new();
-        tree.find(Condition::Above(2.0), None, &mut |block| {
+        tree.find(Condition::Above(2.0), None, &(), &mut |block| {
             // (Which blocks have a zone, which tells no value, is a matter of the format.)
             found.push((block.code, block.bounds));
             Ok(true)

@@ -58,7 +58,7 @@ fn ask_all(tree: &Dataset) {
     let _ = tree.statistics(Some(Bounds { min: [1, 1, 0], max: [side, side, 1] }), &());
     let _ = tree.histogram(&Bounds { min: [0; 3], max: [side, side, 1] }, 0.0, 9.0, 9, &());
     let mut count = 0;
-    let _ = tree.find(Condition::Above(1.0), None, &mut |_| {
+    let _ = tree.find(Condition::Above(1.0), None, &(), &mut |_| {
         count += 1;
         Ok(count < 10_000)
     });

@@ -168,7 +168,7 @@ fn counts(file: &Goblin, cells: &Cells, random: &mut Random) {
         }
         assert_eq!(file.histogram(&bounds, 10.0, 210.0, 7, &()).unwrap(), bins);
         let (mut count, above) = (0, |value| value_type.samples(value)[0] > 90.0);
-        file.find(Condition::Above(90.0), Some(bounds), &mut |block| {
+        file.find(Condition::Above(90.0), Some(bounds), &(), &mut |block| {
             assert!(cells_of(&block.bounds).all(|cell| cells.get(cell).is_some_and(above)), "{block:?}");
             count += block.bounds.volume();
             Ok(true)

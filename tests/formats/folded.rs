@@ -39,7 +39,7 @@ fn questions_take_the_work_of_the_records() {
         let tree = Dataset::of(editor.tree().into()).unwrap();
         let side = 1u64 << depth;
         let cells = side * side;
-        let (levels, reads) = work.of(|| tree.level_counts(1000).unwrap().unwrap());
+        let (levels, reads) = work.of(|| tree.level_counts(1000, &()).unwrap().unwrap());
         assert!(reads < FEW, "levels: {reads}");
         let expected: Vec<[u64; 3]> = (0..=depth)
             .map(|level| if level == depth { [0, cells, 0] } else { [0, 0, 1 << (2 * level)] })
@@ -108,19 +108,19 @@ fn differences_are_counted_once_for_many_nodes() {
         [first, second]
     };
     let [first, second] = pair(29);
-    let found = differences(&first, &second).unwrap();
+    let found = differences(&first, &second, &()).unwrap();
     // Cells 2 and 3 of each four; cell 3 and then cell 2 of the next four are no neighbours.
     let (changed, runs) = (1 << 57, 1 << 56);
     assert_eq!(found, Differences { changed, blocks: changed, runs, ..Differences::default() });
-    assert_eq!(differences(&first, &first).unwrap(), Differences::default());
+    assert_eq!(differences(&first, &first, &()).unwrap(), Differences::default());
     // As one by one.
     let [first, second] = pair(8);
     let mut runs = 0;
-    let one_by_one = diff_files(&first, &second, &mut |_| {
+    let one_by_one = diff_files(&first, &second, &(), &mut |_| {
         runs += 1;
         Ok(())
     });
-    let found = differences(&first, &second).unwrap();
+    let found = differences(&first, &second, &()).unwrap();
     assert_eq!((one_by_one.unwrap(), found.runs), (found, runs));
 }
 
@@ -137,7 +137,7 @@ fn copies_that_share_take_the_work_of_the_records() {
     assert!(tree.file_size() < 1 << 15);
     let tree = Dataset::of(tree.into()).unwrap();
     assert_eq!(tree.verify(1 << 20, &()).unwrap(), []);
-    assert_eq!(differences(&from, &to).unwrap(), Differences::default());
+    assert_eq!(differences(&from, &to, &()).unwrap(), Differences::default());
     let again = folder.path().join("again.autumn");
     let output = Output::create(&again).unwrap();
     let commits = compact(&from, &Keep::Last(1), true, output, 1 << 24, &()).unwrap();

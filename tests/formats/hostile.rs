@@ -67,7 +67,7 @@ fn statistics(tree: &Dataset, bounds: Option<Bounds>) -> Result<String> {
 
 fn search(tree: &Dataset) -> Result<String> {
     let mut text = Vec::new();
-    tree.find(Condition::Above(4.0), None, &mut |block| {
+    tree.find(Condition::Above(4.0), None, &(), &mut |block| {
         writeln!(text, "{block:?}").unwrap();
         Ok(text.len() < 1 << 22)
     })?;

@@ -220,7 +220,7 @@ fn search(form: Form, seed: u64, size: [u64; 3], kind: Kind, condition: Conditio
         let bounds = (round > 0).then(|| some_bounds(form.dimension, &mut random, size[0]));
         let inside = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
         let mut blocks: Vec<FoundBlock> = Vec::new();
-        file.find(condition, bounds, &mut |block| {
+        file.find(condition, bounds, &(), &mut |block| {
             blocks.push(block);
             Ok(true)
         })

@@ -322,9 +322,9 @@ fn statistics_of_polygons() {
     let found = json(&[&some[..], &["--attribute", "name"]].concat());
     assert_eq!((found["zones"].as_array().unwrap().len(), &found["zones"][0]["cells"]), (1, &8.0.into()));
     for (wrong, advice) in [
-        (["--where", "name=nobody"], "no feature is as --where says"),
-        (["--where", "place=x"], "there are: name"),
-        (["--attribute", "name,place"], "there are: name"),
+        (["--where", "name=nobody"], "none with name=nobody"),
+        (["--where", "place=x"], "a feature has: name"),
+        (["--attribute", "name,place"], "a feature has: name"),
     ] {
         let said = complaint(&[&["stats", &trees.classic, "--zones", &document], &wrong[..]].concat(), 1);
         assert!(said.contains(advice), "{said}");

@@ -20,6 +20,18 @@ pub enum LegendFormat {
     Json,
 }
 
+impl LegendFormat {
+    /// The format of files whose names end so (`png`, `svg`, `json`), pictures with dots so many pixels wide; `None` if it is another one.
+    pub fn named(ending: &str, scale: u8) -> Option<LegendFormat> {
+        match ending.to_ascii_lowercase().as_str() {
+            "png" => Some(LegendFormat::Png(scale.into())),
+            "svg" => Some(LegendFormat::Svg),
+            "json" => Some(LegendFormat::Json),
+            _ => None,
+        }
+    }
+}
+
 /// Writes a legend.
 ///
 /// # Errors

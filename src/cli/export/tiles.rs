@@ -7,8 +7,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail};
 use spinney::dataset::Dataset;
 use spinney::export::tiles::{
-    TileEncoding, TileFormat, TilePainter, TileRequest, TileTarget, TileUpdate, UpdateOptions, degrees_of,
-    export_tiles, tile_source,
+    TileEncoding, TileFormat, TileRequest, TileTarget, UpdateOptions, degrees_of, draw_tiles, tile_source,
 };
 use spinney::ops::{Resampling, WarpOptions};
 use spinney::style::Style;
@@ -133,28 +132,17 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     let mut warp = WarpOptions::default();
     (warp.resampling, warp.allow_ballpark) = (options.resampling, options.allow_ballpark);
     let tiles = tile_source(&tree, &mut request, &warp, &work)?;
-    let cannot_write = || format!("cannot write {}", args.output.path().display());
     let update = match &options.update {
         None => None,
         Some(_) if args.tree.is_viewed() => bail!("--update: of a view, make the archive anew"),
-        Some(old) => Some(TileUpdate::open(target, old.as_deref(), &work).with_context(cannot_write)?),
-    };
-    let painter = match &update {
-        Some(update) if !options.restyle => update.painter(&style, &tree, &work)?,
-        _ => TilePainter::new(&style, &tree, &work)?,
-    };
-    if !format.is_array() {
-        request.legend = painter.painter().legend(&tree)?.svg();
-    }
-    let stored = match update {
-        None => export_tiles(&*tiles, &painter, &request, target, &work),
-        Some(update) => {
+        Some(old) => {
             let mut how = UpdateOptions::default();
-            (how.since, how.restyle) = (options.since.clone(), options.restyle);
-            update.run(&tree, &*tiles, &painter, &request, &how, &work)
+            (how.old, how.since, how.restyle) = (old.clone(), options.since.clone(), options.restyle);
+            Some(how)
         }
     };
-    let stored = stored.with_context(cannot_write)?;
+    let stored = draw_tiles(&tree, &*tiles, &style, &mut request, target, update.as_ref(), &work)
+        .with_context(|| format!("cannot write {}", args.output.path().display()))?;
     work.finish();
     global.report("tiles", format_args!("{}, {} of them different", stored.tiles, stored.contents));
     if options.update.is_some() && stored.copied > 0 {

@@ -1,10 +1,10 @@
 //! `spinney stats --zones`: statistics of the cells in polygons.
 
-use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
+use std::slice;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result};
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::import::geojson::{PolygonFeature, PolygonLayer, read_polygons};
@@ -41,34 +41,11 @@ fn parse_equality(text: &str) -> Result<(String, String), String> {
     Ok((name.trim().into(), value.trim().into()))
 }
 
-/// Whether an attribute has a value that is written so; numbers are what they are, however they are written.
-fn has_value(feature: &PolygonFeature, name: &str, value: &str) -> bool {
-    match feature.properties.get(name) {
-        Some(serde_json::Value::String(text)) => text == value,
-        Some(serde_json::Value::Number(number)) => number.as_f64() == value.parse().ok(),
-        Some(serde_json::Value::Bool(is)) => value == is.to_string(),
-        Some(serde_json::Value::Null) | None => value.is_empty(),
-        Some(_) => false,
-    }
-}
-
 /// Keeps the features that are asked for; fails if attributes are asked for that there are not.
-fn select(layer: &mut PolygonLayer, file: &Path, options: &ZoneOptions) -> Result<()> {
-    let names: BTreeSet<&String> =
-        layer.features.iter().flat_map(|feature| feature.properties.keys()).collect();
-    let asked = options.equalities.iter().map(|(name, _)| name).chain(options.attribute.iter().flatten());
-    for name in asked {
-        if !names.contains(name) {
-            let names = names.iter().map(|name| name.as_str()).collect::<Vec<_>>().join(", ");
-            bail!("{}: no feature has an attribute {name}; there are: {names}", file.display());
-        }
-    }
-    let is_meant = |feature: &PolygonFeature| {
-        options.equalities.iter().all(|(name, value)| has_value(feature, name, value))
-    };
-    layer.features.retain(is_meant);
-    ensure!(!layer.features.is_empty(), "{}: no feature is as --where says", file.display());
-    Ok(())
+fn select(layer: &mut PolygonLayer, options: &ZoneOptions) -> spinney::Result<()> {
+    let names: Vec<&str> = options.attribute.iter().flatten().map(String::as_str).collect();
+    PolygonLayer::check_attributes(slice::from_ref(layer), &names)?;
+    PolygonLayer::select(slice::from_mut(layer), &options.equalities)
 }
 
 /// Prints the statistics of each polygon of a GeoJSON file.
@@ -81,7 +58,7 @@ pub(super) fn run(
     global: &Global,
 ) -> Result<()> {
     let mut layer = read_polygons(file, options.memory.bytes)?;
-    select(&mut layer, file, options)?;
+    select(&mut layer, options).with_context(|| file.display().to_string())?;
     let frame = &tree.metadata().frame;
     let mut own = layer.coordinates();
     if frame.crs.is_none() && coordinates.is_none() && own != Coordinates::World {

@@ -224,10 +224,10 @@ impl Dataset {
     /// they have more than `most` records.
     ///
     /// # Errors
-    /// If the file is damaged.
-    pub fn level_counts(&self, most: u64) -> Result<Option<LevelCounts>> {
+    /// If the file is damaged, or on interruption.
+    pub fn level_counts(&self, most: u64, progress: &dyn Progress) -> Result<Option<LevelCounts>> {
         match self.file() {
-            Some(TreeFile::Autumnal(file)) => file.level_counts(most),
+            Some(TreeFile::Autumnal(file)) => file.level_counts(most, progress),
             Some(TreeFile::Goblin(file)) => Ok(Some(file.metadata().counts.clone())),
             None => Ok(None),
         }
@@ -278,20 +278,21 @@ impl Dataset {
     /// none) all of whose cells meet a condition, in FD order, until `found` says `false`. VOID meets none.
     ///
     /// # Errors
-    /// If the file is damaged there, or `found` fails.
+    /// If the file is damaged there, `found` fails, or on interruption.
     pub fn find(
         &self,
         condition: Condition,
         bounds: Option<Bounds>,
+        progress: &dyn Progress,
         found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Result<()> {
         match &self.tree {
-            Tree::Goblin(file) => file.find(condition, bounds, found),
+            Tree::Goblin(file) => file.find(condition, bounds, progress, found),
             Tree::Autumnal(file) => {
-                source_find(&**file, condition, &self.header().within_picture(bounds), found)
+                source_find(&**file, condition, &self.header().within_picture(bounds), progress, found)
             }
             Tree::View(viewed) => {
-                source_find(viewed.view(), condition, &self.header().within_picture(bounds), found)
+                source_find(viewed.view(), condition, &self.header().within_picture(bounds), progress, found)
             }
         }
     }

@@ -7,7 +7,7 @@ use super::affine::{View, ViewNode};
 use super::view_source::check_form;
 use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::value::{Value, ValueType};
-use spinney_base::{Error, Result, sort};
+use spinney_base::{Error, Progress, Result, sort};
 
 /// Cells in which a value of the first tree (`None` is VOID) meets one of the second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,8 +27,8 @@ const MOST: usize = 1 << 16;
 /// first. Time is proportional to the nodes of both trees.
 ///
 /// # Errors
-/// If forms or depths differ, there are more than 2^16 pairs, or a file is damaged or was changed meanwhile.
-pub fn crosstab(first: &View, second: &View) -> Result<Vec<Pair>> {
+/// If forms or depths differ, there are more than 2^16 pairs, a file is damaged or was changed meanwhile, or on interruption.
+pub fn crosstab(first: &View, second: &View, progress: &dyn Progress) -> Result<Vec<Pair>> {
     let form = first.form();
     check_form((second.source().name(), second.form()), (first.source().name(), form))?;
     if first.depth() != second.depth() {
@@ -43,6 +43,7 @@ pub fn crosstab(first: &View, second: &View) -> Result<Vec<Pair>> {
             pairs.add((a.value(), b.value()), form.dimension.cells(height))?;
             continue;
         }
+        progress.check()?;
         children_of(first, &a, &mut below_first)?;
         children_of(second, &b, &mut below_second)?;
         let below = below_first.iter_mut().zip(&mut below_second).take(form.children());

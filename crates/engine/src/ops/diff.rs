@@ -9,7 +9,7 @@ use crate::store::builder::ReusableSource;
 use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::value::Value;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Progress, Result};
 use spinney_container::OpenOptions;
 use spinney_crs::Crs;
 
@@ -28,16 +28,17 @@ pub struct Difference {
 /// share are not read: time is proportional to the nodes that differ, plus depth for each of them.
 ///
 /// # Errors
-/// If forms or depths differ, a file is damaged, or `found` fails.
+/// If forms or depths differ, a file is damaged, `found` fails, or on interruption.
 pub fn diff(
     first: &TreeFile,
     second: &TreeFile,
+    progress: &dyn Progress,
     found: &mut dyn FnMut(Difference) -> Result<()>,
 ) -> Result<()> {
     check_alike(first, second)?;
     let children = first.form().children();
     let root = Code::root(first.form().dimension);
-    Comparison { first, second, children, found }.node(root, &first.root()?, &second.root()?)
+    Comparison { first, second, children, progress, found }.node(root, &first.root()?, &second.root()?)
 }
 
 /// Hands out the nodes of a level in which two trees differ, each once, in FD order; uniform blocks that are larger as they are. What
@@ -74,6 +75,7 @@ struct Comparison<'a> {
     second: &'a TreeFile,
     /// Children of a node.
     children: usize,
+    progress: &'a dyn Progress,
     found: &'a mut dyn FnMut(Difference) -> Result<()>,
 }
 
@@ -89,6 +91,7 @@ impl Comparison<'_> {
             }
             (a, b) => return (self.found)(Difference { code, before: a.value(), after: b.value() }),
         }
+        self.progress.check()?;
         let (mut below_a, mut below_b) = (no_children(), no_children());
         let from_a = children_of(self.first, a, &mut below_a)?;
         let from_b = children_of(self.second, b, &mut below_b)?;
@@ -215,23 +218,24 @@ pub struct FdRange {
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// let [first, second] = ["fixtures/v1/history.autumn@1", "fixtures/v1/history.autumn@2"];
-/// let differences = spinney::ops::diff_files(first.as_ref(), second.as_ref(), &mut |_| Ok(()))?;
+/// let differences = spinney::ops::diff_files(first.as_ref(), second.as_ref(), &(), &mut |_| Ok(()))?;
 /// assert_eq!(differences.blocks, 9);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
 /// # Errors
-/// If they cannot be read, are of different forms or in different coordinate systems, or `range` fails.
+/// If they cannot be read, are of different forms or in different coordinate systems, `range` fails, or on interruption.
 pub fn diff_files(
     first: &Path,
     second: &Path,
+    progress: &dyn Progress,
     range: &mut dyn FnMut(FdRange) -> Result<()>,
 ) -> Result<Differences> {
     let (first, second) = open_both(first, second)?;
     let (axes, depth) = (first.form().axes(), first.depth());
     let mut sum = Differences::default();
     let mut run: Option<FdRange> = None;
-    diff(&first, &second, &mut |found| {
+    diff(&first, &second, progress, &mut |found| {
         let bits = axes * usize::from(depth - found.code.level());
         let cells = 1u64 << bits;
         sum.add(found.before, found.after, cells);
@@ -266,13 +270,13 @@ fn open_both(first: &Path, second: &Path) -> Result<(TreeFile, TreeFile)> {
 /// compared once.
 ///
 /// # Errors
-/// If they cannot be read, or are of different forms or in different coordinate systems.
-pub fn differences(first: &Path, second: &Path) -> Result<Differences> {
+/// If they cannot be read, are of different forms or in different coordinate systems, or on interruption.
+pub fn differences(first: &Path, second: &Path, progress: &dyn Progress) -> Result<Differences> {
     let (first, second) = open_both(first, second)?;
     check_alike(&first, &second)?;
     let dimension = first.form().dimension;
     let known = Remembered::new(KNOWN_PAIRS);
-    let mut totals = Totals { first: &first, second: &second, dimension, known };
+    let mut totals = Totals { first: &first, second: &second, dimension, known, progress };
     let sum = totals.node(first.depth(), &first.any_root()?, &second.any_root()?)?.sum;
     first.check_unchanged()?;
     second.check_unchanged()?;
@@ -326,6 +330,7 @@ struct Totals<'a> {
     second: &'a TreeFile,
     dimension: Dimension,
     known: Remembered<Pair, Part>,
+    progress: &'a dyn Progress,
 }
 
 impl Totals<'_> {
@@ -348,6 +353,7 @@ impl Totals<'_> {
         }
         let mut total: Option<Part> = None;
         if !is_same_record(self.first, a, self.second, b) {
+            self.progress.check()?;
             let (mut below_a, mut below_b) = (no_children(), no_children());
             let from_a = children_of(self.first, a, &mut below_a)?;
             let from_b = children_of(self.second, b, &mut below_b)?;

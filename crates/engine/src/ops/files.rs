@@ -178,11 +178,11 @@ pub fn combine(
 ///
 /// # Errors
 /// As [`combine`]; also if there are too many pairs.
-pub fn crosstab_files(first: &Path, second: &Path) -> Result<Vec<PairOfSamples>> {
+pub fn crosstab_files(first: &Path, second: &Path, progress: &dyn Progress) -> Result<Vec<PairOfSamples>> {
     let views = aligned(open_alike(&[first.into(), second.into()])?)?;
     let value_type = views[0].form().value;
     let samples = |value: Option<Value>| value.map(|value| value_type.samples(value).to_vec());
-    let pairs = crosstab(&views[0], &views[1])?;
+    let pairs = crosstab(&views[0], &views[1], progress)?;
     Ok(pairs.into_iter().map(|pair| (samples(pair.first), samples(pair.second), pair.cells)).collect())
 }
 

@@ -3,9 +3,9 @@
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
 use spinney_base::Form;
-use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Tally, Value};
+use spinney_base::{Progress, Result};
 
 use super::count::number_of;
 use super::walk::{Halt, Visitor, Walked, Zone, ended, walk, walk_source};
@@ -62,16 +62,17 @@ impl Goblin {
     /// says `false`. VOID meets none.
     ///
     /// # Errors
-    /// If the file is damaged there, or `found` fails.
+    /// If the file is damaged there, `found` fails, or on interruption.
     pub fn find(
         &self,
         condition: Condition,
         bounds: Option<Bounds>,
+        progress: &dyn Progress,
         found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Result<()> {
         let header = self.header();
         let bounds = header.within_picture(bounds);
-        let mut search = Search::new(header.form, header.depth(), condition, found);
+        let mut search = Search::new(header.form, header.depth(), condition, progress, found);
         let walked = walk(self, &bounds, &mut search);
         search.finish(walked)
     }
@@ -82,9 +83,10 @@ pub(crate) fn source_find<S: Source>(
     source: &S,
     condition: Condition,
     bounds: &Bounds,
+    progress: &dyn Progress,
     found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
 ) -> Result<()> {
-    let mut search = Search::new(source.form(), source.depth(), condition, found);
+    let mut search = Search::new(source.form(), source.depth(), condition, progress, found);
     let walked = walk_source(source, bounds, &mut search);
     search.finish(walked)
 }
@@ -95,6 +97,7 @@ struct Search<'a> {
     condition: Condition,
     /// The first sample of a value.
     number: fn(Value) -> f64,
+    progress: &'a dyn Progress,
     found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
     /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a
     /// larger one. Complete siblings are replaced by their parent, so that it stays short.
@@ -106,10 +109,11 @@ impl<'a> Search<'a> {
         form: Form,
         depth: u8,
         condition: Condition,
+        progress: &'a dyn Progress,
         found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Search<'a> {
         let number = number_of(form.value);
-        Search { form, depth, condition, number, found, pending: Vec::new() }
+        Search { form, depth, condition, number, progress, found, pending: Vec::new() }
     }
 
     fn finish(mut self, walked: Walked) -> Result<()> {
@@ -179,6 +183,7 @@ impl Visitor for Search<'_> {
     }
 
     fn leave(&mut self, code: Code) -> Walked {
+        self.progress.check()?;
         // All children pending, and nothing else since: the parent stands for them. (Mostly the last is not
         // there.)
         let count = self.form.children();

@@ -59,7 +59,7 @@ pub use pmtiles::Pmtiles;
 pub use sink::Stored;
 pub use source::{DataPlace, TileContent, TileSamples, TileSource, XyzTiles};
 pub use target::TileTarget;
-pub use update::{TileUpdate, UpdateOptions};
+pub use update::{TileUpdate, UpdateOptions, draw_tiles};
 pub use warped::{WarpedTiles, degrees_of, tile_source};
 
 use self::encode::{Encoded, TileEncoder};

@@ -16,7 +16,7 @@ use super::source::{TileContent, TileSource};
 use super::target::TileTarget;
 use super::touched::{TouchedBlocks, TouchedTiles};
 use super::walk::{TileExtent, TileRun, TileWalk, settled};
-use super::{Made, TileRequest, plan, write};
+use super::{Made, TileRequest, export_tiles, plan, write};
 use crate::style::Style;
 use spinney_base::parallel;
 use spinney_base::space::Code;
@@ -88,6 +88,8 @@ enum Old {
 /// Options of an update.
 #[derive(Clone, Debug, Default)]
 pub struct UpdateOptions {
+    /// The archive of `PMTiles` that a new one starts from, where that is not the target itself.
+    pub old: Option<PathBuf>,
     /// The tree that the tiles were made of, where that is no commit of the same file.
     pub since: Option<PathBuf>,
     /// Whether all tiles are drawn, with whatever style.
@@ -239,6 +241,58 @@ impl TileUpdate {
         };
         let advice = "--restyle draws all tiles anew";
         Err(Error::unsupported(&self.place, what, advice))
+    }
+}
+
+/// Draws tiles of a tree in a style and writes them to a target, or brings those that are there up to date: those that are pictures with
+/// the style's legend.
+///
+/// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// use spinney::export::tiles::{TileRequest, TileTarget, UpdateOptions, draw_tiles, tile_source};
+/// use spinney::style::Style;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("map.pmtiles");
+/// let map = spinney::open("fixtures/v1/classes.goblin")?;
+/// let Some(target) = TileTarget::of(&path)? else { unreachable!("it is named so") };
+/// let mut request = TileRequest::new(&map)?;
+/// let tiles = tile_source(&map, &mut request, &Default::default(), &())?;
+/// let style = Style::default_for(&map);
+/// let made = draw_tiles(&map, &*tiles, &style, &mut request, &target, None, &())?;
+/// // Of the same tree, all of them are copied.
+/// let update = UpdateOptions::default();
+/// let again = draw_tiles(&map, &*tiles, &style, &mut request, &target, Some(&update), &())?;
+/// assert_eq!((again.tiles, again.copied > 0), (made.tiles, true));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// Those of [`TilePainter::new`] and of [`export_tiles`](super::export_tiles), or of [`TileUpdate::open`], [`TileUpdate::painter`] and
+/// [`TileUpdate::run`].
+pub fn draw_tiles(
+    tree: &Dataset,
+    tiles: &dyn TileSource,
+    style: &Style,
+    request: &mut TileRequest,
+    target: &TileTarget,
+    update: Option<&UpdateOptions>,
+    progress: &dyn Progress,
+) -> Result<Stored> {
+    let opened = match update {
+        None => None,
+        Some(how) => Some((TileUpdate::open(target, how.old.as_deref(), progress)?, how)),
+    };
+    let painter = match &opened {
+        Some((opened, how)) if !how.restyle => opened.painter(style, tree, progress)?,
+        _ => TilePainter::new(style, tree, progress)?,
+    };
+    if !request.encoding.format.is_array() {
+        request.legend = painter.painter().legend(tree)?.svg();
+    }
+    match opened {
+        None => export_tiles(tiles, &painter, request, target, progress),
+        Some((opened, how)) => opened.run(tree, tiles, &painter, request, how, progress),
     }
 }
 

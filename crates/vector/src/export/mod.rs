@@ -33,8 +33,10 @@ mod flatgeobuf;
 mod geojson;
 #[cfg(feature = "geopackage")]
 mod geopackage;
+mod intersection;
 mod obj;
 mod ply;
+mod sections;
 mod shapefile;
 mod smooth;
 mod svg;
@@ -44,6 +46,8 @@ use std::path::Path;
 use std::str::FromStr;
 
 pub use self::contours::{ContourFeatures, export_contours};
+pub use self::intersection::{IntersectionSummary, export_intersection};
+pub use self::sections::{SectionPlanes, SectionSummary, export_section};
 pub use self::smooth::Smoothed;
 
 use spinney_base::io::Output;

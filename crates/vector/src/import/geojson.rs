@@ -1,7 +1,7 @@
 //! Polygons of GeoJSON documents (RFC 7946), as far as questions about trees need them.
 
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fmt;
 use std::fs::File;
 use std::io::Read;
@@ -48,6 +48,18 @@ impl PolygonFeature {
         self.properties.get("name").and_then(text).or_else(|| self.id.as_ref().and_then(text))
     }
 
+    /// Whether an attribute has a value that is written so; numbers are what they are, however they are written, and nothing is what it
+    /// does not have.
+    fn has_value(&self, name: &str, value: &str) -> bool {
+        match self.properties.get(name) {
+            Some(Value::String(text)) => text == value,
+            Some(Value::Number(number)) => number.as_f64() == value.parse().ok(),
+            Some(Value::Bool(is)) => value == is.to_string(),
+            Some(Value::Null) | None => value.is_empty(),
+            Some(_) => false,
+        }
+    }
+
     /// The polygon in cells of a tree; `None` if it lies outside of it, or has no parts.
     ///
     /// # Errors
@@ -64,6 +76,64 @@ impl PolygonFeature {
 }
 
 impl PolygonLayer {
+    /// Fails if no feature of some layers has an attribute with one of these names.
+    ///
+    /// # Errors
+    /// If there is none, with the names that there are.
+    pub fn check_attributes(layers: &[PolygonLayer], names: &[&str]) -> Result<()> {
+        let features = layers.iter().flat_map(|layer| &layer.features);
+        let known: BTreeSet<&str> =
+            features.flat_map(|feature| feature.properties.keys().map(String::as_str)).collect();
+        match names.iter().find(|name| !known.contains(*name)) {
+            None => Ok(()),
+            Some(name) => {
+                let known = known.into_iter().collect::<Vec<_>>().join(", ");
+                let expected = format!("the name of one that a feature has: {known}");
+                Err(Error::invalid("attribute", format!("{name}, which no feature has"), expected))
+            }
+        }
+    }
+
+    /// Keeps the features of some layers that have all of these values of attributes, each a name and the value as text: of numbers
+    /// however they are written, `true` or `false`, and nothing for what a feature does not have.
+    ///
+    /// ```
+    /// use spinney::import::geojson::{PolygonLayer, parse_polygons};
+    ///
+    /// let ring = "[[[0, 0], [1, 0], [1, 1], [0, 0]]]";
+    /// let feature = |kind: &str| {
+    ///     let geometry = format!(r#"{{"type": "Polygon", "coordinates": {ring}}}"#);
+    ///     format!(r#"{{"type": "Feature", "properties": {{"kind": "{kind}"}}, "geometry": {geometry}}}"#)
+    /// };
+    /// let text = format!(r#"{{"type": "FeatureCollection", "features": [{}, {}]}}"#, feature("wood"), feature("lake"));
+    /// let mut layers = [parse_polygons(&text)?];
+    /// PolygonLayer::select(&mut layers, &[("kind".into(), "lake".into())])?;
+    /// assert_eq!(layers[0].features.len(), 1);
+    /// # Ok::<(), spinney::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If no feature has such an attribute, or none all of the values.
+    pub fn select(layers: &mut [PolygonLayer], values: &[(String, String)]) -> Result<()> {
+        if values.is_empty() {
+            return Ok(());
+        }
+        let names: Vec<&str> = values.iter().map(|(name, _)| name.as_str()).collect();
+        PolygonLayer::check_attributes(layers, &names)?;
+        let is_meant =
+            |feature: &PolygonFeature| values.iter().all(|(name, value)| feature.has_value(name, value));
+        layers.iter_mut().for_each(|layer| layer.features.retain(is_meant));
+        if layers.iter().any(|layer| !layer.features.is_empty()) {
+            return Ok(());
+        }
+        let found: Vec<String> = values.iter().map(|(name, value)| format!("{name}={value}")).collect();
+        Err(Error::invalid(
+            "features",
+            format!("none with {}", found.join(", ")),
+            "values that a feature has",
+        ))
+    }
+
     /// The coordinates that corners are in: those of [`PolygonLayer::crs`], or the tree's own where that is not known.
     pub fn coordinates(&self) -> Coordinates {
         self.crs.clone().map_or(Coordinates::World, Coordinates::System)

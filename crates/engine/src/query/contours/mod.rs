@@ -218,6 +218,7 @@ pub(crate) fn trace_contours(
                 trace(&read_tile(ground, &levels, tiles, [*column, row])?, &levels, tracing, is_reversed)
             });
             for pieces in traced {
+                progress.check()?;
                 tracer.take(pieces?)?;
             }
         }

@@ -3,9 +3,9 @@
 use super::distinct::Occurring;
 use super::reader::{Autumnal, AutumnalNode};
 use crate::tree::{Child, NodeState, Source, no_children};
-use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;
+use spinney_base::{Progress, Result};
 use spinney_container::LevelCounts;
 
 impl Autumnal {
@@ -14,17 +14,17 @@ impl Autumnal {
     /// has more nodes than the file has room for.)
     ///
     /// # Errors
-    /// If the file is damaged.
-    pub fn level_counts(&self, most: u64) -> Result<Option<LevelCounts>> {
+    /// If the file is damaged, or on interruption.
+    pub fn level_counts(&self, most: u64, progress: &dyn Progress) -> Result<Option<LevelCounts>> {
         let root = self.root_child();
         if self.is_folded()? {
-            let mut counted = Counted { depth: self.depth(), counts: LevelCounts::default() };
+            let mut counted = Counted { depth: self.depth(), counts: LevelCounts::default(), progress };
             self.each_distinct(&Bounds::space(self.form().dimension, self.depth()), &mut counted)?;
             return Ok(Some(counted.counts));
         }
         let mut counts = LevelCounts::default();
         let mut left = most;
-        let is_counted = self.count_levels(root, 0, &mut counts, &mut left)?;
+        let is_counted = self.count_levels(root, 0, &mut counts, &mut left, progress)?;
         Ok(is_counted.then_some(counts))
     }
 
@@ -35,15 +35,17 @@ impl Autumnal {
         level: u8,
         counts: &mut LevelCounts,
         left: &mut u64,
+        progress: &dyn Progress,
     ) -> Result<bool> {
         counts.add(level, nodes_of(node.state(), 1));
         let Child::Inner { node, .. } = node else { return Ok(true) };
         let Some(less) = left.checked_sub(1) else { return Ok(false) };
         *left = less;
+        progress.check()?;
         let mut children = no_children();
         self.children(&node, &mut children)?;
         for child in &children[..self.form().children()] {
-            if !self.count_levels(*child, level + 1, counts, left)? {
+            if !self.count_levels(*child, level + 1, counts, left, progress)? {
                 return Ok(false);
             }
         }
@@ -59,13 +61,15 @@ fn nodes_of(state: NodeState, nodes: u64) -> [u64; 3] {
 }
 
 /// The nodes of a tree each record of which is read once.
-struct Counted {
+struct Counted<'p> {
     depth: u8,
     counts: LevelCounts,
+    progress: &'p dyn Progress,
 }
 
-impl Occurring for Counted {
+impl Occurring for Counted<'_> {
     fn inner(&mut self, node: AutumnalNode, times: u64) -> Result<bool> {
+        self.progress.check()?;
         self.counts.add(self.depth - node.height, nodes_of(NodeState::Inner, times));
         Ok(true)
     }

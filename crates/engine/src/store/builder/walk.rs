@@ -289,13 +289,16 @@ impl<'a> Builder<'a> {
         total: u64,
         progress: &dyn Progress,
     ) -> Result<()> {
-        progress.check()?;
         let plan = self.plan;
-        let build = |(code, node): &(Code, Child<S::Node>)| match node {
-            Child::Inner { representative, node } if code.level() < plan.shape.depth => {
-                Ok(plan.built(*code, plan.block(source, *code, (*representative, node))?))
+        let build = |(code, node): &(Code, Child<S::Node>)| {
+            // (A batch of blocks of a view takes its time.)
+            progress.check()?;
+            match node {
+                Child::Inner { representative, node } if code.level() < plan.shape.depth => {
+                    Ok(plan.built(*code, plan.block(source, *code, (*representative, node))?))
+                }
+                _ => Ok(plan.uniform(*code, node.value().filter(|value| !plan.form.value.is_nan(*value)))),
             }
-            _ => Ok(plan.uniform(*code, node.value().filter(|value| !plan.form.value.is_nan(*value)))),
         };
         let built: Vec<Result<BuiltBlock>> = parallel::map(&batch, build);
         built.into_iter().try_for_each(|built| self.sink.push(built?))?;

@@ -1,17 +1,15 @@
 //! `spinney section`: where planes cut an exact model, or where two models meet.
 
-mod planes;
-mod surfaces;
-
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use spinney::brep::ExactModel;
+use spinney::brep::surface_intersection::surface_intersection;
+use spinney::export::vector::{SectionPlanes, VectorFormat, export_intersection, export_section};
 
-use self::planes::{Planes, parse_planes};
 use super::args::{Memory, OutputLimit, VECTOR_FORMATS, check_output, vector_format};
-use super::report::report_output;
+use super::report::{Work, report_output};
 use super::{Global, exact};
 
 const EXAMPLES: &str = "Examples:
@@ -61,17 +59,18 @@ pub(crate) struct Args {
 /// Planes or another model that a model is cut by.
 #[derive(Clone, Debug)]
 enum Cutter {
-    Planes(Planes),
+    Planes(SectionPlanes),
     Model(PathBuf),
 }
 
 /// Reads what a model is cut by: planes, or the name of a file.
 fn parse_cutter(text: &str) -> Result<Cutter, String> {
+    let planes = || text.parse().map(Cutter::Planes).map_err(|error: spinney::Error| error.to_string());
     let name = text.split_once('=').map(|(name, _)| name);
     match name {
-        Some("x" | "y" | "z" | "plane") => parse_planes(text).map(Cutter::Planes),
+        Some("x" | "y" | "z" | "plane") => planes(),
         _ if Path::new(text).exists() => Ok(Cutter::Model(text.into())),
-        Some(_) => parse_planes(text).map(Cutter::Planes),
+        Some(_) => planes(),
         None => Err("there is no such file, and planes are such as z=12.5".into()),
     }
 }
@@ -93,12 +92,55 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let format = vector_format(args.format.as_deref(), &args.output)?;
     check_output(others.iter().copied().chain([args.file.as_path()]), &args.output)?;
     let found = match others.first() {
-        Some(other) => surfaces::write(args, [&model, &open(other)?], format, global)?,
-        None => planes::write(args, &model, &planes, format, global)?,
+        Some(other) => intersect(args, [&model, &open(other)?], format, global)?,
+        None => cut(args, &model, &planes, format, global)?,
     };
     global.report("section", format_args!("{found}"));
     report_output(global, &args.output, start);
     Ok(())
+}
+
+/// Writes sections by planes; says what there is.
+fn cut(
+    args: &Args,
+    model: &ExactModel,
+    planes: &[SectionPlanes],
+    format: VectorFormat,
+    global: &Global,
+) -> Result<String> {
+    let work = Work::start(global, "planes")?;
+    let made = args
+        .limit
+        .create(&args.output)
+        .and_then(|output| export_section(model, planes, args.flat, output, format, &work))
+        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    Ok(format!("{} polygons in {} planes, with an area of {}", made.polygons, made.planes, made.area))
+}
+
+/// Writes what the surfaces of two models have in common; says what there is.
+fn intersect(args: &Args, models: [&ExactModel; 2], format: VectorFormat, global: &Global) -> Result<String> {
+    if args.flat {
+        bail!("--flat is for planes: what two models have in common lies in none");
+    }
+    let work = Work::start(global, "faces")?;
+    let found = surface_intersection(models[0], models[1], args.memory.bytes, &work)?;
+    let made = args
+        .limit
+        .create(&args.output)
+        .and_then(|output| export_intersection(&found, models, output, format, &work))
+        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    Ok(format!(
+        "{} lines where surfaces pass through each other (length {}), {} where they touch ({}), {} areas ({}), {} points",
+        made.crossings,
+        made.crossing_length,
+        made.touches,
+        made.touch_length,
+        made.overlaps,
+        made.overlap_area,
+        made.points
+    ))
 }
 
 fn open(path: &Path) -> Result<ExactModel> {

@@ -1,0 +1,141 @@
+//! What the surfaces of two exact models have in common, as lines, areas and points.
+
+use super::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
+use spinney_base::io::Output;
+use spinney_base::{Progress, Result};
+use spinney_brep::surface_intersection::{LineKind, SurfaceIntersection};
+use spinney_brep::{ExactModel, Faces};
+
+/// Names and types of the attributes.
+const ATTRIBUTES: [(&str, AttributeType); 8] = [
+    ("kind", AttributeType::Text),
+    ("length", AttributeType::Number),
+    ("area", AttributeType::Number),
+    ("side", AttributeType::Text),
+    ("a_left", AttributeType::PerSegment),
+    ("a_right", AttributeType::PerSegment),
+    ("b_left", AttributeType::PerSegment),
+    ("b_right", AttributeType::PerSegment),
+];
+
+/// Counts of what two surfaces have in common.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct IntersectionSummary {
+    /// Lines where they pass through each other.
+    pub crossings: u64,
+    /// Length of these.
+    pub crossing_length: f64,
+    /// Lines where they touch.
+    pub touches: u64,
+    /// Length of these.
+    pub touch_length: f64,
+    /// Areas in which they lie on each other.
+    pub overlaps: u64,
+    /// The sum of these.
+    pub overlap_area: f64,
+    /// Lone points.
+    pub points: u64,
+}
+
+impl IntersectionSummary {
+    fn of(found: &SurfaceIntersection) -> IntersectionSummary {
+        let lines = |kind: LineKind| {
+            let lines = found.lines.iter().filter(|line| line.kind == kind);
+            lines.fold((0, 0.0), |(count, length), line| (count + 1, length + line.length()))
+        };
+        let (crossings, crossing_length) = lines(LineKind::Crossing);
+        let (touches, touch_length) = lines(LineKind::Touch);
+        IntersectionSummary {
+            crossings,
+            crossing_length,
+            touches,
+            touch_length,
+            overlaps: found.areas.len() as u64,
+            overlap_area: found.areas.iter().fold(0.0, |sum, area| sum + area.polygon.area),
+            points: found.points.len() as u64,
+        }
+    }
+}
+
+/// Writes what the surfaces of two exact models have in common
+/// ([`surface_intersection`](spinney_brep::surface_intersection::surface_intersection)). Features are lines where they pass through each
+/// other (`kind` crossing) or touch (touch), areas in which they lie on each other (overlap; `side` says whether they face the `same`
+/// way or `opposite` ones), and lone points (point). `a_left`, `a_right`, `b_left` and `b_right` are the faces of both models beside
+/// each segment.
+///
+/// # Errors
+/// If one of the files was changed meanwhile, or the output cannot be written.
+pub fn export_intersection(
+    found: &SurfaceIntersection,
+    [a, b]: [&ExactModel; 2],
+    output: Output,
+    format: VectorFormat,
+    progress: &dyn Progress,
+) -> Result<IntersectionSummary> {
+    let layer = VectorLayer {
+        name: "intersection".into(),
+        kind: None,
+        has_z: true,
+        attributes: ATTRIBUTES.map(|(name, kind)| (name.into(), kind)).to_vec(),
+        crs: a.crs().or(b.crs()).cloned(),
+        bounds: bounds(found).map_or_else(|| a.bounds().map(|bounds| bounds.map(|[x, y, _]| [x, y])), Ok)?,
+    };
+    let path = output.path().to_path_buf();
+    let remark = layer.remark(format);
+    let mut writer = VectorWriter::create(output, format, layer)?;
+    remark.iter().for_each(|remark| progress.warn(&path, remark));
+    let none = AttributeValue::None;
+    for line in &found.lines {
+        progress.check()?;
+        let kind = match line.kind {
+            LineKind::Crossing => "crossing",
+            LineKind::Touch => "touch",
+        };
+        let faces = |body: usize, side: usize| -> Vec<u64> {
+            line.faces.iter().map(|faces| faces[body][side]).collect()
+        };
+        let [a_left, a_right, b_left, b_right] = [faces(0, 0), faces(0, 1), faces(1, 0), faces(1, 1)];
+        let attributes = [
+            AttributeValue::Text(kind),
+            AttributeValue::Number(line.length()),
+            none,
+            none,
+            AttributeValue::PerSegment(&a_left),
+            AttributeValue::PerSegment(&a_right),
+            AttributeValue::PerSegment(&b_left),
+            AttributeValue::PerSegment(&b_right),
+        ];
+        writer.write_as(GeometryKind::Line, line, &attributes)?;
+    }
+    for area in &found.areas {
+        let side = if area.is_same_side { "same" } else { "opposite" };
+        let attributes = [
+            AttributeValue::Text("overlap"),
+            none,
+            AttributeValue::Number(area.polygon.area),
+            AttributeValue::Text(side),
+            none,
+            none,
+            none,
+            none,
+        ];
+        writer.write_as(GeometryKind::Polygon, &area.polygon, &attributes)?;
+    }
+    for point in &found.points {
+        let [a, b] = point.faces.map(|face| [face]);
+        let [a, b] = [&a, &b].map(|face| AttributeValue::PerSegment(face));
+        let attributes = [AttributeValue::Text("point"), none, none, none, a, a, b, b];
+        writer.write_as(GeometryKind::Point, &[vec![point.point]], &attributes)?;
+    }
+    a.check_unchanged()?;
+    b.check_unchanged()?;
+    writer.finish().map(|()| IntersectionSummary::of(found))
+}
+
+/// Least and greatest x and y of what was found.
+fn bounds(found: &SurfaceIntersection) -> Option<[[f64; 2]; 2]> {
+    let points = found.all_points().map(|[x, y, _]| [*x, *y]);
+    points.map(|point| [point; 2]).reduce(|[low, high], [point, _]| {
+        [[low[0].min(point[0]), low[1].min(point[1])], [high[0].max(point[0]), high[1].max(point[1])]]
+    })
+}

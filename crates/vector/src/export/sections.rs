@@ -1,0 +1,215 @@
+//! Sections of exact models by planes, as polygons.
+
+use std::str::FromStr;
+
+use super::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_brep::query::{CuttingPlane, SectionPolygon};
+use spinney_brep::{ExactModel, Faces};
+
+/// Parallel planes that an exact model is cut by, as people write them: `z=12.5`, many at a time `z=0..50/0.2`, or
+/// `plane=NX,NY,NZ,D` with a normal and its product with the plane's points.
+///
+/// ```
+/// use spinney::export::vector::SectionPlanes;
+///
+/// let planes: SectionPlanes = "z=0..50/0.2".parse()?;
+/// assert_eq!(planes.count(), 251);
+/// assert!("z=0..50".parse::<SectionPlanes>().is_err());
+/// # Ok::<(), spinney::Error>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct SectionPlanes {
+    name: String,
+    normal: [f64; 3],
+    first: f64,
+    step: f64,
+    count: u32,
+}
+
+impl SectionPlanes {
+    /// Number of planes.
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// The product of a plane's points with the normal.
+    fn at(&self, number: u32) -> f64 {
+        // (Steps of 0.2 as a decimal fraction has them: sums would drift away.)
+        self.first + f64::from(number) * self.step
+    }
+}
+
+impl FromStr for SectionPlanes {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<SectionPlanes> {
+        let wrong = || {
+            let expected = "x=, y= or z= with a number or FROM..TO/STEP, or plane=NX,NY,NZ,D";
+            Error::invalid("planes", text, expected)
+        };
+        let (name, value) = text.split_once('=').ok_or_else(wrong)?;
+        let number = |text: &str| text.trim().parse().ok().filter(|number: &f64| number.is_finite());
+        let one = |name: &str, normal: [f64; 3], first: f64| SectionPlanes {
+            name: name.into(),
+            normal,
+            first,
+            step: 0.0,
+            count: 1,
+        };
+        if name == "plane" {
+            let numbers: Option<Vec<f64>> = value.split(',').map(number).collect();
+            let Some(&[x, y, z, at]) = numbers.as_deref() else { return Err(wrong()) };
+            return Ok(one(&format!("{x},{y},{z}"), [x, y, z], at));
+        }
+        let axis = ["x", "y", "z"].iter().position(|axis| *axis == name).ok_or_else(wrong)?;
+        let normal = CuttingPlane::across(axis, 0.0).normal;
+        let Some((range, step)) = value.split_once('/') else {
+            return Ok(one(name, normal, number(value).ok_or_else(wrong)?));
+        };
+        let (from, to) = range.split_once("..").ok_or_else(wrong)?;
+        let numbers = (number(from), number(to), number(step));
+        let (Some(from), Some(to), Some(step)) = numbers else { return Err(wrong()) };
+        // (The last one counts although steps are not quite what they are written as.)
+        let steps = ((to - from) / step + 1e-9).floor();
+        if !(step > 0.0 && (0.0..f64::from(u32::MAX)).contains(&steps)) {
+            let expected = "FROM..TO/STEP with a step above 0, and less than 2^32 steps";
+            return Err(Error::invalid("planes", text, expected));
+        }
+        Ok(SectionPlanes { name: name.into(), normal, first: from, step, count: steps as u32 + 1 })
+    }
+}
+
+/// Counts of sections.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SectionSummary {
+    /// Planes.
+    pub planes: u64,
+    /// Polygons in all of them.
+    pub polygons: u64,
+    /// The sum of their areas, without those of holes.
+    pub area: f64,
+}
+
+/// Writes where planes cut an exact model, as polygons with the attributes `plane` (x, y, z, or the normal), `at` (its coordinate, or
+/// the product of the normal with its points) and `area`. Points are in space, or, if it is `flat`, in the plane: y and z where x is
+/// given, z and x where y is, x and y where z is; a drawing (SVG) always is. Only what one plane cuts is held.
+///
+/// ```
+/// use spinney::brep::ExactModel;
+/// use spinney::export::vector::{VectorFormat, export_section};
+/// use spinney::io::Output;
+/// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let [mesh, path, out] = ["tetrahedron.off", "tetrahedron.goblin", "slices.csv"].map(|name| folder.path().join(name));
+/// # let text = "OFF\n4 4 0\n0 0 0\n6 0 0\n0 6 0\n0 0 6\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+/// # std::fs::write(&mesh, text).unwrap();
+/// # import_exact(open_all(&[mesh], 64 << 20)?, &ExactOptions::new(), Output::create(&path)?, &())?;
+/// let model = ExactModel::open(&path, &Default::default())?;
+/// let planes = ["z=1..5/2".parse()?];
+/// let found = export_section(&model, &planes, false, Output::create(&out)?, VectorFormat::Csv, &())?;
+/// assert_eq!((found.polygons, found.area), (3, (25.0 + 9.0 + 1.0) / 2.0));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If a plane is none, the body has no bounds, the file is damaged or was changed meanwhile, the output cannot be written, or on
+/// interruption.
+pub fn export_section(
+    model: &ExactModel,
+    planes: &[SectionPlanes],
+    flat: bool,
+    output: Output,
+    format: VectorFormat,
+    progress: &dyn Progress,
+) -> Result<SectionSummary> {
+    let is_flat = flat || format == VectorFormat::Svg;
+    let attributes =
+        [("plane", AttributeType::Text), ("at", AttributeType::Number), ("area", AttributeType::Number)];
+    let layer = VectorLayer {
+        name: "section".into(),
+        kind: Some(GeometryKind::Polygon),
+        has_z: !is_flat,
+        attributes: attributes.iter().map(|(name, kind)| ((*name).into(), *kind)).collect(),
+        crs: if is_flat { None } else { model.crs().cloned() },
+        bounds: bounds_of(model, planes, is_flat)?,
+    };
+    let path = output.path().to_path_buf();
+    let remark = layer.remark(format);
+    let mut writer = VectorWriter::create(output, format, layer)?;
+    remark.iter().for_each(|remark| progress.warn(&path, remark));
+    let mut made = SectionSummary::default();
+    for planes in planes {
+        made.planes += u64::from(planes.count);
+        let mut distances = (0..planes.count as usize).map(|number| planes.at(number as u32));
+        model.plane_sections(planes.normal, &mut distances, progress, &mut |number, polygons| {
+            let at = planes.at(number as u32);
+            let plane = CuttingPlane { normal: planes.normal, distance: at };
+            for polygon in polygons {
+                (made.polygons, made.area) = (made.polygons + 1, made.area + polygon.area);
+                let attributes = [
+                    AttributeValue::Text(&planes.name),
+                    AttributeValue::Number(at),
+                    AttributeValue::Number(polygon.area),
+                ];
+                match is_flat {
+                    true => writer.write(&flattened(&plane, polygon), &attributes)?,
+                    false => writer.write(polygon, &attributes)?,
+                }
+            }
+            Ok(())
+        })?;
+    }
+    model.check_unchanged()?;
+    writer.finish().map(|()| made)
+}
+
+/// Least and greatest coordinates that sections may have.
+fn bounds_of(model: &ExactModel, planes: &[SectionPlanes], is_flat: bool) -> Result<[[f64; 2]; 2]> {
+    let [low, high] = model.bounds()?;
+    let corners = (0..8).map(|corner| [0, 1, 2].map(|axis| [low, high][corner >> axis & 1][axis]));
+    let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+    for corner in corners {
+        for planes in planes {
+            let plane = CuttingPlane { normal: planes.normal, distance: 0.0 };
+            let [x, y, _] = if is_flat { flat_point(&plane, corner) } else { corner };
+            bounds = [[bounds[0][0].min(x), bounds[0][1].min(y)], [bounds[1][0].max(x), bounds[1][1].max(y)]];
+        }
+    }
+    Ok(bounds)
+}
+
+/// A point by its place in a plane.
+fn flat_point(plane: &CuttingPlane, point: [f64; 3]) -> [f64; 3] {
+    let [u, v] = plane.axes();
+    let along = |axis: [f64; 3]| (0..3).map(|i| axis[i] * point[i]).sum::<f64>();
+    [along(u), along(v), 0.0]
+}
+
+fn flattened(plane: &CuttingPlane, polygon: &SectionPolygon) -> SectionPolygon {
+    let ring = |ring: &Vec<[f64; 3]>| ring.iter().map(|point| flat_point(plane, *point)).collect();
+    SectionPolygon { rings: polygon.rings.iter().map(ring).collect(), area: polygon.area }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planes_are_read_as_they_are_written() {
+        let read = |text: &str| text.parse::<SectionPlanes>();
+        assert_eq!(read("y= 2.5 ").unwrap().at(0), 2.5);
+        assert_eq!(read("plane=1,1,0,7.5").unwrap().normal, [1.0, 1.0, 0.0]);
+        let steps = read("z=0..0.3/0.1").unwrap();
+        assert_eq!((steps.count(), steps.at(3)), (4, 0.1 * 3.0));
+        for wrong in ["z", "z=", "w=1", "z=nan", "z=0..1", "plane=1,2,3", "plane=1,2,3,4,5", "z=1..inf/1"] {
+            let told = read(wrong).unwrap_err().to_string();
+            assert!(told.contains(wrong) && told.contains("FROM..TO/STEP, or plane="), "{told}");
+        }
+        for wrong in ["z=0..1/0", "z=1..0/1", "z=0..1/-1", "z=0..1/1e-12"] {
+            let told = read(wrong).unwrap_err().to_string();
+            assert!(told.contains(wrong) && told.contains("a step above 0"), "{told}");
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! Sections: where planes cut exact models, and what the surfaces of two have in common.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use spinney::brep::ExactModel;
+use spinney::brep::surface_intersection::surface_intersection;
+use spinney::export::vector::{SectionPlanes, VectorFormat, export_intersection, export_section};
+use spinney::store::OpenOptions;
+
+use crate::error::{OrRaise, invalid};
+use crate::files::check_output;
+use crate::jobs::{self, Terms};
+use crate::model::Model;
+
+/// What models are cut by, as Python gives it.
+#[derive(Default)]
+struct Cutters {
+    planes: Vec<SectionPlanes>,
+    models: Vec<Arc<ExactModel>>,
+}
+
+impl Cutters {
+    fn of(py: Python<'_>, given: &[Bound<'_, PyAny>]) -> PyResult<Cutters> {
+        let mut cutters = Cutters::default();
+        for cutter in given {
+            if let Ok(model) = cutter.cast::<Model>() {
+                cutters.models.push(model.get().get()?);
+                continue;
+            }
+            if let Ok(text) = cutter.extract::<String>() {
+                if Path::new(&text).exists() {
+                    return Err(invalid(format!("by: {text} is a file: give it as a Path, or open it")));
+                }
+                cutters.planes.push(text.parse().or_raise()?);
+                continue;
+            }
+            let path: PathBuf = cutter.extract()?;
+            let model = py.detach(|| ExactModel::open(&path, &OpenOptions::new())).or_raise()?;
+            cutters.models.push(Arc::new(model));
+        }
+        Ok(cutters)
+    }
+}
+
+#[pymethods]
+impl Model {
+    /// Writes where planes cut the model, or what it and another one have in common; returns counts and sums by name.
+    #[pyo3(name = "_write_section")]
+    fn write_section<'py>(
+        &self,
+        py: Python<'py>,
+        path: PathBuf,
+        cutters: Vec<Bound<'py, PyAny>>,
+        flat: bool,
+        memory: u64,
+        terms: Terms,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let model = self.get()?;
+        let Cutters { planes, models } = Cutters::of(py, &cutters)?;
+        let inputs = models.iter().chain([&model]).map(|model| model.path().to_path_buf());
+        check_output(&inputs.collect::<Vec<_>>(), &path)?;
+        let known = "use .geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply";
+        let format = VectorFormat::of(&path)
+            .ok_or_else(|| invalid(format!("{}: unknown format; {known}", path.display())))?;
+        let facts = PyDict::new(py);
+        match &models[..] {
+            [] => {
+                let made = jobs::run(py, terms, |work| {
+                    export_section(&model, &planes, flat, work.create(&path)?, format, work)
+                })?;
+                facts.set_item("planes", made.planes)?;
+                facts.set_item("polygons", made.polygons)?;
+                facts.set_item("area", made.area)?;
+            }
+            [_] if flat => {
+                return Err(invalid("flat: is for planes, what two models have in common lies in none"));
+            }
+            [other] if planes.is_empty() => {
+                let made = jobs::run(py, terms, |work| {
+                    let found = surface_intersection(&model, other, memory, work)?;
+                    export_intersection(&found, [&model, other], work.create(&path)?, format, work)
+                })?;
+                facts.set_item("crossings", made.crossings)?;
+                facts.set_item("crossing_length", made.crossing_length)?;
+                facts.set_item("touches", made.touches)?;
+                facts.set_item("touch_length", made.touch_length)?;
+                facts.set_item("overlaps", made.overlaps)?;
+                facts.set_item("overlap_area", made.overlap_area)?;
+                facts.set_item("points", made.points)?;
+            }
+            _ => return Err(invalid("section: a model is cut by planes or by one other model")),
+        }
+        Ok(facts)
+    }
+}

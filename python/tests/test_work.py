@@ -1,0 +1,361 @@
+"""Terms of long work: threads, limits, times, and Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import BOX, FIXTURES, noise, run
+
+import spinney
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Trees and a model that take a while: maps, one to edit, octrees, a surface of many triangles."""
+    folder = tmp_path_factory.mktemp("work")
+    random = np.random.default_rng(7)
+    for name in ("first", "second"):
+        spinney.build(random.integers(0, 4, (4096, 4096), "u1"), folder / f"{name}.goblin", kind="categorical")
+    spinney.convert(folder / "first.goblin", folder / "map.autumn")
+    spinney.build(noise((2000, 2000), "f4", 3), folder / "heights.goblin", crs="EPSG:3857", transform=(100, 0, 0, 0, -100, 0))
+    spinney.build(random.integers(0, 2, (256, 256, 256)).astype(bool), folder / "sponge.goblin", dims="zyx")
+    z, y, x = np.indices((160, 160, 160), dtype="f4") - 80
+    bumps = 10 * np.sin(x / 3) * np.sin(y / 3) * np.sin(z / 3)
+    spinney.build(np.sqrt(x**2 + y**2 + z**2) + bumps < 60, folder / "ball.goblin", dims="zyx")
+    with spinney.open(folder / "ball.goblin") as ball:
+        spinney.build_exact(ball.mesh(6, smooth=True), folder / "model.goblin")
+    return folder
+
+
+# Threads
+
+
+def make_all(place: Path, threads: int | None) -> list[Path]:
+    """Makes everything that many threads make, in the current folder."""
+    outputs: list[Path] = []
+
+    def file(name: str) -> Path:
+        outputs.append(Path(name))
+        return outputs[-1]
+
+    first, second = file("first.goblin"), file("second.goblin")
+    spinney.build(noise((1200, 900), "u1", 1), first, kind="categorical", threads=threads)
+    spinney.build(noise((1200, 900), "u1", 2), second, threads=threads, kind="categorical")
+    spinney.build(FIXTURES / "island_elevation.tif", file("picture.goblin"), threads=threads)
+    spinney.build(FIXTURES / "island_elevation.tif", file("warped.goblin"), grid="xyz", threads=threads)
+    spinney.transform(first, ["rotate=20", "crop"], file("turned.goblin"), threads=threads)
+    spinney.combine("a-b", [first, second], file("combined.goblin"), threads=threads)
+    spinney.convert(first, file("converted.autumn"), threads=threads)
+    spinney.compact("converted.autumn", file("compact.autumn"), threads=threads)
+    spinney.blame("converted.autumn", file("blame.goblin"), threads=threads)
+    assert spinney.verify(first, threads=threads) == []
+    with spinney.open("picture.goblin") as relief:
+        relief.save(file("relief.png"), shape=(90, 70), exact=True, threads=threads)
+        relief.export(file("relief.tif"), threads=threads)
+        relief.contours(file("lines.csv"), every=20, threads=threads)
+        relief.legend(file("legend.svg"), "terrain", threads=threads)
+        box = [(303000, 3194000), (307000, 3194000), (307000, 3198000), (303000, 3194000)]
+        zones = relief.zonal({"type": "Polygon", "coordinates": [box]}, edge="area", threads=threads)
+        file("zones.txt").write_text(repr(zones))
+        relief.export(file("relief.pmtiles"), threads=threads)
+    with spinney.open(place / "ball.goblin") as ball:
+        ball.render(file("ball.png"), size=(100, 80), threads=threads)
+        ball.export(file("ball.ply"), smooth=True, threads=threads)
+        file("ball.txt").write_text(repr((ball.solid(surface=True, threads=threads), ball.mesh(5, threads=threads))))
+    with spinney.open_exact(place / "model.goblin") as model:
+        points = np.random.default_rng(3).uniform(20, 140, (1500, 3))
+        found = [
+            model.locate(points, threads=threads),
+            model.contains(points, threads=threads),
+            model.distance(points, threads=threads),
+            model.nearest(points, threads=threads).points,
+            model.rays(points, (1, 0, 0), threads=threads).points,
+            model.triangles(threads=threads).vertices,
+            model.faces(threads=threads).vertices,
+        ]
+        told = (model.mass(threads=threads), model.euler(threads=threads), model.coverage(3, (2, 2, 2), threads=threads))
+        file("model.txt").write_text(repr(told))
+        np.savez(file("found.npz"), *found)
+        model.export(file("model.off"), threads=threads)
+        model.section(file("section.csv"), "z=30..130/10", threads=threads)
+    spinney.build_exact("model.off", file("rebuilt.goblin"), threads=threads)
+    history = file("edited.autumn")
+    history.write_bytes((FIXTURES / "v1" / "history.autumn").read_bytes())
+    with spinney.edit(history, author="", time=7, threads=threads) as edit:
+        edit.paste(noise((4, 3), "u1"), at=(3, 2))
+        edit.fill(2, window=(0, 0, 5, 5))
+    return outputs
+
+
+def test_threads_change_nothing(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    contents: list[dict[str, bytes]] = []
+    for threads in (1, 3, None):
+        folder = tmp_path / str(threads)
+        folder.mkdir()
+        # (Files tell the names of those that they were made of.)
+        monkeypatch.chdir(folder)
+        contents.append({path.name: path.read_bytes() for path in make_all(place, threads)})
+    assert len(contents[0]) > 20
+    for name, content in contents[0].items():
+        assert contents[1][name] == content == contents[2][name], name
+
+
+COUNTED = """
+import os, sys, threading, time, spinney
+def count():
+    return len(os.listdir("/proc/self/task"))
+def watch():
+    while not done:
+        seen.append(count())
+        time.sleep(0.005)
+seen, done = [], []
+watcher = threading.Thread(target=watch)
+watcher.start()
+here = count()
+spinney.transform(sys.argv[1], "scale=0.5", sys.argv[2], threads=7)
+done.append(True)
+watcher.join()
+print(max(seen) - here)
+"""
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="there is no /proc")
+def test_so_many_threads_work(place: Path, tmp_path: Path) -> None:
+    words = [sys.executable, "-P", "-c", COUNTED, place / "first.goblin", tmp_path / "t.goblin"]
+    # (One more waits for them.)
+    assert int(subprocess.check_output(words)) == 8
+
+
+@pytest.mark.parametrize("threads", [0, -1, 1.5, "2", True, 1j])
+def test_numbers_of_threads_that_make_no_sense(relief: str, tmp_path: Path, threads: Any) -> None:
+    with pytest.raises(ValueError, match=r"threads: .*expected a whole number, 1 or more"):
+        spinney.convert(relief, tmp_path / "never.goblin", threads=threads)
+    with spinney.open(relief) as ds, pytest.raises(ValueError, match="threads"):
+        ds.save(tmp_path / "never.png", threads=threads)
+    assert not list(tmp_path.iterdir())
+
+
+# Limits and times
+
+
+def test_outputs_keep_to_their_limit(island: str, relief: str, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    history = tmp_path_factory.mktemp("history") / "island.autumn"
+    spinney.convert(island, history)
+    never = tmp_path / "never.goblin"
+    works: list[Callable[..., Any]] = [
+        lambda **limit: spinney.build(noise((900, 700), "u2"), never, **limit),
+        lambda **limit: spinney.build(island, never, **limit),
+        lambda **limit: spinney.build(FIXTURES / "island_elevation.tif", never, **limit),
+        lambda **limit: spinney.transform(island, "rotate=20", never, **limit),
+        lambda **limit: spinney.combine("and", [island, island], never, **limit),
+        lambda **limit: spinney.convert(island, never, **limit),
+        lambda **limit: spinney.compact(history, tmp_path / "never.autumn", **limit),
+        lambda **limit: spinney.blame(history, never, **limit),
+        lambda **limit: spinney.build_exact(BOX, never, **limit),
+        lambda **limit: spinney.open(relief).contours(tmp_path / "never.csv", every=5, **limit),
+    ]
+    for number, work in enumerate(works):
+        for limit in (100, "0.1k"):
+            with pytest.raises(OSError, match="allowed"):
+                work(max_bytes=limit)
+            assert not list(tmp_path.iterdir()), number
+    spinney.convert(island, never, max_bytes="1G")
+    for nonsense in (0, -1, "much"):
+        with pytest.raises(ValueError, match="max_bytes"):
+            spinney.convert(island, never, max_bytes=nonsense)
+
+
+def test_the_first_commit_has_a_time(program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    picture = FIXTURES / "island_classes.tif"
+
+    def first(name: str, source: Any = picture, **time: int) -> float | None:
+        spinney.build(source, tmp_path / name, **time)
+        commit = spinney.log(tmp_path / name)[-1]
+        return None if commit.time is None else commit.time.timestamp()
+
+    monkeypatch.delenv("SOURCE_DATE_EPOCH", raising=False)
+    assert first("none.autumn") is None
+    assert first("five.autumn", time=1_600_000_005) == 1_600_000_005
+    assert first("array.autumn", noise((50, 60), "u1"), time=7) == 7
+    assert first("tree.autumn", tmp_path / "five.autumn", time=-8) == -8
+    run(program, "build", picture, "-o", tmp_path / "theirs.autumn", "--time", "1600000005")
+    assert (tmp_path / "five.autumn").read_bytes() == (tmp_path / "theirs.autumn").read_bytes()
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1500000000")
+    assert first("epoch.autumn") == 1_500_000_000
+    assert first("said.autumn", time=3) == 3
+    with spinney.edit(tmp_path / "none.autumn") as edit:
+        edit.fill(99, window=(0, 0, 9, 9))
+    assert edit.made is not None and edit.made.time is not None and edit.made.time.timestamp() == 1_500_000_000
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "yesterday")
+    with pytest.raises(ValueError, match="SOURCE_DATE_EPOCH: 'yesterday'"):
+        first("never.autumn")
+    assert not (tmp_path / "never.autumn").exists()
+
+
+def test_nodes_are_counted(program: str, island: str, history: str) -> None:
+    for path in (island, history):
+        with spinney.open(path) as ds:
+            counts = ds.level_counts()
+            assert len(counts) <= ds.levels and sum(counts[0]) == 1 and counts[-1].inner == 0
+            told = json.loads(run(program, "info", path, "--levels", "--json"))["levels"]
+            assert [(c.void, c.leaf, c.inner) for c in counts] == [(t["void"], t["leaf"], t["inner"]) for t in told]
+            for above, below in zip(counts, counts[1:]):
+                assert sum(below) == 4 * above.inner
+    with spinney.open(island, view="rotate=90") as view, pytest.raises(ValueError, match="is a view"):
+        view.level_counts()
+
+
+def test_features_are_chosen_by_values(program: str, island: str) -> None:
+    path = FIXTURES / "island_districts.geojson"
+    document = json.loads(path.read_text())
+    for number, feature in enumerate(document["features"]):
+        feature["properties"] |= {"number": number, "even": number % 2 == 0, "odd": number if number % 2 else None}
+    names = [feature["properties"]["name"] for feature in document["features"]]
+    with spinney.open(island) as ds:
+        every = ds.zonal(document)
+        assert ds.zonal(document, where={"name": names[1]}) == [every[1]]
+        assert ds.zonal(document, where={"number": 1.0}) == [every[1]]
+        assert ds.zonal(document, where={"even": True}) == every[::2]
+        assert ds.zonal(document, where={"odd": None}) == every[::2]
+        assert ds.zonal(document, ["count"], where={"even": False, "number": 1}) == [{"count": every[1].cells}]
+        with pytest.raises(ValueError, match="nobody"):
+            ds.zonal(document, where={"name": "nobody"})
+        with pytest.raises(ValueError, match="place, which no feature has.*name"):
+            ds.zonal(document, where={"place": "x"})
+        # (The program's option has commas between several.)
+        number = next(number for number, name in enumerate(names) if "," not in name)
+        told = json.loads(run(program, "stats", island, "--zones", path, "--json", "--where", f"name={names[number]}"))
+        assert [zone["cells"] for zone in told["zones"]] == [every[number].cells]
+
+
+# Ctrl-C
+
+Work = Callable[[Path, Path], Any]
+
+
+def triangles() -> list[dict]:
+    """Many polygons of a map."""
+    random = np.random.default_rng(8)
+    corners = random.uniform(0, 2500, (2000, 1, 2)) + random.uniform(0, 500, (2000, 3, 2))
+    return [{"type": "Polygon", "coordinates": [[*ring.tolist(), ring[0].tolist()]]} for ring in corners]
+
+
+def points(count: int, axes: int, most: float) -> np.ndarray:
+    return np.random.default_rng(9).uniform(0, most, (count, axes))
+
+
+def rows() -> Any:
+    """Rows of an array, one below the other."""
+    row = noise((1, 4000), "u2")
+    for _ in range(9000):
+        yield row
+
+
+def many_cells(place: Path, to: Path) -> None:
+    copy = to / "edit.autumn"
+    copy.write_bytes((place / "map.autumn").read_bytes())
+    with spinney.edit(copy) as edit:
+        edit.set(points(300_000, 2, 4096).astype(int), [7])
+
+
+def pasted(place: Path, to: Path) -> None:
+    copy = to / "edit.autumn"
+    copy.write_bytes((place / "map.autumn").read_bytes())
+    with spinney.edit(copy) as edit:
+        edit.paste(place / "second.goblin")
+
+
+def tree(path: Path, *view: str) -> spinney.Dataset:
+    return spinney.open(path, view=view)
+
+
+LONG: dict[str, Work] = {
+    # Exact models
+    "locate": lambda place, _: spinney.open_exact(place / "model.goblin").locate(points(2_000_000, 3, 160)),
+    "contains": lambda place, _: spinney.open_exact(place / "model.goblin").contains(points(2_000_000, 3, 160)),
+    "distance": lambda place, _: spinney.open_exact(place / "model.goblin").distance(points(20_000, 3, 160)),
+    "nearest": lambda place, _: spinney.open_exact(place / "model.goblin").nearest(points(20_000, 3, 160)),
+    "rays to a model": lambda place, _: spinney.open_exact(place / "model.goblin").rays(points(60_000, 3, 160), (1, 2, 3)),
+    "section": lambda place, to: spinney.open_exact(place / "model.goblin").section(to / "s.csv", "z=30..130/0.1"),
+    "build_exact": lambda place, to: spinney.build_exact(tree(place / "ball.goblin").mesh(), to / "m.goblin"),
+    "combine of models": lambda place, to: spinney.combine("union", [place / "model.goblin"] * 2, to / "u.goblin"),
+    # Octrees
+    "rays": lambda place, _: tree(place / "ball.goblin").rays(points(400_000, 3, 160), (1, 2, 3)),
+    "smooth rays": lambda place, _: tree(place / "ball.goblin").rays(points(200_000, 3, 160), (1, 2, 3), smooth=True),
+    "rays to a view": lambda place, _: tree(place / "ball.goblin", "rotate=30").rays(points(3_000, 3, 160), (1, 2, 3)),
+    "contains of a view": lambda place, _: tree(place / "ball.goblin", "rotate=30").contains(points(60_000, 3, 160)),
+    "solid": lambda place, _: tree(place / "sponge.goblin").solid(surface=True),
+    "mesh": lambda place, _: tree(place / "sponge.goblin").mesh(6),
+    "export of a mesh": lambda place, to: tree(place / "sponge.goblin").export(to / "m.ply", level=7),
+    "export of glTF": lambda place, to: tree(place / "sponge.goblin").export(to / "m.glb", level=7),
+    "render": lambda place, to: tree(place / "ball.goblin").render(to / "b.png", size=(400, 300), samples=2),
+    "read of a view of an octree": lambda place, _: tree(place / "sponge.goblin", "rotate=30").read(),
+    # Maps
+    "sample": lambda place, _: tree(place / "first.goblin").sample(points(4_000_000, 2, 4096)),
+    "sample of a view": lambda place, _: tree(place / "first.goblin", "rotate=30").sample(points(60_000, 2, 4096)),
+    "read of a view": lambda place, _: tree(place / "first.goblin", "scale=0.7").read(window=(0, 0, 900, 900)),
+    "find": lambda place, _: tree(place / "first.goblin").find(2, window=(1, 1, 2000, 2000)),
+    "stats of a view": lambda place, _: tree(place / "first.goblin", "rotate=30").stats((1, 1, 2500, 2500)),
+    "histogram of a view": lambda place, _: tree(place / "heights.goblin", "rotate=30").histogram(9, (0, 9), window=(1, 1, 2000, 2000)),
+    "find in a view": lambda place, _: tree(place / "first.goblin", "rotate=30").find(255, window=(0, 0, 2500, 2500)),
+    "zonal": lambda place, _: tree(place / "first.goblin").zonal(triangles(), edge="area"),
+    "contours": lambda place, to: tree(place / "heights.goblin").contours(to / "c.csv", every=60),
+    "export of tiles": lambda place, to: tree(place / "heights.goblin").export(to / "t.pmtiles"),
+    "build": lambda place, to: spinney.build(noise((5000, 4000), "u2"), to / "b.goblin"),
+    "build of rows": lambda place, to: spinney.build(rows(), to / "b.goblin", shape=(9000, 4000), dtype="u2"),
+    "transform": lambda place, to: spinney.transform(place / "first.goblin", ["window=0,0,2048,2048", "scale=0.7"], to / "t.goblin"),
+    "combine": lambda place, to: spinney.combine("max", [place / "first.goblin", place / "second.goblin"], to / "c.goblin"),
+    "convert": lambda place, to: spinney.convert(place / "first.goblin", to / "c.autumn"),
+    "compact": lambda place, to: spinney.compact(place / "map.autumn", to / "c.autumn"),
+    "blame": lambda place, to: spinney.blame(place / "map.autumn", to / "b.goblin"),
+    "diff": lambda place, _: spinney.diff(place / "first.goblin", place / "second.goblin"),
+    "ranges of diff": lambda place, _: spinney.diff(place / "first.goblin", place / "second.goblin", ranges=True),
+    "cross": lambda place, _: spinney.cross(place / "first.goblin", place / "second.goblin"),
+    "verify": lambda place, _: spinney.verify(place / "map.autumn"),
+    "level_counts": lambda place, _: tree(place / "map.autumn").level_counts(),
+    "set": many_cells,
+    "paste": pasted,
+}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
+@pytest.mark.parametrize("name", LONG)
+def test_ctrl_c_ends_work(place: Path, tmp_path: Path, name: str) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    begin = time.monotonic()
+    LONG[name](place, first)
+    whole = time.monotonic() - begin
+    timer = threading.Timer(whole / 5, os.kill, (os.getpid(), signal.SIGINT))
+    outcome, begin = "has come to its end", time.monotonic()
+    try:
+        timer.start()
+        try:
+            LONG[name](place, second)
+        except KeyboardInterrupt:
+            outcome = "was interrupted"
+        except BaseException:
+            timer.cancel()
+            raise
+        took = time.monotonic() - begin
+        timer.join()
+        # (So that it does not come anywhere else.)
+        time.sleep(0.01)
+    except KeyboardInterrupt:
+        pass
+    assert outcome == "was interrupted"
+    # (Whoever did not look at signals meanwhile is told of them at the end.)
+    assert took < max(0.8 * whole, 0.3), f"{took:.2f} of {whole:.2f} s"
+    assert {path.name for path in second.iterdir()} <= {"edit.autumn"}
