@@ -34,7 +34,7 @@ def tour(picture: str) -> float:
 
 def slices(part: str, tool: str) -> tuple[float, int]:
     """The area of slices of a model, and lines in which its surface passes through another one's."""
-    with spinney.open_exact(part) as model, spinney.open_exact(tool) as other:
+    with spinney.open_brep(part) as model, spinney.open_brep(tool) as other:
         section: spinney.Section = model.section("slices.geojson", ["z=0..50/0.2", "plane=1,1,0,7.5"], flat=True)
         found: spinney.SurfaceIntersection = model.section("lines.ply", other)
         return section.area, found.crossings

@@ -11,9 +11,9 @@ Any part at any level of detail is read straight from the file::
         ds.sample([(305000, 3196000)])          # values at places in the world
         ds.stats((303000, 3194000, 307000, 3198000), coordinates="world")
 
-Exact models, the boundaries of bodies kept as they are, are built by `build_exact` and opened by `open_exact`::
+Exact models, the boundaries of bodies kept as they are, are built by `build_brep` and opened by `open_brep`::
 
-    with spinney.open_exact("house.goblin") as model:
+    with spinney.open_brep("house.goblin") as model:
         model.mass().volume
         model.contains(points)                  # exact, for an array of points
         trimesh.Trimesh(*model.triangles())
@@ -32,7 +32,7 @@ nothing is left behind. Everything but a few lines runs without the interpreter'
 from ._build import build
 from ._dataset import Dataset, Level, open
 from ._edit import Edit, edit
-from ._exact import ExactModel, build_exact, open_exact
+from ._exact import ExactModel, build_brep, open_brep
 from ._files import blame, combine, compact, convert, cross, diff, log, recover, transform, verify
 from ._native import version as __version__
 from ._types import (
@@ -96,7 +96,7 @@ __all__ = [
     "__version__",
     "blame",
     "build",
-    "build_exact",
+    "build_brep",
     "combine",
     "compact",
     "convert",
@@ -105,7 +105,7 @@ __all__ = [
     "edit",
     "log",
     "open",
-    "open_exact",
+    "open_brep",
     "recover",
     "transform",
     "verify",

@@ -35,7 +35,7 @@ from ._types import (
 )
 
 
-def build_exact(
+def build_brep(
     models: Path | Sequence[Path] | Any,
     out: Path,
     *,
@@ -62,7 +62,7 @@ def build_exact(
     """
     if is_mesh(models):
         with mesh_file(models, out) as (path, told_unit):
-            return build_exact(
+            return build_brep(
                 path, out, snap=snap, close=close, repair=repair, leaf_size=leaf_size, up=up, unit=unit or told_unit, crs=crs, memory=memory,
                 max_bytes=max_bytes, threads=threads, progress=progress,
             )
@@ -82,12 +82,12 @@ def build_exact(
         "memory": memory_of(memory),
     }
     with working(progress, threads, max_bytes) as terms:
-        facts = _native.build_exact(paths, os.fspath(out), options, terms)
+        facts = _native.build_brep(paths, os.fspath(out), options, terms)
     return BuiltModel(**facts)
 
 
-def open_exact(path: Path, *, positioned: bool = False) -> ExactModel:
-    """Opens a file of an exact model, made by `build_exact` or `spinney build --brep`.
+def open_brep(path: Path, *, positioned: bool = False) -> ExactModel:
+    """Opens a file of an exact model, made by `build_brep` or `spinney build --brep`.
 
     Files are mapped; `positioned=True` reads those that may be replaced in place, or that lie on network folders, without
     mapping them (see `open`).
@@ -98,7 +98,7 @@ def open_exact(path: Path, *, positioned: bool = False) -> ExactModel:
 
 
 class ExactModel(_native.Model):
-    """An open exact model: see `open_exact`. Its length is the number of its faces.
+    """An open exact model: see `open_brep`. Its length is the number of its faces.
 
     All coordinates are those of the world, and points are arrays with a row each. What is decided is decided in whole
     numbers; lengths and volumes are rounded. Questions about many points run on all processors without the interpreter's
@@ -334,7 +334,7 @@ class ExactModel(_native.Model):
 
             model.section("outline.svg", "z=12.5")
             model.section("slices.geojson", ["z=0..50/0.2", "plane=1,1,0,7.5"]).area
-            with spinney.open_exact("tool.goblin") as tool:
+            with spinney.open_brep("tool.goblin") as tool:
                 model.section("lines.ply", tool).crossings
 
         Planes are `"z=12.5"`, many at a time `"z=0..50/0.2"`, or `"plane=NX,NY,NZ,D"` with the normal and its product with the plane's
@@ -365,4 +365,4 @@ def _box(box: BBox) -> tuple[list[float], list[float]]:
 
 
 def _reopen(path: str, positioned: bool) -> ExactModel:
-    return open_exact(path, positioned=positioned)
+    return open_brep(path, positioned=positioned)

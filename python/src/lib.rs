@@ -39,7 +39,7 @@ mod _native {
     #[pymodule_export]
     use super::files::{blame, combine, compact, convert, cross, diff, log, recover, transform, verify};
     #[pymodule_export]
-    use super::model::{Model, build_exact};
+    use super::model::{Model, build_brep};
     #[pymodule_export]
     use super::rebuild::is_tree;
     #[pymodule_export]

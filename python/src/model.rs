@@ -357,7 +357,7 @@ pub(crate) struct ModelOptions {
 /// Builds an exact model of mesh files; returns counts by name.
 #[pyfunction]
 #[pyo3(signature = (paths, out, options, terms))]
-pub(crate) fn build_exact<'py>(
+pub(crate) fn build_brep<'py>(
     py: Python<'py>,
     paths: Vec<PathBuf>,
     out: PathBuf,

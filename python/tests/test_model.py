@@ -35,15 +35,15 @@ def bodies(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[trimesh.
     opened = {}
     for name, mesh in solids().items():
         mesh.export(folder / f"{name}.off", digits=12)
-        built = spinney.build_exact(folder / f"{name}.off", folder / f"{name}.goblin", snap=1 / 1024)
+        built = spinney.build_brep(folder / f"{name}.off", folder / f"{name}.goblin", snap=1 / 1024)
         assert (built.read, built.faces, built.displacement) == (len(mesh.faces), len(mesh.faces), 0.0)
         assert built.step == 1 / 1024 and sum(built.nodes.values()) > 0
-        opened[name] = (mesh, spinney.open_exact(folder / f"{name}.goblin"))
+        opened[name] = (mesh, spinney.open_brep(folder / f"{name}.goblin"))
     return opened
 
 
 def test_the_chapel() -> None:
-    with spinney.open_exact(CHAPEL) as model:
+    with spinney.open_brep(CHAPEL) as model:
         assert len(model) == 187 and model.parts == ["nave", "dome"] and (model.unit, model.crs) == ("m", "EPSG:2056")
         assert (model.depth, model.bits, model.step, model.origin) == (12, 12, 0.01, (2650000.0, 1250000.0, -1.0))
         assert model.verify() == [] and spinney.verify(CHAPEL) == []
@@ -201,28 +201,28 @@ def test_what_is_no_body_is_refused_or_closed(tmp_path: Path) -> None:
     mesh.export(tmp_path / "open.off")
     out = tmp_path / "open.goblin"
     with pytest.raises(ValueError, match="open"):
-        spinney.build_exact(tmp_path / "open.off", out)
+        spinney.build_brep(tmp_path / "open.off", out)
     assert not out.exists()
-    built = spinney.build_exact(tmp_path / "open.off", out, close=True, unit="m", leaf_size=0)
+    built = spinney.build_brep(tmp_path / "open.off", out, close=True, unit="m", leaf_size=0)
     assert (built.closed_boundaries, built.closing_triangles) == (1, 2)
-    model = spinney.open_exact(out, positioned=True)
+    model = spinney.open_brep(out, positioned=True)
     assert model.volume == 8.0 and model.unit == "m" and model.positioned
     # Of an exact model, and to cells.
-    spinney.build_exact(out, tmp_path / "again.goblin")
-    assert spinney.open_exact(tmp_path / "again.goblin").volume == 8.0
+    spinney.build_brep(out, tmp_path / "again.goblin")
+    assert spinney.open_brep(tmp_path / "again.goblin").volume == 8.0
     spinney.build(out, tmp_path / "cells.goblin", cells=16)
     with spinney.open(tmp_path / "cells.goblin") as cells:
         assert cells.volume() == pytest.approx(8.0, rel=0.2)
     with pytest.raises(OSError, match="a tree of cells"):
-        spinney.open_exact(tmp_path / "cells.goblin")
+        spinney.open_brep(tmp_path / "cells.goblin")
     with pytest.raises((ValueError, OSError), match="exact model"):
         spinney.open(out)
     with pytest.raises(FileNotFoundError):
-        spinney.open_exact(tmp_path / "missing.goblin")
+        spinney.open_brep(tmp_path / "missing.goblin")
     with pytest.raises(ValueError, match="output"):
-        spinney.build_exact(out, out)
+        spinney.build_brep(out, out)
     with pytest.raises(TypeError, match="models"):
-        spinney.build_exact(3, out)  # type: ignore[arg-type]
+        spinney.build_brep(3, out)  # type: ignore[arg-type]
 
 
 def test_progress_is_told_and_stops(bodies: dict) -> None:

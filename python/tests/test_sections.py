@@ -13,7 +13,7 @@ import spinney
 def box(path: Path, move: tuple[float, float, float] = (0, 0, 0)) -> Path:
     """An exact model of a box, moved."""
     vertices, triangles = BOX
-    spinney.build_exact((vertices + move, triangles), path, snap=0.5)
+    spinney.build_brep((vertices + move, triangles), path, snap=0.5)
     return path
 
 
@@ -27,7 +27,7 @@ def features(path: Path) -> list[dict]:
 
 
 def test_planes_cut_a_box(model: Path, tmp_path: Path) -> None:
-    with spinney.open_exact(model) as opened:
+    with spinney.open_brep(model) as opened:
         made = opened.section(tmp_path / "one.geojson", "y=1.25")
         assert made == spinney.Section(planes=1, polygons=1, area=8.0)
         (feature,) = features(tmp_path / "one.geojson")
@@ -45,7 +45,7 @@ def test_planes_cut_a_box(model: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("ending", ["geojson", "csv", "svg", "ply", "obj", "shp"])
 def test_sections_are_those_of_the_program(program: str, model: Path, tmp_path: Path, ending: str) -> None:
     ours, theirs = tmp_path / f"a.{ending}", tmp_path / f"b.{ending}"
-    with spinney.open_exact(model) as opened:
+    with spinney.open_brep(model) as opened:
         opened.section(ours, ["z=0..4/0.5", "x=1"])
     run(program, "section", model, "z=0..4/0.5", "x=1", "-o", theirs)
     assert ours.read_bytes() == theirs.read_bytes()
@@ -54,7 +54,7 @@ def test_sections_are_those_of_the_program(program: str, model: Path, tmp_path: 
 def test_what_two_models_have_in_common(program: str, model: Path, tmp_path: Path) -> None:
     other = box(tmp_path / "other.goblin", (1, 1, 1))
     beside = box(tmp_path / "beside.goblin", (2, 0, 0))
-    with spinney.open_exact(model) as a, spinney.open_exact(other) as b:
+    with spinney.open_brep(model) as a, spinney.open_brep(other) as b:
         made = a.section(tmp_path / "lines.geojson", b)
         assert (made.crossings, made.touches, made.overlaps, made.points) == (1, 0, 0, 0)
         assert made.crossing_length == pytest.approx(2 * (1 + 2 + 3))
@@ -70,7 +70,7 @@ def test_what_two_models_have_in_common(program: str, model: Path, tmp_path: Pat
 
 def test_sections_that_make_no_sense(model: Path, tmp_path: Path) -> None:
     never = tmp_path / "never.csv"
-    with spinney.open_exact(model) as opened:
+    with spinney.open_brep(model) as opened:
         for planes in ("z", "z=", "w=1", "z=0..1", "z=0..1/0", "plane=1,2,3"):
             with pytest.raises(ValueError, match="planes: got .*expected"):
                 opened.section(never, planes)

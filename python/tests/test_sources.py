@@ -366,8 +366,8 @@ def test_meshes_are_sources(tmp_path: Path) -> None:
     with spinney.open(tmp_path / "file.goblin") as ours, spinney.open(tmp_path / "mesh.goblin") as theirs:
         assert np.array_equal(ours[...], theirs[...]) and np.isclose(theirs.volume(), 36.0, rtol=1e-3)
         assert theirs.tags["unit"] == "mm"
-    spinney.build_exact((mesh.vertices, mesh.faces), tmp_path / "exact.goblin", snap=1 / 1024)
-    with spinney.open_exact(tmp_path / "exact.goblin") as model:
+    spinney.build_brep((mesh.vertices, mesh.faces), tmp_path / "exact.goblin", snap=1 / 1024)
+    with spinney.open_brep(tmp_path / "exact.goblin") as model:
         assert model.volume == 36.0
     for wrong, error in [((mesh.vertices, mesh.faces + 3), IndexError), ((mesh.vertices, mesh.faces[:, :2]), ValueError)]:
         with pytest.raises(error):
@@ -378,13 +378,13 @@ def test_meshes_are_sources(tmp_path: Path) -> None:
 def test_exact_models_are_combined(tmp_path: Path) -> None:
     mesh = tetrahedron()
     for name, by in [("a", 0.0), ("b", 1.0)]:
-        spinney.build_exact((mesh.vertices + by, mesh.faces), tmp_path / f"{name}.goblin", snap=1 / 1024)
+        spinney.build_brep((mesh.vertices + by, mesh.faces), tmp_path / f"{name}.goblin", snap=1 / 1024)
     paths = [tmp_path / "a.goblin", tmp_path / "b.goblin"]
     volumes = {}
     for operation in ("union", "and", "a-b"):
         made = spinney.combine(operation, paths, tmp_path / "c.goblin")
         assert isinstance(made, spinney.CombinedModel) and made.before == [4, 4] and not made.is_unbounded
-        with spinney.open_exact(tmp_path / "c.goblin") as model:
+        with spinney.open_brep(tmp_path / "c.goblin") as model:
             volumes[operation] = model.volume
     assert np.isclose(volumes["union"] + volumes["and"], 72.0) and np.isclose(volumes["a-b"] + volumes["and"], 36.0)
     with pytest.raises(ValueError, match="mean nothing"):

@@ -34,7 +34,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bumps = 10 * np.sin(x / 3) * np.sin(y / 3) * np.sin(z / 3)
     spinney.build(np.sqrt(x**2 + y**2 + z**2) + bumps < 60, folder / "ball.goblin", dims="zyx")
     with spinney.open(folder / "ball.goblin") as ball:
-        spinney.build_exact(ball.mesh(6, smooth=True), folder / "model.goblin")
+        spinney.build_brep(ball.mesh(6, smooth=True), folder / "model.goblin")
     return folder
 
 
@@ -73,7 +73,7 @@ def make_all(place: Path, threads: int | None) -> list[Path]:
         ball.render(file("ball.png"), size=(100, 80), threads=threads)
         ball.export(file("ball.ply"), smooth=True, threads=threads)
         file("ball.txt").write_text(repr((ball.solid(surface=True, threads=threads), ball.mesh(5, threads=threads))))
-    with spinney.open_exact(place / "model.goblin") as model:
+    with spinney.open_brep(place / "model.goblin") as model:
         points = np.random.default_rng(3).uniform(20, 140, (1500, 3))
         found = [
             model.locate(points, threads=threads),
@@ -89,7 +89,7 @@ def make_all(place: Path, threads: int | None) -> list[Path]:
         np.savez(file("found.npz"), *found)
         model.export(file("model.off"), threads=threads)
         model.section(file("section.csv"), "z=30..130/10", threads=threads)
-    spinney.build_exact("model.off", file("rebuilt.goblin"), threads=threads)
+    spinney.build_brep("model.off", file("rebuilt.goblin"), threads=threads)
     history = file("edited.autumn")
     history.write_bytes((FIXTURES / "v1" / "history.autumn").read_bytes())
     with spinney.edit(history, author="", time=7, threads=threads) as edit:
@@ -162,7 +162,7 @@ def test_outputs_keep_to_their_limit(island: str, relief: str, tmp_path: Path, t
         lambda **limit: spinney.convert(island, never, **limit),
         lambda **limit: spinney.compact(history, tmp_path / "never.autumn", **limit),
         lambda **limit: spinney.blame(history, never, **limit),
-        lambda **limit: spinney.build_exact(BOX, never, **limit),
+        lambda **limit: spinney.build_brep(BOX, never, **limit),
         lambda **limit: spinney.open(relief).contours(tmp_path / "never.csv", every=5, **limit),
     ]
     for number, work in enumerate(works):
@@ -282,13 +282,13 @@ def tree(path: Path, *view: str) -> spinney.Dataset:
 
 LONG: dict[str, Work] = {
     # Exact models
-    "locate": lambda place, _: spinney.open_exact(place / "model.goblin").locate(points(2_000_000, 3, 160)),
-    "contains": lambda place, _: spinney.open_exact(place / "model.goblin").contains(points(2_000_000, 3, 160)),
-    "distance": lambda place, _: spinney.open_exact(place / "model.goblin").distance(points(20_000, 3, 160)),
-    "nearest": lambda place, _: spinney.open_exact(place / "model.goblin").nearest(points(20_000, 3, 160)),
-    "rays to a model": lambda place, _: spinney.open_exact(place / "model.goblin").rays(points(60_000, 3, 160), (1, 2, 3)),
-    "section": lambda place, to: spinney.open_exact(place / "model.goblin").section(to / "s.csv", "z=30..130/0.1"),
-    "build_exact": lambda place, to: spinney.build_exact(tree(place / "ball.goblin").mesh(), to / "m.goblin"),
+    "locate": lambda place, _: spinney.open_brep(place / "model.goblin").locate(points(2_000_000, 3, 160)),
+    "contains": lambda place, _: spinney.open_brep(place / "model.goblin").contains(points(2_000_000, 3, 160)),
+    "distance": lambda place, _: spinney.open_brep(place / "model.goblin").distance(points(20_000, 3, 160)),
+    "nearest": lambda place, _: spinney.open_brep(place / "model.goblin").nearest(points(20_000, 3, 160)),
+    "rays to a model": lambda place, _: spinney.open_brep(place / "model.goblin").rays(points(60_000, 3, 160), (1, 2, 3)),
+    "section": lambda place, to: spinney.open_brep(place / "model.goblin").section(to / "s.csv", "z=30..130/0.1"),
+    "build_brep": lambda place, to: spinney.build_brep(tree(place / "ball.goblin").mesh(), to / "m.goblin"),
     "combine of models": lambda place, to: spinney.combine("union", [place / "model.goblin"] * 2, to / "u.goblin"),
     # Octrees
     "rays": lambda place, _: tree(place / "ball.goblin").rays(points(400_000, 3, 160), (1, 2, 3)),

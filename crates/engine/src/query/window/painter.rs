@@ -3,8 +3,6 @@
 //! Nearly all of it goes into nodes that lie wholly in the window, down at the cells: that part is compiled for each width of
 //! values and fan-out, and has no branches that depend on the picture where those could be avoided.
 
-use std::hint::black_box;
-
 use zerocopy::FromBytes;
 
 use crate::store::records::Record;
@@ -136,7 +134,6 @@ impl<'a, R: Record> Painter<'a, R> {
                 VOID => self.fill(start, size, None),
                 INNER if below > 0 => {
                     let min = std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
-                    fetch(records, next);
                     self.run(records, under, below - 1, min)?;
                 }
                 CUT if below > 0 => return Err(BadRun::Cut),
@@ -170,7 +167,6 @@ impl<'a, R: Record> Painter<'a, R> {
                     if skip == 0 || next + skip > end {
                         return Err(BadRun::Skip(at));
                     }
-                    fetch(records, next + skip);
                     self.whole(records, next, below - 1, start)?;
                     next += skip;
                 }
@@ -407,15 +403,6 @@ impl<'a, R: Record> Painter<'a, R> {
         if let Some(valid) = &mut self.valid {
             rows(valid, start, size, strides, |row| row.fill(value.is_some()));
         }
-    }
-}
-
-/// Has a record on its way to the processor while something else is drawn: where the next node stands is known from the one before it,
-/// and waiting for memory from one to the other is what windows spend most of their time on.
-#[inline(always)]
-fn fetch<R: Record>(records: &[R], at: usize) {
-    if let Some(record) = records.get(at) {
-        black_box(record.states());
     }
 }
 
