@@ -18,7 +18,7 @@ const COARSE_SURFACE: f64 = 0.25;
 /// Steps along a ray in search of the surface, in cells.
 const STRIDE: f64 = 0.5;
 /// Densities that are asked for on the last step, before the surface is taken to be where a straight line between the last two meets it.
-const REFINEMENTS: usize = 3;
+const REFINEMENTS: usize = 2;
 
 /// A half-line, in cells of the level that it is cast through.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,7 +107,7 @@ impl Rays for Field<'_> {
         let length = ray.direction.iter().map(|number| number * number).sum::<f64>().sqrt();
         let surface = if self.is_finest() { SURFACE } else { COARSE_SURFACE };
         let mut search =
-            Search { ray: *ray, stride: STRIDE / length, back: 1.0 / length, surface, asked: -1.0 };
+            Search { ray: *ray, stride: STRIDE / length, back: 1.0 / length, surface, asked: (-1.0, 0.0) };
         // Bricks that are divided are gone through cell by cell without a look at the tree: they are kept for densities anyway.
         let found = self.along(ray, BRICK, |field, step| match step.block {
             OccupancyBlock { is_uniform: true, fill: 0, .. } => Ok(None),
@@ -116,8 +116,8 @@ impl Rays for Field<'_> {
             }
             _ => search.in_brick(field, step),
         })?;
-        let Some((Found { mut outside, mut inside }, cell)) = found else { return Ok(None) };
-        let mut without = self.density(ray.at(outside))?;
+        let Some((Found { mut outside, known, mut inside }, cell)) = found else { return Ok(None) };
+        let mut without = known.map_or_else(|| self.density(ray.at(outside)), Ok)?;
         // The surface can lie before the first cell that has something, farther along a grazing ray.
         for _ in 0..4 {
             if outside > 0.0 && without >= surface {
@@ -151,31 +151,34 @@ struct Search {
     back: f64,
     /// Density at the surface.
     surface: f64,
-    /// Where the density was asked for last, which was less.
-    asked: f64,
+    /// Where the density was asked for last, and what it was: less.
+    asked: (f64, f64),
 }
 
-/// Distances before and behind the surface, and the density behind it.
+/// Places before and behind the surface.
 struct Found {
     outside: f64,
+    /// The density there, if it was asked for.
+    known: Option<f64>,
+    /// Distance and density.
     inside: (f64, f64),
 }
 
 impl Search {
     /// Looks for the surface between two distances.
     fn between(&mut self, field: &mut Field<'_>, from: f64, to: f64) -> Result<Option<Found>> {
-        let mut before = (from - self.back).max(0.0);
-        let mut t = from;
-        if self.asked >= from {
-            (before, t) = (self.asked, (self.asked + self.stride).min(to));
+        let (mut outside, mut known, mut t) = ((from - self.back).max(0.0), None, from);
+        if self.asked.0 >= from {
+            (outside, known) = (self.asked.0, Some(self.asked.1));
+            t = (outside + self.stride).min(to);
         }
-        while t > self.asked {
+        while t > self.asked.0 {
             let density = field.density(self.ray.at(t))?;
             if density >= self.surface {
-                return Ok(Some(Found { outside: before, inside: (t, density) }));
+                return Ok(Some(Found { outside, known, inside: (t, density) }));
             }
-            self.asked = t;
-            before = t;
+            self.asked = (t, density);
+            (outside, known) = (t, Some(density));
             t = (t + self.stride).min(to);
         }
         Ok(None)
