@@ -363,6 +363,88 @@ fn rays_meet_a_smooth_surface() {
     }
 }
 
+/// The sum over the cells in a ball of 3.5 cells of their occupancy, by a weight that falls to 0 at the sphere, times the way to them.
+fn moment(cells: &Cells, side: u64, point: [f64; 3]) -> [f64; 3] {
+    let mut sum = [0.0; 3];
+    let around = |axis: usize| {
+        let at = point[axis] as i64;
+        (at - 5).clamp(0, side as i64) as u64..(at + 6).clamp(0, side as i64) as u64
+    };
+    for z in around(2) {
+        for y in around(1) {
+            for x in around(0) {
+                let way: [f64; 3] = std::array::from_fn(|axis| [x, y, z][axis] as f64 + 0.5 - point[axis]);
+                let weight = 3.5 * 3.5 - way.iter().map(|part| part * part).sum::<f64>();
+                let occupancy = cells.get([x, y, z]).map_or(0.0, |value| f64::from(as_byte(value)));
+                (0..3).for_each(|axis| sum[axis] += weight.max(0.0) * occupancy * way[axis]);
+            }
+        }
+    }
+    sum
+}
+
+/// Rays from anywhere through blocks of all sizes, also along axes and from inside, against densities at very many places along them.
+#[test]
+fn rays_find_the_surface_that_densities_have() {
+    /// Distance between the places, and cells that the surface may be hidden in between two of the search.
+    const STEP: f64 = 0.02;
+    const HIDDEN: f64 = 0.6;
+    let mut random = Random(8);
+    let mut counts = [0; 3];
+    for (seed, side) in [(1, 4u64), (2, 8), (3, 16), (4, 32), (5, 64)] {
+        let cells = if side == 64 { ball(6, 27.0) } else { blocks(seed, [side; 3]) };
+        let file = solid(&cells);
+        let mut rays = file.rays(file.depth()).unwrap();
+        for turn in 0..120 {
+            let mut number = |most: f64| random.below(1 << 30) as f64 / (1 << 30) as f64 * most;
+            let origin = [0; 3].map(|_| number(2.0) * side as f64 - side as f64 / 2.0);
+            let target = [0; 3].map(|_| number(side as f64));
+            let mut direction: [f64; 3] = std::array::from_fn(|axis| target[axis] - origin[axis]);
+            if turn % 4 == 0 {
+                direction[turn % 3] = 0.0;
+                direction[(turn + 1) % 3] *= f64::from(u8::from(turn % 8 == 0));
+            }
+            let length = direction.iter().map(|part| part * part).sum::<f64>().sqrt();
+            let ray = Ray { origin, direction: direction.map(|part| part / length) };
+            // Where it first is inside, and where it first is for some time.
+            let (mut first, mut lasting, mut since) = (f64::INFINITY, f64::INFINITY, None);
+            for step in 0..(4.0 * side as f64 / STEP) as u64 {
+                let t = step as f64 * STEP;
+                if rays.density(ray.at(t)).unwrap() < 0.5 {
+                    since = None;
+                    continue;
+                }
+                first = first.min(t);
+                if t - *since.get_or_insert(t) >= HIDDEN {
+                    lasting = t - HIDDEN;
+                    break;
+                }
+            }
+            let hit = rays.surface(&ray).unwrap();
+            let Some(hit) = hit else {
+                assert!(lasting.is_infinite(), "{side} {ray:?}: {lasting}");
+                counts[0] += 1;
+                continue;
+            };
+            assert!(
+                hit.t > first - 2.0 * STEP && hit.t < lasting + HIDDEN,
+                "{side} {ray:?}: {} {first} {lasting}",
+                hit.t
+            );
+            // (A fourth of a cell's difference is steep enough.)
+            let density = rays.density(hit.point).unwrap();
+            assert!(hit.t == 0.0 || (density - 0.5).abs() < 0.06, "{side} {ray:?}: {density}");
+            assert!(rays.value(hit.cell).unwrap()[0] > 0.0);
+            let wanted = moment(&cells, side, hit.point);
+            let length = |a: [f64; 3]| a.iter().map(|part| part * part).sum::<f64>().sqrt();
+            let apart = length(std::array::from_fn(|axis| hit.inwards[axis] - wanted[axis]));
+            assert!(apart < 1e-3 * length(wanted) + 0.5, "{side} {ray:?}: {:?} {wanted:?}", hit.inwards);
+            counts[if hit.t == 0.0 { 1 } else { 2 }] += 1;
+        }
+    }
+    assert!(counts.iter().all(|count| *count > 20), "{counts:?}");
+}
+
 fn picture(tree: &Dataset, request: &RenderRequest) -> (u8, [u64; 3], Vec<u8>) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.png");

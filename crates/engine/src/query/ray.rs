@@ -18,7 +18,7 @@ const COARSE_SURFACE: f64 = 0.25;
 /// Steps along a ray in search of the surface, in cells.
 const STRIDE: f64 = 0.5;
 /// Densities that are asked for on the last step, before the surface is taken to be where a straight line between the last two meets it.
-const REFINEMENTS: usize = 2;
+const REFINEMENTS: usize = 3;
 
 /// A half-line, in cells of the level that it is cast through.
 #[derive(Clone, Copy, Debug, PartialEq)]
