@@ -238,7 +238,7 @@ fn write_place(text: &mut String, tree: &Dataset) -> Result<()> {
     Ok(())
 }
 
-/// Writes bytes and records. (A dense block takes fewer places than it has records; what is stored twice takes more.)
+/// Writes bytes and records. (A dense block mostly takes fewer places than it has records; what is stored twice takes more.)
 fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
     let (bytes, raw) = (tree.file_size(), raw_bytes(tree));
     let ratio = raw as f64 / bytes.max(1) as f64;

@@ -217,7 +217,7 @@ impl Writer<'_> {
         form.children() * form.width() + if form.dimension == Dimension::Oct { 8 } else { 4 }
     }
 
-    /// What a segment of level `top` has of a node: records, or a dense block where that takes fewer places. The bottom is that
+    /// What a segment of level `top` has of a node: records, or a dense block where that takes less than an eighth more places. The bottom is that
     /// of the candidate, at the next candidates' level, that the node is or is in; there is none above these.
     fn records(&self, node: &Inner, top: u8, bottom: Option<u8>) -> Vec<u8> {
         let is_octree = self.tree.form().dimension == Dimension::Oct;
@@ -249,7 +249,7 @@ impl Writer<'_> {
         if (if is_octree { 2..=4 } else { 3..=8 }).contains(&levels)
             && levels <= self.cut.reach
             && let Some((number, payload)) = self.dense(node, levels)
-            && 1 + payload.len().div_ceil(size) < skip
+            && 1 + payload.len().div_ceil(size) < skip + skip / 8
         {
             skip = 1 + payload.len().div_ceil(size);
             (kind, below) = (number, payload);
