@@ -34,7 +34,7 @@ program() {
     local name=spinney-$version-$system
     cargo build --quiet --locked --profile "$profile" --bin spinney
     mkdir -p "$work/$name/completions"
-    cp "$built/spinney" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT "$work/$name/"
+    cp "$built/spinney" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT LICENSE-DEJAVU "$work/$name/"
     cp -r docs "$work/$name/docs"
     strip "$work/$name/spinney"
     for shell in bash zsh fish; do
@@ -63,7 +63,7 @@ c() {
     PROFILE=$profile CARGO_TARGET_DIR=$target capi/install.sh "$work/$name" > /dev/null
     # (It may be unpacked anywhere.)
     sed -i 's#^prefix=.*#prefix=${pcfiledir}/../..#' "$work/$name/lib/pkgconfig/spinney.pc"
-    cp LICENSE-APACHE LICENSE-MIT docs/c.md "$work/$name/"
+    cp LICENSE-APACHE LICENSE-MIT LICENSE-DEJAVU docs/c.md "$work/$name/"
     pack "$name"
 }
 
