@@ -1,4 +1,4 @@
-"""What trees tell about themselves: size, meaning, place in the world."""
+"""Properties of trees: size, meaning, place in the world."""
 
 from __future__ import annotations
 

@@ -70,19 +70,12 @@ pub(crate) struct Work {
 impl Work {
     /// Starts a file, with the bytes that it may have.
     pub(crate) fn create(&self, path: &Path) -> spinney::Result<Output> {
-        Output::create(path).map(|output| self.limited(output))
+        Output::create(path).map(|output| output.with_limit(self.max_bytes))
     }
 
     /// Starts a tree's file.
     pub(crate) fn create_tree(&self, path: &Path) -> spinney::Result<Output> {
-        create_tree_file(path).map(|output| self.limited(output))
-    }
-
-    fn limited(&self, output: Output) -> Output {
-        match self.max_bytes {
-            Some(most) => output.with_limit(most),
-            None => output,
-        }
+        create_tree_file(path).map(|output| output.with_limit(self.max_bytes))
     }
 
     /// Notes an exception, and gives the error that ends the work.

@@ -15,7 +15,7 @@ use crate::files::check_output;
 use crate::jobs::{self, Terms};
 use crate::model::Model;
 
-/// What models are cut by, as Python gives it.
+/// Planes and models that a model is cut by.
 #[derive(Default)]
 struct Cutters {
     planes: Vec<SectionPlanes>,

@@ -94,6 +94,8 @@ fn rays_meet_what_they_meet_of_all_faces() {
         let grid = list.grid();
         let mut random = Random(2);
         let (mut met, mut looked_at, rounds) = (0, 0, 400);
+        // (What one ray has read another one does not see otherwise.)
+        let mut rays = model.rays();
         for round in 0..rounds {
             let (mut from, mut to) = (point(grid, &mut random), point(grid, &mut random));
             // Also exactly along edges and through corners.
@@ -121,6 +123,13 @@ fn rays_meet_what_they_meet_of_all_faces() {
                 first.map(|(face, it)| (face, it.share, it.is_entry)),
                 "{name} {from:?} {to:?}"
             );
+            assert_eq!(rays.first(from, direction).unwrap(), found, "{name} {from:?} {to:?}");
+            if let Some(hit) = found {
+                let (face, normal) = rays.face(hit.face).unwrap();
+                assert_eq!(face.number, hit.face);
+                let along: f64 = (0..3).map(|axis| normal[axis] as f64 * direction[axis]).sum();
+                assert!(along == 0.0 || hit.is_entry == (along < 0.0), "{name} {from:?} {to:?}");
+            }
             looked_at += visited.faces;
             met += u64::from(found.is_some());
             let all = expected(Line::between(grid, grid.to_grid(from), grid.to_grid(to)));

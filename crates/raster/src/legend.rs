@@ -21,7 +21,7 @@ pub enum LegendFormat {
 }
 
 impl LegendFormat {
-    /// The format of files whose names end so (`png`, `svg`, `json`), pictures with dots so many pixels wide; `None` if it is another one.
+    /// The format of files whose names end so (`png`, `svg`, `json`), pictures enlarged 1 to 8 times; `None` if it is another one.
     pub fn named(ending: &str, scale: u8) -> Option<LegendFormat> {
         match ending.to_ascii_lowercase().as_str() {
             "png" => Some(LegendFormat::Png(scale.into())),

@@ -123,9 +123,13 @@ impl Surface for Body<'_> {
     }
 }
 
+/// Share of a box's width by which it is widened before rays are tested: much more than what doubles lose on the way from the eye, and from the
+/// grid to the world.
+const AROUND: f64 = 1e-6;
+
 /// Whether a ray may meet a box, or what is next to it. (Rays that do not need not be looked at closely.)
 fn may_meet([low, high]: [DVec3; 2], origin: DVec3, direction: DVec3) -> bool {
-    let around = (high - low) * 1e-6 + DVec3::splat(f64::MIN_POSITIVE);
+    let around = (high - low) * AROUND + DVec3::splat(f64::MIN_POSITIVE);
     let [a, b] = [low - around, high + around].map(|corner| (corner - origin) / direction);
     // (Where it goes along two walls, on or between them, a quotient may be no number, which neither bound heeds.)
     let (enters, leaves) = (0..3).fold((0.0f64, f64::INFINITY), |(enters, leaves), axis| {

@@ -147,10 +147,10 @@ impl Output {
         file.as_file().sync_data()
     }
 
-    /// Makes writing fail, and nothing be left of the file, when there would be more bytes than so many.
+    /// Makes writing fail, and nothing be left of the file, when there would be more bytes than so many, if a number is given.
     #[must_use]
-    pub fn with_limit(self, most: u64) -> Output {
-        Output { most, ..self }
+    pub fn with_limit(self, most: impl Into<Option<u64>>) -> Output {
+        Output { most: most.into().unwrap_or(self.most), ..self }
     }
 
     /// Makes sure, before anything is written, that there is room for a number of bytes; that is an estimate of those

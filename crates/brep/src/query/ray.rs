@@ -4,7 +4,7 @@ use super::line::{Crossing, Line, Passage};
 use super::plane::Plane;
 use super::visited::{Recent, Visited};
 use crate::{ExactModel, Face, FaceBuffer, Faces, ModelNode, ModelNodeState};
-use spinney_base::{Error, Result, sort};
+use spinney_base::{Result, sort};
 
 /// A place where a line passes through the surface of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +52,8 @@ impl ExactModel {
         let Some(line) = Line::between(grid, grid.to_grid(from), grid.to_grid(to)) else {
             return Ok(Vec::new());
         };
-        let mut walk = Walk::new(self, line, (false, 1));
+        let mut remembered = Remembered::new(1);
+        let mut walk = Walk::new(self, line, false, &mut remembered);
         walk.root()?;
         let mut all = walk.found;
         sort::by_key(&mut all, |(number, _)| *number);
@@ -66,14 +67,15 @@ impl ExactModel {
 
     fn first_hit(&self, line: Option<Line>) -> Result<(Option<Hit>, Visited)> {
         let Some(line) = line else { return Ok((None, Visited::default())) };
-        let mut walk = Walk::new(self, line, (true, 1));
+        let mut remembered = Remembered::new(1);
+        let mut walk = Walk::new(self, line, true, &mut remembered);
         walk.root()?;
         Ok((walk.first(), walk.visited))
     }
 
     /// Casts many rays through the model: see [`ModelRays`].
     pub fn rays(&self) -> ModelRays<'_> {
-        ModelRays { model: self, walk: None }
+        ModelRays { model: self, remembered: Remembered::new(REMEMBERED) }
     }
 
     fn hit(&self, line: &Line, face: u64, Crossing { share, is_entry }: Crossing) -> Hit {
@@ -84,7 +86,7 @@ impl ExactModel {
 /// Casts rays through a model, one thread at a time, because it remembers faces that were read; the answers do not depend on that.
 pub struct ModelRays<'a> {
     model: &'a ExactModel,
-    walk: Option<Walk<'a>>,
+    remembered: Remembered,
 }
 
 impl ModelRays<'_> {
@@ -96,8 +98,7 @@ impl ModelRays<'_> {
         let grid = self.model.grid();
         let steps = direction.map(|along| along * grid.divisor / grid.step);
         let Some(line) = Line::ray(grid, grid.to_grid(from), steps) else { return Ok(None) };
-        let walk = self.walk.get_or_insert_with(|| Walk::new(self.model, line, (true, REMEMBERED)));
-        walk.start(line);
+        let mut walk = Walk::new(self.model, line, true, &mut self.remembered);
         walk.root()?;
         Ok(walk.first())
     }
@@ -107,10 +108,7 @@ impl ModelRays<'_> {
     /// # Errors
     /// If there is none of that number, or the file is damaged or cannot be read.
     pub fn face(&mut self, number: u64) -> Result<(Face<'_>, [i64; 3])> {
-        let Some(walk) = &mut self.walk else {
-            return Err(Error::invalid("face", number.to_string(), "one that a ray has met"));
-        };
-        let seen = walk.remembered.face(self.model, number)?;
+        let seen = self.remembered.face(self.model, number)?;
         Ok((seen.buffer.face(), seen.plane.normal))
     }
 }
@@ -157,7 +155,7 @@ impl Remembered {
         if faces[place].number == Some(number) {
             return Ok(&faces[place]);
         }
-        // (Not known until it has been read, whatever fails on the way.)
+        // Invariant: a face with a number has been read whole, and so has its plane; what fails on the way leaves none.
         large.number = None;
         model.face(number, &mut large.buffer)?;
         large.plane = Plane::of(&large.buffer.face());
@@ -171,7 +169,7 @@ impl Remembered {
 }
 
 /// A way along a line.
-struct Walk<'a> {
+struct Walk<'a, 'r> {
     model: &'a ExactModel,
     line: Line,
     /// Whether only the first crossing is wanted.
@@ -179,22 +177,20 @@ struct Walk<'a> {
     /// Crossings by the numbers of their faces; one, or all, some of them more than once.
     found: Vec<(u64, Crossing)>,
     recent: Recent,
-    remembered: Remembered,
+    remembered: &'r mut Remembered,
     visited: Visited,
 }
 
-impl Walk<'_> {
-    /// A way that looks for the first crossing, or for all, and remembers so many faces.
-    fn new(model: &ExactModel, line: Line, (is_first, most): (bool, usize)) -> Walk<'_> {
-        let (recent, remembered) = (Recent::new(), Remembered::new(most));
-        Walk { model, line, is_first, found: Vec::new(), recent, remembered, visited: Visited::default() }
-    }
-
-    /// Begins with another line.
-    fn start(&mut self, line: Line) {
-        self.line = line;
-        self.found.clear();
-        (self.recent, self.visited) = (Recent::new(), Visited::default());
+impl<'a, 'r> Walk<'a, 'r> {
+    /// A way that looks for the first crossing, or for all.
+    fn new(
+        model: &'a ExactModel,
+        line: Line,
+        is_first: bool,
+        remembered: &'r mut Remembered,
+    ) -> Walk<'a, 'r> {
+        let (recent, visited) = (Recent::new(), Visited::default());
+        Walk { model, line, is_first, found: Vec::new(), recent, remembered, visited }
     }
 
     /// The first crossing that was found.
@@ -210,6 +206,9 @@ impl Walk<'_> {
     }
 
     /// Goes through a node, from front to back, given its cell's passages along each axis.
+    ///
+    /// Invariant: passages are those of the walls themselves, each divided once, and not of the parent's passages: so two cells agree
+    /// about the wall between them, and no ray is lost between these.
     fn node(&mut self, node: &ModelNode<'_>, passages: &[Passage; 3]) -> Result<()> {
         self.visited.nodes += 1;
         if node.state() != ModelNodeState::Inner {

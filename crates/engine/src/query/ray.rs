@@ -128,7 +128,7 @@ impl Rays for Field<'_> {
         }
         // (If it does not, it starts inside.)
         let t =
-            if without < surface { self.between(ray, (outside, without), inside, surface)? } else { outside };
+            if without < surface { self.refined(ray, (outside, without), inside, surface)? } else { outside };
         let point = ray.at(t);
         let inwards = self.gradient(point)?;
         Ok(Some(SurfaceHit { t, point, inwards, cell }))
@@ -237,7 +237,9 @@ struct Step {
 impl Field<'_> {
     /// The distance at which the density along a ray is that of the surface, between one with less and one with no less: by false position,
     /// where the density at an end that stays is halved (the Illinois algorithm: Dowell and Jarratt, BIT 11, 1971).
-    fn between(&mut self, ray: &Ray, outside: (f64, f64), inside: (f64, f64), surface: f64) -> Result<f64> {
+    fn refined(&mut self, ray: &Ray, outside: (f64, f64), inside: (f64, f64), surface: f64) -> Result<f64> {
+        // Invariant: the density at the first end is less than the surface's, and that at the second no less. So the quotient is never one
+        // by zero, and what is found lies between the ends.
         let mut ends = [outside, inside].map(|(t, density)| (t, density - surface));
         let meeting = |[(a, less), (b, more)]: [(f64, f64); 2]| a + less / (less - more) * (b - a);
         let mut moved = None;

@@ -1,4 +1,4 @@
-//! What the surfaces of two exact models have in common, as lines, areas and points.
+//! Lines, areas and points that the surfaces of two exact models have in common, as features.
 
 use super::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
 use spinney_base::io::Output;

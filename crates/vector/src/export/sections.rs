@@ -28,6 +28,10 @@ pub struct SectionPlanes {
     count: u32,
 }
 
+/// Share of a step by which the last one may lie beyond the end and counts: decimal fractions are not quite what they are written as, and
+/// of 2^22 steps the quotient is off by less than this.
+const STEP_ROUNDING: f64 = 1e-9;
+
 impl SectionPlanes {
     /// Number of planes.
     pub fn count(&self) -> u32 {
@@ -71,8 +75,7 @@ impl FromStr for SectionPlanes {
         let (from, to) = range.split_once("..").ok_or_else(wrong)?;
         let numbers = (number(from), number(to), number(step));
         let (Some(from), Some(to), Some(step)) = numbers else { return Err(wrong()) };
-        // (The last one counts although steps are not quite what they are written as.)
-        let steps = ((to - from) / step + 1e-9).floor();
+        let steps = ((to - from) / step + STEP_ROUNDING).floor();
         if !(step > 0.0 && (0.0..f64::from(u32::MAX)).contains(&steps)) {
             let expected = "FROM..TO/STEP with a step above 0, and less than 2^32 steps";
             return Err(Error::invalid("planes", text, expected));

@@ -168,7 +168,7 @@ pub(crate) enum LeafOrBlock<'b, 'r, R: Record> {
 /// Shows all leaves of a subtree of so many levels, but dense blocks as a whole.
 ///
 /// # Errors
-/// As [`each_record`].
+/// Those of [`each_record`].
 #[inline]
 pub(crate) fn each_leaf_or_block<R: Record>(
     records: &[R],
