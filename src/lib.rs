@@ -123,7 +123,7 @@ pub mod tree {
 pub mod store {
     pub use spinney_container::{
         Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape, Tag, TagScope,
-        TreeFormat, check_tree_name, create_tree_file, file_is_tree, split_commit,
+        FilePlace, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
         BuildOptions, Slab, Slabs, build_slabs, build_source, build_tree, depth_for,

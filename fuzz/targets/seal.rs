@@ -4,11 +4,15 @@
 //! left alone.
 
 /// Bytes of the header that both formats have.
-pub const HEADER: usize = 60;
+pub const HEADER: usize = 24;
 /// Bytes of a Goblin file's end, behind the trailer.
 pub const END: usize = 16;
 /// Bytes of a trailer before its sections.
-pub const TRAILER: usize = 68;
+pub const TRAILER: usize = 36;
+/// Offset in a trailer of the number of its sections.
+pub const SECTIONS: usize = 32;
+/// Bytes of a layer in the table of layers.
+pub const LAYER: usize = 152;
 /// Bytes of a section in a trailer.
 pub const SECTION: usize = 24;
 /// Offset of the part of an Autumnal file's header page that tells how records are made.
@@ -71,20 +75,84 @@ pub fn trailer(file: &[u8]) -> Option<usize> {
     end.checked_sub(short(file, end) as usize)
 }
 
-/// Offset of the header's field that tells what the values are, and what it is of exact models.
-const KIND: usize = 16;
+/// Offset of the header's field that tells what the file contains, and what it is of exact models.
+const CONTENT: usize = 13;
 const MODEL: u8 = 2;
 /// Bytes of an entry of an exact model's lists.
 const MODEL_ENTRY: usize = 24;
 
-/// Seals a Goblin file, also of an exact model: header, segments, directory, metadata, trailer.
+/// Offset of the section with a tag in a trailer's list, and place and length of its bytes.
+pub fn section(file: &[u8], tag: &[u8; 4]) -> Option<(usize, usize, usize)> {
+    let trailer = trailer(file)?;
+    let count = short(file, trailer + SECTIONS) as usize;
+    let mut all = (0..count.min(64)).map(|number| trailer + TRAILER + number * SECTION);
+    let at = all.find(|at| file.get(*at..).is_some_and(|rest| rest.starts_with(tag)))?;
+    let (offset, length) = (long(file, at + 8), long(file, at + 16));
+    part(file, offset, length).map(|_| (at, offset as usize, length as usize))
+}
+
+/// Offsets of the layers in the table of a Goblin file.
+pub fn layers(file: &[u8]) -> Vec<usize> {
+    let Some((_, offset, length)) = section(file, b"LAYR") else { return Vec::new() };
+    (0..(length / LAYER).min(short(file, 16) as usize)).map(|number| offset + number * LAYER).collect()
+}
+
+/// Bytes of an entry of a layer's directory.
+pub fn entry_size(file: &[u8], layer: usize) -> usize {
+    let channels = usize::from(file[layer + 1].clamp(1, 4));
+    let present = if file[layer + 12] == 1 { 8 } else { 0 };
+    44 + (48 + present) * channels
+}
+
+/// Pages of a layer's directory, as the top of an index of one level has them: the offset of the entry there, and where the page is in the file.
+pub fn pages(file: &[u8], layer: usize) -> Vec<(usize, std::ops::Range<usize>)> {
+    let (top, length) = (long(file, layer + 120), u64::from(short(file, layer + 128)));
+    if part(file, top, length).is_none() {
+        return Vec::new();
+    }
+    let page = |number: usize| {
+        let at = top as usize + 24 * number;
+        let start = long(file, layer + 88).checked_add(long(file, at + 8))?;
+        let length = u64::from(short(file, at + 16));
+        part(file, start, length).map(|_| (at, start as usize..start as usize + length as usize))
+    };
+    (0..length as usize / 24).filter_map(page).collect()
+}
+
+/// Offsets of the entries of a page, the copies among them.
+pub fn entries(file: &[u8], page: &std::ops::Range<usize>, size: usize) -> Vec<usize> {
+    let head = short(file, page.start);
+    let (copies, own) = (head as u16 as usize, (head >> 16) as usize);
+    let first = page.start + 8 + 8 * copies;
+    (0..copies + own).map(|number| first + number * size).filter(|at| at + size <= page.end).collect()
+}
+
+/// Seals a Goblin file, also of an exact model: header, segments, directory, metadata, table of layers, trailer.
 pub fn goblin(file: &mut [u8]) {
     seal(file, 0, HEADER - 4, HEADER - 4);
-    let is_model = file.get(KIND) == Some(&MODEL);
+    let is_model = file.get(CONTENT) == Some(&MODEL);
     let Some(trailer) = trailer(file) else { return };
     let end = file.len() - END;
-    let channels = usize::from(file.get(14).copied().unwrap_or(1).clamp(1, 4));
-    let sections = (end.saturating_sub(trailer + TRAILER) / SECTION).min(short(file, trailer + 64) as usize);
+    for layer in layers(file) {
+        let (size, run) = (entry_size(file, layer), long(file, layer + 88));
+        for (index, page) in pages(file, layer) {
+            for entry in entries(file, &page, size) {
+                let start = run.checked_add(long(file, entry + 8)).unwrap_or(u64::MAX);
+                if let Some(segment) = part(file, start, long(file, entry + 16)) {
+                    let checksum = crc32c::crc32c(segment);
+                    set_short(file, entry + 32, checksum);
+                }
+            }
+            seal(file, page.start, page.end, index + 20);
+        }
+        for place in [120, 136] {
+            let (offset, length) = (long(file, layer + place), short(file, layer + place + 8));
+            if part(file, offset, length.into()).is_some() {
+                seal(file, offset as usize, offset as usize + length as usize, layer + place + 12);
+            }
+        }
+    }
+    let sections = (end.saturating_sub(trailer + TRAILER) / SECTION).min(short(file, trailer + SECTIONS) as usize);
     for section in 0..sections {
         let at = trailer + TRAILER + section * SECTION;
         let (offset, length) = (long(file, at + 8), long(file, at + 16));
@@ -94,24 +162,14 @@ pub fn goblin(file: &mut [u8]) {
         let (offset, length) = (offset as usize, length as usize);
         if is_model && [b"DIRE", b"FACE"].iter().any(|tag| file[at..].starts_with(*tag)) {
             model_entries(file, offset, offset + length);
-        } else if file[at..].starts_with(b"DIRE") {
-            entries(file, offset, offset + length, 48 + 48 * channels);
         }
         seal(file, offset, offset + length, at + 4);
     }
-    seal(file, trailer, end, end + 4);
-}
-
-/// Seals the entries of a directory, and the segments that they lead to.
-fn entries(file: &mut [u8], start: usize, end: usize, size: usize) {
-    for entry in (start..end).step_by(size).filter(|entry| entry + size <= end) {
-        if let Some(segment) = part(file, long(file, entry + 8), long(file, entry + 16)) {
-            let checksum = crc32c::crc32c(segment);
-            set_short(file, entry + 32, checksum);
-        }
-        set_short(file, entry + 36, 0);
-        seal(file, entry, entry + size, entry + 36);
+    // (The trailer has the header once more.)
+    if trailer + HEADER <= end {
+        file.copy_within(..HEADER, trailer);
     }
+    seal(file, trailer, end, end + 4);
 }
 
 /// Seals what the entries of an exact model's list lead to: blocks of faces, or segments.
@@ -133,7 +191,7 @@ pub fn goblin_end(file: &mut [u8]) {
     file[end + 8..].copy_from_slice(b"\nnilboG\x93");
     if let Some(trailer) = trailer(file) {
         let length = file.len() as u64;
-        set_long(file, trailer + 56, length);
+        set_long(file, trailer + 24, length);
     }
 }
 

@@ -11,14 +11,14 @@ use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
 use spinney::store::autumnal::{self, Commit, History, Keep};
-use spinney::store::{OpenOptions, split_commit};
+use spinney::store::{OpenOptions, file_of};
 
 use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms};
 
 /// Fails if one of the inputs is the output.
 pub(crate) fn check_output(inputs: &[PathBuf], output: &Path) -> PyResult<()> {
-    match inputs.iter().find(|input| is_same_file(&split_commit(input).0, output)) {
+    match inputs.iter().find(|input| is_same_file(&file_of(input), output)) {
         Some(input) => {
             Err(invalid(format!("{}: is an input and the output; choose another output", input.display())))
         }

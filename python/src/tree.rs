@@ -11,7 +11,7 @@ use spinney::dataset::{self, Dataset};
 use spinney::export::void_number;
 use spinney::ops::Step;
 use spinney::space::Crs;
-use spinney::store::{OpenOptions, split_commit};
+use spinney::store::{FilePlace, OpenOptions};
 
 use crate::error::{OrRaise, invalid};
 use crate::{jobs, samples};
@@ -128,7 +128,7 @@ impl Tree {
         commit: Option<u64>,
         positioned: bool,
     ) -> PyResult<Tree> {
-        let (file, named) = split_commit(&path);
+        let FilePlace { file, commit: named, layer } = FilePlace::of(&path);
         if named.is_some() && commit.is_some() && named != commit {
             return Err(invalid("commit: the path names another one"));
         }

@@ -14,9 +14,6 @@ pub struct BrepFile {
     pub segments: Vec<Piece>,
     pub model: Vec<u8>,
     pub metadata: Vec<u8>,
-    /// State and value of the root.
-    pub root: Vec<u8>,
-    pub nodes: u64,
 }
 
 fn short(bytes: &[u8], at: usize) -> u32 {
@@ -39,7 +36,7 @@ fn trailer(file: &[u8]) -> usize {
 /// A section of a file, if there.
 pub fn section<'a>(file: &'a [u8], tag: &[u8; 4]) -> Option<&'a [u8]> {
     let trailer = trailer(file);
-    let mut sections = (0..short(file, trailer + 64) as usize).map(|i| trailer + 68 + 24 * i);
+    let mut sections = (0..short(file, trailer + 32) as usize).map(|i| trailer + 36 + 24 * i);
     let at = sections.find(|at| file[*at..].starts_with(tag))?;
     let start = long(file, at + 8) as usize;
     Some(&file[start..start + long(file, at + 16) as usize])
@@ -47,7 +44,6 @@ pub fn section<'a>(file: &'a [u8], tag: &[u8; 4]) -> Option<&'a [u8]> {
 
 impl BrepFile {
     pub fn of(file: &[u8]) -> BrepFile {
-        let trailer = trailer(file);
         let section = |tag: &[u8; 4]| section(file, tag).unwrap();
         let pieces = |tag: &[u8; 4]| {
             let piece = |entry: &[u8]| {
@@ -57,13 +53,11 @@ impl BrepFile {
             section(tag).chunks(24).map(piece).collect()
         };
         BrepFile {
-            header: file[..56].to_vec(),
+            header: file[..20].to_vec(),
             blocks: pieces(b"FACE"),
             segments: pieces(b"DIRE"),
             model: section(b"BREP").to_vec(),
             metadata: section(b"META").to_vec(),
-            root: file[trailer..trailer + 40].to_vec(),
-            nodes: long(file, trailer + 48),
         }
     }
 
@@ -90,10 +84,8 @@ impl BrepFile {
             sections.extend((bytes.len() as u64).to_le_bytes());
             file.extend(bytes);
         }
-        let mut trailer = self.root.clone();
-        trailer.extend((self.segments.len() as u64).to_le_bytes());
-        trailer.extend(self.nodes.to_le_bytes());
-        trailer.extend(((file.len() + 68 + sections.len() + 16) as u64).to_le_bytes());
+        let mut trailer = file[..24].to_vec();
+        trailer.extend(((file.len() + 36 + sections.len() + 16) as u64).to_le_bytes());
         trailer.extend(shorts([4]));
         trailer.extend(sections);
         file.extend(&trailer);

@@ -80,28 +80,85 @@ struct Writer<'a> {
 pub fn goblin(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, Kind), cut: Cut) -> Vec<u8> {
     let counts_classes = kind == Kind::Categorical || rule == Rule::Majority;
     let (levels, entries) = (vec![[0; 3]; usize::from(tree.depth()) + 1], BTreeMap::new());
-    let file = header(tree, extent, (rule, kind), cut);
+    let file = header(tree);
     let mut writer = Writer { tree, cut, counts_classes, levels, file, entries, stored: 0 };
     let root = writer.place(Code::root(tree.form().dimension), tree.root().unwrap());
+    let mut crown = writer.file.len();
     if let Place::Inner(_, node) = &root {
-        writer.segments(node, true);
+        writer.segments(node, true, false);
+        crown = writer.file.len();
+        writer.segments(node, true, true);
     }
-    writer.finish(&root)
+    let header = tree_header(tree, extent, (rule, kind), cut);
+    writer.finish(&root, header, crown)
 }
 
-fn header(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, Kind), cut: Cut) -> Vec<u8> {
-    let form = tree.form();
+/// The file's header.
+fn header(tree: &MemTree) -> Vec<u8> {
     let mut file = b"\x93Goblin\n\x01\0\0\0".to_vec();
-    let axes = if form.dimension == Dimension::Quad { 2 } else { 3 };
-    let number = |rule| Rule::ALL.iter().position(|other| *other == rule).unwrap() as u8;
-    let kind = if kind == Kind::Categorical { 0 } else { 1 };
-    file.extend([axes, form.value.sample as u8, form.value.channels, number(rule), kind, 0]);
-    file.extend([tree.depth(), cut.reach, cut.stride, 0, 0, 0]);
-    file.extend(cut.threshold.to_le_bytes());
-    file.extend([0; 4]);
-    extent.iter().for_each(|cells| file.extend(cells.to_le_bytes()));
+    let axes = if tree.form().dimension == Dimension::Quad { 2 } else { 3 };
+    file.extend([axes, 0, tree.depth(), 0, 1, 0, 0, 0]);
     file.extend(crc32c::crc32c(&file).to_le_bytes());
     file
+}
+
+/// The tree's header.
+fn tree_header(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, Kind), cut: Cut) -> Vec<u8> {
+    let value = tree.form().value;
+    let number = |rule| Rule::ALL.iter().position(|other| *other == rule).unwrap() as u8;
+    let kind = if kind == Kind::Categorical { 0 } else { 1 };
+    let mut header = vec![value.sample as u8, value.channels, number(rule), kind, 0];
+    header.extend([tree.depth(), cut.reach, cut.stride]);
+    header.extend(cut.threshold.to_le_bytes());
+    header.extend([0; 12]);
+    extent.iter().for_each(|cells| header.extend(cells.to_le_bytes()));
+    header
+}
+
+/// Whether a node is another one or lies below it, by their codes, which have so many bits for a level.
+fn contains(above: u64, below: u64, bits: u64) -> bool {
+    above <= below && below <= above | (u64::MAX >> 1 >> (bits * (above & 31)).min(63))
+}
+
+/// The pages of a directory, whose first starts at a place of the run, and the top of the index, for at most 256 pages.
+pub fn directory(entries: &[Vec<u8>], bits: u64, start: u64) -> (Vec<u8>, Vec<u8>) {
+    let code = |entry: &Vec<u8>| u64::from_le_bytes(entry[..8].try_into().unwrap());
+    let (mut pages, mut top) = (Vec::new(), Vec::new());
+    for (number, own) in entries.chunks(128).enumerate() {
+        let before = &entries[..128 * number];
+        let above = |entry: &&Vec<u8>| contains(code(entry), code(&own[0]), bits);
+        let copies: Vec<&Vec<u8>> = before.iter().filter(above).collect();
+        let numbers = before.iter().enumerate().filter(|(_, entry)| above(entry)).map(|(number, _)| number);
+        let mut page = (copies.len() as u16).to_le_bytes().to_vec();
+        page.extend((own.len() as u16).to_le_bytes());
+        page.extend([0; 4]);
+        numbers.for_each(|number| page.extend((number as u64).to_le_bytes()));
+        copies.into_iter().chain(own).for_each(|entry| page.extend(entry));
+        top.extend(code(&own[0]).to_le_bytes());
+        top.extend((start + pages.len() as u64).to_le_bytes());
+        top.extend((page.len() as u32).to_le_bytes());
+        top.extend(crc32c::crc32c(&page).to_le_bytes());
+        pages.extend(page);
+    }
+    (pages, top)
+}
+
+/// A file's end, behind the table of layers, which starts at a place.
+pub fn trailer(file: &mut Vec<u8>, sections: &[([u8; 4], std::ops::Range<usize>)]) {
+    let mut trailer = file[..24].to_vec();
+    let length = 24 + 8 + 4 + 24 * sections.len();
+    trailer.extend(((file.len() + length + 16) as u64).to_le_bytes());
+    trailer.extend((sections.len() as u32).to_le_bytes());
+    for (tag, range) in sections {
+        trailer.extend(tag);
+        trailer.extend(crc32c::crc32c(&file[range.clone()]).to_le_bytes());
+        trailer.extend((range.start as u64).to_le_bytes());
+        trailer.extend((range.len() as u64).to_le_bytes());
+    }
+    file.extend(&trailer);
+    file.extend((length as u32).to_le_bytes());
+    file.extend(crc32c::crc32c(&trailer).to_le_bytes());
+    file.extend(b"\nnilboG\x93");
 }
 
 impl Writer<'_> {
@@ -164,15 +221,22 @@ impl Writer<'_> {
         self.cut.is_candidate(self.tree.depth(), level)
     }
 
-    /// Writes the segment of a node, if it owns one, and those of all nodes below it.
-    fn segments(&mut self, node: &Inner, is_root: bool) {
-        if is_root || self.is_candidate(node.code.level()) && self.is_heavy(node) {
-            self.segment(node);
-        }
+    /// The level above which segments are in the crown.
+    fn crown_level(&self) -> u8 {
+        let (depth, reach) = (self.tree.depth(), self.cut.reach);
+        if depth <= reach { 0 } else { (depth - reach).saturating_sub(6).max((depth - reach).min(3)) }
+    }
+
+    /// Writes the segments of all nodes below a node, then its own, if it owns one; those of the crown or the others.
+    fn segments(&mut self, node: &Inner, is_root: bool, in_crown: bool) {
         for child in &node.children {
             if let Place::Inner(_, node) = child {
-                self.segments(node, false);
+                self.segments(node, false, in_crown);
             }
+        }
+        let owns = is_root || self.is_candidate(node.code.level()) && self.is_heavy(node);
+        if owns && (node.code.level() < self.crown_level()) == in_crown {
+            self.segment(node);
         }
     }
 
@@ -186,7 +250,7 @@ impl Writer<'_> {
         self.file.extend(records);
         let is_listed = self.counts_classes && node.sums.classes.len() <= 1024;
         let classes = if is_listed { node.sums.classes.clone() } else { BTreeMap::new() };
-        let listed = if self.counts_classes && !is_listed { u32::MAX } else { classes.len() as u32 };
+        let listed = if self.counts_classes && !is_listed { u16::MAX } else { classes.len() as u16 };
         // (By value: of unsigned bytes the order is that of the numbers.)
         for (value, cells) in &classes {
             self.file.extend(value);
@@ -194,12 +258,12 @@ impl Writer<'_> {
         }
         self.stored += u64::from(count);
         let mut entry = node.code.bits().to_le_bytes().to_vec();
-        entry.extend((start as u64).to_le_bytes());
+        entry.extend((start as u64 - 24).to_le_bytes());
         entry.extend(((self.file.len() - start) as u64).to_le_bytes());
         entry.extend(count.to_le_bytes());
         entry.extend(listed.to_le_bytes());
+        entry.extend([0; 2]);
         entry.extend(crc32c::crc32c(&self.file[start..]).to_le_bytes());
-        entry.extend([0; 4]);
         entry.extend(node.sums.cells.to_le_bytes());
         for (min, max, sum, squares) in &node.sums.channels {
             entry.extend(min.to_le_bytes());
@@ -207,8 +271,6 @@ impl Writer<'_> {
             entry.extend(sum.to_le_bytes());
             entry.extend(squares.to_le_bytes());
         }
-        let checksum = crc32c::crc32c(&entry);
-        entry[36..40].copy_from_slice(&checksum.to_le_bytes());
         self.entries.insert(node.code.bits(), entry);
     }
 
@@ -332,39 +394,42 @@ impl Writer<'_> {
                 _ => metadata.extend([&[252][..], &(*number as u32).to_le_bytes()].concat()),
             }
         }
-        metadata.extend([0; 4]);
+        metadata.extend([0, 0, 0, 0, 0, 1]);
         metadata
     }
 
-    fn finish(mut self, root: &Place) -> Vec<u8> {
+    fn finish(mut self, root: &Place, header: Vec<u8>, crown: usize) -> Vec<u8> {
         let metadata = self.metadata();
-        let directory: Vec<u8> = self.entries.values().flatten().copied().collect();
+        let start = self.file.len();
+        let entries: Vec<Vec<u8>> = self.entries.values().cloned().collect();
+        let bits = if self.tree.form().dimension == Dimension::Quad { 2 } else { 3 };
+        let (pages, top) = directory(&entries, bits, start as u64 - 24);
+        self.file.extend(pages);
+        let run = self.file.len() - 24;
+        let metadata_at = self.file.len();
+        self.file.extend(&metadata);
+        let top_at = self.file.len();
+        self.file.extend(&top);
         let (state, value) = match root {
             Place::Void => (0, Value::ZERO),
             Place::Leaf(value) => (1, *value),
             Place::Inner(value, _) => (2, *value),
         };
-        let mut trailer = vec![state, 0, 0, 0, 0, 0, 0, 0];
-        trailer.extend(self.bytes(value));
-        trailer.resize(40, 0);
-        let mut sections = Vec::new();
-        for (tag, bytes) in [(b"DIRE", directory), (b"META", metadata)] {
-            sections.extend(tag);
-            sections.extend(crc32c::crc32c(&bytes).to_le_bytes());
-            sections.extend((self.file.len() as u64).to_le_bytes());
-            sections.extend((bytes.len() as u64).to_le_bytes());
-            self.file.extend(bytes);
+        let mut layer = header;
+        layer.extend([state, 0, 0, 0, 0, 0, 0, 0]);
+        layer.extend(self.bytes(value));
+        layer.resize(72, 0);
+        let numbers = [entries.len() as u64, self.stored, 24, run as u64, crown as u64 - 24, start as u64 - 24];
+        numbers.iter().for_each(|number| layer.extend(number.to_le_bytes()));
+        for (at, bytes) in [(top_at, &top), (metadata_at, &metadata)] {
+            layer.extend((at as u64).to_le_bytes());
+            layer.extend((bytes.len() as u32).to_le_bytes());
+            layer.extend(crc32c::crc32c(bytes).to_le_bytes());
         }
-        trailer.extend((self.entries.len() as u64).to_le_bytes());
-        trailer.extend(self.stored.to_le_bytes());
-        let length = trailer.len() + 8 + 4 + sections.len();
-        trailer.extend(((self.file.len() + length + 16) as u64).to_le_bytes());
-        trailer.extend(2u32.to_le_bytes());
-        trailer.extend(sections);
-        self.file.extend(&trailer);
-        self.file.extend((length as u32).to_le_bytes());
-        self.file.extend(crc32c::crc32c(&trailer).to_le_bytes());
-        self.file.extend(b"\nnilboG\x93");
+        let table = self.file.len();
+        self.file.extend(layer);
+        let table = table..self.file.len();
+        trailer(&mut self.file, &[(*b"LAYR", table)]);
         self.file
     }
 }

@@ -14,7 +14,7 @@ use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::exact::{cuboid, model_on, push};
 use crate::common::sets::{Body, combined, grid, tetrahedron};
 use crate::targets::models::ask_model;
-use crate::targets::seal::{self, SECTION, TRAILER};
+use crate::targets::seal::{self, SECTION, SECTIONS, TRAILER};
 
 /// Two bodies that pass through each other in all kinds of planes, as one; with colours or without.
 fn crossing(is_coloured: bool) -> Vec<u8> {
@@ -32,7 +32,7 @@ fn crossing(is_coloured: bool) -> Vec<u8> {
 /// Where the section is.
 fn place(file: &[u8]) -> (usize, usize) {
     let trailer = seal::trailer(file).unwrap();
-    let mut sections = (0..seal::short(file, trailer + 64) as usize).map(|i| trailer + TRAILER + SECTION * i);
+    let mut sections = (0..seal::short(file, trailer + SECTIONS) as usize).map(|i| trailer + TRAILER + SECTION * i);
     let at = sections.find(|at| file[*at..].starts_with(b"EXAC")).unwrap();
     (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize)
 }
@@ -61,7 +61,7 @@ fn all_fields(file: &[u8]) -> Vec<Field> {
     }
     assert_eq!(at, start + length);
     let trailer = seal::trailer(file).unwrap();
-    for section in 0..seal::short(file, trailer + 64) as usize {
+    for section in 0..seal::short(file, trailer + SECTIONS) as usize {
         all.extend(fields("a section", trailer + TRAILER + section * SECTION, &[4, 4, 8, 8]));
     }
     all

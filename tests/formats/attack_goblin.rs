@@ -13,7 +13,7 @@ use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
 use crate::common::{Cells, OCT, QUAD, goblin, oct, quad, quad_size};
 use crate::common::{Random, oct_size};
-use crate::targets::seal::{self, END, SECTION, TRAILER};
+use crate::targets::seal::{self, END, TRAILER};
 use crate::targets::trees::ask_goblin;
 
 /// A number in a file.
@@ -56,34 +56,42 @@ pub(super) fn changed(file: &[u8], field: &Field, each: &mut dyn FnMut(Vec<u8>, 
     }
 }
 
-/// Sizes of the header's fields.
-pub(super) const HEADER_FIELDS: [usize; 18] = [8, 2, 2, 1, 1, 1, 1, 1, 1, 1, 1, 1, 3, 4, 4, 8, 8, 8];
+/// Sizes of the fields of the file's header.
+pub(super) const HEADER_FIELDS: [usize; 8] = [8, 2, 2, 1, 1, 1, 1, 4];
+/// Sizes of the fields of a tree's header.
+const TREE_FIELDS: [usize; 15] = [1, 1, 1, 1, 1, 1, 1, 1, 4, 1, 3, 8, 8, 8, 8];
+/// Sizes of those that follow in the table of layers.
+const LAYER_FIELDS: [usize; 17] = [1, 5, 2, 8, 8, 8, 8, 8, 8, 8, 8, 8, 4, 4, 8, 4, 4];
 
 /// All fields of a Goblin file but for those of the metadata, and the bytes of these.
 fn all_fields(file: &[u8], form: Form) -> Vec<Field> {
     let mut all = fields("the header", 0, &HEADER_FIELDS);
     let trailer = seal::trailer(file).unwrap();
-    all.extend(fields("the trailer", trailer, &[1, 7, 8, 8, 8, 8, 8, 8, 8, 4]));
-    for section in 0..2 {
-        all.extend(fields("a section", trailer + TRAILER + section * SECTION, &[4, 4, 8, 8]));
-    }
+    all.extend(fields("the trailer", trailer, &[&HEADER_FIELDS[..], &[4, 8, 4]].concat()));
+    all.extend(fields("a section", trailer + TRAILER, &[4, 4, 8, 8]));
     all.extend(fields("the end", file.len() - END, &[4, 4, 8]));
-    let section = |number: usize| {
-        let at = trailer + TRAILER + number * SECTION;
-        (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize)
-    };
-    let (directory, length) = section(0);
+    let layer = seal::layers(file)[0];
+    all.extend(fields("the tree's header", layer, &TREE_FIELDS));
+    all.extend(fields("the layer", layer + 48, &LAYER_FIELDS));
+    let (size, run) = (seal::entry_size(file, layer), seal::long(file, layer + 88) as usize);
     let channels = usize::from(form.value.channels);
-    for entry in (directory..directory + length).step_by(48 + 48 * channels) {
-        all.extend(fields("an entry", entry, &[8, 8, 8, 4, 4, 4, 4, 8]));
-        all.extend(fields("statistics", entry + 48, &[8; 6].repeat(channels)));
+    let mut entries = Vec::new();
+    for (index, page) in seal::pages(file, layer) {
+        all.extend(fields("an entry of the index", index, &[8, 8, 4, 4]));
+        let copies = usize::from(u16::from_le_bytes([file[page.start], file[page.start + 1]]));
+        all.extend(fields("a page", page.start, &[&[2, 2, 4][..], &vec![8; copies]].concat()));
+        entries.extend(seal::entries(file, &page, size));
+    }
+    for entry in entries {
+        all.extend(fields("an entry", entry, &[8, 8, 8, 4, 2, 1, 1, 4, 8]));
+        all.extend(fields("statistics", entry + 44, &[8; 6].repeat(channels)));
         let (records, classes) =
-            (seal::short(file, entry + 24) as usize, seal::short(file, entry + 28) as usize);
+            (seal::short(file, entry + 24) as usize, seal::short(file, entry + 28) as u16 as usize);
         let layout = Goblin::from_bytes(file.to_vec()).unwrap().layout().size;
         let width = form.width();
         let values = vec![width.min(8); form.children() * width.div_ceil(8)];
         let rest: &[usize] = if form.children() == 4 { &[1, 3] } else { &[2, 2, 4] };
-        let start = seal::long(file, entry + 8) as usize;
+        let start = run + seal::long(file, entry + 8) as usize;
         for record in 0..records {
             all.extend(fields("a record", start + record * layout, &[&values, rest].concat()));
         }
@@ -91,7 +99,8 @@ fn all_fields(file: &[u8], form: Form) -> Vec<Field> {
             all.extend(fields("a class", start + records * layout + class * (width + 8), &[width, 8]));
         }
     }
-    let (metadata, length) = section(1);
+    let (metadata, length) =
+        (seal::long(file, layer + 136) as usize, seal::short(file, layer + 144) as usize);
     all.extend(fields("the metadata", metadata, &vec![1; length]));
     all
 }

@@ -60,7 +60,7 @@ pub(crate) fn house(bits: u8) -> Vec<u8> {
 fn all_fields(file: &[u8]) -> Vec<Field> {
     let mut all = fields("the header", 0, &HEADER_FIELDS);
     let trailer = seal::trailer(file).unwrap();
-    all.extend(fields("the trailer", trailer, &[1, 7, 8, 8, 8, 8, 8, 8, 8, 4]));
+    all.extend(fields("the trailer", trailer, &[&HEADER_FIELDS[..], &[4, 8, 4]].concat()));
     all.extend(fields("the end", file.len() - END, &[4, 4, 8]));
     for section in 0..4 {
         let at = trailer + TRAILER + section * SECTION;
@@ -174,7 +174,6 @@ pub(crate) fn one_leaf(bits: u8, faces: &[Vec<Vec<[i32; 3]>>], head: u8) -> Brep
     let nodes = [0, 0, 0, 0, 0, 0, 1u64].map(|nodes| nodes * u64::from(head & 3 == 3));
     model.extend(nodes.into_iter().flat_map(u64::to_le_bytes));
     file.model = model;
-    file.nodes = 1;
     file
 }
 

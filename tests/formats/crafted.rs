@@ -147,11 +147,9 @@ pub(super) fn crafted_behind(hole: usize, records: &[u8], claims: Claims) -> Vec
     // The header page, for a tree of this depth.
     let mut file = original[..FIRST_EXTENT].to_vec();
     file[4096..].fill(0);
-    file[18] = depth;
-    file[32..40].copy_from_slice(&(1u64 << depth).to_le_bytes());
-    file[40..48].copy_from_slice(&(1u64 << depth).to_le_bytes());
-    let checksum = crc32c::crc32c(&file[..56]);
-    file[56..60].copy_from_slice(&checksum.to_le_bytes());
+    file[14] = depth;
+    let checksum = crc32c::crc32c(&file[..20]);
+    file[20..24].copy_from_slice(&checksum.to_le_bytes());
     // Not sharing, runs of five levels.
     file[64..68].copy_from_slice(&[0, 5, 0, 0]);
     let checksum = crc32c::crc32c(&file[64..68]);
@@ -166,7 +164,12 @@ pub(super) fn crafted_behind(hole: usize, records: &[u8], claims: Claims) -> Vec
     let note = (None::<i64>, String::new(), String::new());
     let written = (0u64, 0u64, 0u64, 0u64);
     let root = (INNER, vec![root.1], root.0);
-    let commit = (1u64, note, totals.0, totals.1, written, 1u64, root, metadata, previous, (0u64, 0u64));
+    // Bytes of one channel by the rule dominant, categorical; h = 8, s = 2, T = 4096.
+    let mut header = vec![0, 1, 2, 0, 0, depth, 8, 2, 0, 16, 0, 0];
+    header.extend([0; 12]);
+    [1 << depth, 1 << depth, 1u64].iter().for_each(|cells| header.extend(cells.to_le_bytes()));
+    let layers = vec![(String::new(), totals.0, totals.1, header, root, metadata)];
+    let commit = (1u64, note, totals.0, totals.1, written, 1u64, layers, previous, (0u64, 0u64));
     let commit = extent(&mut file, 1, &encoded((1u32, commit)));
     let end = file.len() as u64;
     let mut slot = b"AutuMeta".to_vec();

@@ -17,6 +17,7 @@ use spinney::{Error, Result};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
+use crate::targets::seal;
 use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, try_children};
 
 /// What a file says to every question, in a form that can be compared.
@@ -191,8 +192,7 @@ fn damage_to_files_that_are_cut_everywhere_is_found() {
     }
 }
 
-const HEADER: usize = 60;
-const TRAILER: usize = 68;
+const HEADER: usize = 24;
 
 /// A file taken apart, to be put together with right checksums and wrong contents.
 #[derive(Clone)]
@@ -201,8 +201,8 @@ struct Craft {
     segments: Vec<u8>,
     entries: Vec<Vec<u8>>,
     metadata: Vec<u8>,
-    /// State and value of the root, number of segments, records.
-    trailer: Vec<u8>,
+    /// The layer in the table, of which places and checksums are made anew.
+    layer: Vec<u8>,
     unknown_section: bool,
 }
 
@@ -220,20 +220,23 @@ fn set_short(bytes: &mut [u8], at: usize, number: u32) {
 
 impl Craft {
     fn new(bytes: &[u8]) -> Craft {
-        let end = bytes.len() - 16;
-        let length = u32::from_le_bytes(bytes[end..end + 4].try_into().unwrap()) as usize;
-        let trailer = &bytes[end - length..end];
-        let section = |at: usize| {
-            number(trailer, at + 8) as usize..(number(trailer, at + 8) + number(trailer, at + 16)) as usize
+        let at = seal::layers(bytes)[0];
+        let layer = bytes[at..at + seal::LAYER].to_vec();
+        let size = seal::entry_size(bytes, at);
+        let pages = seal::pages(bytes, at);
+        let own = |page: &(usize, std::ops::Range<usize>)| {
+            let copies = usize::from(u16::from_le_bytes([bytes[page.1.start], bytes[page.1.start + 1]]));
+            seal::entries(bytes, &page.1, size).into_iter().skip(copies).collect::<Vec<_>>()
         };
-        let (directory, metadata) = (section(TRAILER), section(TRAILER + 24));
-        let count = number(trailer, 40) as usize;
+        let entry = |entry: usize| bytes[entry..entry + size].to_vec();
+        let metadata = number(&layer, 136) as usize;
+        let length = u32::from_le_bytes(layer[144..148].try_into().unwrap()) as usize;
         Craft {
             header: bytes[..HEADER].to_vec(),
-            segments: bytes[HEADER..directory.start].to_vec(),
-            entries: bytes[directory.clone()].chunks(directory.len() / count).map(<[u8]>::to_vec).collect(),
-            metadata: bytes[metadata].to_vec(),
-            trailer: trailer[..TRAILER].to_vec(),
+            segments: bytes[HEADER..HEADER + number(&layer, 112) as usize].to_vec(),
+            entries: pages.iter().flat_map(own).map(entry).collect(),
+            metadata: bytes[metadata..metadata + length].to_vec(),
+            layer,
             unknown_section: false,
         }
     }
@@ -243,47 +246,39 @@ impl Craft {
         let checksum = crc32c::crc32c(&file[..HEADER - 4]);
         set_short(&mut file, HEADER - 4, checksum);
         file.extend(&self.segments);
-        let mut directory = Vec::new();
-        for entry in &self.entries {
-            let mut entry = entry.clone();
-            let (offset, length) = (number(&entry, 8) as usize, number(&entry, 16) as usize);
-            if let Some(segment) = offset.checked_add(length).and_then(|end| file.get(offset..end)) {
-                set_short(&mut entry, 32, crc32c::crc32c(segment));
+        let mut entries = self.entries.clone();
+        for entry in &mut entries {
+            let (offset, length) = (number(entry, 8), number(entry, 16));
+            let place = offset.checked_add(HEADER as u64).and_then(|start| Some((start, start.checked_add(length)?)));
+            if let Some(segment) = place.and_then(|(start, end)| file.get(start as usize..end as usize)) {
+                set_short(entry, 32, crc32c::crc32c(segment));
             }
-            set_short(&mut entry, 36, 0);
-            let checksum = crc32c::crc32c(&entry);
-            set_short(&mut entry, 36, checksum);
-            directory.extend(entry);
         }
-        let mut sections = Vec::new();
-        let mut section = |tag: &[u8; 4], bytes: &[u8]| {
-            sections.extend(tag);
-            sections.extend(crc32c::crc32c(bytes).to_le_bytes());
-            sections.extend((file.len() as u64).to_le_bytes());
-            sections.extend((bytes.len() as u64).to_le_bytes());
+        let (pages, top) = reference::directory(&entries, 2, self.segments.len() as u64);
+        file.extend(&pages);
+        let mut layer = self.layer.clone();
+        set(&mut layer, 72, entries.len() as u64);
+        set(&mut layer, 96, (file.len() - HEADER) as u64);
+        for (at, bytes) in [(136, &self.metadata), (120, &top)] {
+            set(&mut layer, at, file.len() as u64);
+            set_short(&mut layer, at + 8, bytes.len() as u32);
+            set_short(&mut layer, at + 12, crc32c::crc32c(bytes));
             file.extend(bytes);
-        };
-        section(b"DIRE", &directory);
-        section(b"META", &self.metadata);
-        if self.unknown_section {
-            section(b"WHAT", b"is this?");
         }
-        let mut trailer = self.trailer.clone();
-        set(&mut trailer, 40, self.entries.len() as u64);
-        set_short(&mut trailer, 64, sections.len() as u32 / 24);
-        let length = trailer.len() + sections.len();
-        set(&mut trailer, 56, (file.len() + length + 16) as u64);
-        trailer.extend(sections);
-        file.extend(&trailer);
-        file.extend((length as u32).to_le_bytes());
-        file.extend(crc32c::crc32c(&trailer).to_le_bytes());
-        file.extend(b"\nnilboG\x93");
+        let table = file.len();
+        file.extend(&layer);
+        let mut sections = vec![(*b"LAYR", table..file.len())];
+        if self.unknown_section {
+            file.extend(b"is this?");
+            sections.push((*b"WHAT", file.len() - 8..file.len()));
+        }
+        reference::trailer(&mut file, &sections);
         file
     }
 
     /// Record `record` of the segment of entry `entry`: four values, states, skip.
     fn record(&mut self, entry: usize, record: usize) -> &mut [u8] {
-        let start = number(&self.entries[entry], 8) as usize - HEADER + 8 * record;
+        let start = number(&self.entries[entry], 8) as usize + 8 * record;
         &mut self.segments[start..start + 8]
     }
 
@@ -389,12 +384,15 @@ fn directories_that_lead_astray() {
     }
     for at in [8, 16] {
         for wrong in [0, 1, 1 << 20, 1 << 63, u64::MAX, u64::MAX - 60] {
-            crafted(&format!("number {wrong} at {at} of an entry"), |craft| {
-                set(&mut craft.entries[1], at, wrong)
-            });
+            let mut craft = good();
+            // (The first segment stands at 0.)
+            if number(&craft.entries[1], at) != wrong {
+                set(&mut craft.entries[1], at, wrong);
+                refused(&craft, &format!("number {wrong} at {at} of an entry"));
+            }
         }
     }
-    for (at, wrong) in [(24, 0), (24, 1), (24, u32::MAX), (28, 1), (28, u32::MAX)] {
+    for (at, wrong) in [(24, 0), (24, 1), (24, u32::MAX), (28, 1), (28, 0xffff), (28, 0x1_0003)] {
         crafted(&format!("count {wrong} at {at} of an entry"), |craft| {
             set_short(&mut craft.entries[1], at, wrong)
         });
@@ -406,10 +404,10 @@ fn directories_that_lead_astray() {
         });
     }
     crafted("statistics of more cells than there are", |craft| {
-        craft.entries.iter_mut().for_each(|entry| set(entry, 40, u64::MAX));
+        craft.entries.iter_mut().for_each(|entry| set(entry, 36, u64::MAX));
     });
     crafted("sums of everything", |craft| {
-        craft.entries.iter_mut().for_each(|entry| entry[64..96].fill(0x7f));
+        craft.entries.iter_mut().for_each(|entry| entry[60..92].fill(0x7f));
     });
     crafted("class counts of everything", |craft| {
         craft.segments.iter_mut().rev().take(64).for_each(|byte| *byte = 0xff)
@@ -434,9 +432,10 @@ fn many_segments_of_the_same_bytes_cost_little() {
         return;
     }
     let mut craft = good();
-    craft.header[24] = 20;
+    craft.header[14] = 20;
+    craft.layer[5] = 20;
     for axis in 0..2 {
-        set(&mut craft.header, 32 + 8 * axis, 1 << 20);
+        set(&mut craft.layer, 24 + 8 * axis, 1 << 20);
     }
     let root = craft.entries[0].clone();
     let shift = |level: u32| 63 - 2 * level;
@@ -455,23 +454,39 @@ fn headers_that_lie() {
     if !is_alone("hostile::headers_that_lie") {
         return;
     }
-    // Axes, sample type, channels, rule, kind, codec, depth, reach, stride.
-    for at in 12..21 {
+    // Axes, content, depth, layers.
+    for at in 12..20 {
         for wrong in [0, 1, 3, 7, 30, 64, 255] {
             let mut craft = good();
             craft.header[at] = wrong;
             survives(&craft.bytes(), &format!("{wrong} at {at} of the header"));
         }
     }
+    // Sample type, channels, rule, kind, codec, depth, reach, stride; the length of the name.
+    for at in (0..8).chain([54, 55]) {
+        for wrong in [0, 1, 3, 7, 30, 64, 255] {
+            let mut craft = good();
+            craft.layer[at] = wrong;
+            survives(&craft.bytes(), &format!("{wrong} at {at} of the tree's header"));
+        }
+    }
+    // Where run, crown and directory are.
+    for at in [88, 104, 112] {
+        for wrong in [0, 1, 1025, 1 << 63, u64::MAX] {
+            let mut craft = good();
+            set(&mut craft.layer, at, wrong);
+            survives(&craft.bytes(), &format!("{wrong} at {at} of the layer"));
+        }
+    }
     for axis in 0..3 {
         for wrong in [0, 1, 1025, 1 << 63, u64::MAX] {
             let mut craft = good();
-            set(&mut craft.header, 32 + 8 * axis, wrong);
+            set(&mut craft.layer, 24 + 8 * axis, wrong);
             survives(&craft.bytes(), &format!("extent {wrong}"));
         }
     }
     for state in [0, 1, 3, 255] {
-        crafted(&format!("root state {state}"), |craft| craft.trailer[0] = state);
+        crafted(&format!("root state {state}"), |craft| craft.layer[48] = state);
     }
     memory_stays_bounded();
 }
@@ -542,8 +557,8 @@ fn operations_on_records_that_lie() {
     for round in 0..120u64 {
         let mut bytes = map().to_vec();
         for _ in 0..1 + round % 5 {
-            // The header is 60 bytes; the segments follow.
-            let at = 60 + random.below(bytes.len() as u64 / 2) as usize;
+            // The segments follow the header.
+            let at = HEADER + random.below(bytes.len() as u64 / 2) as usize;
             bytes[at] ^= 1 << random.below(8);
         }
         let Ok(file) = Goblin::from_backend("map".as_ref(), Box::new(bytes), &options) else { continue };

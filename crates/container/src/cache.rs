@@ -11,10 +11,11 @@ pub struct SegmentCache {
     held: u64,
     /// Uses so far: the time of the next one.
     time: u64,
-    segments: HashMap<usize, Cached>,
+    /// By their place in the file.
+    segments: HashMap<u64, Cached>,
     /// Segments by the time of their last use. Going through all of them for the oldest would take a time
     /// that grows with the square of their number where a hostile file has very many small ones.
-    by_time: BTreeMap<u64, usize>,
+    by_time: BTreeMap<u64, u64>,
 }
 
 struct Cached {
@@ -29,21 +30,21 @@ impl SegmentCache {
     }
 
     /// The bytes of a segment, if they are held.
-    pub fn get(&mut self, index: usize) -> Option<Arc<Vec<u8>>> {
-        let cached = self.segments.get_mut(&index)?;
+    pub fn get(&mut self, offset: u64) -> Option<Arc<Vec<u8>>> {
+        let cached = self.segments.get_mut(&offset)?;
         self.by_time.remove(&cached.last_use);
-        self.by_time.insert(self.time, index);
+        self.by_time.insert(self.time, offset);
         cached.last_use = self.time;
         self.time += 1;
         Some(cached.bytes.clone())
     }
 
     /// Holds a segment, which may be there already if two threads have read it at the same time.
-    pub fn put(&mut self, index: usize, bytes: Arc<Vec<u8>>) {
-        self.remove(index);
+    pub fn put(&mut self, offset: u64, bytes: Arc<Vec<u8>>) {
+        self.remove(offset);
         self.held += bytes.len() as u64;
-        self.segments.insert(index, Cached { last_use: self.time, bytes });
-        self.by_time.insert(self.time, index);
+        self.segments.insert(offset, Cached { last_use: self.time, bytes });
+        self.by_time.insert(self.time, offset);
         self.time += 1;
         // The newest is the last of all by time, so that it is never what gives way.
         while self.held > self.limit && self.segments.len() > 1 {
@@ -52,8 +53,8 @@ impl SegmentCache {
         }
     }
 
-    fn remove(&mut self, index: usize) {
-        if let Some(Cached { last_use, bytes }) = self.segments.remove(&index) {
+    fn remove(&mut self, offset: u64) {
+        if let Some(Cached { last_use, bytes }) = self.segments.remove(&offset) {
             self.by_time.remove(&last_use);
             self.held -= bytes.len() as u64;
         }
@@ -68,7 +69,7 @@ mod tests {
     fn what_was_not_used_for_longest_gives_way() {
         let mut cache = SegmentCache::new(10);
         let bytes = |length: usize| Arc::new(vec![0; length]);
-        (0..3).for_each(|index| cache.put(index, bytes(3)));
+        (0..3).for_each(|index| cache.put(offset, bytes(3)));
         assert!(cache.get(0).is_some());
         cache.put(3, bytes(3));
         assert_eq!([0, 1, 2, 3].map(|index| cache.get(index).is_some()), [true, false, true, true]);

@@ -1,7 +1,11 @@
 //! The formats of tree files.
 
 use std::borrow::Cow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+use super::file_header::FileHeader;
+use spinney_base::io::Positioned;
+use spinney_base::{Error, Result};
 
 /// The formats of tree files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,31 +40,79 @@ impl TreeFormat {
     }
 }
 
-/// The file and the commit that a path means: `map.autumn@12` is commit 12 of `map.autumn`, unless there is a
-/// file of that name.
-pub fn split_commit(path: &Path) -> (Cow<'_, Path>, Option<u64>) {
-    let split = || {
-        let name = path.file_name()?.to_str()?;
-        let (name, number) = name.rsplit_once('@')?;
-        let is_number = !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());
-        let number = number.parse().ok().filter(|_| is_number && !name.is_empty())?;
-        Some((path.with_file_name(name), number))
-    };
-    match split() {
-        Some((file, number)) if !path.exists() => (Cow::Owned(file), Some(number)),
-        _ => (Cow::Borrowed(path), None),
+/// The file, the commit and the layer that a path means: `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
+/// of `stack.goblin`, `stack.autumn@12:B08` that of a commit; unless there is a file of that name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FilePlace<'p> {
+    /// The file.
+    pub file: Cow<'p, Path>,
+    /// The number of the commit; the newest if none is named.
+    pub commit: Option<u64>,
+    /// The layer: its name, or its number from 0; the first if none is named.
+    pub layer: Option<String>,
+}
+
+impl<'p> FilePlace<'p> {
+    /// What a path means.
+    pub fn of(path: &'p Path) -> FilePlace<'p> {
+        let whole = |path| FilePlace { file: path, commit: None, layer: None };
+        if path.exists() {
+            return whole(Cow::Borrowed(path));
+        }
+        if let Some((file, commit)) = split_commit(path) {
+            return FilePlace { commit: Some(commit), ..whole(Cow::Owned(file)) };
+        }
+        // (A layer's name may have colons, too: the shortest file name that there is counts.)
+        let Some(name) = path.file_name().and_then(|name| name.to_str()) else { return whole(Cow::Borrowed(path)) };
+        for (at, _) in name.match_indices(':').filter(|(at, _)| *at > 0) {
+            let file = path.with_file_name(&name[..at]);
+            let layer = Some(name[at + 1..].to_string()).filter(|layer| !layer.is_empty());
+            if file.exists() {
+                return FilePlace { layer, ..whole(Cow::Owned(file)) };
+            }
+            if let Some((file, commit)) = split_commit(&file).filter(|(file, _)| file.exists()) {
+                return FilePlace { commit: Some(commit), layer, file: Cow::Owned(file) };
+            }
+        }
+        whole(Cow::Borrowed(path))
+    }
+
+    /// The number of the layer that is meant, among some with names.
+    ///
+    /// # Errors
+    /// If there is none of that name or number.
+    pub fn layer_number<'n>(&self, names: impl ExactSizeIterator<Item = &'n str> + Clone) -> Result<usize> {
+        let Some(layer) = &self.layer else { return Ok(0) };
+        let named = names.clone().position(|name| name == layer);
+        let numbered = || layer.parse().ok().filter(|number| *number < names.len());
+        named.or_else(numbered).ok_or_else(|| {
+            let mut known: Vec<String> = names.clone().take(20).map(|name| format!("`{name}`")).collect();
+            if names.len() > known.len() {
+                known.push("...".into());
+            }
+            let place = format!("{}: layer", self.file.display());
+            let expected = format!("{}, or a number less than {}", known.join(", "), names.len());
+            Error::invalid(place, format!("`{layer}`"), expected)
+        })
     }
 }
 
-/// The format that a file has, whatever its name.
-///
-/// # Errors
-/// If it cannot be read, or is no tree file.
-pub(crate) fn file_format(file: &Path) -> spinney_base::Result<TreeFormat> {
-    Ok(crate::Header::read(file, &spinney_base::io::Positioned::open(file)?)?.0)
+/// The file and the number of a path that ends with `@` and a number.
+fn split_commit(path: &Path) -> Option<(PathBuf, u64)> {
+    let name = path.file_name()?.to_str()?;
+    let (name, number) = name.rsplit_once('@')?;
+    let is_number = !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit());
+    let number = number.parse().ok().filter(|_| is_number && !name.is_empty())?;
+    Some((path.with_file_name(name), number))
+}
+
+/// The file that a path means, without commit and layer.
+pub fn file_of(path: &Path) -> Cow<'_, Path> {
+    FilePlace::of(path).file
 }
 
 /// Whether a file, or one of its commits, is a tree of either format, whatever its name.
 pub fn file_is_tree(path: &Path) -> bool {
-    file_format(&split_commit(path).0).is_ok()
+    let file = Positioned::open(&file_of(path));
+    file.and_then(|file| FileHeader::read_cells(path, &file)).is_ok()
 }

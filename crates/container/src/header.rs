@@ -1,26 +1,15 @@
-//! The fixed header at the start of tree files of both formats.
+//! The header of a tree: what its values are, and how it is cut into segments.
 
 use std::path::Path;
 
-use zerocopy::little_endian::{U16, U32, U64};
+use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::shape::Shape;
-use crate::other_formats::FIRST_BYTES;
-use crate::{HEAVY_THRESHOLD, STRIDE, reach};
-use crate::{OtherFormat, TreeFormat};
 use spinney_base::Form;
-use spinney_base::io::ReadBackend;
 use spinney_base::space::{Bounds, Dimension};
 use spinney_base::value::{Kind, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
-
-/// Readers refuse files of a newer major version.
-pub(crate) const MAJOR: u16 = 1;
-pub(crate) const MINOR: u16 = 0;
-
-/// Kind of a file that has an exact model instead of cells.
-const MODEL: u8 = 2;
 
 /// Packing of records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,7 +25,7 @@ impl Codec {
     }
 }
 
-/// The decoded header, the first 60 bytes of a file.
+/// The decoded header of one tree of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
     /// Quadtree or octree, and the type of the values.
@@ -56,10 +45,6 @@ pub struct Header {
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
 struct RawHeader {
-    magic: [u8; 8],
-    major: U16,
-    minor: U16,
-    axes: u8,
     sample: u8,
     channels: u8,
     rule: u8,
@@ -68,18 +53,17 @@ struct RawHeader {
     depth: u8,
     reach: u8,
     stride: u8,
+    heavy_threshold: U32,
     /// 1 if samples can be missing.
     has_missing: u8,
-    zero: [u8; 2],
-    heavy_threshold: U32,
-    missing: [u8; 4],
+    zero: [u8; 3],
+    missing: [u8; 8],
     extent: [U64; 3],
-    checksum: U32,
 }
 
-/// Bytes of the header.
-pub const HEADER_SIZE: usize = size_of::<RawHeader>();
-const _: () = assert!(HEADER_SIZE == 60);
+/// Bytes of a tree's header.
+pub const TREE_HEADER_SIZE: usize = size_of::<RawHeader>();
+const _: () = assert!(TREE_HEADER_SIZE == 48);
 
 impl Header {
     /// Levels below the root.
@@ -107,119 +91,50 @@ impl Header {
         self.kind == Kind::Categorical || self.rule == Rule::Majority
     }
 
-    /// Reads and checks the header of a tree file of either format.
-    ///
-    /// # Errors
-    /// If it cannot be read, or is that of no tree file that this program knows.
-    pub fn read(path: &Path, file: &dyn ReadBackend) -> Result<(TreeFormat, Header)> {
-        // (More than the header: what is no tree may be told by it.)
-        let length = file.len().min(FIRST_BYTES as u64) as usize;
-        Header::from_bytes(path, &file.read(0, length)?)
-    }
-
-    /// The header of an exact model, whose octree has this many levels.
-    pub fn model_to_bytes(depth: u8) -> Vec<u8> {
-        let form = Form::new(Dimension::Oct, ValueType::new(SampleType::U8, 1));
-        // (These have nothing to say about where such files are cut.)
-        let (reach, stride) = (reach(Dimension::Oct), STRIDE);
-        let shape = Shape { depth, reach, stride, heavy_threshold: HEAVY_THRESHOLD };
-        let (rule, kind, codec) = (Rule::Occupancy, Kind::Continuous, Codec::Plain);
-        let header = Header { form, rule, kind, codec, shape, extent: [1 << depth; 3] };
-        header.with_content(TreeFormat::Goblin, MODEL)
-    }
-
-    /// Reads and checks the header of an exact model; returns the levels of its octree.
-    ///
-    /// # Errors
-    /// If it cannot be read, or is no such header.
-    pub fn read_model(path: &Path, file: &dyn ReadBackend) -> Result<u8> {
-        let length = file.len().min(HEADER_SIZE as u64) as usize;
-        let (format, content, header) = Header::with_content_from(path, &file.read(0, length)?)?;
-        if (format, content) != (TreeFormat::Goblin, MODEL) || header.form.dimension != Dimension::Oct {
-            return Err(Error::corrupt(path, "header", "a tree of cells", "an exact model"));
+    /// The header's bytes, as both formats have them.
+    pub fn to_bytes(&self) -> [u8; TREE_HEADER_SIZE] {
+        let mut missing = [0; 8];
+        if let Some(sample) = self.form.value.missing {
+            missing[..sample.len()].copy_from_slice(&sample);
         }
-        Ok(header.depth())
-    }
-
-    /// The header's bytes, as they stand in a file of a format.
-    pub fn to_bytes(&self, format: TreeFormat) -> Vec<u8> {
-        self.with_content(format, self.kind as u8)
-    }
-
-    fn with_content(&self, format: TreeFormat, content: u8) -> Vec<u8> {
-        let mut raw = RawHeader {
-            magic: format.magic(),
-            major: MAJOR.into(),
-            minor: MINOR.into(),
-            axes: self.form.axes() as u8,
+        let raw = RawHeader {
             sample: self.form.value.sample as u8,
             channels: self.form.value.channels,
             rule: self.rule as u8,
-            kind: content,
+            kind: self.kind as u8,
             codec: self.codec as u8,
             depth: self.shape.depth,
             reach: self.shape.reach,
             stride: self.shape.stride,
-            has_missing: self.form.value.missing.is_some().into(),
-            zero: [0; 2],
             heavy_threshold: self.shape.heavy_threshold.into(),
-            missing: self.form.value.missing.unwrap_or_default(),
+            has_missing: self.form.value.missing.is_some().into(),
+            zero: [0; 3],
+            missing,
             extent: self.extent.map(U64::new),
-            checksum: 0.into(),
         };
-        raw.checksum = crc32c::crc32c(&raw.as_bytes()[..HEADER_SIZE - 4]).into();
-        raw.as_bytes().to_vec()
+        raw.as_bytes().try_into().expect("as long as it is")
     }
 
-    /// Checks and understands the first bytes of a tree file of either format.
-    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(TreeFormat, Header)> {
-        let (format, content, header) = Header::with_content_from(path, bytes)?;
-        if content == MODEL {
-            let advice = "make cells of it first (`spinney build MODEL.goblin --cells N -o CELLS.goblin`)";
-            return Err(Error::unsupported(path, "an exact model, where cells are expected,", advice));
-        }
-        Ok((format, header))
-    }
-
-    /// Checks and understands the first bytes of a file: its format, what it contains (the number of a kind of
-    /// values, or [`MODEL`]), and the rest.
-    fn with_content_from(path: &Path, bytes: &[u8]) -> Result<(TreeFormat, u8, Header)> {
-        let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
-        let formats = [TreeFormat::Goblin, TreeFormat::Autumnal];
-        let format = formats.into_iter().find(|format| bytes.starts_with(&format.magic()));
-        if format.is_none()
-            && let Some(error) = OtherFormat::refuse_tree(path, bytes)
-        {
-            return Err(error);
-        }
-        let Ok((raw, _)) = RawHeader::ref_from_prefix(bytes) else {
-            return Err(corrupt(format!("{} bytes", bytes.len()), "a tree file of at least 60 bytes"));
-        };
-        let Some(format) = format else {
-            let found = format!("`{}`", raw.magic.escape_ascii());
-            return Err(corrupt(
-                found,
-                "the first bytes of a tree file, `\\x93Goblin\\n` or `\\x93Autumn\\n`",
-            ));
-        };
-        if raw.major.get() != MAJOR {
-            let advice = format!("this program reads version {MAJOR}; use one that is as new as the file");
-            return Err(Error::unsupported(path, format!("{} version {}", format.name(), raw.major), advice));
-        }
-        let checksum = crc32c::crc32c(&bytes[..HEADER_SIZE - 4]);
-        if raw.checksum.get() != checksum {
-            let found = format!("checksum {checksum:08x}");
-            return Err(corrupt(found, &format!("{:08x}", raw.checksum)));
-        }
+    /// Checks and understands the header of one of a file's trees. `file` is the file's own: its dimension is the tree's, and its
+    /// depth the most that the tree may have.
+    ///
+    /// # Errors
+    /// If a number is none that this program knows, or contradicts another.
+    pub fn from_bytes(
+        path: &Path,
+        place: &str,
+        bytes: &[u8; TREE_HEADER_SIZE],
+        (dimension, most_depth): (Dimension, u8),
+    ) -> Result<Header> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, place, found, expected);
+        let raw = RawHeader::ref_from_bytes(bytes).expect("as long as it is");
         let number = |name: &str, number: u8, expected: &str| corrupt(format!("{name} {number}"), expected);
         let sample = SampleType::ALL.get(raw.sample as usize);
         let rule = Rule::ALL.get(raw.rule as usize);
-        let dimension = Dimension::from_axes(raw.axes).ok_or_else(|| number("axes", raw.axes, "2 or 3"))?;
-        let most = dimension.max_depth();
         let heavy_threshold = raw.heavy_threshold.get();
         let shape = Shape { depth: raw.depth, reach: raw.reach, stride: raw.stride, heavy_threshold };
-        if shape.depth > most {
-            return Err(number("depth", raw.depth, &format!("at most {most}")));
+        if shape.depth > most_depth {
+            return Err(number("depth", raw.depth, &format!("at most {most_depth}, the file's")));
         }
         // So that skips can count the records of a segment: those of 2^reach cells along each axis, and of one candidate that
         // is not heavy in each of 2^stride parts.
@@ -228,7 +143,8 @@ impl Header {
             && shape.reach <= most
             && shape.reach.is_multiple_of(shape.stride)
             && (1..=1 << 20).contains(&shape.heavy_threshold)
-            && u64::from(shape.heavy_threshold) << (shape.stride * raw.axes) <= most_records;
+            && u64::from(shape.heavy_threshold) << (usize::from(shape.stride) * dimension.axes())
+                <= most_records;
         if !fits {
             return Err(corrupt(
                 format!("segments {shape:?}"),
@@ -240,15 +156,17 @@ impl Header {
         }
         let extent = raw.extent.map(|cells| cells.get());
         let side = 1u64 << shape.depth;
-        let axes = raw.axes as usize;
-        let good = |(axis, cells): (usize, &u64)| *cells > 0 && *cells <= if axis < axes { side } else { 1 };
+        let good = |(axis, cells): (usize, &u64)| {
+            *cells > 0 && *cells <= if axis < dimension.axes() { side } else { 1 }
+        };
         if !extent.iter().enumerate().all(good) {
             return Err(corrupt(format!("extent {extent:?}"), "1 to 2^depth cells along every axis"));
         }
-        let sample = *sample.ok_or_else(|| number("sample type", raw.sample, "0 to 6"))?;
+        let types = format!("0 to {}", SampleType::ALL.len() - 1);
+        let sample = *sample.ok_or_else(|| number("sample type", raw.sample, &types))?;
         let missing = match raw.has_missing {
             0 => None,
-            1 if raw.channels > 1 => Some(raw.missing),
+            1 if raw.channels > 1 => Some(std::array::from_fn(|byte| raw.missing[byte])),
             other => {
                 return Err(number("missing samples", other, "0, or 1 where there are several channels"));
             }
@@ -260,14 +178,13 @@ impl Header {
                 "1 to 4 channels of u8, u16 or f32, or 1 channel",
             ));
         }
-        let header = Header {
+        Ok(Header {
             form: Form::new(dimension, value),
             rule: *rule.ok_or_else(|| number("rule", raw.rule, "0 to 6"))?,
             kind: match raw.kind {
                 0 => Kind::Categorical,
                 1 => Kind::Continuous,
-                MODEL if format == TreeFormat::Goblin => Kind::Continuous,
-                other => return Err(number("kind", other, "0, 1, or 2 for an exact model")),
+                other => return Err(number("kind", other, "0 or 1")),
             },
             codec: match raw.codec {
                 0 => Codec::Plain,
@@ -278,7 +195,6 @@ impl Header {
             },
             shape,
             extent,
-        };
-        Ok((format, raw.kind, header))
+        })
     }
 }

@@ -2,9 +2,11 @@
 
 mod cache;
 mod colour_roles;
+mod file_header;
 mod finding;
 mod format;
 mod header;
+mod layer;
 mod level_counts;
 mod metadata;
 mod options;
@@ -15,9 +17,11 @@ mod tag;
 mod trailer;
 
 pub use cache::SegmentCache;
+pub use file_header::{Content, FileHeader, HEADER_SIZE, MOST_LAYERS};
 pub use finding::{Finding, MAX_FINDINGS};
-pub use format::{TreeFormat, file_is_tree, split_commit};
-pub use header::{Codec, HEADER_SIZE, Header};
+pub use format::{FilePlace, TreeFormat, file_is_tree, file_of};
+pub use header::{Codec, Header, TREE_HEADER_SIZE};
+pub use layer::{Layer, LayerTable};
 pub use level_counts::LevelCounts;
 pub use metadata::{Metadata, ScopedTags, TagScope};
 pub use options::OpenOptions;

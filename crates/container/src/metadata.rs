@@ -13,6 +13,9 @@ use spinney_crs::{ControlPoints, Frame};
 /// Georeference, meaning and provenance of the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Metadata {
+    /// The name of the tree among those of its file; empty where it needs none. (Tables of layers have it, not the section.)
+    #[serde(skip)]
+    pub name: String,
     /// Georeference of the cells.
     pub frame: Frame,
     /// The number that VOID had in the input, and gets in outputs that need one.
@@ -40,6 +43,10 @@ pub struct Metadata {
     pub scoped_tags: ScopedTags,
     /// Ground control points.
     pub control_points: Option<ControlPoints>,
+    /// The time of what is seen, as ISO 8601 writes it.
+    pub time: Option<String>,
+    /// Cells along an axis that each sample of the input has been repeated to: 3 if 60 m came onto a grid of 20 m.
+    pub repeated: u32,
 }
 
 /// Tags by what they are about.
@@ -57,6 +64,7 @@ pub struct TagScope {
 impl Default for Metadata {
     fn default() -> Self {
         Metadata {
+            name: String::new(),
             frame: Frame::identity(),
             nodata: None,
             palette: None,
@@ -70,6 +78,8 @@ impl Default for Metadata {
             tags: BTreeMap::new(),
             scoped_tags: BTreeMap::new(),
             control_points: None,
+            time: None,
+            repeated: 1,
         }
     }
 }

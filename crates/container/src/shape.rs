@@ -66,6 +66,16 @@ impl Shape {
         if level == 0 { 0 } else { self.segment_level(level - 1) }
     }
 
+    /// The level above which segments stand together, behind all others: the *crown*. 0 where there is none.
+    ///
+    /// One read of it gives the overview of a whole file, and files of parts of a space can be put one behind the other under
+    /// a new crown.
+    #[inline]
+    pub fn crown_level(&self) -> u8 {
+        let blocks = self.block_level();
+        blocks.saturating_sub(6).max(blocks.min(3))
+    }
+
     /// The level of the INNER nodes that a segment of a node at `level` cuts off; the records above are in
     /// it.
     #[inline]

@@ -1,4 +1,4 @@
-//! The trailer at the end of a Goblin file: the root, totals, and where the sections are.
+//! The trailer at the end of a Goblin file: its header once more, and where the sections are.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -7,7 +7,7 @@ use std::path::Path;
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use crate::INNER;
+use super::file_header::{FileHeader, HEADER_SIZE};
 use spinney_base::io::{Output, ReadBackend};
 use spinney_base::{Error, Result};
 
@@ -42,20 +42,10 @@ impl Section {
 /// The decoded trailer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trailer {
-    /// State of the root: VOID, LEAF or INNER.
-    pub root_state: u8,
-    /// Value or representative of the root, as on disk, padded with zeros.
-    pub root_value: [u8; 32],
-    /// Segments, which is the number of directory entries.
-    pub segments: u64,
-    /// Records in all segments, those stored more than once included.
-    pub stored_records: u64,
-    /// The directory of segments.
-    pub directory: Section,
-    /// The metadata.
-    pub metadata: Section,
-    /// Sections of one kind of files, by their tags.
-    pub more: Vec<([u8; 4], Section)>,
+    /// The file's header, once more: who has the end of a file needs no other bytes to begin.
+    pub header: FileHeader,
+    /// Sections by their tags.
+    pub sections: Vec<([u8; 4], Section)>,
 }
 
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned, Clone, Copy)]
@@ -70,11 +60,7 @@ struct RawSection {
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
 struct RawTrailer {
-    root_state: u8,
-    zero: [u8; 7],
-    root_value: [u8; 32],
-    segments: U64,
-    stored_records: U64,
+    header: [u8; HEADER_SIZE],
     file_length: U64,
     sections: U32,
 }
@@ -87,8 +73,6 @@ struct RawEnd {
     magic: [u8; 8],
 }
 
-const DIRECTORY: [u8; 4] = *b"DIRE";
-const METADATA: [u8; 4] = *b"META";
 /// Bytes of the longest trailer; a longer one is refused.
 const MAX_TRAILER: usize = 4096;
 /// Bytes from the end of a file that are sure to hold the trailer.
@@ -97,28 +81,22 @@ pub const TAIL: usize = MAX_TRAILER + size_of::<RawEnd>();
 impl Trailer {
     /// The section with a tag; one of no bytes where there is none.
     pub fn section(&self, tag: [u8; 4]) -> Section {
-        let found = self.more.iter().find(|(name, _)| *name == tag);
+        let found = self.sections.iter().find(|(name, _)| *name == tag);
         found.map_or(Section::default(), |(_, section)| *section)
     }
 
     /// The trailer of a file that has `before` bytes so far.
     pub fn to_bytes(&self, before: u64) -> Vec<u8> {
-        let usual = [(DIRECTORY, self.directory), (METADATA, self.metadata)];
-        let sections: Vec<_> = usual.into_iter().chain(self.more.iter().copied()).collect();
-        let length = size_of::<RawTrailer>() + sections.len() * size_of::<RawSection>();
+        let length = size_of::<RawTrailer>() + self.sections.len() * size_of::<RawSection>();
         let raw = RawTrailer {
-            root_state: self.root_state,
-            zero: [0; 7],
-            root_value: self.root_value,
-            segments: self.segments.into(),
-            stored_records: self.stored_records.into(),
+            header: self.header.to_bytes(),
             file_length: (before + (length + size_of::<RawEnd>()) as u64).into(),
-            sections: (sections.len() as u32).into(),
+            sections: (self.sections.len() as u32).into(),
         };
         let mut bytes = raw.as_bytes().to_vec();
-        for (tag, section) in sections {
+        for (tag, section) in &self.sections {
             let raw = RawSection {
-                tag,
+                tag: *tag,
                 checksum: section.checksum.into(),
                 offset: section.offset.into(),
                 length: section.length.into(),
@@ -156,18 +134,8 @@ impl Trailer {
             let expected = format!("{} bytes", raw.file_length);
             return Err(corrupt(format!("a file of {file_length} bytes"), &expected));
         }
-        if raw.root_state > INNER {
-            return Err(corrupt(format!("root state {}", raw.root_state), "0, 1 or 2"));
-        }
-        let mut trailer = Trailer {
-            root_state: raw.root_state,
-            root_value: raw.root_value,
-            segments: raw.segments.get(),
-            stored_records: raw.stored_records.get(),
-            directory: Section::default(),
-            metadata: Section::default(),
-            more: Vec::new(),
-        };
+        let header = FileHeader::from_bytes(path, &raw.header)?;
+        let mut trailer = Trailer { header, sections: Vec::new() };
         let count = raw.sections.get() as usize;
         let Ok(list) = <[RawSection]>::ref_from_bytes_with_elems(sections, count) else {
             return Err(corrupt(format!("{count} sections"), "as many as fit the trailer"));
@@ -182,12 +150,8 @@ impl Trailer {
                     "sections inside the file",
                 ));
             }
-            match raw.tag {
-                DIRECTORY => trailer.directory = section,
-                METADATA => trailer.metadata = section,
-                // (Those of later minor versions, too, which nobody asks for.)
-                tag => trailer.more.push((tag, section)),
-            }
+            // (Those of later minor versions, too, which nobody asks for.)
+            trailer.sections.push((raw.tag, section));
         }
         Ok(trailer)
     }

@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result, bail};
 use spinney::export::image::{Format, format_of};
 use spinney::export::vector::VectorFormat;
 use spinney::io::Output;
-use spinney::store::{create_tree_file, split_commit};
+use spinney::store::{create_tree_file, file_of};
 
 use super::memory::parse_bytes;
 
@@ -67,7 +67,7 @@ pub(crate) fn vector_format(named: Option<&str>, output: &Path) -> Result<Vector
 /// Fails if one of the inputs is the output.
 pub(crate) fn check_output<'a>(inputs: impl IntoIterator<Item = &'a Path>, output: &Path) -> Result<()> {
     // (A commit of a file is the file.)
-    match inputs.into_iter().find(|input| same_file(&split_commit(input).0, output)) {
+    match inputs.into_iter().find(|input| same_file(&file_of(input), output)) {
         Some(input) => bail!("{}: is an input and the output; choose another output", input.display()),
         None => Ok(()),
     }

@@ -4,15 +4,16 @@ use std::path::Path;
 
 use super::pieces::{ENTRY, Pieces};
 use super::reader::ExactModel;
-use super::summary::{FACES, SUMMARY, Summary};
+use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
 use spinney_base::io::{Positioned, ReadBackend};
+use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
-use spinney_container::{HEADER_SIZE, Header, Metadata, Section, TAIL, Trailer};
+use spinney_container::{Content, FileHeader, HEADER_SIZE, Metadata, Section, TAIL, Trailer};
 
 /// Whether a file is an exact model, whatever its name.
 pub fn is_model_file(path: &Path) -> bool {
-    Positioned::open(path).and_then(|file| Header::read_model(path, &file)).is_ok()
+    Positioned::open(path).and_then(|file| model_depth(path, &file)).is_ok()
 }
 
 impl ExactModel {
@@ -57,12 +58,12 @@ impl ExactModel {
     ) -> Result<ExactModel> {
         // Before anything is read.
         let stamp = backend.stamp()?;
-        let depth = Header::read_model(path, &*backend)?;
+        let depth = model_depth(path, &*backend)?;
         let length = backend.len();
         let tail = length.min(TAIL as u64);
         let trailer = Trailer::from_bytes(path, &backend.read(length - tail, tail as usize)?, length)?;
-        Metadata::check_length(path, trailer.metadata.length)?;
-        let metadata = Metadata::from_bytes(path, &trailer.metadata.read(path, &*backend, "metadata")?)?;
+        Metadata::check_length(path, trailer.section(METADATA).length)?;
+        let metadata = Metadata::from_bytes(path, &trailer.section(METADATA).read(path, &*backend, "metadata")?)?;
         let section = trailer.section(SUMMARY);
         if section.length > 4096 {
             let found = format!("{} bytes", section.length);
@@ -73,7 +74,7 @@ impl ExactModel {
             let expected = format!("{} for a grid of {} bits", summary.grid.depth(), summary.grid.bits);
             return Err(Error::corrupt(path, "header", format!("depth {depth}"), expected));
         }
-        let end = trailer.section(FACES).offset.min(trailer.directory.offset);
+        let end = trailer.section(FACES).offset.min(trailer.section(DIRECTORY).offset);
         let pieces = |name: &'static str, section: Section| {
             // (Nothing and everything have no faces.)
             let is_list = (section.length > 0 || (name != "segment" && summary.faces == 0))
@@ -90,12 +91,8 @@ impl ExactModel {
             let place = (section.offset, section.length);
             Ok(Pieces::new(name, place, held, end, (options.check, options.cache / 2)))
         };
-        let segments = pieces("segment", trailer.directory)?;
+        let segments = pieces("segment", trailer.section(DIRECTORY))?;
         let blocks = pieces("block of faces", trailer.section(FACES))?;
-        if trailer.segments != segments.len() as u64 {
-            let expected = format!("{} segments", segments.len());
-            return Err(Error::corrupt(path, "trailer", format!("{}", trailer.segments), expected));
-        }
         // Pieces that are stored once each: the work of going through all of them goes with the file's size.
         let bytes = segments.check(path, &*backend)?.saturating_add(blocks.check(path, &*backend)?);
         let room = end.saturating_sub(HEADER_SIZE as u64);
@@ -123,5 +120,14 @@ impl ExactModel {
             segments,
             blocks,
         })
+    }
+}
+
+/// Reads and checks the header of an exact model; returns the levels of its octree.
+fn model_depth(path: &Path, file: &dyn ReadBackend) -> Result<u8> {
+    let header = FileHeader::read(path, file)?;
+    match (header.content, header.dimension) {
+        (Content::Model, Dimension::Oct) => Ok(header.depth),
+        _ => Err(Error::corrupt(path, "header", "a tree of cells", "an exact model")),
     }
 }

@@ -153,7 +153,7 @@ impl Pieces {
                     bytes.ok_or_else(|| corrupt("no bytes".into(), "a file that nobody cuts short"))?;
                 FileBytes::Mapped(bytes)
             }
-            None => FileBytes::Held(self.cached(backend, index, offset, length as usize)?),
+            None => FileBytes::Held(self.cached(backend, offset, length as usize)?),
         };
         if self.check && !self.is_checked(index) {
             let found = crc32c::crc32c(&bytes);
@@ -164,19 +164,13 @@ impl Pieces {
         Ok(bytes)
     }
 
-    fn cached(
-        &self,
-        backend: &dyn ReadBackend,
-        index: usize,
-        offset: u64,
-        length: usize,
-    ) -> Result<Arc<Vec<u8>>> {
+    fn cached(&self, backend: &dyn ReadBackend, offset: u64, length: usize) -> Result<Arc<Vec<u8>>> {
         let cache = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(bytes) = cache().get(index) {
+        if let Some(bytes) = cache().get(offset) {
             return Ok(bytes);
         }
         let bytes = Arc::new(backend.read(offset, length)?.into_owned());
-        cache().put(index, bytes.clone());
+        cache().put(offset, bytes.clone());
         Ok(bytes)
     }
 }

@@ -66,12 +66,12 @@ impl ExactModel {
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
         let lists = [
             ("list of faces", self.trailer.section(super::summary::FACES)),
-            ("directory", self.trailer.directory),
+            ("directory", self.trailer.section(super::summary::DIRECTORY)),
             ("model", self.trailer.section(super::summary::SUMMARY)),
-            ("metadata", self.trailer.metadata),
+            ("metadata", self.trailer.section(super::summary::METADATA)),
             ("exact faces", self.trailer.section(EXACT)),
         ];
-        let Section { offset, length, .. } = self.trailer.metadata;
+        let Section { offset, length, .. } = self.trailer.section(super::summary::METADATA);
         let trailer = self.file_size().saturating_sub(offset + length);
         let known: u64 = lists.iter().map(|(_, section)| section.length).sum();
         let pieces = self.file_size().saturating_sub(known + trailer + HEADER_SIZE as u64);

@@ -8,6 +8,10 @@ use spinney_base::{Error, Result};
 
 /// Tag of the section.
 pub(crate) const SUMMARY: [u8; 4] = *b"BREP";
+/// Tag of the section that finds the segments of the octree.
+pub(crate) const DIRECTORY: [u8; 4] = *b"DIRE";
+/// Tag of the section with the metadata.
+pub(crate) const METADATA: [u8; 4] = *b"META";
 /// Tag of the section that finds the blocks of faces.
 pub(crate) const FACES: [u8; 4] = *b"FACE";
 

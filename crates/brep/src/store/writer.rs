@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use super::block::BlockBuilder;
 use super::exact::{EXACT, ExactPart};
 use super::pieces::{ENTRY, Entry};
-use super::summary::{FACES, SUMMARY, Summary};
+use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
 use crate::{Face, Grid};
 use spinney_base::io::{Output, Sorter, folder};
-use spinney_base::space::Code;
+use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
-use spinney_container::{Header, Section, SectionWriter, Trailer, check_tree_name};
+use spinney_container::{Content, FileHeader, Section, SectionWriter, Trailer, TreeFormat, check_tree_name};
 
 /// A file being written, append-only.
 pub(crate) struct ModelWriter {
@@ -33,7 +33,7 @@ impl ModelWriter {
         let (blocks, segments) = (list(), list());
         let block = BlockBuilder::default();
         let mut writer = ModelWriter { out, path, position: 0, block, blocks, segments };
-        writer.write(&Header::model_to_bytes(grid.depth()), "write the header")?;
+        writer.write(&model_header(grid).to_bytes(), "write the header")?;
         Ok(writer)
     }
 
@@ -86,7 +86,6 @@ impl ModelWriter {
     pub(crate) fn finish(self, summary: &Summary, exact: &ExactPart, metadata: &Metadata) -> Result<()> {
         let ModelWriter { mut out, path, mut position, blocks, segments, .. } = self;
         let metadata = metadata.to_bytes(&path)?;
-        let count = segments.len();
         let mut list = |sorter: Sorter, out: &mut Output, doing: &'static str| -> Result<Section> {
             let mut section = SectionWriter::new(out, position);
             sorter.finish(&mut |entry| section.write_all(entry).map_err(Error::io(&path, doing)))?;
@@ -102,21 +101,19 @@ impl ModelWriter {
             Ok(section.written)
         };
         let summary_section = bytes(&summary.to_bytes(), &mut out, "write the model's section")?;
-        let mut more = vec![(FACES, blocks), (SUMMARY, summary_section)];
+        let mut sections = vec![(DIRECTORY, directory), (FACES, blocks), (SUMMARY, summary_section)];
         if !exact.faces.is_empty() {
-            more.push((EXACT, bytes(&exact.to_bytes(), &mut out, "write the exact faces")?));
+            sections.push((EXACT, bytes(&exact.to_bytes(), &mut out, "write the exact faces")?));
         }
-        let metadata = bytes(&metadata, &mut out, "write the metadata")?;
-        let trailer = Trailer {
-            root_state: 2,
-            root_value: [0; 32],
-            segments: count,
-            stored_records: summary.nodes.total(),
-            directory,
-            metadata,
-            more,
-        };
+        sections.push((METADATA, bytes(&metadata, &mut out, "write the metadata")?));
+        let trailer = Trailer { header: model_header(&summary.grid), sections };
         out.write_all(&trailer.to_bytes(position)).map_err(Error::io(&path, "write the trailer"))?;
         out.commit()
     }
+}
+
+/// The header of a model's file.
+fn model_header(grid: &Grid) -> FileHeader {
+    let (format, content) = (TreeFormat::Goblin, Content::Model);
+    FileHeader { format, content, dimension: Dimension::Oct, depth: grid.depth(), layers: 0 }
 }

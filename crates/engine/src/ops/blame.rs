@@ -41,7 +41,7 @@ pub fn blame(path: &Path, output: Output, memory: u64, progress: &dyn Progress) 
         return Err(Error::invalid("file to blame", format!("{}, a Goblin file", path.display()), expected));
     };
     let last = commit.commit().number;
-    let (name, _) = spinney_container::split_commit(path);
+    let name = spinney_container::file_of(path);
     let history = History::open(&name, &OpenOptions::default())?;
     let depth = asked.depth();
     let mut commits = Vec::new();

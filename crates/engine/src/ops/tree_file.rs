@@ -12,7 +12,7 @@ use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::space::Bounds;
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Error, Form, Progress, Result};
-use spinney_container::{Finding, Header, Metadata, OpenOptions, TreeFormat, split_commit};
+use spinney_container::{FileHeader, FilePlace, Finding, Header, Metadata, OpenOptions, TreeFormat};
 
 /// A tree file of either format, open for reading. A clone is the same open file.
 #[derive(Clone)]
@@ -33,19 +33,22 @@ pub enum TreeFileNode {
 }
 
 impl TreeFile {
-    /// Opens a file, or a commit of one: see [`split_commit`].
+    /// Opens a file, or a commit or a layer of one: see [`FilePlace`].
     ///
     /// # Errors
     /// If it cannot be read, is no tree file, or is damaged.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<TreeFile> {
-        let (name, commit) = split_commit(path);
-        let opened = options.open_with_id(&name)?;
-        let (format, _) = Header::read(&name, &*opened.0)?;
-        match (format, commit) {
-            (TreeFormat::Goblin, None) => Ok(Goblin::from_backend(path, opened.0, options)?.into()),
+        let place = FilePlace::of(path);
+        let opened = options.open_with_id(&place.file)?;
+        match FileHeader::read_cells(&place.file, &*opened.0)?.format {
+            TreeFormat::Autumnal => Ok(Autumnal::of_opened(&place, opened, options)?.into()),
             // There are no commits in it: only a file whose name is all of the path can be meant.
-            (TreeFormat::Goblin, Some(_)) => Ok(Goblin::open(path, options)?.into()),
-            (TreeFormat::Autumnal, _) => Ok(Autumnal::of_opened(path, opened, options)?.into()),
+            TreeFormat::Goblin if place.commit.is_some() => Ok(Goblin::open(path, options)?.into()),
+            TreeFormat::Goblin => {
+                let file = Goblin::from_backend(&place.file, opened.0, options)?;
+                let number = place.layer_number(file.layers().iter().map(|layer| &*layer.name))?;
+                Ok(if number == 0 { file } else { file.open_layer(number)? }.into())
+            }
         }
     }
 
@@ -119,7 +122,7 @@ impl TreeFile {
     pub fn stored_records(&self) -> u64 {
         match self {
             TreeFile::Goblin(file) => file.stored_records(),
-            TreeFile::Autumnal(file) => file.commit().records,
+            TreeFile::Autumnal(file) => file.stored_records(),
         }
     }
 

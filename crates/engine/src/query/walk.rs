@@ -168,7 +168,7 @@ pub(super) fn walk(tree: &Goblin, selection: &impl Selection, visitor: &mut impl
     let walk = Walk { tree, shape, selection };
     match tree.root_child() {
         Child::Inner { .. } if matches!(selected, Selected::Nothing) => visitor.outside(),
-        Child::Inner { .. } => walk.segment(root, tree.find_segment(root), selected.space(), visitor),
+        Child::Inner { .. } => walk.segment(root, tree.find_segment(root)?, selected.space(), visitor),
         uniform => uniform_block(root, shape.depth, uniform.value(), (selected, selection), visitor),
     }
 }
@@ -334,7 +334,7 @@ impl<S: Selection> Walk<'_, S> {
                     let space = selected.space();
                     // A child that owns a segment has a zone there, and records that reach deeper than those
                     // here.
-                    let deepest = candidates.then(|| self.tree.find_segment(child)).flatten();
+                    let deepest = if candidates { self.tree.find_segment(child)? } else { None };
                     match deepest {
                         Some(own) if own != segment.index() && self.tree.segment(own)?.code() == child => {
                             self.segment(child, Some(own), space, visitor)?;

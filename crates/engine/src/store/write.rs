@@ -3,7 +3,8 @@
 use std::mem;
 
 use super::builder::{BuildOptions, Builder, Fill, ReusableSource, Slab, Slabs, TreeSink, walk};
-use super::{autumnal, goblin};
+use super::autumnal;
+use super::goblin::FileWriter;
 use crate::store::records::RecordLayout;
 use crate::tree::{CellBlock, Child, Children, MemTree, Source};
 use spinney_base::Form;
@@ -12,7 +13,7 @@ use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Metadata, TreeFormat, check_tree_name};
+use spinney_container::{Content, FileHeader, Metadata, TreeFormat, check_tree_name};
 
 /// Builds a file from slabs of samples, in one pass; `nodata` is the value that means VOID (NaN always does).
 ///
@@ -31,7 +32,7 @@ pub fn build_slabs(
     progress: &dyn Progress,
 ) -> Result<()> {
     let extent = slabs.extent();
-    let total = extent.iter().product();
+    let (total, in_order) = (extent.iter().product(), slabs.are_in_order());
     let mut fill = |sink: &mut dyn TreeSink, shape| {
         let mut builder = Builder::new(form, options, shape, sink);
         let (mut current, mut next) = (Slab::default(), Slab::default());
@@ -46,7 +47,7 @@ pub fn build_slabs(
         }
         Ok(())
     };
-    write_file(form, options, (extent, extent), output, &mut fill, &mut |_| {}).map(|_| ())
+    write_file(form, options, (extent, extent, in_order), output, &mut fill, &mut |_| {}).map(|_| ())
 }
 
 /// Builds a file from any source.
@@ -200,15 +201,15 @@ pub fn build_with<S: ReusableSource>(
     complete: &mut dyn FnMut(&mut Metadata),
 ) -> Result<Tally> {
     let mut fill = |sink: &mut dyn TreeSink, shape| walk(source, options, shape, true, sink, progress);
-    write_file(source.form(), options, (extent, [u64::MAX; 3]), output, &mut fill, complete)
+    write_file(source.form(), options, (extent, [u64::MAX; 3], true), output, &mut fill, complete)
 }
 
 /// Starts a file, has it filled, and finishes it. Beside the picture's extent stands that of the parts that
-/// come; what is outside is VOID.
+/// come (what is outside is VOID), and whether they come in FD order.
 fn write_file(
     form: Form,
     options: &BuildOptions,
-    (extent, covered): ([u64; 3], [u64; 3]),
+    (extent, covered, in_order): ([u64; 3], [u64; 3], bool),
     output: Output,
     fill: &mut Fill<'_>,
     complete: &mut dyn FnMut(&mut Metadata),
@@ -221,7 +222,14 @@ fn write_file(
             "storing equal subtrees once in a Goblin file",
             "give the output a name that ends with .autumn",
         )),
-        TreeFormat::Goblin => goblin::write(options, header, covered, output, fill, complete),
+        TreeFormat::Goblin => {
+            let (dimension, depth) = (form.dimension, header.depth());
+            let (format, content) = (TreeFormat::Goblin, Content::Cells);
+            let mut file = FileWriter::new(output, FileHeader { format, content, dimension, depth, layers: 1 })?;
+            let tally = file.layer(options, &header, (covered, in_order), fill, complete)?;
+            file.finish()?;
+            Ok(tally)
+        }
         TreeFormat::Autumnal => autumnal::write(options, header, covered, output, fill, complete),
     }
 }

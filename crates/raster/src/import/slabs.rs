@@ -75,6 +75,10 @@ impl Slabs for RasterSlabs {
         [self.raster.info().width, self.raster.info().height, 1]
     }
 
+    fn are_in_order(&self) -> bool {
+        self.raster.info().order == Order::Anywhere
+    }
+
     fn next(&mut self, slab: &mut Slab) -> Result<bool> {
         let region = match self.raster.info().order {
             Order::Bands => self.next_band(),

@@ -77,7 +77,7 @@ pub(crate) fn file_extremes(file: &Goblin, code: Code) -> Result<Extremes> {
     let bounds = code.bounds(file.header().depth());
     let cells = bounds.intersect(&file.header().picture()).volume();
     // The directory has those of nodes with segments, which are not opened.
-    if let Some(index) = file.find_segment(code) {
+    if let Some(index) = file.find_segment(code)? {
         let entry = file.entry(index)?;
         if entry.code == code {
             return Ok(Extremes::of(&entry.zone, cells));

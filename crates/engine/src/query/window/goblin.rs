@@ -107,9 +107,9 @@ impl<'a> Window<'a> {
     }
 
     /// Whether there is a deeper segment than this one for a node that is cut off: drawing must get on.
-    fn has_deeper(&self, segment: &Segment<'_>, code: Option<Code>) -> bool {
-        let deeper = code.and_then(|code| self.tree.find_segment(code));
-        deeper.is_some_and(|index| index != segment.index())
+    fn has_deeper(&self, segment: &Segment<'_>, code: Option<Code>) -> Result<bool> {
+        let deeper = code.map_or(Ok(None), |code| self.tree.find_segment(code))?;
+        Ok(deeper.is_some_and(|index| index != segment.index()))
     }
 }
 
@@ -196,7 +196,7 @@ impl<R: Record> Drawing<'_, '_, R> {
                     }
                     let cell = child_min.map(|cell| (cell >> below) as u32);
                     let code = Code::from_cell(R::DIMENSION, level + 1, cell);
-                    if state == CUT && !self.window.has_deeper(segment, code) {
+                    if state == CUT && !self.window.has_deeper(segment, code)? {
                         return Err(tree.bad_cut(code.unwrap_or(Code::root(R::DIMENSION))));
                     }
                     let side = |axis: usize| if axis < R::AXES { 1 << below } else { 1 };

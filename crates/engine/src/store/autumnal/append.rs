@@ -83,6 +83,11 @@ impl Appender {
         self.dedup.is_some()
     }
 
+    /// Turns to records of another layout.
+    pub(super) fn set_layout(&mut self, layout: PointeredLayout) {
+        self.layout = layout;
+    }
+
     /// Offset of the next byte.
     pub(super) fn position(&self) -> u64 {
         self.start + self.buffer.len() as u64

@@ -9,13 +9,13 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::commit::Commit;
 use super::extents::Extents;
-use super::layout::{Heights, PointeredLayout, run_levels};
+use super::layout::run_levels;
 use super::meta::Meta;
 use super::newest::{Look, Newest, find_newest, whole};
 use super::pages::{FIRST_EXTENT, PAGE};
 use spinney_base::io::{FileId, ReadBackend};
 use spinney_base::{Error, Result};
-use spinney_container::{Header, TreeFormat};
+use spinney_container::{FileHeader, TreeFormat};
 
 /// The part of the first page that tells how records are made, behind the header that both formats have.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
@@ -31,11 +31,11 @@ struct RawRecords {
 const RECORDS: u64 = 64;
 
 /// The first page of a file.
-pub(super) fn first_page(header: &Header, share: bool, heights: Heights) -> Vec<u8> {
-    let mut page = header.to_bytes(TreeFormat::Autumnal);
+pub(super) fn first_page(header: &FileHeader, share: bool, run_levels: u8) -> Vec<u8> {
+    let mut page = header.to_bytes().to_vec();
     page.resize(RECORDS as usize, 0);
     let mut raw =
-        RawRecords { share: share.into(), run_levels: heights.run, zero: [0; 2], checksum: 0.into() };
+        RawRecords { share: share.into(), run_levels, zero: [0; 2], checksum: 0.into() };
     raw.checksum = crc32c::crc32c(&raw.as_bytes()[..4]).into();
     page.extend_from_slice(raw.as_bytes());
     page.resize(PAGE as usize, 0);
@@ -44,16 +44,16 @@ pub(super) fn first_page(header: &Header, share: bool, heights: Heights) -> Vec<
 
 /// The content of the header page.
 struct Pages {
-    header: Header,
-    layout: PointeredLayout,
+    header: FileHeader,
+    run_levels: u8,
     share: bool,
 }
 
 impl Pages {
     /// Reads and checks the page.
     fn read(path: &Path, bytes: &dyn ReadBackend) -> Result<Pages> {
-        let (format, header) = Header::read(path, bytes)?;
-        if format != TreeFormat::Autumnal {
+        let header = FileHeader::read_cells(path, bytes)?;
+        if header.format != TreeFormat::Autumnal {
             let advice =
                 "`spinney convert` makes an Autumnal file of it, which can be edited and has a history";
             return Err(Error::unsupported(path, "editing a Goblin file", advice));
@@ -70,27 +70,27 @@ impl Pages {
             let found = format!("{} for equal subtrees stored once", raw.share);
             return Err(corrupt("header", &found, "0 or 1, with its checksum"));
         }
-        let levels = run_levels(header.form.dimension);
+        let levels = run_levels(header.dimension);
         if !levels.contains(&raw.run_levels) {
             let found = format!("runs of {} levels", raw.run_levels);
             let expected = format!("{} to {}", levels.start(), levels.end());
             return Err(corrupt("header", &found, &expected));
         }
-        let layout = PointeredLayout::new(header.form, raw.run_levels, header.depth());
-        Ok(Pages { header, layout, share: raw.share != 0 })
+        Ok(Pages { header, run_levels: raw.run_levels, share: raw.share != 0 })
     }
 
     fn archive(self, extents: Extents, meta: Meta, newest: Newest, file: FileId) -> Archive {
-        let Pages { header, layout, share } = self;
-        Archive { header, layout, share, extents: Arc::new(extents), meta, newest, file }
+        let Pages { header, run_levels, share } = self;
+        Archive { header, run_levels, share, extents: Arc::new(extents), meta, newest, file }
     }
 }
 
 /// A file as it was when it was opened, with all commits up to the newest.
 #[derive(Clone)]
 pub(super) struct Archive {
-    pub(super) header: Header,
-    pub(super) layout: PointeredLayout,
+    pub(super) header: FileHeader,
+    /// Levels of the longest runs.
+    pub(super) run_levels: u8,
     /// Whether equal subtrees are stored once.
     pub(super) share: bool,
     pub(super) extents: Arc<Extents>,

@@ -1,9 +1,12 @@
 //! Commits: the states of a file that stay readable.
 
+use std::collections::HashSet;
+
 use serde::{Deserialize, Serialize};
 
 use super::extents::{ExtentKind, Extents};
 use spinney_base::{Error, Result};
+use spinney_container::MOST_LAYERS;
 
 /// A note on a commit by whoever makes it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -40,24 +43,38 @@ pub(super) struct Root {
     pub(super) address: u64,
 }
 
-/// A state of a file.
+/// A tree of a commit: one layer of the file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CommitLayer {
+    /// The layer's name; empty if it is the only one and needs none.
+    pub name: String,
+    /// Cells that are not VOID.
+    pub cells: u64,
+    /// INNER nodes; those of shared subtrees as often as they occur.
+    pub records: u64,
+    /// The tree's header, as its bytes.
+    pub(super) header: Vec<u8>,
+    pub(super) root: Root,
+    /// Offset of the metadata's extent.
+    pub(super) metadata: u64,
+}
+
+/// A state of a file: of all its layers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Commit {
     /// Its number: the first is 1, each has a larger one than the one before.
     pub number: u64,
     /// The note of whoever made it.
     pub note: Note,
-    /// Cells that are not VOID.
+    /// Cells of all layers that are not VOID.
     pub cells: u64,
-    /// INNER nodes of its tree; those of shared subtrees as often as they occur.
+    /// INNER nodes of all layers; those of shared subtrees as often as they occur.
     pub records: u64,
     /// The account of what it wrote.
     pub written: Written,
     /// Number of commits in the file up to this one.
     pub(super) sequence: u64,
-    pub(super) root: Root,
-    /// Offset of the metadata's extent.
-    pub(super) metadata: u64,
+    pub(super) layers: Vec<CommitLayer>,
     /// Offset of the commit before this one; 0 if it is the first.
     pub(super) previous: u64,
     /// Sequence and offset of an older one, so that any is found by few steps (skew-binary jumps, after
@@ -66,7 +83,7 @@ pub struct Commit {
 }
 
 /// Bytes of a commit on disk at most.
-const LIMIT: usize = 1 << 20;
+const LIMIT: usize = 1 << 24;
 /// First number of the extent: the version of what follows.
 const VERSION: u32 = 1;
 
@@ -79,7 +96,7 @@ impl Commit {
         let bytes = bincode::serde::encode_to_vec((VERSION, self), config()).ok();
         bytes.filter(|bytes| bytes.len() <= LIMIT).ok_or_else(|| {
             let found = format!("{} bytes", self.note.author.len() + self.note.message.len());
-            Error::invalid("author and message", found, "less than a million bytes")
+            Error::invalid("author and message", found, "less than 16 million bytes, with all layers")
         })
     }
 
@@ -95,11 +112,50 @@ impl Commit {
             return Err(Error::unsupported(&extents.path, format!("commit version {version}"), advice));
         }
         // Everything is written before what points to it, so that following pointers comes to an end.
-        let back = [commit.previous, commit.jump.1, commit.metadata, commit.root.address];
-        if back.iter().any(|offset| *offset >= start) {
+        let of_layers = commit.layers.iter().flat_map(|layer| [layer.metadata, layer.root.address]);
+        if of_layers.chain([commit.previous, commit.jump.1]).any(|offset| offset >= start) {
             return Err(corrupt("a pointer that does not lead back".into()));
         }
+        commit.check_layers().map_err(corrupt)?;
         Ok(commit)
+    }
+
+    /// The layers of the file.
+    pub fn layers(&self) -> &[CommitLayer] {
+        &self.layers
+    }
+
+    /// The number of the layer with a name.
+    pub fn layer_named(&self, name: &str) -> Option<usize> {
+        self.layers.iter().position(|layer| layer.name == name)
+    }
+
+    /// Tells what is wrong with the list of layers.
+    fn check_layers(&self) -> std::result::Result<(), String> {
+        let count = self.layers.len();
+        if count == 0 || count > MOST_LAYERS as usize {
+            return Err(format!("{count} layers"));
+        }
+        let mut seen = HashSet::new();
+        let bad = self.layers.iter().find(|layer| count > 1 && (layer.name.is_empty() || !seen.insert(&layer.name)));
+        bad.map_or(Ok(()), |layer| Err(format!("a layer with the name `{}`", layer.name)))
+    }
+
+    /// Takes the state of one layer, and counts anew what all have.
+    pub(super) fn with_layer(&self, number: usize, layer: CommitLayer) -> Commit {
+        let mut commit = self.clone();
+        match commit.layers.get_mut(number) {
+            Some(place) => *place = layer,
+            None => commit.layers.push(layer),
+        }
+        commit.count();
+        commit
+    }
+
+    /// Counts what all layers have.
+    pub(super) fn count(&mut self) {
+        self.cells = self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.cells));
+        self.records = self.layers.iter().fold(0, |sum, layer| sum.saturating_add(layer.records));
     }
 
     /// The jump of the commit that comes after this one, which is at `start`.

@@ -59,37 +59,53 @@ pub fn compact(
         progress.warn(path, remark);
     }
     let commits = keep.of(&history)?;
-    let header = history.header().clone();
+    let file_depth = history.archive.header.depth;
     let share = share || history.is_shared();
     // (What commits have in common is written once.)
     for commit in commits.iter().filter(|_| !share) {
-        let tree = Autumnal::new(history.archive.clone(), commit.clone())?;
-        output.check_room(
-            tree.claimed_records()?.saturating_mul(RecordLayout::new(header.form).least_node()),
-        )?;
+        let mut needed = 0u64;
+        for number in 0..commit.layers.len() {
+            let tree = Autumnal::new(history.archive.clone(), commit.clone(), number)?;
+            let least = RecordLayout::new(tree.header().form).least_node();
+            needed = needed.saturating_add(tree.claimed_records()?.saturating_mul(least));
+        }
+        output.check_room(needed)?;
     }
     let mut made = Vec::new();
     // The commit that was written last: what a commit has in common with it is in the new file.
-    let mut before: Option<Autumnal> = None;
+    let mut before: Option<Commit> = None;
     let mut editor: Option<Editor> = None;
     // The oldest first: each is then written as what differs from the one before.
     for commit in commits {
+        for number in 0..commit.layers.len() {
+            let tree = Autumnal::new(history.archive.clone(), commit.clone(), number)?;
+            let (header, metadata) = (tree.header().clone(), tree.metadata().clone());
+            let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
+            let editor = match &mut editor {
+                Some(editor) => editor,
+                empty => {
+                    let path = output.path().to_path_buf();
+                    empty.insert(Editor::create(backend(&mut output)?, path, (&header, file_depth), &options)?)
+                }
+            };
+            editor.select_or_add(&header, &options.metadata)?;
+            // The same layer in the commit before, if it was of the same type.
+            let twin = before.as_ref().and_then(|before| {
+                let there = before.layer_named(&tree.layer().name)?;
+                let is_alike = before.layers[there].header == tree.layer().header;
+                is_alike.then(|| Autumnal::new(history.archive.clone(), before.clone(), there))
+            });
+            let twin = twin.transpose()?;
+            let mut fill = |sink: &mut dyn TreeSink, shape| walk(&tree, &options, shape, true, sink, progress);
+            editor.fill([u64::MAX; 3], &options, twin.as_ref(), &mut fill)?;
+            editor.set_metadata(options.metadata)?;
+        }
         let (number, note) = (commit.number, commit.note.clone());
-        let tree = Autumnal::new(history.archive.clone(), commit)?;
-        let metadata = tree.metadata().clone();
-        let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
-        let editor = match &mut editor {
-            Some(editor) => editor,
-            empty => {
-                let path = output.path().to_path_buf();
-                empty.insert(Editor::create(backend(&mut output)?, path, header.clone(), &options)?)
-            }
-        };
-        let mut fill = |sink: &mut dyn TreeSink, shape| walk(&tree, &options, shape, true, sink, progress);
-        editor.fill([u64::MAX; 3], &options, before.as_ref(), &mut fill)?;
-        editor.set_metadata(options.metadata)?;
-        made.push(editor.commit_as(number, note)?);
-        before = Some(tree);
+        if let Some(editor) = &mut editor {
+            editor.keep_only(&commit)?;
+            made.push(editor.commit_as(number, note)?);
+        }
+        before = Some(commit);
     }
     drop(editor);
     output.commit()?;

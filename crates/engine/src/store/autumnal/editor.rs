@@ -7,9 +7,9 @@ use std::sync::Arc;
 use super::append::Appender;
 use super::archive::{Archive, OpenFile, first_page};
 use super::builder::{Mode, RecordBuilder};
-use super::commit::{Commit, Note, Root, Written};
+use super::commit::{Commit, CommitLayer, Note, Root, Written};
 use super::extents::{ExtentKind, Extents};
-use super::layout::{PointeredLayout, run_levels};
+use super::layout::run_levels;
 use super::meta::Meta;
 use super::newest::Newest;
 use super::pages::FIRST_EXTENT;
@@ -19,7 +19,7 @@ use crate::tree::Source;
 use spinney_base::io::{FileBackend, LockedFile, WriteBackend};
 use spinney_base::value::Tally;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Header, Metadata, VOID};
+use spinney_container::{Content, FileHeader, FilePlace, Header, Metadata, TreeFormat, VOID};
 
 /// A file that is being edited by this process and by nobody else, until this is dropped.
 ///
@@ -47,11 +47,17 @@ impl Editor {
     /// # Errors
     /// If another process edits the file, it cannot be written, or as [`Autumnal::open`].
     pub fn open(path: &Path, memory: u64) -> Result<Editor> {
+        let FilePlace { file: path, layer, .. } = FilePlace::of(path);
+        let path = &*path;
         let file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
         let file = FileBackend::new(file, path);
         // Nothing is written to what is no Autumnal file.
         Archive::open(path, &|| open_file(&file), true)?;
-        Editor::on(Box::new(LockedFile::new(file)?), path, memory)
+        let mut editor = Editor::on(Box::new(LockedFile::new(file)?), path, memory)?;
+        if let Some(name) = layer {
+            editor.select(&name)?;
+        }
+        Ok(editor)
     }
 
     /// Edits what any backend has; `path` is for messages. Whoever calls sees to it that there is one editor.
@@ -71,40 +77,36 @@ impl Editor {
         backend.write(meta.offset(), &meta.to_bytes()).map_err(Error::io(path, "write the meta slot"))?;
         backend.sync().map_err(Error::io(path, "sync"))?;
         let share = archive.share.then_some(memory / 4);
-        let appender = Appender::new(backend, path.to_path_buf(), archive.layout.clone(), meta.end, share);
-        let draft = Arc::new(Autumnal::new(archive, newest.clone())?);
+        let draft = Arc::new(Autumnal::new(archive, newest.clone(), 0)?);
+        let appender = Appender::new(backend, path.to_path_buf(), draft.layout().clone(), meta.end, share);
         Ok(Editor { begin: appender.position(), appender, draft, newest: Some(newest), meta, memory })
     }
 
-    /// Starts a file on an empty backend: a tree that is VOID, in no commit yet.
+    /// Starts a file on an empty backend, with one layer that is VOID, in no commit yet. Layers may have up to so many levels.
     ///
     /// # Errors
     /// If the backend cannot be written.
     pub(super) fn create(
         mut backend: Box<dyn WriteBackend>,
         path: PathBuf,
-        header: Header,
+        (header, depth): (&Header, u8),
         options: &BuildOptions,
     ) -> Result<Editor> {
-        let levels = run_levels(header.form.dimension);
+        let dimension = header.form.dimension;
+        let levels = run_levels(dimension);
         // The fewer levels a record has, the more of them are equal.
-        let levels = if options.share { *levels.start() } else { *levels.end() };
-        let layout = PointeredLayout::new(header.form, levels, header.depth());
-        let mut pages = first_page(&header, options.share, layout.heights);
+        let run_levels = if options.share { *levels.start() } else { *levels.end() };
+        let (format, content) = (TreeFormat::Autumnal, Content::Cells);
+        let file_header = FileHeader { format, content, dimension, depth, layers: 0 };
+        let mut pages = first_page(&file_header, options.share, run_levels);
         pages.resize(FIRST_EXTENT as usize, 0);
         backend.write(0, &pages).map_err(Error::io(&*path, "write the header"))?;
         let (bytes, file) = open_file(&*backend)?;
         let meta = Meta { sequence: 0, commit: 0, end: FIRST_EXTENT };
         let extents = Arc::new(Extents::new(&path, bytes, FIRST_EXTENT, true)?);
-        let archive = Archive {
-            header,
-            layout: layout.clone(),
-            share: options.share,
-            extents,
-            meta,
-            newest: Newest::Good,
-            file,
-        };
+        let share = options.share;
+        let archive =
+            Archive { header: file_header, run_levels, share, extents, meta, newest: Newest::Good, file };
         let commit = Commit {
             number: 0,
             note: Note::default(),
@@ -112,15 +114,124 @@ impl Editor {
             records: 0,
             written: Written::default(),
             sequence: 0,
-            root: Root { state: VOID, value: Vec::new(), address: 0 },
-            metadata: 0,
+            layers: vec![void_layer(header, &options.metadata.name)],
             previous: 0,
             jump: (0, 0),
         };
-        let draft = Arc::new(Autumnal::with_metadata(archive, commit, options.metadata.clone())?);
+        let draft = Arc::new(Autumnal::with_metadata(archive, commit, 0, options.metadata.clone())?);
         let share = options.share.then_some(options.memory / 4);
-        let appender = Appender::new(backend, path, layout, FIRST_EXTENT, share);
+        let appender = Appender::new(backend, path, draft.layout().clone(), FIRST_EXTENT, share);
         Ok(Editor { begin: FIRST_EXTENT, appender, draft, newest: None, meta, memory: options.memory })
+    }
+
+    /// Turns to another layer: what follows is done to that one.
+    ///
+    /// # Errors
+    /// If there is none of that name, or it is damaged.
+    pub fn select(&mut self, name: &str) -> Result<()> {
+        let commit = &self.draft.commit;
+        let place = FilePlace { file: self.draft.path().into(), commit: None, layer: Some(name.into()) };
+        let number = place.layer_number(commit.layers.iter().map(|layer| &*layer.name))?;
+        if number == self.draft.number {
+            return Ok(());
+        }
+        self.keep_metadata()?;
+        let tree = Autumnal::new(self.draft.archive.clone(), self.draft.commit.clone(), number)?;
+        self.appender.set_layout(tree.layout().clone());
+        self.draft = Arc::new(tree);
+        Ok(())
+    }
+
+    /// Adds a layer that is VOID, and turns to it.
+    ///
+    /// # Errors
+    /// If there is a layer of that name, or it does not fit into the file's space.
+    pub(crate) fn add_layer(&mut self, header: &Header, metadata: Metadata) -> Result<()> {
+        let file = &self.draft.archive.header;
+        let name = &metadata.name;
+        if header.form.dimension != file.dimension || header.depth() > file.depth {
+            let found = format!("a {} of depth {}", header.form.dimension.tree_name(), header.depth());
+            let expected = format!("a {} of depth {} at most", file.dimension.tree_name(), file.depth);
+            return Err(Error::invalid("layer", found, expected));
+        }
+        if name.is_empty() || self.draft.commit.layer_named(name).is_some() {
+            return Err(Error::invalid("layer's name", format!("`{name}`"), "one that no other layer has"));
+        }
+        self.keep_metadata()?;
+        // (Whatever has several layers has names for all.)
+        let unnamed = self.draft.commit.layers.iter().any(|layer| layer.name.is_empty());
+        if unnamed {
+            let advice = "give it a name first (`spinney edit --name`)";
+            return Err(Error::unsupported(self.draft.path(), "a file whose layer has no name", advice));
+        }
+        let number = self.draft.commit.layers.len();
+        let commit = self.draft.commit.with_layer(number, void_layer(header, name));
+        self.appender.flush()?;
+        let tree = Autumnal::with_metadata(self.draft.archive.clone(), commit, number, metadata)?;
+        self.appender.set_layout(tree.layout().clone());
+        self.draft = Arc::new(tree);
+        Ok(())
+    }
+
+    /// Turns to the layer with the name and the type of another one, and adds it if there is none.
+    ///
+    /// # Errors
+    /// Those of [`Editor::select`] and [`Editor::add_layer`].
+    pub(super) fn select_or_add(&mut self, header: &Header, metadata: &Metadata) -> Result<()> {
+        let there = self.draft.commit.layer_named(&metadata.name);
+        match there {
+            Some(there) if self.draft.commit.layers[there].header[..] == header.to_bytes() => {
+                self.select(&metadata.name)
+            }
+            // One of that name has another type.
+            Some(_) if self.draft.commit.layers.len() == 1 => {
+                let commit = self.draft.commit.with_layer(0, void_layer(header, &metadata.name));
+                let tree = Autumnal::with_metadata(self.draft.archive.clone(), commit, 0, metadata.clone())?;
+                self.appender.set_layout(tree.layout().clone());
+                self.draft = Arc::new(tree);
+                Ok(())
+            }
+            Some(_) => {
+                self.drop_layer(&metadata.name)?;
+                self.add_layer(header, metadata.clone())
+            }
+            None => self.add_layer(header, metadata.clone()),
+        }
+    }
+
+    /// Drops all layers that a commit has not, and puts the others into its order.
+    pub(super) fn keep_only(&mut self, commit: &Commit) -> Result<()> {
+        self.keep_metadata()?;
+        let mut draft = self.draft.commit.clone();
+        let named = |layer: &CommitLayer| draft.layer_named(&layer.name).map(|there| draft.layers[there].clone());
+        let layers: Vec<CommitLayer> = commit.layers.iter().filter_map(named).collect();
+        if layers == draft.layers {
+            return Ok(());
+        }
+        draft.layers = layers;
+        draft.count();
+        let tree = Autumnal::new(self.draft.archive.clone(), draft, 0)?;
+        self.appender.set_layout(tree.layout().clone());
+        self.draft = Arc::new(tree);
+        Ok(())
+    }
+
+    /// Takes a layer out of the file; older commits keep it. Another one is turned to.
+    ///
+    /// # Errors
+    /// If there is none of that name, or no other.
+    pub fn drop_layer(&mut self, name: &str) -> Result<()> {
+        self.select(name)?;
+        let mut commit = self.draft.commit.clone();
+        if commit.layers.len() == 1 {
+            return Err(Error::unsupported(self.draft.path(), "dropping the only layer", "remove the file"));
+        }
+        commit.layers.remove(self.draft.number);
+        commit.count();
+        let tree = Autumnal::new(self.draft.archive.clone(), commit, 0)?;
+        self.appender.set_layout(tree.layout().clone());
+        self.draft = Arc::new(tree);
+        Ok(())
     }
 
     /// The tree with all edits so far.
@@ -166,8 +277,9 @@ impl Editor {
         fill(&mut builder, base.heights().shape())?;
         let (root, zone) = builder.finish();
         self.appender.flush()?;
-        let commit =
-            Commit { root, cells: zone.tally.cells, records: zone.records, ..self.draft.commit.clone() };
+        let (cells, records) = (zone.tally.cells, zone.records);
+        let layer = CommitLayer { root, cells, records, ..self.draft.layer().clone() };
+        let commit = self.draft.commit.with_layer(self.draft.number, layer);
         self.set_draft(commit, self.draft.metadata().clone())?;
         Ok(zone.tally)
     }
@@ -179,21 +291,25 @@ impl Editor {
         // (Nothing may be written since the last commit.)
         let end = self.appender.position().min(bytes.len());
         archive.extents = Arc::new(Extents::new(self.draft.path(), bytes, end, true)?);
-        self.draft = Arc::new(Autumnal::with_metadata(archive, commit, metadata)?);
+        self.draft = Arc::new(Autumnal::with_metadata(archive, commit, self.draft.number, metadata)?);
         Ok(())
     }
 
-    /// Makes the tree what it was in another commit; its metadata, too.
+    /// Makes the layer what it was in another commit; its metadata, too.
     ///
     /// # Errors
-    /// If there is no such commit, or it cannot be read.
+    /// If there is no such commit, it has no such layer, or one of another type, or it cannot be read.
     pub fn revert(&mut self, number: u64) -> Result<()> {
         let old = self.draft.archive.commit(number)?;
-        let tree = Autumnal::new(self.draft.archive.clone(), old)?;
+        let now = self.draft.layer();
+        let Some(there) = old.layer_named(&now.name).filter(|there| old.layers[*there].header == now.header) else {
+            let found = format!("no layer `{}` of the same type", now.name);
+            let expected = "one in that commit";
+            return Err(Error::invalid(format!("commit {number}"), found, expected));
+        };
+        let tree = Autumnal::new(self.draft.archive.clone(), old, there)?;
         let metadata = tree.metadata().clone();
-        let old = tree.commit;
-        let commit =
-            Commit { root: old.root, cells: old.cells, records: old.records, ..self.draft.commit.clone() };
+        let commit = self.draft.commit.with_layer(self.draft.number, tree.layer().clone());
         self.set_draft(commit, metadata)
     }
 
@@ -213,13 +329,12 @@ impl Editor {
     /// one writes nothing more.
     pub fn commit(&mut self, note: Note) -> Result<Option<Commit>> {
         let number = self.newest.as_ref().map_or(Ok(1), |newest| self.after(newest.number))?;
-        let metadata = self.metadata_offset()?;
-        let root = &self.draft.commit.root;
-        let is_newest = |newest: &Commit| *root == newest.root && metadata == newest.metadata;
+        self.keep_metadata()?;
+        let is_newest = |newest: &Commit| newest.layers == self.draft.commit.layers;
         if self.newest.as_ref().is_some_and(is_newest) {
             return Ok(None);
         }
-        self.write_commit(number, note, metadata).map(Some)
+        self.write_commit(number, note).map(Some)
     }
 
     /// Makes all edits so far a commit, whether they differ from the newest one or not, with any number that is larger
@@ -228,8 +343,8 @@ impl Editor {
     /// # Errors
     /// Those of [`Editor::commit`].
     pub(super) fn commit_as(&mut self, number: u64, note: Note) -> Result<Commit> {
-        let metadata = self.metadata_offset()?;
-        self.write_commit(number, note, metadata)
+        self.keep_metadata()?;
+        self.write_commit(number, note)
     }
 
     /// The number after one that the file has.
@@ -240,7 +355,7 @@ impl Editor {
         })
     }
 
-    fn write_commit(&mut self, number: u64, note: Note, metadata: u64) -> Result<Commit> {
+    fn write_commit(&mut self, number: u64, note: Note) -> Result<Commit> {
         let draft = self.draft.clone();
         let previous = self.newest.as_ref().map_or(0, |_| self.meta.commit);
         let jump =
@@ -251,7 +366,6 @@ impl Editor {
             note,
             written,
             sequence: self.after(self.meta.sequence)?,
-            metadata,
             previous,
             jump,
             ..draft.commit.clone()
@@ -263,22 +377,32 @@ impl Editor {
         Ok(commit)
     }
 
-    /// Offset of the metadata; writes them if they are not those of the newest commit.
-    fn metadata_offset(&mut self) -> Result<u64> {
+    /// Writes the layer's metadata, if they are not those of the newest commit.
+    fn keep_metadata(&mut self) -> Result<()> {
         let draft = self.draft.clone();
         let bytes = draft.metadata().to_bytes(draft.path())?;
-        if let Some(newest) = &self.newest
-            && draft.extents().whole(ExtentKind::Metadata, newest.metadata)?[..] == bytes
-        {
-            return Ok(newest.metadata);
-        }
-        self.appender.extent(ExtentKind::Metadata, &bytes)
+        let there = self.newest.as_ref().and_then(|newest| {
+            newest.layer_named(&draft.layer().name).map(|number| newest.layers[number].metadata)
+        });
+        let metadata = match there {
+            Some(there) if draft.extents().whole(ExtentKind::Metadata, there)?[..] == bytes => there,
+            _ => self.appender.extent(ExtentKind::Metadata, &bytes)?,
+        };
+        self.appender.flush()?;
+        let layer = CommitLayer { metadata, ..draft.layer().clone() };
+        self.set_draft(draft.commit.with_layer(draft.number, layer), draft.metadata().clone())
     }
 
     /// The newest commit.
     pub fn newest(&self) -> Option<&Commit> {
         self.newest.as_ref()
     }
+}
+
+/// A layer without cells.
+fn void_layer(header: &Header, name: &str) -> CommitLayer {
+    let root = Root { state: VOID, value: Vec::new(), address: 0 };
+    CommitLayer { name: name.into(), cells: 0, records: 0, header: header.to_bytes().to_vec(), root, metadata: 0 }
 }
 
 /// The bytes that a backend has now, and which file it is.

@@ -6,7 +6,7 @@ use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use super::archive::{Archive, OpenFile};
-use super::commit::{Commit, Root};
+use super::commit::{Commit, CommitLayer, Root};
 use super::extents::{ByteAccess, ExtentKind, Extents};
 use super::layout::{BadRecord, Heights, PointeredLayout, RecordParts};
 use super::meta::slots;
@@ -19,7 +19,7 @@ use spinney_base::io::FileId;
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
-use spinney_container::{Header, INNER, LEAF, Metadata, OpenOptions, VOID, split_commit};
+use spinney_container::{FilePlace, Header, INNER, LEAF, Metadata, OpenOptions, VOID};
 
 /// An INNER node of an open file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -48,13 +48,17 @@ impl AutumnalNode {
     }
 }
 
-/// One commit of an Autumnal file, open for reading; may be shared by any number of threads.
+/// A layer in one commit of an Autumnal file, open for reading; may be shared by any number of threads.
 ///
 /// It stays as it is whatever a writer adds to the file; [`Autumnal::refresh`] moves on. Every extent is
 /// checked before something of it is used: a damaged file gives an error, never a crash.
 pub struct Autumnal {
     pub(super) archive: Archive,
     pub(super) commit: Commit,
+    /// Number of the layer.
+    pub(super) number: usize,
+    header: Header,
+    layout: PointeredLayout,
     metadata: Metadata,
     root: Child<AutumnalNode>,
     /// Path and options it was opened with, to see whether there is something newer; nothing for other than
@@ -97,28 +101,31 @@ impl<B: Deref<Target = [u8]>> PointeredRecord<B> {
 type OneRecord<'a> = PointeredRecord<Cow<'a, [u8]>>;
 
 impl Autumnal {
-    /// Opens a commit of a file: `map.autumn@12` is the twelfth, `map.autumn` the newest.
+    /// Opens a commit of a file: `map.autumn@12` is the twelfth, `map.autumn` the newest; and `map.autumn:NAME` a layer, the first if
+    /// none is named.
     ///
     /// # Errors
     /// If it cannot be read, is no Autumnal file, is damaged, or has no such commit.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Autumnal> {
-        let (file_path, _) = split_commit(path);
-        Autumnal::of_opened(path, options.open_with_id(&file_path)?, options)
+        let place = FilePlace::of(path);
+        Autumnal::of_opened(&place, options.open_with_id(&place.file)?, options)
     }
 
     /// Opens a commit of a file whose bytes are open already.
     ///
     /// # Errors
     /// Those of [`Autumnal::open`].
-    pub(crate) fn of_opened(path: &Path, opened: OpenFile, options: &OpenOptions) -> Result<Autumnal> {
-        let (file_path, number) = split_commit(path);
+    pub(crate) fn of_opened(place: &FilePlace<'_>, opened: OpenFile, options: &OpenOptions) -> Result<Autumnal> {
+        let FilePlace { file: path, commit: number, .. } = place;
         // If a writer was too fast, the file is opened again by its name.
         let first = Cell::new(Some(opened));
-        let open = || first.take().map_or_else(|| options.open_with_id(&file_path), Ok);
-        let archive = Archive::open(&file_path, &open, options.check)?;
+        let open = || first.take().map_or_else(|| options.open_with_id(path), Ok);
+        let archive = Archive::open(path, &open, options.check)?;
         let commit = number.map_or_else(|| archive.newest(), |number| archive.commit(number))?;
-        let mut tree = Autumnal::new(archive, commit)?;
-        tree.opened = number.is_none().then(|| (file_path.into_owned(), options.clone()));
+        let names = commit.layers.iter().map(|layer| &*layer.name);
+        let layer = place.layer_number(names)?;
+        let mut tree = Autumnal::new(archive, commit, layer)?;
+        tree.opened = number.is_none().then(|| (path.to_path_buf(), options.clone()));
         Ok(tree)
     }
 
@@ -129,22 +136,63 @@ impl Autumnal {
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Autumnal> {
         let archive = Archive::of_bytes(Path::new("(memory)"), bytes)?;
         let commit = archive.newest()?;
-        Autumnal::new(archive, commit)
+        Autumnal::new(archive, commit, 0)
     }
 
-    /// A commit of an open file.
-    pub(super) fn new(archive: Archive, commit: Commit) -> Result<Autumnal> {
+    /// A layer in a commit of an open file.
+    ///
+    /// # Panics
+    /// If there is no layer of that number.
+    pub(super) fn new(archive: Archive, commit: Commit, number: usize) -> Result<Autumnal> {
         let extents = &archive.extents;
-        let bytes = extents.whole(ExtentKind::Metadata, commit.metadata)?;
-        let metadata = Metadata::from_bytes(&extents.path, &bytes)?;
-        Autumnal::with_metadata(archive, commit, metadata)
+        let layer = &commit.layers[number];
+        let bytes = extents.whole(ExtentKind::Metadata, layer.metadata)?;
+        let metadata = Metadata { name: layer.name.clone(), ..Metadata::from_bytes(&extents.path, &bytes)? };
+        Autumnal::with_metadata(archive, commit, number, metadata)
     }
 
-    /// A commit of an open file whose metadata are known.
-    pub(super) fn with_metadata(archive: Archive, commit: Commit, metadata: Metadata) -> Result<Autumnal> {
+    /// Another layer of the same commit.
+    ///
+    /// # Errors
+    /// If it is damaged.
+    ///
+    /// # Panics
+    /// If there is no layer of that number.
+    pub fn open_layer(&self, number: usize) -> Result<Autumnal> {
+        let mut tree = Autumnal::new(self.archive.clone(), self.commit.clone(), number)?;
+        tree.opened = self.opened.clone();
+        Ok(tree)
+    }
+
+    /// The header of each layer of the commit.
+    ///
+    /// # Errors
+    /// If one is damaged.
+    pub fn layer_headers(&self) -> Result<Vec<Header>> {
+        self.commit.layers.iter().map(|layer| header_of(&self.archive, layer)).collect()
+    }
+
+    /// The number of this layer in its commit.
+    pub fn layer_number(&self) -> usize {
+        self.number
+    }
+
+    /// This layer, as the commit has it.
+    pub(super) fn layer(&self) -> &CommitLayer {
+        &self.commit.layers[self.number]
+    }
+
+    /// A layer in a commit of an open file whose metadata are known.
+    pub(super) fn with_metadata(
+        archive: Archive,
+        commit: Commit,
+        number: usize,
+        metadata: Metadata,
+    ) -> Result<Autumnal> {
         let corrupt = |found: String, expected| archive.extents.corrupt("commit", found, expected);
-        let Root { state, value, address } = &commit.root;
-        let header = &archive.header;
+        let header = header_of(&archive, &commit.layers[number])?;
+        let layout = PointeredLayout::new(header.form, archive.run_levels, header.depth());
+        let Root { state, value, address } = &commit.layers[number].root;
         let value = || match value.len() == header.form.width() {
             true => Ok(Value::from_bytes(value)),
             false => Err(corrupt("a root value of another size".into(), "one value")),
@@ -162,7 +210,7 @@ impl Autumnal {
             }
             other => return Err(corrupt(format!("root state {other}"), "0, 1 or 2")),
         };
-        Ok(Autumnal { archive, commit, metadata, root, opened: None })
+        Ok(Autumnal { archive, commit, number, header, layout, metadata, root, opened: None })
     }
 
     /// Moves on to the newest commit, if there is a newer one; tells whether. Trees opened at a certain
@@ -179,7 +227,9 @@ impl Autumnal {
         if whole(&slots(&*bytes)?).first().is_some_and(|newest| is_same(*newest, current)) {
             return Ok(false);
         }
-        let new = Autumnal::open(path, options)?;
+        let name = &self.layer().name;
+        let place = FilePlace { file: path.into(), commit: None, layer: (!name.is_empty()).then(|| name.clone()) };
+        let new = Autumnal::of_opened(&place, options.open_with_id(path)?, options)?;
         let is_newer = !is_same(new.archive.meta, new.archive.file);
         if is_newer {
             *self = new;
@@ -194,7 +244,7 @@ impl Autumnal {
 
     /// The file's header; the shape is that of the Goblin file that would be published.
     pub fn header(&self) -> &Header {
-        &self.archive.header
+        &self.header
     }
 
     /// Georeference, meaning and provenance of the data.
@@ -205,6 +255,11 @@ impl Autumnal {
     /// The commit.
     pub fn commit(&self) -> &Commit {
         &self.commit
+    }
+
+    /// INNER nodes of the layer's tree, the shared ones as often as they occur.
+    pub fn stored_records(&self) -> u64 {
+        self.layer().records
     }
 
     /// A remark on the file that whoever reads it should know: that its newest commit was not found where it
@@ -245,7 +300,7 @@ impl Autumnal {
 
     #[inline]
     pub(super) fn layout(&self) -> &PointeredLayout {
-        &self.archive.layout
+        &self.layout
     }
 
     #[inline]
@@ -525,6 +580,17 @@ impl Autumnal {
     /// If there are so many that the tree cannot be walked as a whole, or the file is damaged.
     pub(crate) fn walkable_records(&self) -> Result<u64> {
         self.root()?;
-        Ok(self.commit.records)
+        Ok(self.layer().records)
     }
+}
+
+/// The header of a layer.
+fn header_of(archive: &Archive, layer: &CommitLayer) -> Result<Header> {
+    let file = &archive.header;
+    let place = format!("layer `{}`", layer.name);
+    let Ok(bytes) = layer.header[..].try_into() else {
+        let found = format!("a header of {} bytes", layer.header.len());
+        return Err(archive.extents.corrupt(place, found, "48 bytes"));
+    };
+    Header::from_bytes(&archive.extents.path, &place, bytes, (file.dimension, file.depth))
 }

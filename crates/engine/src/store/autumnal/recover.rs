@@ -13,7 +13,7 @@ use super::pages::{FIRST_EXTENT, SECTOR};
 use super::reader::Autumnal;
 use spinney_base::io::{FileBackend, LockedFile, WriteBackend};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::Header;
+use spinney_container::FileHeader;
 
 /// Makes the commit with a number the newest one, in a file whose newest commit is damaged. What comes behind
 /// it is given up: the next edit writes over it. Returns the commit.
@@ -28,12 +28,12 @@ pub fn recover(path: &Path, number: u64, progress: &dyn Progress) -> Result<Comm
     let file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
     let file = FileBackend::new(file, path);
     // Nothing is written to what is no Autumnal file.
-    Header::read(path, &*file.reader()?)?;
+    FileHeader::read_cells(path, &*file.reader()?)?;
     let mut file = LockedFile::new(file)?;
     file.check_path()?;
     let archive = match Archive::open(path, &|| open_file(&file), true) {
         Ok(archive) if matches!(archive.newest, Newest::Damaged(_)) => archive,
-        Ok(archive) if Autumnal::new(archive.clone(), archive.newest()?).is_err() => archive,
+        Ok(archive) if read_layers(&archive, &archive.newest()?).is_err() => archive,
         Ok(_) => {
             let advice = "`spinney revert` goes back to an older commit, and loses nothing";
             return Err(Error::unsupported(
@@ -51,7 +51,7 @@ pub fn recover(path: &Path, number: u64, progress: &dyn Progress) -> Result<Comm
     let commit = archive.commit(number)?;
     let slot = slot_of(&archive, &commit)?;
     // What is to be the newest must be readable itself.
-    Autumnal::new(archive.clone(), commit.clone())?;
+    read_layers(&archive, &commit)?;
     // The other slot gets the commit before, as if nothing had ever come behind. If this is not done to its
     // end, the file is as damaged as before.
     let other = match commit.previous {
@@ -65,6 +65,11 @@ pub fn recover(path: &Path, number: u64, progress: &dyn Progress) -> Result<Comm
     }
     file.check_path()?;
     Ok(commit)
+}
+
+/// Fails if a layer of a commit cannot be read.
+fn read_layers(archive: &Archive, commit: &Commit) -> Result<()> {
+    (0..commit.layers.len()).try_for_each(|number| Autumnal::new(archive.clone(), commit.clone(), number).map(|_| ()))
 }
 
 /// The meta slot of a commit.

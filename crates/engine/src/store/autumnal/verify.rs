@@ -3,6 +3,8 @@
 //! As for Goblin files the rules need no second statement: the tree is built anew from its leaves, and every
 //! record that this would write must be there.
 
+use std::collections::HashMap;
+
 use super::builder::{Check, Mode, RecordBuilder};
 use super::commit::Commit;
 use super::meta::Slot;
@@ -46,19 +48,38 @@ impl Autumnal {
             findings.truncate(MAX_FINDINGS);
             return Ok(findings);
         }
-        let verified = Verified::new(memory / 2);
-        self.verify_tree(&mut findings, &verified, memory / 2, progress)?;
+        let mut verified = VerifiedLayers { memory: memory / 2, layers: HashMap::new() };
+        let memory = memory - verified.memory;
+        self.verify_layers(&self.commit, &mut findings, &mut verified, memory, progress)?;
         let mut next = if all { self.archive.meta.commit } else { 0 };
         while next != 0 && findings.len() < MAX_FINDINGS {
             let commit = Commit::read(self.extents(), next)?;
             next = commit.previous;
             if commit.number != self.commit.number {
-                let tree = Autumnal::new(self.archive.clone(), commit)?;
-                tree.verify_tree(&mut findings, &verified, memory / 2, progress)?;
+                self.verify_layers(&commit, &mut findings, &mut verified, memory, progress)?;
             }
         }
         findings.truncate(MAX_FINDINGS);
         Ok(findings)
+    }
+
+    /// Checks the trees of a commit, but for what was verified already.
+    fn verify_layers(
+        &self,
+        commit: &Commit,
+        findings: &mut Vec<Finding>,
+        verified: &mut VerifiedLayers,
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        for (number, layer) in commit.layers.iter().enumerate() {
+            let tree = Autumnal::new(self.archive.clone(), commit.clone(), number)?;
+            // Records mean what their layer's header says: what is right in one layer need not be so in another.
+            let share = verified.memory / commit.layers.len() as u64;
+            let known = verified.layers.entry(layer.header.clone()).or_insert_with(|| Verified::new(share));
+            tree.verify_tree(findings, known, memory, progress)?;
+        }
+        Ok(())
     }
 
     /// A slot that is not whole does no harm, but something has damaged it.
@@ -117,8 +138,10 @@ impl Autumnal {
                 return Ok(());
             }
             add(findings, format!("commit {}, its older commit", commit.number), self.verify_jump(&commit))?;
-            let metadata = Autumnal::new(self.archive.clone(), commit.clone()).map(|_| ());
-            add(findings, format!("commit {}", commit.number), metadata)?;
+            for number in 0..commit.layers.len() {
+                let metadata = Autumnal::new(self.archive.clone(), commit.clone(), number).map(|_| ());
+                add(findings, format!("commit {}", commit.number), metadata)?;
+            }
             next = commit.previous;
             after = Some(commit);
         }
@@ -154,13 +177,16 @@ impl Autumnal {
         let source = Unverified { tree: self };
         let shape = self.heights().shape();
         let walked = walk(&source, &options, shape, true, &mut builder, progress);
-        let place = format!("commit {}", self.commit.number);
+        let layer = self.layer();
+        let place = match &*layer.name {
+            "" => format!("commit {}", self.commit.number),
+            name => format!("commit {}, layer `{name}`", self.commit.number),
+        };
         let is_good = walked.is_ok();
         add(findings, format!("{place}, tree"), walked)?;
         if is_good {
             let (root, zone) = builder.finish();
-            let commit = &self.commit;
-            if (&root, zone.records, zone.tally.cells) != (&commit.root, commit.records, commit.cells) {
+            if (&root, zone.records, zone.tally.cells) != (&layer.root, layer.records, layer.cells) {
                 let problem = format!("a root or totals that differ from the tree's: {root:?}");
                 findings.push(Finding { place: place.clone(), problem });
             }
@@ -170,6 +196,13 @@ impl Autumnal {
             .extend(made.map(|finding| Finding { place: format!("{place}, {}", finding.place), ..finding }));
         Ok(())
     }
+}
+
+/// Records that were verified, by the headers of their layers.
+struct VerifiedLayers {
+    /// Bytes that may be taken.
+    memory: u64,
+    layers: HashMap<Vec<u8>, Verified>,
 }
 
 /// Collects what is wrong with the file; other errors are errors.

@@ -19,7 +19,7 @@ pub(in crate::store) fn write(
     complete: &mut dyn FnMut(&mut Metadata),
 ) -> Result<Tally> {
     let path = output.path().to_path_buf();
-    let mut editor = Editor::create(backend(&mut output)?, path, header, options)?;
+    let mut editor = Editor::create(backend(&mut output)?, path, (&header, header.depth()), options)?;
     let tally = editor.fill(covered, options, None, fill)?;
     // Nobody keeps nodes per level up to date when trees are edited.
     let mut metadata = Metadata { counts: LevelCounts::default(), ..options.metadata.clone() };

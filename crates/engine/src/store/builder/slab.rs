@@ -33,6 +33,12 @@ pub trait Slabs: Send {
     /// Cells along each axis of the whole; the last is 1 for a picture.
     fn extent(&self) -> [u64; 3];
 
+    /// Whether slabs come in FD order, so that all of a node has come before anything behind it. Files are the same whether they do or
+    /// not; but where they do not, segments wait in a temporary file.
+    fn are_in_order(&self) -> bool {
+        false
+    }
+
     /// Reads the next slab, reusing the one given; `false` if there is none left.
     ///
     /// Slabs start at multiples of the block size (256 cells for quadtrees, 64 for octrees), end at such

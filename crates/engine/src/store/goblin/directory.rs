@@ -2,27 +2,28 @@
 
 use std::path::Path;
 
-use zerocopy::little_endian::{U32, U64};
+use zerocopy::little_endian::{U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use spinney_base::Form;
 use spinney_base::space::Code;
 use spinney_base::value::{DoubleDouble, Sums, Tally, ValueType};
 use spinney_base::{Error, Result};
+use spinney_container::Codec;
 
 /// One entry of the directory, understood.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     /// The node that owns the segment.
     pub code: Code,
-    /// Offset of the segment's bytes in the file.
+    /// Offset of the segment's bytes in the layer's run.
     pub offset: u64,
     /// Number of bytes: records, then class counts.
     pub length: u64,
     /// Records of the segment.
     pub records: u32,
-    /// Class counts that follow the records; `u32::MAX` if there would be too many.
-    pub classes: u32,
+    /// Class counts that follow the records; `u16::MAX` if there would be too many.
+    pub classes: u16,
     /// CRC-32C of the segment's bytes.
     pub checksum: u32,
     /// Zone statistics, but for the class counts, which stand in the segment.
@@ -30,7 +31,7 @@ pub struct Entry {
 }
 
 /// Number of class counts of a segment that has none because there would be too many.
-pub(super) const NOT_COUNTED: u32 = u32::MAX;
+pub(super) const NOT_COUNTED: u16 = u16::MAX;
 
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
@@ -39,9 +40,12 @@ struct RawEntry {
     offset: U64,
     length: U64,
     records: U32,
-    classes: U32,
+    classes: U16,
+    /// Packing of the records.
+    codec: u8,
+    /// Number of the table that the codec uses.
+    table: u8,
     checksum: U32,
-    entry_checksum: U32,
     cells: U64,
 }
 
@@ -56,20 +60,12 @@ struct RawChannel {
     squares: [u8; 16],
 }
 
-const ENTRY_CHECKSUM_AT: usize = std::mem::offset_of!(RawEntry, entry_checksum);
-const _: () = assert!(ENTRY_CHECKSUM_AT == 36);
+const _: () = assert!(size_of::<RawEntry>() == 44);
 
 /// Bytes of one entry for values of a type: where samples can be missing, a count per channel stands at the end.
 pub(super) const fn entry_size(value_type: ValueType) -> usize {
     let present = if value_type.missing.is_some() { size_of::<U64>() } else { 0 };
     size_of::<RawEntry>() + value_type.channels as usize * (size_of::<RawChannel>() + present)
-}
-
-/// The code that an entry starts with, checked by nothing yet.
-#[inline]
-pub(super) fn code_bits(directory: &[u8], index: usize, size: usize) -> u64 {
-    let start = index * size;
-    u64::from_le_bytes(directory[start..start + 8].try_into().expect("8 bytes"))
 }
 
 /// Location of an entry's segment, as it stands in the file.
@@ -83,7 +79,7 @@ pub(super) struct SegmentLocation {
 
 impl SegmentLocation {
     /// Reads the numbers of an entry, and checks none of them: for entries that [`Entry::from_bytes`] has
-    /// checked once. `None` if it is no whole entry.
+    /// understood once. `None` if it is no whole entry.
     #[inline]
     pub(super) fn read(entry: &[u8]) -> Option<SegmentLocation> {
         let (raw, _) = RawEntry::ref_from_prefix(entry).ok()?;
@@ -96,6 +92,11 @@ impl SegmentLocation {
     }
 }
 
+/// Changes where a segment is, in an entry's bytes.
+pub(super) fn set_offset(entry: &mut [u8], offset: u64) {
+    entry[8..16].copy_from_slice(&offset.to_le_bytes());
+}
+
 impl Entry {
     /// The entry as it stands in the file.
     pub(super) fn to_bytes(&self) -> Vec<u8> {
@@ -105,8 +106,9 @@ impl Entry {
             length: self.length.into(),
             records: self.records.into(),
             classes: self.classes.into(),
+            codec: Codec::Plain as u8,
+            table: 0,
             checksum: self.checksum.into(),
-            entry_checksum: 0.into(),
             cells: self.zone.cells.into(),
         };
         let mut bytes = raw.as_bytes().to_vec();
@@ -125,9 +127,6 @@ impl Entry {
             let present = self.zone.present.iter().take(usize::from(value_type.channels));
             present.for_each(|cells| bytes.extend_from_slice(&cells.to_le_bytes()));
         }
-        // (That of the entry with zeros in the checksum's place.)
-        let checksum = crc32c::crc32c(&bytes);
-        bytes[ENTRY_CHECKSUM_AT..ENTRY_CHECKSUM_AT + 4].copy_from_slice(&checksum.to_le_bytes());
         bytes
     }
 
@@ -138,12 +137,9 @@ impl Entry {
         };
         let (raw, rest) = RawEntry::ref_from_prefix(bytes)
             .map_err(|_| corrupt(format!("{} bytes", bytes.len()), "a whole entry".into()))?;
-        let checksum = {
-            let (before, after) = (&bytes[..ENTRY_CHECKSUM_AT], &bytes[ENTRY_CHECKSUM_AT + 4..]);
-            crc32c::crc32c_append(crc32c::crc32c_append(crc32c::crc32c(before), &[0; 4]), after)
-        };
-        if checksum != raw.entry_checksum.get() {
-            return Err(corrupt(format!("checksum {checksum:08x}"), format!("{:08x}", raw.entry_checksum)));
+        if raw.codec != Codec::Plain as u8 {
+            let advice = "read it with a program that has this codec";
+            return Err(Error::unsupported(path, format!("codec number {} of a segment", raw.codec), advice));
         }
         let code = Code::from_bits(form.dimension, raw.code.get())
             .ok_or_else(|| corrupt(format!("code {:016x}", raw.code), "an FD code".into()))?;

@@ -9,7 +9,7 @@ use super::segment::{COUNT_SIZE, Segment};
 use spinney_base::Result;
 use spinney_base::io::FileBytes;
 use spinney_base::space::Code;
-use spinney_container::{HEADER_SIZE, SegmentCache};
+use spinney_container::SegmentCache;
 
 impl Goblin {
     /// One segment.
@@ -34,7 +34,6 @@ impl Goblin {
     /// walk goes.
     #[cold]
     fn check_segment(&self, index: usize) -> Result<Segment<'_>> {
-        // The entry's own checksum is looked at before any of its numbers is used.
         let entry = self.entry(index)?;
         let part = || format!("segment {} (entry {index})", entry.code);
         let listed = if entry.classes == NOT_COUNTED { 0 } else { entry.classes };
@@ -44,11 +43,10 @@ impl Goblin {
             let found = format!("{} bytes, {} records", entry.length, entry.records);
             return Err(self.corrupt(part(), found, "as many bytes as the records and class counts need"));
         }
-        let directory = self.trailer.directory.offset;
-        let end = entry.offset.checked_add(entry.length);
-        if entry.offset < HEADER_SIZE as u64 || end.is_none_or(|end| end > directory) {
+        let room = self.layer().directory;
+        if entry.offset.checked_add(entry.length).is_none_or(|end| end > room) {
             let found = format!("bytes {} + {}", entry.offset, entry.length);
-            return Err(self.corrupt(part(), found, "bytes between header and directory"));
+            return Err(self.corrupt(part(), found, "bytes before the directory"));
         }
         let level = entry.code.level();
         if self.header.shape.segment_level(level) != level {
@@ -56,14 +54,13 @@ impl Goblin {
         }
         // Segments lie beside each other. Else a small file could claim many large ones, and take hours to
         // walk.
-        let room = directory - HEADER_SIZE as u64;
         // (Another thread may have checked this one meanwhile: it sets the segment's bit before it adds
         // the bytes, so that who sees them sees the bit.)
         if self.checked_bytes.load(Ordering::Acquire) + entry.length > room && !self.is_checked(index) {
             return Err(self.corrupt(part(), "bytes of another segment", "segments that do not overlap"));
         }
         let segment = self.load(index)?;
-        if self.check {
+        if self.file.check {
             let checksum = crc32c::crc32c(segment.all_bytes());
             if checksum != entry.checksum {
                 let expected = format!("{:08x}", entry.checksum);
@@ -101,15 +98,16 @@ impl Goblin {
             let part = format!("directory entry {index}");
             self.corrupt(part, "other numbers than before", "a file that nobody writes to")
         };
-        let entry = SegmentLocation::read(self.entry_bytes(index)).ok_or_else(changed)?;
+        let entry = SegmentLocation::read(self.entry_bytes(index)?).ok_or_else(changed)?;
         let code = Code::from_bits(self.layout.dimension, entry.code).ok_or_else(changed)?;
-        let (offset, length) = (entry.offset as usize, entry.length as usize);
-        let bytes = match self.backend.bytes() {
+        // (No overflow: both were within the run when they were checked; and if they changed, nothing is there.)
+        let (offset, length) = (self.layer().run.offset.wrapping_add(entry.offset), entry.length as usize);
+        let bytes = match self.file.backend.bytes() {
             Some(all) => {
-                let bytes = all.get(offset..).and_then(|rest| rest.get(..length));
+                let bytes = all.get(offset as usize..).and_then(|rest| rest.get(..length));
                 FileBytes::Mapped(bytes.ok_or_else(changed)?)
             }
-            None => FileBytes::Held(self.cached(index, entry.offset, length)?),
+            None => FileBytes::Held(self.cached(offset, length)?),
         };
         let record_bytes = entry.records as usize * self.layout.size;
         if record_bytes > bytes.len() {
@@ -119,17 +117,17 @@ impl Goblin {
     }
 
     /// The bytes of a segment of a file that is not mapped.
-    fn cached(&self, index: usize, offset: u64, length: usize) -> Result<Arc<Vec<u8>>> {
-        if let Some(bytes) = self.cache().get(index) {
+    fn cached(&self, offset: u64, length: usize) -> Result<Arc<Vec<u8>>> {
+        if let Some(bytes) = self.cache().get(offset) {
             return Ok(bytes);
         }
         // Nobody waits for others' reads: two threads may read the same, which is then held once.
-        let bytes = Arc::new(self.backend.read(offset, length)?.into_owned());
-        self.cache().put(index, bytes.clone());
+        let bytes = Arc::new(self.file.backend.read(offset, length)?.into_owned());
+        self.cache().put(offset, bytes.clone());
         Ok(bytes)
     }
 
     fn cache(&self) -> MutexGuard<'_, SegmentCache> {
-        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
+        self.file.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,6 +1,5 @@
 //! Lookup by FD code: the segment of a node, its record in there, its value.
 
-use super::directory::code_bits;
 use super::reader::Goblin;
 use super::segment::Segment;
 use crate::store::records::Descent;
@@ -20,41 +19,10 @@ pub(crate) struct Located<'a> {
 }
 
 impl Goblin {
-    /// The number of the deepest segment among those of `code`, a node of a tree of the file's dimension, and
-    /// its ancestors; two searches, O(log segments).
-    pub fn find_segment(&self, code: Code) -> Option<usize> {
-        let directory = self.directory();
-        let size = self.entry_size;
-        let mut code = code;
-        let mut high = self.segments();
-        loop {
-            // The last entry that is not after the code. Codes sort in preorder, so if it is no ancestor,
-            // then every ancestor with a segment is an ancestor of that entry too.
-            let bits = code.bits();
-            let mut low = 0;
-            while low < high {
-                let middle = low + (high - low) / 2;
-                if code_bits(directory, middle, size) <= bits { low = middle + 1 } else { high = middle }
-            }
-            let index = low.checked_sub(1)?;
-            let before = Code::from_bits(self.layout.dimension, code_bits(directory, index, size))?;
-            if before.contains(code) {
-                return Some(index);
-            }
-            let level = before.common_ancestor(code).level();
-            // Invariant: the deepest candidate from the common ancestor up owns a segment, since every
-            // candidate above a heavy one is heavy; and no node between that ancestor and `code` does: it
-            // would stand between the entry and `code`. So two searches are enough. Where a directory does
-            // not keep to that, each search has fewer entries left than the one before.
-            code = code.ancestor(self.header.shape.segment_level(level));
-            high = index;
-        }
-    }
-
     /// The deepest segment among those of a node and its ancestors, in a file whose root is INNER.
     #[inline]
     pub(super) fn segment_above(&self, code: Code) -> Result<Segment<'_>> {
-        self.segment(self.find_segment(code).ok_or_else(|| self.no_root())?)
+        self.segment(self.find_segment(code)?.ok_or_else(|| self.no_root())?)
     }
 
     /// The deepest segment with a node's record, or with the dense block that has the node; or the uniform value (VOID or LEAF)
@@ -87,7 +55,7 @@ impl Goblin {
     }
 
     /// The value of a node (a cell, or a block at coarse detail): its own, or that of the LEAF it lies in;
-    /// `None` is VOID. At most two searches in the directory and one descent in one segment.
+    /// `None` is VOID. One search in the directory and one descent in one segment.
     ///
     /// # Errors
     /// If the file is damaged there.

@@ -5,9 +5,15 @@
 //! tree, parts are merged and sealed into segments, segments are appended to the file.
 
 mod directory;
+mod directory_writer;
+mod file_writer;
+mod held;
+mod index;
+mod layer_writer;
 mod load;
 mod locate;
 mod open;
+mod pages;
 mod reader;
 mod segment;
 mod segment_builder;
@@ -15,11 +21,11 @@ mod segment_copy;
 mod segment_sink;
 mod source;
 mod verify;
-mod writer;
 
 pub use directory::Entry;
+pub(in crate::store) use file_writer::FileWriter;
 pub(crate) use locate::Located;
 pub use reader::Goblin;
 pub use segment::Segment;
 pub use source::GoblinNode;
-pub(in crate::store) use writer::write;
+

@@ -1,18 +1,19 @@
-//! Opening a file: header, trailer, metadata, and where the directory is.
+//! Opening a file: header, trailer, table of layers, metadata, and where the directory is.
 
 use std::path::Path;
-use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex};
 
 use super::directory::entry_size;
-use super::reader::Goblin;
+use super::index::Directory;
+use super::reader::{Goblin, OpenFile};
 use crate::store::records::{RecordLayout, descend_in};
 use crate::tree::Child;
 use spinney_base::io::ReadBackend;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 use spinney_container::{
-    HEADER_SIZE, Header, LEAF, Metadata, OpenOptions, Section, SegmentCache, TAIL, Trailer, TreeFormat, VOID,
+    FileHeader, LEAF, Layer, LayerTable, Metadata, OpenOptions, SegmentCache, TAIL, Trailer, TreeFormat, VOID,
 };
 
 impl Goblin {
@@ -39,55 +40,68 @@ impl Goblin {
     pub fn from_backend(path: &Path, backend: Box<dyn ReadBackend>, options: &OpenOptions) -> Result<Goblin> {
         // Before anything is read.
         let stamp = backend.stamp()?;
-        let (format, header) = Header::read(path, &*backend)?;
-        if format != TreeFormat::Goblin {
+        let header = FileHeader::read_cells(path, &*backend)?;
+        if header.format != TreeFormat::Goblin {
             return Err(Error::corrupt(path, "header", "an Autumnal file", "a Goblin file"));
         }
         let length = backend.len();
         let tail = length.min(TAIL as u64);
         let trailer = Trailer::from_bytes(path, &backend.read(length - tail, tail as usize)?, length)?;
-        let entry_size = entry_size(header.form.value);
-        let Section { offset, length, .. } = trailer.directory;
-        // Whatever is read later of the directory relies on this: it lies in the file (the trailer's sections
-        // all do) and has an entry for each segment; the segments lie before it.
-        if trailer.segments.checked_mul(entry_size as u64) != Some(length) || offset < HEADER_SIZE as u64 {
-            let found = format!("{length} bytes for {} segments", trailer.segments);
-            return Err(Error::corrupt(path, "directory", found, format!("{entry_size} bytes per segment")));
+        if trailer.header != header {
+            return Err(Error::corrupt(path, "trailer", "another header", "the one that the file begins with"));
         }
-        Metadata::check_length(path, trailer.metadata.length)?;
-        let metadata = Metadata::from_bytes(path, &trailer.metadata.read(path, &*backend, "metadata")?)?;
-        // Where the directory is mapped, each entry's own checksum is looked at when the entry is used: a
-        // checksum of all of it would read it all to open a file.
-        let directory = match backend.bytes() {
-            Some(_) => None,
-            None => Some(trailer.directory.read(path, &*backend, "directory")?.into_owned()),
-        };
-        let checked = (0..trailer.segments.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        let table = trailer.section(LayerTable::TAG);
+        let layers = LayerTable::from_bytes(path, &header, length, &table.read(path, &*backend, "table of layers")?)?;
+        let cache = Mutex::new(SegmentCache::new(options.cache));
+        let path = path.to_path_buf();
+        let file = OpenFile { path, backend, stamp, header, layers, table, check: options.check, cache };
+        Goblin::of_file(Arc::new(file), 0)
+    }
+
+    /// Another layer of the same file.
+    ///
+    /// # Errors
+    /// If its metadata or the top of its index cannot be read.
+    ///
+    /// # Panics
+    /// If there is no layer of that number.
+    pub fn open_layer(&self, number: usize) -> Result<Goblin> {
+        Goblin::of_file(self.file.clone(), number)
+    }
+
+    fn of_file(file: Arc<OpenFile>, number: usize) -> Result<Goblin> {
+        let (path, layer) = (&file.path, &file.layers[number]);
+        Metadata::check_length(path, layer.metadata.length)?;
+        let metadata = layer.metadata.read(path, &*file.backend, "metadata")?;
+        let metadata = Metadata { name: layer.name.clone(), ..Metadata::from_bytes(path, &metadata)? };
+        let top = layer.top.read(path, &*file.backend, "top of the index")?;
+        let directory = Directory::new(layer, entry_size(layer.header.form.value), &top).ok_or_else(|| {
+            let found = format!("{} segments", layer.segments);
+            Error::corrupt(path, "table of layers", found, "as many as the directory and its index have room for")
+        })?;
+        let checked = (0..layer.segments.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        let header = layer.header.clone();
         let layout = RecordLayout::new(header.form);
+        let root = root(layer, layout.width);
         Ok(Goblin {
-            path: path.to_path_buf(),
-            backend,
-            stamp,
             layout,
             descend: descend_in(layout),
-            root: root(&trailer, layout.width),
+            root,
             header,
-            trailer,
+            number,
             metadata,
             directory,
-            entry_size,
             checked,
             checked_bytes: AtomicU64::new(0),
-            check: options.check,
-            cache: Mutex::new(SegmentCache::new(options.cache)),
+            file,
         })
     }
 }
 
 /// The tree's root, with a value of so many bytes.
-fn root(trailer: &Trailer, width: usize) -> Child<()> {
-    let value = Value::from_bytes(&trailer.root_value[..width]);
-    match trailer.root_state {
+fn root(layer: &Layer, width: usize) -> Child<()> {
+    let value = Value::from_bytes(&layer.root_value[..width]);
+    match layer.root_state {
         VOID => Child::Void,
         LEAF => Child::Leaf(value),
         _ => Child::Inner { representative: value, node: () },

@@ -150,7 +150,7 @@ impl<'a> SegmentCopy<'a> {
                     continue;
                 }
                 let (code, is_cut, place) = (code.child(step), child.state == CUT, child.node);
-                let found = if candidates { self.file.find_segment(code) } else { None };
+                let found = if candidates { self.file.find_segment(code)? } else { None };
                 match found {
                     // It is counted with its own segment.
                     Some(found) if found != index && self.file.entry(found)?.code == code => {}

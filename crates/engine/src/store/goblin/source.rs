@@ -86,7 +86,7 @@ impl Goblin {
                     if level == shape.depth {
                         return Err(self.corrupt(format!("node {code}"), "INNER", "a cell, VOID or LEAF"));
                     }
-                    let own = if candidates { self.find_segment(code) } else { None };
+                    let own = if candidates { self.find_segment(code)? } else { None };
                     let node = match own {
                         // What is found may be the segment of an ancestor.
                         Some(own) if own != segment.index() && self.segment(own)?.code() == code => {

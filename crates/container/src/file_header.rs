@@ -1,0 +1,161 @@
+//! The first bytes of tree files of both formats: what they contain, and how large their space is.
+
+use std::path::Path;
+
+use zerocopy::little_endian::{U16, U32};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+use crate::other_formats::FIRST_BYTES;
+use crate::{OtherFormat, TreeFormat};
+use spinney_base::io::ReadBackend;
+use spinney_base::space::Dimension;
+use spinney_base::{Error, Result};
+
+/// Readers refuse files of a newer major version.
+pub(crate) const MAJOR: u16 = 1;
+pub(crate) const MINOR: u16 = 0;
+
+/// What a file contains.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// One or more trees of cells.
+    Cells = 0,
+    /// An exact model.
+    Model = 2,
+}
+
+/// The first 24 bytes of a file, which the trailer of a Goblin file repeats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FileHeader {
+    /// The format.
+    pub format: TreeFormat,
+    /// What is in the file.
+    pub content: Content,
+    /// Quadtrees or octrees.
+    pub dimension: Dimension,
+    /// Levels below the root of the file's space; trees may have fewer.
+    pub depth: u8,
+    /// Trees of a Goblin file; 0 in Autumnal files, whose commits tell, and in those of other content.
+    pub layers: u32,
+}
+
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawFileHeader {
+    magic: [u8; 8],
+    major: U16,
+    minor: U16,
+    axes: u8,
+    content: u8,
+    depth: u8,
+    zero: u8,
+    layers: U32,
+    checksum: U32,
+}
+
+/// Bytes of the header.
+pub const HEADER_SIZE: usize = size_of::<RawFileHeader>();
+const _: () = assert!(HEADER_SIZE == 24);
+
+/// Layers of a file at most.
+pub const MOST_LAYERS: u32 = 1 << 16;
+
+impl FileHeader {
+    /// Reads and checks the header of a tree file of either format, whatever its content.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is that of no file that this program knows.
+    pub fn read(path: &Path, file: &dyn ReadBackend) -> Result<FileHeader> {
+        // (More than the header: what is no tree may be told by it.)
+        let length = file.len().min(FIRST_BYTES as u64) as usize;
+        FileHeader::from_bytes(path, &file.read(0, length)?)
+    }
+
+    /// Reads and checks the header of a file with trees of cells.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is none of those.
+    pub fn read_cells(path: &Path, file: &dyn ReadBackend) -> Result<FileHeader> {
+        let header = FileHeader::read(path, file)?;
+        match header.content {
+            Content::Cells => Ok(header),
+            Content::Model => {
+                let advice = "make cells of it first (`spinney build MODEL.goblin --cells N -o CELLS.goblin`)";
+                Err(Error::unsupported(path, "an exact model, where cells are expected,", advice))
+            }
+        }
+    }
+
+    /// The header's bytes.
+    pub fn to_bytes(&self) -> [u8; HEADER_SIZE] {
+        let mut raw = RawFileHeader {
+            magic: self.format.magic(),
+            major: MAJOR.into(),
+            minor: MINOR.into(),
+            axes: self.dimension.axes() as u8,
+            content: self.content as u8,
+            depth: self.depth,
+            zero: 0,
+            layers: self.layers.into(),
+            checksum: 0.into(),
+        };
+        raw.checksum = crc32c::crc32c(&raw.as_bytes()[..HEADER_SIZE - 4]).into();
+        raw.as_bytes().try_into().expect("as long as it is")
+    }
+
+    /// Checks and understands the first bytes of a file.
+    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<FileHeader> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
+        let formats = [TreeFormat::Goblin, TreeFormat::Autumnal];
+        let format = formats.into_iter().find(|format| bytes.starts_with(&format.magic()));
+        if format.is_none()
+            && let Some(error) = OtherFormat::refuse_tree(path, bytes)
+        {
+            return Err(error);
+        }
+        let Ok((raw, _)) = RawFileHeader::ref_from_prefix(bytes) else {
+            return Err(corrupt(format!("{} bytes", bytes.len()), "a tree file of at least 24 bytes"));
+        };
+        let Some(format) = format else {
+            let found = format!("`{}`", raw.magic.escape_ascii());
+            return Err(corrupt(
+                found,
+                "the first bytes of a tree file, `\\x93Goblin\\n` or `\\x93Autumn\\n`",
+            ));
+        };
+        if raw.major.get() != MAJOR {
+            let advice = format!("this program reads version {MAJOR}; use one that is as new as the file");
+            return Err(Error::unsupported(path, format!("{} version {}", format.name(), raw.major), advice));
+        }
+        let checksum = crc32c::crc32c(&bytes[..HEADER_SIZE - 4]);
+        if raw.checksum.get() != checksum {
+            let found = format!("checksum {checksum:08x}");
+            return Err(corrupt(found, &format!("{:08x}", raw.checksum)));
+        }
+        let number = |name: &str, number: u32, expected: &str| corrupt(format!("{name} {number}"), expected);
+        let axes = raw.axes;
+        let dimension =
+            Dimension::from_axes(axes).ok_or_else(|| number("axes", axes.into(), "2 or 3"))?;
+        let most = dimension.max_depth();
+        if raw.depth > most {
+            return Err(number("depth", raw.depth.into(), &format!("at most {most}")));
+        }
+        let content = match (raw.content, format) {
+            (0, _) => Content::Cells,
+            (2, TreeFormat::Goblin) => Content::Model,
+            (other, _) => {
+                let advice = "read it with a program as new as the file";
+                return Err(Error::unsupported(path, format!("content number {other}"), advice));
+            }
+        };
+        let layers = raw.layers.get();
+        let fits = match (content, format) {
+            (Content::Cells, TreeFormat::Goblin) => (1..=MOST_LAYERS).contains(&layers),
+            _ => layers == 0,
+        };
+        if !fits {
+            return Err(number("layers", layers, &format!("1 to {MOST_LAYERS}, or 0 where there are none")));
+        }
+        Ok(FileHeader { format, content, dimension, depth: raw.depth, layers })
+    }
+}

@@ -1,0 +1,186 @@
+//! The table of the trees in a Goblin file: its layers.
+
+use std::io::Write;
+use std::path::Path;
+
+use zerocopy::little_endian::{U16, U32, U64};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+use super::file_header::{FileHeader, HEADER_SIZE};
+use super::header::{Header, TREE_HEADER_SIZE};
+use super::trailer::Section;
+use crate::INNER;
+use spinney_base::{Error, Result};
+
+/// One tree of a file: what is known of it without reading anything else.
+///
+/// Its segments, directory and the lower levels of its index are one run of bytes, in which all places are told from the run's
+/// first byte on: whoever copies the run to another file changes nothing in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer {
+    /// The layer's name; empty if it is the only one and needs none.
+    pub name: String,
+    /// What its values are.
+    pub header: Header,
+    /// State of the root: VOID, LEAF or INNER.
+    pub root_state: u8,
+    /// Value or representative of the root, as on disk, padded with zeros.
+    pub root_value: [u8; 16],
+    /// Segments, which is the number of directory entries.
+    pub segments: u64,
+    /// Places of records in all segments.
+    pub stored_records: u64,
+    /// Place and bytes of the run.
+    pub run: Section,
+    /// The first byte of the crown in the run.
+    pub crown: u64,
+    /// The first byte of the directory in the run, which is the end of the segments.
+    pub directory: u64,
+    /// The top of the index over the directory's pages.
+    pub top: Section,
+    /// The metadata.
+    pub metadata: Section,
+}
+
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawLayer {
+    header: [u8; TREE_HEADER_SIZE],
+    root_state: u8,
+    zero: [u8; 5],
+    /// Bytes of the name.
+    name: U16,
+    root_value: [u8; 16],
+    segments: U64,
+    stored_records: U64,
+    run_offset: U64,
+    run_length: U64,
+    crown: U64,
+    directory: U64,
+    top_offset: U64,
+    top_length: U32,
+    top_checksum: U32,
+    metadata_offset: U64,
+    metadata_length: U32,
+    metadata_checksum: U32,
+}
+
+const _: () = assert!(size_of::<RawLayer>() == 152);
+
+/// Reads and writes the section with the layers of a file.
+pub struct LayerTable;
+
+impl LayerTable {
+    /// The section's tag.
+    pub const TAG: [u8; 4] = *b"LAYR";
+
+    /// The section's bytes: an entry for each layer, then all names.
+    ///
+    /// # Errors
+    /// If a name has more than 65535 bytes.
+    pub fn to_bytes(path: &Path, layers: &[Layer]) -> Result<Vec<u8>> {
+        let mut bytes = Vec::with_capacity(layers.len() * (size_of::<RawLayer>() + 8));
+        for layer in layers {
+            let Ok(name) = u16::try_from(layer.name.len()) else {
+                let found = format!("a name of {} bytes", layer.name.len());
+                return Err(Error::unsupported(path, found, "choose a shorter one"));
+            };
+            let raw = RawLayer {
+                header: layer.header.to_bytes(),
+                root_state: layer.root_state,
+                zero: [0; 5],
+                name: name.into(),
+                root_value: layer.root_value,
+                segments: layer.segments.into(),
+                stored_records: layer.stored_records.into(),
+                run_offset: layer.run.offset.into(),
+                run_length: layer.run.length.into(),
+                crown: layer.crown.into(),
+                directory: layer.directory.into(),
+                top_offset: layer.top.offset.into(),
+                top_length: (layer.top.length as u32).into(),
+                top_checksum: layer.top.checksum.into(),
+                metadata_offset: layer.metadata.offset.into(),
+                metadata_length: (layer.metadata.length as u32).into(),
+                metadata_checksum: layer.metadata.checksum.into(),
+            };
+            bytes.extend_from_slice(raw.as_bytes());
+        }
+        layers.iter().try_for_each(|layer| bytes.write_all(layer.name.as_bytes())).expect("there is room");
+        Ok(bytes)
+    }
+
+    /// Checks and understands the section of a file of so many bytes: each layer lies in the file, and its parts in its run.
+    ///
+    /// # Errors
+    /// If that is not so.
+    pub fn from_bytes(path: &Path, file: &FileHeader, file_length: u64, bytes: &[u8]) -> Result<Vec<Layer>> {
+        let corrupt =
+            |place: &str, found: String, expected: &str| Error::corrupt(path, place, found, expected);
+        let count = file.layers as usize;
+        let Ok((list, mut names)) = <[RawLayer]>::ref_from_prefix_with_elems(bytes, count) else {
+            let found = format!("{} bytes for {count} layers", bytes.len());
+            return Err(corrupt("table of layers", found, "152 bytes for each"));
+        };
+        let mut layers = Vec::with_capacity(count);
+        for (number, raw) in list.iter().enumerate() {
+            let place = if count > 1 { format!("layer {number}") } else { "tree's header".into() };
+            let header = Header::from_bytes(path, &place, &raw.header, (file.dimension, file.depth))?;
+            let section = |offset: U64, length: u64, checksum: u32| Section {
+                offset: offset.get(),
+                length,
+                checksum,
+            };
+            let name = match names.split_at_checked(raw.name.get().into()) {
+                Some((name, rest)) => {
+                    names = rest;
+                    std::str::from_utf8(name).ok()
+                }
+                None => None,
+            };
+            let Some(name) = name else {
+                return Err(corrupt(&place, format!("a name of {} bytes", raw.name), "UTF-8 in the table"));
+            };
+            let layer = Layer {
+                name: name.into(),
+                header,
+                root_state: raw.root_state,
+                root_value: raw.root_value,
+                segments: raw.segments.get(),
+                stored_records: raw.stored_records.get(),
+                run: section(raw.run_offset, raw.run_length.get(), 0),
+                crown: raw.crown.get(),
+                directory: raw.directory.get(),
+                top: section(raw.top_offset, raw.top_length.get().into(), raw.top_checksum.get()),
+                metadata: section(
+                    raw.metadata_offset,
+                    raw.metadata_length.get().into(),
+                    raw.metadata_checksum.get(),
+                ),
+            };
+            if layer.root_state > INNER || (layer.root_state == INNER) != (layer.segments > 0) {
+                let found = format!("root state {} and {} segments", layer.root_state, layer.segments);
+                return Err(corrupt(&place, found, "0, 1 or 2, and segments if it is 2"));
+            }
+            let is_inside = |section: &Section| {
+                let end = section.offset.checked_add(section.length);
+                section.offset >= HEADER_SIZE as u64 && end.is_some_and(|end| end <= file_length)
+            };
+            let is_ordered =
+                layer.crown <= layer.directory && layer.directory <= layer.run.length;
+            if ![layer.run, layer.top, layer.metadata].iter().all(is_inside) || !is_ordered {
+                let found = format!("a run of {} bytes at {}", layer.run.length, layer.run.offset);
+                return Err(corrupt(&place, found, "parts that lie in the file, in their order"));
+            }
+            layers.push(layer);
+        }
+        // (Names are asked for; empty ones are for files that need none.)
+        let mut seen = std::collections::HashSet::new();
+        if count > 1
+            && let Some(layer) = layers.iter().find(|layer| layer.name.is_empty() || !seen.insert(&layer.name))
+        {
+            return Err(corrupt("table of layers", format!("the name `{}`", layer.name), "names that differ"));
+        }
+        Ok(layers)
+    }
+}

@@ -1,0 +1,126 @@
+//! Writes a Goblin file: header, layers one behind the other, metadata, tops of the indexes, table of layers, trailer.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use super::layer_writer::LayerWriter;
+use super::reader::Goblin;
+use super::segment_builder::SegmentBuilder;
+use crate::store::builder::{BuildOptions, Fill};
+use spinney_base::io::Output;
+use spinney_base::value::Tally;
+use spinney_base::{Error, Result};
+use spinney_container::{FileHeader, HEADER_SIZE, Header, Layer, LayerTable, Metadata, Section, Trailer};
+
+/// Metadata of more bytes stand apart, before those of the other layers, so that the end of a file tells much in few bytes.
+const LARGE_METADATA: usize = 4096;
+/// Bytes that are copied at a time.
+const PIECE: u64 = 1 << 20;
+
+/// A Goblin file being written, append-only.
+pub(in crate::store) struct FileWriter {
+    out: Output,
+    path: PathBuf,
+    header: FileHeader,
+    /// Bytes written so far.
+    position: u64,
+    /// Layers so far, the tops of their indexes, and their metadata.
+    layers: Vec<(Layer, Vec<u8>, Vec<u8>)>,
+}
+
+impl FileWriter {
+    /// Starts a file of as many layers as its header says.
+    pub(in crate::store) fn new(out: Output, header: FileHeader) -> Result<FileWriter> {
+        let path = out.path().to_path_buf();
+        let mut writer = FileWriter { out, path, header, position: 0, layers: Vec::new() };
+        writer.write(&header.to_bytes(), "write the header")?;
+        debug_assert_eq!(writer.position, HEADER_SIZE as u64);
+        Ok(writer)
+    }
+
+    /// The file, for messages.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Bytes written so far.
+    pub(super) fn position(&self) -> u64 {
+        self.position
+    }
+
+    pub(super) fn write(&mut self, bytes: &[u8], doing: &'static str) -> Result<()> {
+        self.out.write_all(bytes).map_err(Error::io(&self.path, doing))?;
+        self.position += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// Makes a layer of the parts of a tree, which `fill` hands over; `in_order` says that it does so in FD order.
+    pub(in crate::store) fn layer(
+        &mut self,
+        options: &BuildOptions,
+        header: &Header,
+        (covered, in_order): ([u64; 3], bool),
+        fill: &mut Fill<'_>,
+        complete: &mut dyn FnMut(&mut Metadata),
+    ) -> Result<Tally> {
+        let mut writer = LayerWriter::new(self, header, in_order, options.memory / 8);
+        let mut builder = SegmentBuilder::new(header, covered, &mut writer);
+        fill(&mut builder, header.shape)?;
+        let (root, counts) = builder.finish();
+        let mut metadata = Metadata { counts, ..options.metadata.clone() };
+        complete(&mut metadata);
+        writer.finish(root.child, &metadata)?;
+        Ok(root.tally)
+    }
+
+    /// Takes over a layer of another file as it is, with its metadata, which may be changed.
+    ///
+    /// # Errors
+    /// If a byte of it is damaged, or on interruption.
+    pub(in crate::store) fn copy(&mut self, from: &Goblin, metadata: &Metadata) -> Result<()> {
+        let layer = from.layer().clone();
+        let (start, end) = (layer.run.offset, layer.run.offset + layer.run.length);
+        let run = Section { offset: self.position, ..layer.run };
+        for offset in (start..end).step_by(PIECE as usize) {
+            let bytes = from.file.backend.read(offset, PIECE.min(end - offset) as usize)?;
+            self.write(&bytes, "copy a layer")?;
+        }
+        let top = layer.top.read(&from.file.path, &*from.file.backend, "top of the index")?.into_owned();
+        self.push_layer(Layer { name: metadata.name.clone(), run, ..layer }, top, metadata)
+    }
+
+    /// Takes a layer whose run has been written.
+    pub(super) fn push_layer(&mut self, layer: Layer, top: Vec<u8>, metadata: &Metadata) -> Result<()> {
+        let metadata = metadata.to_bytes(&self.path)?;
+        self.layers.push((layer, top, metadata));
+        Ok(())
+    }
+
+    fn section(&mut self, bytes: &[u8], doing: &'static str) -> Result<Section> {
+        let (offset, length) = (self.position, bytes.len() as u64);
+        self.write(bytes, doing)?;
+        Ok(Section { offset, length, checksum: crc32c::crc32c(bytes) })
+    }
+
+    /// Writes what stands after the layers and puts the file in its place.
+    pub(in crate::store) fn finish(mut self) -> Result<()> {
+        debug_assert_eq!(self.layers.len(), self.header.layers as usize);
+        let mut layers = std::mem::take(&mut self.layers);
+        for is_large in [true, false] {
+            for (layer, _, metadata) in &mut layers {
+                if (metadata.len() > LARGE_METADATA) == is_large {
+                    layer.metadata = self.section(metadata, "write the metadata")?;
+                }
+            }
+        }
+        for (layer, top, _) in &mut layers {
+            layer.top = self.section(top, "write the index")?;
+        }
+        let layers: Vec<Layer> = layers.into_iter().map(|(layer, ..)| layer).collect();
+        let table = LayerTable::to_bytes(&self.path, &layers)?;
+        let table = self.section(&table, "write the table of layers")?;
+        let trailer = Trailer { header: self.header, sections: vec![(LayerTable::TAG, table)] };
+        self.write(&trailer.to_bytes(self.position), "write the trailer")?;
+        self.out.commit()
+    }
+}

@@ -1,0 +1,78 @@
+//! Segments that wait for their place in the file.
+
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use spinney_base::io::{Sorter, folder};
+use spinney_base::space::Code;
+use spinney_base::{Error, Result};
+
+/// Segments that are written later, in the order of the file: in memory, and beyond that in a temporary file.
+pub(super) struct HeldSegments {
+    folder: PathBuf,
+    bytes: tempfile::SpooledTempFile,
+    held: u64,
+    /// Entries of the directory, whose places are those among the bytes held here, by the order of the file.
+    order: Sorter,
+    entry_size: usize,
+}
+
+/// The place of a segment in the order of the file: a node's behind those of all that is below it, and those above the crown's level behind
+/// all others.
+pub(super) fn file_order(code: Code, crown_level: u8) -> u64 {
+    // The last code below a node; of those that end alike the deepest comes first.
+    let last = code.last_bits() & !31 | u64::from(31 - code.level());
+    last | u64::from(code.level() < crown_level) << 63
+}
+
+impl HeldSegments {
+    /// About `memory` bytes are held before they go to a temporary file in the output's folder.
+    pub(super) fn new(output: &Path, entry_size: usize, memory: u64) -> HeldSegments {
+        let folder = folder(output).to_path_buf();
+        let bytes = tempfile::spooled_tempfile_in((memory / 2) as usize, &folder);
+        let order = Sorter::new(&folder, entry_size + 8, memory / 2);
+        HeldSegments { folder, bytes, held: 0, order, entry_size }
+    }
+
+    /// Bytes that are held.
+    pub(super) fn len(&self) -> u64 {
+        self.held
+    }
+
+    /// Takes a segment, whose entry tells as its place how many bytes were held before it.
+    pub(super) fn push(&mut self, order: u64, parts: [&[u8]; 2], entry: &[u8]) -> Result<()> {
+        for part in parts {
+            self.bytes.write_all(part).map_err(Error::io(&self.folder, "use a temporary file"))?;
+            self.held += part.len() as u64;
+        }
+        self.order.push(order, [&order.to_le_bytes(), entry].concat())
+    }
+
+    /// Hands out all segments in the order of the file: order, entry, and the segment's bytes.
+    ///
+    /// `place` tells place and length among the bytes held by an entry's bytes.
+    pub(super) fn finish(
+        self,
+        place: impl Fn(&[u8]) -> (u64, u64),
+        each: &mut dyn FnMut(u64, &[u8], &[u8]) -> Result<()>,
+    ) -> Result<()> {
+        let HeldSegments { folder, mut bytes, order, entry_size, .. } = self;
+        let mut buffer = Vec::new();
+        let mut position = None;
+        order.finish(&mut |item| {
+            let (order, entry) = item.split_at(8);
+            debug_assert_eq!(entry.len(), entry_size);
+            let (offset, length) = place(entry);
+            buffer.resize(length as usize, 0);
+            // (Those of a subtree are often one behind the other here, too.)
+            let read = match position == Some(offset) {
+                true => Ok(offset),
+                false => bytes.seek(SeekFrom::Start(offset)),
+            };
+            let read = read.and_then(|_| bytes.read_exact(&mut buffer));
+            read.map_err(Error::io(&folder, "use a temporary file"))?;
+            position = Some(offset + length);
+            each(u64::from_le_bytes(order.try_into().expect("8 bytes")), entry, &buffer)
+        })
+    }
+}

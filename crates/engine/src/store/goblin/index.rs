@@ -1,0 +1,295 @@
+//! The way from a code, or a segment's number, to the page of the directory that has its entry.
+
+use std::ops::Range;
+
+use zerocopy::FromBytes;
+
+use super::pages::{
+    CheckedPage, HEAD_SIZE, INDEX_ENTRIES, INDEX_SIZE, IndexEntry, MOST_COPIES, PAGE_ENTRIES, PageHead, PageSlots,
+    index_levels, page_slots,
+};
+use super::reader::Goblin;
+use spinney_base::space::Code;
+use spinney_base::{Error, Result};
+use spinney_container::Layer;
+
+/// The directory of a layer: its pages, and the index over them.
+pub(super) struct Directory {
+    /// Bytes of an entry.
+    pub(super) entry_size: usize,
+    /// Segments, each of which has an entry.
+    segments: u64,
+    pages: PageSlots,
+    /// Levels of the index, that over the pages first. The last is the top, of which there is one page.
+    levels: Vec<IndexLevel>,
+    /// The bytes of the top.
+    top: Box<[u8]>,
+}
+
+/// A level of the index, but for the top.
+struct IndexLevel {
+    /// Number of entries.
+    entries: u64,
+    /// Its pages; none of the top.
+    pages: PageSlots,
+}
+
+impl Directory {
+    /// The directory of a layer whose top has been read. `None` if there is no room in the layer for as many entries as it claims.
+    pub(super) fn new(layer: &Layer, entry_size: usize, top: &[u8]) -> Option<Directory> {
+        // Invariant: nothing is allocated by the number of segments before this.
+        let room = layer.run.length - layer.directory;
+        if layer.segments.checked_mul(entry_size as u64)? > room {
+            return None;
+        }
+        let counts = index_levels(layer.segments);
+        let level = |(number, entries): (usize, &u64)| {
+            let is_top = number + 1 == counts.len();
+            let pages = if is_top { 0 } else { entries.div_ceil(INDEX_ENTRIES) };
+            IndexLevel { entries: *entries, pages: page_slots(pages) }
+        };
+        let levels: Vec<IndexLevel> = counts.iter().enumerate().map(level).collect();
+        let entries = counts.last().copied().unwrap_or(0);
+        if top.len() as u64 != entries * INDEX_SIZE as u64 {
+            return None;
+        }
+        let pages = page_slots(counts.first().copied().unwrap_or(0));
+        Some(Directory { entry_size, segments: layer.segments, pages, levels, top: top.into() })
+    }
+
+    /// Entries that a page has of its own.
+    fn page_entries(&self, page: u64) -> u64 {
+        (self.segments - page * PAGE_ENTRIES).min(PAGE_ENTRIES)
+    }
+}
+
+/// A page of the directory.
+#[derive(Clone, Copy)]
+struct Page<'a> {
+    /// Numbers of the segments that are copied.
+    numbers: &'a [u8],
+    /// The copies, then the page's own entries.
+    entries: &'a [u8],
+    copies: usize,
+}
+
+impl Goblin {
+    /// The error for a page of the directory or its index that is not what it should be.
+    #[cold]
+    fn bad_page(&self, level: usize, page: u64, found: impl Into<String>, expected: &str) -> Error {
+        let part = match level {
+            0 => format!("page {page} of the directory"),
+            level => format!("page {page} of level {level} of the index"),
+        };
+        self.corrupt(part, found, expected)
+    }
+
+    /// The bytes of a page of a level: 0 has those of the directory.
+    #[inline]
+    fn page_bytes(&self, level: usize, page: u64) -> Result<(&[u8], usize)> {
+        let directory = &self.directory;
+        let slots = if level == 0 { &directory.pages } else { &directory.levels[level - 1].pages };
+        let slot = &slots[page as usize];
+        let checked = match slot.get() {
+            Some(checked) => checked,
+            None => {
+                let checked = self.check_page(level, page)?;
+                slot.get_or_init(|| checked)
+            }
+        };
+        let bytes = match (&checked.held, self.file.backend.bytes()) {
+            (Some(held), _) => Some(&**held),
+            // (The mapped bytes of a file can be cut off after they were checked.)
+            (None, Some(all)) => all.get(checked.start..).and_then(|rest| rest.get(..checked.length)),
+            (None, None) => None,
+        };
+        match bytes {
+            Some(bytes) => Ok((bytes, checked.copies)),
+            None => Err(self.bad_page(level, page, "fewer bytes than before", "a file that nobody writes to")),
+        }
+    }
+
+    /// Reads a page for the first time, and checks what does not depend on what is looked for.
+    #[cold]
+    fn check_page(&self, level: usize, page: u64) -> Result<CheckedPage> {
+        let entry = self.index_entry(level, page)?;
+        let layer = self.layer();
+        let (offset, length) = (entry.offset.get(), u64::from(entry.length.get()));
+        let corrupt = |found: String, expected: &str| self.bad_page(level, page, found, expected);
+        let end = offset.checked_add(length);
+        if offset < layer.directory || end.is_none_or(|end| end > layer.run.length) {
+            return Err(corrupt(format!("{length} bytes at {offset}"), "bytes of the directory"));
+        }
+        let start = layer.run.offset + offset;
+        let bytes = self.file.backend.read(start, length as usize)?;
+        let checksum = crc32c::crc32c(&bytes);
+        if checksum != entry.checksum.get() {
+            return Err(corrupt(format!("checksum {checksum:08x}"), &format!("{:08x}", entry.checksum)));
+        }
+        let (copies, first) = match level {
+            0 => {
+                let Ok((head, rest)) = PageHead::ref_from_prefix(&bytes) else {
+                    return Err(corrupt(format!("{length} bytes"), "a page"));
+                };
+                let (copies, own) = (usize::from(head.copies.get()), u64::from(head.entries.get()));
+                let size = self.directory.entry_size;
+                let fits = copies <= MOST_COPIES
+                    && own == self.directory.page_entries(page)
+                    && rest.len() == copies * (8 + size) + own as usize * size;
+                if !fits {
+                    let found = format!("{copies} copies, {own} entries in {length} bytes");
+                    return Err(corrupt(found, &format!("{} entries", self.directory.page_entries(page))));
+                }
+                (copies, first_code(&rest[copies * (8 + size)..]))
+            }
+            level => {
+                let entries = self.directory.levels[level - 1].entries;
+                let own = (entries - page * INDEX_ENTRIES).min(INDEX_ENTRIES);
+                if length != own * INDEX_SIZE as u64 {
+                    return Err(corrupt(format!("{length} bytes"), &format!("{own} entries of 24 bytes")));
+                }
+                (0, first_code(&bytes))
+            }
+        };
+        // With this, the right page is found wherever the pages' own codes ascend.
+        if first != entry.first.get() {
+            let expected = format!("{:016x}, as the index has it", entry.first);
+            return Err(corrupt(format!("first code {first:016x}"), &expected));
+        }
+        let held = match self.file.backend.bytes() {
+            Some(_) => None,
+            None => Some(bytes.into_owned().into_boxed_slice()),
+        };
+        Ok(CheckedPage { start: start as usize, length: length as usize, copies, held })
+    }
+
+    /// The entry of the index for a page of the level below.
+    fn index_entry(&self, below: usize, page: u64) -> Result<IndexEntry> {
+        let level = below + 1;
+        let bytes = if level == self.directory.levels.len() {
+            &self.directory.top[page as usize * INDEX_SIZE..]
+        } else {
+            let (bytes, _) = self.page_bytes(level, page / INDEX_ENTRIES)?;
+            &bytes[(page % INDEX_ENTRIES) as usize * INDEX_SIZE..]
+        };
+        Ok(IndexEntry::read_from_prefix(bytes).expect("pages of the index are whole").0)
+    }
+
+    fn page(&self, number: u64) -> Result<Page<'_>> {
+        let (bytes, copies) = self.page_bytes(0, number)?;
+        let (numbers, entries) = bytes[HEAD_SIZE..].split_at(copies * 8);
+        Ok(Page { numbers, entries, copies })
+    }
+
+    /// The bytes of the entry of a segment.
+    ///
+    /// # Errors
+    /// If the page that has it is damaged.
+    ///
+    /// # Panics
+    /// If there is no such segment.
+    #[inline]
+    pub(super) fn entry_bytes(&self, index: usize) -> Result<&[u8]> {
+        let size = self.directory.entry_size;
+        let page = self.page(index as u64 / PAGE_ENTRIES)?;
+        Ok(&page.entries[(page.copies + index % PAGE_ENTRIES as usize) * size..][..size])
+    }
+
+    /// The code of a segment's node, as it stands in the directory.
+    pub(super) fn code_bits(&self, index: usize) -> Result<u64> {
+        Ok(first_code(self.entry_bytes(index)?))
+    }
+
+    /// The codes of the entries that a page begins with, if a segment's entry is the first of the page's own.
+    ///
+    /// # Errors
+    /// If the page is damaged.
+    pub(super) fn page_copies(&self, index: usize) -> Result<Option<Vec<u64>>> {
+        if !(index as u64).is_multiple_of(PAGE_ENTRIES) {
+            return Ok(None);
+        }
+        let page = self.page(index as u64 / PAGE_ENTRIES)?;
+        let size = self.directory.entry_size;
+        Ok(Some((0..page.copies).map(|copy| first_code(&page.entries[copy * size..])).collect()))
+    }
+
+    /// The last page whose first code is not after a code; `None` if there is none.
+    fn page_of(&self, bits: u64) -> Result<Option<u64>> {
+        let (mut range, mut bytes) = (0..0, &*self.directory.top);
+        let mut start = 0;
+        for level in (1..=self.directory.levels.len()).rev() {
+            if level < self.directory.levels.len() {
+                start = range.start * INDEX_ENTRIES;
+                bytes = self.page_bytes(level, range.start)?.0;
+            }
+            let found = last_not_after(bytes, INDEX_SIZE, 0..bytes.len() / INDEX_SIZE, bits);
+            let Some(found) = found else { return Ok(None) };
+            let number = start + found as u64;
+            range = number..number + 1;
+        }
+        Ok((!range.is_empty()).then_some(range.start))
+    }
+
+    /// The number of the deepest segment among those of `code`, a node of a tree of the file's dimension, and
+    /// its ancestors: a search in the index and one in a page, O(log segments).
+    ///
+    /// # Errors
+    /// If a page on the way is damaged.
+    pub fn find_segment(&self, code: Code) -> Result<Option<usize>> {
+        let Some(number) = self.page_of(code.bits())? else { return Ok(None) };
+        let (page, size) = (self.page(number)?, self.directory.entry_size);
+        let own = self.directory.page_entries(number) as usize;
+        let dimension = self.layout.dimension;
+        let mut searched = code;
+        let mut high = page.copies + own;
+        // The last entry that is not after the code. Codes sort in preorder, so if it is no ancestor, then every ancestor
+        // with a segment is an ancestor of that entry too.
+        while let Some(index) = last_not_after(page.entries, size, page.copies..high, searched.bits()) {
+            let Some(before) = Code::from_bits(dimension, first_code(&page.entries[index * size..])) else {
+                return Ok(None);
+            };
+            if before.contains(searched) {
+                return Ok(Some(number as usize * PAGE_ENTRIES as usize + index - page.copies));
+            }
+            let level = before.common_ancestor(searched).level();
+            // Invariant: the deepest candidate from the common ancestor up owns a segment, since every
+            // candidate above a heavy one is heavy; and no node between that ancestor and `code` does: it
+            // would stand between the entry and `code`. Where a directory does not keep to that, each search has fewer entries
+            // left than the one before.
+            searched = searched.ancestor(self.header.shape.segment_level(level));
+            high = index;
+        }
+        // Its ancestors' entries are in earlier pages, and copied here.
+        for index in (0..page.copies).rev() {
+            let bits = first_code(&page.entries[index * size..]);
+            let copied = Code::from_bits(dimension, bits).is_some_and(|above| above.contains(code));
+            if copied {
+                let index = first_code(&page.numbers[index * 8..]) as usize;
+                if index >= number as usize * PAGE_ENTRIES as usize || self.code_bits(index)? != bits {
+                    let found = format!("a copy of entry {index}");
+                    return Err(self.bad_page(0, number, found, "one that has its code"));
+                }
+                return Ok(Some(index));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// The code that an entry starts with, or the number.
+#[inline]
+fn first_code(bytes: &[u8]) -> u64 {
+    u64::from_le_bytes(bytes[..8].try_into().expect("8 bytes"))
+}
+
+/// The last of some ascending entries whose code is not after another one.
+#[inline]
+fn last_not_after(entries: &[u8], size: usize, range: Range<usize>, bits: u64) -> Option<usize> {
+    let Range { start, end } = range;
+    let (mut low, mut high) = (start, end);
+    while low < high {
+        let middle = low + (high - low) / 2;
+        if first_code(&entries[middle * size..]) <= bits { low = middle + 1 } else { high = middle }
+    }
+    (low > start).then(|| low - 1)
+}

@@ -1,0 +1,150 @@
+//! Writes one layer: its segments as they come, then its crown, then its directory.
+
+use super::directory::{Entry, NOT_COUNTED, SegmentLocation, entry_size, set_offset};
+use super::directory_writer::DirectoryWriter;
+use super::file_writer::FileWriter;
+use super::held::{HeldSegments, file_order};
+use super::segment::{COUNT_SIZE, Segment};
+use super::segment_sink::SegmentSink;
+use crate::store::builder::SealedSegment;
+use crate::store::records::RecordLayout;
+use crate::tree::Child;
+use spinney_base::Result;
+use spinney_base::io::{Sorter, folder};
+use spinney_base::value::Value;
+use spinney_container::{Header, Layer, Metadata, Section};
+
+/// A layer being written, append-only.
+pub(super) struct LayerWriter<'f> {
+    file: &'f mut FileWriter,
+    header: Header,
+    layout: RecordLayout,
+    /// Where the layer's run starts in the file.
+    start: u64,
+    /// Whether segments come in the order of the file, but for those of the crown.
+    in_order: bool,
+    crown_level: u8,
+    /// The last segment that was written at once, by the order of the file.
+    last: u64,
+    /// Directory entries of the segments written so far.
+    entries: Sorter,
+    /// Segments that must wait for others.
+    held: HeldSegments,
+    stored_records: u64,
+}
+
+impl<'f> LayerWriter<'f> {
+    /// Starts a layer; about `memory` bytes hold what has to wait before it goes to temporary files.
+    pub(super) fn new(file: &'f mut FileWriter, header: &Header, in_order: bool, memory: u64) -> LayerWriter<'f> {
+        let size = entry_size(header.form.value);
+        let entries = Sorter::new(folder(file.path()), size, memory / 2);
+        let held = HeldSegments::new(file.path(), size, memory / 2);
+        let (start, crown_level) = (file.position(), header.shape.crown_level());
+        LayerWriter {
+            file,
+            header: header.clone(),
+            layout: RecordLayout::new(header.form),
+            start,
+            in_order,
+            crown_level,
+            last: 0,
+            entries,
+            held,
+            stored_records: 0,
+        }
+    }
+
+    /// Takes a segment of two parts; its entry gets the place.
+    fn put(&mut self, parts: [&[u8]; 2], mut entry: Entry) -> Result<()> {
+        self.stored_records += u64::from(entry.records);
+        let order = file_order(entry.code, self.crown_level);
+        if !self.in_order || entry.code.level() < self.crown_level {
+            entry.offset = self.held.len();
+            return self.held.push(order, parts, &entry.to_bytes());
+        }
+        debug_assert!(self.last <= order, "segments come in the order of the file");
+        self.last = order;
+        entry.offset = self.file.position() - self.start;
+        for part in parts {
+            self.file.write(part, "write a segment")?;
+        }
+        self.entries.push(entry.code.bits(), entry.to_bytes())
+    }
+
+    /// Writes what stands behind the segments.
+    pub(super) fn finish(self, root: Child<()>, metadata: &Metadata) -> Result<()> {
+        let LayerWriter { file, header, start, mut entries, held, stored_records, .. } = self;
+        let mut crown = None;
+        let place = |entry: &[u8]| {
+            let location = SegmentLocation::read(entry).expect("a whole entry");
+            (location.offset, location.length)
+        };
+        held.finish(place, &mut |order, entry, bytes| {
+            let offset = file.position() - start;
+            if order >> 63 != 0 {
+                crown.get_or_insert(offset);
+            }
+            file.write(bytes, "write a segment")?;
+            let mut entry = entry.to_vec();
+            set_offset(&mut entry, offset);
+            let code = u64::from_le_bytes(entry[..8].try_into().expect("8 bytes"));
+            entries.push(code, entry)
+        })?;
+        let directory = file.position() - start;
+        let segments = entries.len();
+        let size = entry_size(header.form.value);
+        let mut write = |bytes: &[u8]| file.write(bytes, "write the directory");
+        let mut pages = DirectoryWriter::new(header.form.dimension, size, directory, &mut write);
+        entries.finish(&mut |entry| pages.push(entry))?;
+        let top = pages.finish()?;
+        let mut root_value = [0; 16];
+        root_value.copy_from_slice(&root.value().unwrap_or_default().to_bytes());
+        let layer = Layer {
+            name: metadata.name.clone(),
+            header,
+            root_state: root.state() as u8,
+            root_value,
+            segments,
+            stored_records,
+            run: Section { offset: start, length: file.position() - start, checksum: 0 },
+            crown: crown.unwrap_or(directory),
+            directory,
+            top: Section::default(),
+            metadata: Section::default(),
+        };
+        file.push_layer(layer, top, metadata)
+    }
+}
+
+impl SegmentSink for LayerWriter<'_> {
+    fn segment(&mut self, segment: SealedSegment) -> Result<()> {
+        let SealedSegment { code, records, tally } = segment;
+        let listed = if self.header.counts_classes() { tally.listed_classes() } else { Some(&[][..]) };
+        let classes = class_bytes(self.layout.width, listed.unwrap_or_default());
+        let entry = Entry {
+            code,
+            offset: 0,
+            length: (records.len() + classes.len()) as u64,
+            records: self.layout.count(&records) as u32,
+            classes: listed.map_or(NOT_COUNTED, |classes| classes.len() as u16),
+            checksum: crc32c::crc32c_append(crc32c::crc32c(&records), &classes),
+            zone: tally,
+        };
+        self.put([&records, &classes], entry)
+    }
+
+    fn copy(&mut self, segment: &Segment<'_>, entry: Entry) -> Result<()> {
+        self.put([segment.all_bytes(), &[]], entry)
+    }
+}
+
+/// Class counts as they stand behind a segment's records: the value's bytes, of which there are `width`, then
+/// the cells.
+fn class_bytes(width: usize, classes: &[(Value, u64)]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(classes.len() * (width + COUNT_SIZE));
+    for (value, cells) in classes {
+        bytes.extend_from_slice(&value.to_bytes()[..width]);
+        bytes.extend_from_slice(&cells.to_le_bytes());
+    }
+    bytes
+}
