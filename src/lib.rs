@@ -122,11 +122,11 @@ pub mod tree {
 /// Trees on disk: the two formats, what they have in common, and how trees are built.
 pub mod store {
     pub use spinney_container::{
-        Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape, Tag, TagScope,
-        FilePlace, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
+        Codec, FilePlace, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape, Tag,
+        TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
-        BuildOptions, Slab, Slabs, build_slabs, build_source, build_tree, depth_for,
+        BuildOptions, Slab, Slabs, TreeWriter, build_slabs, build_source, build_tree, depth_for,
     };
 
     /// The compact, read-only format.
@@ -176,11 +176,12 @@ pub mod query {
 pub mod ops {
     pub use spinney_engine::ops::{
         AffineMap, Alignment, Around, Axis, CellPatch, CellValue, Chain, Change, Combined, CombinedNode,
-        Difference, Differences, Edit, FdRange, FillPatch, FillRegion, MAX_ZOOM, MemoryTree, Operation,
-        Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, Resampling, Sampling, Step,
-        TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, ViewSource, ViewSourceNode, WarpGrid,
-        WarpOptions, WarpTarget, Warped, align, apply_edits, blame, build, combine, convert, crosstab,
-        crosstab_files, data_box, diff, diff_files, differences, edit, transform, warp,
+        Difference, Differences, Edit, FdRange, FillPatch, FillRegion, LayerInfo, MAX_ZOOM, MemoryTree,
+        Operation, Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, Resampling, Sampling,
+        Step, TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, ViewSource, ViewSourceNode, WarpGrid,
+        WarpOptions, WarpTarget, Warped, add_layer, align, apply_edits, blame, build, combine, convert,
+        crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer, edit, layer_paths,
+        only_layer, transform, warp,
     };
 }
 

@@ -152,7 +152,8 @@ pub fn goblin(file: &mut [u8]) {
             }
         }
     }
-    let sections = (end.saturating_sub(trailer + TRAILER) / SECTION).min(short(file, trailer + SECTIONS) as usize);
+    let sections =
+        (end.saturating_sub(trailer + TRAILER) / SECTION).min(short(file, trailer + SECTIONS) as usize);
     for section in 0..sections {
         let at = trailer + TRAILER + section * SECTION;
         let (offset, length) = (long(file, at + 8), long(file, at + 16));

@@ -419,7 +419,8 @@ impl Writer<'_> {
         layer.extend([state, 0, 0, 0, 0, 0, 0, 0]);
         layer.extend(self.bytes(value));
         layer.resize(72, 0);
-        let numbers = [entries.len() as u64, self.stored, 24, run as u64, crown as u64 - 24, start as u64 - 24];
+        let numbers =
+            [entries.len() as u64, self.stored, 24, run as u64, crown as u64 - 24, start as u64 - 24];
         numbers.iter().for_each(|number| layer.extend(number.to_le_bytes()));
         for (at, bytes) in [(top_at, &top), (metadata_at, &metadata)] {
             layer.extend((at as u64).to_le_bytes());

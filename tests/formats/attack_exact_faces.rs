@@ -32,7 +32,8 @@ fn crossing(is_coloured: bool) -> Vec<u8> {
 /// Where the section is.
 fn place(file: &[u8]) -> (usize, usize) {
     let trailer = seal::trailer(file).unwrap();
-    let mut sections = (0..seal::short(file, trailer + SECTIONS) as usize).map(|i| trailer + TRAILER + SECTION * i);
+    let mut sections =
+        (0..seal::short(file, trailer + SECTIONS) as usize).map(|i| trailer + TRAILER + SECTION * i);
     let at = sections.find(|at| file[*at..].starts_with(b"EXAC")).unwrap();
     (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize)
 }

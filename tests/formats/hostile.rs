@@ -17,8 +17,8 @@ use spinney::{Error, Result};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
-use crate::targets::seal;
 use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, try_children};
+use crate::targets::seal;
 
 /// What a file says to every question, in a form that can be compared.
 type Answers = Vec<Result<String>>;
@@ -249,7 +249,8 @@ impl Craft {
         let mut entries = self.entries.clone();
         for entry in &mut entries {
             let (offset, length) = (number(entry, 8), number(entry, 16));
-            let place = offset.checked_add(HEADER as u64).and_then(|start| Some((start, start.checked_add(length)?)));
+            let place =
+                offset.checked_add(HEADER as u64).and_then(|start| Some((start, start.checked_add(length)?)));
             if let Some(segment) = place.and_then(|(start, end)| file.get(start as usize..end as usize)) {
                 set_short(entry, 32, crc32c::crc32c(segment));
             }

@@ -80,7 +80,8 @@ impl FileHeader {
         match header.content {
             Content::Cells => Ok(header),
             Content::Model => {
-                let advice = "make cells of it first (`spinney build MODEL.goblin --cells N -o CELLS.goblin`)";
+                let advice =
+                    "make cells of it first (`spinney build MODEL.goblin --cells N -o CELLS.goblin`)";
                 Err(Error::unsupported(path, "an exact model, where cells are expected,", advice))
             }
         }
@@ -134,8 +135,7 @@ impl FileHeader {
         }
         let number = |name: &str, number: u32, expected: &str| corrupt(format!("{name} {number}"), expected);
         let axes = raw.axes;
-        let dimension =
-            Dimension::from_axes(axes).ok_or_else(|| number("axes", axes.into(), "2 or 3"))?;
+        let dimension = Dimension::from_axes(axes).ok_or_else(|| number("axes", axes.into(), "2 or 3"))?;
         let most = dimension.max_depth();
         if raw.depth > most {
             return Err(number("depth", raw.depth.into(), &format!("at most {most}")));

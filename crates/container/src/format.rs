@@ -62,19 +62,29 @@ impl<'p> FilePlace<'p> {
         if let Some((file, commit)) = split_commit(path) {
             return FilePlace { commit: Some(commit), ..whole(Cow::Owned(file)) };
         }
-        // (A layer's name may have colons, too: the shortest file name that there is counts.)
-        let Some(name) = path.file_name().and_then(|name| name.to_str()) else { return whole(Cow::Borrowed(path)) };
-        for (at, _) in name.match_indices(':').filter(|(at, _)| *at > 0) {
-            let file = path.with_file_name(&name[..at]);
-            let layer = Some(name[at + 1..].to_string()).filter(|layer| !layer.is_empty());
-            if file.exists() {
-                return FilePlace { layer, ..whole(Cow::Owned(file)) };
+        // (A layer's name may have colons and slashes, too: the shortest path that leads to a file counts.)
+        let Some(text) = path.to_str() else { return whole(Cow::Borrowed(path)) };
+        for (at, _) in text.match_indices(':').filter(|(at, _)| *at > 0) {
+            let file = Path::new(&text[..at]);
+            let layer = Some(text[at + 1..].to_string()).filter(|layer| !layer.is_empty());
+            if file.is_file() {
+                return FilePlace { layer, ..whole(Cow::Borrowed(file)) };
             }
-            if let Some((file, commit)) = split_commit(&file).filter(|(file, _)| file.exists()) {
+            if let Some((file, commit)) = split_commit(file).filter(|(file, _)| file.is_file()) {
                 return FilePlace { commit: Some(commit), layer, file: Cow::Owned(file) };
             }
         }
         whole(Cow::Borrowed(path))
+    }
+
+    /// The path that means this file and commit, and a layer of it.
+    pub fn of_layer(&self, name: &str) -> PathBuf {
+        let mut path = self.file.clone().into_owned().into_os_string();
+        if let Some(commit) = self.commit {
+            path.push(format!("@{commit}"));
+        }
+        path.push(format!(":{name}"));
+        path.into()
     }
 
     /// The number of the layer that is meant, among some with names.

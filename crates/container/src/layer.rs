@@ -126,11 +126,8 @@ impl LayerTable {
         for (number, raw) in list.iter().enumerate() {
             let place = if count > 1 { format!("layer {number}") } else { "tree's header".into() };
             let header = Header::from_bytes(path, &place, &raw.header, (file.dimension, file.depth))?;
-            let section = |offset: U64, length: u64, checksum: u32| Section {
-                offset: offset.get(),
-                length,
-                checksum,
-            };
+            let section =
+                |offset: U64, length: u64, checksum: u32| Section { offset: offset.get(), length, checksum };
             let name = match names.split_at_checked(raw.name.get().into()) {
                 Some((name, rest)) => {
                     names = rest;
@@ -166,8 +163,7 @@ impl LayerTable {
                 let end = section.offset.checked_add(section.length);
                 section.offset >= HEADER_SIZE as u64 && end.is_some_and(|end| end <= file_length)
             };
-            let is_ordered =
-                layer.crown <= layer.directory && layer.directory <= layer.run.length;
+            let is_ordered = layer.crown <= layer.directory && layer.directory <= layer.run.length;
             if ![layer.run, layer.top, layer.metadata].iter().all(is_inside) || !is_ordered {
                 let found = format!("a run of {} bytes at {}", layer.run.length, layer.run.offset);
                 return Err(corrupt(&place, found, "parts that lie in the file, in their order"));
@@ -177,9 +173,14 @@ impl LayerTable {
         // (Names are asked for; empty ones are for files that need none.)
         let mut seen = std::collections::HashSet::new();
         if count > 1
-            && let Some(layer) = layers.iter().find(|layer| layer.name.is_empty() || !seen.insert(&layer.name))
+            && let Some(layer) =
+                layers.iter().find(|layer| layer.name.is_empty() || !seen.insert(&layer.name))
         {
-            return Err(corrupt("table of layers", format!("the name `{}`", layer.name), "names that differ"));
+            return Err(corrupt(
+                "table of layers",
+                format!("the name `{}`", layer.name),
+                "names that differ",
+            ));
         }
         Ok(layers)
     }

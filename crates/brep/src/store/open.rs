@@ -63,7 +63,8 @@ impl ExactModel {
         let tail = length.min(TAIL as u64);
         let trailer = Trailer::from_bytes(path, &backend.read(length - tail, tail as usize)?, length)?;
         Metadata::check_length(path, trailer.section(METADATA).length)?;
-        let metadata = Metadata::from_bytes(path, &trailer.section(METADATA).read(path, &*backend, "metadata")?)?;
+        let metadata =
+            Metadata::from_bytes(path, &trailer.section(METADATA).read(path, &*backend, "metadata")?)?;
         let section = trailer.section(SUMMARY);
         if section.length > 4096 {
             let found = format!("{} bytes", section.length);

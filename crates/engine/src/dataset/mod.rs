@@ -13,13 +13,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use self::viewed::Viewed;
-use crate::ops::{Chain, Sampling, Step, TreeFile, View, ViewSource, WarpGrid, data_box};
+use crate::ops::{Chain, LayerInfo, Sampling, Step, TreeFile, View, ViewSource, WarpGrid, data_box};
 use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
 use spinney_base::space::Bounds;
-use spinney_base::{Progress, Result};
-use spinney_container::{Finding, Header, Metadata, OpenOptions, TreeFormat};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{FilePlace, Finding, Header, Metadata, OpenOptions, TreeFormat};
 
 /// A tree file of any form and either format, or a view of one, open for questions; may be shared by any
 /// number of threads.
@@ -53,7 +53,8 @@ enum Tree {
     View(Box<Viewed>),
 }
 
-/// Opens a tree file of either format and any form; `map.autumn@12` is commit 12 of `map.autumn`.
+/// Opens a tree file of either format and any form; `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08` of
+/// `stack.goblin` (the first if none is named).
 ///
 /// # Errors
 /// If it cannot be read, is no tree file, is damaged, or of a newer version.
@@ -173,6 +174,37 @@ impl Dataset {
             Tree::Autumnal(file) => Arc::get_mut(file).map_or(Ok(false), Autumnal::refresh),
             Tree::Goblin(_) | Tree::View(_) => Ok(false),
         }
+    }
+
+    /// The layers of the file: names and headers. A view has one, and no name.
+    ///
+    /// # Errors
+    /// If one is damaged.
+    pub fn layers(&self) -> Result<Vec<LayerInfo>> {
+        match self.as_file() {
+            Some(file) => file.layers(),
+            None => Ok(vec![LayerInfo { name: self.metadata().name.clone(), header: self.header().clone() }]),
+        }
+    }
+
+    /// The number of the layer that is asked, among those of the file.
+    pub fn layer_number(&self) -> usize {
+        self.as_file().map_or(0, |file| file.layer_number())
+    }
+
+    /// Another layer of the same file, by its name or its number from 0, without opening the file again.
+    ///
+    /// # Errors
+    /// If there is none of that name or number, it is damaged, or this is a view.
+    pub fn layer(&self, name: &str) -> Result<Dataset> {
+        let Some(file) = self.as_file() else {
+            let advice = "name the layer where the view is opened, as in FILE:LAYER";
+            return Err(Error::unsupported(self.name(), "a view, which has no layers,", advice));
+        };
+        let layers = file.layers()?;
+        let place = FilePlace { file: self.name().into(), commit: None, layer: Some(name.into()) };
+        let number = place.layer_number(layers.iter().map(|layer| &*layer.name))?;
+        Dataset::of(file.open_layer(number)?.into())
     }
 
     /// The header: form, rule, depth, extent. Depth and extent of views are their own.

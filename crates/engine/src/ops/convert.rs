@@ -2,15 +2,16 @@
 
 use std::path::Path;
 
+use super::layers::{file_depth, layer_paths};
 use super::tree_file::TreeFile;
 use super::view_source::ViewSource;
 use crate::store::builder::ReusableSource;
-use crate::store::{BuildOptions, build, check_room};
+use crate::store::{BuildOptions, TreeWriter, build, check_room};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
 use spinney_container::OpenOptions;
 
-/// Writes a tree as it is, in the format that the output's name asks for: an Autumnal tree (or one of its
+/// Writes a tree, or all layers of a file, as they are, in the format that the output's name asks for: an Autumnal tree (or one of its
 /// commits) to be published, or a published one to be edited. From Goblin to Autumnal and back the bytes stay
 /// the same.
 ///
@@ -28,10 +29,26 @@ use spinney_container::OpenOptions;
 /// # Errors
 /// If the file cannot be read, the output not be written, there is no room for all of its nodes, or on interruption.
 pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
-    let file: ViewSource = TreeFile::open(path, &OpenOptions::default())?.into();
-    let (header, metadata) = (file.header(), file.metadata().clone());
-    let options = BuildOptions { metadata, share, ..BuildOptions::like(header, memory) };
-    build_again(&file, &file, header.extent, &options, output, progress)
+    let paths = layer_paths(path)?;
+    let files = paths.iter().map(|path| TreeFile::open(path, &OpenOptions::default()));
+    let files = files.collect::<Result<Vec<TreeFile>>>()?;
+    let first = files[0].header();
+    let mut needed = Vec::with_capacity(files.len());
+    for file in &files {
+        needed.push((file.header().form, file.shared_records()?));
+    }
+    for (form, records) in needed {
+        check_room(&output, form, share, records)?;
+    }
+    let depth = file_depth(files.iter().map(TreeFile::header));
+    let mut writer = TreeWriter::create(output, (first.form.dimension, depth), files.len() as u32)?;
+    ViewSource::from(files[0].clone()).tell_remark(progress);
+    for file in files {
+        let (header, metadata) = (file.header(), file.metadata().clone());
+        let options = BuildOptions { metadata, share, ..BuildOptions::like(header, memory) };
+        writer.source(&ViewSource::from(file.clone()), header.extent, &options, progress)?;
+    }
+    writer.finish()
 }
 
 /// Writes what is seen of a tree, all of it or a view, with properties of its own.

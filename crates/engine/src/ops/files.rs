@@ -3,21 +3,22 @@
 use std::path::{Path, PathBuf};
 
 use super::affine::{Sampling, View, align};
-use super::combine::{Combined, build};
+use super::combine::Combined;
 use super::crosstab::crosstab;
+use super::layers::layer_paths;
 use super::operation::Operation;
 use super::step::Step;
 use super::tree_file::TreeFile;
 use super::universe::Universe;
 use super::view_source::{ViewSource, check_form};
 use super::warp::{Resampling, WarpOptions};
-use crate::store::{BuildOptions, check_room};
+use crate::store::{BuildOptions, TreeWriter, check_room};
 use crate::tree::Source;
 use spinney_base::io::Output;
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;
-use spinney_base::{Error, Progress, Result};
-use spinney_container::OpenOptions;
+use spinney_base::{Error, Form, Progress, Result};
+use spinney_container::{FilePlace, Header, Metadata, OpenOptions};
 
 /// A file and the steps to apply to it.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -107,25 +108,30 @@ impl Chain {
 /// # Errors
 /// If the file cannot be read, a step cannot be done, the output not be written, or on interruption.
 pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
-    let view = chain.open()?;
-    // How many cells there are to be, unless some were left out.
-    // (On the grid of another coordinate system cells have no one size.)
-    let is_known = !view.has_windows() && !matches!(**view.source(), ViewSource::Warped(_));
-    let shrinks = is_known.then(|| view.to_source().determinant().abs());
-    // (Of a part of a file nobody knows how many nodes it has.)
-    let least = if view.has_windows() { 0 } else { expected_records(&view)? };
-    let derivation = Derivation {
-        least,
-        views: vec![view],
-        operation: Operation::Over,
-        fill: None,
-        universe: Universe::Usual,
-        moves: chain.moves,
-        provenance: chain.provenance(),
-    };
-    let outcome = derivation.store(output, memory, progress)?;
-    let expected = shrinks.map(|volume| outcome.before[0] as f64 / volume);
-    Ok(Outcome { expected, ..outcome })
+    let mut derivations = Vec::new();
+    let mut expected = Some(0.0);
+    for path in layer_paths(&chain.path)? {
+        let chain = Chain { path, ..chain.clone() };
+        let view = chain.open()?;
+        // How many cells there are to be, unless some were left out.
+        // (On the grid of another coordinate system cells have no one size.)
+        let is_known = !view.has_windows() && !matches!(**view.source(), ViewSource::Warped(_));
+        let shrinks = is_known.then(|| view.to_source().determinant().abs());
+        // (Of a part of a file nobody knows how many nodes it has.)
+        let least = if view.has_windows() { 0 } else { expected_records(&view)? };
+        let before = view.source().totals(None)?.cells as f64;
+        expected = expected.zip(shrinks).map(|(sum, volume)| sum + before / volume);
+        derivations.push(Derivation {
+            least,
+            views: vec![view],
+            operation: Operation::Over,
+            fill: None,
+            universe: Universe::Usual,
+            moves: chain.moves,
+            provenance: chain.provenance(),
+        });
+    }
+    Ok(Outcome { expected, ..store_all(derivations, output, memory, progress)? })
 }
 
 /// Merges files into one; those over other areas or with coarser cells are aligned with the finest. `fill` is
@@ -158,20 +164,72 @@ pub fn combine(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
-    let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
-    let views = aligned(open_alike(paths)?)?;
-    let keeps_first = operation.keeps_first(views[0].source().header().rule);
-    let least = if keeps_first { expected_records(&views[0])? } else { 0 };
-    let derivation = Derivation {
-        least,
-        views,
-        operation,
-        fill,
-        universe,
-        moves: false,
-        provenance: format!("{operation} of {}", names.join(" ")),
+    let mut derivations = Vec::new();
+    for paths in layers_in_pairs(paths)? {
+        let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+        let views = aligned(open_alike(&paths)?)?;
+        let keeps_first = operation.keeps_first(views[0].source().header().rule);
+        let least = if keeps_first { expected_records(&views[0])? } else { 0 };
+        derivations.push(Derivation {
+            least,
+            views,
+            operation,
+            fill,
+            universe,
+            moves: false,
+            provenance: format!("{operation} of {}", names.join(" ")),
+        });
+    }
+    store_all(derivations, output, memory, progress)
+}
+
+/// The layers of some files that belong together: of files of several layers those of the same names. One that is named, or the only one of its
+/// file, goes with each.
+fn layers_in_pairs(paths: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
+    let mut layers = paths.iter().map(|path| layer_paths(path)).collect::<Result<Vec<_>>>()?;
+    let name = |path: &PathBuf| FilePlace::of(path).layer;
+    let Some(most) = layers.iter().find(|layers| layers.len() > 1) else {
+        return Ok(vec![layers.into_iter().flatten().collect()]);
     };
-    derivation.store(output, memory, progress)
+    let names: Vec<Option<String>> = most.iter().map(name).collect();
+    for (path, layers) in paths.iter().zip(&mut layers) {
+        if let [only] = &layers[..] {
+            *layers = vec![only.clone(); names.len()];
+        } else if layers.iter().map(name).ne(names.iter().cloned()) {
+            let advice = "name a layer of each, as in FILE:LAYER";
+            return Err(Error::unsupported(path, "other layers than those of the first file", advice));
+        }
+    }
+    Ok((0..names.len()).map(|number| layers.iter().map(|layers| layers[number].clone()).collect()).collect())
+}
+
+/// Makes a file of trees, each of which becomes a layer.
+fn store_all(
+    derivations: Vec<Derivation>,
+    output: Output,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Outcome> {
+    let least = derivations.iter().map(|derivation| (derivation.form(), derivation.least));
+    least.into_iter().try_for_each(|(form, least)| check_room(&output, form, false, least))?;
+    let depth = derivations.iter().map(Derivation::depth).max().unwrap_or(0);
+    let dimension = derivations[0].form().dimension;
+    let prepared = derivations.into_iter().map(|derivation| derivation.prepare(progress));
+    let prepared = prepared.collect::<Result<Vec<_>>>()?;
+    let depth = prepared.iter().map(|prepared| prepared.depth).max().unwrap_or(depth);
+    let mut writer = TreeWriter::create(output, (dimension, depth), prepared.len() as u32)?;
+    let mut outcomes = Vec::with_capacity(prepared.len());
+    for prepared in prepared {
+        outcomes.push(prepared.store(&mut writer, memory, progress)?);
+    }
+    writer.finish()?;
+    let finest = outcomes.iter().position(|outcome| outcome.depth == depth).unwrap_or(0);
+    let mut all = outcomes[finest].clone();
+    all.after = outcomes.iter().map(|outcome| outcome.after).sum();
+    for (index, before) in all.before.iter_mut().enumerate() {
+        *before = outcomes.iter().map(|outcome| outcome.before[index]).sum();
+    }
+    Ok(all)
 }
 
 /// Counts which values of one file meet which of another: see [`crosstab`].
@@ -248,8 +306,27 @@ struct Derivation {
     provenance: String,
 }
 
+/// A tree that is ready to be written.
+struct Prepared {
+    source: Combined,
+    header: Header,
+    depth: u8,
+    extent: [u64; 3],
+    metadata: Metadata,
+    before: Vec<u64>,
+    universe: Option<Bounds>,
+}
+
 impl Derivation {
-    fn store(self, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
+    fn form(&self) -> Form {
+        self.views[0].source().header().form
+    }
+
+    fn depth(&self) -> u8 {
+        self.views.iter().map(View::depth).max().unwrap_or(0)
+    }
+
+    fn prepare(self, progress: &dyn Progress) -> Result<Prepared> {
         let (views, universe) = match self.operation.needs_universe() {
             true => self.universe.around(self.views).map(|(views, universe)| (views, Some(universe)))?,
             false => (self.views, None),
@@ -282,9 +359,15 @@ impl Derivation {
                 Error::invalid("fill value", fill.to_string(), expected)
             })?)?;
         }
+        Ok(Prepared { source, header, depth, extent, metadata, before, universe })
+    }
+}
+
+impl Prepared {
+    fn store(self, writer: &mut TreeWriter, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
+        let Prepared { source, header, depth, extent, metadata, before, universe } = self;
         let options = BuildOptions { depth, metadata, ..BuildOptions::like(&header, memory) };
-        check_room(&output, header.form, options.share, self.least)?;
-        let tally = build(&source, &options, output, progress)?;
+        let tally = writer.source(&source, extent, &options, progress)?;
         Ok(Outcome { extent, depth, before, after: tally.cells, expected: None, universe })
     }
 }

@@ -12,7 +12,7 @@ use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::space::Bounds;
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Error, Form, Progress, Result};
-use spinney_container::{FileHeader, FilePlace, Finding, Header, Metadata, OpenOptions, TreeFormat};
+use spinney_container::{FileHeader, FilePlace, Finding, Header, Layer, Metadata, OpenOptions, TreeFormat};
 
 /// A tree file of either format, open for reading. A clone is the same open file.
 #[derive(Clone)]
@@ -21,6 +21,15 @@ pub enum TreeFile {
     Goblin(Arc<Goblin>),
     /// Edited: one of its commits.
     Autumnal(Arc<Autumnal>),
+}
+
+/// A layer of a file: one of its trees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LayerInfo {
+    /// Its name; may be empty if it is the only one.
+    pub name: String,
+    /// Form, rule, kind, depth and extent.
+    pub header: Header,
 }
 
 /// An INNER node of an open file.
@@ -49,6 +58,47 @@ impl TreeFile {
                 let number = place.layer_number(file.layers().iter().map(|layer| &*layer.name))?;
                 Ok(if number == 0 { file } else { file.open_layer(number)? }.into())
             }
+        }
+    }
+
+    /// The layers of the file, or of the commit that is read: names and headers.
+    ///
+    /// # Errors
+    /// If one is damaged.
+    pub fn layers(&self) -> Result<Vec<LayerInfo>> {
+        match self {
+            TreeFile::Goblin(file) => {
+                let layer =
+                    |layer: &Layer| LayerInfo { name: layer.name.clone(), header: layer.header.clone() };
+                Ok(file.layers().iter().map(layer).collect())
+            }
+            TreeFile::Autumnal(file) => {
+                let names = file.commit().layers().iter().map(|layer| layer.name.clone());
+                let layer = |(name, header)| LayerInfo { name, header };
+                Ok(names.zip(file.layer_headers()?).map(layer).collect())
+            }
+        }
+    }
+
+    /// The number of the layer that is read.
+    pub fn layer_number(&self) -> usize {
+        match self {
+            TreeFile::Goblin(file) => file.layer_number(),
+            TreeFile::Autumnal(file) => file.layer_number(),
+        }
+    }
+
+    /// Another layer of the same file or commit, without opening it again.
+    ///
+    /// # Errors
+    /// If it is damaged.
+    ///
+    /// # Panics
+    /// If there is no layer of that number.
+    pub fn open_layer(&self, number: usize) -> Result<TreeFile> {
+        match self {
+            TreeFile::Goblin(file) => Ok(file.open_layer(number)?.into()),
+            TreeFile::Autumnal(file) => Ok(file.open_layer(number)?.into()),
         }
     }
 

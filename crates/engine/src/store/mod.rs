@@ -4,7 +4,9 @@ pub mod autumnal;
 pub mod builder;
 pub mod goblin;
 pub mod records;
+mod tree_writer;
 mod write;
 
 pub use builder::{BuildOptions, Slab, Slabs, depth_for};
+pub use tree_writer::TreeWriter;
 pub use write::{build, build_slabs, build_source, build_tree, build_with, check_room};

@@ -1,19 +1,15 @@
 //! From slabs of samples, or from any source, to a tree file of either format.
 
-use std::mem;
-
-use super::builder::{BuildOptions, Builder, Fill, ReusableSource, Slab, Slabs, TreeSink, walk};
-use super::autumnal;
-use super::goblin::FileWriter;
+use super::builder::{BuildOptions, Fill, ReusableSource, Slabs, TreeSink, walk};
+use super::tree_writer::TreeWriter;
 use crate::store::records::RecordLayout;
 use crate::tree::{CellBlock, Child, Children, MemTree, Source};
 use spinney_base::Form;
 use spinney_base::io::Output;
-use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::value::{Tally, Value};
-use spinney_base::{Error, Progress, Result};
-use spinney_container::{Content, FileHeader, Metadata, TreeFormat, check_tree_name};
+use spinney_base::{Progress, Result};
+use spinney_container::Metadata;
 
 /// Builds a file from slabs of samples, in one pass; `nodata` is the value that means VOID (NaN always does).
 ///
@@ -31,23 +27,9 @@ pub fn build_slabs(
     output: Output,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let extent = slabs.extent();
-    let (total, in_order) = (extent.iter().product(), slabs.are_in_order());
-    let mut fill = |sink: &mut dyn TreeSink, shape| {
-        let mut builder = Builder::new(form, options, shape, sink);
-        let (mut current, mut next) = (Slab::default(), Slab::default());
-        let mut more = slabs.next(&mut current)?;
-        while more {
-            // The next slab is read while this one is built.
-            let (read, built) =
-                parallel::join(|| slabs.next(&mut next), || builder.slab(&current, nodata, total, progress));
-            built?;
-            more = read?;
-            mem::swap(&mut current, &mut next);
-        }
-        Ok(())
-    };
-    write_file(form, options, (extent, extent, in_order), output, &mut fill, &mut |_| {}).map(|_| ())
+    let mut file = TreeWriter::create(output, (form.dimension, options.depth), 1)?;
+    file.slabs(form, slabs, nodata, options, progress)?;
+    file.finish()
 }
 
 /// Builds a file from any source.
@@ -201,35 +183,20 @@ pub fn build_with<S: ReusableSource>(
     complete: &mut dyn FnMut(&mut Metadata),
 ) -> Result<Tally> {
     let mut fill = |sink: &mut dyn TreeSink, shape| walk(source, options, shape, true, sink, progress);
-    write_file(source.form(), options, (extent, [u64::MAX; 3], true), output, &mut fill, complete)
+    write_file(source.form(), options, (&extent, [u64::MAX; 3], true), output, &mut fill, complete)
 }
 
-/// Starts a file, has it filled, and finishes it. Beside the picture's extent stands that of the parts that
-/// come (what is outside is VOID), and whether they come in FD order.
+/// Makes a file of one layer.
 fn write_file(
     form: Form,
     options: &BuildOptions,
-    (extent, covered, in_order): ([u64; 3], [u64; 3], bool),
+    parts: (&[u64; 3], [u64; 3], bool),
     output: Output,
     fill: &mut Fill<'_>,
     complete: &mut dyn FnMut(&mut Metadata),
 ) -> Result<Tally> {
-    check_tree_name(output.path())?;
-    let header = options.header(form, extent)?;
-    match TreeFormat::of(output.path()) {
-        TreeFormat::Goblin if options.share => Err(Error::unsupported(
-            output.path(),
-            "storing equal subtrees once in a Goblin file",
-            "give the output a name that ends with .autumn",
-        )),
-        TreeFormat::Goblin => {
-            let (dimension, depth) = (form.dimension, header.depth());
-            let (format, content) = (TreeFormat::Goblin, Content::Cells);
-            let mut file = FileWriter::new(output, FileHeader { format, content, dimension, depth, layers: 1 })?;
-            let tally = file.layer(options, &header, (covered, in_order), fill, complete)?;
-            file.finish()?;
-            Ok(tally)
-        }
-        TreeFormat::Autumnal => autumnal::write(options, header, covered, output, fill, complete),
-    }
+    let mut file = TreeWriter::create(output, (form.dimension, options.depth), 1)?;
+    let tally = file.layer(form, options, parts, fill, complete)?;
+    file.finish()?;
+    Ok(tally)
 }

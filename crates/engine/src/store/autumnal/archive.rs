@@ -34,8 +34,7 @@ const RECORDS: u64 = 64;
 pub(super) fn first_page(header: &FileHeader, share: bool, run_levels: u8) -> Vec<u8> {
     let mut page = header.to_bytes().to_vec();
     page.resize(RECORDS as usize, 0);
-    let mut raw =
-        RawRecords { share: share.into(), run_levels, zero: [0; 2], checksum: 0.into() };
+    let mut raw = RawRecords { share: share.into(), run_levels, zero: [0; 2], checksum: 0.into() };
     raw.checksum = crc32c::crc32c(&raw.as_bytes()[..4]).into();
     page.extend_from_slice(raw.as_bytes());
     page.resize(PAGE as usize, 0);

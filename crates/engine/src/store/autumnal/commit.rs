@@ -137,7 +137,10 @@ impl Commit {
             return Err(format!("{count} layers"));
         }
         let mut seen = HashSet::new();
-        let bad = self.layers.iter().find(|layer| count > 1 && (layer.name.is_empty() || !seen.insert(&layer.name)));
+        let bad = self
+            .layers
+            .iter()
+            .find(|layer| count > 1 && (layer.name.is_empty() || !seen.insert(&layer.name)));
         bad.map_or(Ok(()), |layer| Err(format!("a layer with the name `{}`", layer.name)))
     }
 

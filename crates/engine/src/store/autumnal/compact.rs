@@ -85,7 +85,12 @@ pub fn compact(
                 Some(editor) => editor,
                 empty => {
                     let path = output.path().to_path_buf();
-                    empty.insert(Editor::create(backend(&mut output)?, path, (&header, file_depth), &options)?)
+                    empty.insert(Editor::create(
+                        backend(&mut output)?,
+                        path,
+                        (&header, file_depth),
+                        &options,
+                    )?)
                 }
             };
             editor.select_or_add(&header, &options.metadata)?;
@@ -96,7 +101,8 @@ pub fn compact(
                 is_alike.then(|| Autumnal::new(history.archive.clone(), before.clone(), there))
             });
             let twin = twin.transpose()?;
-            let mut fill = |sink: &mut dyn TreeSink, shape| walk(&tree, &options, shape, true, sink, progress);
+            let mut fill =
+                |sink: &mut dyn TreeSink, shape| walk(&tree, &options, shape, true, sink, progress);
             editor.fill([u64::MAX; 3], &options, twin.as_ref(), &mut fill)?;
             editor.set_metadata(options.metadata)?;
         }

@@ -203,7 +203,8 @@ impl Editor {
     pub(super) fn keep_only(&mut self, commit: &Commit) -> Result<()> {
         self.keep_metadata()?;
         let mut draft = self.draft.commit.clone();
-        let named = |layer: &CommitLayer| draft.layer_named(&layer.name).map(|there| draft.layers[there].clone());
+        let named =
+            |layer: &CommitLayer| draft.layer_named(&layer.name).map(|there| draft.layers[there].clone());
         let layers: Vec<CommitLayer> = commit.layers.iter().filter_map(named).collect();
         if layers == draft.layers {
             return Ok(());
@@ -302,7 +303,8 @@ impl Editor {
     pub fn revert(&mut self, number: u64) -> Result<()> {
         let old = self.draft.archive.commit(number)?;
         let now = self.draft.layer();
-        let Some(there) = old.layer_named(&now.name).filter(|there| old.layers[*there].header == now.header) else {
+        let Some(there) = old.layer_named(&now.name).filter(|there| old.layers[*there].header == now.header)
+        else {
             let found = format!("no layer `{}` of the same type", now.name);
             let expected = "one in that commit";
             return Err(Error::invalid(format!("commit {number}"), found, expected));
@@ -402,7 +404,14 @@ impl Editor {
 /// A layer without cells.
 fn void_layer(header: &Header, name: &str) -> CommitLayer {
     let root = Root { state: VOID, value: Vec::new(), address: 0 };
-    CommitLayer { name: name.into(), cells: 0, records: 0, header: header.to_bytes().to_vec(), root, metadata: 0 }
+    CommitLayer {
+        name: name.into(),
+        cells: 0,
+        records: 0,
+        header: header.to_bytes().to_vec(),
+        root,
+        metadata: 0,
+    }
 }
 
 /// The bytes that a backend has now, and which file it is.

@@ -42,4 +42,4 @@ pub use pieces::Piece;
 pub use reader::{Autumnal, AutumnalNode};
 pub use recover::recover;
 pub(crate) use remembered::Remembered;
-pub(in crate::store) use write::write;
+pub(in crate::store) use write::NewFile;

@@ -115,7 +115,11 @@ impl Autumnal {
     ///
     /// # Errors
     /// Those of [`Autumnal::open`].
-    pub(crate) fn of_opened(place: &FilePlace<'_>, opened: OpenFile, options: &OpenOptions) -> Result<Autumnal> {
+    pub(crate) fn of_opened(
+        place: &FilePlace<'_>,
+        opened: OpenFile,
+        options: &OpenOptions,
+    ) -> Result<Autumnal> {
         let FilePlace { file: path, commit: number, .. } = place;
         // If a writer was too fast, the file is opened again by its name.
         let first = Cell::new(Some(opened));
@@ -228,7 +232,8 @@ impl Autumnal {
             return Ok(false);
         }
         let name = &self.layer().name;
-        let place = FilePlace { file: path.into(), commit: None, layer: (!name.is_empty()).then(|| name.clone()) };
+        let place =
+            FilePlace { file: path.into(), commit: None, layer: (!name.is_empty()).then(|| name.clone()) };
         let new = Autumnal::of_opened(&place, options.open_with_id(path)?, options)?;
         let is_newer = !is_same(new.archive.meta, new.archive.file);
         if is_newer {

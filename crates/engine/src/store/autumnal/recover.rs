@@ -69,7 +69,8 @@ pub fn recover(path: &Path, number: u64, progress: &dyn Progress) -> Result<Comm
 
 /// Fails if a layer of a commit cannot be read.
 fn read_layers(archive: &Archive, commit: &Commit) -> Result<()> {
-    (0..commit.layers.len()).try_for_each(|number| Autumnal::new(archive.clone(), commit.clone(), number).map(|_| ()))
+    (0..commit.layers.len())
+        .try_for_each(|number| Autumnal::new(archive.clone(), commit.clone(), number).map(|_| ()))
 }
 
 /// The meta slot of a commit.

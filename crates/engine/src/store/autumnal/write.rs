@@ -1,4 +1,4 @@
-//! Makes a new file of the parts of a tree.
+//! Makes a new file of the parts of trees, layer after layer.
 
 use super::commit::Note;
 use super::editor::Editor;
@@ -8,28 +8,66 @@ use spinney_base::value::Tally;
 use spinney_base::{Error, Result};
 use spinney_container::{Header, LevelCounts, Metadata};
 
-/// Makes a file with one commit. It has no time, so that the same input makes the same bytes; its message is
+/// A file being made, with one commit. It has no time unless one is given, so that the same input makes the same bytes; its message is
 /// where the data come from.
-pub(in crate::store) fn write(
-    options: &BuildOptions,
-    header: Header,
-    covered: [u64; 3],
-    mut output: Output,
-    fill: &mut Fill<'_>,
-    complete: &mut dyn FnMut(&mut Metadata),
-) -> Result<Tally> {
-    let path = output.path().to_path_buf();
-    let mut editor = Editor::create(backend(&mut output)?, path, (&header, header.depth()), options)?;
-    let tally = editor.fill(covered, options, None, fill)?;
-    // Nobody keeps nodes per level up to date when trees are edited.
-    let mut metadata = Metadata { counts: LevelCounts::default(), ..options.metadata.clone() };
-    complete(&mut metadata);
-    let message = metadata.provenance.join("\n");
-    editor.set_metadata(metadata)?;
-    editor.commit(Note { message, time: options.time, ..Note::default() })?;
-    drop(editor);
-    output.commit()?;
-    Ok(tally)
+pub(in crate::store) struct NewFile {
+    output: Output,
+    /// Levels of the space that the layers share.
+    depth: u8,
+    editor: Option<Editor>,
+    time: Option<i64>,
+    /// Lines of the commit's message.
+    message: Vec<String>,
+}
+
+impl NewFile {
+    /// A file of layers that have up to so many levels.
+    pub(in crate::store) fn new(output: Output, depth: u8) -> NewFile {
+        NewFile { output, depth, editor: None, time: None, message: Vec::new() }
+    }
+
+    /// Makes the next layer of the parts of a tree, which `fill` hands over.
+    pub(in crate::store) fn layer(
+        &mut self,
+        options: &BuildOptions,
+        header: &Header,
+        covered: [u64; 3],
+        fill: &mut Fill<'_>,
+        complete: &mut dyn FnMut(&mut Metadata),
+    ) -> Result<Tally> {
+        let editor = match &mut self.editor {
+            Some(editor) => {
+                editor.add_layer(header, options.metadata.clone())?;
+                editor
+            }
+            none => {
+                let path = self.output.path().to_path_buf();
+                let backend = backend(&mut self.output)?;
+                none.insert(Editor::create(backend, path, (header, self.depth), options)?)
+            }
+        };
+        let tally = editor.fill(covered, options, None, fill)?;
+        // Nobody keeps nodes per level up to date when trees are edited.
+        let mut metadata = Metadata { counts: LevelCounts::default(), ..options.metadata.clone() };
+        complete(&mut metadata);
+        self.time = self.time.or(options.time);
+        for line in &metadata.provenance {
+            if !self.message.contains(line) {
+                self.message.push(line.clone());
+            }
+        }
+        editor.set_metadata(metadata)?;
+        Ok(tally)
+    }
+
+    /// Commits all layers, and puts the file in its place.
+    pub(in crate::store) fn finish(mut self) -> Result<()> {
+        if let Some(mut editor) = self.editor.take() {
+            let message = self.message.join("\n");
+            editor.commit(Note { message, time: self.time, ..Note::default() })?;
+        }
+        self.output.commit()
+    }
 }
 
 /// The output as something to be written in any order.

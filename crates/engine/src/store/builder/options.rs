@@ -86,7 +86,7 @@ impl BuildOptions {
     }
 
     /// The header of the file, which a Goblin file has as it is.
-    pub(in crate::store) fn header(&self, form: Form, extent: [u64; 3]) -> Result<Header> {
+    pub(crate) fn header(&self, form: Form, extent: [u64; 3]) -> Result<Header> {
         let dimension = form.dimension;
         if self.depth > dimension.max_depth() {
             let expected = format!("at most {} for {}s", dimension.max_depth(), dimension.tree_name());

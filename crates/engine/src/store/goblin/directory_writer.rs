@@ -34,7 +34,18 @@ impl<'a> DirectoryWriter<'a> {
         write: &'a mut dyn FnMut(&[u8]) -> Result<()>,
     ) -> DirectoryWriter<'a> {
         let (above, page, index) = (Vec::new(), Vec::new(), Vec::new());
-        DirectoryWriter { dimension, entry_size, position, above, entries: 0, page, copies: 0, first: 0, index, write }
+        DirectoryWriter {
+            dimension,
+            entry_size,
+            position,
+            above,
+            entries: 0,
+            page,
+            copies: 0,
+            first: 0,
+            index,
+            write,
+        }
     }
 
     /// Takes the next entry, which begins with its code.

@@ -9,7 +9,7 @@ use super::segment_builder::SegmentBuilder;
 use crate::store::builder::{BuildOptions, Fill};
 use spinney_base::io::Output;
 use spinney_base::value::Tally;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileHeader, HEADER_SIZE, Header, Layer, LayerTable, Metadata, Section, Trailer};
 
 /// Metadata of more bytes stand apart, before those of the other layers, so that the end of a file tells much in few bytes.
@@ -39,7 +39,7 @@ impl FileWriter {
     }
 
     /// The file, for messages.
-    pub(super) fn path(&self) -> &Path {
+    pub(in crate::store) fn path(&self) -> &Path {
         &self.path
     }
 
@@ -77,11 +77,22 @@ impl FileWriter {
     ///
     /// # Errors
     /// If a byte of it is damaged, or on interruption.
-    pub(in crate::store) fn copy(&mut self, from: &Goblin, metadata: &Metadata) -> Result<()> {
+    pub(in crate::store) fn copy(
+        &mut self,
+        from: &Goblin,
+        metadata: &Metadata,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        // (What is damaged is not taken over under the name of another file.)
+        for segment in 0..from.segments() {
+            progress.check()?;
+            from.segment(segment)?;
+        }
         let layer = from.layer().clone();
         let (start, end) = (layer.run.offset, layer.run.offset + layer.run.length);
         let run = Section { offset: self.position, ..layer.run };
         for offset in (start..end).step_by(PIECE as usize) {
+            progress.check()?;
             let bytes = from.file.backend.read(offset, PIECE.min(end - offset) as usize)?;
             self.write(&bytes, "copy a layer")?;
         }

@@ -5,8 +5,8 @@ use std::ops::Range;
 use zerocopy::FromBytes;
 
 use super::pages::{
-    CheckedPage, HEAD_SIZE, INDEX_ENTRIES, INDEX_SIZE, IndexEntry, MOST_COPIES, PAGE_ENTRIES, PageHead, PageSlots,
-    index_levels, page_slots,
+    CheckedPage, HEAD_SIZE, INDEX_ENTRIES, INDEX_SIZE, IndexEntry, MOST_COPIES, PAGE_ENTRIES, PageHead,
+    PageSlots, index_levels, page_slots,
 };
 use super::reader::Goblin;
 use spinney_base::space::Code;
@@ -105,7 +105,9 @@ impl Goblin {
         };
         match bytes {
             Some(bytes) => Ok((bytes, checked.copies)),
-            None => Err(self.bad_page(level, page, "fewer bytes than before", "a file that nobody writes to")),
+            None => {
+                Err(self.bad_page(level, page, "fewer bytes than before", "a file that nobody writes to"))
+            }
         }
     }
 

@@ -35,7 +35,12 @@ pub(super) struct LayerWriter<'f> {
 
 impl<'f> LayerWriter<'f> {
     /// Starts a layer; about `memory` bytes hold what has to wait before it goes to temporary files.
-    pub(super) fn new(file: &'f mut FileWriter, header: &Header, in_order: bool, memory: u64) -> LayerWriter<'f> {
+    pub(super) fn new(
+        file: &'f mut FileWriter,
+        header: &Header,
+        in_order: bool,
+        memory: u64,
+    ) -> LayerWriter<'f> {
         let size = entry_size(header.form.value);
         let entries = Sorter::new(folder(file.path()), size, memory / 2);
         let held = HeldSegments::new(file.path(), size, memory / 2);

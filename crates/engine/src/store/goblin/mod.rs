@@ -28,4 +28,3 @@ pub(crate) use locate::Located;
 pub use reader::Goblin;
 pub use segment::Segment;
 pub use source::GoblinNode;
-

@@ -48,13 +48,19 @@ impl Goblin {
         let tail = length.min(TAIL as u64);
         let trailer = Trailer::from_bytes(path, &backend.read(length - tail, tail as usize)?, length)?;
         if trailer.header != header {
-            return Err(Error::corrupt(path, "trailer", "another header", "the one that the file begins with"));
+            return Err(Error::corrupt(
+                path,
+                "trailer",
+                "another header",
+                "the one that the file begins with",
+            ));
         }
         let table = trailer.section(LayerTable::TAG);
-        let layers = LayerTable::from_bytes(path, &header, length, &table.read(path, &*backend, "table of layers")?)?;
+        let layers =
+            LayerTable::from_bytes(path, &header, length, &table.read(path, &*backend, "table of layers")?)?;
         let cache = Mutex::new(SegmentCache::new(options.cache));
         let path = path.to_path_buf();
-        let file = OpenFile { path, backend, stamp, header, layers, table, check: options.check, cache };
+        let file = OpenFile { path, backend, stamp, layers, table, check: options.check, cache };
         Goblin::of_file(Arc::new(file), 0)
     }
 
@@ -75,10 +81,16 @@ impl Goblin {
         let metadata = layer.metadata.read(path, &*file.backend, "metadata")?;
         let metadata = Metadata { name: layer.name.clone(), ..Metadata::from_bytes(path, &metadata)? };
         let top = layer.top.read(path, &*file.backend, "top of the index")?;
-        let directory = Directory::new(layer, entry_size(layer.header.form.value), &top).ok_or_else(|| {
-            let found = format!("{} segments", layer.segments);
-            Error::corrupt(path, "table of layers", found, "as many as the directory and its index have room for")
-        })?;
+        let directory =
+            Directory::new(layer, entry_size(layer.header.form.value), &top).ok_or_else(|| {
+                let found = format!("{} segments", layer.segments);
+                Error::corrupt(
+                    path,
+                    "table of layers",
+                    found,
+                    "as many as the directory and its index have room for",
+                )
+            })?;
         let checked = (0..layer.segments.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         let header = layer.header.clone();
         let layout = RecordLayout::new(header.form);

@@ -1,8 +1,8 @@
 //! An open Goblin file, and what it says of itself.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
 use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex};
 
 use super::directory::{Entry, show_sums};
 use super::index::Directory;
@@ -11,7 +11,7 @@ use crate::tree::Child;
 use spinney_base::io::{ReadBackend, Stamp};
 use spinney_base::value::Tally;
 use spinney_base::{Error, Result};
-use spinney_container::{FileHeader, HEADER_SIZE, Header, Layer, Metadata, Section, SegmentCache};
+use spinney_container::{HEADER_SIZE, Header, Layer, Metadata, Section, SegmentCache};
 
 /// A layer of a Goblin file, open for reading; may be shared by any number of threads.
 ///
@@ -44,7 +44,6 @@ pub(super) struct OpenFile {
     pub(super) backend: Box<dyn ReadBackend>,
     /// Length and time of the file when it was opened.
     pub(super) stamp: Option<Stamp>,
-    pub(super) header: FileHeader,
     pub(super) layers: Vec<Layer>,
     /// Where the table of layers is.
     pub(super) table: Section,

@@ -15,6 +15,33 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::{Finding, MAX_FINDINGS};
 
 impl Goblin {
+    /// Checks all layers of the file: every checksum and every rule of their trees, and that they lie in one frame. See
+    /// [`Goblin::verify_layer`].
+    ///
+    /// # Errors
+    /// Those of [`Goblin::verify_layer`].
+    pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        let count = self.layers().len();
+        if count == 1 {
+            return self.verify_layer(memory, progress);
+        }
+        let mut findings = Vec::new();
+        for number in 0..count {
+            let name = self.layers()[number].name.clone();
+            let found = match self.open_layer(number).and_then(|layer| layer.verify_layer(memory, progress)) {
+                Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. } | Error::Unsupported { .. })) => {
+                    vec![Finding { place: "layer".into(), problem: error.to_string() }]
+                }
+                found => found?,
+            };
+            let place =
+                |finding: Finding| Finding { place: format!("layer `{name}`, {}", finding.place), ..finding };
+            findings.extend(found.into_iter().map(place));
+        }
+        findings.truncate(MAX_FINDINGS);
+        Ok(findings)
+    }
+
     /// Checks every checksum and every rule of the tree: preorder, skips that add up, representatives and
     /// zone statistics that agree with the leaves, no uniform INNER node, every segment there that must be,
     /// none that must not. Takes about as long as building; memory is bounded by `memory`.
@@ -22,7 +49,7 @@ impl Goblin {
     /// # Errors
     /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
     /// at most 100 are collected.
-    pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+    pub fn verify_layer(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut checker = Checker { file: self, findings: Vec::new(), seen: 0, records: 0 };
         checker.checksums()?;
         checker.directory()?;

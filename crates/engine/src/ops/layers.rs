@@ -1,0 +1,185 @@
+//! Files of several layers: what is done to each, and layers that come and go.
+
+use std::path::{Path, PathBuf};
+
+use super::files::Chain;
+use super::tree_file::TreeFile;
+use crate::store::autumnal::{Commit, Editor, Note};
+use crate::store::{BuildOptions, TreeWriter};
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{FilePlace, Header, Metadata, OpenOptions};
+use spinney_crs::Frame;
+
+/// Paths of the layers that a path means: all of a file, or the one that it names. A file of one layer is meant as it is.
+///
+/// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// let map = "fixtures/v1/classes.goblin".as_ref();
+/// assert_eq!(spinney::ops::layer_paths(map)?, [map]);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the file cannot be read.
+pub fn layer_paths(path: &Path) -> Result<Vec<PathBuf>> {
+    let place = FilePlace::of(path);
+    if place.layer.is_some() {
+        return Ok(vec![path.into()]);
+    }
+    let layers = TreeFile::open(path, &OpenOptions::default())?.layers()?;
+    Ok(match &layers[..] {
+        [_] => vec![path.into()],
+        layers => layers.iter().map(|layer| place.of_layer(&layer.name)).collect(),
+    })
+}
+
+/// The path, if it means one layer.
+///
+/// # Errors
+/// If it means a file of several without naming one, or the file cannot be read.
+pub fn only_layer(path: &Path) -> Result<()> {
+    let file = TreeFile::open(path, &OpenOptions::default())?;
+    let layers = file.layers()?;
+    if layers.len() == 1 || FilePlace::of(path).layer.is_some() {
+        return Ok(());
+    }
+    let names: Vec<&str> = layers.iter().take(20).map(|layer| &*layer.name).collect();
+    let more = if layers.len() > names.len() { ", ..." } else { "" };
+    let advice =
+        format!("name one, as in {}:{} (it has {}{more})", path.display(), names[0], names.join(", "));
+    Err(Error::unsupported(path, format!("a file of {} layers, where one is needed,", layers.len()), advice))
+}
+
+/// The largest depth of some trees: that of a file which has them as layers.
+pub(super) fn file_depth<'h>(headers: impl IntoIterator<Item = &'h Header>) -> u8 {
+    headers.into_iter().map(Header::depth).max().unwrap_or(0)
+}
+
+/// Adds what is seen of a tree to a file as a layer. A Goblin file is written anew, its other layers' segments as they are; an Autumnal
+/// file gets a commit, which is returned.
+///
+/// # Errors
+/// If the tree does not lie in the file's space, a layer of that name is there, the file cannot be written, or on interruption.
+pub fn add_layer(
+    path: &Path,
+    name: &str,
+    chain: &Chain,
+    note: Note,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Option<Commit>> {
+    let file = TreeFile::open(path, &OpenOptions::default())?;
+    let layers = file.layers()?;
+    if name.is_empty() || layers.iter().any(|layer| layer.name == name) {
+        return Err(Error::invalid("layer's name", format!("`{name}`"), "one that no other layer has"));
+    }
+    let view = chain.open()?;
+    let depth = file_depth(layers.iter().map(|layer| &layer.header));
+    let finest = layers.iter().position(|layer| layer.header.depth() == depth).unwrap_or(0);
+    let frame = file.open_layer(finest)?.metadata().frame.clone();
+    let metadata = Metadata { name: name.into(), ..view.metadata(chain.moves) };
+    let coarser = coarser_by(&frame, &metadata.frame, depth).ok_or_else(|| {
+        let advice =
+            format!("bring it onto the file's grid first (`spinney transform like={}`)", path.display());
+        Error::unsupported(
+            &chain.path,
+            "a grid on which the file's cells, or 2, 4, 8 ... of them, do not lie,",
+            advice,
+        )
+    })?;
+    let layer_depth = depth - coarser;
+    if view.extent().iter().any(|cells| *cells > 1 << layer_depth) {
+        let found = format!("{:?} cells", view.extent());
+        return Err(Error::invalid(
+            "layer",
+            found,
+            format!("at most {} along each axis", 1u64 << layer_depth),
+        ));
+    }
+    let (extent, header) = (view.extent(), view.source().header().clone());
+    let view = view.deepened(layer_depth)?;
+    let options = BuildOptions { depth: layer_depth, metadata, ..BuildOptions::like(&header, memory) };
+    let source = super::combine::Combined::new(vec![view], super::operation::Operation::Over, extent)?;
+    match &file {
+        TreeFile::Autumnal(_) => {
+            let mut editor = Editor::open(&FilePlace::of(path).file, memory)?;
+            let header = options.header(header.form, extent)?;
+            editor.add_layer(&header, options.metadata.clone())?;
+            editor.replace(&source, progress)?;
+            editor.commit(note)
+        }
+        TreeFile::Goblin(_) => {
+            let dimension = header.form.dimension;
+            let output = Output::create(&FilePlace::of(path).file)?;
+            let mut writer = TreeWriter::create(output, (dimension, depth), layers.len() as u32 + 1)?;
+            copy_layers(&file, &mut writer, progress, &|_| true)?;
+            writer.source(&source, extent, &options, progress)?;
+            writer.finish()?;
+            Ok(None)
+        }
+    }
+}
+
+/// Takes a layer out of a file: a Goblin file is written anew, an Autumnal file gets a commit without it, which is returned.
+///
+/// # Errors
+/// If there is none of that name, or no other, the file cannot be written, or on interruption.
+pub fn drop_layer(
+    path: &Path,
+    name: &str,
+    note: Note,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Option<Commit>> {
+    let file = TreeFile::open(path, &OpenOptions::default())?;
+    let layers = file.layers()?;
+    let place = FilePlace { layer: Some(name.into()), ..FilePlace::of(path) };
+    let dropped = place.layer_number(layers.iter().map(|layer| &*layer.name))?;
+    if layers.len() == 1 {
+        return Err(Error::unsupported(path, "dropping the only layer", "remove the file instead"));
+    }
+    match &file {
+        TreeFile::Autumnal(_) => {
+            let mut editor = Editor::open(&place.file, memory)?;
+            editor.drop_layer(&layers[dropped].name)?;
+            editor.commit(note)
+        }
+        TreeFile::Goblin(_) => {
+            let depth = file_depth(layers.iter().map(|layer| &layer.header));
+            let dimension = layers[0].header.form.dimension;
+            let output = Output::create(&place.file)?;
+            let mut writer = TreeWriter::create(output, (dimension, depth), layers.len() as u32 - 1)?;
+            copy_layers(&file, &mut writer, progress, &|number| number != dropped)?;
+            writer.finish()?;
+            Ok(None)
+        }
+    }
+}
+
+/// Copies layers of a Goblin file, by their numbers.
+fn copy_layers(
+    file: &TreeFile,
+    writer: &mut TreeWriter,
+    progress: &dyn Progress,
+    is_kept: &dyn Fn(usize) -> bool,
+) -> Result<()> {
+    for number in (0..file.layers()?.len()).filter(|number| is_kept(*number)) {
+        if let TreeFile::Goblin(layer) = file.open_layer(number)? {
+            writer.copy(&layer, layer.metadata(), progress)?;
+        }
+    }
+    Ok(())
+}
+
+/// The number of halvings that lead from a frame's cells to another's, if the same cell begins both.
+fn coarser_by(fine: &Frame, coarse: &Frame, most: u8) -> Option<u8> {
+    let is_same = |shift: &u8| {
+        let frame = fine.coarser(*shift);
+        let size =
+            frame.matrix.iter().flat_map(|row| &row[..3]).fold(0.0, |size: f64, part| size.max(part.abs()));
+        let mut pairs = frame.matrix.iter().flatten().zip(coarse.matrix.iter().flatten());
+        frame.crs == coarse.crs && pairs.all(|(a, b)| (a - b).abs() <= 1e-6 * size)
+    };
+    (0..=most).find(is_same)
+}
