@@ -77,6 +77,12 @@ struct RawHeader {
     checksum: U32,
 }
 
+/// The sample that means that there is none, or zeros. (Only samples of at most four bytes come with several channels.)
+fn missing_bytes(value: &ValueType) -> [u8; 4] {
+    let [a, b, c, d, ..] = value.missing.unwrap_or_default();
+    [a, b, c, d]
+}
+
 /// Bytes of the header.
 pub const HEADER_SIZE: usize = size_of::<RawHeader>();
 const _: () = assert!(HEADER_SIZE == 60);
@@ -163,7 +169,7 @@ impl Header {
             has_missing: self.form.value.missing.is_some().into(),
             zero: [0; 2],
             heavy_threshold: self.shape.heavy_threshold.into(),
-            missing: self.form.value.missing.unwrap_or_default(),
+            missing: missing_bytes(&self.form.value),
             extent: self.extent.map(U64::new),
             checksum: 0.into(),
         };
@@ -245,10 +251,14 @@ impl Header {
         if !extent.iter().enumerate().all(good) {
             return Err(corrupt(format!("extent {extent:?}"), "1 to 2^depth cells along every axis"));
         }
-        let sample = *sample.ok_or_else(|| number("sample type", raw.sample, "0 to 6"))?;
+        let sample = *sample.ok_or_else(|| {
+            number("sample type", raw.sample, &format!("0 to {}", SampleType::ALL.len() - 1))
+        })?;
         let missing = match raw.has_missing {
             0 => None,
-            1 if raw.channels > 1 => Some(raw.missing),
+            1 if raw.channels > 1 => {
+                Some(std::array::from_fn(|byte| raw.missing.get(byte).copied().unwrap_or(0)))
+            }
             other => {
                 return Err(number("missing samples", other, "0, or 1 where there are several channels"));
             }

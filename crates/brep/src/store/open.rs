@@ -6,6 +6,7 @@ use super::pieces::{ENTRY, Pieces};
 use super::reader::ExactModel;
 use super::summary::{FACES, SUMMARY, Summary};
 use spinney_base::io::{Positioned, ReadBackend};
+use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
 use spinney_container::{HEADER_SIZE, Header, Metadata, Section, TAIL, Trailer};
@@ -105,8 +106,11 @@ impl ExactModel {
         }
         // Part numbers stand for the names; one that has none is as good as a name.
         let names = &metadata.class_names;
-        let count = names.last_key_value().map_or(1, |(last, _)| last.saturating_add(1).clamp(1, 1 << 24));
-        let named = names.range(0..count).map(|(_, name)| name.clone()).collect::<Vec<_>>();
+        let count = names
+            .last_key_value()
+            .map_or(1, |(last, _)| (last.to_f64() as i64).saturating_add(1).clamp(1, 1 << 24));
+        let named =
+            names.range(Number::default()..count.into()).map(|(_, name)| name.clone()).collect::<Vec<_>>();
         if named.len() as i64 != count && !names.is_empty() {
             let found = format!("{} names of {count} parts", named.len());
             return Err(Error::corrupt(path, "metadata", found, "a name for each part"));

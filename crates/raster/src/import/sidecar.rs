@@ -8,7 +8,7 @@ use super::xml::XmlElement;
 use super::{Pixels, Raster, RasterInfo, gdal, worldfile};
 use spinney_base::io::sidecar_of;
 use spinney_base::space::Region;
-use spinney_base::value::{Kind, Palette};
+use spinney_base::value::{Kind, Number, Palette};
 use spinney_base::{Error, Result};
 use spinney_crs::{ControlPoint, ControlPoints, Frame};
 
@@ -135,9 +135,9 @@ fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut 
 }
 
 /// Names of the values from 0 on; those of values in gaps are empty.
-fn categories(list: &XmlElement<'_>) -> Vec<(i64, String)> {
+fn categories(list: &XmlElement<'_>) -> Vec<(Number, String)> {
     let names = list.named("Category").map(|name| name.text());
-    (0..).zip(names).collect()
+    (0u64..).map(Number::from).zip(names).collect()
 }
 
 /// Colours of the values from 0 on; nothing if there are none, or more than 16 bits can tell.

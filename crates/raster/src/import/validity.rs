@@ -1,7 +1,7 @@
 //! Pixels that are VOID by their samples: opacity, nodata and NaN.
 
 use super::{Pixels, RasterInfo};
-use spinney_base::value::{SampleType, ValueType};
+use spinney_base::value::{Number, SampleType, ValueType};
 
 /// Tells VOID pixels from others by their samples.
 pub(super) struct Validity {
@@ -67,18 +67,18 @@ impl Validity {
 }
 
 /// A number as a little-endian sample; `None` if it is none of an integer type. Floating samples round it.
-pub(super) fn sample_bytes(number: f64, sample: SampleType) -> Option<Vec<u8>> {
+pub(super) fn sample_bytes(number: Number, sample: SampleType) -> Option<Vec<u8>> {
     let fits = sample.is_float() || sample.can_hold(number);
-    let value = ValueType::new(sample, 1).nearest(|_| number);
+    let value = ValueType::new(sample, 1).nearest_numbers(|_| number);
     fits.then(|| value.to_bytes()[..sample.size()].to_vec())
 }
 
 /// The number that samples of a type have instead of this one: floating samples round it.
-pub(crate) fn as_stored(number: f64, sample: SampleType) -> Option<f64> {
+pub(crate) fn as_stored(number: Number, sample: SampleType) -> Option<Number> {
     match sample {
         SampleType::F32 => Some(sample.nearest(number)),
         // NaN is equal to nothing, but may well be meant.
-        SampleType::F64 => Some(number),
+        SampleType::F64 => Some(number.to_f64().into()),
         _ => sample_bytes(number, sample).map(|_| number),
     }
 }
