@@ -12,7 +12,7 @@ use spinney::space::Bounds;
 use spinney::store::OpenOptions;
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Child, MemTree, Source};
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::value::{Kind, Number, Rule, SampleType};
 use spinney::{Error, Result};
 
 use crate::common::command::{is_alone, own_peak_memory};
@@ -53,7 +53,7 @@ fn points(tree: &Dataset) -> Result<String> {
     let mut text = String::new();
     for _ in 0..20 {
         let cell = tree.header().extent.map(|end| random.below(end));
-        let mut value = [0.0; 4];
+        let mut value = [Number::default(); 4];
         let found = tree.point(cell, tree.depth(), &mut value)?;
         text += &format!("{found} {value:?} ");
     }
@@ -67,7 +67,7 @@ fn statistics(tree: &Dataset, bounds: Option<Bounds>) -> Result<String> {
 
 fn search(tree: &Dataset) -> Result<String> {
     let mut text = Vec::new();
-    tree.find(Condition::Above(4.0), None, &(), &mut |block| {
+    tree.find(Condition::Above(4.0.into()), None, &(), &mut |block| {
         writeln!(text, "{block:?}").unwrap();
         Ok(text.len() < 1 << 22)
     })?;

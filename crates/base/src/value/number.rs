@@ -136,6 +136,13 @@ impl PartialEq<f64> for Number {
     }
 }
 
+impl PartialEq<Number> for f64 {
+    #[inline]
+    fn eq(&self, other: &Number) -> bool {
+        other == self
+    }
+}
+
 impl Default for Number {
     #[inline]
     fn default() -> Number {

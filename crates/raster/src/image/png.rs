@@ -236,7 +236,7 @@ mod tests {
         let (colours, opacities) = palette_chunks(&palette, None);
         assert_eq!((colours.len(), &colours[..7]), (768, &[1, 2, 3, 4, 5, 6, 0][..]));
         assert_eq!(opacities, [255, 128]);
-        assert_eq!(palette_chunks(&palette, Some(3.0)).1, [255, 128, 255, 0]);
-        assert_eq!(palette_chunks(&palette, Some(-1.0)).1, [255, 128]);
+        assert_eq!(palette_chunks(&palette, Some(3.into())).1, [255, 128, 255, 0]);
+        assert_eq!(palette_chunks(&palette, Some((-1).into())).1, [255, 128]);
     }
 }

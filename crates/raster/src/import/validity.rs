@@ -97,11 +97,11 @@ mod tests {
     fn opacity_nodata_nan_and_masks() {
         let grey = RasterInfo::plain([2, 1], SampleType::U8, 1);
         assert_eq!(flags(&grey, vec![0, 7], None), None);
-        let nodata = RasterInfo { nodata: Some(7.0), ..grey.clone() };
+        let nodata = RasterInfo { nodata: Some(7.into()), ..grey.clone() };
         assert_eq!(flags(&nodata, vec![0, 7], None), Some(vec![true, false]));
         assert_eq!(flags(&nodata, vec![0, 8], None), None);
         assert_eq!(flags(&nodata, vec![0, 7], Some(vec![false, true])), Some(vec![false, false]));
-        let impossible = RasterInfo { nodata: Some(-1.0), ..grey };
+        let impossible = RasterInfo { nodata: Some((-1).into()), ..grey };
         assert_eq!(flags(&impossible, vec![0, 255], None), None);
         let alpha = RasterInfo { alpha: Some(1), ..RasterInfo::plain([2, 1], SampleType::U16, 2) };
         assert_eq!(flags(&alpha, vec![0, 0, 0, 1, 1, 1, 0, 0], None), Some(vec![true, false]));
