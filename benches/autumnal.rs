@@ -22,6 +22,7 @@ use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Editor, Note};
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Child, Source, no_children};
+use spinney::value::Number;
 
 const CELLS: usize = 1_000_000;
 const WINDOWS: usize = 1000;
@@ -211,7 +212,7 @@ fn read(path: &str) -> Outcome<()> {
     let extent = tree.header().extent;
     let depth = tree.depth();
     let mut random = Random(u64::from(std::process::id()));
-    let mut value = [0.0; 4];
+    let mut value = [Number::default(); 4];
     let mut pass = |count: usize| -> Outcome<()> {
         for _ in 0..count {
             let cell = extent.map(|cells| random.below(cells));

@@ -32,6 +32,7 @@ use measuring::{Outcome, Random};
 use spinney::dataset::Dataset;
 use spinney::query::{Condition, PointSamples};
 use spinney::space::Bounds;
+use spinney::value::Number;
 
 /// A job, and how many questions it asks unless it is told.
 type Job = (&'static str, u64, fn(&Dataset, u64, &mut Answers) -> Outcome<()>);
@@ -105,7 +106,7 @@ fn cell(extent: [u64; 3], random: &mut Random) -> [u64; 3] {
 fn descent(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let (extent, depth) = (tree.header().extent, tree.depth());
     let mut random = Random(1);
-    let mut value = [0.0; 4];
+    let mut value = [Number::default(); 4];
     for _ in 0..count {
         let found = tree.point(cell(extent, &mut random), depth, &mut value)?;
         answers.add(if found { value[0].to_bits() } else { 1 });
@@ -116,7 +117,7 @@ fn descent(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
 fn coarse(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let extents: Vec<_> = (0..=tree.depth()).map(|level| tree.extent_at(level).max).collect();
     let mut random = Random(2);
-    let mut value = [0.0; 4];
+    let mut value = [Number::default(); 4];
     for _ in 0..count {
         let level = random.below(extents.len() as u64) as usize;
         let found = tree.point(cell(extents[level], &mut random), level as u8, &mut value)?;

@@ -9,6 +9,7 @@ use spinney::import::raster::{ImportOptions, plan};
 use spinney::io::Output;
 use spinney::query::Condition;
 use spinney::space::Bounds;
+use spinney::value::Number;
 
 fn main() -> spinney::Result<()> {
     let input = std::env::args_os()
@@ -24,7 +25,7 @@ fn main() -> spinney::Result<()> {
     println!("{} levels, {} segments, {} bytes", tree.depth(), tree.segments(), tree.file_size());
 
     // One cell of the deepest level, and the average of the block of 16 x 16 cells around it.
-    let mut value = [0.0; 4];
+    let mut value = [Number::default(); 4];
     for level in [tree.depth(), tree.depth() - 4] {
         let shift = tree.depth() - level;
         let there = tree.point([128 >> shift, 100 >> shift, 0], level, &mut value)?;
@@ -46,7 +47,7 @@ fn main() -> spinney::Result<()> {
     // The first large blocks that lie above the mean.
     let mean = statistics.channels.first().map_or(0.0, |channel| channel.mean);
     let mut left = 5;
-    tree.find(Condition::Above(mean), Some(part), &(), &mut |block| {
+    tree.find(Condition::Above(mean.into()), Some(part), &(), &mut |block| {
         println!("{} of level {}: {:?}", block.code, block.level, block.bounds.min);
         left -= 1;
         Ok(left > 0)

@@ -105,7 +105,7 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     let floats = form(Dimension::Quad, SampleType::F64, 1);
     build(&path, floats, [6, 7, 1], (Rule::Mean, Kind::Continuous), false)?;
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 3, 1] });
-    edit(&path, [Ok(Edit::Fill(region, Some(vec![0.25])))], Note::default(), 1 << 20, &())?;
+    edit(&path, [Ok(Edit::Fill(region, Some(vec![0.25.into()])))], Note::default(), 1 << 20, &())?;
     let floats = fs::read(&path).unwrap();
     // Large enough for pointers and zones; stripes, so that equal subtrees are many.
     let stripes = |[x, _, _]: [u32; 3]| Some(Value::from([(x % 2) as u8]));

@@ -27,7 +27,7 @@
 //! // Exact statistics of any part, without looking at its cells.
 //! let statistics = map.statistics(None, &())?;
 //! assert_eq!(statistics.classes.iter().map(|(_, cells)| cells).sum::<u64>(), statistics.channels[0].cells);
-//! # assert!(classes.iter().all(|class| statistics.classes.iter().any(|(known, _)| *known == f64::from(*class))));
+//! # assert!(classes.iter().all(|class| statistics.classes.iter().any(|(known, _)| *known == (*class).into())));
 //! # Ok(())
 //! # }
 //! # #[cfg(not(feature = "raster"))]
@@ -96,7 +96,8 @@ pub mod space {
 /// Values of cells: samples, values whose type is known at run time, what many cells add up to, and how coarse levels get theirs.
 pub mod value {
     pub use spinney_base::value::{
-        DoubleDouble, Kind, Palette, Rule, Sample, SampleType, Samples, Sums, Tally, Value, ValueType,
+        DoubleDouble, Kind, Number, Numbers, Palette, Rule, Sample, SampleType, Samples, Sums, Tally, Value,
+        ValueType,
     };
 }
 
@@ -375,7 +376,7 @@ fn build_tree(input: &Path, output: &Path) -> Result<()> {
 ///
 /// ```
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
-/// let mut class = [0.0; 4];
+/// let mut class = [spinney::value::Number::default(); 4];
 /// assert!(map.point([20, 20, 0], map.depth(), &mut class)?);
 /// # Ok::<(), spinney::Error>(())
 /// ```

@@ -48,7 +48,7 @@ pub(crate) fn frame() -> Frame {
 pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
     let colours = island::COLOURS.to_vec();
     let class_names =
-        island::NAMES.iter().enumerate().map(|(i, name)| (i as i64, name.to_string())).collect();
+        island::NAMES.iter().enumerate().map(|(i, name)| ((i as u64).into(), name.to_string())).collect();
     let small = [island::WIDTH.div_ceil(STEP) as u64, island::HEIGHT.div_ceil(STEP) as u64, 1];
     let coarse = |[x, y, _]: [u32; 3]| {
         let inside = (x as u64) < small[0] && (y as u64) < small[1];
@@ -62,7 +62,7 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
         "classes" => {
             let metadata = Metadata {
                 frame: frame(),
-                nodata: Some(0.0),
+                nodata: Some(0.into()),
                 palette: Some(Palette { colours }),
                 class_names,
                 band_names: vec!["land cover".into()],
@@ -81,7 +81,7 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
             let elevation = island.elevation();
             let metadata = Metadata {
                 frame: frame().coarser(2),
-                nodata: Some(-9999.0),
+                nodata: Some((-9999).into()),
                 band_names: vec!["height".into()],
                 scale_offset: vec![(1.0, 0.0)],
                 ..Metadata::default()
@@ -141,8 +141,8 @@ pub(crate) fn make_history(island: &Island, path: &Path) -> Result<()> {
     let note =
         |time, message: &str| Note { time: Some(time), author: "Spinney".into(), message: message.into() };
     let region = FillRegion::Box(Bounds { min: [2, 1, 0], max: [6, 5, 1] });
-    edit(path, [Ok(Edit::Fill(region, Some(vec![3.0])))], note(1, "Fill a box"), 1 << 20, &())?;
-    let cells = vec![([0, 0, 0], None), ([7, 7, 0], Some(vec![2.0]))];
+    edit(path, [Ok(Edit::Fill(region, Some(vec![3.into()])))], note(1, "Fill a box"), 1 << 20, &())?;
+    let cells = vec![([0, 0, 0], None), ([7, 7, 0], Some(vec![2.into()]))];
     edit(path, [Ok(Edit::Set(cells))], note(2, "Set two cells"), 1 << 20, &())?;
     edit(path, [Ok(Edit::Revert(1))], note(3, "Back to the beginning"), 1 << 20, &())?;
     // Who edited it is told in the first page, and is somebody else each time.
@@ -204,7 +204,7 @@ pub(crate) fn make_model(path: &Path) -> Result<()> {
     ];
     let mut metadata = Metadata {
         frame: Frame { matrix, crs, pixel_is_point: false },
-        class_names: (0..).zip(PARTS.map(String::from)).collect(),
+        class_names: (0u64..).map(Into::into).zip(PARTS.map(String::from)).collect(),
         provenance: vec!["made by examples/make_fixtures".into()],
         tags: [("unit".into(), "m".into())].into(),
         ..Metadata::default()

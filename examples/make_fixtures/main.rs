@@ -62,7 +62,7 @@ fn pictures(folder: &Path, island: &Island) -> Result<()> {
     let palette = Some(Palette { colours: island::COLOURS.to_vec() });
     let mut spec_classes = spec(size, SampleType::U8, 1, frame.clone());
     spec_classes.void = true;
-    (spec_classes.metadata.nodata, spec_classes.metadata.palette) = (Some(0.0), palette);
+    (spec_classes.metadata.nodata, spec_classes.metadata.palette) = (Some(0.into()), palette);
     write(&folder.join("island_classes.png"), &spec_classes, &classes)?;
     spec_classes.metadata.band_names = vec!["land cover".into()];
     write(&folder.join("island_classes.tif"), &spec_classes, &classes)?;
@@ -72,7 +72,7 @@ fn pictures(folder: &Path, island: &Island) -> Result<()> {
     let heights: Vec<u8> =
         island.elevation().iter().flat_map(|height| height.unwrap_or(nodata).to_le_bytes()).collect();
     let mut spec_heights = spec(size, SampleType::F32, 1, frame);
-    (spec_heights.void, spec_heights.metadata.nodata) = (true, Some(nodata as f64));
+    (spec_heights.void, spec_heights.metadata.nodata) = (true, Some(nodata.into()));
     spec_heights.metadata.band_names = vec!["height".into()];
     write(&folder.join("island_elevation.tif"), &spec_heights, &heights)?;
 

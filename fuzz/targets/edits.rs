@@ -8,6 +8,7 @@ use spinney::ops::{Edit, FillRegion, apply_edits};
 use spinney::space::Bounds;
 use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact, recover};
+use spinney::value::Number;
 use spinney::{Error, Result};
 
 use super::disk::Disk;
@@ -100,8 +101,8 @@ fn change(editor: &mut Editor, script: &[u8], cells: Option<EditedCells>) -> Res
 }
 
 /// A number as all samples of a value; every eighth is VOID.
-fn sample(value: u8) -> Option<Vec<f64>> {
-    (!value.is_multiple_of(8)).then(|| vec![f64::from(value)])
+fn sample(value: u8) -> Option<Vec<Number>> {
+    (!value.is_multiple_of(8)).then(|| vec![value.into()])
 }
 
 /// The cells of a small tree: its picture's size, bytes of the values, and which cells are not VOID.

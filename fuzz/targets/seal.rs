@@ -100,8 +100,9 @@ pub fn layers(file: &[u8]) -> Vec<usize> {
 /// Bytes of an entry of a layer's directory.
 pub fn entry_size(file: &[u8], layer: usize) -> usize {
     let channels = usize::from(file[layer + 1].clamp(1, 4));
+    let sample = [1, 2, 2, 4, 4, 4, 8, 1, 8, 8].get(usize::from(file[layer])).copied().unwrap_or(1);
     let present = if file[layer + 12] == 1 { 8 } else { 0 };
-    44 + (48 + present) * channels
+    44 + (32 + 2 * sample + present) * channels
 }
 
 /// Pages of a layer's directory, as the top of an index of one level has them: the offset of the entry there, and where the page is in the file.

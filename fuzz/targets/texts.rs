@@ -59,7 +59,7 @@ pub fn step_text(bytes: &[u8]) {
         let bounds = Bounds { min, max };
         let mut bytes = vec![0; bounds.volume() as usize];
         let _ = view.window(view.depth(), &bounds, 0.0, &mut bytes, None);
-        let _ = view.point(min, view.depth(), &mut [0.0; 4]);
+        let _ = view.point(min, view.depth(), &mut [spinney::value::Number::default(); 4]);
     }
 }
 

@@ -12,6 +12,7 @@ use spinney::space::Bounds;
 use spinney::store::OpenOptions;
 use spinney::store::autumnal::Autumnal;
 use spinney::store::goblin::Goblin;
+use spinney::value::Number;
 
 use super::seal;
 
@@ -121,7 +122,7 @@ fn questions(tree: &Dataset) -> Result<bool> {
             let mut valid = vec![false; bounds.volume() as usize];
             let drawn = tree.window(level, &bounds, 7.0, &mut bytes, Some(&mut valid));
             // The first cell is what a point says.
-            let mut value = [0.0; 4];
+            let mut value = [Number::default(); 4];
             let point = tree.point(bounds.min, level, &mut value);
             if let (Ok(()), Ok(found)) = (&drawn, &point) {
                 fits &= valid[0] == *found;
@@ -146,7 +147,7 @@ fn questions(tree: &Dataset) -> Result<bool> {
 fn long_questions(tree: &Dataset) -> Result<bool> {
     let all = Bounds::picture(tree.header().extent);
     let mut count = 0;
-    tree.find(Condition::Above(1.0), None, &(), &mut |_| {
+    tree.find(Condition::Above(1.0.into()), None, &(), &mut |_| {
         count += 1;
         Ok(count < 10_000)
     })?;

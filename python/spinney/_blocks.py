@@ -61,9 +61,6 @@ class Blocks:
         self.is_solid = self.is_mask and self.axes == 3
         # Samples that were made wider, so that VOID has a number, get their own type again.
         self.narrow: np.dtype[Any] | None = told.get("dtype")
-        if self.narrow is None and given.name in _NARROW:
-            # (Block by block it is seen whether they fit.)
-            self.narrow = np.dtype(_NARROW[given.name])
         self.void = told.get("void_sample")
         # Where VOID has neither colour nor opacity, or is nothing of a solid.
         self.is_zero_void = told.get("alpha") is not None or told.get("rule") == "occupancy"
@@ -145,8 +142,6 @@ class Blocks:
         values = fits if shown is None else fits | ~(shown[..., None] if "b" in self.dims else shown)
         if not values.all():
             what = f"{array[~values].flat[0]} is no {self.dtype}"
-            if array.dtype.name in _NARROW:
-                raise ValueError(f"an array of {array.dtype} is kept as {self.dtype}, and {what}; convert it to float64")
             raise ValueError(f"the attributes of the DataArray say its values are {self.dtype}, and {what}; give kind= to build it as it is")
         return np.ascontiguousarray(np.where(fits, array, 0), dtype=self.dtype)
 
@@ -175,21 +170,15 @@ def _check_mask(mask: Any, cells: list[int]) -> None:
         raise TypeError(f"mask: expected booleans, true where a cell is VOID, got {kind}")
 
 
-_NARROW = {"int64": "int32", "uint64": "uint32"}
-"""Types that trees do not have, and those that keep their samples where these fit."""
-
-
 def _kept(given: np.dtype[Any]) -> np.dtype[Any]:
     """The type of samples in a tree of such an array."""
-    wider = {"bool": "uint8", "int8": "int16", "float16": "float32"}
+    wider = {"bool": "uint8", "float16": "float32"}
     advice = {
         "V": "build one of its fields, such as array['name']",
         "c": "build its parts as bands (numpy.stack([array.real, array.imag])), or numpy.abs(array)",
-        "i": "convert it to int32, or to float64, which has all whole numbers up to 2^53",
-        "u": "convert it to uint32, or to float64, which has all whole numbers up to 2^53",
         "f": "convert it to float64",
     }
-    kept = ("uint8", "uint16", "int16", "uint32", "int32", "float32", "float64")
+    kept = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64")
     name = wider.get(given.name, given.name)
     if name not in kept:
         usual = f"convert it to one of {', '.join(kept)}"

@@ -303,7 +303,11 @@ class Dataset(Writers):
             raise ValueError("find: give limit or largest")
         ((name, number),) = given
         assert number is not None
-        codes, levels, boxes, values = self._find_blocks(name, number, window, coordinates, limit, largest)
+        codes, levels, boxes, found, has_value = self._find_blocks(name, number, window, coordinates, limit, largest)
+        if self.dtype in (np.uint64, np.int64):
+            values: Any = np.ma.MaskedArray(found, mask=~has_value)
+        else:
+            values = np.where(has_value, found.astype(np.float64), np.nan)
         return Blocks(np.array(codes, dtype=np.str_), levels, boxes, self._world_of(boxes), values)
 
     def _world_of(self, boxes: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:

@@ -201,7 +201,7 @@ class Edit:
         if value is None:
             samples = None
         else:
-            samples = [float(number) for number in np.atleast_1d(np.asarray(value, dtype=float))]
+            samples = list(np.atleast_1d(np.asarray(value, dtype=object)))
         with working(self._progress, self._threads) as terms:
             self._editor.fill(samples, window, coordinates, rings, block, terms)
         self._done.append(f"Fill with {'VOID' if value is None else value}")
@@ -216,7 +216,7 @@ class Edit:
             raise ValueError(f"cells: expected rows of {self._ndim} whole numbers")
         numbers = None
         if values is not None:
-            numbers = np.asarray(values, dtype=np.float64)
+            numbers = _numbers(values)
             if numbers.ndim == 1 and len(numbers) == len(places):
                 numbers = numbers[:, None]
             numbers = np.broadcast_to(numbers, (len(places), numbers.shape[-1] if numbers.ndim else 1))
@@ -235,6 +235,17 @@ class Edit:
         with working(self._progress, self._threads) as terms:
             self._editor.revert(commit, terms)
         self._done.append(f"Revert to commit {commit}")
+
+
+def _numbers(values: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Numbers as an array of integers of 64 bits, if they are that, or else of floats."""
+    numbers = np.asarray(values) if hasattr(values, "dtype") else np.asarray(values, dtype=object)
+    if numbers.dtype == object:
+        # (NumPy makes floats of a list of large integers of both signs.)
+        whole = all(isinstance(number, int | np.integer) for number in numbers.flat)
+        least = min(map(int, numbers.flat), default=0) if whole else 0
+        return numbers.astype((np.int64 if least < 0 else np.uint64) if whole else np.float64)
+    return numbers.astype({"u": np.uint64, "b": np.uint64, "i": np.int64}.get(numbers.dtype.kind, np.float64))
 
 
 def _region(key: Any, shape: tuple[int, ...]) -> tuple[list[int], list[int], list[int]]:

@@ -90,7 +90,9 @@ class BandStatistics:
 
     cells: int
     min: float
+    """The least sample: an int, exact, where samples are integers."""
     max: float
+    """The greatest sample, as `min`."""
     mean: float
     std: float
 
@@ -169,8 +171,8 @@ class Blocks:
     is a `window` for `read`."""
     world: npt.NDArray[np.float64]
     """Boxes in the world: left, bottom, right, top, or least and then greatest x, y, z."""
-    values: npt.NDArray[np.float64]
-    """Values; NaN where a block has several."""
+    values: npt.NDArray[Any]
+    """Values, float64, NaN where a block has several; of trees of int64 or uint64 samples of the tree's type, masked there."""
 
     def __len__(self) -> int:
         return len(self.codes)

@@ -162,12 +162,14 @@ def void_of(tree: Dataset) -> Void:
     if tree.dtype.kind == "f":
         return Void(tree.fill_value, tree.dtype)
     limits = np.iinfo(tree.dtype)
-    if tree.nodata is not None and tree.nodata.is_integer() and limits.min <= tree.nodata <= limits.max:
+    if tree.nodata is not None and float(tree.nodata).is_integer() and limits.min <= tree.nodata <= limits.max:
         return Void(tree.nodata, tree.dtype)
     bands = [(low, high) for _, low, high, _, _ in facts["channels"]]
     for number in (limits.min, limits.max):
         if not facts["cells"] or all(number < low or number > high for low, high in bands):
             return Void(number, tree.dtype)
+    if tree.dtype.itemsize == 8:
+        raise ValueError(f"{tree.path}: both ends of {tree.dtype} are samples, and no wider type has a number for VOID; read it with masked=True")
     return Void(limits.min - 1, np.dtype({1: np.int16, 2: np.int32, 4: np.int64}[tree.dtype.itemsize]))
 
 
@@ -186,7 +188,9 @@ def _dataset_of(tree: Dataset, level: int, void: Void, mask_and_scale: bool | No
     coordinates |= _centres(tree, level, cells.shape)
     coordinates["spatial_ref"] = ((), 0, _reference(tree, level))
     made = xr.Dataset({"band_data": variable}, coordinates, _attributes(tree) | {"level": level})
-    masks = facts["kind"] == "continuous" if mask_and_scale is None else mask_and_scale
+    # (Masked, integers become floats, which do not have all those of 64 bits.)
+    is_exact = void.dtype.kind == "f" or void.dtype.itemsize < 8
+    masks = facts["kind"] == "continuous" and is_exact if mask_and_scale is None else mask_and_scale
     if masks:
         made = xr.decode_cf(made, mask_and_scale=True, decode_times=False, decode_coords=False)
     return made
@@ -331,7 +335,8 @@ def _by_band(told: Any, bands: list[int], repeated: bool = False) -> list[Any] |
 def _number(told: Any) -> float | None:
     """A number, if it is one."""
     try:
-        number = float(np.asarray(told).item())
+        number = np.asarray(told).item()
+        number = number if isinstance(number, int) else float(number)
     except (TypeError, ValueError):
         return None
     return None if np.isnan(number) else number
@@ -361,7 +366,7 @@ def _void_told(array: xr.DataArray) -> dict[str, Any]:
         encoded = None
     if number is not None:
         held = array.dtype.kind == "f" or (
-            array.dtype.kind in "iu" and number.is_integer() and np.iinfo(array.dtype).min <= number <= np.iinfo(array.dtype).max
+            array.dtype.kind in "iu" and float(number).is_integer() and np.iinfo(array.dtype).min <= number <= np.iinfo(array.dtype).max
         )
         told["nodata"] = number if held else None
     elif encoded is not None and array.dtype.kind == "f" and not {"scale_factor", "add_offset"} & set(encoding):

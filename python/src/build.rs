@@ -19,6 +19,7 @@ use spinney::{Result, dataset};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms, Work};
+use crate::numbers::{PyNumber, names_of};
 use crate::samples::{copy_bytes, sample_of};
 
 /// Facts that are told about an array.
@@ -34,9 +35,9 @@ pub(crate) struct ArrayOptions {
     in_order: bool,
     kind: Option<String>,
     rule: Option<String>,
-    nodata: Option<f64>,
+    nodata: Option<PyNumber>,
     /// The number that VOID gets in outputs, where none of the array's has meant it.
-    void_number: Option<f64>,
+    void_number: Option<PyNumber>,
     /// The channel that is opacity.
     alpha: Option<u8>,
     transform: Option<Vec<f64>>,
@@ -46,7 +47,7 @@ pub(crate) struct ArrayOptions {
     share: bool,
     /// Time of an Autumnal file's first commit.
     time: Option<i64>,
-    categories: BTreeMap<i64, String>,
+    categories: BTreeMap<PyNumber, String>,
     colormap: Option<Vec<[u8; 4]>>,
     descriptions: Vec<String>,
     scale_offset: Vec<(f64, f64)>,
@@ -58,7 +59,7 @@ impl ArrayOptions {
     fn value(&self) -> PyResult<ValueType> {
         let sample = sample_of(&self.dtype).ok_or_else(|| {
             PyTypeError::new_err(format!(
-                "samples of {} cannot be kept; convert to uint8, uint16, int16, uint32, int32, float32 or float64",
+                "samples of {} cannot be kept; convert to uint8, uint16, int16, uint32, int32, float32, float64, int8, uint64 or int64",
                 self.dtype
             ))
         })?;
@@ -67,7 +68,7 @@ impl ArrayOptions {
             let text = "1 to 4 bands of uint8, uint16 or float32, or 1 band of another type can be kept";
             return Err(PyTypeError::new_err(format!("{} bands of {}: {text}", self.channels, self.dtype)));
         }
-        Ok(self.nodata.map_or(value, |nodata| value.with_missing(nodata)))
+        Ok(self.nodata.map_or(value, |nodata| value.with_missing(nodata.0)))
     }
 
     fn frame(&self) -> PyResult<Frame> {
@@ -87,10 +88,10 @@ impl ArrayOptions {
             self.rule.as_ref().map_or(Ok(kind.default_rule()), |name| name.parse()).or_raise()?;
         let metadata = Metadata {
             frame: self.frame()?,
-            nodata: self.nodata.or(self.void_number),
+            nodata: self.nodata.or(self.void_number).map(|number| number.0),
             alpha: self.alpha,
             palette: self.colormap.clone().map(|colours| Palette { colours }),
-            class_names: self.categories.clone(),
+            class_names: names_of(&self.categories),
             band_names: self.descriptions.clone(),
             scale_offset: self.scale_offset.clone(),
             units: self.units.clone(),
@@ -233,7 +234,7 @@ pub(crate) fn build_array(
 ) -> PyResult<()> {
     let value = options.value()?;
     let build = options.options(value.sample)?;
-    let nodata = match options.nodata {
+    let nodata = match options.nodata.map(|number| number.0) {
         Some(number) if !number.is_nan() => {
             let stored = if value.sample.is_float() { value.sample.nearest(number) } else { number };
             let found = value.splat(stored);
@@ -256,7 +257,7 @@ pub(crate) struct FileOptions {
     kind: Option<String>,
     rule: Option<String>,
     bands: Option<Vec<usize>>,
-    nodata: Option<f64>,
+    nodata: Option<PyNumber>,
     transform: Option<Vec<f64>>,
     crs: Option<String>,
     depth: Option<u8>,
@@ -285,7 +286,7 @@ impl FileOptions {
         options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.rule = self.rule.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
-        (options.bands, options.nodata) = (self.bands.clone(), self.nodata);
+        (options.bands, options.nodata) = (self.bands.clone(), self.nodata.map(|number| number.0));
         options.transform = match self.transform.as_deref() {
             None => None,
             Some(&[a, b, c, d, e, f]) => Some([a, b, c, d, e, f]),
@@ -306,7 +307,8 @@ impl FileOptions {
         options.rule = self.rule.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
         options.transform = self.transform.as_deref().map(matrix_of).transpose()?;
-        (options.nodata, options.depth, options.share) = (self.nodata, self.depth, self.share);
+        options.nodata = self.nodata.map(|number| number.0);
+        (options.depth, options.share) = (self.depth, self.share);
         (options.memory, options.time) = (Some(self.memory), self.time);
         Ok(options)
     }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use numpy::PyReadonlyArray2;
+use numpy::{Element, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -12,10 +12,12 @@ use spinney::dataset::Dataset;
 use spinney::ops::{Chain, Edit, FillRegion, Prefer, apply_edits};
 use spinney::space::{Code, Coordinates, Places, Polygon};
 use spinney::store::autumnal::{self, Note};
+use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
 use crate::files::{commit_facts, is_same_file, named};
 use crate::jobs::{self, Terms};
+use crate::numbers::PyNumber;
 use crate::part::{coordinates_of, part_of};
 
 /// A file that is being edited; nothing of it is seen by others before it is committed.
@@ -102,7 +104,7 @@ impl Editor {
     fn fill(
         &self,
         py: Python<'_>,
-        value: Option<Vec<f64>>,
+        value: Option<Vec<PyNumber>>,
         window: Option<&Bound<'_, PyAny>>,
         coordinates: Option<&Bound<'_, PyAny>>,
         polygon: Option<Vec<Vec<[f64; 2]>>>,
@@ -137,7 +139,7 @@ impl Editor {
             _ => return Err(invalid("fill: give one of window, polygon and block")),
         };
         drop(tree);
-        self.apply(py, Edit::Fill(region, value), terms)
+        self.apply(py, Edit::Fill(region, value.map(|samples| samples.into_iter().map(|number| number.0).collect())), terms)
     }
 
     /// Gives single cells (x, y and in octrees z, a row each) new values (a row each; none: VOID).
@@ -145,24 +147,25 @@ impl Editor {
         &self,
         py: Python<'_>,
         cells: PyReadonlyArray2<'_, i64>,
-        values: Option<PyReadonlyArray2<'_, f64>>,
+        values: Option<&Bound<'_, PyAny>>,
         terms: Terms,
     ) -> PyResult<()> {
         let axes = self.tree()?.header().form.axes();
-        let (cells, values) = (cells.as_array(), values.as_ref().map(|values| values.as_array()));
-        if cells.ncols() != axes || values.is_some_and(|values| values.nrows() != cells.nrows()) {
+        let (cells, values) = (cells.as_array(), values.map(rows_of).transpose()?);
+        if cells.ncols() != axes || values.as_ref().is_some_and(|values| values.len() != cells.nrows()) {
             return Err(invalid(format!(
                 "cells: expected rows of {axes} coordinates, and a row of values for each"
             )));
         }
+        let mut values = values.map(Vec::into_iter);
         let mut edits = Vec::with_capacity(cells.nrows());
-        for (index, cell) in cells.rows().into_iter().enumerate() {
+        for cell in cells.rows() {
             let mut at = [0; 3];
             for (at, number) in at.iter_mut().zip(cell) {
                 *at = u64::try_from(*number)
                     .map_err(|_| PyIndexError::new_err(format!("cells: {cell} is outside of the tree")))?;
             }
-            edits.push((at, values.map(|values| values.row(index).to_vec())));
+            edits.push((at, values.as_mut().and_then(Iterator::next)));
         }
         self.apply(py, Edit::Set(edits), terms)
     }
@@ -200,4 +203,20 @@ impl Editor {
         }
         Ok(())
     }
+}
+
+/// The numbers of each row of an array of u64, i64 or f64.
+fn rows_of(values: &Bound<'_, PyAny>) -> PyResult<Vec<Vec<Number>>> {
+    fn rows<T: Element + Copy + Into<Number>>(values: &Bound<'_, PyArray2<T>>) -> PyResult<Vec<Vec<Number>>> {
+        let lent = values.try_readonly().map_err(|error| invalid(format!("values: {error}")))?;
+        let rows = lent.as_array();
+        Ok(rows.rows().into_iter().map(|row| row.iter().map(|number| (*number).into()).collect()).collect())
+    }
+    if let Ok(values) = values.cast::<PyArray2<u64>>() {
+        return rows(values);
+    }
+    if let Ok(values) = values.cast::<PyArray2<i64>>() {
+        return rows(values);
+    }
+    rows(values.cast::<PyArray2<f64>>()?)
 }

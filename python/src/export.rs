@@ -16,6 +16,7 @@ use spinney::style::Style;
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::numbers::PyNumber;
 use crate::part::{coordinates_of, level_of, part_of};
 use crate::tree::Tree;
 
@@ -67,14 +68,14 @@ impl Tree {
         path: PathBuf,
         tile_size: Option<u32>,
         compression: Option<&str>,
-        nodata: Option<f64>,
+        nodata: Option<PyNumber>,
         terms: Terms,
     ) -> PyResult<()> {
         let opened = self.get()?;
         check_output(&[opened.tree.name().to_path_buf()], &path)?;
         let mut request = CogRequest::new();
         request.tile_size = tile_size.unwrap_or(request.tile_size);
-        request.nodata = nodata;
+        request.nodata = nodata.map(|number| number.0);
         request.compression = match compression {
             None | Some("deflate") => CogCompression::Deflate,
             Some("zstd") => CogCompression::Zstd,

@@ -15,6 +15,7 @@ mod index;
 mod jobs;
 mod model;
 mod model_faces;
+mod numbers;
 mod part;
 mod questions;
 mod read;

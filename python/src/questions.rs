@@ -9,12 +9,13 @@ use pyo3::types::PyDict;
 use spinney::ops::AffineMap;
 use spinney::query::{Condition, FoundBlock, PointSamples};
 use spinney::space::{Bounds, Coordinates, Places};
-use zerocopy::FromBytes;
+use spinney::value::{Number, Value, ValueType};
 
 use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms, Work};
 use crate::part::{coordinates_of, level_of, part_of};
-use crate::samples::{Plain, empty, with_bytes, with_sample};
+use crate::numbers::PyNumber;
+use crate::samples::{empty, with_bytes};
 use crate::tree::{Opened, Tree};
 
 /// Points that are answered at a time, before signals are looked at: of a file, and of a view, in which each may have a long way.
@@ -34,7 +35,7 @@ impl Tree {
         points: PyReadonlyArray2<'py, f64>,
         level: Option<i64>,
         coordinates: Option<&Bound<'py, PyAny>>,
-        fill: Option<f64>,
+        fill: Option<PyNumber>,
     ) -> PyResult<Sampled<'py>> {
         let opened = self.get()?;
         let axes = opened.axes();
@@ -70,11 +71,12 @@ impl Tree {
         let facts = PyDict::new(py);
         facts.set_item("cells", found.cells)?;
         facts.set_item("void_cells", found.void_cells)?;
-        let channels = found.channels.iter();
-        let channels: Vec<_> =
-            channels.map(|c| (c.cells, c.min, c.max, c.mean, c.standard_deviation)).collect();
-        facts.set_item("channels", channels)?;
-        facts.set_item("classes", found.classes)?;
+        let channels = found.channels.iter().map(|c| {
+            Ok((c.cells, opened.told(py, c.min)?, opened.told(py, c.max)?, c.mean, c.standard_deviation))
+        });
+        facts.set_item("channels", channels.collect::<PyResult<Vec<_>>>()?)?;
+        let classes = found.classes.iter().map(|(value, cells)| Ok((opened.told(py, *value)?, *cells)));
+        facts.set_item("classes", classes.collect::<PyResult<Vec<_>>>()?)?;
         Ok(facts)
     }
 
@@ -116,8 +118,8 @@ impl Tree {
         Ok(counts.map(|counts| counts.levels().to_vec()).unwrap_or_default())
     }
 
-    /// The largest blocks whose cells all meet a condition: codes, levels, first cells and sizes, and values (NaN where
-    /// a block has several).
+    /// The largest blocks whose cells all meet a condition: codes, levels, first cells and sizes, values, and whether a block has
+    /// one (and not several).
     #[pyo3(signature = (condition, number, window=None, coordinates=None, limit=None, largest=None))]
     #[allow(clippy::too_many_arguments)] // those of the Python function
     #[pyo3(name = "_find_blocks")]
@@ -125,7 +127,7 @@ impl Tree {
         &self,
         py: Python<'py>,
         condition: &str,
-        number: f64,
+        number: PyNumber,
         window: Option<&Bound<'py, PyAny>>,
         coordinates: Option<&Bound<'py, PyAny>>,
         limit: Option<usize>,
@@ -133,6 +135,7 @@ impl Tree {
     ) -> PyResult<Blocks<'py>> {
         let opened = self.get()?;
         let part = part_of(&opened.tree, window, coordinates)?;
+        let PyNumber(number) = number;
         let condition = match condition {
             "above" => Condition::Above(number),
             "below" => Condition::Below(number),
@@ -146,11 +149,21 @@ impl Tree {
             min.into_iter().take(axes).chain(size.into_iter().take(axes)).map(|cells| cells as i64)
         });
         let boxes = PyArray1::from_iter(py, boxes).reshape([found.len(), 2 * axes])?;
+        let sample = opened.tree.header().form.value.sample;
+        let values = empty(py, sample, &[found.len()])?;
+        with_bytes(&values, sample, |bytes| {
+            let value_type = ValueType::new(sample, 1);
+            for (bytes, block) in bytes.chunks_exact_mut(sample.size()).zip(&found) {
+                value_type.nearest_numbers(|_| block.value.unwrap_or_default()).write(bytes);
+            }
+            Ok(())
+        })?;
         Ok((
             found.iter().map(|block| block.code.clone()).collect(),
             PyArray1::from_iter(py, found.iter().map(|block| block.level)),
             boxes,
-            PyArray1::from_iter(py, found.iter().map(|block| block.value.unwrap_or(f64::NAN))),
+            values,
+            PyArray1::from_iter(py, found.iter().map(|block| block.value.is_some())),
         ))
     }
 }
@@ -161,7 +174,7 @@ pub(crate) fn values_at<'py>(
     py: Python<'py>,
     opened: &Opened,
     level: u8,
-    fill: f64,
+    fill: Number,
     total: usize,
     cells: &mut (dyn FnMut(Range<usize>) -> Vec<[u64; 3]> + Send),
 ) -> PyResult<Sampled<'py>> {
@@ -177,7 +190,7 @@ pub(crate) fn values_at<'py>(
         for ((bytes, found), first) in parts.zip((0..).step_by(batch)) {
             py.detach(|| {
                 opened.tree.points(&cells(first..first + found.len()), level, &mut samples)?;
-                with_sample!(value.sample, S => write::<S>(&samples, fill, bytes, found));
+                write(&samples, value.nearest_numbers(|_| fill), bytes, found);
                 Ok(())
             })
             .or_raise()?;
@@ -188,9 +201,14 @@ pub(crate) fn values_at<'py>(
     Ok((values, found))
 }
 
-/// Codes, levels, boxes and values of blocks.
-type Blocks<'py> =
-    (Vec<String>, Bound<'py, PyArray1<u8>>, Bound<'py, PyArray2<i64>>, Bound<'py, PyArray1<f64>>);
+/// Codes, levels, boxes and values of blocks, and whether each has one.
+type Blocks<'py> = (
+    Vec<String>,
+    Bound<'py, PyArray1<u8>>,
+    Bound<'py, PyArray2<i64>>,
+    Bound<'py, PyAny>,
+    Bound<'py, PyArray1<bool>>,
+);
 
 fn search(
     opened: &Opened,
@@ -269,31 +287,12 @@ impl Points {
     }
 }
 
-fn write<S: Plain + FromF64>(samples: &PointSamples, fill: f64, bytes: &mut [u8], found: &mut [bool]) {
-    let Ok(values) = <[S]>::mut_from_bytes(bytes) else { return };
-    let count = values.len() / found.len().max(1);
-    for (index, (values, found)) in values.chunks_exact_mut(count).zip(found).enumerate() {
-        match samples.get(index) {
-            Some(numbers) => {
-                *found = true;
-                values.iter_mut().zip(numbers).for_each(|(value, number)| *value = S::from_f64(*number));
-            }
-            None => values.fill(S::from_f64(fill)),
-        }
+/// Writes the values of cells, and whether each has one.
+fn write(samples: &PointSamples, fill: Value, bytes: &mut [u8], found: &mut [bool]) {
+    let width = bytes.len() / found.len().max(1);
+    for (index, (bytes, found)) in bytes.chunks_exact_mut(width.max(1)).zip(found).enumerate() {
+        let value = samples.value(index);
+        *found = value.is_some();
+        value.unwrap_or(fill).write(bytes);
     }
 }
-
-/// Samples as the nearest to a number.
-pub(crate) trait FromF64 {
-    fn from_f64(number: f64) -> Self;
-}
-
-macro_rules! from_f64 {
-    ($($type:ty)*) => { $(impl FromF64 for $type {
-        #[inline]
-        fn from_f64(number: f64) -> $type {
-            number as $type
-        }
-    })* };
-}
-from_f64!(u8 u16 i16 u32 i32 f32 f64);

@@ -10,12 +10,13 @@ use pyo3::types::{PyInt, PyList, PySlice, PyTuple};
 use spinney::dataset::Dataset;
 use spinney::export::{Detail, WindowRequest, window_rows};
 use spinney::space::Bounds;
-use spinney::value::Rule;
+use spinney::value::{Number, Rule};
 
 use crate::error::{OrRaise, invalid};
 use crate::index;
 use crate::index::Along;
 use crate::jobs::{self, Terms};
+use crate::numbers::PyNumber;
 use crate::part::{at_level, level_of, part_of};
 use crate::questions::values_at;
 use crate::samples::{dtype, empty, flags, with_bytes};
@@ -68,7 +69,7 @@ pub(crate) fn cells<'py>(
     opened: &Opened,
     level: u8,
     bounds: &Bounds,
-    fill: f64,
+    fill: Number,
     masked: bool,
     out: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Pixels<'py>> {
@@ -119,7 +120,7 @@ fn read(
     tree: &Dataset,
     level: u8,
     part: &Bounds,
-    fill: f64,
+    fill: Number,
     bytes: &mut [u8],
     flags: Option<&mut [bool]>,
 ) -> spinney::Result<()> {
@@ -261,10 +262,9 @@ fn masked_array<'py>(
     void: Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyAny>> {
     static MASKED: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-    let value = opened.tree.header().form.value;
-    let missing = opened.tree.metadata().nodata.filter(|_| value.missing.is_some());
+    let missing = opened.missing().map(|number| opened.told(py, number)).transpose()?;
     let masked = MASKED.import(py, "spinney._arrays", "masked")?;
-    masked.call1((array, void, missing, opened.void()?))
+    masked.call1((array, void, missing, opened.told(py, opened.void()?)?))
 }
 
 /// Copies a result to the array that it was asked for in, or gives it as it is.
@@ -319,7 +319,7 @@ impl Tree {
         out_shape: Option<&Bound<'py, PyAny>>,
         exact: bool,
         masked: bool,
-        fill: Option<f64>,
+        fill: Option<PyNumber>,
         boundless: bool,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
@@ -331,7 +331,8 @@ impl Tree {
         }
         if let (true, Some(window)) = (boundless, window) {
             let helper = py.import("spinney._arrays")?.getattr("boundless")?;
-            let array = helper.call1((slf, bands, window, level, out_shape, exact, masked, fill))?;
+            let told = fill.map(|fill| opened.told(py, fill.0)).transpose()?;
+            let array = helper.call1((slf, bands, window, level, out_shape, exact, masked, told))?;
             return delivered(array, out);
         }
         let tree = &opened.tree;

@@ -12,6 +12,7 @@ use crate::build::matrix_of;
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::numbers::{PyNumber, names_of};
 use crate::tree::Tree;
 
 /// What is said anew of a tree; all else stays as it is.
@@ -23,7 +24,7 @@ pub(crate) struct TreeOptions {
     depth: Option<u8>,
     transform: Option<Vec<f64>>,
     crs: Option<String>,
-    categories: Option<BTreeMap<i64, String>>,
+    categories: Option<BTreeMap<PyNumber, String>>,
     colormap: Option<Vec<[u8; 4]>>,
     descriptions: Option<Vec<String>>,
     scale_offset: Option<Vec<(f64, f64)>>,
@@ -57,7 +58,9 @@ impl TreeOptions {
         if let Some(colours) = self.colormap {
             metadata.palette = Some(Palette { colours });
         }
-        metadata.class_names = self.categories.unwrap_or(std::mem::take(&mut metadata.class_names));
+        if let Some(names) = &self.categories {
+            metadata.class_names = names_of(names);
+        }
         metadata.band_names = self.descriptions.unwrap_or(std::mem::take(&mut metadata.band_names));
         metadata.scale_offset = self.scale_offset.unwrap_or(std::mem::take(&mut metadata.scale_offset));
         metadata.units = self.units.unwrap_or(std::mem::take(&mut metadata.units));

@@ -12,6 +12,7 @@ use spinney::style::{Style, StylePainter};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::numbers::PyNumber;
 use crate::part::{at_level, level_of, part_of};
 use crate::tree::Tree;
 
@@ -30,7 +31,7 @@ impl Tree {
         level: Option<i64>,
         shape: Option<[u64; 2]>,
         exact: bool,
-        nodata: Option<f64>,
+        nodata: Option<PyNumber>,
         range: Option<[f64; 2]>,
         style: Option<&str>,
         terms: Terms,
@@ -45,7 +46,7 @@ impl Tree {
         if opened.axes() == 3 && matches!(format, Format::Npy | Format::Raw) && shape.is_none() {
             let level = level_of(tree, level)?;
             let mut request = ArrayRequest::new(at_level(tree, part, level), level);
-            request.nodata = nodata;
+            request.nodata = nodata.map(|number| number.0);
             return jobs::run(py, terms, |work| {
                 export_array(tree, &request, work.create(&path)?, format, work)
             });
@@ -62,7 +63,7 @@ impl Tree {
             (Some(style), None) => Some(Style::given(style).or_raise()?),
             (None, range) => range.map(|range| Style::stretched(tree, range)),
         };
-        request.nodata = nodata;
+        request.nodata = nodata.map(|number| number.0);
         jobs::run(py, terms, |work| export_window(tree, &request, work.create(&path)?, format, work))
     }
     /// Writes the legend of a style, the tree's own if none is given.

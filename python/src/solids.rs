@@ -15,6 +15,7 @@ use spinney::space::Bounds;
 
 use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms};
+use crate::numbers::PyNumber;
 use crate::part::level_of;
 use crate::read::resampled_slice;
 use crate::tree::{Opened, Tree};
@@ -143,7 +144,7 @@ impl Tree {
         coordinates: &str,
         level: Option<i64>,
         masked: bool,
-        fill: Option<f64>,
+        fill: Option<PyNumber>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let opened = self.get()?;
         opened.check_octree()?;

@@ -6,14 +6,16 @@ use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 use spinney::dataset::{self, Dataset};
 use spinney::export::void_number;
 use spinney::ops::Step;
 use spinney::space::Crs;
 use spinney::store::{FilePlace, OpenOptions};
+use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
+use crate::numbers::{PyNumber, told, told_names};
 use crate::{jobs, samples};
 
 /// A file or a view of one, open for questions from any number of threads.
@@ -38,27 +40,37 @@ pub(crate) struct Opened {
     pub(crate) tree: Dataset,
     /// Whether it is seen through steps, which take time for each cell.
     pub(crate) is_view: bool,
-    void: OnceLock<f64>,
+    void: OnceLock<Number>,
 }
 
 impl Opened {
     /// The number for VOID cells where nobody asks for another one.
-    pub(crate) fn void(&self) -> PyResult<f64> {
+    pub(crate) fn void(&self) -> PyResult<Number> {
         if let Some(number) = self.void.get() {
             return Ok(*number);
         }
-        let number = void_number(&self.tree).or_raise()?.unwrap_or(0.0);
+        let number = void_number(&self.tree).or_raise()?.unwrap_or_default();
         Ok(*self.void.get_or_init(|| number))
     }
 
     /// The number for VOID cells, which somebody may have asked for.
-    pub(crate) fn fill(&self, asked: Option<f64>) -> PyResult<f64> {
+    pub(crate) fn fill(&self, asked: Option<PyNumber>) -> PyResult<Number> {
         let sample = self.tree.header().form.value.sample;
-        match asked {
+        match asked.map(|number| number.0) {
             None => self.void(),
             Some(number) if sample.is_float() || sample.can_hold(number) => Ok(number),
             Some(number) => Err(invalid(format!("fill: {} cannot hold {number}", sample.name()))),
         }
+    }
+
+    /// The sample that means that a cell has none in a channel, if there is one.
+    pub(crate) fn missing(&self) -> Option<Number> {
+        self.tree.metadata().nodata.filter(|_| self.tree.header().form.value.missing.is_some())
+    }
+
+    /// A sample for Python.
+    pub(crate) fn told<'py>(&self, py: Python<'py>, number: Number) -> PyResult<Bound<'py, PyAny>> {
+        told(py, number, self.tree.header().form.value.sample)
     }
 
     /// Number of axes.
@@ -242,21 +254,23 @@ impl Tree {
     }
 
     #[getter]
-    fn nodata(&self) -> PyResult<Option<f64>> {
-        Ok(self.get()?.tree.metadata().nodata)
+    fn nodata<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let opened = self.get()?;
+        opened.tree.metadata().nodata.map(|number| opened.told(py, number)).transpose()
     }
 
     /// The number that VOID cells have in arrays.
     #[getter]
-    fn fill_value(&self) -> PyResult<f64> {
-        self.get()?.void()
+    fn fill_value<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let opened = self.get()?;
+        opened.told(py, opened.void()?)
     }
 
     /// The sample that means that a cell has none in a channel, if there is one.
     #[getter(_missing)]
-    fn missing(&self) -> PyResult<Option<f64>> {
+    fn missing<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let opened = self.get()?;
-        Ok(opened.tree.metadata().nodata.filter(|_| opened.tree.header().form.value.missing.is_some()))
+        opened.missing().map(|number| opened.told(py, number)).transpose()
     }
 
     /// All else that is told, by name.
@@ -275,7 +289,8 @@ impl Tree {
             colours.enumerate().collect::<BTreeMap<_, _>>()
         });
         facts.set_item("colormap", colours)?;
-        facts.set_item("categories", metadata.class_names.clone())?;
+        let names = told_names(py, &metadata.class_names, header.form.value.sample)?;
+        facts.set_item("categories", names.into_py_dict(py)?)?;
         facts.set_item("descriptions", metadata.band_names.clone())?;
         facts.set_item("scale_offset", metadata.scale_offset.clone())?;
         facts.set_item("units", metadata.units.clone())?;

@@ -8,24 +8,27 @@ use spinney::space::{Coordinates, EdgeRule, Places, Polygon};
 
 use crate::error::OrRaise;
 use crate::jobs::{self, Terms, Work};
-use crate::tree::Tree;
+use crate::tree::{Opened, Tree};
 
 /// Cells, VOID cells, numbers of each channel, and cells of each class.
-type Zone = (f64, f64, Vec<(f64, f64, f64, f64, f64)>, Vec<(f64, f64)>);
+type Zone<'py> = (f64, f64, Vec<ZoneNumbers<'py>>, Vec<(Bound<'py, PyAny>, f64)>);
+
+/// Cells, least and greatest sample, mean and standard deviation of a channel.
+type ZoneNumbers<'py> = (f64, Bound<'py, PyAny>, Bound<'py, PyAny>, f64, f64);
 
 #[pymethods]
 impl Tree {
     /// Statistics of the cells in each polygon of some GeoJSON documents, each with the definition of its coordinate system: `world` is
     /// the tree's own, and without one it is what the document says. Features are those that have all values of some attributes.
     #[pyo3(name = "_zones")]
-    fn zones(
+    fn zones<'py>(
         &self,
-        py: Python<'_>,
+        py: Python<'py>,
         documents: Vec<(String, Option<String>)>,
         edge: &str,
         values: Vec<(String, String)>,
         terms: Terms,
-    ) -> PyResult<Vec<Zone>> {
+    ) -> PyResult<Vec<Zone<'py>>> {
         let opened = self.get()?;
         let rule: EdgeRule = edge.parse().or_raise()?;
         let zones = jobs::run(py, terms, |work| {
@@ -46,7 +49,7 @@ impl Tree {
                 |polygon: &Option<Polygon>| polygon.as_ref().and_then(|_| found.next()).unwrap_or_default();
             Ok(polygons.iter().map(zone_of).collect::<Vec<_>>())
         })?;
-        Ok(zones.into_iter().map(told).collect())
+        zones.iter().map(|zone| told(py, &opened, zone)).collect()
     }
 }
 
@@ -77,8 +80,11 @@ fn layers_of(
     Ok((systems, layers))
 }
 
-fn told(zone: ZoneStatistics) -> Zone {
-    let channels = zone.channels.iter();
-    let channels = channels.map(|c| (c.cells, c.min, c.max, c.mean, c.standard_deviation)).collect();
-    (zone.cells, zone.void_cells, channels, zone.classes)
+fn told<'py>(py: Python<'py>, opened: &Opened, zone: &ZoneStatistics) -> PyResult<Zone<'py>> {
+    let channels = zone.channels.iter().map(|c| {
+        Ok((c.cells, opened.told(py, c.min)?, opened.told(py, c.max)?, c.mean, c.standard_deviation))
+    });
+    let classes = zone.classes.iter().map(|(value, cells)| Ok((opened.told(py, *value)?, *cells)));
+    let (channels, classes) = (channels.collect::<PyResult<_>>()?, classes.collect::<PyResult<_>>()?);
+    Ok((zone.cells, zone.void_cells, channels, classes))
 }

@@ -6,6 +6,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
 use spinney::ops::{self, Prefer, Universe};
+use spinney::value::Number;
 
 use super::args::{Memory, OperationName, OutputLimit, check_output, numbers, parse_operation};
 use super::report::statistics::class_as_json;
@@ -34,7 +35,7 @@ pub(crate) struct Args {
     values: String,
     /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
-    fill: Option<f64>,
+    fill: Option<Number>,
     /// Box of the world in which an operation fills what neither file has: west, south, east, north; of octrees
     /// all least and then all largest coordinates [default: a raster's picture, an octree's root]
     #[arg(long, value_name = "BOX", value_parser = parse_box, conflicts_with = "margin")]
@@ -145,7 +146,7 @@ fn table(files: &[PathBuf], json: bool) -> Result<()> {
     let [first, second] = files else { bail!("cross takes two files, not {}", files.len()) };
     let pairs = ops::crosstab_files(first, second, &())?;
     if json {
-        let samples = |value: &Option<Vec<f64>>| {
+        let samples = |value: &Option<Vec<Number>>| {
             let value = value.as_ref();
             value.map(|samples| samples.iter().map(|sample| class_as_json(*sample)).collect::<Vec<_>>())
         };
@@ -155,9 +156,9 @@ fn table(files: &[PathBuf], json: bool) -> Result<()> {
             .collect();
         return print_json(&json!(rows));
     }
-    let show = |value: &Option<Vec<f64>>| match value {
+    let show = |value: &Option<Vec<Number>>| match value {
         None => "-".to_string(),
-        Some(samples) => samples.iter().map(f64::to_string).collect::<Vec<_>>().join(","),
+        Some(samples) => samples.iter().map(Number::to_string).collect::<Vec<_>>().join(","),
     };
     let rows = pairs.iter().map(|(a, b, cells)| format!("{:>12} {:>12} {cells:>16}\n", show(a), show(b)));
     print_text(&format!("{:>12} {:>12} {:>16}\n{}", "first", "second", "cells", rows.collect::<String>()))

@@ -12,6 +12,7 @@ use spinney::ops::{Chain, Edit, FillRegion, Prefer, Step, apply_edits};
 use spinney::space::{Bounds, Code, Coordinates, Polygon};
 use spinney::store::autumnal::Editor;
 use spinney::store::file_is_tree;
+use spinney::value::Number;
 
 use super::args::{
     CommitOptions, OperationName, PartOptions, number, numbers, parse_operation, parse_step, same_file,
@@ -85,9 +86,9 @@ struct Fill {
     #[arg(long, value_name = "CODE", conflicts_with_all = ["window", "polygon"])]
     block: Option<String>,
     /// Value that all cells get: one number, or one for each channel
-    #[arg(long, value_name = "NUMBER,...", value_delimiter = ',', value_parser = number::<f64>)]
+    #[arg(long, value_name = "NUMBER,...", value_delimiter = ',', value_parser = number::<Number>)]
     #[arg(allow_negative_numbers = true, group = "what")]
-    value: Option<Vec<f64>>,
+    value: Option<Vec<Number>>,
     /// VOID instead of a value: nothing is there any more
     #[arg(long, group = "what")]
     void: bool,

@@ -4,6 +4,7 @@ use anyhow::{Result, bail};
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::{Condition, FoundBlock};
+use spinney::value::Number;
 
 use super::args::{PartOptions, ViewedTree};
 use super::exact::{self, LeafKind};
@@ -54,13 +55,13 @@ pub(crate) struct Args {
 struct Wanted {
     /// Values greater than this
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
-    above: Option<f64>,
+    above: Option<Number>,
     /// Values less than this
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
-    below: Option<f64>,
+    below: Option<Number>,
     /// Values equal to this
     #[arg(long, value_name = "K", allow_hyphen_values = true)]
-    class: Option<f64>,
+    class: Option<Number>,
     /// Leaves of exact models, of these kinds
     #[arg(long, value_name = "KIND,...", value_delimiter = ',')]
     leaf: Option<Vec<LeafKind>>,

@@ -10,7 +10,7 @@ use spinney::io::Output;
 use spinney::ops::WarpGrid;
 use spinney::space::{Bounds, web_mercator_depth};
 use spinney::style::Style;
-use spinney::value::SampleType;
+use spinney::value::{Number, SampleType};
 
 use super::Global;
 use super::args::{
@@ -68,7 +68,7 @@ pub(crate) struct Args {
     format: Option<String>,
     /// Number that means VOID
     #[arg(long, allow_hyphen_values = true)]
-    nodata: Option<f64>,
+    nodata: Option<Number>,
     /// Colours: a style's name (viridis, terrain, hillshade, relief, terrain-rgb ...), its JSON or a file with it; see
     /// docs/styles.md [default: the values themselves; .png of others than u8 and u16: the style "default"]
     #[arg(long, value_name = "STYLE", value_parser = parse_style, conflicts_with = "nodata")]

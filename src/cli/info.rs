@@ -87,8 +87,11 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         .classes
         .iter()
         .map(|(value, cells)| {
-            let colour = metadata.palette.as_ref().and_then(|palette| palette.colours.get(*value as usize));
-            let name = metadata.class_names.get(&(*value as i64));
+            let colour = metadata
+                .palette
+                .as_ref()
+                .and_then(|palette| palette.colours.get(usize::try_from(value.to_integer()?).ok()?));
+            let name = metadata.class_names.get(value);
             json!({ "value": class_as_json(*value), "cells": cells, "name": name, "colour": colour })
         })
         .collect();
@@ -276,9 +279,12 @@ fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
     writeln!(text, "classes     {}", stats.classes.len())?;
     let metadata = tree.metadata();
     for (value, cells) in stats.classes.iter().take(MOST) {
-        let colour = metadata.palette.as_ref().and_then(|palette| palette.colours.get(*value as usize));
+        let colour = metadata
+            .palette
+            .as_ref()
+            .and_then(|palette| palette.colours.get(usize::try_from(value.to_integer()?).ok()?));
         let colour = colour.map(|[r, g, b, _]| format!("  #{r:02x}{g:02x}{b:02x}")).unwrap_or_default();
-        let name = metadata.class_names.get(&(*value as i64)).map(String::as_str).unwrap_or_default();
+        let name = metadata.class_names.get(value).map(String::as_str).unwrap_or_default();
         writeln!(text, "{value:>8} {cells:>14} cells{colour}  {name}")?;
     }
     if stats.classes.len() > MOST {

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use spinney::dataset::Dataset;
 use spinney::query::PointSamples;
 use spinney::space::{Coordinates, Places};
-use spinney::value::SampleType;
+use spinney::value::{Number, SampleType};
 
 use super::args::{CoordinatesOption, ViewedTree, level_of};
 use super::exact;
@@ -212,14 +212,11 @@ impl Points<'_> {
 const OUTSIDE: [u64; 3] = [u64::MAX; 3];
 
 /// Writes a number; a whole one, as most are, without the detour over floating-point printing.
-fn write_number(number: f64, is_double: bool, text: &mut Vec<u8>) {
-    let whole = number as i64;
-    let written = if whole as f64 == number {
-        write!(text, "{whole}")
-    } else if is_double {
-        write!(text, "{number}")
-    } else {
-        write!(text, "{}", number as f32)
+fn write_number(number: Number, is_double: bool, text: &mut Vec<u8>) {
+    let written = match number {
+        Number::Float(number) if number as i64 as f64 == number => write!(text, "{}", number as i64),
+        Number::Float(number) if !is_double => write!(text, "{}", number as f32),
+        number => write!(text, "{number}"),
     };
     debug_assert!(written.is_ok(), "writing to memory");
 }

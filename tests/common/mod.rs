@@ -61,7 +61,7 @@ pub fn value_types() -> Vec<ValueType> {
     let of = |sample| (1..=4).map(move |channels| ValueType::new(sample, channels));
     let types: Vec<_> =
         SampleType::ALL.into_iter().flat_map(of).filter(|value| value.is_supported()).collect();
-    assert_eq!(types.len(), 16);
+    assert_eq!(types.len(), 19);
     types
 }
 
@@ -182,10 +182,17 @@ impl Cells {
 
 /// Some value for a number; different numbers below 2^8 give different values.
 pub fn value(value_type: ValueType, number: u64) -> Value {
+    match value_type.sample {
+        // Neighbours that f64 cannot tell apart.
+        SampleType::U64 => return Value::from([(1 << 63) + 3 + number]),
+        SampleType::I64 => return Value::from([(1 << 53) - i64::MAX + number as i64]),
+        _ => {}
+    }
     value_type.nearest(|channel| {
         let number = number as f64 + 10.0 * channel as f64;
         match value_type.sample {
             SampleType::U8 => number % 251.0,
+            SampleType::I8 => number % 251.0 - 125.0,
             SampleType::F32 | SampleType::F64 => number * 0.37 - 11.5,
             SampleType::I16 | SampleType::I32 => number * 3.0 - 100.0,
             _ => number,
@@ -382,7 +389,7 @@ pub fn assert_same(found: &Cells, expected: &Cells, what: &str) {
     assert_eq!((found.form, found.size), (expected.form, expected.size), "{what}");
     let value_type = found.form.value;
     for (i, (found, expected)) in found.cells.iter().zip(&expected.cells).enumerate() {
-        let show = |value: &Option<Value>| value.map(|value| value_type.samples(value).to_vec());
+        let show = |value: &Option<Value>| value.map(|value| value_type.numbers(value).to_vec());
         assert!(
             found == expected,
             "{what}: cell number {i}: {:?}, expected {:?}",

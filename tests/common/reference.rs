@@ -1,11 +1,11 @@
 //! Writes Goblin files by the letter of formats.md, from trees in memory: with any reach, stride and threshold, which
-//! Spinney's own writer does not choose. Values are integers.
+//! Spinney's own writer does not choose. Values are integers of at most 32 bits.
 
 use std::collections::BTreeMap;
 
 use spinney::space::{Code, Dimension};
 use spinney::tree::{Child, MemTree, Source, no_children};
-use spinney::value::{Kind, Rule, Value, ValueType};
+use spinney::value::{Kind, Number, Rule, Value, ValueType};
 
 /// The numbers of a file that say how its tree is cut into segments.
 #[derive(Clone, Copy, Debug)]
@@ -60,7 +60,7 @@ struct DenseRows {
 struct Sums {
     cells: u64,
     /// Least, greatest, sum and sum of squares, by channel.
-    channels: Vec<(f64, f64, i128, i128)>,
+    channels: Vec<(i128, i128, i128, i128)>,
     classes: BTreeMap<Vec<u8>, u64>,
 }
 
@@ -202,10 +202,10 @@ impl Writer<'_> {
             Place::Inner(_, inner) => inner.sums.clone(),
             Place::Leaf(value) => {
                 let cells = self.tree.form().dimension.cells(self.tree.depth() - level);
-                let samples = self.value_type().samples(*value);
-                let sums = |sample: &f64| {
-                    let (number, cells) = (*sample as i128, i128::from(cells));
-                    (*sample, *sample, number * cells, number * number * cells)
+                let samples = self.value_type().numbers(*value);
+                let sums = |sample: &Number| {
+                    let (number, cells) = (sample.to_integer().unwrap(), i128::from(cells));
+                    (number, number, number * cells, number * number * cells)
                 };
                 let classes = [(self.bytes(*value), cells)].into();
                 Sums { cells, channels: samples.iter().map(sums).collect(), classes }
@@ -266,8 +266,8 @@ impl Writer<'_> {
         entry.extend(crc32c::crc32c(&self.file[start..]).to_le_bytes());
         entry.extend(node.sums.cells.to_le_bytes());
         for (min, max, sum, squares) in &node.sums.channels {
-            entry.extend(min.to_le_bytes());
-            entry.extend(max.to_le_bytes());
+            entry.extend(&min.to_le_bytes()[..self.value_type().sample.size()]);
+            entry.extend(&max.to_le_bytes()[..self.value_type().sample.size()]);
             entry.extend(sum.to_le_bytes());
             entry.extend(squares.to_le_bytes());
         }

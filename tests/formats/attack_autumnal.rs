@@ -27,7 +27,7 @@ fn file(tree: &MemTree, size: [u64; 3], (rule, kind): (Rule, Kind), share: bool)
     build_tree(tree, size, &options, Output::create(&path).unwrap(), &()).unwrap();
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [3, 4, 1] });
     let note = Note { time: Some(5), author: "A".into(), message: "B".into() };
-    edit(&path, [Ok(Edit::Fill(region, Some(vec![77.0])))], note, 1 << 20, &()).unwrap();
+    edit(&path, [Ok(Edit::Fill(region, Some(vec![77.0.into()])))], note, 1 << 20, &()).unwrap();
     std::fs::read(path).unwrap()
 }
 

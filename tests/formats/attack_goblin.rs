@@ -74,7 +74,7 @@ fn all_fields(file: &[u8], form: Form) -> Vec<Field> {
     all.extend(fields("the tree's header", layer, &TREE_FIELDS));
     all.extend(fields("the layer", layer + 48, &LAYER_FIELDS));
     let (size, run) = (seal::entry_size(file, layer), seal::long(file, layer + 88) as usize);
-    let channels = usize::from(form.value.channels);
+    let (channels, sample) = (usize::from(form.value.channels), form.value.sample.size());
     let mut entries = Vec::new();
     for (index, page) in seal::pages(file, layer) {
         all.extend(fields("an entry of the index", index, &[8, 8, 4, 4]));
@@ -84,7 +84,7 @@ fn all_fields(file: &[u8], form: Form) -> Vec<Field> {
     }
     for entry in entries {
         all.extend(fields("an entry", entry, &[8, 8, 8, 4, 2, 1, 1, 4, 8]));
-        all.extend(fields("statistics", entry + 44, &[8; 6].repeat(channels)));
+        all.extend(fields("statistics", entry + 44, &[sample, sample, 8, 8, 8, 8].repeat(channels)));
         let (records, classes) =
             (seal::short(file, entry + 24) as usize, seal::short(file, entry + 28) as u16 as usize);
         let layout = Goblin::from_bytes(file.to_vec()).unwrap().layout().size;

@@ -50,7 +50,7 @@ pub(crate) fn house(bits: u8) -> Vec<u8> {
     let output = Output::create(&path).unwrap();
     let mut builder = ModelBuilder::new(output, grid(bits), 1 << 20).unwrap().leaf_size(3);
     list.each(&mut |face| builder.push(face)).unwrap();
-    let class_names = (0..).zip(list.parts().iter().cloned()).collect();
+    let class_names = (0u64..).map(Into::into).zip(list.parts().iter().cloned()).collect();
     let mut metadata = Metadata { class_names, ..Metadata::default() };
     assert_eq!(builder.finish(&mut metadata, &(), &mut |_, _| ()).unwrap().defects, []);
     std::fs::read(&path).unwrap()

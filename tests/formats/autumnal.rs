@@ -10,7 +10,7 @@ use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::autumnal::Autumnal;
 use spinney::store::{OpenOptions, build_tree};
 use spinney::tree::{Child, Form, MemTree, Source};
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::value::{Kind, Number, Rule, SampleType};
 
 use crate::common::{
     self, CLASSIC, Cells, OCT, QUAD, Random, byte, children, goblin_bytes, made, oct, options, quad,
@@ -130,9 +130,9 @@ fn answers_agree(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
             (0..50).map(|_| std::array::from_fn(|axis| random.below(shown.max[axis] + 2))).collect();
         for cell in cells {
             let points = [a, b].map(|tree| {
-                let mut samples = [0.0; 4];
+                let mut samples = [Number::default(); 4];
                 let found = tree.point(cell, level, &mut samples).unwrap();
-                (found, samples.map(f64::to_bits))
+                (found, samples)
             });
             assert_eq!(points[0].0, points[1].0, "{cell:?}");
             assert!(!points[0].0 || points[0] == points[1], "{cell:?}");
@@ -140,7 +140,7 @@ fn answers_agree(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
     }
     let found = [a, b].map(|tree| {
         let mut found = Vec::new();
-        tree.find(Condition::Above(2.0), None, &(), &mut |block| {
+        tree.find(Condition::Above(2.0.into()), None, &(), &mut |block| {
             // (Which blocks have a zone, which tells no value, is a matter of the format.)
             found.push((block.code, block.bounds));
             Ok(true)

@@ -29,7 +29,7 @@ fn change(editor: &mut Editor, random: &mut Random, cells: &mut Cells) -> spinne
     for (cell, value) in &list {
         cells.cells[(cell[1] * SIZE[0] + cell[0]) as usize] = Some(byte(*value));
     }
-    let set = list.into_iter().map(|(cell, value)| (cell, Some(vec![f64::from(value)])));
+    let set = list.into_iter().map(|(cell, value)| (cell, Some(vec![value.into()])));
     apply_edits(editor, &mut [Ok(Edit::Set(set.collect()))].into_iter(), &())?;
     editor.commit(Note::default()).map(|_| ())
 }

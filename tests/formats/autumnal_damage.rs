@@ -21,7 +21,7 @@ const SLOT: usize = 40;
 
 /// A corner of the classic picture gets a value.
 fn fill(value: f64) -> Edit {
-    Edit::Fill(FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] }), Some(vec![value]))
+    Edit::Fill(FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] }), Some(vec![value.into()]))
 }
 
 /// A file with so many commits.

@@ -48,7 +48,7 @@ pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells)
         let number = random.below(6);
         (number > 0).then(|| common::value(form.value, number))
     };
-    let samples = |value: Option<Value>| value.map(|value| form.value.samples(value).to_vec());
+    let samples = |value: Option<Value>| value.map(|value| form.value.numbers(value).to_vec());
     let bounds = |random: &mut Random| {
         let min: [u64; 3] = std::array::from_fn(|axis| random.below(extent[axis]));
         let max = std::array::from_fn(|axis| min[axis] + 1 + random.below(extent[axis] + 3 - min[axis]));
@@ -246,13 +246,13 @@ fn an_edit_writes_what_changes_and_the_path_to_it() {
     let cells = Cells::random(QUAD, 1, [1024, 1024, 1], 5, true);
     write(&path, &cells, (Rule::Mean, Kind::Continuous), false);
     let before = std::fs::metadata(&path).unwrap().len();
-    let set = Edit::Set(vec![([500, 700, 0], Some(vec![77.0]))]);
+    let set = Edit::Set(vec![([500, 700, 0], Some(vec![77.0.into()]))]);
     let commit = edit(&path, [Ok(set)], note("one cell"), MEMORY, &()).unwrap().unwrap();
     // At most a record for each level of 1024 cells.
     assert!((1..=10).contains(&commit.written.records), "{:?}", commit.written);
     assert!(std::fs::metadata(&path).unwrap().len() <= before + 2 * 4096 + 2048);
     // The same again changes nothing, and commits nothing.
-    let set = Edit::Set(vec![([500, 700, 0], Some(vec![77.0]))]);
+    let set = Edit::Set(vec![([500, 700, 0], Some(vec![77.0.into()]))]);
     assert!(edit(&path, [Ok(set)], note("again"), MEMORY, &()).unwrap().is_none());
 }
 
@@ -273,7 +273,7 @@ fn there_is_one_editor_and_it_is_named() {
 
 /// Gives a cell a value, without a commit.
 fn set(editor: &mut Editor, cell: [u64; 3], value: u8) {
-    let set = Edit::Set(vec![(cell, Some(vec![f64::from(value)]))]);
+    let set = Edit::Set(vec![(cell, Some(vec![value.into()]))]);
     apply_edits(editor, &mut [Ok(set)].into_iter(), &()).unwrap();
 }
 
@@ -293,7 +293,7 @@ fn what_is_not_committed_never_was() {
     assert_same(&cells_of(&file, before.size), &before, "nothing was committed");
     assert_good(&path);
     // And what comes next is written over it.
-    let fill = Edit::Fill(FillRegion::Box(Bounds { min: [0; 3], max: [3, 3, 1] }), Some(vec![9.0]));
+    let fill = Edit::Fill(FillRegion::Box(Bounds { min: [0; 3], max: [3, 3, 1] }), Some(vec![9.0.into()]));
     edit(&path, [Ok(fill)], note("filled"), MEMORY, &()).unwrap().unwrap();
     assert_good(&path);
 }

@@ -11,6 +11,7 @@ use spinney::query::Condition;
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::autumnal::{Autumnal, Note};
 use spinney::tree::{Child, Source};
+use spinney::value::Number;
 
 use super::counted::CountedFile;
 use super::crafted::{
@@ -27,7 +28,7 @@ fn two_commits() -> (Vec<u8>, [Cells; 2]) {
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
     convert(&goblin, false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] });
-    edit(&path, [Ok(Edit::Fill(region, Some(vec![3.0])))], Note::default(), 1 << 20, &()).unwrap();
+    edit(&path, [Ok(Edit::Fill(region, Some(vec![3.0.into()])))], Note::default(), 1 << 20, &()).unwrap();
     let first = made(QUAD, [8, 8, 1], |[x, y, _]| Some(byte(CLASSIC[y as usize][x as usize])));
     let is_filled = |x: u64, y: u64| (1..4).contains(&x) && (1..6).contains(&y);
     let second =
@@ -44,7 +45,7 @@ fn dataset(file: &Arc<Autumnal>) -> Dataset {
 fn ask_all(tree: &Dataset) {
     let depth = tree.depth();
     let side = 1u64 << depth;
-    let mut value = [0.0; 4];
+    let mut value = [Number::default(); 4];
     for cell in [[0; 3], [1, 1, 0], [side / 2, side / 3, 0], [side - 1, side - 1, 0]] {
         for level in [0, 1, depth] {
             let _ = tree.point(cell, level, &mut value);
@@ -58,7 +59,7 @@ fn ask_all(tree: &Dataset) {
     let _ = tree.statistics(Some(Bounds { min: [1, 1, 0], max: [side, side, 1] }), &());
     let _ = tree.histogram(&Bounds { min: [0; 3], max: [side, side, 1] }, 0.0, 9.0, 9, &());
     let mut count = 0;
-    let _ = tree.find(Condition::Above(1.0), None, &(), &mut |_| {
+    let _ = tree.find(Condition::Above(1.0.into()), None, &(), &mut |_| {
         count += 1;
         Ok(count < 10_000)
     });
@@ -395,7 +396,7 @@ fn subtrees_shared_beyond_all_bounds_take_no_time() {
     }
     let statistics = dataset(&file).statistics(None, &()).unwrap();
     assert_eq!(statistics.cells, 1 << 58);
-    assert_eq!(statistics.classes, [(1.0, 1 << 56), (2.0, 1 << 57), (3.0, 1 << 56)]);
+    assert_eq!(statistics.classes, [(1.into(), 1 << 56), (2.into(), 1 << 57), (3.into(), 1 << 56)]);
     is_refused("honest", bytes);
     // Claims that are too small are found on the way.
     assert!(is_refused("one record each", folded(29, |_| 1)));

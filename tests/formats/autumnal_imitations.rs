@@ -34,7 +34,7 @@ fn with_message(message: &str) -> (TempDir, PathBuf) {
     for (value, message) in [(3.0, message), (2.0, "")] {
         let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] });
         let note = Note { message: message.into(), ..Note::default() };
-        edit(&path, [Ok(Edit::Fill(region, Some(vec![value])))], note, MEMORY, &()).unwrap().unwrap();
+        edit(&path, [Ok(Edit::Fill(region, Some(vec![value.into()])))], note, MEMORY, &()).unwrap().unwrap();
     }
     (folder, path)
 }

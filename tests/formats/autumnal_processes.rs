@@ -36,7 +36,7 @@ fn look(path: &Path) -> u64 {
     assert_eq!(statistics.cells, SIDE * SIDE);
     // Every commit has stripes of one value and the next.
     let channel = statistics.channels[0];
-    assert!(channel.max - channel.min <= 1.0, "{channel:?}");
+    assert!(channel.max.to_f64() - channel.min.to_f64() <= 1.0, "{channel:?}");
     let mut bytes = vec![0; (SIDE * SIDE) as usize];
     let all = Bounds::picture([SIDE, SIDE, 1]);
     tree.window(tree.depth(), &all, 0.0, &mut bytes, None).unwrap();
@@ -156,7 +156,7 @@ fn a_reader_keeps_its_commit_when_the_file_is_compacted_and_replaced() {
     let (folder, path) = file();
     for value in 1..20 {
         let region = FillRegion::Box(Bounds::picture([SIDE, SIDE, 1]));
-        edit(&path, [Ok(Edit::Fill(region, Some(vec![f64::from(value)])))], Note::default(), 1 << 20, &())
+        edit(&path, [Ok(Edit::Fill(region, Some(vec![value.into()])))], Note::default(), 1 << 20, &())
             .unwrap();
     }
     let mut reader = Autumnal::open(&path, &Default::default()).unwrap();
@@ -176,7 +176,7 @@ fn a_reader_keeps_its_commit_when_the_file_is_compacted_and_replaced() {
     };
     assert_eq!((reader.commit().number, value(&reader)), (20, Some(19)));
     let region = FillRegion::Box(Bounds::picture([SIDE, SIDE, 1]));
-    edit(&path, [Ok(Edit::Fill(region, Some(vec![77.0])))], Note::default(), 1 << 20, &()).unwrap();
+    edit(&path, [Ok(Edit::Fill(region, Some(vec![77.0.into()])))], Note::default(), 1 << 20, &()).unwrap();
     assert_eq!((reader.commit().number, value(&reader)), (20, Some(19)));
     assert!(reader.refresh().unwrap());
     assert_eq!((reader.commit().number, value(&reader)), (21, Some(77)));

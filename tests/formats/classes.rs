@@ -10,7 +10,7 @@ use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Note};
 use spinney::store::goblin::Goblin;
 use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::value::{Kind, Number, Rule, SampleType, Value};
 
 use super::counted::CountedFile;
 use crate::common::{Cells, assert_same, cells_of, made, options, quad, same_trees, write_cells};
@@ -43,7 +43,7 @@ fn file_bytes(cells: &Cells, name: &str, (rule, kind): (Rule, Kind)) -> Vec<u8> 
 }
 
 /// Cells of each class in a box.
-fn counted(cells: &Cells, bounds: &Bounds) -> Vec<(f64, u64)> {
+fn counted(cells: &Cells, bounds: &Bounds) -> Vec<(Number, u64)> {
     let mut classes = Vec::new();
     for y in bounds.min[1]..bounds.max[1] {
         for x in bounds.min[0]..bounds.max[0] {
@@ -52,7 +52,7 @@ fn counted(cells: &Cells, bounds: &Bounds) -> Vec<(f64, u64)> {
         }
     }
     classes.sort_unstable();
-    classes.chunk_by(|a, b| a == b).map(|run| (f64::from(run[0]), run.len() as u64)).collect()
+    classes.chunk_by(|a, b| a == b).map(|run| (run[0].into(), run.len() as u64)).collect()
 }
 
 fn goblin(bytes: &[u8]) -> Dataset {
@@ -122,7 +122,7 @@ fn majorities_among_very_many_classes_are_exact() {
 /// Gives a cell a value, as one commit, and tells the bytes that this wrote.
 fn set(file: &mut CountedFile, [x, y]: [u64; 2], class: u32) -> u64 {
     let before = file.work.written();
-    let edit = Edit::Set(vec![([x, y, 0], Some(vec![f64::from(class)]))]);
+    let edit = Edit::Set(vec![([x, y, 0], Some(vec![class.into()]))]);
     apply_edits(&mut file.editor, &mut [Ok(edit)].into_iter(), &()).unwrap();
     file.editor.commit(Note::default()).unwrap().unwrap();
     file.work.written() - before

@@ -156,7 +156,7 @@ fn counts(file: &Goblin, cells: &Cells, random: &mut Random) {
         if let Some(channel) = found.channels.first() {
             let mean = numbers.iter().sum::<f64>() / numbers.len() as f64;
             let extreme = |choose: fn(f64, f64) -> f64| numbers.iter().copied().reduce(choose).unwrap();
-            assert_eq!((channel.min, channel.max), (extreme(f64::min), extreme(f64::max)));
+            assert_eq!((channel.min.to_f64(), channel.max.to_f64()), (extreme(f64::min), extreme(f64::max)));
             assert!((channel.mean - mean).abs() < 1e-9 * (1.0 + mean.abs()), "{} {mean}", channel.mean);
         }
         for (class, count) in found.classes {
@@ -168,7 +168,7 @@ fn counts(file: &Goblin, cells: &Cells, random: &mut Random) {
         }
         assert_eq!(file.histogram(&bounds, 10.0, 210.0, 7, &()).unwrap(), bins);
         let (mut count, above) = (0, |value| value_type.samples(value)[0] > 90.0);
-        file.find(Condition::Above(90.0), Some(bounds), &(), &mut |block| {
+        file.find(Condition::Above(90.0.into()), Some(bounds), &(), &mut |block| {
             assert!(cells_of(&block.bounds).all(|cell| cells.get(cell).is_some_and(above)), "{block:?}");
             count += block.bounds.volume();
             Ok(true)

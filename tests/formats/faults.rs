@@ -150,7 +150,7 @@ fn conversions_and_compaction() {
     let folder = tempfile::tempdir().unwrap();
     let (goblin, autumn) = (noise(folder.path(), "a.goblin"), noise(folder.path(), "a.autumn"));
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [99, 77, 1] });
-    edit(&autumn, [Ok(Edit::Fill(region, Some(vec![3.0])))], Note::default(), MEMORY, &()).unwrap();
+    edit(&autumn, [Ok(Edit::Fill(region, Some(vec![3.0.into()])))], Note::default(), MEMORY, &()).unwrap();
     fails_well("t.autumn", &|output| convert(&goblin, false, output, MEMORY, &()));
     fails_well("t.goblin", &|output| convert(&autumn, false, output, MEMORY, &()));
     fails_well("t.autumn", &|output| compact(&autumn, &Keep::Last(2), true, output, MEMORY, &()).map(|_| ()));

@@ -29,7 +29,7 @@ fn classes() {
         assert_eq!(colours[1..8], COLOURS[1..]);
         assert!(pixels.bytes == classes, "{name}");
         let void =
-            |i: usize| info.nodata == Some(classes[i] as f64) || pixels.valid.as_ref().is_some_and(|v| !v[i]);
+            |i: usize| info.nodata == Some(classes[i].into()) || pixels.valid.as_ref().is_some_and(|v| !v[i]);
         assert!((0..classes.len()).all(|i| void(i) == (classes[i] == 0)), "{name}");
     }
     assert_eq!(read("island_classes.tif").0.frame, frozen::frame());
@@ -38,7 +38,10 @@ fn classes() {
 #[test]
 fn elevation() {
     let (info, pixels) = read("island_elevation.tif");
-    assert_eq!((info.sample, info.nodata, info.frame), (SampleType::F32, Some(-9999.0), frozen::frame()));
+    assert_eq!(
+        (info.sample, info.nodata, info.frame),
+        (SampleType::F32, Some((-9999).into()), frozen::frame())
+    );
     let heights: Vec<u8> = island::make()
         .elevation()
         .iter()

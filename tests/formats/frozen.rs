@@ -118,8 +118,8 @@ fn classes() {
     assert_eq!(numbers(file.header()), expected);
     let metadata = file.metadata();
     assert_eq!(metadata.frame, frozen::frame());
-    assert_eq!(metadata.nodata, Some(0.0));
-    assert_eq!(metadata.class_names[&4], "forest");
+    assert_eq!(metadata.nodata, Some(0.0.into()));
+    assert_eq!(metadata.class_names[&4.into()], "forest");
     assert_eq!(metadata.palette.as_ref().unwrap().colours, island::COLOURS);
     assert_eq!(metadata.band_names, ["land cover"]);
     assert_eq!(metadata.provenance, ["made by examples/make_fixtures"]);
@@ -144,7 +144,7 @@ fn elevation() {
     let file = open("elevation");
     let expected = (quad(SampleType::F32, 1), Rule::Mean, Kind::Continuous, [6, 8, 2, 4096], [64, 50, 1]);
     assert_eq!(numbers(file.header()), expected);
-    assert_eq!(file.metadata().nodata, Some(-9999.0));
+    assert_eq!(file.metadata().nodata, Some((-9999.0).into()));
     assert_eq!(file.metadata().scale_offset, [(1.0, 0.0)]);
     let zone = file.zone(0).unwrap();
     let height = |metres: f32| Some(Value::from([metres]));

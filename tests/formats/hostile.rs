@@ -12,7 +12,7 @@ use spinney::space::Bounds;
 use spinney::store::OpenOptions;
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Child, MemTree, Source};
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::value::{Kind, Number, Rule, SampleType};
 use spinney::{Error, Result};
 
 use crate::common::command::{is_alone, own_peak_memory};
@@ -54,7 +54,7 @@ fn points(tree: &Dataset) -> Result<String> {
     let mut text = String::new();
     for _ in 0..20 {
         let cell = tree.header().extent.map(|end| random.below(end));
-        let mut value = [0.0; 4];
+        let mut value = [Number::default(); 4];
         let found = tree.point(cell, tree.depth(), &mut value)?;
         text += &format!("{found} {value:?} ");
     }
@@ -68,7 +68,7 @@ fn statistics(tree: &Dataset, bounds: Option<Bounds>) -> Result<String> {
 
 fn search(tree: &Dataset) -> Result<String> {
     let mut text = Vec::new();
-    tree.find(Condition::Above(4.0), None, &(), &mut |block| {
+    tree.find(Condition::Above(4.0.into()), None, &(), &mut |block| {
         writeln!(text, "{block:?}").unwrap();
         Ok(text.len() < 1 << 22)
     })?;
@@ -408,7 +408,7 @@ fn directories_that_lead_astray() {
         craft.entries.iter_mut().for_each(|entry| set(entry, 36, u64::MAX));
     });
     crafted("sums of everything", |craft| {
-        craft.entries.iter_mut().for_each(|entry| entry[60..92].fill(0x7f));
+        craft.entries.iter_mut().for_each(|entry| entry[46..78].fill(0x7f));
     });
     crafted("class counts of everything", |craft| {
         craft.segments.iter_mut().rev().take(64).for_each(|byte| *byte = 0xff)

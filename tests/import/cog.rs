@@ -267,7 +267,7 @@ fn masks_where_every_number_is_in_use() {
     assert_eq!(parts.directories[0].1[&OFFSETS][2], 0, "an empty tile");
     assert_eq!(parts.directories[1].1[&259], [8], "masks are deflated");
     // A number that is asked for takes the mask's place.
-    let asked = with(request(64, CogCompression::Zstd), |request| request.nodata = Some(7.0));
+    let asked = with(request(64, CogCompression::Zstd), |request| request.nodata = Some(7.0.into()));
     let parts = checked(&tree, &asked);
     assert_eq!((parts.directories.len(), parts.text(0, 42113).as_deref()), (4, Some("7")));
 }
@@ -278,7 +278,7 @@ fn descriptions_go_along() {
     let metadata = Metadata {
         frame: Frame { crs: Some(Crs::epsg(2056)), ..Frame::planar([10.0, 0.0, 2e6, 0.0, -10.0, 1e6]) },
         palette: Some(Palette { colours: vec![[1, 2, 3, 255], [40, 50, 60, 255]] }),
-        class_names: [(0, "water".to_string()), (1, "land".to_string())].into(),
+        class_names: [(0.into(), "water".to_string()), (1.into(), "land".to_string())].into(),
         band_names: vec!["cover".into()],
         ..Metadata::default()
     };
@@ -294,9 +294,9 @@ fn descriptions_go_along() {
     for (name, number) in [
         ("MINIMUM", statistics.min),
         ("MAXIMUM", statistics.max),
-        ("MEAN", statistics.mean),
-        ("STDDEV", statistics.standard_deviation),
-        ("VALID_PERCENT", 100.0),
+        ("MEAN", statistics.mean.into()),
+        ("STDDEV", statistics.standard_deviation.into()),
+        ("VALID_PERCENT", 100.into()),
     ] {
         assert!(
             xml.contains(&format!("<Item name=\"STATISTICS_{name}\" sample=\"0\">{number}</Item>")),

@@ -104,14 +104,14 @@ fn nodata_of_one_band_is_missing_there_alone() {
     let picture = Ifd::grey(4, 1, pixels.clone()).short(277, &[3]).short(258, &[8; 3]).short(262, &[2]);
     let picture = picture.tag(42113, Values::Text("0"));
     let (_, trip) = Trip::of(&file(std::slice::from_ref(&picture)), None, &ImportOptions::new());
-    assert_eq!(trip.tree.header().form.value.missing, Some([0; 4]));
+    assert_eq!(trip.tree.header().form.value.missing, Some([0; 8]));
     let read = |detail| {
         let path = trip.path("out.tif");
         let info = trip.write(&path, Bounds { min: [0; 3], max: [4, 1, 1] }, detail);
         let mut raster = raster::open(&path, &Default::default()).unwrap();
         let mut found = Pixels::default();
         raster.read(Region::new(0, 0, info.width, info.height), &mut found).unwrap();
-        assert_eq!(info.nodata, Some(0.0));
+        assert_eq!(info.nodata, Some(0.0.into()));
         found.bytes
     };
     assert_eq!(read(Detail::Level(2)), pixels);
@@ -150,8 +150,11 @@ fn names_of_values_go_into_a_sidecar() {
         </PAMRasterBand></PAMDataset>";
     let picture = file(&[Ifd::grey(4, 4, [0, 2, 9, 0].repeat(4))]);
     let (info, trip) = Trip::of(&picture, Some(sidecar), &ImportOptions::new());
-    assert_eq!(info.class_names, [(0, "sea".into()), (1, "".into()), (2, "wood & heath".into())]);
-    assert_eq!((info.nodata, info.units[0].as_str()), (Some(9.0), "class"));
+    assert_eq!(
+        info.class_names,
+        [(0.into(), "sea".into()), (1.into(), "".into()), (2.into(), "wood & heath".into())]
+    );
+    assert_eq!((info.nodata, info.units[0].as_str()), (Some(9.into()), "class"));
     assert_eq!(trip.tree.header().kind, Kind::Categorical);
     assert_same(&trip.window([0; 3], [4, 4, 1], 2), &info);
     assert_same(&trip.window([0; 3], [2, 2, 1], 1), &info);

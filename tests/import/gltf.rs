@@ -332,7 +332,7 @@ fn classes_are_features_and_colours_stand_at_corners() {
     (colours[3], colours[7]) = ([255, 0, 0, 255], [0, 188, 255, 255]);
     let metadata = Metadata {
         palette: Some(Palette { colours }),
-        class_names: [(3, "meadow".to_owned()), (7, "Wald \u{e4}".to_owned())].into(),
+        class_names: [(3.into(), "meadow".to_owned()), (7.into(), "Wald \u{e4}".to_owned())].into(),
         ..Metadata::default()
     };
     let tree = tree_with(&cells, Rule::Majority, Kind::Categorical, metadata);

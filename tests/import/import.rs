@@ -8,7 +8,7 @@ use spinney::space::{Code, Crs, Dimension, Region};
 use spinney::store;
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Child, Form, Source};
-use spinney::value::SampleType;
+use spinney::value::{Number, SampleType, Value, ValueType};
 use spinney::{Error, Result};
 
 use crate::common::{children, quad, shared_data, with};
@@ -20,8 +20,8 @@ fn pixels_of(raster: &mut dyn Raster) -> Result<(Vec<u8>, Vec<bool>)> {
     raster.read(Region::new(0, 0, info.width, info.height), &mut pixels)?;
     let size = info.sample.size();
     let valid = pixels.bytes.chunks_exact(size * info.channels).map(|pixel| {
-        let numbers: Vec<f64> = pixel.chunks_exact(size).map(|sample| number(sample, &info)).collect();
-        let transparent = info.alpha.is_some_and(|alpha| numbers[alpha] == 0.0);
+        let numbers: Vec<Number> = pixel.chunks_exact(size).map(|sample| number(sample, &info)).collect();
+        let transparent = info.alpha.is_some_and(|alpha| numbers[alpha].with_plain_zero() == 0.0);
         let nodata = info.nodata.is_some_and(|nodata| numbers.iter().all(|number| *number == nodata));
         !transparent && !nodata && !numbers.iter().any(|number| number.is_nan())
     });
@@ -32,16 +32,8 @@ fn pixels_of(raster: &mut dyn Raster) -> Result<(Vec<u8>, Vec<bool>)> {
     Ok((pixels.bytes, valid))
 }
 
-fn number(sample: &[u8], info: &RasterInfo) -> f64 {
-    match info.sample {
-        SampleType::U8 => sample[0].into(),
-        SampleType::U16 => u16::from_le_bytes(sample.try_into().unwrap()).into(),
-        SampleType::I16 => i16::from_le_bytes(sample.try_into().unwrap()).into(),
-        SampleType::U32 => u32::from_le_bytes(sample.try_into().unwrap()).into(),
-        SampleType::I32 => i32::from_le_bytes(sample.try_into().unwrap()).into(),
-        SampleType::F32 => f32::from_le_bytes(sample.try_into().unwrap()).into(),
-        SampleType::F64 => f64::from_le_bytes(sample.try_into().unwrap()),
-    }
+fn number(sample: &[u8], info: &RasterInfo) -> Number {
+    ValueType::new(info.sample, 1).first_number(Value::from_bytes(sample))
 }
 
 /// Those of a tree, painted leaf by leaf; VOID pixels are zeros.
@@ -166,7 +158,7 @@ fn options_overrule_the_file() {
     let temp = tempfile::tempdir().unwrap();
     let path = picture(temp.path(), "p.tif", [300, 200]);
     let options = with(ImportOptions::new(), |it| {
-        it.nodata = Some(7.0);
+        it.nodata = Some(7.0.into());
         it.depth = Some(12);
         it.crs = Some(Crs::epsg(3857));
         it.transform = Some([2.0, 0.0, 10.0, 0.0, -2.0, 20.0]);
@@ -186,7 +178,7 @@ fn options_overrule_the_file() {
     assert_eq!(file.depth(), 12);
     assert_eq!(file.metadata().frame.crs, Some(Crs::epsg(3857)));
     assert_eq!(file.metadata().frame.affine(), [2.0, 0.0, 10.0, 0.0, -2.0, 20.0]);
-    assert_eq!(file.metadata().nodata, Some(7.0));
+    assert_eq!(file.metadata().nodata, Some(7.0.into()));
     assert_eq!(file.metadata().provenance.len(), 2);
     let (_, valid) = cells_of(&file);
     assert!(!valid[63] && valid[0] && valid[62] && valid[72]);
@@ -200,7 +192,8 @@ fn options_overrule_the_file() {
     assert!(is_invalid(plan(&[], &options).err()));
     // A number that the samples cannot be is no nodata number at all.
     let import =
-        plan(std::slice::from_ref(&path), &with(options.clone(), |it| it.nodata = Some(-1.0))).unwrap();
+        plan(std::slice::from_ref(&path), &with(options.clone(), |it| it.nodata = Some((-1.0).into())))
+            .unwrap();
     assert_eq!(import.options().metadata.nodata, None);
     assert!(import.description().iter().any(|(_, text)| text.contains("u16 cannot hold -1")));
 }

@@ -207,7 +207,7 @@ fn meshes_of_trees_tell_what_they_lose() {
     let mut placed =
         Metadata { frame: Frame { crs: Some(Crs::epsg(28992)), ..Frame::identity() }, ..Metadata::default() };
     placed.set_tag(Tag::Unit, "mm");
-    let mut named = Metadata { class_names: [(1, "wall".into())].into(), ..placed.clone() };
+    let mut named = Metadata { class_names: [(1.into(), "wall".into())].into(), ..placed.clone() };
     named.palette = Some(Palette { colours: vec![[1; 4]; 256] });
     let tree = |form: Form, (rule, kind): (Rule, Kind), metadata: &Metadata| {
         let cells = made(form, [4; 3], |[x, ..]| Some(value(form.value, x)));

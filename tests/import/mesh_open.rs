@@ -283,7 +283,7 @@ fn files_with_open_objects() {
     }
     if let Some(tree) = build("colo.obj", Attribute::Colour, Resolution::Cell(0.25)) {
         let stats = tree.statistics(None, &()).unwrap();
-        assert!(stats.channels.iter().all(|channel| (channel.min, channel.max) == (0.0, 255.0)));
+        assert!(stats.channels.iter().all(|channel| (channel.min, channel.max) == (0.into(), 255.into())));
     }
     if let Some(tree) = build("DELFSHAVEN.city.json", Attribute::Part, Resolution::Cells(256)) {
         let labels = classes(&tree).len();

@@ -401,7 +401,7 @@ fn parts_and_colours_are_kept() {
         .collect();
     let options = with(unit_cells(5), |it| it.attribute = Attribute::Part);
     let (tree, _) = build(Polygons::of_triangles(faces.clone()), &options);
-    assert_eq!(tree.metadata().class_names[&2], "part 1");
+    assert_eq!(tree.metadata().class_names[&2.into()], "part 1");
     let options = with(unit_cells(5), |it| it.attribute = Attribute::Colour);
     let (colours, _) = build(Polygons::of_triangles(faces), &options);
     for (i, (part, colour)) in cells(&tree).into_iter().zip(cells(&colours)).enumerate() {

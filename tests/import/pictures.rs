@@ -172,7 +172,7 @@ fn png_palette_keeps_colours_and_void() {
     let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!((info.channels, info.alpha, info.palette.is_none()), (4, Some(3), true));
     assert_eq!(pixels.bytes, [1, 2, 3, 255, 0, 0, 0, 0, 4, 5, 6, 128, 7, 8, 9, 255]);
-    spec.metadata.nodata = Some(3.0);
+    spec.metadata.nodata = Some(3.0.into());
     write(&path, Format::Png, &spec, &[0, 3, 2, 3], Some(&[true, false, true, false])).unwrap();
     let (_, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!((pixels.bytes, pixels.valid), (vec![0, 3, 2, 3], Some(vec![true, false, true, false])));
@@ -347,7 +347,7 @@ fn hgt_tiles() {
     let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
     assert!(near(frame.to_world([0.5, 0.5, 0.0]), [8.0, 47.0, 0.0]));
     assert!(near(frame.to_world([1200.5, 1200.5, 0.0]), [9.0, 46.0, 0.0]));
-    assert_eq!((frame.crs.clone(), raster.info().nodata), (Some(Crs::epsg(4326)), Some(-32768.0)));
+    assert_eq!((frame.crs.clone(), raster.info().nodata), (Some(Crs::epsg(4326)), Some((-32768).into())));
     let mut pixels = Pixels::default();
     raster.read(Region::new(5, 2, 2, 2), &mut pixels).unwrap();
     assert_eq!(pixels.bytes, le_u16([2407, 2408, 3608, 3609]));

@@ -92,7 +92,7 @@ impl Bench {
         let mut pixels = Pixels::default();
         raster.read(Region::new(0, 0, info.width, info.height), &mut pixels).unwrap();
         let is_void = |sample: f64| {
-            info.nodata.is_some_and(|nodata| sample == nodata || sample.is_nan() && nodata.is_nan())
+            info.nodata.is_some_and(|nodata| sample == nodata.to_f64() || sample.is_nan() && nodata.is_nan())
         };
         let samples = samples(info.sample, &pixels.bytes).into_iter();
         let cells = samples.map(|sample| (!is_void(sample)).then(|| value(sample))).collect();
@@ -191,6 +191,9 @@ fn samples(sample: SampleType, bytes: &[u8]) -> Vec<f64> {
     match sample {
         SampleType::U8 => of!(u8),
         SampleType::U16 => of!(u16),
+        SampleType::I8 => of!(i8),
+        SampleType::U64 => of!(u64),
+        SampleType::I64 => of!(i64),
         SampleType::I16 => of!(i16),
         SampleType::U32 => of!(u32),
         SampleType::I32 => of!(i32),
@@ -207,7 +210,7 @@ fn export(file: &Path, void: f64) -> PathBuf {
     let detail = Detail::Level(tree.depth());
     let request = with(WindowRequest::new(bounds, detail), |it| {
         it.across = 2;
-        it.nodata = Some(void);
+        it.nodata = Some(void.into());
         it.memory = MEMORY;
     });
     export_window(&tree, &request, Output::create(&out).unwrap(), Format::Npy, &()).unwrap();

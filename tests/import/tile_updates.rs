@@ -64,7 +64,7 @@ impl Place {
 
     fn fill(&self, [x, y]: [u64; 2], [width, height]: [u64; 2], number: Option<f64>) {
         let bounds = Bounds { min: [x, y, 0], max: [x + width, y + height, 1] };
-        self.edit(Edit::Fill(FillRegion::Box(bounds), number.map(|number| vec![number])));
+        self.edit(Edit::Fill(FillRegion::Box(bounds), number.map(|number| vec![number.into()])));
     }
 
     fn edit(&self, one: Edit) {
@@ -85,7 +85,7 @@ impl Place {
         for (min, size) in [([256, 0], [256, 256]), ([10, 20], [70, 30])] {
             for (x, y) in (0..size[1]).flat_map(|y| (0..size[0]).map(move |x| (min[0] + x, min[1] + y))) {
                 let number = (x % 41 + y % 5 + x / 256 + y / 256) % 200;
-                cells.push(([x, y, 0], Some(vec![number as f64])));
+                cells.push(([x, y, 0], Some(vec![number.into()])));
             }
         }
         let cells: Vec<CellValue> = cells;
@@ -506,7 +506,7 @@ fn an_update_draws_what_was_touched_and_asks_once_for_each_tile() {
         let place = Place::new(QUAD, Kind::Categorical);
         place.export("a");
         place.export("a.pmtiles");
-        let set: Vec<CellValue> = cells.iter().map(|cell| (*cell, Some(vec![199.0]))).collect();
+        let set: Vec<CellValue> = cells.iter().map(|cell| (*cell, Some(vec![199.0.into()]))).collect();
         place.edit(Edit::Set(set));
         let map = place.map();
         let painter = TilePainter::new(&place.style(), &map, &()).unwrap();

@@ -41,7 +41,7 @@ fn world(path: &Path, depth: u8) -> Dataset {
     let metadata = Metadata {
         frame: web_mercator(depth),
         palette: Some(Palette { colours }),
-        nodata: Some(250.0),
+        nodata: Some(250.0.into()),
         ..Metadata::default()
     };
     write_cells(path, &cells, &options(Rule::Majority, Kind::Categorical, depth).metadata(metadata));
@@ -307,7 +307,7 @@ fn an_update_is_like_doing_it_again() {
     ];
     for (min, max, number) in regions {
         let bounds = Bounds { min: [min[0], min[1], 0], max: [max[0], max[1], 1] };
-        let edits = [Ok(Edit::Fill(FillRegion::Box(bounds), number.map(|number: f64| vec![number])))];
+        let edits = [Ok(Edit::Fill(FillRegion::Box(bounds), number.map(|number: f64| vec![number.into()])))];
         edit(&path, edits, Note { time: Some(1), author: "test".into(), message: "t".into() }, 64 << 20, &())
             .unwrap();
     }

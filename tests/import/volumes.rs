@@ -147,12 +147,12 @@ fn coarser_levels_have_means_of_what_is_there() {
     let samples: Vec<u8> = numbers.iter().flat_map(|number| number.to_be_bytes()).collect();
     let matrix = [[0.5, 0.0, 0.0, 10.0], [0.0, 0.5, 0.0, 20.0], [0.0, 0.0, 2.0, 30.0]];
     let options = with(VolumeOptions::new(), |it| {
-        it.nodata = Some(-1.0);
+        it.nodata = Some((-1.0).into());
         it.transform = Some(matrix);
         it.depth = Some(8);
     });
     let tree = build(&folder, &npy(1, ">f8", &[size[2], size[1], size[0]], &samples), &options).unwrap();
-    assert_eq!((tree.depth(), tree.metadata().nodata), (8, Some(-1.0)));
+    assert_eq!((tree.depth(), tree.metadata().nodata), (8, Some((-1).into())));
     assert_eq!(tree.metadata().frame.matrix, matrix);
     for level in [0, 3, 5, 6, 7, 8] {
         let bounds = tree.extent_at(level);

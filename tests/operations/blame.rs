@@ -7,7 +7,7 @@ use spinney::ops::{Edit, FillRegion, blame, edit};
 use spinney::space::Bounds;
 use spinney::store::autumnal::Note;
 use spinney::tree::Form;
-use spinney::value::{Kind, Rule};
+use spinney::value::{Kind, Number, Rule};
 
 use crate::common::{Cells, OCT, QUAD, Random, options, write_cells};
 
@@ -20,9 +20,9 @@ fn values(path: &Path, size: [u64; 3]) -> Vec<Option<f64>> {
     for z in 0..size[2] {
         for y in 0..size[1] {
             for x in 0..size[0] {
-                let mut value = [0.0; 4];
+                let mut value = [Number::default(); 4];
                 let is_there = tree.point([x, y, z], tree.depth(), &mut value).unwrap();
-                found.push(is_there.then_some(value[0]));
+                found.push(is_there.then_some(value[0].to_f64()));
             }
         }
     }
@@ -42,7 +42,7 @@ fn ages(form: Form, size: [u64; 3], share: bool, seed: u64) {
     while history.len() < 9 {
         let min: [u64; 3] = std::array::from_fn(|axis| random.below(size[axis]));
         let max = std::array::from_fn(|axis| min[axis] + 1 + random.below(size[axis] - min[axis]));
-        let value = (random.below(4) > 0).then(|| vec![random.below(3) as f64]);
+        let value = (random.below(4) > 0).then(|| vec![random.below(3).into()]);
         let change = Edit::Fill(FillRegion::Box(Bounds { min, max }), value);
         let Some(commit) = edit(&path, [Ok(change)], Note::default(), MEMORY, &()).unwrap() else { continue };
         let now = values(&path, size);

@@ -189,7 +189,7 @@ fn cells(seed: u64, size: [u64; 2]) -> Cells {
         for x in 0..size[0] {
             let is_void = holes > 0 && random.below(if holes == 1 { 30 } else { 4 }) == 0;
             let number = number(&mut random, x, y);
-            cells.push((!is_void).then(|| form.value.splat(number.into()).unwrap()));
+            cells.push((!is_void).then(|| form.value.splat(number).unwrap()));
         }
     }
     Cells { form, size: [size[0], size[1], 1], cells }

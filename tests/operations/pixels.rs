@@ -16,7 +16,7 @@ fn exact(tree: &Dataset, bounds: Bounds, (width, height): (u64, u64), memory: u6
     let path = folder.path().join("a.raw");
     let request = with(WindowRequest::new(bounds, Detail::Exact(width, height)), |it| {
         it.memory = memory;
-        it.nodata = Some(if tree.header().rule == Rule::Occupancy { 0.0 } else { -1.0 });
+        it.nodata = Some(if tree.header().rule == Rule::Occupancy { 0.into() } else { (-1).into() });
     });
     export_window(tree, &request, Output::create(&path).unwrap(), Format::Raw, &()).unwrap();
     let bytes = std::fs::read(&path).unwrap();

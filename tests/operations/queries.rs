@@ -5,7 +5,7 @@ use std::path::Path;
 use spinney::query::{Condition, FoundBlock, PointSamples};
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::value::{Kind, Number, Rule, SampleType, Value};
 
 use crate::common::{
     self, Cells, OCT, QUAD, Random, cells_below, dataset, goblin, made, oct, options, quad, value_types,
@@ -142,7 +142,9 @@ fn an_aligned_tile_needs_few_segments() {
 fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
     let cells = Cells::random(form, seed, size, 12, seed.is_multiple_of(2));
     let file = goblin(&cells, rule, kind);
-    let number = |value: &Value, channel: usize| form.value.samples(*value)[channel];
+    // (Differences, of which f64 has those of integers of 64 bits, too.)
+    let base = common::value(form.value, 0);
+    let number = |value: &Value, channel: usize| form.value.samples_from(base, *value)[channel];
     let mut random = Random(seed);
     for round in 0..20 {
         let bounds = some_bounds(form.dimension, &mut random, size[0].max(size[1]));
@@ -157,20 +159,23 @@ fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
             let numbers = || values.iter().map(|value| number(value, channel));
             let mean = numbers().sum::<f64>() / values.len() as f64;
             let variance = numbers().map(|n| (n - mean) * (n - mean)).sum::<f64>() / values.len() as f64;
-            assert_eq!(stats.min, numbers().fold(f64::INFINITY, f64::min), "{form}");
-            assert_eq!(stats.max, numbers().fold(f64::NEG_INFINITY, f64::max));
+            let exact = || values.iter().map(|value| form.value.numbers(*value)[channel]);
+            assert_eq!(Some(stats.min), exact().min(), "{form}");
+            assert_eq!(Some(stats.max), exact().max(), "{form}");
+            let mean = mean + (form.value.samples(base)[channel] - number(&base, channel));
             assert!((stats.mean - mean).abs() < 1e-9 * (1.0 + mean.abs()), "{} {mean}", stats.mean);
             assert!(
-                (stats.standard_deviation - variance.sqrt()).abs() < 1e-6,
+                (stats.standard_deviation - variance.sqrt()).abs() < 1e-6 + 1e-15 * mean.abs(),
                 "{} {}",
                 stats.standard_deviation,
                 variance.sqrt()
             );
         }
         if form.value.channels == 1 && kind == Kind::Categorical {
-            let mut counts: Vec<(f64, u64)> = Vec::new();
-            let mut numbers: Vec<f64> = values.iter().map(|value| number(value, 0)).collect();
-            numbers.sort_by(f64::total_cmp);
+            let mut counts: Vec<(Number, u64)> = Vec::new();
+            let mut numbers: Vec<Number> =
+                values.iter().map(|value| form.value.first_number(*value)).collect();
+            numbers.sort();
             for number in numbers {
                 match counts.last_mut() {
                     Some((last, count)) if *last == number => *count += 1,
@@ -207,7 +212,7 @@ fn search(form: Form, seed: u64, size: [u64; 3], kind: Kind, condition: Conditio
     let cells = Cells::random(form, seed, size, 6, true);
     let file = goblin(&cells, kind.default_rule(), kind);
     let meets = |cell: [u64; 3]| {
-        let number = cells.get(cell).map(|value| form.value.first_sample(value));
+        let number = cells.get(cell).map(|value| form.value.first_number(value));
         number.is_some_and(|number| match condition {
             Condition::Above(bound) => number > bound,
             Condition::Below(bound) => number < bound,
@@ -249,13 +254,13 @@ fn search(form: Form, seed: u64, size: [u64; 3], kind: Kind, condition: Conditio
 #[test]
 fn searches_find_all_and_the_largest() {
     use SampleType::*;
-    search(QUAD, 1, [500, 600, 1], Kind::Categorical, Condition::Equal(3.0));
-    search(QUAD, 2, [600, 500, 1], Kind::Categorical, Condition::Above(1.0));
-    search(quad(F32, 1), 3, [300, 300, 1], Kind::Continuous, Condition::Below(-11.0));
-    search(OCT, 4, [40, 70, 66], Kind::Continuous, Condition::Above(2.0));
+    search(QUAD, 1, [500, 600, 1], Kind::Categorical, Condition::Equal(3.0.into()));
+    search(QUAD, 2, [600, 500, 1], Kind::Categorical, Condition::Above(1.0.into()));
+    search(quad(F32, 1), 3, [300, 300, 1], Kind::Continuous, Condition::Below((-11.0).into()));
+    search(OCT, 4, [40, 70, 66], Kind::Continuous, Condition::Above(2.0.into()));
     for (seed, value) in (10..).zip(value_types()) {
         // The first numbers of signed types are below zero.
-        let bound = value.first_sample(common::value(value, 2));
+        let bound = value.first_number(common::value(value, 2));
         search(
             Form::new(Dimension::Quad, value),
             seed,
@@ -367,7 +372,8 @@ fn very_many_classes_are_counted_exactly() {
             }
         }
         let found = tree.statistics(Some(bounds), &()).unwrap().classes;
-        let found: Vec<(u64, u64)> = found.into_iter().map(|(value, cells)| (value as u64, cells)).collect();
+        let found: Vec<(u64, u64)> =
+            found.into_iter().map(|(value, cells)| (value.to_f64() as u64, cells)).collect();
         let expected: Vec<_> = expected.into_iter().collect();
         let first = found.iter().zip(&expected).find(|(found, expected)| found != expected);
         assert_eq!((found.len(), first), (expected.len(), None));
@@ -380,7 +386,7 @@ fn points_below_dense_blocks_that_end_with_their_segments() {
         let cells = Cells::noise(form, 3, size, 50);
         let tree = dataset(&cells, Rule::Mean, Kind::Continuous);
         let mut random = Random(4);
-        let (mut samples, mut value) = (PointSamples::default(), [0.0; 4]);
+        let (mut samples, mut value) = (PointSamples::default(), [Number::default(); 4]);
         // The more there are, the deeper the table that they begin at.
         for count in [1, 20, 100, 1000, 20_000] {
             for level in [tree.depth(), tree.depth() - 1, tree.depth() - 4] {
@@ -392,12 +398,12 @@ fn points_below_dense_blocks_that_end_with_their_segments() {
                 for (index, cell) in places.iter().enumerate() {
                     let expected = tree.point(*cell, level, &mut value).unwrap().then_some(&value[..1]);
                     assert_eq!(
-                        samples.get(index),
+                        samples.get(index).as_deref(),
                         expected,
                         "{form}, {cell:?} of level {level}, one of {count}"
                     );
                     if shift == 0 {
-                        let sample = cells.get(*cell).map(|value| form.value.first_sample(value));
+                        let sample = cells.get(*cell).map(|value| form.value.first_number(value));
                         assert_eq!(expected.map(|samples| samples[0]), sample);
                     }
                 }

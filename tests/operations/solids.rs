@@ -12,7 +12,7 @@ use spinney::io::Output;
 use spinney::query::{PointSamples, Ray};
 use spinney::space::{Bounds, Code, Dimension, Region};
 use spinney::tree::{Form, MemTree};
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::value::{Kind, Number, Rule, SampleType, Value};
 
 use crate::common::{Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin, made, oct, value_types, with};
 
@@ -75,9 +75,9 @@ fn all_points(
         for (i, (cell, value)) in places64.iter().zip(&values).enumerate() {
             let expected = expected(level, *cell);
             assert_eq!(*value, expected, "level {level} {cell:?}");
-            let numbers = expected.map(|value| value_type.samples(value));
-            assert_eq!(samples.get(i), numbers.as_deref(), "level {level} {cell:?}");
-            let mut one = [0.0; 4];
+            let numbers = expected.map(|value| value_type.numbers(value));
+            assert_eq!(samples.get(i), numbers, "level {level} {cell:?}");
+            let mut one = [Number::default(); 4];
             if i % 50 == 0 {
                 assert_eq!(tree.point(*cell, level, &mut one).unwrap(), expected.is_some());
                 assert!(numbers.is_none_or(|numbers| numbers[..] == one[..numbers.len()]));

@@ -104,7 +104,7 @@ fn expected(
         }
     }
     if counts_classes && value_type.channels == 1 {
-        zone.classes = classes.into_iter().map(|(class, cells)| (class as f64, cells)).collect();
+        zone.classes = classes.into_iter().map(|(class, cells)| (class.into(), cells)).collect();
     }
     for samples in samples.iter().filter(|samples| !samples.is_empty()) {
         let weight: f64 = samples.iter().map(|(weight, _)| weight).sum();
@@ -112,8 +112,8 @@ fn expected(
         let squares = samples.iter().map(|(weight, sample)| weight * (sample - mean).powi(2)).sum::<f64>();
         zone.channels.push(spinney::query::ZoneChannel {
             cells: weight,
-            min: samples.iter().map(|(_, sample)| *sample).fold(f64::INFINITY, f64::min),
-            max: samples.iter().map(|(_, sample)| *sample).fold(f64::NEG_INFINITY, f64::max),
+            min: samples.iter().map(|(_, sample)| *sample).fold(f64::INFINITY, f64::min).into(),
+            max: samples.iter().map(|(_, sample)| *sample).fold(f64::NEG_INFINITY, f64::max).into(),
             mean,
             standard_deviation: (squares / weight).sqrt(),
         });
@@ -129,8 +129,8 @@ fn assert_alike(found: &ZoneStatistics, expected: &ZoneStatistics, what: &str) {
     for (found, expected) in found.channels.iter().zip(&expected.channels) {
         for (a, b) in [
             (found.cells, expected.cells),
-            (found.min, expected.min),
-            (found.max, expected.max),
+            (found.min.to_f64(), expected.min.to_f64()),
+            (found.max.to_f64(), expected.max.to_f64()),
             (found.mean, expected.mean),
             (found.standard_deviation, expected.standard_deviation),
         ] {

@@ -147,7 +147,7 @@ fn names_of_classes_have_no_sidecar_beside_standard_output() {
     let run = command(&["-q", "get", classes, "-", "--format", "tif"]).assert().success();
     std::fs::write(&path, &run.get_output().stdout).unwrap();
     let info = raster::open(&path, &Default::default()).unwrap().info().clone();
-    assert!(info.class_names.contains(&(4, "forest".into())));
+    assert!(info.class_names.contains(&(4.into(), "forest".into())));
     // Beside a file they have one.
     command(&["-q", "get", classes, path.to_str().unwrap()]).assert().success();
     assert!(folder.path().join("out.tif.aux.xml").exists());
@@ -162,7 +162,7 @@ fn nodata_of_one_band_counts_nowhere() {
     // Red is nodata in half of the pixels.
     let pixels: Vec<u8> =
         (0..64 * 64).flat_map(|i| [if i % 2 == 0 { 0 } else { 100 }, 50, 1 + (i % 64) as u8]).collect();
-    let metadata = Metadata { nodata: Some(0.0), ..Metadata::default() };
+    let metadata = Metadata { nodata: Some(0.0.into()), ..Metadata::default() };
     let value = ValueType::new(SampleType::U8, 3);
     let spec = ImageSpec { width: 64, height: 64, value, alpha: false, void: false, metadata };
     let mut writer = create(Output::create(name("in.tif").as_ref()).unwrap(), Format::Tiff, &spec).unwrap();
@@ -198,7 +198,7 @@ fn nodata_of_one_band_counts_nowhere() {
         command(&["-q", "verify", &tree]).assert().success();
         command(&["-q", "get", &tree, &name("out.tif")]).assert().success();
         let raster = raster::open(name("out.tif").as_ref(), &Default::default()).unwrap();
-        assert_eq!(raster.info().nodata, Some(0.0));
+        assert_eq!(raster.info().nodata, Some(0.into()));
         assert!(tree.ends_with("autumn") || samples(&name("out.tif")) == pixels);
     }
 }

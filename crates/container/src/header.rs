@@ -93,10 +93,6 @@ impl Header {
 
     /// The header's bytes, as both formats have them.
     pub fn to_bytes(&self) -> [u8; TREE_HEADER_SIZE] {
-        let mut missing = [0; 8];
-        if let Some(sample) = self.form.value.missing {
-            missing[..sample.len()].copy_from_slice(&sample);
-        }
         let raw = RawHeader {
             sample: self.form.value.sample as u8,
             channels: self.form.value.channels,
@@ -109,7 +105,7 @@ impl Header {
             heavy_threshold: self.shape.heavy_threshold.into(),
             has_missing: self.form.value.missing.is_some().into(),
             zero: [0; 3],
-            missing,
+            missing: self.form.value.missing.unwrap_or_default(),
             extent: self.extent.map(U64::new),
         };
         raw.as_bytes().try_into().expect("as long as it is")
@@ -166,7 +162,7 @@ impl Header {
         let sample = *sample.ok_or_else(|| number("sample type", raw.sample, &types))?;
         let missing = match raw.has_missing {
             0 => None,
-            1 if raw.channels > 1 => Some(std::array::from_fn(|byte| raw.missing[byte])),
+            1 if raw.channels > 1 => Some(raw.missing),
             other => {
                 return Err(number("missing samples", other, "0, or 1 where there are several channels"));
             }

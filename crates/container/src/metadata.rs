@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::level_counts::LevelCounts;
-use spinney_base::value::Palette;
+use spinney_base::value::{Number, Palette};
 use spinney_base::{Error, Result};
 use spinney_crs::{ControlPoints, Frame};
 
@@ -19,11 +19,11 @@ pub struct Metadata {
     /// Georeference of the cells.
     pub frame: Frame,
     /// The number that VOID had in the input, and gets in outputs that need one.
-    pub nodata: Option<f64>,
+    pub nodata: Option<Number>,
     /// Colours of the values.
     pub palette: Option<Palette>,
     /// Names of the values.
-    pub class_names: BTreeMap<i64, String>,
+    pub class_names: BTreeMap<Number, String>,
     /// A name per channel; empty strings or nothing where unknown.
     pub band_names: Vec<String>,
     /// Factor and summand per channel that make physical units of samples; nothing where there is nothing to

@@ -6,7 +6,7 @@ use super::image::{Format, array_header};
 use super::window::{DEFAULT_MEMORY, fill_for};
 use spinney_base::io::Output;
 use spinney_base::space::Bounds;
-use spinney_base::value::Rule;
+use spinney_base::value::{Number, Rule};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 
@@ -20,7 +20,7 @@ pub struct ArrayRequest {
     pub level: u8,
     /// The number for VOID cells; by default 0 in trees of [`Rule::Occupancy`], else as for pictures: see
     /// [`fill_for`].
-    pub nodata: Option<f64>,
+    pub nodata: Option<Number>,
     /// Bytes to hold at a time; what one row of cells needs must fit.
     pub memory: u64,
 }
@@ -86,8 +86,8 @@ pub fn export_array(
     }
     let fill = match nodata {
         Some(number) => number,
-        None if header.rule == Rule::Occupancy => 0.0,
-        None => fill_for(tree)?.unwrap_or(0.0),
+        None if header.rule == Rule::Occupancy => Number::default(),
+        None => fill_for(tree)?.unwrap_or_default(),
     };
     // Whole planes, or rows of one.
     let rows = (memory / row).clamp(1, height);

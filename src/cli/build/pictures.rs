@@ -4,7 +4,7 @@ use anyhow::{Result, bail};
 use spinney::import::raster::ImportOptions;
 use spinney::import::volume::VolumeOptions;
 use spinney::ops::{Resampling, WarpOptions};
-use spinney::value::{Kind, Rule};
+use spinney::value::{Kind, Number, Rule};
 
 use super::super::args::numbers;
 use super::Common;
@@ -26,7 +26,7 @@ pub(super) struct PictureArgs {
     band: Option<Vec<usize>>,
     /// Number that means VOID, that nothing is there [default: from the file]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
-    nodata: Option<f64>,
+    nodata: Option<Number>,
     /// Coordinates of the pixels: x = a col + b row + c, y = d col + e row + f [default: from the file]. Volumes: widths of a cell
     /// along x, y and z, or a 3 x 4 matrix, row by row [default: 1,1,1]
     #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform)]

@@ -6,6 +6,7 @@ use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use spinney::export::{CogCompression, CogRequest, export_cog};
 use spinney::io::Output;
+use spinney::value::Number;
 
 use super::super::args::check_output;
 use super::super::report::{Work, report_output};
@@ -21,7 +22,7 @@ pub(super) struct CogOptions {
     compression: Option<Compression>,
     /// Number that means VOID; where it is not given and every number is in use, a mask says which cells are VOID
     #[arg(long, allow_hyphen_values = true)]
-    nodata: Option<f64>,
+    nodata: Option<Number>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]

@@ -1,7 +1,8 @@
 //! Statistics, as several subcommands print them.
 
-use serde_json::{Number, Value, json};
+use serde_json::{Value, json};
 use spinney::query::Statistics;
+use spinney::value::Number;
 
 /// Extremes, mean and standard deviation of each channel.
 pub(crate) fn channels_as_json(statistics: &Statistics) -> Vec<Value> {
@@ -12,9 +13,11 @@ pub(crate) fn channels_as_json(statistics: &Statistics) -> Vec<Value> {
 }
 
 /// The value of a class: an integer where it is one.
-pub(crate) fn class_as_json(value: f64) -> Value {
-    /// Whole numbers beyond are no longer all there.
+pub(crate) fn class_as_json(value: Number) -> Value {
+    /// Floating numbers beyond are no longer all the whole ones.
     const MOST: f64 = 9_007_199_254_740_992.0;
-    let whole = value.fract() == 0.0 && value.abs() <= MOST;
-    if whole { Value::Number(Number::from(value as i64)) } else { json!(value) }
+    match value {
+        Number::Float(float) if float.fract() == 0.0 && float.abs() <= MOST => json!(float as i64),
+        value => json!(value),
+    }
 }

@@ -9,7 +9,7 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::Statistics;
 use spinney::space::{Bounds, Crs};
-use spinney::value::Rule;
+use spinney::value::{Number, Rule};
 
 use super::args::{PartOptions, ViewedTree, level_of};
 use super::report::statistics::{channels_as_json, class_as_json};
@@ -142,14 +142,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 fn histogram(tree: &Dataset, boxes: &[Bounds], stats: &Statistics, bins: u32) -> Result<Vec<(f64, u64)>> {
     match stats.channels.first() {
         Some(first) if stats.classes.is_empty() && first.min < first.max && bins > 0 => {
+            let (low, high) = (first.min.to_f64(), first.max.to_f64());
             let mut cells = vec![0; bins as usize];
             for bounds in boxes {
                 let bounds = bounds.intersect(&tree.header().picture());
-                let part = tree.histogram(&bounds, first.min, first.max, bins as usize, &())?;
+                let part = tree.histogram(&bounds, low, high, bins as usize, &())?;
                 cells.iter_mut().zip(part).for_each(|(all, part)| *all += part);
             }
-            let width = (first.max - first.min) / f64::from(bins);
-            Ok((0..).map(|bin| first.min + f64::from(bin) * width).zip(cells).collect())
+            let width = (high - low) / f64::from(bins);
+            Ok((0..).map(|bin| low + f64::from(bin) * width).zip(cells).collect())
         }
         _ => Ok(Vec::new()),
     }
@@ -174,13 +175,13 @@ fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
 }
 
 /// The name of a class; nothing if it has none.
-fn class_name(tree: &Dataset, value: f64) -> Option<&str> {
-    tree.metadata().class_names.get(&(value as i64)).map(String::as_str)
+fn class_name(tree: &Dataset, value: Number) -> Option<&str> {
+    tree.metadata().class_names.get(&value).map(String::as_str)
 }
 
 fn as_json(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> serde_json::Value {
     let area = cell_area(tree).ok();
-    let class = |(value, cells): &(f64, u64)| {
+    let class = |(value, cells): &(Number, u64)| {
         json!({
             "value": class_as_json(*value),
             "name": class_name(tree, *value),

@@ -10,6 +10,7 @@ use spinney::dataset::Dataset;
 use spinney::import::geojson::{PolygonFeature, PolygonLayer, read_polygons};
 use spinney::query::{ZoneChannel, ZoneStatistics};
 use spinney::space::{Coordinates, EdgeRule, Polygon};
+use spinney::value::Number;
 
 use super::super::Global;
 use super::super::args::{Memory, places};
@@ -105,7 +106,7 @@ fn json_of(
         let ZoneChannel { cells, min, max, mean, standard_deviation } = channel;
         json!({ "cells": cells, "min": min, "max": max, "mean": mean, "standard_deviation": standard_deviation })
     };
-    let class = |(value, cells): &(f64, f64)| {
+    let class = |(value, cells): &(Number, f64)| {
         json!({
             "value": class_as_json(*value),
             "name": class_name(tree, *value),

@@ -34,6 +34,9 @@ macro_rules! with_native_type {
             (SampleType::F32, 3) => with!([f32; 3]),
             (SampleType::F32, 4) => with!([f32; 4]),
             (SampleType::F64, 1) => with!([f64; 1]),
+            (SampleType::I8, 1) => with!([i8; 1]),
+            (SampleType::U64, 1) => with!([u64; 1]),
+            (SampleType::I64, 1) => with!([i64; 1]),
             (sample, channels) => unreachable!("no tree has {channels} channels of {}", sample.name()),
         }
     }};

@@ -43,6 +43,13 @@ impl DoubleDouble {
         }
     }
 
+    /// The square of a whole number, of which nothing is lost before it is squared.
+    #[inline]
+    pub(super) fn square_of(number: i128) -> DoubleDouble {
+        let number = DoubleDouble::from(number);
+        number * number
+    }
+
     /// So many times the number.
     #[inline]
     pub(super) fn times(self, count: u64) -> DoubleDouble {

@@ -7,6 +7,7 @@
 use std::cmp::Ordering;
 use std::ops::Deref;
 
+use super::number::Number;
 use super::sample::Sample;
 use super::value_type::{SampleType, ValueType};
 
@@ -17,7 +18,7 @@ use super::value_type::{SampleType, ValueType};
 /// let rgb = ValueType::new(SampleType::U8, 3);
 /// let orange = Value::from([255u8, 165, 0]);
 /// assert_eq!(rgb.samples(orange)[..], [255.0, 165.0, 0.0]);
-/// assert_eq!(rgb.exact(&[255.0, 165.0, 0.0]), Some(orange));
+/// assert_eq!(rgb.exact(&[255, 165, 0].map(Into::into)), Some(orange));
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Value {
@@ -100,7 +101,7 @@ impl<S: Sample, const CHANNELS: usize> From<[S; CHANNELS]> for Value {
     }
 }
 
-/// The samples of a value as numbers; f64 holds those of every type exactly.
+/// The samples of a value to compute with: f64 holds those of every type exactly, but integers of 64 bits; see [`Numbers`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Samples {
     numbers: [f64; 4],
@@ -121,6 +122,22 @@ impl Samples {
     #[inline]
     pub fn padded(self) -> [f64; 4] {
         self.numbers
+    }
+}
+
+/// The samples of a value, exactly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Numbers {
+    numbers: [Number; 4],
+    channels: u8,
+}
+
+impl Deref for Numbers {
+    type Target = [Number];
+
+    #[inline]
+    fn deref(&self) -> &[Number] {
+        &self.numbers[..usize::from(self.channels)]
     }
 }
 
@@ -158,6 +175,18 @@ macro_rules! with_sample_type {
                 type $S = f64;
                 $body
             }
+            $crate::value::SampleType::I8 => {
+                type $S = i8;
+                $body
+            }
+            $crate::value::SampleType::U64 => {
+                type $S = u64;
+                $body
+            }
+            $crate::value::SampleType::I64 => {
+                type $S = i64;
+                $body
+            }
         }
     };
 }
@@ -177,14 +206,26 @@ impl SampleType {
         with_sample_type!(self, S => S::from_f64_lossy(number).write(bytes))
     }
 
+    /// The number that the first bytes of a slice are, exactly.
+    #[inline]
+    fn exact_number(self, bytes: &[u8]) -> Number {
+        with_sample_type!(self, S => S::read(bytes).to_number())
+    }
+
+    /// Writes the sample nearest to a number that may be any integer of 64 bits.
+    fn write_nearest_number(self, number: Number, bytes: &mut [u8]) {
+        with_sample_type!(self, S => S::from_number_lossy(number).write(bytes))
+    }
+
     /// The sample nearest to a number, as a number.
-    pub fn nearest(self, number: f64) -> f64 {
-        with_sample_type!(self, S => S::from_f64_lossy(number).to_f64())
+    pub fn nearest(self, number: Number) -> Number {
+        with_sample_type!(self, S => S::from_number_lossy(number).to_number())
     }
 
     /// Whether some sample is equal to a number.
-    pub fn can_hold(self, number: f64) -> bool {
-        with_sample_type!(self, S => S::from_f64(number).is_some())
+    pub fn can_hold(self, number: impl Into<Number>) -> bool {
+        let number = number.into();
+        with_sample_type!(self, S => S::from_number(number).is_some())
     }
 
     /// A number that orders samples as [`Sample::order`] does.
@@ -201,13 +242,29 @@ impl ValueType {
         bytes.chunks_exact(self.sample.size()).take(usize::from(self.channels))
     }
 
-    /// The first sample of a value as a number.
+    /// The first sample of a value, exactly.
+    #[inline]
+    pub fn first_number(self, value: Value) -> Number {
+        self.sample.exact_number(&value.to_bytes())
+    }
+
+    /// The samples of a value, exactly.
+    #[inline]
+    pub fn numbers(self, value: Value) -> Numbers {
+        let mut numbers = [Number::default(); 4];
+        for (number, sample) in numbers.iter_mut().zip(self.each_sample(&value.to_bytes())) {
+            *number = self.sample.exact_number(sample);
+        }
+        Numbers { numbers, channels: self.channels }
+    }
+
+    /// The first sample of a value to compute with.
     #[inline]
     pub fn first_sample(self, value: Value) -> f64 {
         self.sample.number(&value.to_bytes())
     }
 
-    /// The samples of a value as numbers.
+    /// The samples of a value to compute with.
     #[inline]
     pub fn samples(self, value: Value) -> Samples {
         let mut numbers = [0.0; 4];
@@ -215,6 +272,29 @@ impl ValueType {
             *number = self.sample.number(sample);
         }
         Samples { numbers, channels: self.channels }
+    }
+
+    /// The samples of a value to compute with, those of integers of 64 bits as differences from another value's: see
+    /// [`Sample::relative_to`].
+    pub fn samples_from(self, base: Value, value: Value) -> Samples {
+        let mut numbers = [0.0; 4];
+        let (bytes, base) = (value.to_bytes(), base.to_bytes());
+        let samples = self.each_sample(&bytes).zip(self.each_sample(&base));
+        for (number, (sample, base)) in numbers.iter_mut().zip(samples) {
+            *number = with_sample_type!(self.sample, S => S::read(sample).relative_to(S::read(base)));
+        }
+        Samples { numbers, channels: self.channels }
+    }
+
+    /// The value nearest to what was computed with [`ValueType::samples_from`]; integers are rounded half up.
+    pub fn nearest_from(self, base: Value, number: impl Fn(usize) -> f64) -> Value {
+        let (mut bytes, base) = ([0; MAX_VALUE_SIZE], base.to_bytes());
+        let size = self.sample.size();
+        for (channel, base) in self.each_sample(&base).enumerate() {
+            let sample = &mut bytes[channel * size..][..size];
+            with_sample_type!(self.sample, S => S::from_relative(S::read(base), number(channel)).write(sample));
+        }
+        Value::from_wide(u128::from_le_bytes(bytes))
     }
 
     /// Adds the samples that many values have in a channel as numbers, NaN where one is missing.
@@ -243,16 +323,27 @@ impl ValueType {
         Value::from_wide(u128::from_le_bytes(bytes))
     }
 
+    /// The value whose samples are nearest to the numbers that a function has for the channels.
+    pub fn nearest_numbers(self, number: impl Fn(usize) -> Number) -> Value {
+        let mut bytes = [0; MAX_VALUE_SIZE];
+        let size = self.sample.size();
+        for channel in 0..usize::from(self.channels) {
+            self.sample.write_nearest_number(number(channel), &mut bytes[channel * size..][..size]);
+        }
+        Value::from_wide(u128::from_le_bytes(bytes))
+    }
+
     /// The value with exactly these samples, one per channel; `None` if there is no such value.
-    pub fn exact(self, numbers: &[f64]) -> Option<Value> {
+    pub fn exact(self, numbers: &[Number]) -> Option<Value> {
         let fits = numbers.len() == usize::from(self.channels)
             && numbers.iter().all(|number| self.sample.can_hold(*number));
-        fits.then(|| self.nearest(|channel| numbers[channel]))
+        fits.then(|| self.nearest_numbers(|channel| numbers[channel]))
     }
 
     /// The value whose every sample is this number; `None` if the type cannot hold it.
-    pub fn splat(self, number: f64) -> Option<Value> {
-        self.sample.can_hold(number).then(|| self.nearest(|_| number))
+    pub fn splat(self, number: impl Into<Number>) -> Option<Value> {
+        let number = number.into();
+        self.sample.can_hold(number).then(|| self.nearest_numbers(|_| number))
     }
 
     /// Whether any sample is not a number; such a value is VOID.
@@ -315,7 +406,7 @@ impl ValueType {
 
     /// A value as text: its samples, between brackets.
     pub fn show(self, value: Value) -> String {
-        let samples: Vec<String> = self.samples(value).iter().map(f64::to_string).collect();
+        let samples: Vec<String> = self.numbers(value).iter().map(Number::to_string).collect();
         format!("[{}]", samples.join(", "))
     }
 }

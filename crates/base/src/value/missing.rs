@@ -1,17 +1,18 @@
 //! Samples that are missing: those that have the nodata number in one channel of a cell, while others have a sample.
 
 use super::erased::{MAX_VALUE_SIZE, Value};
+use super::number::Number;
 use super::value_type::ValueType;
 
 impl ValueType {
     /// The type of values of several channels in which a sample that is `nodata` is missing; the same type if no
     /// sample can be that, or there is one channel, where such cells are VOID.
     #[must_use]
-    pub fn with_missing(self, nodata: f64) -> ValueType {
+    pub fn with_missing(self, nodata: impl Into<Number>) -> ValueType {
         let splat = self.splat(nodata).filter(|value| self.channels > 1 && !self.is_nan(*value));
         let missing = splat.map(|value| {
-            let mut sample = [0; 4];
-            let size = self.sample.size().min(4);
+            let mut sample = [0; 8];
+            let size = self.sample.size();
             sample[..size].copy_from_slice(&value.to_bytes()[..size]);
             sample
         });

@@ -4,10 +4,11 @@ use std::cmp::Ordering;
 use std::fmt::Debug;
 use std::ops::Add;
 
-use zerocopy::little_endian::{F32, F64, I16, I32, U16, U32};
+use zerocopy::little_endian::{F32, F64, I16, I32, I64, U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::double::DoubleDouble;
+use super::number::Number;
 use super::sums::Sums;
 use super::value_type::{SampleType, ValueType};
 
@@ -48,14 +49,22 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
     fn read(bytes: &[u8]) -> Self;
     /// Writes the sample's bytes, little-endian.
     fn write(self, bytes: &mut [u8]);
-    /// The number as f64, exactly (all types fit).
+    /// The number as f64: exactly, but for integers of 64 bits, of which it is the nearest.
     fn to_f64(self) -> f64;
-    /// The sample equal to this number, if there is one.
-    fn from_f64(number: f64) -> Option<Self>;
     /// The sample nearest to this number.
     fn from_f64_lossy(number: f64) -> Self;
+    /// The number, exactly.
+    fn to_number(self) -> Number;
+    /// The sample equal to this number, if there is one.
+    fn from_number(number: Number) -> Option<Self>;
+    /// The sample nearest to this number.
+    fn from_number_lossy(number: Number) -> Self;
     /// A number that orders samples: by number, then (for floats) by bits, as `f64::total_cmp`.
     fn order_key(self) -> u64;
+    /// The sample as a number to compute with: of integers of 64 bits the difference from a base, of which f64 loses less.
+    fn relative_to(self, base: Self) -> f64;
+    /// The sample nearest to what was computed with [`Sample::relative_to`]; integers are rounded half up.
+    fn from_relative(base: Self, number: f64) -> Self;
 }
 
 /// Wire form, sums and means of samples, for kernels.
@@ -85,11 +94,13 @@ pub trait Arithmetic: Sample {
         + Debug
         + Default
         + Add<Output = Self::BlockSquare>
-        + Into<Self::TotalSum>
+        + Into<Self::TotalSquare>
         + Send
         + Sync;
-    /// Sum over any number of cells, and of squares.
+    /// Sum over any number of cells.
     type TotalSum: TotalSum;
+    /// Sum of squares over any number of cells.
+    type TotalSquare: TotalSum;
 
     /// From disk.
     fn from_wire(wire: Self::Wire) -> Self;
@@ -108,11 +119,15 @@ pub trait Arithmetic: Sample {
     /// The sum of any number of equal samples.
     fn total_sum(self, cells: u64) -> Self::TotalSum;
     /// The sum of the squares of any number of equal samples.
-    fn total_square(self, cells: u64) -> Self::TotalSum;
+    fn total_square(self, cells: u64) -> Self::TotalSquare;
     /// Mean of at most 2^24 samples, rounded to the type.
     fn block_mean(sum: Self::BlockSum, cells: u32) -> Self;
     /// Mean of any number of samples, rounded to the type.
     fn mean(sum: Self::TotalSum, cells: u64) -> Self;
+    /// The sum, kept within what the type can hold.
+    fn plus(self, other: Self) -> Self;
+    /// The difference, kept within what the type can hold.
+    fn minus(self, other: Self) -> Self;
     /// A total order: by number, then (for floats) by bits, as `f64::total_cmp`.
     fn order(self, other: Self) -> Ordering;
     /// Not a number.
@@ -120,7 +135,7 @@ pub trait Arithmetic: Sample {
 }
 
 macro_rules! integer_sample {
-    ($type:ident, $variant:ident, $wire:ty, $narrow:ty, $narrow_square:ty, $sum:ty, $square:ty, $flip:literal, $to:expr, $from:expr) => {
+    ($type:ident, $variant:ident, $flip:literal, $relative:expr, $absolute:expr) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
 
@@ -137,12 +152,26 @@ macro_rules! integer_sample {
                 self as f64
             }
             #[inline]
-            fn from_f64(number: f64) -> Option<$type> {
-                (number as $type as f64 == number).then_some(number as $type)
-            }
-            #[inline]
             fn from_f64_lossy(number: f64) -> $type {
                 number as $type
+            }
+            #[inline]
+            fn to_number(self) -> Number {
+                self.into()
+            }
+            #[inline]
+            fn from_number(number: Number) -> Option<$type> {
+                number.with_plain_zero().to_integer().and_then(|number| number.try_into().ok())
+            }
+            #[inline]
+            fn from_number_lossy(number: Number) -> $type {
+                match number {
+                    Number::Unsigned(number) => number.try_into().unwrap_or($type::MAX),
+                    Number::Signed(number) => {
+                        number.try_into().unwrap_or(if number < 0 { $type::MIN } else { $type::MAX })
+                    }
+                    Number::Float(number) => number as $type,
+                }
             }
             #[inline]
             fn order_key(self) -> u64 {
@@ -150,8 +179,90 @@ macro_rules! integer_sample {
                 let bits = 8 * size_of::<$type>() as u32;
                 (self as i64 as u64).wrapping_add($flip << (bits - 1)) & (u64::MAX >> (64 - bits))
             }
+            #[inline]
+            fn relative_to(self, base: $type) -> f64 {
+                $relative(self, base)
+            }
+            #[inline]
+            fn from_relative(base: $type, number: f64) -> $type {
+                $absolute(base, (number + 0.5).floor())
+            }
         }
+    };
+}
 
+/// The difference of two integers of 64 bits.
+fn difference(number: impl Into<i128>, base: impl Into<i128>) -> f64 {
+    (number.into() - base.into()) as f64
+}
+
+integer_sample!(u8, U8, 0u64, |number, _| f64::from(number), |_, number| number as u8);
+integer_sample!(u16, U16, 0u64, |number, _| f64::from(number), |_, number| number as u16);
+integer_sample!(i16, I16, 1u64, |number, _| f64::from(number), |_, number| number as i16);
+integer_sample!(u32, U32, 0u64, |number, _| f64::from(number), |_, number| number as u32);
+integer_sample!(i32, I32, 1u64, |number, _| f64::from(number), |_, number| number as i32);
+integer_sample!(i8, I8, 1u64, |number, _| f64::from(number), |_, number| number as i8);
+integer_sample!(u64, U64, 0u64, difference, |base, number: f64| {
+    i128::from(base).saturating_add(number as i128).clamp(0, u64::MAX.into()) as u64
+});
+integer_sample!(i64, I64, 1u64, difference, |base, number: f64| {
+    i128::from(base).saturating_add(number as i128).clamp(i64::MIN.into(), i64::MAX.into()) as i64
+});
+
+/// What the arithmetic of integers of all widths has in common.
+macro_rules! integer_arithmetic {
+    ($type:ident, $to:expr, $from:expr) => {
+        #[inline]
+        fn from_wire(wire: Self::Wire) -> $type {
+            $from(wire)
+        }
+        #[inline]
+        fn to_wire(self) -> Self::Wire {
+            $to(self)
+        }
+        #[inline]
+        fn narrow_sum(self) -> Self::NarrowSum {
+            self as Self::NarrowSum
+        }
+        #[inline]
+        fn narrow_mean(sum: Self::NarrowSum, bits: u32) -> $type {
+            // Rounded half up: see `block_mean`.
+            ((sum + (1 << bits >> 1)) >> bits) as $type
+        }
+        #[inline]
+        fn block_sum(self, cells: u32) -> Self::BlockSum {
+            self as Self::BlockSum * cells as Self::BlockSum
+        }
+        #[inline]
+        fn total_sum(self, cells: u64) -> i128 {
+            (self as i128).wrapping_mul(cells as i128)
+        }
+        fn mean(sum: i128, cells: u64) -> $type {
+            let cells = cells as i128;
+            (2 * sum + cells).div_euclid(2 * cells) as $type
+        }
+        #[inline]
+        fn plus(self, other: $type) -> $type {
+            self.saturating_add(other)
+        }
+        #[inline]
+        fn minus(self, other: $type) -> $type {
+            self.saturating_sub(other)
+        }
+        #[inline]
+        fn order(self, other: $type) -> Ordering {
+            self.cmp(&other)
+        }
+        #[inline]
+        fn is_nan(self) -> bool {
+            false
+        }
+    };
+}
+
+/// Integers whose squares are added up exactly.
+macro_rules! narrow_integer {
+    ($type:ident, $wire:ty, $narrow:ty, $narrow_square:ty, $sum:ty, $square:ty, $to:expr, $from:expr) => {
         impl Arithmetic for $type {
             type Wire = $wire;
             type NarrowSum = $narrow;
@@ -159,39 +270,17 @@ macro_rules! integer_sample {
             type BlockSum = $sum;
             type BlockSquare = $square;
             type TotalSum = i128;
+            type TotalSquare = i128;
 
-            #[inline]
-            fn from_wire(wire: $wire) -> $type {
-                $from(wire)
-            }
-            #[inline]
-            fn to_wire(self) -> $wire {
-                $to(self)
-            }
-            #[inline]
-            fn narrow_sum(self) -> $narrow {
-                self as $narrow
-            }
+            integer_arithmetic!($type, $to, $from);
+
             #[inline]
             fn narrow_square(self) -> $narrow_square {
                 self as $narrow_square * self as $narrow_square
             }
             #[inline]
-            fn narrow_mean(sum: $narrow, bits: u32) -> $type {
-                // Rounded half up: see `block_mean`.
-                ((sum + (1 << bits >> 1)) >> bits) as $type
-            }
-            #[inline]
-            fn block_sum(self, cells: u32) -> $sum {
-                self as $sum * cells as $sum
-            }
-            #[inline]
             fn block_square(self, cells: u32) -> $square {
                 self as $square * self as $square * cells as $square
-            }
-            #[inline]
-            fn total_sum(self, cells: u64) -> i128 {
-                (self as i128).wrapping_mul(cells as i128)
             }
             #[inline]
             fn total_square(self, cells: u64) -> i128 {
@@ -209,27 +298,53 @@ macro_rules! integer_sample {
                     half_up.div_euclid(twice) as $type
                 }
             }
-            fn mean(sum: i128, cells: u64) -> $type {
-                let cells = cells as i128;
-                (2 * sum + cells).div_euclid(2 * cells) as $type
+        }
+    };
+}
+
+narrow_integer!(u8, u8, u32, u32, u32, i64, |x| x, |x| x);
+narrow_integer!(u16, U16, u32, i64, i64, i64, U16::new, |x: U16| x.get());
+narrow_integer!(i16, I16, i32, i64, i64, i64, I16::new, |x: I16| x.get());
+narrow_integer!(u32, U32, i64, i128, i64, i128, U32::new, |x: U32| x.get());
+narrow_integer!(i32, I32, i64, i128, i64, i128, I32::new, |x: I32| x.get());
+narrow_integer!(i8, i8, i32, i32, i32, i64, |x| x, |x| x);
+
+/// Integers of 64 bits: sums are exact, squares double-double.
+macro_rules! wide_integer {
+    ($type:ident, $wire:ty, $to:expr, $from:expr) => {
+        impl Arithmetic for $type {
+            type Wire = $wire;
+            type NarrowSum = i128;
+            type NarrowSquare = DoubleDouble;
+            type BlockSum = i128;
+            type BlockSquare = DoubleDouble;
+            type TotalSum = i128;
+            type TotalSquare = DoubleDouble;
+
+            integer_arithmetic!($type, $to, $from);
+
+            #[inline]
+            fn narrow_square(self) -> DoubleDouble {
+                self.total_square(1)
             }
             #[inline]
-            fn order(self, other: $type) -> Ordering {
-                self.cmp(&other)
+            fn block_square(self, cells: u32) -> DoubleDouble {
+                self.total_square(cells.into())
             }
             #[inline]
-            fn is_nan(self) -> bool {
-                false
+            fn total_square(self, cells: u64) -> DoubleDouble {
+                DoubleDouble::square_of(self.into()).times(cells)
+            }
+            #[inline]
+            fn block_mean(sum: i128, cells: u32) -> $type {
+                Self::mean(sum, cells.into())
             }
         }
     };
 }
 
-integer_sample!(u8, U8, u8, u32, u32, u32, i64, 0u64, |x| x, |x| x);
-integer_sample!(u16, U16, U16, u32, i64, i64, i64, 0u64, U16::new, |x: U16| x.get());
-integer_sample!(i16, I16, I16, i32, i64, i64, i64, 1u64, I16::new, |x: I16| x.get());
-integer_sample!(u32, U32, U32, i64, i128, i64, i128, 0u64, U32::new, |x: U32| x.get());
-integer_sample!(i32, I32, I32, i64, i128, i64, i128, 1u64, I32::new, |x: I32| x.get());
+wide_integer!(u64, U64, U64::new, |x: U64| x.get());
+wide_integer!(i64, I64, I64::new, |x: I64| x.get());
 
 macro_rules! float_sample {
     ($type:ident, $variant:ident, $wire:ty, $bits:ident, $square:expr) => {
@@ -249,12 +364,26 @@ macro_rules! float_sample {
                 self as f64
             }
             #[inline]
-            fn from_f64(number: f64) -> Option<$type> {
-                (number as $type as f64 == number).then_some(number as $type)
-            }
-            #[inline]
             fn from_f64_lossy(number: f64) -> $type {
                 number as $type
+            }
+            #[inline]
+            fn to_number(self) -> Number {
+                self.into()
+            }
+            #[inline]
+            fn from_number(number: Number) -> Option<$type> {
+                let near = $type::from_number_lossy(number);
+                (Number::from(near).with_plain_zero() == number.with_plain_zero() && !near.is_nan())
+                    .then_some(near)
+            }
+            #[inline]
+            fn from_number_lossy(number: Number) -> $type {
+                match number {
+                    Number::Unsigned(number) => number as $type,
+                    Number::Signed(number) => number as $type,
+                    Number::Float(number) => number as $type,
+                }
             }
             #[inline]
             fn order_key(self) -> u64 {
@@ -262,6 +391,14 @@ macro_rules! float_sample {
                 let bits = self.to_bits();
                 let sign = 1 << ($bits::BITS - 1);
                 u64::from(if bits & sign == 0 { bits | sign } else { !bits })
+            }
+            #[inline]
+            fn relative_to(self, _: $type) -> f64 {
+                self.into()
+            }
+            #[inline]
+            fn from_relative(_: $type, number: f64) -> $type {
+                number as $type
             }
         }
 
@@ -272,6 +409,7 @@ macro_rules! float_sample {
             type BlockSum = DoubleDouble;
             type BlockSquare = DoubleDouble;
             type TotalSum = DoubleDouble;
+            type TotalSquare = DoubleDouble;
 
             #[inline]
             fn from_wire(wire: $wire) -> $type {
@@ -322,6 +460,14 @@ macro_rules! float_sample {
                 if mean.is_nan() { $type::NAN } else { mean }
             }
             #[inline]
+            fn plus(self, other: $type) -> $type {
+                (f64::from(self) + f64::from(other)) as $type
+            }
+            #[inline]
+            fn minus(self, other: $type) -> $type {
+                (f64::from(self) - f64::from(other)) as $type
+            }
+            #[inline]
             fn order(self, other: $type) -> Ordering {
                 self.total_cmp(&other)
             }
@@ -356,6 +502,8 @@ pub trait Native: Copy + Debug + Default + Send + Sync + 'static {
     type BlockSquares: Copy + Debug + Default + Send + Sync;
     /// Sums of any number of cells, one per channel.
     type TotalSums: Copy + Debug + Default + Send + Sync;
+    /// Sums of squares of any number of cells, one per channel.
+    type TotalSquares: Copy + Debug + Default + Send + Sync;
 
     /// The type as a run-time value.
     const TYPE: ValueType = ValueType::new(Self::Sample::TYPE, Self::CHANNELS as u8);
@@ -389,19 +537,25 @@ pub trait Native: Copy + Debug + Default + Send + Sync + 'static {
     /// The sums of a block as sums of any number of cells.
     fn widen(sums: Self::BlockSums) -> Self::TotalSums;
     /// Sums of squares of a block as sums of any number of cells.
-    fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSums;
+    fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSquares;
     /// Means of at most 2^24 cells, rounded to the type.
     fn block_mean(sums: Self::BlockSums, cells: u32) -> Self;
     /// Sums of any number of cells of this value.
     fn total_sums(self, cells: u64) -> Self::TotalSums;
     /// Sums of the squares of any number of cells of this value.
-    fn total_squares(self, cells: u64) -> Self::TotalSums;
+    fn total_squares(self, cells: u64) -> Self::TotalSquares;
     /// Adds channel by channel.
     fn add_sums(a: Self::TotalSums, b: Self::TotalSums) -> Self::TotalSums;
+    /// Adds channel by channel.
+    fn add_squares(a: Self::TotalSquares, b: Self::TotalSquares) -> Self::TotalSquares;
     /// The sums with their type known at run time.
     fn erase(sums: Self::TotalSums) -> Sums;
+    /// The sums of squares with their type known at run time.
+    fn erase_squares(squares: Self::TotalSquares) -> Sums;
     /// The inverse of [`Native::erase`].
     fn typed_sums(sums: &Sums) -> Self::TotalSums;
+    /// The inverse of [`Native::erase_squares`].
+    fn typed_squares(squares: &Sums) -> Self::TotalSquares;
     /// Means of any number of cells, rounded to the type.
     fn mean(sums: &Sums, cells: u64) -> Self;
     /// A total order: channel after channel.
@@ -412,8 +566,10 @@ pub trait Native: Copy + Debug + Default + Send + Sync + 'static {
     fn max(self, other: Self) -> Self;
     /// Whether both are equal in every bit.
     fn same(self, other: Self) -> bool;
-    /// Joins channel by channel, in f64, and keeps the results within what the type can hold.
-    fn by_channel(self, other: Self, join: fn(f64, f64) -> f64) -> Self;
+    /// Adds channel by channel, and keeps the results within what the type can hold.
+    fn plus(self, other: Self) -> Self;
+    /// Subtracts channel by channel, and keeps the results within what the type can hold.
+    fn minus(self, other: Self) -> Self;
     /// Whether any sample is not a number; such a value is VOID.
     fn is_nan(self) -> bool;
 }
@@ -429,6 +585,7 @@ macro_rules! native_values {
             type BlockSums = [S::BlockSum; $channels];
             type BlockSquares = [S::BlockSquare; $channels];
             type TotalSums = [S::TotalSum; $channels];
+            type TotalSquares = [S::TotalSquare; $channels];
 
             #[inline]
             fn from_wire(wire: Self::Wire) -> Self {
@@ -487,7 +644,7 @@ macro_rules! native_values {
                 sums.map(Into::into)
             }
             #[inline]
-            fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSums {
+            fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSquares {
                 squares.map(Into::into)
             }
             #[inline]
@@ -499,19 +656,30 @@ macro_rules! native_values {
                 self.map(|sample| sample.total_sum(cells))
             }
             #[inline]
-            fn total_squares(self, cells: u64) -> Self::TotalSums {
+            fn total_squares(self, cells: u64) -> Self::TotalSquares {
                 self.map(|sample| sample.total_square(cells))
             }
             #[inline]
             fn add_sums(a: Self::TotalSums, b: Self::TotalSums) -> Self::TotalSums {
                 std::array::from_fn(|c| a[c] + b[c])
             }
+            #[inline]
+            fn add_squares(a: Self::TotalSquares, b: Self::TotalSquares) -> Self::TotalSquares {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
             fn erase(sums: Self::TotalSums) -> Sums {
                 S::TotalSum::to_sums(&sums)
+            }
+            fn erase_squares(squares: Self::TotalSquares) -> Sums {
+                S::TotalSquare::to_sums(&squares)
             }
             fn typed_sums(sums: &Sums) -> Self::TotalSums {
                 let sums = S::TotalSum::from_sums(sums);
                 std::array::from_fn(|channel| sums[channel])
+            }
+            fn typed_squares(squares: &Sums) -> Self::TotalSquares {
+                let squares = S::TotalSquare::from_sums(squares);
+                std::array::from_fn(|channel| squares[channel])
             }
             fn mean(sums: &Sums, cells: u64) -> Self {
                 let sums = S::TotalSum::from_sums(sums);
@@ -534,8 +702,12 @@ macro_rules! native_values {
                 self.to_wire().as_bytes() == other.to_wire().as_bytes()
             }
             #[inline]
-            fn by_channel(self, other: Self, join: fn(f64, f64) -> f64) -> Self {
-                std::array::from_fn(|c| S::from_f64_lossy(join(self[c].to_f64(), other[c].to_f64())))
+            fn plus(self, other: Self) -> Self {
+                std::array::from_fn(|c| self[c].plus(other[c]))
+            }
+            #[inline]
+            fn minus(self, other: Self) -> Self {
+                std::array::from_fn(|c| self[c].minus(other[c]))
             }
             #[inline]
             fn is_nan(self) -> bool {
@@ -565,5 +737,8 @@ mod tests {
         assert_eq!(mean_of_largest(i16::MIN), i16::MIN);
         assert_eq!(mean_of_largest(u32::MAX), u32::MAX);
         assert_eq!(mean_of_largest(i32::MIN), i32::MIN);
+        assert_eq!(mean_of_largest(i8::MIN), i8::MIN);
+        assert_eq!(mean_of_largest(u64::MAX), u64::MAX);
+        assert_eq!(mean_of_largest(i64::MIN), i64::MIN);
     }
 }

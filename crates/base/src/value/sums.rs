@@ -1,4 +1,4 @@
-//! Sums of samples: exact for integers, double-double for floating samples.
+//! Sums of samples: exact for integers, double-double for floating samples and for squares of integers of 64 bits.
 
 use super::double::DoubleDouble;
 use super::value_type::SampleType;
@@ -6,9 +6,9 @@ use super::value_type::SampleType;
 /// Sums of up to four channels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sums {
-    /// Sums of integers.
+    /// Sums of integers, and of the squares of those of at most 32 bits.
     Exact([i128; 4]),
-    /// Sums of floating samples.
+    /// Sums of floating samples, and of the squares of these and of integers of 64 bits.
     Float([DoubleDouble; 4]),
 }
 
@@ -17,6 +17,12 @@ impl Sums {
     #[inline]
     pub fn zero(sample: SampleType) -> Sums {
         if sample.is_float() { Sums::Float(Default::default()) } else { Sums::Exact([0; 4]) }
+    }
+
+    /// Sums of the squares of no samples.
+    #[inline]
+    pub fn zero_squares(sample: SampleType) -> Sums {
+        if sample.has_exact_squares() { Sums::Exact([0; 4]) } else { Sums::Float(Default::default()) }
     }
 
     /// Adds channel by channel; both must be of one type of samples.
@@ -77,8 +83,8 @@ impl Sums {
         }
     }
 
-    /// Whether all sums are those of at most so many samples, or of their squares. (No square of an integer
-    /// sample is larger than 2^64; of floating samples everything is possible.)
+    /// Whether all sums are those of at most so many samples, or of their squares. (No integer sample
+    /// and no square that is added up exactly is larger than 2^64; of others everything is possible.)
     pub fn are_possible(&self, cells: u64) -> bool {
         let most = cells as f64 * 2f64.powi(64);
         match self {

@@ -9,8 +9,8 @@ use super::value_type::ValueType;
 
 /// Counts, extremes and sums over cells that are not VOID; those of a node are its zone statistics.
 ///
-/// For floating samples the sums are double-double and depend on the order of adding, which is therefore part of
-/// the definition: pairwise in Z order ([`Tally::merge`]), so that a uniform block has exactly the sum of its
+/// For floating samples (and for the squares of integers of 64 bits) the sums are double-double and depend on the order of adding, which
+/// is therefore part of the definition: pairwise in Z order ([`Tally::merge`]), so that a uniform block has exactly the sum of its
 /// cells and trees built in any way agree in every bit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tally {
@@ -57,10 +57,10 @@ impl Tally {
     /// The tally of no cells.
     #[inline]
     pub fn void(value_type: ValueType) -> Tally {
-        let zero = Sums::zero(value_type.sample);
+        let (sum, squares) = (Sums::zero(value_type.sample), Sums::zero_squares(value_type.sample));
         let (min, max) = (Value::ZERO, Value::ZERO);
         let present = [0; 4];
-        Tally { value_type, cells: 0, present, min, max, sum: zero, squares: zero, classes: Vec::new() }
+        Tally { value_type, cells: 0, present, min, max, sum, squares, classes: Vec::new() }
     }
 
     /// The tally of `cells` cells of one value.
@@ -132,6 +132,16 @@ impl Tally {
         self.present = std::array::from_fn(|channel| self.present[channel] + present[channel]);
     }
 
+    /// The sum of a channel's samples, relative to a value: see [`ValueType::samples_from`].
+    pub fn sum_from(&self, base: Value, channel: usize) -> f64 {
+        match (&self.sum, self.value_type.numbers(base)[channel].to_integer()) {
+            (Sums::Exact(sums), Some(base)) if !self.value_type.sample.has_exact_squares() => {
+                (sums[channel] - base * i128::from(self.present[channel])) as f64
+            }
+            (sums, _) => sums.number(channel),
+        }
+    }
+
     /// Mean of each channel over the cells that have a sample in it; missing where none has.
     fn mean(&self) -> Value {
         let Some(missing) = self.value_type.all_missing() else { return self.mean_over(self.cells) };
@@ -162,7 +172,7 @@ impl Tally {
 
 fn leaf_sums<V: Native>(value: Value, cells: u64) -> (Sums, Sums) {
     let value = native::<V>(value);
-    (V::erase(value.total_sums(cells)), V::erase(value.total_squares(cells)))
+    (V::erase(value.total_sums(cells)), V::erase_squares(value.total_squares(cells)))
 }
 
 /// A value with its type known at compile time.

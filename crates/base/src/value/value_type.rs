@@ -13,30 +13,40 @@ pub enum SampleType {
     I32,
     F32,
     F64,
+    I8,
+    U64,
+    I64,
 }
 
 impl SampleType {
     /// All types, in the order of their numbers on disk.
-    pub const ALL: [SampleType; 7] = {
+    pub const ALL: [SampleType; 10] = {
         use SampleType::*;
-        [U8, U16, I16, U32, I32, F32, F64]
+        [U8, U16, I16, U32, I32, F32, F64, I8, U64, I64]
     };
 
     /// Bytes of one sample.
     #[inline]
     pub const fn size(self) -> usize {
-        [1, 2, 2, 4, 4, 4, 8][self as usize]
+        [1, 2, 2, 4, 4, 4, 8, 1, 8, 8][self as usize]
     }
 
     /// The type's name, as Rust spells it.
     pub const fn name(self) -> &'static str {
-        ["u8", "u16", "i16", "u32", "i32", "f32", "f64"][self as usize]
+        ["u8", "u16", "i16", "u32", "i32", "f32", "f64", "i8", "u64", "i64"][self as usize]
     }
 
     /// Whether samples are floating-point numbers.
     #[inline]
     pub const fn is_float(self) -> bool {
         matches!(self, SampleType::F32 | SampleType::F64)
+    }
+
+    /// Whether sums of squares are exact: not those of floating samples, nor of integers of 64 bits, whose squares have up to 128.
+    /// Sums that are not depend on the order of adding.
+    #[inline]
+    pub const fn has_exact_squares(self) -> bool {
+        !matches!(self, SampleType::F32 | SampleType::F64 | SampleType::U64 | SampleType::I64)
     }
 }
 
@@ -49,7 +59,7 @@ pub struct ValueType {
     pub channels: u8,
     /// The sample (its bytes, then zeros) that means that a cell has none in a channel; only where there are several
     /// channels. Sums, means and extremes of the channel leave such cells out.
-    pub missing: Option<[u8; 4]>,
+    pub missing: Option<[u8; 8]>,
 }
 
 impl ValueType {

@@ -30,6 +30,7 @@ use super::store::exact::ExactPart;
 use super::{Attributes, BuildReport, ExactModel, Face, Faces, Grid, LEAF_SIZE, ModelBuilder};
 use crate::closure::{Closure, ExactClosure, Seed};
 use spinney_base::io::Output;
+use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Metadata, Tag, TagScope};
 
@@ -303,7 +304,7 @@ fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {
     let crs = models.iter().find_map(|model| model.crs().cloned());
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
     let names = models.iter().flat_map(|model| model.parts());
-    metadata.class_names = (0..).zip(names.clone().cloned()).collect();
+    metadata.class_names = (0u64..).map(Number::from).zip(names.clone().cloned()).collect();
     metadata.provenance = models.iter().flat_map(|model| model.metadata().provenance.clone()).collect();
     let paths: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
     metadata.provenance.push(format!("operation {operation} of {}", paths.join(" ")));

@@ -7,6 +7,7 @@ use super::reader::ExactModel;
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
 use spinney_base::io::{Positioned, ReadBackend};
 use spinney_base::space::Dimension;
+use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
 use spinney_container::{Content, FileHeader, HEADER_SIZE, Metadata, Section, TAIL, Trailer};
@@ -103,8 +104,11 @@ impl ExactModel {
         }
         // Part numbers stand for the names; one that has none is as good as a name.
         let names = &metadata.class_names;
-        let count = names.last_key_value().map_or(1, |(last, _)| last.saturating_add(1).clamp(1, 1 << 24));
-        let named = names.range(0..count).map(|(_, name)| name.clone()).collect::<Vec<_>>();
+        let count = names
+            .last_key_value()
+            .map_or(1, |(last, _)| (last.to_f64() as i64).saturating_add(1).clamp(1, 1 << 24));
+        let named =
+            names.range(Number::default()..count.into()).map(|(_, name)| name.clone()).collect::<Vec<_>>();
         if named.len() as i64 != count && !names.is_empty() {
             let found = format!("{} names of {count} parts", named.len());
             return Err(Error::corrupt(path, "metadata", found, "a name for each part"));

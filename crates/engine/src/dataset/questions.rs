@@ -10,7 +10,7 @@ use crate::query::{
 use crate::query::{PixelGrid, PixelSums};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::space::{Bounds, Cell, Code, EdgeRule, Polygon};
-use spinney_base::value::Value;
+use spinney_base::value::{Number, Value};
 use spinney_base::{Progress, Result};
 use spinney_container::LevelCounts;
 
@@ -20,7 +20,7 @@ impl Dataset {
     ///
     /// # Errors
     /// If the file is damaged there; of a view also if it has no such level.
-    pub fn point(&self, cell: [u64; 3], level: u8, value: &mut [f64; 4]) -> Result<bool> {
+    pub fn point(&self, cell: [u64; 3], level: u8, value: &mut [Number; 4]) -> Result<bool> {
         let found = match &self.tree {
             Tree::View(viewed) => value_at(&viewed.at(level)?, cell)?,
             _ if level > self.depth() => None,
@@ -32,8 +32,8 @@ impl Dataset {
             }
         };
         if let Some(found) = found {
-            let samples = self.header().form.value.samples(found);
-            value[..samples.len()].copy_from_slice(&samples);
+            let numbers = self.header().form.value.numbers(found);
+            value[..numbers.len()].copy_from_slice(&numbers);
         }
         Ok(found.is_some())
     }
@@ -45,27 +45,25 @@ impl Dataset {
     /// If the file is damaged there, or the level is too deep.
     pub fn points(&self, cells: &[[u64; 3]], level: u8, samples: &mut PointSamples) -> Result<()> {
         let value_type = self.header().form.value;
-        samples.start(value_type.channels.into());
-        let mut values = vec![None; cells.len()];
+        let values = samples.start(value_type, cells.len());
         match &self.tree {
             Tree::Goblin(file) => {
                 let cells: Vec<Cell> = cells.iter().map(|cell| saturated(*cell)).collect();
-                file.values_at(level, &cells, &mut values)?;
+                file.values_at(level, &cells, values)?;
             }
             Tree::Autumnal(file) => {
-                for (cell, value) in cells.iter().zip(&mut values) {
+                for (cell, value) in cells.iter().zip(values) {
                     let code = self.code(level, saturated(*cell));
                     *value = code.map_or(Ok(None), |code| file.value_at(code))?;
                 }
             }
             Tree::View(viewed) => {
                 let view = viewed.at(level)?;
-                for (cell, value) in cells.iter().zip(&mut values) {
+                for (cell, value) in cells.iter().zip(values) {
                     *value = value_at(&view, *cell)?;
                 }
             }
         }
-        samples.push_values(value_type, &values);
         Ok(())
     }
 
@@ -100,7 +98,7 @@ impl Dataset {
     }
 
     /// The values of a box of cells of a level: x fastest, then y, then z; a cell's samples together,
-    /// little-endian; VOID cells have the sample `fill` in every channel, and `false` in `valid` if that is
+    /// little-endian; VOID cells have the sample nearest to `fill` in every channel, and `false` in `valid` if that is
     /// given.
     ///
     /// `bytes` must have `bounds.volume() * header().form.width()` bytes, `valid` one flag per cell.
@@ -111,11 +109,22 @@ impl Dataset {
         &self,
         level: u8,
         bounds: &Bounds,
-        fill: f64,
+        fill: impl Into<Number>,
         bytes: &mut [u8],
         valid: Option<&mut [bool]>,
     ) -> Result<()> {
-        let fill: Value = self.header().form.value.nearest(|_| fill);
+        self.draw(level, bounds, fill.into(), bytes, valid)
+    }
+
+    fn draw(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        fill: Number,
+        bytes: &mut [u8],
+        valid: Option<&mut [bool]>,
+    ) -> Result<()> {
+        let fill: Value = self.header().form.value.nearest_numbers(|_| fill);
         match &self.tree {
             Tree::Goblin(file) => file.window(level, bounds, fill, bytes, valid).map(|_| ()),
             Tree::Autumnal(file) => file.window(level, bounds, fill, bytes, valid),
@@ -211,12 +220,13 @@ impl Dataset {
         &self,
         bounds: &Bounds,
         grid: PixelGrid,
+        base: Value,
         progress: &'a dyn Progress,
     ) -> Result<PixelSums<'a>> {
         match &self.tree {
-            Tree::Goblin(file) => PixelSums::of_file(file, bounds, grid, progress),
-            Tree::Autumnal(file) => PixelSums::of_source(&**file, bounds, grid, progress),
-            Tree::View(viewed) => PixelSums::of_source(viewed.view(), bounds, grid, progress),
+            Tree::Goblin(file) => PixelSums::of_file(file, bounds, grid, base, progress),
+            Tree::Autumnal(file) => PixelSums::of_source(&**file, bounds, grid, base, progress),
+            Tree::View(viewed) => PixelSums::of_source(viewed.view(), bounds, grid, base, progress),
         }
     }
 
@@ -244,11 +254,19 @@ impl Dataset {
         }
     }
 
-    /// Bounds of all values, per channel: the least and the largest; nothing if there are none.
+    /// Bounds of all values, per channel: the least and the largest, to compute with; nothing if there are none.
     ///
     /// # Errors
     /// If the file is damaged there.
     pub fn value_bounds(&self) -> Result<Vec<(f64, f64)>> {
+        Ok(self.exact_bounds()?.into_iter().map(|(min, max)| (min.to_f64(), max.to_f64())).collect())
+    }
+
+    /// Bounds of all values, per channel: the least and the largest, exactly; nothing if there are none.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn exact_bounds(&self) -> Result<Vec<(Number, Number)>> {
         // No view has values beyond those of what it stands on.
         let statistics = self.totals(None)?;
         Ok(statistics.channels.iter().map(|channel| (channel.min, channel.max)).collect())

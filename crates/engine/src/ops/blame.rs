@@ -104,7 +104,7 @@ struct States(Arc<[(usize, Child<TreeFileNode>)]>);
 impl Ages {
     fn number(&self, commit: usize) -> Result<Value> {
         let number = self.commits[commit].0;
-        let value = u32::try_from(number).ok().and_then(|number| self.form.value.splat(f64::from(number)));
+        let value = u32::try_from(number).ok().and_then(|number| self.form.value.splat(number));
         value.ok_or_else(|| Error::invalid("number of a commit", number.to_string(), "less than 2^32"))
     }
 

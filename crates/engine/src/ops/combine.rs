@@ -128,7 +128,7 @@ impl Combined {
     /// If cells tell coverage, which no other value than 255 says is full.
     pub fn filled_with(self, fill: Value) -> Result<Combined> {
         if self.coverage().is_some_and(|full| full != fill) {
-            let found = format!("{:?}", &self.form.value.samples(fill)[..]);
+            let found = self.form.value.show(fill);
             return Err(Error::invalid("fill value", found, "255, full, as these trees tell coverage"));
         }
         Ok(Combined { fill, ..self })

@@ -16,7 +16,7 @@ use super::view_source::check_form;
 use crate::store::autumnal::{Autumnal, Commit, Editor, Note};
 use crate::tree::Source;
 use spinney_base::space::Bounds;
-use spinney_base::value::{Value, ValueType};
+use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::OpenOptions;
 
@@ -33,7 +33,7 @@ pub enum Edit {
         where_valid: bool,
     },
     /// Fills a region with one value (a sample per channel, or one for all), or makes it VOID.
-    Fill(FillRegion, Option<Vec<f64>>),
+    Fill(FillRegion, Option<Vec<Number>>),
     /// Gives single cells new values.
     Set(Vec<CellValue>),
     /// Makes it what an operation makes of it and another tree, which lies where it lies in the world.
@@ -43,7 +43,7 @@ pub enum Edit {
 }
 
 /// A cell and its value: a sample per channel, or VOID.
-pub type CellValue = ([u64; 3], Option<Vec<f64>>);
+pub type CellValue = ([u64; 3], Option<Vec<Number>>);
 
 /// Does some edits, one after the other, and makes them one commit; `None` if nothing has changed.
 ///
@@ -55,7 +55,7 @@ pub type CellValue = ([u64; 3], Option<Vec<f64>>);
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("history.autumn");
 /// # std::fs::copy("fixtures/v1/history.autumn", &path).unwrap();
-/// let edits = [Edit::Set(vec![([0, 0, 0], Some(vec![7.0]))])];
+/// let edits = [Edit::Set(vec![([0, 0, 0], Some(vec![7.into()]))])];
 /// let commit = ops::edit(&path, edits.map(Ok), Note::default(), 64 << 20, &())?;
 /// assert!(commit.is_some());
 /// # Ok::<(), spinney::Error>(())
@@ -189,17 +189,18 @@ fn aligned(view: View, tree: &Autumnal, path: &Path) -> Result<(View, Bounds)> {
 }
 
 /// The value with these samples, or with one sample for all channels.
-fn value_of(value_type: ValueType, samples: &[f64]) -> Result<Value> {
+fn value_of(value_type: ValueType, samples: &[Number]) -> Result<Value> {
     let ValueType { sample, channels, .. } = value_type;
     let fits = samples.len() == 1 || samples.len() == usize::from(channels);
     let exact = samples.iter().all(|number| sample.can_hold(*number) || sample.is_float());
     if !fits || !exact {
         let expected = format!("1 or {channels} numbers that {value_type} can hold");
-        return Err(Error::invalid("value", format!("{samples:?}"), expected));
+        let found = samples.iter().map(Number::to_string).collect::<Vec<_>>().join(", ");
+        return Err(Error::invalid("value", format!("[{found}]"), expected));
     }
-    Ok(value_type.nearest(|channel| *samples.get(channel).unwrap_or(&samples[0])))
+    Ok(value_type.nearest_numbers(|channel| *samples.get(channel).unwrap_or(&samples[0])))
 }
 
-fn value_or_void(value_type: ValueType, samples: &Option<Vec<f64>>) -> Result<Option<Value>> {
+fn value_or_void(value_type: ValueType, samples: &Option<Vec<Number>>) -> Result<Option<Value>> {
     samples.as_ref().map(|samples| value_of(value_type, samples)).transpose()
 }

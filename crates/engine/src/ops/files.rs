@@ -16,7 +16,7 @@ use crate::store::{BuildOptions, TreeWriter, check_room};
 use crate::tree::Source;
 use spinney_base::io::Output;
 use spinney_base::space::Bounds;
-use spinney_base::value::Value;
+use spinney_base::value::{Number, Value};
 use spinney_base::{Error, Form, Progress, Result};
 use spinney_container::{FilePlace, Header, Metadata, OpenOptions};
 
@@ -54,7 +54,7 @@ pub struct Outcome {
 
 /// A pair of values and the cells in which they meet: the first tree's, the second's (`None` is VOID), by
 /// channel.
-pub type PairOfSamples = (Option<Vec<f64>>, Option<Vec<f64>>, u64);
+pub type PairOfSamples = (Option<Vec<Number>>, Option<Vec<Number>>, u64);
 
 impl Chain {
     /// A file with nothing done to it yet.
@@ -157,7 +157,7 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
 /// As [`transform`]; also if types differ or grids cannot be matched.
 pub fn combine(
     operation: Operation,
-    fill: Option<f64>,
+    fill: Option<Number>,
     universe: Universe,
     paths: &[PathBuf],
     output: Output,
@@ -239,7 +239,7 @@ fn store_all(
 pub fn crosstab_files(first: &Path, second: &Path, progress: &dyn Progress) -> Result<Vec<PairOfSamples>> {
     let views = aligned(open_alike(&[first.into(), second.into()])?)?;
     let value_type = views[0].form().value;
-    let samples = |value: Option<Value>| value.map(|value| value_type.samples(value).to_vec());
+    let samples = |value: Option<Value>| value.map(|value| value_type.numbers(value).to_vec());
     let pairs = crosstab(&views[0], &views[1], progress)?;
     Ok(pairs.into_iter().map(|pair| (samples(pair.first), samples(pair.second), pair.cells)).collect())
 }
@@ -295,7 +295,7 @@ struct Derivation {
     views: Vec<View>,
     operation: Operation,
     /// Value of cells that the operation makes of nothing.
-    fill: Option<f64>,
+    fill: Option<Number>,
     /// Where it does.
     universe: Universe,
     /// See [`Chain::moves`].

@@ -12,7 +12,7 @@ use crate::store::records::subtree::{BadSkip, LeafOrBlock, each_leaf, each_leaf_
 use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
 use spinney_base::Form;
 use spinney_base::Result;
-use spinney_base::value::{Native, Sample, Tally, Value, ValueType, erase, native, with_native_type};
+use spinney_base::value::{Native, Number, Sample, Tally, Value, ValueType, erase, native, with_sample_type};
 
 /// A kernel that goes through all leaves of a subtree of so many levels, given its records, and shows them to
 /// a `T`.
@@ -64,7 +64,7 @@ struct Counter<V: Native> {
     min: V,
     max: V,
     sums: V::TotalSums,
-    squares: V::TotalSums,
+    squares: V::TotalSquares,
     /// Depends on the fan-out, as nothing else here does.
     subtree: CountSubtree<Counter<V>>,
     dense: CountDense<Counter<V>>,
@@ -84,16 +84,16 @@ impl<V: Native> Counter<V> {
 
     /// Counts cells of a value.
     ///
-    /// Sums of floating samples depend on the order, which is therefore part of the definition: leaf after
+    /// Sums that are not exact depend on the order, which is therefore part of the definition: leaf after
     /// leaf, each multiplied by its cells first.
     #[inline]
     fn add(&mut self, value: V, cells: u64) {
         self.widen(value, value, cells);
         self.sums = V::add_sums(self.sums, value.total_sums(cells));
-        self.squares = V::add_sums(self.squares, value.total_squares(cells));
+        self.squares = V::add_squares(self.squares, value.total_squares(cells));
     }
 
-    /// Counts cells of whole numbers, whose sums are exact in any order: in as few bytes as they need, many at a time.
+    /// Counts cells whose sums are exact in any order: in as few bytes as they need, many at a time.
     #[inline(never)]
     fn add_row(&mut self, row: &[V::Wire]) {
         // Invariant: a row of a dense block has at most 256 cells, and narrow sums have room for 2^15.
@@ -108,7 +108,7 @@ impl<V: Native> Counter<V> {
         }
         self.widen(min, max, row.len() as u64);
         self.sums = V::add_sums(self.sums, V::widen(V::widen_narrow(sums)));
-        self.squares = V::add_sums(self.squares, V::widen_squares(V::widen_narrow_squares(squares)));
+        self.squares = V::add_squares(self.squares, V::widen_squares(V::widen_narrow_squares(squares)));
     }
 }
 
@@ -123,7 +123,7 @@ impl<V: Native> Count for Counter<V> {
             self.widen(native::<V>(zone.min), native::<V>(zone.max), zone.cells);
         }
         self.sums = V::add_sums(self.sums, V::typed_sums(&zone.sum));
-        self.squares = V::add_sums(self.squares, V::typed_sums(&zone.squares));
+        self.squares = V::add_squares(self.squares, V::typed_squares(&zone.squares));
         Ok(true)
     }
 
@@ -143,7 +143,7 @@ impl<V: Native> Count for Counter<V> {
             min: erase(self.min),
             max: erase(self.max),
             sum: V::erase(self.sums),
-            squares: V::erase(self.squares),
+            squares: V::erase_squares(self.squares),
             classes: Vec::new(),
         }
     }
@@ -154,7 +154,7 @@ fn count_dense<V: Native, R: Record>(
     block: &DenseBlock<'_>,
     part: ([usize; 3], [usize; 3]),
 ) {
-    if const { !V::TYPE.sample.is_float() } && block.mask().is_none() {
+    if const { V::TYPE.sample.has_exact_squares() } && block.mask().is_none() {
         // (Both types have the same size, by the way they were chosen.)
         block.rows_in::<R>(part, &mut |row| {
             counter.add_row(<[V::Wire]>::ref_from_bytes(row.as_bytes()).unwrap_or(&[]));
@@ -224,9 +224,18 @@ fn count_masked_subtree<R: Record>(
     })
 }
 
-/// The function that gives the first sample of values of a type.
+/// The function that gives the first sample of values of a type, exactly.
+pub(super) fn exact_number_of(value_type: ValueType) -> fn(Value) -> Number {
+    with_sample_type!(value_type.sample, S => first_number::<S>)
+}
+
+fn first_number<S: Sample>(value: Value) -> Number {
+    S::read(&value.to_bytes()).to_number()
+}
+
+/// The function that gives the first sample of values of a type, to compute with.
 pub(super) fn number_of(value_type: ValueType) -> fn(Value) -> f64 {
-    with_native_type!(value_type, V => first_sample::<<V as Native>::Sample>)
+    with_sample_type!(value_type.sample, S => first_sample::<S>)
 }
 
 fn first_sample<S: Sample>(value: Value) -> f64 {

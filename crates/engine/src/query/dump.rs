@@ -5,7 +5,7 @@ use std::fmt::Write;
 use crate::tree::{Child, MemTree, Source, no_children};
 use spinney_base::Result;
 use spinney_base::space::Code;
-use spinney_base::value::{Value, ValueType};
+use spinney_base::value::{Number, Value, ValueType};
 
 /// The literature's table of a Goblin tree: a line per record with its number (from 1, in preorder), the
 /// children's values, and the number of the record to go on with when this one's detail is skipped.
@@ -140,6 +140,6 @@ pub fn leaf_codes<S: Source>(source: &S) -> Result<String> {
 }
 
 fn show(value_type: ValueType, value: Value) -> String {
-    let samples: Vec<String> = value_type.samples(value).iter().map(f64::to_string).collect();
+    let samples: Vec<String> = value_type.numbers(value).iter().map(Number::to_string).collect();
     samples.join(",")
 }

@@ -4,26 +4,36 @@ use crate::store::goblin::Goblin;
 use crate::tree::Source;
 use spinney_base::Form;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{Tally, Value};
+use spinney_base::value::{Number, Tally, Value};
 use spinney_base::{Progress, Result};
 
-use super::count::number_of;
+use super::count::exact_number_of;
 use super::walk::{Halt, Visitor, Walked, Zone, ended, walk, walk_source};
 
 /// A condition on the first channel of values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Condition {
     /// Values greater than this.
-    Above(f64),
+    Above(Number),
     /// Values less than this.
-    Below(f64),
+    Below(Number),
     /// Values equal to this.
-    Equal(f64),
+    Equal(Number),
 }
 
 impl Condition {
+    /// The condition for numbers whose zero has no sign, since both zeros are one number here. None that is not a number is met.
+    fn plain(self) -> Condition {
+        match self {
+            Condition::Above(bound) | Condition::Below(bound) if bound.is_nan() => Condition::Equal(bound),
+            Condition::Above(bound) => Condition::Above(bound.with_plain_zero()),
+            Condition::Below(bound) => Condition::Below(bound.with_plain_zero()),
+            Condition::Equal(wanted) => Condition::Equal(wanted.with_plain_zero()),
+        }
+    }
+
     #[inline]
-    fn met_by(self, number: f64) -> bool {
+    fn met_by(self, number: Number) -> bool {
         match self {
             Condition::Above(bound) => number > bound,
             Condition::Below(bound) => number < bound,
@@ -32,7 +42,7 @@ impl Condition {
     }
 
     /// Whether all or none of a zone's values meet the condition; `None` if the extremes do not determine it.
-    fn of_zone(self, min: f64, max: f64) -> Option<bool> {
+    fn of_zone(self, min: Number, max: Number) -> Option<bool> {
         match self {
             Condition::Above(_) | Condition::Below(_) if self.met_by(min) == self.met_by(max) => {
                 Some(self.met_by(min))
@@ -54,7 +64,7 @@ pub struct FoundBlock {
     /// Its cells, of the deepest level.
     pub bounds: Bounds,
     /// The value, if it is the same all over.
-    pub value: Option<f64>,
+    pub value: Option<Number>,
 }
 
 impl Goblin {
@@ -96,12 +106,12 @@ struct Search<'a> {
     depth: u8,
     condition: Condition,
     /// The first sample of a value.
-    number: fn(Value) -> f64,
+    number: fn(Value) -> Number,
     progress: &'a dyn Progress,
     found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
     /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a
     /// larger one. Complete siblings are replaced by their parent, so that it stays short.
-    pending: Vec<(Code, Option<f64>)>,
+    pending: Vec<(Code, Option<Number>)>,
 }
 
 impl<'a> Search<'a> {
@@ -112,7 +122,7 @@ impl<'a> Search<'a> {
         progress: &'a dyn Progress,
         found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Search<'a> {
-        let number = number_of(form.value);
+        let (number, condition) = (exact_number_of(form.value), condition.plain());
         Search { form, depth, condition, number, progress, found, pending: Vec::new() }
     }
 
@@ -140,7 +150,7 @@ impl<'a> Search<'a> {
     }
 
     /// A uniform block that meets the condition but sticks out of the box: its largest parts inside.
-    fn split(&mut self, code: Code, value: f64, part: &Bounds) -> Walked {
+    fn split(&mut self, code: Code, value: Number, part: &Bounds) -> Walked {
         let whole = code.bounds(self.depth);
         if part.contains(&whole) {
             self.pending.push((code, Some(value)));
@@ -161,7 +171,8 @@ impl Visitor for Search<'_> {
             self.miss()?;
             return Ok(true);
         }
-        match self.condition.of_zone((self.number)(min), (self.number)(max)) {
+        let [min, max] = [min, max].map(|value| (self.number)(value).with_plain_zero());
+        match self.condition.of_zone(min, max) {
             Some(true) if full => self.pending.push((code, None)),
             Some(false) => self.miss()?,
             _ => return Ok(false),
@@ -171,7 +182,7 @@ impl Visitor for Search<'_> {
 
     fn block(&mut self, code: Code, value: Option<Value>, _: u64, part: Option<&Bounds>) -> Walked {
         let value = value.filter(|value| self.form.value.present(*value)[0]);
-        let number = value.map(self.number).filter(|number| self.condition.met_by(*number));
+        let number = value.map(self.number).filter(|number| self.condition.met_by(number.with_plain_zero()));
         match (number, part) {
             (None, _) => self.miss(),
             (Some(number), None) => {

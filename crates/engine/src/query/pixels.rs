@@ -45,6 +45,8 @@ pub struct PixelSums<'a> {
     grid: PixelGrid,
     value_type: ValueType,
     depth: u8,
+    /// Sums are of samples relative to this: see [`ValueType::samples_from`].
+    base: Value,
     progress: &'a dyn Progress,
     /// By pixel, row by row: the sum of each channel.
     pub sums: Vec<[f64; 4]>,
@@ -53,10 +55,16 @@ pub struct PixelSums<'a> {
 }
 
 impl<'a> PixelSums<'a> {
-    fn new(grid: PixelGrid, value_type: ValueType, depth: u8, progress: &'a dyn Progress) -> PixelSums<'a> {
+    fn new(
+        grid: PixelGrid,
+        value_type: ValueType,
+        depth: u8,
+        base: Value,
+        progress: &'a dyn Progress,
+    ) -> PixelSums<'a> {
         let pixels = grid.size[0] * grid.size[1];
         let (sums, areas) = (vec![[0.0; 4]; pixels], vec![[0.0; 4]; pixels]);
-        PixelSums { grid, value_type, depth, progress, sums, areas }
+        PixelSums { grid, value_type, depth, base, progress, sums, areas }
     }
 
     /// The sums over a box of cells, one cell thick across the grid. Time is proportional to the nodes that pixels'
@@ -68,10 +76,11 @@ impl<'a> PixelSums<'a> {
         tree: &Goblin,
         bounds: &Bounds,
         grid: PixelGrid,
+        base: Value,
         progress: &'a dyn Progress,
     ) -> Result<PixelSums<'a>> {
         let header = tree.header();
-        let mut sums = PixelSums::new(grid, header.form.value, header.depth(), progress);
+        let mut sums = PixelSums::new(grid, header.form.value, header.depth(), base, progress);
         ended(walk(tree, bounds, &mut sums))?;
         Ok(sums)
     }
@@ -81,9 +90,10 @@ impl<'a> PixelSums<'a> {
         source: &S,
         bounds: &Bounds,
         grid: PixelGrid,
+        base: Value,
         progress: &'a dyn Progress,
     ) -> Result<PixelSums<'a>> {
-        let mut sums = PixelSums::new(grid, source.form().value, source.depth(), progress);
+        let mut sums = PixelSums::new(grid, source.form().value, source.depth(), base, progress);
         ended(walk_source(source, bounds, &mut sums))?;
         Ok(sums)
     }
@@ -108,7 +118,7 @@ impl Visitor for PixelSums<'_> {
             let (tally, pixel) = (zone.tally()?, row * self.grid.size[0] + column);
             for channel in 0..usize::from(self.value_type.channels) {
                 self.areas[pixel][channel] += tally.present[channel] as f64;
-                self.sums[pixel][channel] += tally.sum.number(channel);
+                self.sums[pixel][channel] += tally.sum_from(self.base, channel);
             }
         }
         Ok(true)
@@ -117,7 +127,8 @@ impl Visitor for PixelSums<'_> {
     fn block(&mut self, code: Code, value: Option<Value>, _: u64, part: Option<&Bounds>) -> Walked {
         let Some(value) = value else { return Ok(()) };
         let cells = part.copied().unwrap_or_else(|| code.bounds(self.depth));
-        let (samples, present) = (self.value_type.samples(value), self.value_type.present(value));
+        let samples = self.value_type.samples_from(self.base, value);
+        let present = self.value_type.present(value);
         let [columns, rows] = self.touched(&cells);
         let [u, v] = self.grid.axes;
         for row in rows {

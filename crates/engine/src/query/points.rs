@@ -13,16 +13,15 @@ use crate::store::records::dense::dense_block;
 use crate::store::records::{Record, RecordLayout, child_record, with_record_type};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::space::{Cell, Code};
-use spinney_base::value::{Native, Sample, Value, ValueType, with_native_type};
+use spinney_base::value::{Numbers, Value, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{CUT, INNER, VOID};
 
 /// Answers to [`Dataset::points`](crate::dataset::Dataset::points).
 #[derive(Clone, Debug, Default)]
 pub struct PointSamples {
-    channels: usize,
-    samples: Vec<f64>,
-    found: Vec<bool>,
+    value_type: Option<ValueType>,
+    values: Vec<Option<Value>>,
 }
 
 impl PointSamples {
@@ -30,33 +29,26 @@ impl PointSamples {
     ///
     /// # Panics
     /// If there were not so many cells.
-    pub fn get(&self, index: usize) -> Option<&[f64]> {
-        self.found[index].then(|| &self.samples[index * self.channels..][..self.channels])
+    #[inline]
+    pub fn get(&self, index: usize) -> Option<Numbers> {
+        self.value_type.zip(self.values[index]).map(|(value_type, value)| value_type.numbers(value))
     }
 
-    /// Forgets all cells; those that come next have values of so many channels.
-    pub fn start(&mut self, channels: usize) {
-        self.channels = channels;
-        self.samples.clear();
-        self.found.clear();
+    /// The samples of the `index`-th cell as bytes, in the order of channels; `None` is VOID.
+    ///
+    /// # Panics
+    /// If there were not so many cells.
+    #[inline]
+    pub fn value(&self, index: usize) -> Option<Value> {
+        self.values[index]
     }
 
-    /// Adds cells with their values, which must have as many channels as [`PointSamples::start`] was given.
-    pub(crate) fn push_values(&mut self, value_type: ValueType, values: &[Option<Value>]) {
-        debug_assert_eq!(self.channels, usize::from(value_type.channels));
-        with_native_type!(value_type, V => add_samples::<V>(&mut self.samples, values));
-        self.found.extend(values.iter().map(Option::is_some));
-    }
-}
-
-/// Adds the samples of values; zeros for VOID.
-fn add_samples<V: Native>(samples: &mut Vec<f64>, values: &[Option<Value>]) {
-    samples.reserve(values.len() * V::CHANNELS);
-    let size = size_of::<V::Sample>();
-    for value in values {
-        let bytes = value.unwrap_or_default().to_bytes();
-        let number = |channel: usize| V::Sample::read(&bytes[channel * size..]).to_f64();
-        samples.extend((0..V::CHANNELS).map(number));
+    /// Forgets all cells, and gives room for so many, which have values of a type.
+    pub(crate) fn start(&mut self, value_type: ValueType, cells: usize) -> &mut [Option<Value>] {
+        self.value_type = Some(value_type);
+        self.values.clear();
+        self.values.resize(cells, None);
+        &mut self.values
     }
 }
 

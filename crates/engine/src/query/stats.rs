@@ -10,7 +10,7 @@ use crate::store::records::subtree::BadSkip;
 use crate::tree::{Child, Source};
 use spinney_base::Form;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{Sums, Tally, Value};
+use spinney_base::value::{Number, Sums, Tally, Value};
 use spinney_base::{Progress, Result};
 
 use super::classes::{Classes, tally_of_classes};
@@ -28,7 +28,7 @@ pub struct Statistics {
     /// Statistics of each channel; nothing if there are no cells.
     pub channels: Vec<ChannelStatistics>,
     /// Cells of each value, by ascending value; only for one-channel files that count classes.
-    pub classes: Vec<(f64, u64)>,
+    pub classes: Vec<(Number, u64)>,
     /// Segments whose records had to be read.
     pub segments_read: u64,
 }
@@ -40,8 +40,8 @@ pub struct ChannelStatistics {
     /// Cells that have a sample: all that are not VOID, unless single samples can be missing. All numbers are of these
     /// cells, and not a number if there are none.
     pub cells: u64,
-    pub min: f64,
-    pub max: f64,
+    pub min: Number,
+    pub max: Number,
     pub mean: f64,
     pub standard_deviation: f64,
 }
@@ -58,9 +58,8 @@ impl Statistics {
             all.cells += part.cells;
             all.void_cells += part.void_cells;
             all.segments_read += part.segments_read;
-            // (Classes are finite numbers, whose order is that of their keys.)
             for (value, cells) in &part.classes {
-                classes.entry(ordered(*value)).or_insert((*value, 0)).1 += cells;
+                *classes.entry(*value).or_insert(0) += cells;
             }
             if all.channels.is_empty() {
                 all.channels.clone_from(&part.channels);
@@ -68,15 +67,9 @@ impl Statistics {
                 all.channels.iter_mut().zip(&part.channels).for_each(|(all, part)| all.join(part));
             }
         }
-        all.classes = classes.into_values().collect();
+        all.classes = classes.into_iter().collect();
         all
     }
-}
-
-/// A number as a whole one in the same order.
-fn ordered(number: f64) -> i64 {
-    let bits = number.to_bits() as i64;
-    if bits < 0 { i64::MIN - bits } else { bits }
 }
 
 impl ChannelStatistics {
@@ -184,12 +177,13 @@ fn tally_statistics(tally: Tally, volume: u64, count_classes: bool) -> Statistic
 
 pub(super) fn summary(tally: &Tally, volume: u64, segments_read: u64) -> Statistics {
     let value_type = tally.value_type;
-    let (min, max) = (value_type.samples(tally.min), value_type.samples(tally.max));
+    let (min, max) = (value_type.numbers(tally.min), value_type.numbers(tally.max));
     let channel = |channel: usize| {
         let cells = tally.present[channel];
         if cells == 0 {
             let none = f64::NAN;
-            return ChannelStatistics { cells, min: none, max: none, mean: none, standard_deviation: none };
+            let (min, max) = (Number::NAN, Number::NAN);
+            return ChannelStatistics { cells, min, max, mean: none, standard_deviation: none };
         }
         let (min, max) = (min[channel], max[channel]);
         // (Rounding must not make any of nothing.)
@@ -207,7 +201,7 @@ pub(super) fn summary(tally: &Tally, volume: u64, segments_read: u64) -> Statist
         cells: tally.cells,
         void_cells: volume.saturating_sub(tally.cells),
         channels: (0..channels).map(channel).collect(),
-        classes: classes.iter().map(|(value, cells)| (value_type.first_sample(*value), *cells)).collect(),
+        classes: classes.iter().map(|(value, cells)| (value_type.first_number(*value), *cells)).collect(),
         segments_read,
     }
 }

@@ -4,7 +4,7 @@
 //! the tree stores; what a border cuts is gone into, down to uniform blocks, whose part in the polygon is counted in rows,
 //! or measured.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use super::classes::Classes;
 use super::count::{Count, counter_of};
@@ -16,9 +16,8 @@ use crate::store::records::subtree::BadSkip;
 use crate::tree::Source;
 use spinney_base::Form;
 use spinney_base::parallel;
-use spinney_base::sort;
 use spinney_base::space::{Bounds, Code, Cover, Crossings, EdgeRule, Polygon};
-use spinney_base::value::{Value, ValueType};
+use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Progress, Result};
 
 /// Statistics of the cells in a polygon.
@@ -31,7 +30,7 @@ pub struct ZoneStatistics {
     /// Statistics of each channel; nothing if there are no cells.
     pub channels: Vec<ZoneChannel>,
     /// Cells of each value, by ascending value; only for one-channel files that count classes.
-    pub classes: Vec<(f64, f64)>,
+    pub classes: Vec<(Number, f64)>,
 }
 
 /// Statistics of one channel in a polygon; the standard deviation is that of the population.
@@ -40,8 +39,8 @@ pub struct ZoneStatistics {
 pub struct ZoneChannel {
     /// Cells that have a sample. All other numbers are not a number if there are none.
     pub cells: f64,
-    pub min: f64,
-    pub max: f64,
+    pub min: Number,
+    pub max: Number,
     pub mean: f64,
     pub standard_deviation: f64,
 }
@@ -257,13 +256,14 @@ struct Moments {
     weight: f64,
     mean: f64,
     squares: f64,
-    min: f64,
-    max: f64,
+    min: Number,
+    max: Number,
 }
 
 impl Default for Moments {
     fn default() -> Self {
-        Moments { weight: 0.0, mean: 0.0, squares: 0.0, min: f64::INFINITY, max: f64::NEG_INFINITY }
+        let (min, max) = (f64::INFINITY.into(), f64::NEG_INFINITY.into());
+        Moments { weight: 0.0, mean: 0.0, squares: 0.0, min, max }
     }
 }
 
@@ -298,10 +298,16 @@ impl Parts {
         if self.counts_classes {
             *self.classes.entry(value).or_default() += weight;
         }
-        let (samples, present) = (value_type.samples(value), value_type.present(value));
-        for ((channel, sample), is_present) in self.channels.iter_mut().zip(samples.iter()).zip(present) {
+        let (numbers, present) = (value_type.numbers(value), value_type.present(value));
+        for ((channel, number), is_present) in self.channels.iter_mut().zip(numbers.iter()).zip(present) {
             if is_present {
-                channel.add(Moments { weight, mean: *sample, squares: 0.0, min: *sample, max: *sample });
+                channel.add(Moments {
+                    weight,
+                    mean: number.to_f64(),
+                    squares: 0.0,
+                    min: *number,
+                    max: *number,
+                });
             }
         }
     }
@@ -313,16 +319,9 @@ impl Parts {
         }
         let counted = whole.classes.iter().map(|(class, cells)| (*class, *cells as f64));
         let measured = self.classes.into_iter().filter(|_| value_type.channels == 1);
-        let measured = measured.map(|(value, cells)| (value_type.first_sample(value), cells));
-        let mut classes: Vec<(f64, f64)> = counted.chain(measured).collect();
-        sort::by_key(&mut classes, |(class, _)| sort::float_key(*class));
-        classes.dedup_by(|(next, cells), (class, sum)| {
-            let is_same = next.total_cmp(class).is_eq();
-            if is_same {
-                *sum += *cells;
-            }
-            is_same
-        });
+        let measured = measured.map(|(value, cells)| (value_type.first_number(value), cells));
+        let mut classes = BTreeMap::new();
+        counted.chain(measured).for_each(|(class, cells)| *classes.entry(class).or_insert(0.0) += cells);
         let cells = self.cells + whole.cells as f64;
         let channel = |moments: &Moments| {
             let Moments { weight, mean, squares, min, max } = *moments;
@@ -330,8 +329,8 @@ impl Parts {
                 let none = f64::NAN;
                 return ZoneChannel {
                     cells: 0.0,
-                    min: none,
-                    max: none,
+                    min: Number::NAN,
+                    max: Number::NAN,
                     mean: none,
                     standard_deviation: none,
                 };
@@ -350,7 +349,7 @@ impl Parts {
             // (What rounding leaves of nothing is nothing.)
             void_cells: if all - cells > 1e-9 * all { all - cells } else { 0.0 },
             channels: self.channels[..channels].iter().map(channel).collect(),
-            classes,
+            classes: classes.into_iter().collect(),
         }
     }
 }

@@ -8,7 +8,7 @@
 use std::fmt::Write;
 
 use spinney_base::space::Dimension;
-use spinney_base::value::{Rule, Value, ValueType};
+use spinney_base::value::{Number, Rule, Value, ValueType};
 use spinney_base::{Error, Result};
 
 use super::memory::MemTree;
@@ -54,13 +54,13 @@ pub fn to_text(source: &MemTree, full: Option<Value>) -> Result<String> {
 }
 
 fn write_value(text: &mut String, value_type: ValueType, value: Value) {
-    let numbers = value_type.samples(value);
+    let numbers = value_type.numbers(value);
     match numbers[..] {
-        [n] if (0.0..10.0).contains(&n) && n.fract() == 0.0 && !n.is_sign_negative() => {
+        [n] if n.to_integer().is_some_and(|n| (0..10).contains(&n)) => {
             let _ = write!(text, "{n}");
         }
         _ => {
-            let list: Vec<String> = numbers.iter().map(f64::to_string).collect();
+            let list: Vec<String> = numbers.iter().map(Number::to_string).collect();
             let _ = write!(text, "[{}]", list.join(","));
         }
     }
@@ -96,7 +96,7 @@ pub fn from_text(form: Form, text: &str, depth: u8, full: Value, rule: Rule) -> 
                 )
             }
             _ => {
-                let digit = letter.to_digit(10).and_then(|digit| form.value.splat(digit as f64));
+                let digit = letter.to_digit(10).and_then(|digit| form.value.splat(digit));
                 Symbol::Leaf(digit.ok_or_else(|| {
                     bad(position, letter.encode_utf8(&mut [0; 4]), "one of G B W M F V, a digit, or [value]")
                 })?)
@@ -107,7 +107,7 @@ pub fn from_text(form: Form, text: &str, depth: u8, full: Value, rule: Rule) -> 
 }
 
 fn parse_value(value_type: ValueType, list: &str) -> Option<Value> {
-    let numbers: Option<Vec<f64>> = list.split(',').map(|number| number.trim().parse().ok()).collect();
+    let numbers: Option<Vec<Number>> = list.split(',').map(|number| number.trim().parse().ok()).collect();
     value_type.exact(&numbers?)
 }
 

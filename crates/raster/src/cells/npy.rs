@@ -5,15 +5,16 @@ use std::path::Path;
 
 use super::super::npy::Header;
 use super::coordinate;
+use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_engine::ops::CellValue;
 
 /// Decoder of one number of a type.
-type Decode = fn(&[u8]) -> f64;
+type Decode = fn(&[u8]) -> Number;
 
 macro_rules! decoders {
     ($($name:literal $type:ty),*) => {
-        &[$(($name, size_of::<$type>(), |bytes| <$type>::from_le_bytes(bytes.try_into().expect("as long")) as f64)),*]
+        &[$(($name, size_of::<$type>(), |bytes| <$type>::from_le_bytes(bytes.try_into().expect("as long")).into())),*]
     };
 }
 
@@ -54,10 +55,10 @@ pub(super) fn rows<R: Read>(
             number = count;
             return Some(Err(Error::io(&path, "read")(error)));
         }
-        let numbers: Vec<f64> = row.chunks(size).map(decode).collect();
+        let numbers: Vec<Number> = row.chunks(size).map(decode).collect();
         let mut cell = [0; 3];
         for (axis, found) in cell[..axes].iter_mut().zip(&numbers) {
-            match coordinate(*found) {
+            match coordinate(found.to_f64()) {
                 Some(found) => *axis = found,
                 None => {
                     let place = format!("row {}", number - 1);

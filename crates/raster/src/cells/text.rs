@@ -4,6 +4,7 @@ use std::io::{BufRead, Read};
 use std::path::Path;
 
 use super::coordinate;
+use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_engine::ops::CellValue;
 
@@ -55,6 +56,6 @@ fn row(text: &str, axes: usize, channels: usize) -> Option<CellValue> {
     if rest == ["void"] {
         return Some((cell, None));
     }
-    let values: Option<Vec<f64>> = rest.iter().map(|word| word.parse().ok()).collect();
+    let values: Option<Vec<Number>> = rest.iter().map(|word| word.parse().ok()).collect();
     values.filter(|values| values.len() == channels).map(|values| (cell, Some(values)))
 }

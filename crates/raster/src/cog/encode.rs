@@ -8,6 +8,7 @@ use crate::image::ImageSpec;
 use crate::image::tiff_coding::{Coder, Coding};
 use spinney_base::Result;
 use spinney_base::space::Bounds;
+use spinney_base::value::Number;
 use spinney_engine::dataset::Dataset;
 
 /// Tiles of one value that are kept: more than most maps have values.
@@ -29,7 +30,7 @@ pub(super) struct Encoder<'a> {
     width: usize,
     /// Whether some cells may be VOID, and the number for them.
     void: bool,
-    fill: f64,
+    fill: Number,
     coding: Coding,
     side: u64,
     has_masks: bool,
@@ -42,7 +43,7 @@ impl Encoder<'_> {
     pub(super) fn new<'a>(
         tree: &'a Dataset,
         spec: &ImageSpec,
-        fill: f64,
+        fill: Number,
         coding: Coding,
         side: u64,
         has_masks: bool,

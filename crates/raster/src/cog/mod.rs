@@ -18,7 +18,7 @@ use super::image::{Format, ImageSpec, write_sidecar};
 use super::window::{DEFAULT_MEMORY, Detail, OutputGrid, VoidCells, WindowRequest, image_spec};
 use spinney_base::io::Output;
 use spinney_base::parallel;
-use spinney_base::value::Kind;
+use spinney_base::value::{Kind, Number};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Metadata, TagScope};
 use spinney_engine::dataset::Dataset;
@@ -33,7 +33,7 @@ pub struct CogRequest {
     pub compression: CogCompression,
     /// The number for VOID cells; chosen if not given: see [`fill_for`](super::fill_for). Where every number is in use, the
     /// file gets a mask instead.
-    pub nodata: Option<f64>,
+    pub nodata: Option<Number>,
     /// Bytes to hold at a time; one tile must fit.
     pub memory: u64,
 }
@@ -144,7 +144,7 @@ pub fn export_cog(
     let mut writer = Writer {
         output: Seekable::new(output)?,
         big: file.big,
-        encoder: Encoder::new(tree, &spec, fill.unwrap_or(0.0), coding, side, has_masks),
+        encoder: Encoder::new(tree, &spec, fill.unwrap_or_default(), coding, side, has_masks),
         batch: (request.memory / needed).min(1 << 10),
         cells: levels.iter().map(LevelTiles::cells).sum(),
         progress,
@@ -165,7 +165,7 @@ pub fn export_cog(
 }
 
 /// The picture of a tree's deepest level, with the tree's statistics among what is known of it, and the number for VOID.
-fn picture(tree: &Dataset, request: &CogRequest) -> Result<(ImageSpec, Option<f64>)> {
+fn picture(tree: &Dataset, request: &CogRequest) -> Result<(ImageSpec, Option<Number>)> {
     let mut window = WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth()));
     window.nodata = request.nodata;
     let grid = OutputGrid::of(tree, &window)?;
@@ -182,10 +182,10 @@ fn add_statistics(metadata: &mut Metadata, tree: &Dataset) -> Result<()> {
     for (number, channel) in statistics.channels.iter().enumerate().filter(|(_, channel)| channel.cells > 0) {
         let numbers = [
             ("STATISTICS_MAXIMUM", channel.max),
-            ("STATISTICS_MEAN", channel.mean),
+            ("STATISTICS_MEAN", Number::from(channel.mean)),
             ("STATISTICS_MINIMUM", channel.min),
-            ("STATISTICS_STDDEV", channel.standard_deviation),
-            ("STATISTICS_VALID_PERCENT", 100.0 * channel.cells as f64 / cells as f64),
+            ("STATISTICS_STDDEV", channel.standard_deviation.into()),
+            ("STATISTICS_VALID_PERCENT", (100.0 * channel.cells as f64 / cells as f64).into()),
         ];
         if numbers.iter().all(|(_, number)| number.is_finite()) {
             let scope = TagScope { channel: Some(number as u16), domain: String::new() };

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use spinney_base::value::{Number, SampleType};
 use spinney_container::{Metadata, Tag};
 use spinney_crs::Crs;
 
@@ -64,15 +65,18 @@ pub(super) fn sidecar(metadata: &Metadata, crs: Option<&Crs>) -> Option<String> 
 }
 
 /// Adds the names of values, if there are any.
-fn push_names(xml: &mut String, names: &BTreeMap<i64, String>) {
+fn push_names(xml: &mut String, names: &BTreeMap<Number, String>) {
     let (Some(first), Some(last)) = (names.keys().next().copied(), names.keys().next_back().copied()) else {
         return;
     };
     *xml += "  <PAMRasterBand band=\"1\">\n";
-    if first >= 0 && last < CATEGORIES {
+    if first >= Number::default()
+        && last < CATEGORIES.into()
+        && names.keys().all(|value| value.to_integer().is_some())
+    {
         *xml += "    <CategoryNames>\n";
-        for value in 0..=last {
-            let name = names.get(&value).map(String::as_str).unwrap_or_default();
+        for value in (0..CATEGORIES).take_while(|value| Number::from(*value) <= last) {
+            let name = names.get(&value.into()).map(String::as_str).unwrap_or_default();
             let _ = writeln!(xml, "      <Category>{}</Category>", escaped(name));
         }
         *xml += "    </CategoryNames>\n";
@@ -92,10 +96,10 @@ fn push_item(xml: &mut String, (name, value): (&str, &str), place: &str, domain:
 }
 
 /// Adds an attribute table with a value and its name in each row.
-fn push_attribute_table(xml: &mut String, names: &BTreeMap<i64, String>) {
+fn push_attribute_table(xml: &mut String, names: &BTreeMap<Number, String>) {
     // GDAL's numbers: columns of type 0 are whole numbers of 32 bits, of 1 floating ones, of 2 texts; their usage is
     // 5 for values and 2 for names.
-    let are_small = names.keys().all(|value| i32::try_from(*value).is_ok());
+    let are_small = names.keys().all(|value| SampleType::I32.can_hold(*value));
     *xml += "  <GDALRasterAttributeTable tableType=\"thematic\">\n";
     for (index, name, kind, usage) in [(0, "Value", if are_small { 0 } else { 1 }, 5), (1, "Class", 2, 2)] {
         let _ = writeln!(
@@ -146,10 +150,10 @@ mod tests {
 
     #[test]
     fn names_are_categories_where_values_can_be() {
-        let with = |value| Metadata { class_names: [(value, "a & b".into())].into(), ..Metadata::default() };
-        let lines = |value| sidecar(&with(value), None).map(|xml| xml.matches("<Category>").count());
+        let with = |value: Number| Metadata { class_names: [(value, "a & b".into())].into(), ..Metadata::default() };
+        let lines = |value: u64| sidecar(&with(value.into()), None).map(|xml| xml.matches("<Category>").count());
         assert_eq!([0, 2, 65535].map(lines), [Some(1), Some(3), Some(65536)]);
-        for value in [-1, 65536, i64::MAX] {
+        for value in [Number::from(-1), 65536.into(), i64::MIN.into(), u64::MAX.into()] {
             let xml = sidecar(&with(value), None).unwrap();
             assert!(xml.contains(&format!("<F>{value}</F><F>a &amp; b</F>")), "{xml}");
         }

@@ -25,6 +25,9 @@ pub(crate) fn array_header(value: ValueType, shape: &[u64]) -> Vec<u8> {
         SampleType::I32 => "<i4",
         SampleType::F32 => "<f4",
         SampleType::F64 => "<f8",
+        SampleType::I8 => "|i1",
+        SampleType::U64 => "<u8",
+        SampleType::I64 => "<i8",
     };
     let channels = (value.channels > 1).then_some(u64::from(value.channels));
     let shape: Vec<String> = shape.iter().copied().chain(channels).map(|number| number.to_string()).collect();

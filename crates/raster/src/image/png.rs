@@ -8,7 +8,7 @@ use png::{BitDepth, ColorType, Compression, Encoder, EncodingError, StreamWriter
 
 use super::{ImageSpec, RowWriter, Rows};
 use spinney_base::io::Output;
-use spinney_base::value::{Palette, SampleType};
+use spinney_base::value::{Number, Palette, SampleType};
 use spinney_base::{Error, Result};
 
 struct Png {
@@ -156,14 +156,13 @@ fn colours(palette: &Palette) -> [[u8; 4]; 256] {
 }
 
 /// The palette's entry for VOID, if its number is one.
-fn void_entry(nodata: Option<f64>) -> Option<usize> {
-    let index = nodata.filter(|&number| (0.0..256.0).contains(&number) && number.fract() == 0.0);
-    index.map(|index| index as usize)
+fn void_entry(nodata: Option<Number>) -> Option<usize> {
+    nodata?.to_integer().filter(|number| (0..256).contains(number)).map(|index| index as usize)
 }
 
 /// The PLTE and tRNS chunks. All 256 entries, because an index beyond the palette would be an error in the
 /// file.
-fn palette_chunks(palette: &Palette, nodata: Option<f64>) -> (Vec<u8>, Vec<u8>) {
+fn palette_chunks(palette: &Palette, nodata: Option<Number>) -> (Vec<u8>, Vec<u8>) {
     let mut colours = colours(palette);
     if let Some(index) = void_entry(nodata) {
         colours[index][3] = 0;
@@ -237,7 +236,7 @@ mod tests {
         let (colours, opacities) = palette_chunks(&palette, None);
         assert_eq!((colours.len(), &colours[..7]), (768, &[1, 2, 3, 4, 5, 6, 0][..]));
         assert_eq!(opacities, [255, 128]);
-        assert_eq!(palette_chunks(&palette, Some(3.0)).1, [255, 128, 255, 0]);
-        assert_eq!(palette_chunks(&palette, Some(-1.0)).1, [255, 128]);
+        assert_eq!(palette_chunks(&palette, Some(3.into())).1, [255, 128, 255, 0]);
+        assert_eq!(palette_chunks(&palette, Some((-1).into())).1, [255, 128]);
     }
 }

@@ -84,8 +84,8 @@ pub(crate) fn sample_tags(spec: &ImageSpec, coding: &Coding) -> Vec<(u16, IfdFie
     use IfdField::Short;
     let channels = usize::from(spec.value.channels);
     let sample_format = match spec.value.sample {
-        SampleType::U8 | SampleType::U16 | SampleType::U32 => tag_value::FORMAT_UNSIGNED,
-        SampleType::I16 | SampleType::I32 => tag_value::FORMAT_SIGNED,
+        SampleType::U8 | SampleType::U16 | SampleType::U32 | SampleType::U64 => tag_value::FORMAT_UNSIGNED,
+        SampleType::I8 | SampleType::I16 | SampleType::I32 | SampleType::I64 => tag_value::FORMAT_SIGNED,
         SampleType::F32 | SampleType::F64 => tag_value::FORMAT_FLOAT,
     };
     let is_rgb = channels >= 3
@@ -220,6 +220,9 @@ mod tests {
             I32(samples) => samples.into_iter().flat_map(i32::to_le_bytes).collect(),
             F32(samples) => samples.into_iter().flat_map(f32::to_le_bytes).collect(),
             F64(samples) => samples.into_iter().flat_map(f64::to_le_bytes).collect(),
+            I8(samples) => samples.into_iter().flat_map(i8::to_le_bytes).collect(),
+            U64(samples) => samples.into_iter().flat_map(u64::to_le_bytes).collect(),
+            I64(samples) => samples.into_iter().flat_map(i64::to_le_bytes).collect(),
             other => panic!("unexpected samples: {other:?}"),
         }
     }

@@ -110,6 +110,13 @@ impl Coding {
                     row[i] = u16::from_le_bytes(row[i]).wrapping_sub(left).to_le_bytes();
                 }
             }
+            (Predictor::Horizontal, 8) => {
+                let row = row.as_chunks_mut::<8>().0;
+                for i in (self.channels..samples).rev() {
+                    let left = u64::from_le_bytes(row[i - self.channels]);
+                    row[i] = u64::from_le_bytes(row[i]).wrapping_sub(left).to_le_bytes();
+                }
+            }
             (Predictor::Horizontal, _) => {
                 let row = row.as_chunks_mut::<4>().0;
                 for i in (self.channels..samples).rev() {

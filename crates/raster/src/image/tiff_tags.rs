@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use spinney_base::sort;
+use spinney_base::value::Number;
 use spinney_crs::{ControlPoint, ControlPoints, Crs, Frame, GeoKeys};
 
 /// Numbers of tags, by their names in TIFF 6.0, GeoTIFF 1.1 and GDAL.
@@ -236,7 +237,7 @@ fn geo_key_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
 }
 
 /// GDAL's tag for nodata.
-pub(super) fn nodata_tag(number: f64) -> (u16, IfdField) {
+pub(super) fn nodata_tag(number: Number) -> (u16, IfdField) {
     (
         tag::GDAL_NODATA,
         IfdField::Ascii(if number.is_nan() { "nan".into() } else { number.to_string().into_bytes() }),

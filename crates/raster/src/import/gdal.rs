@@ -2,7 +2,7 @@
 
 use super::RasterInfo;
 use super::xml::{XmlElement, unescaped};
-use spinney_base::value::SampleType;
+use spinney_base::value::{Number, SampleType};
 use spinney_container::TagScope;
 
 /// Domains that are about the file or the place of its pixels in it, and would be wrong of what is made of them.
@@ -10,19 +10,21 @@ const DOMAINS_OF_THE_FILE: [&str; 5] =
     ["IMAGE_STRUCTURE", "SUBDATASETS", "DERIVED_SUBDATASETS", "RPC", "GEOLOCATION"];
 
 /// The number that marks missing samples, as GDAL writes it.
-pub(super) fn nodata(text: &str, sample: SampleType) -> Option<f64> {
+pub(super) fn nodata(text: &str, sample: SampleType) -> Option<Number> {
     let text = text.trim().to_lowercase();
     // Microsoft's C library writes 1.#INF and -1.#IND.
     let number = match text.as_str() {
-        "1.#inf" | "+1.#inf" => f64::INFINITY,
-        "-1.#inf" => f64::NEG_INFINITY,
-        _ if text.contains("nan") || text.contains(".#") => f64::NAN,
+        "1.#inf" | "+1.#inf" => f64::INFINITY.into(),
+        "-1.#inf" => f64::NEG_INFINITY.into(),
+        _ if text.contains("nan") || text.contains(".#") => Number::NAN,
         // As C would, take what is a number at the start: it is no longer than the text of any number.
         _ => (1..=text.len().min(400)).rev().find_map(|end| text.get(..end)?.trim().parse().ok())?,
     };
     Some(match sample {
         // Decimals that are meant for the largest f32 must not become infinite.
-        SampleType::F32 if number.is_finite() => number.clamp(f32::MIN.into(), f32::MAX.into()) as f32 as f64,
+        SampleType::F32 if number.is_finite() => {
+            (number.to_f64().clamp(f32::MIN.into(), f32::MAX.into()) as f32).into()
+        }
         _ => number,
     })
 }
@@ -95,14 +97,14 @@ pub(super) fn put_tag(
 }
 
 /// Takes the names of a channel's values, if there are any and no channel before has some.
-pub(super) fn take_class_names(info: &mut RasterInfo, channel: usize, names: Vec<(i64, String)>) {
+pub(super) fn take_class_names(info: &mut RasterInfo, channel: usize, names: Vec<(Number, String)>) {
     if !names.is_empty() && (info.class_names.is_empty() || info.class_channel >= channel) {
         (info.class_names, info.class_channel) = (names, channel);
     }
 }
 
 /// Names of values from a raster attribute table: its columns for the value (or smallest value) and name.
-pub(super) fn class_names(table: &XmlElement<'_>) -> Vec<(i64, String)> {
+pub(super) fn class_names(table: &XmlElement<'_>) -> Vec<(Number, String)> {
     let usages: Vec<_> = table
         .named("FieldDefn")
         .map(|field| field.named("Usage").next().map_or(String::new(), |usage| usage.text()))
@@ -112,8 +114,10 @@ pub(super) fn class_names(table: &XmlElement<'_>) -> Vec<(i64, String)> {
     let (Some(value), Some(name)) = (column(&["5", "3"]), column(&["2"])) else { return Vec::new() };
     let row = |row: XmlElement<'_>| {
         let fields: Vec<_> = row.named("F").collect();
-        let number: f64 = fields.get(value)?.text().trim().parse().ok()?;
-        Some((number as i64, fields.get(name)?.text()))
+        let number: Number = fields.get(value)?.text().trim().parse().ok()?;
+        // (Tables of floating numbers may have classes that are none.)
+        let number = if number.to_integer().is_some() { number } else { (number.to_f64() as i64).into() };
+        Some((number, fields.get(name)?.text()))
     };
     table.named("Row").filter_map(row).collect()
 }

@@ -41,7 +41,7 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn Raster>> {
     frame.pixel_is_point = true;
     let info = RasterInfo {
         frame,
-        nodata: Some(-32768.0),
+        nodata: Some((-32768).into()),
         kind: Some(Kind::Continuous),
         layout: "SRTM .hgt, rows".into(),
         ..RasterInfo::plain([side, side], SampleType::I16, 1)

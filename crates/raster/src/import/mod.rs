@@ -35,7 +35,7 @@ pub(super) use self::tiff::SampleFormat;
 pub(super) use self::validity::as_stored;
 use spinney_base::io::open_input;
 use spinney_base::space::Region;
-use spinney_base::value::{Kind, Palette, SampleType};
+use spinney_base::value::{Kind, Number, Palette, SampleType};
 use spinney_base::{Error, Result};
 use spinney_container::{FIRST_BYTES, OtherFormat, ScopedTags};
 use spinney_crs::{ControlPoints, Frame};
@@ -48,7 +48,7 @@ pub struct RasterInfo {
     /// Rows.
     pub height: u64,
     /// Type of the samples that [`Raster::read`] gives: the file's own, or the next wider one that Spinney
-    /// has (1 to 7 bits become u8, i8 becomes i16, half becomes f32, 64-bit integers become f64).
+    /// has (1 to 7 bits become u8, half becomes f32).
     pub sample: SampleType,
     /// Type of the samples as the file has them, in words: "uint12", "int8", "half".
     pub stored_sample: String,
@@ -61,13 +61,13 @@ pub struct RasterInfo {
     /// Map from pixels to the world.
     pub frame: Frame,
     /// The number that marks missing samples.
-    pub nodata: Option<f64>,
+    pub nodata: Option<Number>,
     /// Colours of the values of a one-channel picture.
     pub palette: Option<Palette>,
     /// A role per channel by GDAL's names ("Red", "NIR") where the file tells it, else empty strings.
     pub colour_roles: Vec<String>,
     /// Names of values, by value.
-    pub class_names: Vec<(i64, String)>,
+    pub class_names: Vec<(Number, String)>,
     /// Index of the channel whose values these are.
     pub class_channel: usize,
     /// A name per channel where the file has them, else empty strings.

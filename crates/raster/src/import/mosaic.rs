@@ -5,6 +5,7 @@ use std::path::Path;
 use super::validity::Validity;
 use super::{Order, Pixels, Raster, RasterInfo};
 use spinney_base::space::Region;
+use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
@@ -73,8 +74,9 @@ pub fn mosaic(mut rasters: Vec<Box<dyn Raster>>) -> Result<Box<dyn Raster>> {
     Ok(Box::new(Mosaic { inputs, info, flag_all, part: Pixels::default() }))
 }
 
-fn same_number(a: Option<f64>, b: Option<f64>) -> bool {
-    a == b || matches!((a, b), (Some(a), Some(b)) if a.is_nan() && b.is_nan())
+fn same_number(a: Option<Number>, b: Option<Number>) -> bool {
+    a.map(Number::with_plain_zero) == b.map(Number::with_plain_zero)
+        || matches!((a, b), (Some(a), Some(b)) if a.is_nan() && b.is_nan())
 }
 
 /// Offset of a raster's first pixel in the pixels of another one.
@@ -196,7 +198,7 @@ mod tests {
     fn info(at: [i64; 2], size: [u64; 2]) -> RasterInfo {
         let frame =
             Frame::planar([0.5, 0.0, 100.0 + 0.5 * at[0] as f64, 0.0, -0.5, 50.0 - 0.5 * at[1] as f64]);
-        RasterInfo { frame, nodata: Some(0.0), ..RasterInfo::plain(size, SampleType::U8, 1) }
+        RasterInfo { frame, nodata: Some(0.into()), ..RasterInfo::plain(size, SampleType::U8, 1) }
     }
 
     /// A picture at an offset whose pixels are 0 (VOID) to 3, and whether it wants bands and has another
@@ -220,7 +222,7 @@ mod tests {
             let raster = |(at, size, pixels, bands, other): &Picture| -> Box<dyn Raster> {
                 let mut info = info(*at, *size);
                 info.order = if *bands { Order::Bands } else { Order::Anywhere };
-                info.nodata = Some(if *other { 3.0 } else { 0.0 });
+                info.nodata = Some(if *other { 3.into() } else { 0.into() });
                 Box::new(Fake::new(info, pixels.clone()))
             };
             let mut mosaic = mosaic(pictures.iter().map(raster).collect()).unwrap();

@@ -7,7 +7,7 @@ use super::sidecar::Described;
 use super::validity::as_stored;
 use super::{Raster, RasterInfo, RasterOptions, bands, mosaic, open};
 use spinney_base::space::Dimension;
-use spinney_base::value::{Kind, Rule, SampleType, ValueType};
+use spinney_base::value::{Kind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
@@ -27,7 +27,7 @@ pub struct ImportOptions {
     /// Channels to take, counted from 1.
     pub bands: Option<Vec<usize>>,
     /// The number that means VOID.
-    pub nodata: Option<f64>,
+    pub nodata: Option<Number>,
     /// Levels of the tree, at least as many as the picture needs.
     pub depth: Option<u8>,
     /// The coordinate system.
@@ -58,7 +58,7 @@ impl ImportOptions {
 pub struct RasterImport {
     pub(super) raster: Box<dyn Raster>,
     pub(super) value: ValueType,
-    pub(super) nodata: Option<f64>,
+    pub(super) nodata: Option<Number>,
     pub(super) options: BuildOptions,
     pub(super) memory: u64,
     /// Files of which something is not read, and what that is.
@@ -283,7 +283,7 @@ fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
 }
 
 /// The nodata number in words: what was asked for or is told, and what samples of the tree's type hold of that.
-pub(crate) fn nodata_text(asked: Option<f64>, held: Option<f64>, sample: SampleType) -> String {
+pub(crate) fn nodata_text(asked: Option<Number>, held: Option<Number>, sample: SampleType) -> String {
     match (asked, held) {
         (Some(number), None) => format!("none: {} cannot hold {number}", sample.name()),
         (Some(_), Some(number)) => format!("{number}, as you said"),

@@ -8,7 +8,7 @@ use super::xml::XmlElement;
 use super::{Pixels, Raster, RasterInfo, gdal, worldfile};
 use spinney_base::io::sidecar_of;
 use spinney_base::space::Region;
-use spinney_base::value::{Kind, Palette};
+use spinney_base::value::{Kind, Number, Palette};
 use spinney_base::{Error, Result};
 use spinney_crs::{ControlPoint, ControlPoints, Frame};
 
@@ -135,9 +135,9 @@ fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut 
 }
 
 /// Names of the values from 0 on; those of values in gaps are empty.
-fn categories(list: &XmlElement<'_>) -> Vec<(i64, String)> {
+fn categories(list: &XmlElement<'_>) -> Vec<(Number, String)> {
     let names = list.named("Category").map(|name| name.text());
-    (0..).zip(names).collect()
+    (0u64..).map(Number::from).zip(names).collect()
 }
 
 /// Colours of the values from 0 on; nothing if there are none, or more than 16 bits can tell.
@@ -222,10 +222,10 @@ mod tests {
         assert_eq!(info.band_names, ["", "near < infrared"]);
         assert_eq!(info.units, ["", "°C"]);
         assert_eq!(info.scale_offset, [(1.0, 0.0), (0.5, -273.15)]);
-        assert_eq!(info.nodata, Some(-9999.0));
+        assert_eq!(info.nodata, Some((-9999).into()));
         assert_eq!(
             (info.class_names, info.class_channel),
-            (vec![(0, "sea".into()), (1, "".into()), (2, "a & b".into())], 1)
+            (vec![(0.into(), "sea".into()), (1.into(), "".into()), (2.into(), "a & b".into())], 1)
         );
         let tags = |pairs: &[(&str, &str)]| -> std::collections::BTreeMap<String, String> {
             pairs.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect()
@@ -252,12 +252,13 @@ mod tests {
                 <FieldDefn index=\"0\"><Name>V</Name><Type>0</Type><Usage>5</Usage></FieldDefn>
                 <FieldDefn index=\"1\"><Name>N</Name><Type>2</Type><Usage>2</Usage></FieldDefn>
                 <Row index=\"0\"><F>-7</F><F>minus seven</F></Row>
+                <Row index=\"1\"><F>18446744073709551615</F><F>most</F></Row>
               </GDALRasterAttributeTable>
             </PAMRasterBand></PAMDataset>",
             1,
         );
         assert_eq!(info.palette, Some(Palette { colours: vec![[1, 2, 3, 255], [4, 5, 6, 255]] }));
         assert_eq!(info.kind, Some(Kind::Categorical));
-        assert_eq!(info.class_names, [(-7, "minus seven".into())]);
+        assert_eq!(info.class_names, [((-7).into(), "minus seven".into()), (u64::MAX.into(), "most".into())]);
     }
 }

@@ -1,7 +1,7 @@
 //! Pixels that are VOID by their samples: opacity, nodata and NaN.
 
 use super::{Pixels, RasterInfo};
-use spinney_base::value::{SampleType, ValueType};
+use spinney_base::value::{Number, SampleType, ValueType};
 
 /// Tells VOID pixels from others by their samples.
 pub(super) struct Validity {
@@ -67,18 +67,18 @@ impl Validity {
 }
 
 /// A number as a little-endian sample; `None` if it is none of an integer type. Floating samples round it.
-pub(super) fn sample_bytes(number: f64, sample: SampleType) -> Option<Vec<u8>> {
+pub(super) fn sample_bytes(number: Number, sample: SampleType) -> Option<Vec<u8>> {
     let fits = sample.is_float() || sample.can_hold(number);
-    let value = ValueType::new(sample, 1).nearest(|_| number);
+    let value = ValueType::new(sample, 1).nearest_numbers(|_| number);
     fits.then(|| value.to_bytes()[..sample.size()].to_vec())
 }
 
 /// The number that samples of a type have instead of this one: floating samples round it.
-pub(crate) fn as_stored(number: f64, sample: SampleType) -> Option<f64> {
+pub(crate) fn as_stored(number: Number, sample: SampleType) -> Option<Number> {
     match sample {
         SampleType::F32 => Some(sample.nearest(number)),
         // NaN is equal to nothing, but may well be meant.
-        SampleType::F64 => Some(number),
+        SampleType::F64 => Some(number.to_f64().into()),
         _ => sample_bytes(number, sample).map(|_| number),
     }
 }
@@ -97,11 +97,11 @@ mod tests {
     fn opacity_nodata_nan_and_masks() {
         let grey = RasterInfo::plain([2, 1], SampleType::U8, 1);
         assert_eq!(flags(&grey, vec![0, 7], None), None);
-        let nodata = RasterInfo { nodata: Some(7.0), ..grey.clone() };
+        let nodata = RasterInfo { nodata: Some(7.into()), ..grey.clone() };
         assert_eq!(flags(&nodata, vec![0, 7], None), Some(vec![true, false]));
         assert_eq!(flags(&nodata, vec![0, 8], None), None);
         assert_eq!(flags(&nodata, vec![0, 7], Some(vec![false, true])), Some(vec![false, false]));
-        let impossible = RasterInfo { nodata: Some(-1.0), ..grey };
+        let impossible = RasterInfo { nodata: Some((-1).into()), ..grey };
         assert_eq!(flags(&impossible, vec![0, 255], None), None);
         let alpha = RasterInfo { alpha: Some(1), ..RasterInfo::plain([2, 1], SampleType::U16, 2) };
         assert_eq!(flags(&alpha, vec![0, 0, 0, 1, 1, 1, 0, 0], None), Some(vec![true, false]));

@@ -11,7 +11,7 @@ use super::source::{TileSamples, TileSource};
 use super::walk::TileRun;
 use crate::image::array_header;
 use spinney_base::parallel::Pool;
-use spinney_base::value::{Value, ValueType};
+use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Error, Result};
 
 /// The kind of file that each tile is.
@@ -119,13 +119,13 @@ impl<'a> TileEncoder<'a> {
         painter: &'a TilePainter,
         encoding: TileEncoding,
         side: usize,
-        void: f64,
+        void: Number,
     ) -> Result<TileEncoder<'a>> {
         if encoding.format == TileFormat::Webp && encoding.quality.is_some() && !cfg!(feature = "libwebp") {
             let expected = "none: this program was built without libwebp, and writes WebP without loss";
             return Err(Error::invalid("quality of WebP", "one", expected));
         }
-        let void = source.value_type().nearest(|_| void);
+        let void = source.value_type().nearest_numbers(|_| void);
         let (scratch, uniform) = (Pool::default(), Mutex::default());
         Ok(TileEncoder { source, painter, encoding, side, void, scratch, uniform })
     }
@@ -286,7 +286,7 @@ fn webp(pixels: &[[u8; 4]], side: usize, quality: Option<u8>) -> Result<Vec<u8>,
 }
 
 /// The number that VOID cells of samples get: the file's own, or else 0.
-pub(super) fn void_number(value: ValueType, nodata: Option<f64>) -> f64 {
-    let fallback = if value.sample.is_float() { f64::NAN } else { 0.0 };
+pub(super) fn void_number(value: ValueType, nodata: Option<Number>) -> Number {
+    let fallback = if value.sample.is_float() { Number::NAN } else { Number::default() };
     nodata.filter(|number| value.sample.can_hold(*number)).unwrap_or(fallback)
 }

@@ -69,6 +69,7 @@ use self::sink::TileSink;
 use self::walk::{TileExtent, TileRun, TileWalk};
 use spinney_base::io::Output;
 use spinney_base::parallel;
+use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
 use spinney_engine::dataset::Dataset;
@@ -99,7 +100,7 @@ pub struct TileRequest {
     /// Whether an export that is interrupted can be gone on with, and this one goes on with one.
     pub resume: bool,
     /// The number that VOID cells of arrays have.
-    pub void: f64,
+    pub void: Number,
 }
 
 impl TileRequest {

@@ -16,8 +16,8 @@ pub(super) fn tile(value: ValueType, side: usize, tile: TileId, void: Value, sam
     let channels = usize::from(value.channels);
     let (kind, bits) = (
         match value.sample {
-            SampleType::U8 | SampleType::U16 | SampleType::U32 => 1u16,
-            SampleType::I16 | SampleType::I32 => 2,
+            SampleType::U8 | SampleType::U16 | SampleType::U32 | SampleType::U64 => 1u16,
+            SampleType::I8 | SampleType::I16 | SampleType::I32 | SampleType::I64 => 2,
             SampleType::F32 | SampleType::F64 => 3,
         },
         8 * value.sample.size() as u16,
@@ -25,7 +25,7 @@ pub(super) fn tile(value: ValueType, side: usize, tile: TileId, void: Value, sam
     let cell = 2.0 * WEB_MERCATOR_HALF / (f64::from(1u32 << tile.zoom) * side as f64);
     let west = f64::from(tile.column) * side as f64 * cell - WEB_MERCATOR_HALF;
     let north = WEB_MERCATOR_HALF - f64::from(tile.row) * side as f64 * cell;
-    let text = format!("{}\0", value.first_sample(void)).to_lowercase();
+    let text = format!("{}\0", value.first_number(void)).to_lowercase();
     // A projected system (1024 = 1), cells as areas (1025 = 1), its EPSG number (3072).
     let keys = [1u16, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, WEB_MERCATOR as u16];
     let shorts =

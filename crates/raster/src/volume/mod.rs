@@ -12,7 +12,7 @@ use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, nodata_text};
 use spinney_base::Form;
 use spinney_base::io::Output;
 use spinney_base::space::Dimension;
-use spinney_base::value::{Kind, Rule, ValueType};
+use spinney_base::value::{Kind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
@@ -27,7 +27,7 @@ pub struct VolumeOptions {
     /// Rule for the representatives of inner nodes; the usual one for the kind if not said.
     pub rule: Option<Rule>,
     /// The number that means VOID. NaN always does.
-    pub nodata: Option<f64>,
+    pub nodata: Option<Number>,
     /// Levels of the tree; as few as hold the volume if not said.
     pub depth: Option<u8>,
     /// Map from cells to the world: see [`Frame::matrix`]. Cells of unit width at the origin if not said.
@@ -70,8 +70,7 @@ pub fn is_volume(path: &Path) -> bool {
 /// Opens a volume and decides how its octree is built.
 ///
 /// Volumes are NPY files, as `numpy.save` writes them: arrays of shape (z, y, x) in C order, or (z, y, x, channels) with up to 4
-/// channels. Types that trees do not have become the next wider one: bool u8, int8 i16, half f32, and 64-bit integers f64 if
-/// nothing is lost.
+/// channels. Types that trees do not have become the next wider one: bool u8, half f32.
 ///
 /// ```
 /// use spinney::import::volume::{VolumeOptions, plan};
@@ -85,7 +84,7 @@ pub fn is_volume(path: &Path) -> bool {
 /// std::fs::write(&array, bytes).unwrap();
 ///
 /// let mut options = VolumeOptions::new();
-/// options.nodata = Some(5.0);
+/// options.nodata = Some(5.into());
 /// plan(&array, &options)?.build(Output::create(&path)?, &())?;
 /// let tree = spinney::open(&path)?;
 /// assert_eq!(tree.header().extent, [4, 3, 2]);

@@ -147,14 +147,7 @@ impl Array {
             if self.is_big_endian {
                 stored.chunks_exact_mut(sample).for_each(<[u8]>::reverse);
             }
-            self.format.widen(stored, 0, part).map_err(|number| {
-                let found = format!("the number {number}, which f64 cannot hold,");
-                Error::unsupported(
-                    &self.path,
-                    found,
-                    "convert the array with array.astype, such as to float64",
-                )
-            })?;
+            self.format.widen(stored, 0, part);
         }
         Ok(())
     }

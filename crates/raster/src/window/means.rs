@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::span::Span;
-use spinney_base::value::{SampleType, Value, ValueType};
+use spinney_base::value::{Sample, SampleType, Value, ValueType};
 
 /// Cells of some rows, all along the columns that pixels cover.
 pub(super) struct Cells<'a> {
@@ -15,6 +15,8 @@ pub(super) struct Cells<'a> {
     pub(super) bytes: &'a [u8],
     /// Whether each cell has a value; all have one if this is not given.
     pub(super) valid: Option<&'a [bool]>,
+    /// Means are relative to this: see [`ValueType::samples_from`].
+    pub(super) base: Value,
 }
 
 /// The pixels of a line, one after the other: columns of cells that each covers.
@@ -122,6 +124,15 @@ impl Means {
             SampleType::I32 => self.add_row(cells, row, share, |bytes| i32::from_le_bytes(bytes).into()),
             SampleType::F32 => self.add_row(cells, row, share, |bytes| f32::from_le_bytes(bytes).into()),
             SampleType::F64 => self.add_row(cells, row, share, f64::from_le_bytes),
+            SampleType::I8 => self.add_row(cells, row, share, |bytes| i8::from_le_bytes(bytes).into()),
+            SampleType::U64 => {
+                let base = u64::read(&cells.base.to_bytes());
+                self.add_row(cells, row, share, |bytes| u64::from_le_bytes(bytes).relative_to(base));
+            }
+            SampleType::I64 => {
+                let base = i64::read(&cells.base.to_bytes());
+                self.add_row(cells, row, share, |bytes| i64::from_le_bytes(bytes).relative_to(base));
+            }
         }
     }
 

@@ -14,7 +14,7 @@ use super::image::{Format, ImageSpec, create, write_sidecar};
 use crate::style::{Style, StylePainter};
 use spinney_base::io::Output;
 use spinney_base::space::Bounds;
-use spinney_base::value::{Rule, SampleType};
+use spinney_base::value::{Number, Rule, SampleType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::Frame;
@@ -33,7 +33,7 @@ pub struct WindowRequest {
     /// Level or size of the output.
     pub detail: Detail,
     /// The number for VOID cells where the format needs one; chosen if not given: see [`fill_for`].
-    pub nodata: Option<f64>,
+    pub nodata: Option<Number>,
     /// Colours of the values. Without a style outputs have the values themselves; but PNG, which only has those of `u8` and
     /// `u16`, of channels that are grey or red, green and blue, and opacity, has others in the tree's default style.
     pub style: Option<Style>,
@@ -114,7 +114,7 @@ pub fn export_window(
     // Pictures of upright slices begin with the highest row, which is the last along the axis.
     let is_upright = grid.across != 2 && !matches!(format, Format::Npy | Format::Raw);
     let (width, height) = (grid.width, grid.height);
-    let sampler = Sampler { tree, grid, fill: void.fill.unwrap_or(0.0) };
+    let sampler = Sampler { tree, grid, fill: void.fill.unwrap_or_default() };
     sampler.bands(rows, is_upright, progress, &mut |bytes, valid| {
         writer.write_rows(bytes, void.may_be.then_some(valid))?;
         progress.advance(valid.len() as u64, height.saturating_mul(width));
@@ -165,7 +165,7 @@ pub fn window_rows(
     let rows = rows_at_a_time(tree, request, &grid)?;
     let fill = match request.nodata {
         Some(number) => number,
-        None => void_number(tree)?.unwrap_or(0.0),
+        None => void_number(tree)?.unwrap_or_default(),
     };
     Sampler { tree, grid, fill }.bands(rows, false, progress, each)?;
     tree.check_unchanged()
@@ -196,14 +196,14 @@ fn has_opacity(tree: &Dataset) -> bool {
 pub(super) struct VoidCells {
     pub(super) may_be: bool,
     /// `None` if every number is in use.
-    pub(super) fill: Option<f64>,
+    pub(super) fill: Option<Number>,
 }
 
 impl VoidCells {
     pub(super) fn of(tree: &Dataset, request: &WindowRequest) -> Result<VoidCells> {
         if tree.header().rule == Rule::Occupancy {
             // VOID is a number there: an empty cell.
-            return Ok(VoidCells { may_be: false, fill: Some(request.nodata.unwrap_or(0.0)) });
+            return Ok(VoidCells { may_be: false, fill: Some(request.nodata.unwrap_or_default()) });
         }
         let may_be = tree.may_have_void(request.bounds)?;
         Ok(VoidCells { may_be, fill: request.nodata.or(void_number(tree)?) })
@@ -215,9 +215,13 @@ impl VoidCells {
 ///
 /// # Errors
 /// If the tree's statistics are damaged.
-pub fn void_number(tree: &Dataset) -> Result<Option<f64>> {
+pub fn void_number(tree: &Dataset) -> Result<Option<Number>> {
     // Where the last channel is opacity, VOID cells are those without any: any other number would be a colour.
-    if has_opacity(tree) || tree.header().rule == Rule::Occupancy { Ok(Some(0.0)) } else { fill_for(tree) }
+    if has_opacity(tree) || tree.header().rule == Rule::Occupancy {
+        Ok(Some(Number::default()))
+    } else {
+        fill_for(tree)
+    }
 }
 
 /// The picture of a grid.
@@ -258,20 +262,16 @@ pub(super) fn image_spec(tree: &Dataset, grid: &OutputGrid, void: &VoidCells) ->
 ///
 /// # Errors
 /// If the tree's statistics are damaged.
-pub fn fill_for(tree: &Dataset) -> Result<Option<f64>> {
-    let sample = tree.header().form.value.sample;
-    let (low, high) = match sample {
-        SampleType::U8 => (0.0, u8::MAX as f64),
-        SampleType::U16 => (0.0, u16::MAX as f64),
-        SampleType::I16 => (i16::MIN as f64, i16::MAX as f64),
-        SampleType::U32 => (0.0, u32::MAX as f64),
-        SampleType::I32 => (i32::MIN as f64, i32::MAX as f64),
-        SampleType::F32 | SampleType::F64 => return Ok(Some(tree.metadata().nodata.unwrap_or(f64::NAN))),
-    };
-    if let Some(nodata) = tree.metadata().nodata.filter(|n| n.fract() == 0.0 && (low..=high).contains(n)) {
+pub fn fill_for(tree: &Dataset) -> Result<Option<Number>> {
+    let (sample, nodata) = (tree.header().form.value.sample, tree.metadata().nodata);
+    if sample.is_float() {
+        return Ok(Some(nodata.unwrap_or(Number::NAN)));
+    }
+    if let Some(nodata) = nodata.filter(|nodata| sample.can_hold(*nodata)) {
         return Ok(Some(nodata));
     }
-    let channels = tree.value_bounds()?;
-    let free = |number: f64| channels.iter().any(|(min, max)| number < *min || number > *max);
-    Ok([low, high].into_iter().find(|number| channels.is_empty() || free(*number)))
+    let ends = [f64::NEG_INFINITY, f64::INFINITY].map(|end| sample.nearest(end.into()));
+    let channels = tree.exact_bounds()?;
+    let free = |number: Number| channels.iter().any(|(min, max)| number < *min || number > *max);
+    Ok(ends.into_iter().find(|number| channels.is_empty() || free(*number)))
 }

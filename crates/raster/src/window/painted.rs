@@ -7,7 +7,7 @@ use super::rows_at_a_time;
 use super::sampler::{Sampler, flip_rows};
 use crate::style::{Ground, SampleBlock, StylePainter};
 use spinney_base::io::Output;
-use spinney_base::value::{Palette, SampleType, ValueType};
+use spinney_base::value::{Number, Palette, SampleType, ValueType};
 use spinney_base::{Progress, Result};
 use spinney_container::Metadata;
 use spinney_engine::dataset::Dataset;
@@ -90,7 +90,7 @@ impl<'a> Painted<'a> {
         let is_upright = self.grid.across != 2 && !matches!(format, Format::Npy | Format::Raw);
         // (Colours take about twice the room of values.)
         let rows = (rows_at_a_time(self.tree, request, &self.grid)? / 3).clamp(1, height);
-        let sampler = Sampler { tree: self.tree, grid: OutputGrid { ..self.grid }, fill: 0.0 };
+        let sampler = Sampler { tree: self.tree, grid: OutputGrid { ..self.grid }, fill: Number::default() };
         let mut row = 0;
         while row < height {
             progress.check()?;

@@ -4,7 +4,8 @@ use super::TakeRows;
 use super::grid::{OutputGrid, PixelContent, is_averaged};
 use super::means::{Cells, Columns, Means};
 use super::span::Span;
-use spinney_base::value::{Rule, SampleType, ValueType};
+use spinney_base::space::Code;
+use spinney_base::value::{Number, Rule, Sample, SampleType, Value, ValueType};
 use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::PixelGrid;
@@ -17,7 +18,7 @@ pub(super) struct Sampler<'a> {
     pub(super) tree: &'a Dataset,
     pub(super) grid: OutputGrid,
     /// The number that stands for VOID.
-    pub(super) fill: f64,
+    pub(super) fill: Number,
 }
 
 impl Sampler<'_> {
@@ -115,7 +116,8 @@ impl Sampler<'_> {
     /// Pixels that are means of the cells that they cover.
     fn means(&self, columns: &[Span], lines: &[Span]) -> Result<(Vec<u8>, Vec<bool>)> {
         let value = self.tree.header().form.value;
-        let fill = self.fill;
+        let (base, void) = (self.base()?, self.void());
+        let fill = value.samples_from(base, void)[0];
         let none = value.all_missing().map_or(fill, |missing| value.first_sample(missing));
         let first = self.grid.source.min[self.grid.axes[0]];
         let width = self.grid.source.size()[self.grid.axes[0]] as usize;
@@ -137,12 +139,13 @@ impl Sampler<'_> {
             let end = now[count - 1].end;
             self.read(*first, end, &mut bytes, may_be_void.then_some(&mut valid))?;
             let valid = may_be_void.then_some(&valid[..]);
-            let cells = Cells { value, first: *first, width, bytes: &bytes, valid };
+            let cells = Cells { value, first: *first, width, bytes: &bytes, valid, base };
             for (line, flags) in now.iter().zip(&mut flags) {
                 means.line(&cells, line, &columns, [none, fill], (&mut numbers, flags));
-                push_numbers(value.sample, &numbers, &mut out);
+                push_numbers(value.sample, base, &numbers, &mut out);
             }
         }
+        put_void(value, void, &mut out, &out_valid);
         Ok((out, out_valid))
     }
 
@@ -157,6 +160,21 @@ impl Sampler<'_> {
             || self.tree.may_have_void(self.tree.header().picture())?)
     }
 
+    /// The value that stands for VOID.
+    fn void(&self) -> Value {
+        self.tree.header().form.value.nearest_numbers(|_| self.fill)
+    }
+
+    /// The value that means are computed relative to: some value of the tree, of integers of 64 bits. (An empty cell is 0 in trees of
+    /// occupancy, whatever that is relative to.)
+    fn base(&self) -> Result<Value> {
+        let header = self.tree.header();
+        if header.form.value.sample.has_exact_squares() || header.rule == Rule::Occupancy {
+            return Ok(Value::ZERO);
+        }
+        Ok(self.tree.node(Code::root(header.form.dimension))?.value().unwrap_or_default())
+    }
+
     /// Pixels that are the cells at their centres.
     fn centres(&self, columns: &[Span], lines: &[Span]) -> Result<(Vec<u8>, Vec<bool>)> {
         let value = self.tree.header().form.value;
@@ -167,14 +185,14 @@ impl Sampler<'_> {
         let pixels = lines.len() * columns.len();
         let mut out = Vec::with_capacity(pixels * value.size());
         let mut out_valid = Vec::with_capacity(pixels);
-        let mut void = Vec::new();
-        push_numbers(value.sample, &[self.fill; 4][..value.channels.into()], &mut void);
+        let void = self.void().to_bytes();
+        let void = &void[..value.size()];
         for line in lines {
             for column in columns {
                 let index = ((line.first - first) * width + column.first - min) as usize;
                 out_valid.push(valid[index]);
                 let cell = &bytes[index * value.size()..][..value.size()];
-                out.extend_from_slice(if valid[index] { cell } else { &void });
+                out.extend_from_slice(if valid[index] { cell } else { void });
             }
         }
         Ok((out, out_valid))
@@ -185,7 +203,9 @@ impl Sampler<'_> {
         let OutputGrid { source, axes, origin, step, width, .. } = self.grid;
         let value_type = self.tree.header().form.value;
         let ValueType { sample, channels, .. } = value_type;
-        let missing = value_type.all_missing().map_or(self.fill, |value| value_type.first_sample(value));
+        let (base, void) = (self.base()?, self.void());
+        let fill = value_type.samples_from(base, void)[0];
+        let missing = value_type.all_missing().map_or(fill, |value| value_type.first_sample(value));
         let first = origin[1] + row as f64 * step[1];
         let grid =
             PixelGrid { axes, origin: [origin[0], first], step, size: [width as usize, count as usize] };
@@ -194,23 +214,24 @@ impl Sampler<'_> {
         bounds.min[rows] = (first as u64).clamp(source.min[rows], source.max[rows] - 1);
         let end = (first + count as f64 * step[1]).ceil() as u64;
         bounds.max[rows] = end.clamp(bounds.min[rows] + 1, source.max[rows]);
-        let sums = self.tree.pixel_sums(&bounds, grid, progress)?;
+        let sums = self.tree.pixel_sums(&bounds, grid, base, progress)?;
         let is_occupancy = self.tree.header().rule == Rule::Occupancy;
         let mut numbers = Vec::with_capacity(sums.sums.len() * usize::from(channels));
         let mut valid = Vec::with_capacity(sums.sums.len());
         for (sums, areas) in sums.sums.iter().zip(&sums.areas) {
             let is_valid = is_occupancy || areas.iter().any(|area| *area > 0.0);
             valid.push(is_valid);
-            let none = if is_valid { missing } else { self.fill };
+            let none = if is_valid { missing } else { fill };
             for (sum, area) in sums.iter().zip(areas).take(usize::from(channels)) {
                 // VOID is a number in trees of occupancy: an empty cell.
                 let weight = if is_occupancy { step[0] * step[1] } else { *area };
-                let void = if is_occupancy { (weight - area).max(0.0) * self.fill } else { 0.0 };
+                let void = if is_occupancy { (weight - area).max(0.0) * fill } else { 0.0 };
                 numbers.push(if weight > 0.0 { (sum + void) / weight } else { none });
             }
         }
         let mut bytes = Vec::with_capacity(numbers.len() * sample.size());
-        push_numbers(sample, &numbers, &mut bytes);
+        push_numbers(sample, base, &numbers, &mut bytes);
+        put_void(value_type, void, &mut bytes, &valid);
         Ok((bytes, valid))
     }
 }
@@ -222,8 +243,16 @@ pub(super) fn flip_rows<T>(cells: &mut [T], width: usize) {
     cells.chunks_mut(width).for_each(<[T]>::reverse);
 }
 
-/// Appends numbers as samples of a type: whole ones rounded half up, and kept within what the type can hold.
-fn push_numbers(sample: SampleType, numbers: &[f64], bytes: &mut Vec<u8>) {
+/// Gives VOID pixels their value, where numbers to compute with are not exact.
+fn put_void(value: ValueType, void: Value, bytes: &mut [u8], valid: &[bool]) {
+    if matches!(value.sample, SampleType::U64 | SampleType::I64) {
+        let pixels = bytes.chunks_exact_mut(value.size()).zip(valid).filter(|(_, valid)| !**valid);
+        pixels.for_each(|(pixel, _)| void.write(pixel));
+    }
+}
+
+/// Appends numbers, which are relative to a value, as samples of a type: whole ones rounded half up, and kept within what the type can hold.
+fn push_numbers(sample: SampleType, base: Value, numbers: &[f64], bytes: &mut Vec<u8>) {
     // (A number that is cut off is rounded down if it is no less than 0; unsigned types have nothing below. As a call, rounding down takes
     // longer than all else.)
     fn rounded(number: f64) -> i64 {
@@ -246,5 +275,16 @@ fn push_numbers(sample: SampleType, numbers: &[f64], bytes: &mut Vec<u8>) {
         }),
         SampleType::F32 => push(numbers, bytes, |number| (number as f32).to_le_bytes()),
         SampleType::F64 => push(numbers, bytes, f64::to_le_bytes),
+        SampleType::I8 => {
+            push(numbers, bytes, |number| [rounded(number).clamp(i8::MIN.into(), i8::MAX.into()) as i8 as u8])
+        }
+        SampleType::U64 => {
+            let base = u64::read(&base.to_bytes());
+            push(numbers, bytes, |number| u64::from_relative(base, number).to_le_bytes());
+        }
+        SampleType::I64 => {
+            let base = i64::read(&base.to_bytes());
+            push(numbers, bytes, |number| i64::from_relative(base, number).to_le_bytes());
+        }
     }
 }

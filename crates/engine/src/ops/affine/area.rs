@@ -23,6 +23,8 @@ pub(super) struct Area<'a> {
     areas: [f64; 4],
     /// Sums of the samples of each channel, weighted by area.
     sums: [f64; 4],
+    /// Samples are added up as they are relative to this: see [`ValueType::samples_from`].
+    base: Option<Value>,
     /// Area of each value.
     shares: Vec<(Value, f64)>,
     /// The least or largest sample of each channel.
@@ -47,6 +49,7 @@ impl<'a> Area<'a> {
             area: 0.0,
             areas: [0.0; 4],
             sums: [0.0; 4],
+            base: None,
             shares: Vec::new(),
             extreme: None,
             exact: None,
@@ -97,7 +100,10 @@ impl<'a> Area<'a> {
         self.area += share;
         match self.rule {
             Rule::Mean | Rule::Occupancy => {
-                let (samples, present) = (value_type.samples(value), value_type.present(value));
+                // (A mean does not depend on where numbers are counted from; a sum does.)
+                let first = if self.rule == Rule::Mean { value } else { Value::ZERO };
+                let base = *self.base.get_or_insert(first);
+                let (samples, present) = (value_type.samples_from(base, value), value_type.present(value));
                 for (channel, sample) in samples.iter().enumerate().filter(|(channel, _)| present[*channel]) {
                     self.sums[channel] += share * sample;
                     self.areas[channel] += share;
@@ -135,15 +141,15 @@ impl<'a> Area<'a> {
             Rule::Mean | Rule::Occupancy => {
                 // How full a cell is counts what is VOID, too.
                 let whole: f64 = (0..self.form.axes()).map(|axis| self.max[axis] - self.min[axis]).product();
-                let missing = value_type.all_missing().map(|value| value_type.first_sample(value));
-                Some(value_type.nearest(|channel| {
+                let base = self.base.unwrap_or_default();
+                let missing = value_type.all_missing().map(|value| value_type.samples_from(base, value)[0]);
+                Some(value_type.nearest_from(base, |channel| {
                     let area = if self.rule == Rule::Occupancy { whole } else { self.areas[channel] };
                     if let (true, Some(missing)) = (area == 0.0, missing) {
                         return missing;
                     }
-                    let mean = self.sums[channel] / area;
-                    // Means of integers are rounded as those of whole cells are: a half upwards.
-                    if value_type.sample.is_float() { mean } else { (mean + 0.5).floor() }
+                    // (Means of integers are rounded as those of whole cells are: a half upwards.)
+                    self.sums[channel] / area
                 }))
             }
             Rule::Min | Rule::Max => self.extreme,

@@ -289,10 +289,12 @@ impl Sums {
             let best = self.values.iter().filter(|(_, area)| *area >= most - TINY).map(|(value, _)| *value);
             return best.min_by(|a, b| value_type.order(*a, *b)).unwrap_or(first);
         }
+        // (A mean does not depend on where numbers are counted from; a sum does.)
+        let base = if rule == Rule::Mean { first } else { Value::ZERO };
         let (mut sums, mut areas) = ([0.0; 4], [0.0; 4]);
         for (index, area) in shares {
             let value = value_at(*index);
-            let (samples, present) = (value_type.samples(value), value_type.present(value));
+            let (samples, present) = (value_type.samples_from(base, value), value_type.present(value));
             for (channel, sample) in samples.iter().enumerate() {
                 if present[channel] && !sample.is_nan() {
                     sums[channel] += area * sample;
@@ -300,15 +302,14 @@ impl Sums {
                 }
             }
         }
-        let raw = value_type.samples(first);
-        value_type.nearest(|channel| {
+        let raw = value_type.samples_from(base, first);
+        value_type.nearest_from(base, |channel| {
             let area = if rule == Rule::Occupancy { whole } else { areas[channel] };
             // (A sample that is missing everywhere stays what it is.)
             if areas[channel] == 0.0 {
                 return raw[channel];
             }
-            let mean = sums[channel] / area;
-            if value_type.sample.is_float() { mean } else { (mean + 0.5).floor() }
+            sums[channel] / area
         })
     }
 }

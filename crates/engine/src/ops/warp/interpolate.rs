@@ -38,7 +38,7 @@ fn interpolate_samples<S: Sample>(
                         None => continue,
                     }
                 } else {
-                    rounded(*number)
+                    rounded(samples.base, *number)
                 };
                 sample.write(&mut value[channel * size..]);
                 *present = true;
@@ -56,8 +56,15 @@ fn interpolate_samples<S: Sample>(
 /// The sample closest to a number; means of integers are rounded as those of whole cells are, and what cubic convolution overshoots
 /// is cut off.
 #[inline]
-fn rounded<S: Sample>(number: f64) -> S {
-    S::from_f64_lossy(if S::TYPE.is_float() { number } else { floor(number + 0.5) as f64 })
+fn rounded<S: Sample>(base: S, number: f64) -> S {
+    if const { S::TYPE.is_float() } {
+        S::from_f64_lossy(number)
+    } else if const { S::TYPE.size() < size_of::<u64>() } {
+        // (Without a call of a function.)
+        S::from_f64_lossy(floor(number + 0.5) as f64)
+    } else {
+        S::from_relative(base, number)
+    }
 }
 
 /// Numbers of a window, NaN where there is none: rows of one channel after the other.
@@ -152,13 +159,20 @@ impl Grid {
 struct Samples<'a, S> {
     window: &'a Window,
     missing: Option<S>,
+    /// Numbers are relative to this: see [`Sample::relative_to`].
+    base: S,
 }
 
 impl<'a, S: Sample> Samples<'a, S> {
     fn new(window: &'a Window) -> Self {
         Samples {
             window,
-            missing: window.value.missing.map(|bytes| S::read(&[&bytes[..], &[0; 4]].concat())),
+            missing: window.value.missing.map(|bytes| S::read(&bytes)),
+            base: window
+                .valid
+                .iter()
+                .position(|valid| *valid)
+                .map_or(S::default(), |index| S::read(&window.bytes[index * window.value.size()..])),
         }
     }
 
@@ -169,7 +183,7 @@ impl<'a, S: Sample> Samples<'a, S> {
         for at in (0..value.size()).step_by(S::TYPE.size()) {
             numbers.extend(bytes.chunks_exact(value.size()).zip(valid).map(|(bytes, valid)| {
                 let sample = S::read(&bytes[at..]);
-                if *valid && self.missing != Some(sample) { sample.to_f64() } else { f64::NAN }
+                if *valid && self.missing != Some(sample) { sample.relative_to(self.base) } else { f64::NAN }
             }));
         }
         numbers
@@ -188,7 +202,7 @@ impl<'a, S: Sample> Samples<'a, S> {
         let (u, v) = (column - first as f64, row - top as f64);
         let cubic = if is_cubic { self.cubic([first, top], [u, v], channel) } else { None };
         Some(match cubic.or_else(|| self.linear([first, top], [u, v], channel)) {
-            Some(number) => rounded(number),
+            Some(number) => rounded(self.base, number),
             // (A sample that is missing in all cells around.)
             None => self.raw(nearest, channel),
         })
@@ -204,7 +218,7 @@ impl<'a, S: Sample> Samples<'a, S> {
     #[inline]
     fn number(&self, x: i64, y: i64, channel: usize) -> Option<f64> {
         let sample = self.raw(self.window.present(x, y)?, channel);
-        let number = sample.to_f64();
+        let number = sample.relative_to(self.base);
         (!number.is_nan() && self.missing != Some(sample)).then_some(number)
     }
 

@@ -17,7 +17,7 @@ use spinney_container::{INNER, LEAF};
 
 /// Which channels of a value's bytes have a sample.
 #[inline]
-fn channels_of<V: Native>(bytes: &[u8], missing: [u8; 4]) -> [bool; 4] {
+fn channels_of<V: Native>(bytes: &[u8], missing: [u8; 8]) -> [bool; 4] {
     let size = V::TYPE.sample.size();
     let mut present = [true; 4];
     for (is_there, sample) in present.iter_mut().zip(bytes.chunks_exact(size)) {
@@ -126,7 +126,7 @@ impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
 /// The tally of all the cells of a block, but for its classes.
 pub(super) fn tally<V: Native, R: Record>(block: &Block) -> Tally {
     let value_type = block.form().value;
-    let is_float = const { V::TYPE.sample.is_float() };
+    let is_exact = const { V::TYPE.sample.has_exact_squares() };
     let mut tally = Tally::void(value_type);
     let (mut min, mut max) = (V::default(), V::default());
     let mut sums = V::BlockSums::default();
@@ -145,17 +145,17 @@ pub(super) fn tally<V: Native, R: Record>(block: &Block) -> Tally {
         for (count, is_there) in tally.present.iter_mut().zip(there) {
             *count += if is_there { u64::from(cells) } else { 0 };
         }
-        // Sums of floating samples depend on the order of adding: see below.
-        if !is_float {
+        // Other sums depend on the order of adding: see below.
+        if is_exact {
             sums = V::add_block_sums(sums, value.block_sums(cells));
             squares = V::add_block_squares(squares, value.block_squares(cells));
         }
     });
     (tally.min, tally.max) = (erase(min), erase(max));
-    (tally.sum, tally.squares) = if const { V::TYPE.sample.is_float() } {
-        pairwise_sums::<V, R>(block, &|value: V| present::<V, R>(value_type, encode::<R, V>(value)).0)
+    (tally.sum, tally.squares) = if const { V::TYPE.sample.has_exact_squares() } {
+        (V::erase(V::widen(sums)), V::erase_squares(V::widen_squares(squares)))
     } else {
-        (V::erase(V::widen(sums)), V::erase(V::widen_squares(squares)))
+        pairwise_sums::<V, R>(block, &|value: V| present::<V, R>(value_type, encode::<R, V>(value)).0)
     };
     tally
 }

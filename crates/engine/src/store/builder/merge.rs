@@ -92,8 +92,8 @@ impl Join {
             Join::Coverage(_) => unreachable!("coverages are joined as bytes"),
             Join::Min => Some(a.min(b)),
             Join::Max => Some(a.max(b)),
-            Join::Add => Some(a.by_channel(b, |a, b| a + b)),
-            Join::Subtract => Some(a.by_channel(b, |a, b| a - b)),
+            Join::Add => Some(a.plus(b)),
+            Join::Subtract => Some(a.minus(b)),
             Join::Equal => a.same(b).then_some(a),
             Join::Changed => (!a.same(b)).then_some(b),
         }

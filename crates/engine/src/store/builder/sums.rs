@@ -1,4 +1,4 @@
-//! Sums of floating samples, which depend on the order of adding.
+//! Sums that depend on the order of adding: of floating samples, and of squares of integers of 64 bits.
 
 use super::averaging::{decode, pairwise};
 use super::block::Block;
@@ -8,7 +8,7 @@ use spinney_base::value::{Native, Sums};
 use spinney_container::LEAF;
 
 /// Sums of the samples of some cells, and of their squares.
-type SumsAndSquares<V> = (<V as Native>::TotalSums, <V as Native>::TotalSums);
+type SumsAndSquares<V> = (<V as Native>::TotalSums, <V as Native>::TotalSquares);
 
 #[inline]
 fn of_leaf<V: Native>(value: V, cells: u64) -> SumsAndSquares<V> {
@@ -17,7 +17,7 @@ fn of_leaf<V: Native>(value: V, cells: u64) -> SumsAndSquares<V> {
 
 #[inline]
 fn add_both<V: Native>(a: SumsAndSquares<V>, b: SumsAndSquares<V>) -> SumsAndSquares<V> {
-    (V::add_sums(a.0, b.0), V::add_sums(a.1, b.1))
+    (V::add_sums(a.0, b.0), V::add_squares(a.1, b.1))
 }
 
 /// Adds samples and squares of what counts of every leaf, pairwise in Z order: see [`Tally`].
@@ -48,5 +48,5 @@ pub(super) fn pairwise_sums<V: Native, R: Record>(block: &Block, counted: &impl 
         below = sums;
     }
     let (sums, squares) = below.first().copied().unwrap_or_default();
-    (V::erase(sums), V::erase(squares))
+    (V::erase(sums), V::erase_squares(squares))
 }

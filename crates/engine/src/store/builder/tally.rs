@@ -14,7 +14,7 @@ use spinney_container::LEAF;
 pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tally {
     let form = block.form();
     let mut tally = match &classes {
-        Some(classes) if !form.value.sample.is_float() => sum_of_classes(form.value, classes),
+        Some(classes) if form.value.sample.has_exact_squares() => sum_of_classes(form.value, classes),
         _ => with_form_type!(form, V, R => match form.value.missing {
             Some(_) if V::CHANNELS > 1 => masked::tally::<V, R>(block),
             _ => of_leaves::<V, R>(block),
@@ -37,7 +37,7 @@ fn sum_of_classes(value_type: ValueType, classes: &[(Value, u64)]) -> Tally {
 
 fn of_leaves<V: Native, R: Record>(block: &Block) -> Tally {
     // (So that sums are compiled one way for each type.)
-    let is_float = const { V::TYPE.sample.is_float() };
+    let is_exact = const { V::TYPE.sample.has_exact_squares() };
     let mut cells = 0u64;
     let (mut min, mut max) = any_leaf::<R>(block).map_or_else(Default::default, |bytes| {
         let value: V = decode::<R, V>(bytes);
@@ -49,16 +49,16 @@ fn of_leaves<V: Native, R: Record>(block: &Block) -> Tally {
         let value: V = decode::<R, V>(bytes);
         cells += count as u64;
         (min, max) = (min.min(value), max.max(value));
-        // Sums of floating samples depend on the order of adding: see below.
-        if !is_float {
+        // Other sums depend on the order of adding: see below.
+        if is_exact {
             sums = V::add_block_sums(sums, value.block_sums(count));
             squares = V::add_block_squares(squares, value.block_squares(count));
         }
     });
-    let (sum, squares) = if const { V::TYPE.sample.is_float() } {
-        pairwise_sums::<V, R>(block, &|value| value)
+    let (sum, squares) = if const { V::TYPE.sample.has_exact_squares() } {
+        (V::erase(V::widen(sums)), V::erase_squares(V::widen_squares(squares)))
     } else {
-        (V::erase(V::widen(sums)), V::erase(V::widen_squares(squares)))
+        pairwise_sums::<V, R>(block, &|value| value)
     };
     Tally {
         value_type: V::TYPE,

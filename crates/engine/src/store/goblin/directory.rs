@@ -7,7 +7,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use spinney_base::Form;
 use spinney_base::space::Code;
-use spinney_base::value::{DoubleDouble, Sums, Tally, ValueType};
+use spinney_base::value::{DoubleDouble, MAX_VALUE_SIZE, Sums, Tally, Value, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::Codec;
 
@@ -49,23 +49,17 @@ struct RawEntry {
     cells: U64,
 }
 
-/// Zone statistics of one channel. Extremes are the bits of an f64, whatever the type of the samples; sums
-/// are an i128, or an f64 and eight zeros.
-#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
-#[repr(C)]
-struct RawChannel {
-    min: U64,
-    max: U64,
-    sum: [u8; 16],
-    squares: [u8; 16],
-}
-
 const _: () = assert!(size_of::<RawEntry>() == 44);
+
+/// Bytes of the zone statistics of one channel: the extremes are samples, and the sum and that of squares 16 bytes each.
+const fn channel_size(value_type: ValueType) -> usize {
+    2 * value_type.sample.size() + 32
+}
 
 /// Bytes of one entry for values of a type: where samples can be missing, a count per channel stands at the end.
 pub(super) const fn entry_size(value_type: ValueType) -> usize {
     let present = if value_type.missing.is_some() { size_of::<U64>() } else { 0 };
-    size_of::<RawEntry>() + value_type.channels as usize * (size_of::<RawChannel>() + present)
+    size_of::<RawEntry>() + value_type.channels as usize * (channel_size(value_type) + present)
 }
 
 /// Location of an entry's segment, as it stands in the file.
@@ -113,15 +107,11 @@ impl Entry {
         };
         let mut bytes = raw.as_bytes().to_vec();
         let Tally { value_type, min, max, sum, squares, .. } = &self.zone;
-        let (min, max) = (value_type.samples(*min), value_type.samples(*max));
-        for (channel, (min, max)) in min.iter().zip(max.iter()).enumerate() {
-            let raw = RawChannel {
-                min: min.to_bits().into(),
-                max: max.to_bits().into(),
-                sum: sum.to_bytes(channel),
-                squares: squares.to_bytes(channel),
-            };
-            bytes.extend_from_slice(raw.as_bytes());
+        let (width, extremes) = (value_type.sample.size(), [min.to_bytes(), max.to_bytes()]);
+        for channel in 0..usize::from(value_type.channels) {
+            extremes.iter().for_each(|samples| bytes.extend_from_slice(&samples[channel * width..][..width]));
+            bytes.extend_from_slice(&sum.to_bytes(channel));
+            bytes.extend_from_slice(&squares.to_bytes(channel));
         }
         if value_type.missing.is_some() {
             let present = self.zone.present.iter().take(usize::from(value_type.channels));
@@ -145,8 +135,7 @@ impl Entry {
             .ok_or_else(|| corrupt(format!("code {:016x}", raw.code), "an FD code".into()))?;
         let count = usize::from(form.value.channels);
         let short = || corrupt(format!("{} bytes", bytes.len()), "statistics per channel".into());
-        let (channels, rest) =
-            <[RawChannel]>::ref_from_prefix_with_elems(rest, count).map_err(|_| short())?;
+        let (channels, rest) = rest.split_at_checked(count * channel_size(form.value)).ok_or_else(short)?;
         let cells = raw.cells.get();
         let mut zone = Tally { cells, present: [cells; 4], ..Tally::void(form.value) };
         if form.value.missing.is_some() {
@@ -154,12 +143,16 @@ impl Entry {
             zone.present.iter_mut().zip(present).for_each(|(cells, raw)| *cells = raw.get());
             zone.present[count..].fill(cells);
         }
-        zone.min = form.value.nearest(|channel| f64::from_bits(channels[channel].min.get()));
-        zone.max = form.value.nearest(|channel| f64::from_bits(channels[channel].max.get()));
-        for (channel, raw) in channels.iter().enumerate() {
-            zone.sum.set_bytes(channel, raw.sum);
-            zone.squares.set_bytes(channel, raw.squares);
+        let width = form.value.sample.size();
+        let (mut min, mut max) = ([0; MAX_VALUE_SIZE], [0; MAX_VALUE_SIZE]);
+        for (channel, raw) in channels.chunks_exact(channel_size(form.value)).enumerate() {
+            let (extremes, sums) = raw.split_at(2 * width);
+            min[channel * width..][..width].copy_from_slice(&extremes[..width]);
+            max[channel * width..][..width].copy_from_slice(&extremes[width..]);
+            zone.sum.set_bytes(channel, std::array::from_fn(|byte| sums[byte]));
+            zone.squares.set_bytes(channel, std::array::from_fn(|byte| sums[16 + byte]));
         }
+        (zone.min, zone.max) = (Value::from_bytes(&min), Value::from_bytes(&max));
         Ok(Entry {
             code,
             offset: raw.offset.get(),

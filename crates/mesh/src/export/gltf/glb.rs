@@ -211,7 +211,7 @@ impl<'a> Glb<'a> {
         let values: Vec<u8> = self.classes.keys().flat_map(|value| value.to_le_bytes()).collect();
         let (mut texts, mut offsets) = (Vec::new(), vec![0u32]);
         for value in self.classes.keys() {
-            let name = self.metadata.class_names.get(&i64::from(*value)).map_or("", String::as_str);
+            let name = self.metadata.class_names.get(&(*value).into()).map_or("", String::as_str);
             texts.extend(name.bytes());
             offsets.push(texts.len() as u32);
         }

@@ -14,6 +14,7 @@ use super::solid::closure::Closure;
 use super::solid::{bounds, common_crs, flat_faces, provenance};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Up;
+use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::attributes::DOMAIN;
 use spinney_brep::show_place;
@@ -183,7 +184,7 @@ pub fn import_exact(
     let repaired = repaired.map(|(_, done)| done);
     let displacement = snapper.squared_displacement.sqrt();
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
-    metadata.class_names = (0..).zip(parts).collect();
+    metadata.class_names = (0u64..).map(Number::from).zip(parts).collect();
     metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
     let unit = options.unit.clone().or_else(|| models.iter().find_map(|model| model.info().unit.clone()));
     let furthest = repaired.map_or(displacement, |done| done.displacement.max(displacement));

@@ -151,7 +151,7 @@ impl SolidImport {
         let mut metadata = Metadata { frame: self.grid.frame.clone(), ..Metadata::default() };
         if self.options.attribute == Attribute::Part {
             let names = parts.into_iter().enumerate().filter(|(_, name)| !name.is_empty());
-            metadata.class_names = names.map(|(i, name)| (i as i64 + 1, name)).collect();
+            metadata.class_names = names.map(|(i, name)| ((i as u64 + 1).into(), name)).collect();
         }
         metadata.provenance = self.models.iter().map(|model| provenance(model.info())).collect();
         let options = BuildOptions::new(kind, self.grid.depth)

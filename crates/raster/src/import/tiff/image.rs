@@ -208,10 +208,11 @@ impl Image {
         let key = (offset, count, self.layout.region(job.across, job.down).height);
         let cached = self.cache.lock().expect("no panic while held").get(key);
         if let Some(chunk) = cached {
-            return self.copy(input, &chunk, &mut worker.row, job, plane);
+            self.copy(&chunk, &mut worker.row, job, plane);
+            return Ok(());
         }
         self.decode(input, worker, job, plane, key)?;
-        self.copy(input, &worker.chunk, &mut worker.row, job, plane)?;
+        self.copy(&worker.chunk, &mut worker.row, job, plane);
         // What is asked for in parts, or is there several times, will likely be asked for again.
         if !job.whole || self.layout.repeats {
             let chunk = Arc::new(std::mem::take(&mut worker.chunk));
@@ -275,14 +276,7 @@ impl Image {
     }
 
     /// Widens the wanted samples of a decoded chunk into the rows of a job.
-    fn copy(
-        &self,
-        input: &Input,
-        chunk: &[u8],
-        buffer: &mut Vec<u8>,
-        job: &mut Job<'_>,
-        plane: u64,
-    ) -> Result<()> {
+    fn copy(&self, chunk: &[u8], buffer: &mut Vec<u8>, job: &mut Job<'_>, plane: u64) {
         let planar = self.layout.planes > 1;
         let samples = if planar { 1 } else { self.channels };
         let row_bytes = (self.layout.chunk_width as usize * samples * self.sample_format.bits()).div_ceil(8);
@@ -290,24 +284,18 @@ impl Image {
         let top = (job.part.y - job.down * self.layout.chunk_height) as usize;
         let size = self.sample_format.sample().size();
         for (from, to) in chunk.chunks_exact(row_bytes).skip(top).zip(&mut job.rows) {
-            let done = if planar {
+            if planar {
                 set_len(buffer, job.part.width as usize * size);
-                let done = self.sample_format.widen(from, left, buffer);
+                self.sample_format.widen(from, left, buffer);
                 let targets = to.chunks_exact_mut(size).skip(plane as usize).step_by(self.channels);
                 buffer
                     .chunks_exact(size)
                     .zip(targets)
                     .for_each(|(sample, target)| target.copy_from_slice(sample));
-                done
             } else {
-                self.sample_format.widen(from, left, to)
-            };
-            done.map_err(|number| {
-                let place = self.layout.name(plane, job.across, job.down);
-                input.odd_samples(format!("the number {number} ({place}), which f64 cannot hold,"))
-            })?;
+                self.sample_format.widen(from, left, to);
+            }
         }
-        Ok(())
     }
 }
 

@@ -142,8 +142,8 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
     };
     let mut palette = colours.or_else(|| ramp(image));
     if let (Some(palette), Some(nodata)) = (&mut palette, nodata)
-        && nodata >= 0.0
-        && let Some(colour) = palette.colours.get_mut(nodata as usize)
+        && nodata >= 0.0.into()
+        && let Some(colour) = palette.colours.get_mut(nodata.to_f64() as usize)
     {
         colour[3] = 0;
     }

@@ -43,8 +43,11 @@ impl SampleFormat {
             SampleFormat::Uint(1..=8) => SampleType::U8,
             SampleFormat::Uint(9..=16) => SampleType::U16,
             SampleFormat::Uint(17..=32) => SampleType::U32,
-            SampleFormat::Int(8 | 16) => SampleType::I16,
+            SampleFormat::Int(8) => SampleType::I8,
+            SampleFormat::Int(16) => SampleType::I16,
             SampleFormat::Int(32) => SampleType::I32,
+            SampleFormat::Uint(_) => SampleType::U64,
+            SampleFormat::Int(_) => SampleType::I64,
             SampleFormat::Float(16 | 24 | 32) => SampleType::F32,
             _ => SampleType::F64,
         }
@@ -61,27 +64,24 @@ impl SampleFormat {
     }
 
     /// Unpacks samples of a row, from sample `first` on, until `out` is full. Samples of whole bytes are
-    /// little-endian. Fails with the first number that `out`'s type cannot hold.
-    pub(crate) fn widen(self, row: &[u8], first: usize, out: &mut [u8]) -> Result<(), String> {
+    /// little-endian.
+    pub(crate) fn widen(self, row: &[u8], first: usize, out: &mut [u8]) {
         let count = out.len() / self.sample().size();
         let row = match self.bytes() {
             Some(size) => &row[first * size..(first + count) * size],
             None => row,
         };
         match self {
-            SampleFormat::Uint(8 | 16 | 32) | SampleFormat::Int(16 | 32) | SampleFormat::Float(32 | 64) => {
-                out.copy_from_slice(row);
-            }
-            SampleFormat::Int(8) => each(row, out, |[byte]| (byte as i8 as i16).to_le_bytes()),
+            SampleFormat::Uint(8 | 16 | 32 | 64)
+            | SampleFormat::Int(8 | 16 | 32 | 64)
+            | SampleFormat::Float(32 | 64) => out.copy_from_slice(row),
             SampleFormat::Float(16) => {
                 each(row, out, |half| half::f16::from_le_bytes(half).to_f32().to_le_bytes());
             }
             SampleFormat::Float(24) => each(row, out, |[a, b, c]| float24(a, b, c).to_le_bytes()),
-            SampleFormat::Uint(64) | SampleFormat::Int(64) => return wide(self, row, out),
             SampleFormat::Uint(bits) => unpack(row, bits.into(), first, out),
             SampleFormat::Int(_) | SampleFormat::Float(_) => unreachable!("refused by SampleFormat::new"),
         }
-        Ok(())
     }
 }
 
@@ -90,23 +90,6 @@ fn each<const N: usize, const M: usize>(row: &[u8], out: &mut [u8], map: impl Fn
     for (from, to) in row.as_chunks::<N>().0.iter().zip(out.as_chunks_mut::<M>().0) {
         *to = map(*from);
     }
-}
-
-/// 64-bit integers become f64 where that loses nothing.
-fn wide(format: SampleFormat, row: &[u8], out: &mut [u8]) -> Result<(), String> {
-    for (from, to) in row.as_chunks::<8>().0.iter().zip(out.as_chunks_mut::<8>().0) {
-        // Through i128, as a cast from f64 saturates: u64::MAX would seem to survive the way there and back.
-        let exact = match format {
-            SampleFormat::Int(_) => i64::from_le_bytes(*from).into(),
-            _ => i128::from(u64::from_le_bytes(*from)),
-        };
-        let float = exact as f64;
-        if float as i128 != exact {
-            return Err(format!("{exact}"));
-        }
-        *to = float.to_le_bytes();
-    }
-    Ok(())
 }
 
 /// A number of 1 sign, 7 exponent and 16 mantissa bits, given from its lowest byte.

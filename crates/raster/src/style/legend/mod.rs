@@ -189,13 +189,13 @@ fn named(classes: &Classes, tree: &Dataset) -> Result<Vec<([u8; 4], String)>> {
     }
     if !names.is_empty() {
         let told = names.iter().filter(|(_, name)| !name.is_empty()).take(MOST_CLASSES);
-        return Ok(told.map(|(value, name)| (classes.colour(*value as f64), name.clone())).collect());
+        return Ok(told.map(|(value, name)| (classes.colour(value.to_f64()), name.clone())).collect());
     }
     let header = tree.header();
     if header.counts_classes() && header.form.value.channels == 1 {
         let occurring = tree.statistics(None, &())?.classes;
         let told = occurring.iter().take(MOST_CLASSES);
-        return Ok(told.map(|(value, _)| (classes.colour(*value), value.to_string())).collect());
+        return Ok(told.map(|(value, _)| (classes.colour(value.to_f64()), value.to_string())).collect());
     }
     let told = classes.dense.iter().enumerate().take(MOST_CLASSES);
     Ok(told.map(|(value, code)| (*code, value.to_string())).collect())

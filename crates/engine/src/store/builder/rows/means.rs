@@ -81,8 +81,11 @@ fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> Tally {
         let value = V::from_wire(*value);
         (min, max) = (min.min(value), max.max(value));
     }
-    let squares =
-        if const { V::TYPE.sample.is_float() } { pairwise_squares::<V>(block) } else { squares::<V>(values) };
+    let squares = if const { V::TYPE.sample.has_exact_squares() } {
+        squares::<V>(values)
+    } else {
+        pairwise_squares::<V>(block)
+    };
     Tally {
         value_type: V::TYPE,
         cells,
@@ -90,12 +93,12 @@ fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> Tally {
         min: erase(min),
         max: erase(max),
         sum: V::erase(V::widen(sums)),
-        squares: V::erase(V::widen_squares(squares)),
+        squares: V::erase_squares(V::widen_squares(squares)),
         classes: Vec::new(),
     }
 }
 
-/// The sum of the squares of integers.
+/// The sum of squares that is exact in any order.
 fn squares<V: Native>(values: &[V::Wire]) -> V::BlockSquares {
     let narrow = |values: &[V::Wire]| {
         let squares = values.iter().map(|value| V::from_wire(*value).narrow_squares());
@@ -104,7 +107,7 @@ fn squares<V: Native>(values: &[V::Wire]) -> V::BlockSquares {
     values.chunks(1 << NARROW_BITS).map(narrow).fold(V::BlockSquares::default(), V::add_block_squares)
 }
 
-/// The sum of the squares of floating samples, which depends on the order of adding: see [`Tally`].
+/// The sum of squares where it depends on the order of adding: see [`Tally`].
 fn pairwise_squares<V: Native>(block: &RowBlock) -> V::BlockSquares {
     let axes = block.form.axes();
     let cells = values::<V>(&block.levels[0].values);

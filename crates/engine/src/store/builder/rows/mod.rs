@@ -20,7 +20,7 @@ use crate::store::records::{Record, RecordLayout, with_record_type};
 use crate::tree::Child;
 use spinney_base::Form;
 use spinney_base::space::Code;
-use spinney_base::value::{Rule, Value, with_native_type};
+use spinney_base::value::{Rule, SampleType, Value, ValueType, with_native_type};
 use spinney_container::{LevelCounts, Shape};
 
 /// A block without VOID.
@@ -58,7 +58,8 @@ impl RowBlock {
         match rule {
             // (Without VOID occupancy is the mean.)
             Rule::Mean | Rule::Occupancy => form.value.missing.is_none() && !count_classes,
-            Rule::Majority => form.width() == 1,
+            // (Whose bytes are in the order of the values.)
+            Rule::Majority => form.value == ValueType::new(SampleType::U8, 1),
             Rule::Dominant | Rule::Min | Rule::Max | Rule::Nearest => false,
         }
     }

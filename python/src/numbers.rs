@@ -1,0 +1,64 @@
+//! Numbers that are single samples, on their way from and to Python: integers stay exact.
+
+use std::collections::BTreeMap;
+
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::PyFloat;
+use spinney::value::{Number, SampleType};
+
+/// A number that Python has given: an int (also one of NumPy), or a float.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct PyNumber(pub(crate) Number);
+
+impl<'py> FromPyObject<'_, 'py> for PyNumber {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if !object.is_instance_of::<PyFloat>() {
+            // (What has an index is an integer. One of more than 64 bits is as near as a float comes.)
+            if let Ok(number) = object.extract::<u64>() {
+                return Ok(PyNumber(number.into()));
+            }
+            if let Ok(number) = object.extract::<i64>() {
+                return Ok(PyNumber(number.into()));
+            }
+        }
+        let number: f64 = object.extract().map_err(|_| {
+            let kind = object.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
+            PyTypeError::new_err(format!("expected a number, got {kind}"))
+        })?;
+        Ok(PyNumber(number.into()))
+    }
+}
+
+/// A number for Python: an int of integer samples, a float of others.
+pub(crate) fn told<'py>(py: Python<'py>, number: Number, sample: SampleType) -> PyResult<Bound<'py, PyAny>> {
+    Ok(match number {
+        Number::Unsigned(number) if !sample.is_float() => number.into_pyobject(py)?.into_any(),
+        Number::Signed(number) if !sample.is_float() => number.into_pyobject(py)?.into_any(),
+        number => number.to_f64().into_pyobject(py)?.into_any(),
+    })
+}
+
+/// Names of classes for Python, by value.
+pub(crate) fn told_names<'py>(
+    py: Python<'py>,
+    names: &BTreeMap<Number, String>,
+    sample: SampleType,
+) -> PyResult<Vec<(Bound<'py, PyAny>, String)>> {
+    names.iter().map(|(value, name)| Ok((told_class(py, *value, sample)?, name.clone()))).collect()
+}
+
+/// The value of a class for Python: an int where it is one, whatever the samples are.
+fn told_class<'py>(py: Python<'py>, number: Number, sample: SampleType) -> PyResult<Bound<'py, PyAny>> {
+    match number.to_integer() {
+        Some(number) => Ok(number.into_pyobject(py)?.into_any()),
+        None => told(py, number, sample),
+    }
+}
+
+/// Names of classes that Python has given.
+pub(crate) fn names_of(names: &BTreeMap<PyNumber, String>) -> BTreeMap<Number, String> {
+    names.iter().map(|(value, name)| (value.0, name.clone())).collect()
+}
