@@ -55,7 +55,7 @@ pub struct View {
     /// The source's, at hand: every node asks for it.
     pub(super) form: Form,
     /// Cells of the source along each axis; the rest is VOID.
-    source_extent: [u64; 3],
+    pub(super) source_extent: [u64; 3],
     /// AffineMap from source cells to the grid in which the view has its first cell at `origin`.
     to_grid: AffineMap,
     /// The view's first cell in that grid: whole numbers. Windows move it, and leave the grid as it is.
@@ -346,6 +346,16 @@ impl View {
     pub(in crate::ops) fn resampling(self, resampling: Option<Resampling>) -> View {
         let resampling = resampling.or(self.warp.resampling);
         View { warp: WarpOptions { resampling, ..self.warp }, ..self }
+    }
+
+    /// Options for steps to grids in other coordinate systems.
+    pub(in crate::ops) fn warp(&self) -> WarpOptions {
+        self.warp
+    }
+
+    /// The way new cells get their values.
+    pub(in crate::ops) fn sampling(&self) -> Sampling {
+        self.sampling
     }
 
     /// Whether datums may be taken for WGS 84: see [`WarpOptions::allow_ballpark`].
