@@ -23,7 +23,12 @@ struct LevelPlace {
 impl View {
     /// The view with the cells of a level, which there must be.
     pub(crate) fn at_level(&self, level: u8) -> Result<View> {
-        if level == self.depth() { Ok(self.clone()) } else { self.clone().resample(level) }
+        if level == self.depth() {
+            return Ok(self.clone());
+        }
+        let mut view = self.clone();
+        view.is_level = true;
+        view.resample(level)
     }
 
     /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does.

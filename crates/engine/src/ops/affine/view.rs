@@ -70,6 +70,8 @@ pub struct View {
     crs: Option<Arc<Crs>>,
     /// Options for steps to grids in other coordinate systems.
     warp: WarpOptions,
+    /// Whether cells may have the numbers of a level of the source that are approximate: this is a level of another view.
+    pub(super) is_level: bool,
 }
 
 /// Maps and boxes for finding a view's cells, derived from the steps.
@@ -147,6 +149,7 @@ impl View {
             windows: Vec::new(),
             crs: None,
             warp: WarpOptions::default(),
+            is_level: false,
             sampling: Sampling::Centre,
             lookup: Lookup {
                 to_source: AffineMap::IDENTITY,

@@ -482,6 +482,7 @@ fn files_and_views_agree() {
         &["rotate=30", "calc=b2-b1"],
         &["scale=0.5", "calc=b2-b1"],
         &["tree-depth=10", "calc=count(b1)"],
+        &[calc, "depth=6"],
     ] {
         check_file_and_view(folder.path(), &base, steps);
     }
@@ -537,6 +538,27 @@ fn files_of_other_places_types_and_cells_are_operands() {
     let expected: Vec<Option<f64>> =
         a.iter().zip(&b).map(|(a, b)| f32_of(a.zip(*b).map(|(a, b)| a + b))).collect();
     assert_eq!(numbers(&tree, level, &bounds, 0), expected);
+}
+
+#[test]
+fn coarser_cells_of_a_file_are_made_of_its_cells() {
+    let folder = tempfile::tempdir().unwrap();
+    let base = two_channels(folder.path());
+    let calc = "calc='(b2-b1)/(b2+b1)'";
+    let cells = check_file_and_view(folder.path(), &base, &[calc]);
+    let coarse = check_file_and_view(folder.path(), &base, &[calc, "scale=0.125"]);
+    let fine = numbers(&cells, cells.depth(), &Bounds::picture([328, 264, 1]), 0);
+    let found = numbers(&coarse, coarse.depth(), &Bounds::picture([41, 33, 1]), 0);
+    let approximate = numbers(&cells, cells.depth() - 3, &Bounds::picture([41, 33, 1]), 0);
+    let mut off = 0;
+    for (index, found) in found.iter().enumerate() {
+        let (x, y) = (index % 41 * 8, index / 41 * 8);
+        let block = (y..y + 8).flat_map(|y| fine[y * 328 + x..][..8].iter().flatten());
+        let (count, sum) = block.fold((0.0, 0.0), |(count, sum), number| (count + 1.0, sum + number));
+        assert!(found.map_or(count == 0.0, |found| (found - sum / count).abs() < 1e-6), "{x} {y}");
+        off += usize::from(approximate[index] != *found);
+    }
+    assert!(off > 100);
 }
 
 #[test]
