@@ -344,6 +344,16 @@ fn texts(put: Put<'_>) {
     );
     put("step_text", "boxes", b"window=1,2,3,4\nwindow=0,0,5,5,in=world\ncrop\ndepth=4\n");
     put("step_text", "nodes", b"subtree=/03\nembed=/2\ntree-depth=5\nlike=a.goblin\n");
+    put("step_text", "calculations", b"calc=where(b1>2,b1/2,-b1),type=u8\nreduce=median\nscale=2\ncalc=abs(b1)\n");
+    for (name, text) in [
+        ("index", "'(b1-2)/(b1+2)'"),
+        ("conditions", "where(b1>=2 and not b1==3|!(b1<1.5e0),min(b1,7),\"b1\"),type=i16"),
+        ("reductions", "median(b1,2,b1*3)+mean(b1,1)-max(b1)*count(b1,0/0)/sqrt(abs(-b1)),type=f64"),
+        ("reduction", "median,type=u8"),
+        ("files", "a.red+b1,a=\"x, y.goblin\",type=u16"),
+    ] {
+        put("calculation_text", name, text.as_bytes());
+    }
     put("df_text", "classic", b"\x18GG1G13331G3312GG31331G3222G11221G221G1211");
     put("df_text", "octree", b"\x11M(VFV1)FM[7]VVVVVVFF0");
     put("df_text", "colours", b"\x12G[1,2,3][4,5,6]WB");

@@ -17,17 +17,18 @@ pub use importers::{
     cells, cityjson, exr, hgt, jpeg, npy, obj, off, ply, png, sidecar, stl, tiff, webp, world_file,
 };
 pub use models::model_read;
-pub use texts::{crs_text, df_text, step_text};
+pub use texts::{calculation_text, crs_text, df_text, step_text};
 pub use trees::{autumnal_read, goblin_read};
 
 /// Function of bytes that is fuzzed.
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 23] = [
+pub const TARGETS: [(&str, Target); 24] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_read", autumnal_read),
+    ("calculation_text", calculation_text),
     ("cells", cells),
     ("cityjson", cityjson),
     ("crs_text", crs_text),

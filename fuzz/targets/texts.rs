@@ -1,7 +1,7 @@
 //! Texts: steps of views, and DF-expressions.
 
 use spinney::dataset::Dataset;
-use spinney::ops::Step;
+use spinney::ops::{Calculation, Step};
 use spinney::space::{Bounds, Crs, Dimension};
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Form, df};
@@ -37,7 +37,7 @@ pub fn step_text(bytes: &[u8]) {
         assert_eq!(again.to_string(), text);
     }
     // (No files but this one.)
-    if steps.is_empty() || steps.iter().any(|step| matches!(step, Step::Like(_))) {
+    if steps.is_empty() || steps.iter().any(|step| !step.files().is_empty()) {
         return;
     }
     let Ok(mut view) = Goblin::from_bytes(CLASSIC.to_vec()).and_then(|file| Dataset::of(file.into())) else {
@@ -57,9 +57,50 @@ pub fn step_text(bytes: &[u8]) {
     for min in [[0; 3], size.map(|cells| cells / 2), size.map(|cells| cells - 1)] {
         let max = std::array::from_fn(|axis| size[axis].min(min[axis] + 8));
         let bounds = Bounds { min, max };
-        let mut bytes = vec![0; bounds.volume() as usize];
+        let mut bytes = vec![0; bounds.volume() as usize * view.header().form.width()];
         let _ = view.window(view.depth(), &bounds, 0.0, &mut bytes, None);
         let _ = view.point(min, view.depth(), &mut [spinney::value::Number::default(); 4]);
+    }
+}
+
+/// A calculation: its text says the same when it is read again, and with a picture a window has the numbers that its cells have one by
+/// one, and no more of them than statistics count.
+pub fn calculation_text(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(bytes);
+    for calculation in [Calculation::parse(&text), Calculation::parse_reduction(&text)].into_iter().flatten()
+    {
+        let text = calculation.to_string();
+        let step: Step = text.parse().unwrap_or_else(|error| panic!("`{text}`: {error}"));
+        assert_eq!(step.to_string(), text);
+        // (No files but this one.)
+        if !step.files().is_empty() {
+            continue;
+        }
+        let Ok(view) = Goblin::from_bytes(CLASSIC.to_vec())
+            .and_then(|file| Dataset::of(file.into()))
+            .and_then(|file| file.view(&[step]))
+        else {
+            continue;
+        };
+        let value = view.header().form.value;
+        for level in [0, view.depth()] {
+            let bounds = view.extent_at(level);
+            let cells = bounds.volume() as usize;
+            let (mut bytes, mut valid) = (vec![0; cells * value.size()], vec![false; cells]);
+            view.window(level, &bounds, 0.0, &mut bytes, Some(&mut valid)).unwrap();
+            for (cell, valid) in valid.iter().enumerate() {
+                let place = [cell as u64 % bounds.max[0], cell as u64 / bounds.max[0], 0];
+                let mut numbers = [0.0; 4];
+                assert_eq!(view.point(place, level, &mut numbers).unwrap(), *valid);
+                let number =
+                    value.first_sample(Value::from_bytes(&bytes[cell * value.size()..][..value.size()]));
+                assert!(!number.is_nan() && (!valid || number == numbers[0]));
+            }
+            if level == view.depth() {
+                let counted = view.statistics(None, &()).unwrap().cells;
+                assert_eq!(counted, valid.iter().filter(|valid| **valid).count() as u64);
+            }
+        }
     }
 }
 

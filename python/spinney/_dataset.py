@@ -43,7 +43,9 @@ def open(
     """Opens a tree file of either format, or a commit of one: `map.autumn@12`, or `commit=12`.
 
     `view` are steps of `spinney transform` through which the file is seen, such as `"rotate=30"` or
-    `["window=0,0,512,512", "scale=0.5"]`; nothing is made beforehand.
+    `["window=0,0,512,512", "scale=0.5"]`; nothing is made beforehand. They can calculate, with bands and with other files:
+    `"calc=(b4-b3)/(b4+b3)"`, `"calc=(nir-b1)/(nir+b1),nir=B08.goblin"`, `"reduce=median,type=u16"`. A coarse level of these is calculated
+    from that level's numbers (`Level.is_approximate`); statistics, zones and searches are made of the cells.
 
     Files are mapped. If one is cut short or its disk fails meanwhile, the system ends the whole process (SIGBUS):
     `positioned=True` reads files that may be replaced in place, or that lie on network folders, without mapping them.
@@ -423,6 +425,11 @@ class Level:
     def ndim(self) -> int:
         """2, or 3 of octrees."""
         return len(self.shape)
+
+    @property
+    def is_approximate(self) -> bool:
+        """Whether the cells are calculated (`view="calc=..."`) from the numbers of this level, not from the tree's cells."""
+        return self.dataset._is_approximate(self.level)
 
     @property
     def transform(self) -> Transform:

@@ -69,11 +69,8 @@ pub(crate) fn transform<'py>(
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
-    let like = steps.iter().filter_map(|step| match step {
-        Step::Like(path) => Some(path.clone()),
-        _ => None,
-    });
-    let inputs: Vec<PathBuf> = like.chain([path.clone()]).collect();
+    let others = steps.iter().flat_map(Step::files).map(Path::to_path_buf);
+    let inputs: Vec<PathBuf> = others.chain([path.clone()]).collect();
     check_output(&inputs, &out)?;
     let mut warp = WarpOptions::default();
     warp.resampling = resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;

@@ -221,6 +221,12 @@ impl Tree {
         Ok(self.get()?.tree.depth())
     }
 
+    /// Whether numbers of a level are approximate.
+    #[pyo3(name = "_is_approximate")]
+    fn is_approximate(&self, level: u8) -> PyResult<bool> {
+        Ok(self.get()?.tree.is_approximate(level))
+    }
+
     /// Rows and columns of a level; planes first in octrees.
     #[pyo3(name = "_shape_at")]
     fn shape_at(&self, level: Option<i64>) -> PyResult<Vec<u64>> {

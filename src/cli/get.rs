@@ -145,6 +145,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         global.report("style", format_args!("{}; see --style and --range", default.json()));
     }
     request.style = style;
+    global.report_approximate(&tree, request.level(&tree)?);
     let output = Output::create(path)?;
     export_window(&tree, &request, output, format, &progress)
         .with_context(|| format!("cannot write {}", path.display()))?;
@@ -202,6 +203,7 @@ fn array(args: &Args, tree: &Dataset, format: Format, global: &Global, start: In
     };
     let mut request = ArrayRequest::new(bounds, level);
     request.nodata = args.nodata;
+    global.report_approximate(tree, level);
     let progress = Work::start(global, "cells")?;
     let output = Output::create(path)?;
     export_array(tree, &request, output, format, &progress)

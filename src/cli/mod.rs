@@ -107,7 +107,7 @@ impl Command {
             Command::Blame(args) => blame::run(&args, global),
             Command::Info(args) => info::run(&args),
             Command::Get(args) => get::run(&args, global),
-            Command::Point(args) => point::run(&args),
+            Command::Point(args) => point::run(&args, global),
             Command::Stats(args) => stats::run(&args, global),
             Command::Find(args) => find::run(&args),
             Command::Contours(args) => contours::run(&args, global),

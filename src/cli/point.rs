@@ -11,8 +11,8 @@ use spinney::space::{Coordinates, Places};
 use spinney::value::{Number, SampleType};
 
 use super::args::{CoordinatesOption, ViewedTree, level_of};
-use super::exact;
 use super::report::warn;
+use super::{Global, exact};
 
 const EXAMPLES: &str = "Examples:
   spinney point relief.goblin 7.66,45.98
@@ -42,7 +42,7 @@ pub(crate) struct Args {
     coordinates: CoordinatesOption,
 }
 
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if let Some(model) = exact::open(&args.tree.file)? {
         let given = [
             ("--view", args.tree.is_viewed()),
@@ -54,6 +54,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     let tree = args.tree.open()?;
     let level = level_of(&tree, args.level)?;
+    global.report_approximate(&tree, level);
     let from = if args.points.is_empty() { "standard input, line" } else { "point" };
     let places = args.coordinates.places(&tree, Coordinates::World)?;
     let points = Points { tree: &tree, level, places, from, outside: Mutex::default() };

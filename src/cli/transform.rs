@@ -10,7 +10,7 @@ use super::Global;
 use super::args::{Memory, OutputLimit, check_output, parse_step};
 use super::report::{Work, report_output};
 
-/// Make a tree of a part of another, moved, scaled, mirrored or turned.
+/// Make a tree of a part of another, moved, scaled, mirrored or turned, or of what is calculated with others.
 ///
 /// Steps are done in the order given; a chain of any length looks every cell up once, in the file as it is on
 /// disk, and memory does not grow with the picture (pages of the mapped file come and go). What lies in the
@@ -73,6 +73,12 @@ Steps:
                            to another coordinate system, onto square cells of width W where data land [default:
                            cells as large as the tree's, in its middle]
   grid=xyz[,ZOOM]          onto the cells of web maps, in web mercator with the world as the root
+  calc=EXPR[,a=FILE ...][,type=T]
+                           one channel, f32 or of type T, of what is calculated with the channels, b1, b2, ... or by
+                           their names, and with files on the same grid: + - * / < <= > >= == != and or not,
+                           where(condition, then, else), abs, sqrt, and of any count min, max, mean, median, count
+  reduce=WAY[,a=FILE ...][,type=T]
+                           the median, mean, min, max or count of all channels, and those of files
 
 Examples:
   spinney transform world.goblin window=20000,5000,4096,4096 -o part.goblin
@@ -84,16 +90,15 @@ Examples:
   spinney transform site.goblin crs=@site.wkt -o placed.goblin
   spinney transform old.goblin like=new.goblin -o old_on_new.goblin
   spinney transform relief.goblin grid=xyz,7 --resampling cubic -o relief_xyz.goblin
-  spinney transform utm.goblin warp=EPSG:3035,cell=30 -o europe.goblin";
+  spinney transform utm.goblin warp=EPSG:3035,cell=30 -o europe.goblin
+  spinney transform scene.goblin 'calc=(b4-b3)/(b4+b3)' -o ndvi.goblin
+  spinney transform B04.goblin 'calc=(nir-b1)/(nir+b1),nir=B08.goblin' -o ndvi.goblin
+  spinney transform may.goblin reduce=median,june=june.goblin,july=july.goblin -o summer.goblin";
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let Args { file, steps, output: path, resampling, allow_ballpark, moves, memory, limit } = args;
-    let like = steps.iter().filter_map(|step| match step {
-        Step::Like(path) => Some(path.as_path()),
-        _ => None,
-    });
-    check_output([file.as_path()].into_iter().chain(like), &path)?;
+    check_output([file.as_path()].into_iter().chain(steps.iter().flat_map(Step::files)), &path)?;
     let mut warp = WarpOptions::default();
     (warp.resampling, warp.allow_ballpark) = (resampling, allow_ballpark);
     let chain = Chain { path: file, steps, moves, warp };

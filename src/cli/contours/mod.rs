@@ -27,7 +27,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         (None, levels) => ContourLevels::At(levels.clone().unwrap_or_default()),
     };
     let mut request = ContourRequest::new(levels);
-    request.level = Some(level_of(&tree, args.level)?);
+    let level = level_of(&tree, args.level)?;
+    global.report_approximate(&tree, level);
+    request.level = Some(level);
     request.memory = args.memory.bytes;
     request.ends = match args.ends {
         Ends::Open => ContourEnds::Open,

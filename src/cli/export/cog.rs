@@ -49,6 +49,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
         exact::refuse(&args.tree.file, &[(".tif", true)])?;
     }
     let tree = args.tree.open()?;
+    global.report_overviews(&tree);
     check_output([args.tree.file.as_path()], args.output.path())?;
     let mut request = CogRequest::new();
     request.tile_size = args.tiles.tile_size.unwrap_or(request.tile_size);

@@ -111,6 +111,7 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     let start = Instant::now();
     let options = &args.archive;
     let tree = args.tree.open()?;
+    global.report_overviews(&tree);
     check_output([args.tree.file.as_path()], target.path())?;
     let mut request = TileRequest::new(&tree)?;
     let format = match (options.tile_format, target.format()) {

@@ -16,6 +16,7 @@ use std::io::{self, Write};
 use std::process::ExitCode;
 
 use anyhow::Result;
+use spinney::dataset::Dataset;
 
 pub(crate) use found::Found;
 pub(crate) use output::{report_built, report_output};
@@ -30,6 +31,27 @@ impl Global {
         if !self.quiet {
             // Nobody may be listening, which is no reason to fail.
             let _ = writeln!(io::stderr(), "{heading:<10} {}", printable(&text.to_string()));
+        }
+    }
+}
+
+impl Global {
+    /// Says so where numbers of a level are approximate.
+    pub(crate) fn report_approximate(&self, tree: &Dataset, level: u8) {
+        if tree.is_approximate(level) {
+            let text = format_args!(
+                "calculated from the numbers of level {level} of {}, not from cells",
+                tree.depth()
+            );
+            self.report("approximate", text);
+        }
+    }
+
+    /// Says so where an output with overviews has approximate ones.
+    pub(crate) fn report_overviews(&self, tree: &Dataset) {
+        if tree.is_approximate(0) {
+            let text = "overviews are calculated from coarse levels' numbers; `transform` makes a tree of the cells' first";
+            self.report("approximate", text);
         }
     }
 }

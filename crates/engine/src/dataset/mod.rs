@@ -276,6 +276,16 @@ impl Dataset {
         Bounds::picture(self.header().extent.map(|cells| cells.div_ceil(1 << shift)))
     }
 
+    /// Whether numbers of a level are approximate: those of a [calculation](Step::Calculation) above its cells, made of what
+    /// its operands have at that level. Windows and single cells are so; statistics, zones, histograms, searches, and sizes that are asked for
+    /// exactly go down to the cells.
+    pub fn is_approximate(&self, level: u8) -> bool {
+        match &self.tree {
+            Tree::Goblin(_) | Tree::Autumnal(_) => false,
+            Tree::View(viewed) => level < self.depth() && viewed.source().is_approximate(),
+        }
+    }
+
     /// A remark on the file that whoever reads it should know: see [`Autumnal::remark`].
     pub fn remark(&self) -> Option<&'static str> {
         match &self.tree {

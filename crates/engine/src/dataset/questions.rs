@@ -1,10 +1,9 @@
 //! Questions about any dataset: cells, windows, statistics, searches.
 
-use super::viewed::value_at;
 use super::{Dataset, Tree};
 use crate::ops::TreeFile;
 use crate::query::{
-    Canvas, Condition, FoundBlock, PointSamples, Statistics, StoredRows, ZoneStatistics, autumnal_histogram,
+    Condition, FoundBlock, PointSamples, Statistics, StoredRows, ZoneStatistics, autumnal_histogram,
     autumnal_statistics, check_level, source_find, source_histogram, source_statistics, source_zonal, zonal,
 };
 use crate::query::{PixelGrid, PixelSums};
@@ -22,7 +21,11 @@ impl Dataset {
     /// If the file is damaged there; of a view also if it has no such level.
     pub fn point(&self, cell: [u64; 3], level: u8, value: &mut [Number; 4]) -> Result<bool> {
         let found = match &self.tree {
-            Tree::View(viewed) => value_at(&viewed.at(level)?, cell)?,
+            Tree::View(viewed) => {
+                let mut found = [None];
+                viewed.values_at(level, &[cell], &mut found)?;
+                found[0]
+            }
             _ if level > self.depth() => None,
             Tree::Goblin(file) => {
                 self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at))?
@@ -57,12 +60,7 @@ impl Dataset {
                     *value = code.map_or(Ok(None), |code| file.value_at(code))?;
                 }
             }
-            Tree::View(viewed) => {
-                let view = viewed.at(level)?;
-                for (cell, value) in cells.iter().zip(values) {
-                    *value = value_at(&view, *cell)?;
-                }
-            }
+            Tree::View(viewed) => viewed.values_at(level, cells, values)?,
         }
         Ok(())
     }
@@ -128,11 +126,7 @@ impl Dataset {
         match &self.tree {
             Tree::Goblin(file) => file.window(level, bounds, fill, bytes, valid).map(|_| ()),
             Tree::Autumnal(file) => file.window(level, bounds, fill, bytes, valid),
-            Tree::View(viewed) => {
-                let view = viewed.at(level)?;
-                let mut canvas = Canvas::new(view.form(), bounds, fill, bytes, valid)?;
-                canvas.draw(&view, view.root()?, view.depth())
-            }
+            Tree::View(viewed) => viewed.window(level, bounds, fill, bytes, valid),
         }
     }
 

@@ -56,7 +56,96 @@ impl Viewed {
     /// The view with the cells of a level.
     pub(super) fn at(&self, level: u8) -> Result<View> {
         check_level(level, self.view.depth())?;
-        if level == self.view.depth() { Ok(self.view.clone()) } else { self.view.clone().resample(level) }
+        self.view.at_level(level)
+    }
+
+    /// The values of a box of cells of a level: see [`Dataset::window`](super::Dataset::window).
+    pub(super) fn window(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        fill: Value,
+        bytes: &mut [u8],
+        valid: Option<&mut [bool]>,
+    ) -> Result<()> {
+        if !matches!(**self.view.source(), ViewSource::Calculated(_)) {
+            let view = self.at(level)?;
+            let mut canvas = Canvas::new(view.form(), bounds, fill, bytes, valid)?;
+            return canvas.draw(&view, view.root()?, view.depth());
+        }
+        check_level(level, self.view.depth())?;
+        // Calculated as a whole, not node by node. (The canvas checks sizes, and has the right ones.)
+        let mut own = Vec::new();
+        let valid = match valid {
+            Some(valid) => valid,
+            None => {
+                own.resize(bounds.volume().min(bytes.len() as u64) as usize, false);
+                &mut own
+            }
+        };
+        Canvas::new(self.view.form(), bounds, fill, bytes, Some(&mut *valid))?;
+        let space = Bounds::space(self.view.form().dimension, level);
+        if !space.contains(bounds) {
+            return self.part_inside(level, (bounds, &bounds.intersect(&space)), bytes, valid);
+        }
+        self.view.draw_at(level, bounds, bytes, valid)?;
+        fill_void(fill, bytes, valid, self.view.form().width());
+        Ok(())
+    }
+
+    /// The part of a box of VOID cells that is inside of the space.
+    fn part_inside(
+        &self,
+        level: u8,
+        (bounds, inside): (&Bounds, &Bounds),
+        bytes: &mut [u8],
+        valid: &mut [bool],
+    ) -> Result<()> {
+        if inside.is_empty() {
+            return Ok(());
+        }
+        let (cells, width) = (inside.volume() as usize, self.view.form().width());
+        let (mut values, mut present) = (vec![0; cells * width], vec![false; cells]);
+        self.view.draw_at(level, inside, &mut values, &mut present)?;
+        let ([columns, rows, _], [width_inside, height, _]) = (bounds.size(), inside.size());
+        for (cell, present) in present.iter().enumerate().filter(|(_, present)| **present) {
+            let at = cell as u64;
+            let place = [at % width_inside, at / width_inside % height, at / width_inside / height];
+            let [x, y, z] = [0, 1, 2].map(|axis| place[axis] + inside.min[axis] - bounds.min[axis]);
+            let to = ((z * rows + y) * columns + x) as usize;
+            valid[to] = *present;
+            bytes[to * width..(to + 1) * width].copy_from_slice(&values[cell * width..(cell + 1) * width]);
+        }
+        Ok(())
+    }
+
+    /// The values of some cells of a level; `None` is VOID, as is everything outside.
+    pub(super) fn values_at(
+        &self,
+        level: u8,
+        cells: &[[u64; 3]],
+        values: &mut [Option<Value>],
+    ) -> Result<()> {
+        let is_calculated = matches!(**self.view.source(), ViewSource::Calculated(_));
+        let (view, form) = (self.at(level)?, self.view.form());
+        let space = Bounds::space(form.dimension, level);
+        for (cell, value) in cells.iter().zip(values) {
+            *value = None;
+            if (0..3).any(|axis| cell[axis] >= space.max[axis]) {
+                continue;
+            }
+            let bounds = Bounds { min: *cell, max: cell.map(|cell| cell + 1) };
+            let (mut bytes, mut valid) = ([0; MAX_VALUE_SIZE], [false]);
+            let bytes = &mut bytes[..form.width()];
+            if is_calculated {
+                self.view.draw_at(level, &bounds, bytes, &mut valid)?;
+            } else {
+                let mut canvas = Canvas::new(form, &bounds, Value::ZERO, bytes, Some(&mut valid))?;
+                canvas.draw(&view, view.root()?, view.depth())?;
+            }
+            *value = valid[0].then(|| Value::from_bytes(bytes));
+        }
+        Ok(())
     }
 
     /// Whether some cells of a box may be VOID; `false` is sure.
@@ -64,10 +153,9 @@ impl Viewed {
         // A search of the whole view can take as long as drawing it: one that is not done after so many nodes
         // says yes.
         const MAX_NODES: usize = 100_000;
-        // (Those on another grid are computed, each by tens of places.)
+        // (Those on another grid are computed, each by tens of places, and calculated ones by blocks.)
         const MAX_COMPUTED: usize = 1000;
-        let is_computed = matches!(**self.view.source(), ViewSource::Warped(_));
-        let most = if is_computed { MAX_COMPUTED } else { MAX_NODES };
+        let most = if self.view.source().is_computed() { MAX_COMPUTED } else { MAX_NODES };
         if !self.header.picture().contains(bounds) {
             return Ok(true);
         }
@@ -111,17 +199,10 @@ impl Viewed {
     }
 }
 
-/// The value of one cell of a view; `None` is VOID, as is everything outside.
-pub(super) fn value_at(view: &View, cell: [u64; 3]) -> Result<Option<Value>> {
-    let form = view.form();
-    let space = Bounds::space(form.dimension, view.depth());
-    if (0..3).any(|axis| cell[axis] >= space.max[axis]) {
-        return Ok(None);
+/// Gives VOID cells the value that stands for it.
+fn fill_void(fill: Value, bytes: &mut [u8], valid: &[bool], width: usize) {
+    let fill = &fill.to_bytes()[..width];
+    for (value, _) in bytes.chunks_exact_mut(width).zip(valid).filter(|(_, valid)| !**valid) {
+        value.copy_from_slice(fill);
     }
-    let bounds = Bounds { min: cell, max: cell.map(|cell| cell + 1) };
-    let (mut bytes, mut valid) = ([0; MAX_VALUE_SIZE], [false]);
-    let bytes = &mut bytes[..form.width()];
-    let mut canvas = Canvas::new(form, &bounds, Value::ZERO, bytes, Some(&mut valid))?;
-    canvas.draw(view, view.root()?, view.depth())?;
-    Ok(valid[0].then(|| Value::from_bytes(bytes)))
 }

@@ -10,7 +10,7 @@ use super::operation::Operation;
 use super::step::Step;
 use super::tree_file::TreeFile;
 use super::universe::Universe;
-use super::view_source::{ViewSource, check_form};
+use super::view_source::check_form;
 use super::warp::{Resampling, WarpOptions};
 use crate::store::{BuildOptions, TreeWriter, check_room};
 use crate::tree::Source;
@@ -68,7 +68,6 @@ impl Chain {
     /// If the file cannot be read, or a step cannot be done.
     pub fn open(&self) -> Result<View> {
         let file = TreeFile::open(&self.path, &OpenOptions::default())?;
-        let rule = file.header().rule;
         let is_grid = |step: &Step| matches!(step, Step::Like(_) | Step::Warp(_) | Step::WebMercator(_));
         let is_nearest = self.warp.resampling == Some(Resampling::Nearest);
         if let (Some(way), false, false) = (self.warp.resampling, is_nearest, self.steps.iter().any(is_grid))
@@ -78,6 +77,8 @@ impl Chain {
             return Err(Error::invalid("resampling", way.name(), expected));
         }
         let view = View::whole(file.into())?.warping(self.warp).through(&self.steps)?;
+        // (What is calculated may have another rule than the file.)
+        let rule = view.source().header().rule;
         if is_nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
     }
 
@@ -110,12 +111,15 @@ impl Chain {
 pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
     let mut derivations = Vec::new();
     let mut expected = Some(0.0);
-    for path in layer_paths(&chain.path)? {
+    // (What is calculated with the layers of a file is one tree.)
+    let is_calculated = chain.steps.iter().any(|step| matches!(step, Step::Calculation(_)));
+    let paths = if is_calculated { vec![chain.path.clone()] } else { layer_paths(&chain.path)? };
+    for path in paths {
         let chain = Chain { path, ..chain.clone() };
         let view = chain.open()?;
         // How many cells there are to be, unless some were left out.
-        // (On the grid of another coordinate system cells have no one size.)
-        let is_known = !view.has_windows() && !matches!(**view.source(), ViewSource::Warped(_));
+        // (On the grid of another coordinate system cells have no one size, and what is calculated may be VOID anywhere.)
+        let is_known = !view.has_windows() && !view.source().is_computed();
         let shrinks = is_known.then(|| view.to_source().determinant().abs());
         // (Of a part of a file nobody knows how many nodes it has.)
         let least = if view.has_windows() { 0 } else { expected_records(&view)? };
@@ -345,8 +349,7 @@ impl Derivation {
             None => self.provenance,
         });
         // (What a tree on another grid is made of tells what was there before.)
-        let before: Result<Vec<u64>> =
-            views.iter().map(|view| Ok(view.source().totals(None)?.cells)).collect();
+        let before: Result<Vec<u64>> = views.iter().map(|view| view.source().cells_before()).collect();
         let before = before?;
         let mut source = Combined::new(views, self.operation, extent)?;
         if let Some(universe) = universe {

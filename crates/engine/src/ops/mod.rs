@@ -7,6 +7,7 @@
 
 mod affine;
 mod blame;
+mod calc;
 mod combine;
 mod convert;
 mod coverage;
@@ -28,6 +29,7 @@ mod warp;
 
 pub use affine::{AffineMap, Alignment, Around, Axis, Sampling, View, ViewNode, align};
 pub use blame::blame;
+pub use calc::{Calculated, Calculation};
 pub use combine::{Combined, CombinedNode, build};
 pub(crate) use convert::build_again;
 pub use convert::convert;

@@ -1,10 +1,11 @@
-//! Steps of a chain: windows, affine maps and resamplings of a tree before it is read or stored.
+//! Steps of a chain: windows, affine maps, resamplings and calculations of a tree before it is read or stored.
 
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
 use super::affine::{AffineMap, Axis, View};
+use super::calc::Calculation;
 use super::data_box::data_box;
 use super::tree_file::TreeFile;
 use super::warp::{WarpGrid, WarpTarget};
@@ -50,6 +51,9 @@ pub enum Step {
     Warp(WarpTarget),
     /// `grid=xyz`, `grid=xyz,ZOOM`: onto the cells of web maps, with the world as the root; see [`WarpGrid::web_mercator`].
     WebMercator(Option<u8>),
+    /// `calc=EXPRESSION`, `calc=EXPRESSION,a=FILE,type=u8`, `reduce=median`: one channel of what is calculated with the channels, and
+    /// with those of files on the same grid.
+    Calculation(Box<Calculation>),
 }
 
 /// Axis of a rotation.
@@ -98,6 +102,16 @@ impl Step {
                     WarpGrid::web_mercator(*zoom, &view.frame(false), view.extent(), view.allows_ballpark())?;
                 view.warped(&grid)
             }
+            Step::Calculation(calculation) => calculation.apply(view),
+        }
+    }
+
+    /// The files that the step reads, besides that of the view.
+    pub fn files(&self) -> Vec<&Path> {
+        match self {
+            Step::Like(path) => vec![path],
+            Step::Calculation(calculation) => calculation.files().map(PathBuf::as_path).collect(),
+            _ => Vec::new(),
         }
     }
 }

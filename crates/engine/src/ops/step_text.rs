@@ -4,13 +4,14 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::affine::{AffineMap, Axis};
+use super::calc::Calculation;
 use super::step::{Step, Turn};
 use spinney_base::{Error, Result};
 use spinney_crs::{Coordinates, Crs};
 
 /// All steps, for the message about an unknown one.
 const STEPS: &str = "window=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
-                     tree-depth=, subtree=, embed=, crs=, like=, warp= or grid=";
+                     tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, calc= or reduce=";
 
 impl FromStr for Step {
     type Err = Error;
@@ -22,6 +23,14 @@ impl FromStr for Step {
         }
         if let Some(target) = text.strip_prefix("warp=") {
             return target.parse().map(Step::Warp);
+        }
+        if let Some(calculation) = text.strip_prefix("calc=") {
+            return Calculation::parse(calculation)
+                .map(|calculation| Step::Calculation(Box::new(calculation)));
+        }
+        if let Some(reduction) = text.strip_prefix("reduce=") {
+            let calculation = Calculation::parse_reduction(reduction)?;
+            return Ok(Step::Calculation(Box::new(calculation)));
         }
         if let Some((window, coordinates)) = text.split_once(",in=")
             && window.starts_with("window=")
@@ -270,6 +279,7 @@ impl fmt::Display for Step {
             Step::Warp(target) => write!(f, "warp={target}"),
             Step::WebMercator(None) => write!(f, "grid=xyz"),
             Step::WebMercator(Some(zoom)) => write!(f, "grid=xyz,{zoom}"),
+            Step::Calculation(calculation) => calculation.fmt(f),
         }
     }
 }
@@ -372,6 +382,8 @@ mod tests {
             "warp=EPSG:4326+5773,cell=0.5",
             "warp=+proj=utm +zone=32 +datum=WGS84,resampling=cubic",
             "warp=EPSG:3035,cell=30,resampling=area",
+            "calc=where((b2-b1)/(b2+b1)>0.5,1,0),a=x,in=y.goblin,type=u8",
+            "reduce=median,a=x.goblin,type=u16",
         ] {
             let step: Step = text.parse().unwrap();
             assert_eq!(step.to_string(), text);
@@ -399,7 +411,9 @@ mod tests {
             let error = text.parse::<Step>().unwrap_err().to_string();
             assert!(
                 error.contains(text)
-                    && error.contains("tree-depth=, subtree=, embed=, crs=, like=, warp= or grid="),
+                    && error.contains(
+                        "tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, calc= or reduce="
+                    ),
                 "{error}"
             );
         }

@@ -1,9 +1,11 @@
-//! Sources that views stand on: a tree file, one with changes that are not written yet, one seen on another grid, or a tree in memory.
+//! Sources that views stand on: a tree file, one with changes that are not written yet, one seen on another grid, what is calculated with
+//! others, or a tree in memory.
 
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
+use super::calc::Calculated;
 use super::patched::{Patched, PatchedNode};
 use super::tree_file::{TreeFile, TreeFileNode, other_node};
 use super::warp::Warped;
@@ -28,6 +30,8 @@ pub enum ViewSource {
     Memory(Box<MemoryTree>),
     /// Another source on the grid of another coordinate system.
     Warped(Box<Warped>),
+    /// What is calculated with the cells of others.
+    Calculated(Box<Calculated>),
 }
 
 /// An INNER node of a [`ViewSource`].
@@ -41,6 +45,8 @@ pub enum ViewSourceNode {
     Memory(<MemTree as Source>::Node),
     /// Of one on another grid.
     Warped(Code),
+    /// Of a calculated one.
+    Calculated(Code),
 }
 
 /// A tree in memory with the header and metadata that a file of it would have.
@@ -83,6 +89,7 @@ impl ViewSource {
             ViewSource::File(file) => Some(file.path()),
             ViewSource::Patched(tree) => Some(tree.file().path()),
             ViewSource::Warped(tree) => tree.source().path(),
+            ViewSource::Calculated(tree) => tree.source().path(),
             ViewSource::Memory(_) => None,
         }
     }
@@ -92,12 +99,26 @@ impl ViewSource {
         self.path().unwrap_or(Path::new("a tree in memory"))
     }
 
-    /// The file that is read as it is, without the changes on it; of what is on another grid there is none.
+    /// The file that is read as it is, without the changes on it; of what is computed there is none.
     pub fn file(&self) -> Option<TreeFile> {
         match self {
             ViewSource::File(file) => Some(file.clone()),
             ViewSource::Patched(tree) => Some(tree.file().clone().into()),
-            ViewSource::Memory(_) | ViewSource::Warped(_) => None,
+            ViewSource::Memory(_) | ViewSource::Warped(_) | ViewSource::Calculated(_) => None,
+        }
+    }
+
+    /// Whether cells are computed, which takes longer than to look them up.
+    pub(crate) fn is_computed(&self) -> bool {
+        matches!(self, ViewSource::Warped(_) | ViewSource::Calculated(_))
+    }
+
+    /// Whether levels above the cells are calculated from the numbers of these levels, not from the cells.
+    pub(crate) fn is_approximate(&self) -> bool {
+        match self {
+            ViewSource::Calculated(_) => true,
+            ViewSource::Warped(tree) => tree.source().is_approximate(),
+            ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,
         }
     }
 
@@ -107,12 +128,17 @@ impl ViewSource {
             ViewSource::File(file) => file.remark(),
             ViewSource::Patched(tree) => tree.file().remark(),
             ViewSource::Warped(tree) => tree.source().remark(),
+            ViewSource::Calculated(tree) => tree.source().remark(),
             ViewSource::Memory(_) => None,
         }
     }
 
     /// Hands the remark on the file, if there is one, to whoever waits for the work.
     pub(super) fn tell_remark(&self, progress: &dyn Progress) {
+        if let ViewSource::Calculated(tree) = self {
+            tree.tell_remarks(progress);
+            return tree.remarks().iter().for_each(|remark| progress.warn(self.name(), remark));
+        }
         if let Some(remark) = self.remark() {
             progress.warn(self.name(), remark);
         }
@@ -128,6 +154,7 @@ impl ViewSource {
             ViewSource::Patched(tree) => tree.file().header(),
             ViewSource::Memory(tree) => &tree.header,
             ViewSource::Warped(tree) => tree.header(),
+            ViewSource::Calculated(tree) => tree.header(),
         }
     }
 
@@ -138,6 +165,7 @@ impl ViewSource {
             ViewSource::Patched(tree) => tree.file().metadata(),
             ViewSource::Memory(tree) => &tree.metadata,
             ViewSource::Warped(tree) => tree.metadata(),
+            ViewSource::Calculated(tree) => tree.metadata(),
         }
     }
 
@@ -146,7 +174,7 @@ impl ViewSource {
         match self {
             ViewSource::File(file) => file.commit(),
             ViewSource::Patched(tree) => Some(tree.file().commit()),
-            ViewSource::Memory(_) | ViewSource::Warped(_) => None,
+            ViewSource::Memory(_) | ViewSource::Warped(_) | ViewSource::Calculated(_) => None,
         }
     }
 
@@ -155,7 +183,15 @@ impl ViewSource {
         match self {
             ViewSource::File(file) => file.shared_records(),
             ViewSource::Patched(tree) => tree.file().claimed_records(),
-            ViewSource::Memory(_) | ViewSource::Warped(_) => Ok(0),
+            ViewSource::Memory(_) | ViewSource::Warped(_) | ViewSource::Calculated(_) => Ok(0),
+        }
+    }
+
+    /// Cells that are not VOID; of what is computed those that there were before.
+    pub(super) fn cells_before(&self) -> Result<u64> {
+        match self {
+            ViewSource::Calculated(tree) => tree.cells_before(),
+            _ => self.totals(None).map(|totals| totals.cells),
         }
     }
 
@@ -204,6 +240,12 @@ impl ViewSource {
                 hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Warped(node)));
                 Ok(())
             }
+            (ViewSource::Calculated(tree), ViewSourceNode::Calculated(node)) => {
+                let mut found = no_children();
+                tree.children(node, &mut found)?;
+                hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Calculated(node)));
+                Ok(())
+            }
             _ => Err(other_node(self.name())),
         }
     }
@@ -221,6 +263,7 @@ impl ViewSource {
     ) -> Result<()> {
         match self {
             ViewSource::File(file) => file.draw_at(level, bounds, values, valid),
+            ViewSource::Calculated(tree) => tree.draw_at(level, bounds, values, valid),
             _ => Canvas::new(self.form(), bounds, Value::ZERO, values, Some(valid))?.draw(
                 self,
                 self.root()?,
@@ -296,6 +339,12 @@ impl From<Warped> for ViewSource {
     }
 }
 
+impl From<Calculated> for ViewSource {
+    fn from(tree: Calculated) -> ViewSource {
+        ViewSource::Calculated(Box::new(tree))
+    }
+}
+
 impl fmt::Debug for ViewSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("ViewSource").field(&self.name()).finish()
@@ -319,6 +368,7 @@ impl Source for ViewSource {
             ViewSource::Patched(tree) => tree.root()?.map_node(ViewSourceNode::Patched),
             ViewSource::Memory(memory) => memory.tree.root()?.map_node(ViewSourceNode::Memory),
             ViewSource::Warped(tree) => tree.root()?.map_node(ViewSourceNode::Warped),
+            ViewSource::Calculated(tree) => tree.root()?.map_node(ViewSourceNode::Calculated),
         })
     }
 
@@ -330,6 +380,7 @@ impl Source for ViewSource {
         match self {
             ViewSource::File(file) => file.draw(bounds, values, valid),
             ViewSource::Warped(tree) => tree.draw(bounds, values, valid),
+            ViewSource::Calculated(tree) => tree.draw(bounds, values, valid),
             ViewSource::Patched(_) | ViewSource::Memory(_) => Ok(false),
         }
     }
@@ -339,6 +390,7 @@ impl Source for ViewSource {
             (ViewSource::File(file), ViewSourceNode::File(node)) => file.cells(node, levels),
             (ViewSource::Patched(tree), ViewSourceNode::Patched(node)) => tree.cells(node, levels),
             (ViewSource::Warped(tree), ViewSourceNode::Warped(node)) => tree.cells(node, levels),
+            (ViewSource::Calculated(tree), ViewSourceNode::Calculated(node)) => tree.cells(node, levels),
             _ => Ok(None),
         }
     }
@@ -348,6 +400,7 @@ impl Source for ViewSource {
             ViewSource::File(file) => file.check_unchanged(),
             ViewSource::Patched(tree) => tree.check_unchanged(),
             ViewSource::Warped(tree) => tree.check_unchanged(),
+            ViewSource::Calculated(tree) => tree.check_unchanged(),
             ViewSource::Memory(_) => Ok(()),
         }
     }

@@ -49,6 +49,14 @@ impl WindowRequest {
     pub fn new(bounds: Bounds, detail: Detail) -> WindowRequest {
         WindowRequest { bounds, across: 2, detail, nodata: None, style: None, memory: DEFAULT_MEMORY }
     }
+
+    /// The level of a tree that the output is made of.
+    ///
+    /// # Errors
+    /// If the window is empty or outside of the tree, or there is no such level or size.
+    pub fn level(&self, tree: &Dataset) -> Result<u8> {
+        OutputGrid::of(tree, self).map(|grid| grid.level)
+    }
 }
 
 /// Resolution of the output.

@@ -31,6 +31,8 @@ pub(super) struct Area<'a> {
     extreme: Option<Value>,
     /// The value of the one node that is the whole box.
     exact: Option<Value>,
+    /// Whether the source's values of INNER nodes will not do.
+    pub(super) goes_to_cells: bool,
 }
 
 impl<'a> Area<'a> {
@@ -53,6 +55,7 @@ impl<'a> Area<'a> {
             shares: Vec::new(),
             extreme: None,
             exact: None,
+            goes_to_cells: false,
         }
     }
 
@@ -81,7 +84,9 @@ impl<'a> Area<'a> {
             Child::Void => {}
             Child::Leaf(value) => self.count(*value, share),
             // What the source has for the whole node was made by the same rule.
-            Child::Inner { representative, .. } if inside && all => self.exact = Some(*representative),
+            Child::Inner { representative, .. } if inside && all && !self.goes_to_cells => {
+                self.exact = Some(*representative);
+            }
             Child::Inner { node, .. } => {
                 let mut children = no_children();
                 self.source.children(node, &mut children)?;

@@ -326,6 +326,8 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         let visible = [visible_start, visible_end].map(|cell| DVec3::from(cell.map(|cell| cell as f64)));
         let covered = (low.max(visible[0]), high.min(visible[1]));
         let mut area = Area::new(&self.view.source, self.view.form, rule, covered);
+        // (A step to coarser cells is exact.)
+        area.goes_to_cells = self.view.source.is_approximate() && !self.view.is_level;
         for (index, child) in around.nodes.iter().enumerate() {
             area.add(child, around.coordinates(index).map(|at| at << around.size), around.size)?;
         }

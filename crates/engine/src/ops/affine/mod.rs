@@ -5,6 +5,7 @@ mod align;
 mod area;
 mod classify;
 mod draw;
+mod level;
 mod map;
 mod view;
 

@@ -55,7 +55,7 @@ pub struct View {
     /// The source's, at hand: every node asks for it.
     pub(super) form: Form,
     /// Cells of the source along each axis; the rest is VOID.
-    source_extent: [u64; 3],
+    pub(super) source_extent: [u64; 3],
     /// AffineMap from source cells to the grid in which the view has its first cell at `origin`.
     to_grid: AffineMap,
     /// The view's first cell in that grid: whole numbers. Windows move it, and leave the grid as it is.
@@ -70,6 +70,8 @@ pub struct View {
     crs: Option<Arc<Crs>>,
     /// Options for steps to grids in other coordinate systems.
     warp: WarpOptions,
+    /// Whether cells may have the numbers of a level of the source that are approximate: this is a level of another view.
+    pub(super) is_level: bool,
 }
 
 /// Maps and boxes for finding a view's cells, derived from the steps.
@@ -147,6 +149,7 @@ impl View {
             windows: Vec::new(),
             crs: None,
             warp: WarpOptions::default(),
+            is_level: false,
             sampling: Sampling::Centre,
             lookup: Lookup {
                 to_source: AffineMap::IDENTITY,
@@ -157,6 +160,31 @@ impl View {
                 shown: (DVec3::ZERO, DVec3::ZERO),
                 askew: Vec::new(),
             },
+        };
+        view.renewed()
+    }
+
+    /// Another layer of the same file as this view shows its own: on the same cells, through the same windows.
+    ///
+    /// # Errors
+    /// If the layer is that of another kind of trees, or the map cannot be inverted.
+    pub(in crate::ops) fn of_layer(&self, layer: ViewSource) -> Result<View> {
+        let (axes, depth) = (self.form.axes(), layer.depth());
+        let factor = 2f64.powi(i32::from(self.source.depth()) - i32::from(depth));
+        let to_own = AffineMap::scaling(std::array::from_fn(|axis| if axis < axes { factor } else { 1.0 }));
+        let windows = self.windows.iter().map(|(map, size)| (to_own.then(map), *size)).collect();
+        let whole = View::whole(layer)?;
+        let view = View {
+            to_grid: to_own.then(&self.to_grid),
+            origin: self.origin,
+            extent: self.extent,
+            depth: self.depth,
+            windows,
+            sampling: self.sampling,
+            crs: self.crs.clone(),
+            warp: self.warp,
+            is_level: self.is_level,
+            ..whole
         };
         view.renewed()
     }
@@ -346,6 +374,16 @@ impl View {
     pub(in crate::ops) fn resampling(self, resampling: Option<Resampling>) -> View {
         let resampling = resampling.or(self.warp.resampling);
         View { warp: WarpOptions { resampling, ..self.warp }, ..self }
+    }
+
+    /// Options for steps to grids in other coordinate systems.
+    pub(in crate::ops) fn warp(&self) -> WarpOptions {
+        self.warp
+    }
+
+    /// The way new cells get their values.
+    pub(in crate::ops) fn sampling(&self) -> Sampling {
+        self.sampling
     }
 
     /// Whether datums may be taken for WGS 84: see [`WarpOptions::allow_ballpark`].

@@ -1,0 +1,178 @@
+//! Boxes of a view's cells at any level: from a level of the source where cells of the two lie on each other, else by resampling.
+
+use super::view::{Lookup, Sampling, View};
+use crate::query::Canvas;
+use crate::tree::Source;
+use spinney_base::Result;
+use spinney_base::space::Bounds;
+use spinney_base::value::Value;
+
+/// The place of a view's level in its source.
+#[derive(Debug)]
+struct LevelPlace {
+    /// The source's level.
+    level: u8,
+    /// Cells to add to those of the view's level.
+    by: [i64; 3],
+    /// Cells of the view's level along each axis of one of the source's, as a power of two.
+    repeat: u8,
+    /// The view's cells that can be other than VOID.
+    shown: Bounds,
+}
+
+impl View {
+    /// The view with the cells of a level, which there must be.
+    pub(crate) fn at_level(&self, level: u8) -> Result<View> {
+        if level == self.depth() {
+            return Ok(self.clone());
+        }
+        let mut view = self.clone();
+        view.is_level = true;
+        view.resample(level)
+    }
+
+    /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does.
+    ///
+    /// # Errors
+    /// If the source is damaged there, or there is no such level.
+    pub(crate) fn draw_at(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        values: &mut [u8],
+        valid: &mut [bool],
+    ) -> Result<()> {
+        if let Some(place) = self.level_place(level) {
+            return self.draw_placed(&place, bounds, values, valid);
+        }
+        let view = self.at_level(level)?;
+        let mut canvas = Canvas::new(self.form, bounds, Value::ZERO, values, Some(valid))?;
+        canvas.draw(&view, view.root()?, view.depth())
+    }
+
+    /// The place of a level in the source: if cells there are cells of a level of the source, or parts of its cells, and windows hide
+    /// no part of one.
+    fn level_place(&self, level: u8) -> Option<LevelPlace> {
+        let lookup = &self.lookup;
+        let above = self.depth().checked_sub(level)?;
+        let axes = self.form.axes();
+        let (columns, to) = (lookup.to_source.to_rows(), lookup.to_source.apply([0.0; 3]));
+        let factor = columns[0][0];
+        let smaller = -factor.log2();
+        let is_power = factor > 0.0 && smaller >= 0.0 && smaller == smaller.trunc();
+        let is_scaling = (0..3).all(|row| {
+            let diagonal = if row < axes { factor } else { 1.0 };
+            (0..3).all(|column| columns[row][column] == if row == column { diagonal } else { 0.0 })
+        });
+        if !is_power || !is_scaling || !lookup.askew.is_empty() || smaller > 29.0 {
+            return None;
+        }
+        let smaller = smaller as u8;
+        // Coarser cells of the source are made by its rule.
+        let rule = self.source.header().rule;
+        if above > smaller && self.sampling != Sampling::Area(rule) {
+            return None;
+        }
+        let source_level = self.source.depth().checked_sub(above.saturating_sub(smaller))?;
+        let mut place = LevelPlace {
+            level: source_level,
+            by: [0; 3],
+            repeat: smaller.saturating_sub(above),
+            shown: Bounds { min: [0; 3], max: [1; 3] },
+        };
+        for (axis, offset) in to.into_iter().enumerate().take(axes) {
+            let (by, start, end) = self.axis_place(axis, offset, (above, smaller))?;
+            (place.by[axis], place.shown.min[axis], place.shown.max[axis]) = (by, start, end);
+        }
+        Some(place)
+    }
+
+    /// Along an axis, cells to add to those of a level so many levels above the view's cells, and the first and the end of those
+    /// that can be other than VOID. The view begins `offset` source cells behind the source, whose cells are `2^smaller` as large.
+    fn axis_place(&self, axis: usize, offset: f64, (above, smaller): (u8, u8)) -> Option<(i64, u64, u64)> {
+        let Lookup { visible, shown, .. } = &self.lookup;
+        let by = offset * (1u64 << smaller) as f64;
+        if by != by.round() || by.abs() > 1e12 {
+            return None;
+        }
+        let by = by as i64;
+        let to_view = |cell: i64| (cell << smaller) - by;
+        let start = to_view(visible.0[axis]).max(shown.0[axis] as i64);
+        let content_end = to_view(visible.1[axis]);
+        let end = content_end.min(shown.1[axis] as i64).max(start);
+        // (What is behind the source's picture is VOID, and no part of a cell's value.)
+        let ends_with_source = visible.1[axis] == self.source_extent[axis] as i64 && end == content_end;
+        let side = 1i64 << above;
+        let is_whole = |cell: i64| cell & (side - 1) == 0;
+        if !is_whole(by) || !is_whole(start) || !(is_whole(end) || ends_with_source) {
+            return None;
+        }
+        Some((
+            by >> above,
+            u64::try_from(start >> above).ok()?,
+            u64::try_from((end + side - 1) >> above).ok()?,
+        ))
+    }
+
+    fn draw_placed(
+        &self,
+        place: &LevelPlace,
+        bounds: &Bounds,
+        values: &mut [u8],
+        valid: &mut [bool],
+    ) -> Result<()> {
+        let inside = bounds.intersect(&place.shown);
+        let axes = self.form.axes();
+        let there = |cell: [u64; 3], axis: usize| (cell[axis] as i64 + place.by[axis]) as u64 >> place.repeat;
+        let mut from = Bounds { min: [0; 3], max: [1; 3] };
+        for axis in 0..axes {
+            if inside.min[axis] >= inside.max[axis] {
+                valid.fill(false);
+                return Ok(());
+            }
+            from.min[axis] = there(inside.min, axis);
+            from.max[axis] = there(inside.max.map(|cell| cell - 1), axis) + 1;
+        }
+        if inside == *bounds && place.repeat == 0 {
+            return self.source.draw_at(place.level, &from, values, valid);
+        }
+        let width = self.form.width();
+        let cells = from.volume() as usize;
+        let (mut source_values, mut source_valid) = (vec![0; cells * width], vec![false; cells]);
+        self.source.draw_at(place.level, &from, &mut source_values, &mut source_valid)?;
+        valid.fill(false);
+        let ([columns, rows, _], [source_columns, source_rows, _]) = (bounds.size(), from.size());
+        for z in inside.min[2]..inside.max[2] {
+            for y in inside.min[1]..inside.max[1] {
+                let first = [inside.min[0], y, z];
+                let step = |axis: usize| {
+                    let there = if axis < axes { there(first, axis) } else { 0 };
+                    there - from.min[axis]
+                };
+                let source = ((step(2) * source_rows + step(1)) * source_columns) as usize;
+                let [x, y, z] = [0, 1, 2].map(|axis| first[axis] - bounds.min[axis]);
+                let to = ((z * rows + y) * columns + x) as usize;
+                let length = (inside.max[0] - inside.min[0]) as usize;
+                if place.repeat == 0 {
+                    valid[to..to + length].copy_from_slice(&source_valid[source..source + length]);
+                    values[to * width..(to + length) * width]
+                        .copy_from_slice(&source_values[source * width..(source + length) * width]);
+                    continue;
+                }
+                // Cells of the source begin so many cells before the first.
+                let phase = (first[0] as i64 + place.by[0]) as usize & ((1 << place.repeat) - 1);
+                for (step, (valid, value)) in valid[to..]
+                    .iter_mut()
+                    .zip(values[to * width..].chunks_exact_mut(width))
+                    .take(length)
+                    .enumerate()
+                {
+                    let source = source + ((phase + step) >> place.repeat);
+                    *valid = source_valid[source];
+                    value.copy_from_slice(&source_values[source * width..(source + 1) * width]);
+                }
+            }
+        }
+        Ok(())
+    }
+}

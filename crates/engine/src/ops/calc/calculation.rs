@@ -1,0 +1,198 @@
+//! Calculations as steps of views: `calc=(b2-b1)/(b2+b1),type=f32`, `reduce=median,a=x.goblin`.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use super::expression::{Expression, Reducer};
+use super::parse::{parse, quoted};
+use super::source::Calculated;
+use crate::ops::affine::View;
+use spinney_base::value::SampleType;
+use spinney_base::{Error, Result};
+
+/// A calculation with the cells of a tree, and of files that lie on its grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calculation {
+    pub(super) formula: Formula,
+    /// Files by the names that the expression has for them.
+    pub(super) files: Vec<(String, PathBuf)>,
+    /// The type of the result; f32 if none is asked for.
+    pub(super) sample: Option<SampleType>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Formula {
+    /// An expression, and its text.
+    Expression { expression: Expression, text: String },
+    /// One number of all channels of all layers and files.
+    Reduction(Reducer),
+}
+
+impl Calculation {
+    /// Reads an expression with what follows it, as it stands behind `calc=`.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn parse(text: &str) -> Result<Calculation> {
+        let (expression, rest) = split_expression(text)?;
+        let formula = Formula::Expression { expression: parse(expression)?, text: expression.trim().into() };
+        Calculation::with_options(formula, rest)
+    }
+
+    /// Reads a reduction with what follows it, as it stands behind `reduce=`.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn parse_reduction(text: &str) -> Result<Calculation> {
+        let (name, rest) = text.split_once(',').map_or((text, None), |(name, rest)| (name, Some(rest)));
+        let names = Reducer::ALL.map(Reducer::name).join(", ");
+        let reducer = Reducer::named(name.trim());
+        let reducer = reducer.ok_or_else(|| Error::invalid("reduce", format!("`{name}`"), names))?;
+        Calculation::with_options(Formula::Reduction(reducer), rest)
+    }
+
+    fn with_options(formula: Formula, rest: Option<&str>) -> Result<Calculation> {
+        let mut calculation = Calculation { formula, files: Vec::new(), sample: None };
+        let mut rest = rest;
+        while let Some(text) = rest {
+            let wrong =
+                |expected: &str| Error::invalid("calculation", format!("`{text}` behind it"), expected);
+            let expected = "NAME=FILE, or type=u8, u16, i16, u32, i32, f32 or f64";
+            let (name, more) = text.split_once('=').ok_or_else(|| wrong(expected))?;
+            let (value, behind) =
+                argument(more).ok_or_else(|| wrong("a file name between quotation marks, and a comma"))?;
+            let name = name.trim();
+            if name == "type" {
+                let sample = SampleType::ALL.into_iter().find(|sample| sample.name() == value);
+                calculation.sample = Some(sample.ok_or_else(|| wrong(expected))?);
+            } else if !is_name(name) || value.is_empty() {
+                return Err(wrong(expected));
+            } else if calculation.files.iter().any(|(other, _)| other == name) {
+                return Err(wrong("another name for another file"));
+            } else {
+                calculation.files.push((name.into(), value.into()));
+            }
+            rest = behind;
+        }
+        Ok(calculation)
+    }
+
+    /// The files that it reads besides the one that it is done to.
+    pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.files.iter().map(|(_, path)| path)
+    }
+
+    /// A view of the results: of what the names stand for in a view, and in the files.
+    ///
+    /// # Errors
+    /// If a name stands for nothing, or a file cannot be read or lies on another grid.
+    pub(in crate::ops) fn apply(&self, view: View) -> Result<View> {
+        Calculated::new(self, &view)?.into_view(&view)
+    }
+}
+
+/// The expression, which may stand between single quotation marks, up to the first comma outside of parentheses; and what is behind that.
+fn split_expression(text: &str) -> Result<(&str, Option<&str>)> {
+    if let Some(rest) = text.strip_prefix('\'') {
+        let wrong = |found: &str| {
+            Error::invalid("calculation", found, "an expression between two ', and a comma behind it")
+        };
+        let (expression, behind) = rest.split_once('\'').ok_or_else(|| wrong("one ' alone"))?;
+        let more = behind.strip_prefix(',');
+        let is_end = behind.is_empty() || more.is_some();
+        return is_end.then_some((expression, more)).ok_or_else(|| wrong(behind));
+    }
+    let (mut depth, mut at) = (0usize, 0);
+    let bytes = text.as_bytes();
+    while at < bytes.len() {
+        match bytes[at] {
+            b'(' => depth += 1,
+            b')' => depth = depth.saturating_sub(1),
+            b',' if depth == 0 => return Ok((&text[..at], Some(&text[at + 1..]))),
+            // (One without an end is told of by the parser.)
+            b'"' => at += quoted(&text[at..]).map_or(bytes.len(), |(length, _)| length) - 1,
+            _ => {}
+        }
+        at += 1;
+    }
+    Ok((text, None))
+}
+
+/// What stands before the first comma, or between quotation marks, and what is behind the comma.
+fn argument(text: &str) -> Option<(String, Option<&str>)> {
+    if text.starts_with(['"', '\'']) {
+        let (length, value) = quoted(text)?;
+        let behind = &text[length..];
+        let more = behind.strip_prefix(',');
+        return (behind.is_empty() || more.is_some()).then_some((value, more));
+    }
+    Some(text.split_once(',').map_or((text.into(), None), |(value, rest)| (value.into(), Some(rest))))
+}
+
+/// Whether a text is a name as expressions have them without quotation marks.
+fn is_name(text: &str) -> bool {
+    text.starts_with(|first: char| first.is_alphabetic() || first == '_')
+        && text.chars().all(|character| character.is_alphanumeric() || character == '_')
+        && !["and", "or", "not"].contains(&text)
+}
+
+/// The text of the step, which is read as the same.
+impl fmt::Display for Calculation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.formula {
+            Formula::Expression { text, .. } => write!(f, "calc={text}")?,
+            Formula::Reduction(reducer) => write!(f, "reduce={}", reducer.name())?,
+        }
+        for (name, path) in &self.files {
+            let path = path.display().to_string();
+            if path.contains(',') || path.starts_with(['"', '\'']) {
+                write!(f, ",{name}=\"{}\"", path.replace('"', "\"\""))?;
+            } else {
+                write!(f, ",{name}={path}")?;
+            }
+        }
+        self.sample.map_or(Ok(()), |sample| write!(f, ",type={}", sample.name()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_read_as_they_are_written() {
+        for (text, usual) in [
+            ("'(b2-b1)/(b2+b1)'", "calc=(b2-b1)/(b2+b1)"),
+            (" where(a>1,a,0) ,a=x.goblin,type=u8", "calc=where(a>1,a,0),a=x.goblin,type=u8"),
+            (
+                "'a*\"b,c\"',type=f64,a=\"x, \"\"y\"\".goblin\"",
+                "calc=a*\"b,c\",a=\"x, \"\"y\"\".goblin\",type=f64",
+            ),
+            ("a,a='it''s, x'", "calc=a,a=\"it's, x\""),
+        ] {
+            let calculation = Calculation::parse(text).unwrap();
+            assert_eq!(calculation.to_string(), usual);
+            assert_eq!(Calculation::parse(usual.strip_prefix("calc=").unwrap()).unwrap(), calculation);
+        }
+        let median = Calculation::parse_reduction("median,type=u16").unwrap();
+        assert_eq!(median.to_string(), "reduce=median,type=u16");
+    }
+
+    #[test]
+    fn what_is_behind_an_expression_is_checked() {
+        for (text, expected) in [
+            ("a,b", "NAME=FILE"),
+            ("a,type=u7", "type=u8"),
+            ("a,a=", "NAME=FILE"),
+            ("a,a=x,a=y", "another name"),
+            ("a,1=x", "NAME=FILE"),
+            ("a,a=\"x", "between quotation marks"),
+            ("'a", "between two '"),
+            ("'a'b", "between two '"),
+        ] {
+            let error = Calculation::parse(text).unwrap_err().to_string();
+            assert!(error.contains(expected), "{text}: {error}");
+        }
+        assert!(Calculation::parse_reduction("sum").unwrap_err().to_string().contains("median, mean"));
+    }
+}

@@ -1,0 +1,359 @@
+//! The tree that a calculation makes of others.
+
+use std::sync::Arc;
+
+use super::block::{BLOCK_LEVELS, Blocks};
+use super::calculation::Calculation;
+use super::kernel::{Machine, settle, store, value_of};
+use super::operands::{Operands, resolve};
+use crate::ops::affine::{Sampling, View};
+use crate::ops::view_source::ViewSource;
+use crate::store::depth_for;
+use crate::tree::{CellBlock, Child, Children, Source, no_children};
+use spinney_base::Form;
+use spinney_base::space::{Bounds, Code, Dimension};
+use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney_base::{Progress, Result};
+use spinney_container::{Codec, Header, Metadata, Shape};
+
+/// A tree whose cells are computed from those of other trees on its grid: nothing is before somebody asks for it.
+///
+/// A node is settled where its operands' nodes tell its value; else blocks of cells are read as rows, and computed strip by strip in f64. A level
+/// above the cells is computed from the numbers that its operands have there, which is not what the cells' results have as their mean:
+/// see [`Dataset::is_approximate`](crate::dataset::Dataset::is_approximate). Memory: some megabytes of samples for each part at work, and
+/// sixteen blocks for those who walk nodes.
+pub struct Calculated {
+    operands: Operands,
+    header: Header,
+    metadata: Metadata,
+    remarks: Vec<String>,
+    blocks: Blocks,
+}
+
+/// Bytes of samples that are read at a time, about.
+const PIECE_BYTES: u64 = 2 << 20;
+/// Cells that are read at a time, at most and at least, whatever they take.
+const PIECE_CELLS: [u64; 2] = [1 << 16, 1 << 10];
+/// Levels below the blocks that are handed out as cells, in quadtrees and octrees: those that files are built of.
+const MOST_LEVELS: [u8; 2] = [8, 6];
+
+fn of_dimension(dimension: Dimension, of: [u8; 2]) -> u8 {
+    of[usize::from(dimension == Dimension::Oct)]
+}
+
+impl Calculated {
+    /// The tree of a calculation with a view.
+    ///
+    /// # Errors
+    /// If a name stands for nothing, or a file cannot be read or lies on another grid.
+    pub(super) fn new(calculation: &Calculation, view: &View) -> Result<Calculated> {
+        let operands = resolve(calculation, view)?;
+        let first = &operands.trees[0];
+        let source = first.source();
+        let used = || operands.operands.iter().map(|operand| &operands.trees[operand.tree]);
+        let sample = calculation.sample.unwrap_or(SampleType::F32);
+        // Whole numbers made of nothing but classes are classes.
+        let is_class = |view: &View| view.source().header().kind == Kind::Categorical;
+        let is_classes = !sample.is_float() && used().next().is_some() && used().all(is_class);
+        let kind = if is_classes { Kind::Categorical } else { Kind::Continuous };
+        let rule = match source.header().rule {
+            rule @ (Rule::Min | Rule::Max | Rule::Nearest) if !is_classes => rule,
+            _ => kind.default_rule(),
+        };
+        let header = Header {
+            form: Form::new(first.form().dimension, ValueType::new(sample, 1)),
+            rule,
+            kind,
+            codec: Codec::Plain,
+            shape: Shape { depth: first.depth(), ..source.header().shape },
+            extent: first.extent(),
+        };
+        let own = first.metadata(false);
+        let remarks = left_out(&own);
+        let mut provenance = own.provenance;
+        provenance.push(calculation.to_string());
+        // What is said of the values is not said of what is made of them.
+        let metadata = Metadata {
+            frame: own.frame,
+            control_points: own.control_points,
+            tags: own.tags,
+            provenance,
+            ..Metadata::default()
+        };
+        Ok(Calculated { operands, header, metadata, remarks, blocks: Blocks::default() })
+    }
+
+    /// A view of all of it, which does what the one that it was made of does.
+    pub(super) fn into_view(self, of: &View) -> Result<View> {
+        let (rule, sampling) = (self.header.rule, of.sampling());
+        let (extent, depth) = (self.header.extent, self.header.depth());
+        let view = View::new(Arc::new(self.into()), extent)?.warping(of.warp());
+        let view = if depth > depth_for(extent) { view.deepened(depth)? } else { view };
+        match sampling {
+            Sampling::Centre => Ok(view),
+            Sampling::Area(_) => view.sampled(Sampling::Area(rule)),
+        }
+    }
+
+    /// What the calculation is done to.
+    pub fn source(&self) -> &ViewSource {
+        self.operands.trees[0].source()
+    }
+
+    /// The header of a file of the tree.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The metadata of a file of the tree: the place in the world is what the calculation is done to has, colours and names it has none.
+    pub fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// Remarks on what the source has, and the results have not.
+    pub(in crate::ops) fn remarks(&self) -> &[String] {
+        &self.remarks
+    }
+
+    /// Hands the remarks on the files to whoever waits for the work.
+    pub(in crate::ops) fn tell_remarks(&self, progress: &dyn Progress) {
+        self.operands.trees.iter().for_each(|tree| tree.source().tell_remark(progress));
+    }
+
+    /// Cells of what the calculation is done to that are not VOID.
+    pub(in crate::ops) fn cells_before(&self) -> Result<u64> {
+        self.source().cells_before()
+    }
+
+    pub(super) fn block_level(&self) -> u8 {
+        self.header.depth().saturating_sub(of_dimension(self.header.form.dimension, BLOCK_LEVELS))
+    }
+
+    /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does, from the numbers that the operands have at that level.
+    ///
+    /// # Errors
+    /// If a tree is damaged there.
+    pub(in crate::ops) fn draw_at(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        values: &mut [u8],
+        valid: &mut [bool],
+    ) -> Result<()> {
+        valid.fill(false);
+        let above = self.header.depth() - level;
+        let picture = Bounds::picture(self.header.extent.map(|cells| cells.div_ceil(1 << above)));
+        let inside = bounds.intersect(&picture);
+        if inside.is_empty() {
+            return Ok(());
+        }
+        let each: u64 = self.operands.trees.iter().map(|tree| tree.form().width() as u64 + 1).sum();
+        let most = (PIECE_BYTES / each).clamp(PIECE_CELLS[1], PIECE_CELLS[0]);
+        let mut painter = Painter {
+            operands: &self.operands,
+            sample: self.header.form.value.sample,
+            machine: Machine::new(&self.operands.expression, self.operands.operands.len(), inside.volume()),
+            read: self.operands.trees.iter().map(|_| (Vec::new(), Vec::new())).collect(),
+            level,
+            bounds,
+            values,
+            valid,
+        };
+        let mut pending = vec![inside];
+        while let Some(piece) = pending.pop() {
+            if piece.volume() <= most {
+                painter.paint(&piece)?;
+            } else {
+                pending.extend(halves(&piece));
+            }
+        }
+        Ok(())
+    }
+
+    /// The numbers of the operands at a node, where they are known: those of cells that are alike, and of VOID ones.
+    fn known(&self, code: Code) -> Result<Vec<Option<f64>>> {
+        let nodes: Result<Vec<Option<Option<Value>>>> =
+            self.operands.trees.iter().map(|tree| uniform(tree, code)).collect();
+        let nodes = nodes?;
+        let number = |operand: usize| {
+            let (value_type, channel) = self.operands.channel(operand);
+            let value = nodes[self.operands.operands[operand].tree]?;
+            let value = value.filter(|value| value_type.present(*value)[channel]);
+            Some(value.map_or(f64::NAN, |value| value_type.samples(value)[channel]))
+        };
+        Ok((0..self.operands.operands.len()).map(number).collect())
+    }
+
+    /// A node above the level of blocks, or at it, with a representative that is given for INNER ones.
+    fn node(&self, code: Code, representative: Value) -> Result<Child<Code>> {
+        let (cells, picture) = (code.bounds(self.header.depth()), self.header.picture());
+        if cells.intersect(&picture).is_empty() {
+            return Ok(Child::Void);
+        }
+        match settle(&self.operands.expression, &self.known(code)?) {
+            Some(number) if number.is_nan() => Ok(Child::Void),
+            // (Beyond the picture all is VOID.)
+            Some(number) if picture.contains(&cells) => {
+                Ok(Child::uniform(value_of(self.header.form.value.sample, number)))
+            }
+            _ => Ok(Child::Inner { representative, node: code }),
+        }
+    }
+}
+
+/// What a tree has that its cells' results have not.
+fn left_out(metadata: &Metadata) -> Vec<String> {
+    let parts = [
+        ("colours", metadata.palette.is_some()),
+        ("names of classes", !metadata.class_names.is_empty()),
+        ("names of bands", metadata.band_names.iter().any(|name| !name.is_empty())),
+        ("scale and offset (numbers are as they are stored)", !metadata.scale_offset.is_empty()),
+        ("units", metadata.units.iter().any(|unit| !unit.is_empty())),
+    ];
+    let left: Vec<&str> = parts.into_iter().filter(|(_, is_there)| *is_there).map(|(what, _)| what).collect();
+    if left.is_empty() {
+        return Vec::new();
+    }
+    vec![format!("{} are of what is calculated with: the result has none", left.join(", "))]
+}
+
+/// The value that all cells of a node have (`None` is VOID), where its own state or that of one above it tells.
+fn uniform(tree: &View, code: Code) -> Result<Option<Option<Value>>> {
+    let (mut child, mut children) = (tree.root()?, no_children());
+    for level in 0..code.level() {
+        let Child::Inner { node, .. } = &child else { break };
+        tree.children(node, &mut children)?;
+        child = std::mem::take(&mut children[code.step(level)]);
+    }
+    Ok(match child {
+        Child::Void => Some(None),
+        Child::Leaf(value) => Some(Some(value)),
+        Child::Inner { .. } => None,
+    })
+}
+
+/// The two parts of a box along its longest axis, cut where nodes as large as possible meet.
+fn halves(bounds: &Bounds) -> [Bounds; 2] {
+    let size = bounds.size();
+    let axis = (0..3).max_by_key(|axis| size[*axis]).unwrap_or(0);
+    let (first, last) = (bounds.min[axis], bounds.max[axis] - 1);
+    let middle = last >> (first ^ last).ilog2() << (first ^ last).ilog2();
+    let (mut low, mut high) = (*bounds, *bounds);
+    (low.max[axis], high.min[axis]) = (middle, middle);
+    [high, low]
+}
+
+/// Computes the cells of a box, piece by piece.
+struct Painter<'a> {
+    operands: &'a Operands,
+    sample: SampleType,
+    machine: Machine<'a>,
+    /// Values of a piece, and which of them there are, of each tree.
+    read: Vec<(Vec<u8>, Vec<bool>)>,
+    level: u8,
+    bounds: &'a Bounds,
+    values: &'a mut [u8],
+    valid: &'a mut [bool],
+}
+
+impl Painter<'_> {
+    fn paint(&mut self, piece: &Bounds) -> Result<()> {
+        let cells = piece.volume() as usize;
+        for (tree, (bytes, valid)) in self.operands.trees.iter().zip(&mut self.read) {
+            bytes.resize(cells * tree.form().width(), 0);
+            valid.resize(cells, false);
+            tree.draw_at(self.level, piece, bytes, valid)?;
+        }
+        let [width, height, _] = piece.size().map(|cells| cells as usize);
+        let [columns, rows, _] = self.bounds.size().map(|cells| cells as usize);
+        let [x, y, z] = [0, 1, 2].map(|axis| (piece.min[axis] - self.bounds.min[axis]) as usize);
+        // The box's rows are one run where the piece has all of them; else a run is a row.
+        let is_one_run = width == columns && (height == rows || piece.size()[2] == 1);
+        let run = if is_one_run { cells } else { width };
+        for first in (0..cells).step_by(run) {
+            let (row, layer) = (first / width % height, first / width / height);
+            let to = ((z + layer) * rows + y + row) * columns + x;
+            for start in (0..run).step_by(self.machine.length()) {
+                let count = self.machine.length().min(run - start);
+                self.strip(first + start, to + start, count);
+            }
+        }
+        Ok(())
+    }
+
+    /// Computes so many cells of the piece, from one on, to a place of the box.
+    fn strip(&mut self, from: usize, to: usize, count: usize) {
+        for operand in 0..self.operands.operands.len() {
+            let channel = self.operands.channel(operand);
+            let (bytes, valid) = &self.read[self.operands.operands[operand].tree];
+            let width = channel.0.size();
+            let bytes = &bytes[from * width..(from + count) * width];
+            self.machine.load(operand, channel, bytes, &valid[from..from + count]);
+        }
+        let size = self.sample.size();
+        let values = &mut self.values[to * size..(to + count) * size];
+        store(self.sample, self.machine.run(count), values, &mut self.valid[to..to + count]);
+    }
+}
+
+impl Source for Calculated {
+    type Node = Code;
+
+    fn form(&self) -> Form {
+        self.header.form
+    }
+
+    fn depth(&self) -> u8 {
+        self.header.depth()
+    }
+
+    fn root(&self) -> Result<Child<Code>> {
+        let root = Code::root(self.header.form.dimension);
+        let bounds = Bounds { min: [0; 3], max: [1; 3] };
+        let mut value = vec![0; self.header.form.width()];
+        let mut valid = [false];
+        self.draw_at(0, &bounds, &mut value, &mut valid)?;
+        let value = valid[0].then(|| Value::from_bytes(&value));
+        if self.header.depth() == 0 {
+            return Ok(Child::uniform(value));
+        }
+        self.node(root, value.unwrap_or_default())
+    }
+
+    fn children(&self, node: &Code, children: &mut Children<Code>) -> Result<()> {
+        if node.level() >= self.block_level() {
+            return self.blocks.children(self, *node, children);
+        }
+        let form = self.header.form;
+        let cell = node.cell().map(|cell| 2 * u64::from(cell));
+        let end = |axis: usize| if axis < form.axes() { cell[axis] + 2 } else { 1 };
+        let bounds = Bounds { min: cell, max: std::array::from_fn(end) };
+        let (mut values, mut valid) = ([0; 8 * 16], [false; 8]);
+        let (values, valid) = (&mut values[..form.children() * form.width()], &mut valid[..form.children()]);
+        self.draw_at(node.level() + 1, &bounds, values, valid)?;
+        for (step, child) in children[..form.children()].iter_mut().enumerate() {
+            let value = Value::from_bytes(&values[step * form.width()..(step + 1) * form.width()]);
+            *child = self.node(node.child(step), if valid[step] { value } else { Value::ZERO })?;
+        }
+        Ok(())
+    }
+
+    fn cells(&self, node: &Code, levels: u8) -> Result<Option<CellBlock>> {
+        if levels > of_dimension(self.header.form.dimension, MOST_LEVELS) {
+            return Ok(None);
+        }
+        let bounds = node.bounds(self.header.depth());
+        let mut block = CellBlock::void(bounds.volume() as usize, self.header.form.width());
+        self.draw_at(self.header.depth(), &bounds, &mut block.values, &mut block.present)?;
+        Ok(Some(block))
+    }
+
+    fn draw(&self, bounds: &Bounds, values: &mut [u8], valid: &mut [bool]) -> Result<bool> {
+        self.draw_at(self.header.depth(), bounds, values, valid)?;
+        Ok(true)
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        self.operands.trees.iter().try_for_each(View::check_unchanged)
+    }
+}
