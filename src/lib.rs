@@ -286,7 +286,7 @@ pub mod export {
     #[cfg(feature = "raster")]
     pub use spinney_raster::{
         ArrayRequest, CogCompression, CogRequest, CogSummary, Detail, LegendFormat, TakeRows, WindowRequest,
-        export_array, export_cog, export_legend, export_window, fill_for, void_number, window_rows,
+        export_array, export_cog, export_layers, export_legend, export_window, fill_for, void_number, window_rows,
     };
     #[cfg(feature = "render")]
     pub use spinney_render::{CameraProjection, RenderRequest, render, render_exact};

@@ -8,10 +8,12 @@ use spinney::dataset::Dataset;
 use spinney::import::cells::CellList;
 use spinney::import::raster::{self, ImportOptions};
 use spinney::io::Output;
-use spinney::ops::{Chain, Edit, FillRegion, Prefer, Step, apply_edits};
+use spinney::ops::{
+    Chain, Edit, FillRegion, Prefer, Step, add_layer, apply_edits, drop_layer, only_layer,
+};
 use spinney::space::{Bounds, Code, Coordinates, Polygon};
 use spinney::store::autumnal::Editor;
-use spinney::store::file_is_tree;
+use spinney::store::{FilePlace, TreeFormat, file_is_tree};
 use spinney::value::Number;
 
 use super::args::{
@@ -29,7 +31,7 @@ use super::{Global, open};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// The Autumnal file
+    /// The Autumnal file; add-layer and drop-layer also take Goblin files, which are written anew
     file: PathBuf,
     #[command(subcommand)]
     change: Change,
@@ -42,6 +44,8 @@ Examples:
   spinney edit map.autumn paste tile.goblin --at 4096,512
   spinney edit map.autumn set cells.csv
   spinney edit part.autumn apply a-b drill.goblin
+  spinney edit stack.autumn:B08 fill --window 0,0,64,64 --void
+  spinney edit stack.goblin add-layer ndvi.goblin
   spinney log map.autumn
   spinney revert map.autumn 3";
 
@@ -52,6 +56,8 @@ enum Change {
     Fill(Box<Fill>),
     Set(Set),
     Apply(Apply),
+    AddLayer(AddLayer),
+    DropLayer(DropLayer),
 }
 
 /// Put another tree or a picture over a part of it
@@ -118,8 +124,64 @@ struct Apply {
     options: CommitOptions,
 }
 
+/// Add a tree as a layer: one that lies on the file's cells, or on 2, 4, 8 ... of them
+#[derive(clap::Args)]
+struct AddLayer {
+    /// Tree file whose cells become the layer
+    tree: PathBuf,
+    /// The layer's name [default: that of the tree's layer, or of its file]
+    #[arg(long)]
+    name: Option<String>,
+    /// See the tree through a step of `transform`; may be given several times
+    #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
+    steps: Vec<Step>,
+    #[command(flatten)]
+    options: CommitOptions,
+}
+
+/// Take a layer out of the file
+#[derive(clap::Args)]
+struct DropLayer {
+    /// The layer, by its name or its number from 0
+    name: String,
+    #[command(flatten)]
+    options: CommitOptions,
+}
+
+/// Adds or drops a layer.
+fn change_layers(file: &Path, change: &Change, global: &Global) -> Result<()> {
+    let options = change.options();
+    let work = Work::start(global, "cells")?;
+    let commit = match change {
+        Change::AddLayer(AddLayer { tree, name, steps, .. }) => {
+            let place = FilePlace::of(tree);
+            let stem = place.file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+            let name = name.clone().or(place.layer.clone()).or(stem).unwrap_or_default();
+            let chain = Chain { steps: steps.clone(), ..Chain::of(tree) };
+            only_layer(tree)?;
+            let note = options.note(format!("Add layer {name} of {}", tree.display()));
+            add_layer(file, &name, &chain, note, options.memory.bytes, &work)?
+        }
+        Change::DropLayer(DropLayer { name, .. }) => {
+            let note = options.note(format!("Drop layer {name}"));
+            drop_layer(file, name, note, options.memory.bytes, &work)?
+        }
+        _ => None,
+    };
+    work.finish();
+    match (&commit, open(file)?.format()) {
+        (None, TreeFormat::Goblin) => global.report("output", format_args!("{}", file.display())),
+        _ => report_commit(global, commit.as_ref()),
+    }
+    Ok(())
+}
+
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let Args { file, change } = args;
+    if matches!(change, Change::AddLayer(_) | Change::DropLayer(_)) {
+        return change_layers(&file, &change, global);
+    }
+    only_layer(&file)?;
     let options = change.options().clone();
     let memory = options.memory.bytes;
     ensure!(
@@ -160,6 +222,7 @@ impl Change {
             Change::Fill(fill) => &fill.options,
             Change::Paste(Paste { options, .. }) => options,
             Change::Set(Set { options, .. }) | Change::Apply(Apply { options, .. }) => options,
+            Change::AddLayer(AddLayer { options, .. }) | Change::DropLayer(DropLayer { options, .. }) => options,
         }
     }
 
@@ -168,7 +231,8 @@ impl Change {
         match self {
             Change::Paste(paste) => Some(&paste.patch),
             Change::Apply(apply) => Some(&apply.other),
-            Change::Fill(_) | Change::Set(_) => None,
+            Change::AddLayer(change) => Some(&change.tree),
+            Change::Fill(_) | Change::Set(_) | Change::DropLayer(_) => None,
         }
     }
 
@@ -199,6 +263,7 @@ impl Change {
                 let message = format!("Apply {} of {}", name.0, other.display());
                 (Edit::Apply(operation, other), message)
             }
+            Change::AddLayer(_) | Change::DropLayer(_) => unreachable!("layers are changed as a whole"),
         };
         Ok((Box::new(std::iter::once(Ok(edit))), message))
     }

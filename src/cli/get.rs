@@ -2,10 +2,10 @@
 
 use std::time::Instant;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use spinney::dataset::Dataset;
 use spinney::export::image::Format;
-use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
+use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_layers, export_window};
 use spinney::io::Output;
 use spinney::ops::WarpGrid;
 use spinney::space::{Bounds, web_mercator_depth};
@@ -32,7 +32,8 @@ const EXAMPLES: &str = "Examples:
   spinney get house.goblin solid.npy --level 7
   spinney get house.goblin door.npy --window 100,40,0,64,64,32
 
-The output is a picture or an array, by its name: .png, .tif, .exr, .npy or .raw.
+The output is a picture or an array, by its name: .png, .tif, .exr, .npy or .raw. Several layers are bands
+of a .tif, .npy or .raw file, on the grid of the one with the smallest cells.
 
 A slice across x or y has columns along y or x, and rows along z: pictures have the highest at the
 top, arrays the lowest first. Its --window counts so, too. An octree without --slice is an array of
@@ -86,11 +87,15 @@ fn parse_range(text: &str) -> Result<[f64; 2], String> {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    let tree = args.tree.open()?;
     let start = Instant::now();
+    let trees = args.tree.open_all()?;
     let path = args.output.path();
     let format = picture_format(path, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw")?;
     check_output([args.tree.file.as_path()], path)?;
+    let tree = match <[Dataset; 1]>::try_from(trees) {
+        Ok([tree]) => tree,
+        Err(trees) => return layers(args, trees, format, global, start),
+    };
     let coordinates = args.part.coordinates();
     let places_something = args.part.is_given() || args.slice.is_some();
     ensure!(coordinates.given().is_none() || places_something, "--in is for --window and --slice");
@@ -153,6 +158,52 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let detail =
         if args.size.is_some() { String::new() } else { format!(", level {level} of {}", tree.depth()) };
     global.report("pixels", format_args!("{} x {}{detail}", pixels.0, pixels.1));
+    report_output(global, path, start);
+    Ok(())
+}
+
+/// Writes several layers as bands of one picture or array.
+fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, start: Instant) -> Result<()> {
+    let path = args.output.path();
+    ensure!(
+        args.style.is_none() && args.range.is_none() && format != Format::Png,
+        "--style, --range and .png are for one layer (--layer NAME); several are written to .tif, .npy and .raw"
+    );
+    ensure!(args.slice.is_none(), "--slice: is for one layer (--layer NAME)");
+    // All on the grid of the one with the smallest cells.
+    let depth = trees.iter().map(Dataset::depth).max().unwrap_or(0);
+    let finest = trees.iter().position(|tree| tree.depth() == depth).unwrap_or(0);
+    let names: Vec<String> = trees.iter().map(|tree| tree.metadata().name.clone()).collect();
+    ensure!(
+        trees.iter().all(|tree| tree.depth() == depth) || !args.tree.is_viewed(),
+        "--view: layers of different cells are seen one by one (--layer NAME)"
+    );
+    let trees = match trees.iter().all(|tree| tree.depth() == depth) {
+        true => trees,
+        false => names.iter().map(|name| trees[finest].aligned_layer(name)).collect::<spinney::Result<_>>()?,
+    };
+    let tree = &trees[finest];
+    ensure!(tree.header().form.axes() == 2, "an octree's layers are written one by one (--layer NAME)");
+    let boxes = args.part.slice_boxes(tree, 2)?;
+    let bounds = match boxes.as_deref() {
+        None => picture(tree, global)?,
+        Some([one]) => *one,
+        Some(_) => bail!("--window: a part across the seam is written layer by layer (--layer NAME)"),
+    };
+    let level = level_of(tree, args.level)?;
+    let [columns, rows] = [0, 1].map(|axis| bounds.size()[axis]);
+    let detail = match args.size.map(|size| size.of(columns, rows)) {
+        Some((width, height)) if args.exact => Detail::Exact(width, height),
+        Some((width, height)) => Detail::Size(width, height),
+        None => Detail::Level(level),
+    };
+    let mut request = WindowRequest::new(bounds, detail);
+    request.nodata = args.nodata;
+    let progress = Work::start(global, "pixels")?;
+    export_layers(&trees, &request, Output::create(path)?, format, &progress)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    progress.finish();
+    global.report("layers", format_args!("{}", names.join(", ")));
     report_output(global, path, start);
     Ok(())
 }

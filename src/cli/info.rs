@@ -8,8 +8,10 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::ChannelStatistics;
 use spinney::space::{Crs, Frame};
-use spinney::store::{LevelCounts, Metadata, TagScope};
+use spinney::ops::LayerInfo;
+use spinney::store::{FilePlace, LevelCounts, Metadata, TagScope};
 
+use super::args::LayerOption;
 use super::report::statistics::{channels_as_json, class_as_json};
 use super::report::unit::{behind_number, unit};
 use super::report::{commit, print_json, print_text};
@@ -25,6 +27,8 @@ const EXAMPLES: &str = "Examples:
 pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
+    #[command(flatten)]
+    layer: LayerOption,
     /// Count the nodes of each level also where that takes long: in .autumn files of more than 4 million records
     #[arg(long)]
     levels: bool,
@@ -39,7 +43,15 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         exact::info(&model, args.json)?;
         return Ok(model.check_unchanged()?);
     }
-    let tree = open(&args.file)?;
+    let tree = open(&args.layer.paths(&args.file)?[0])?;
+    let layers = tree.layers()?;
+    if layers.len() > 1 && !args.layer.is_given() && FilePlace::of(&args.file).layer.is_none() {
+        match args.json {
+            true => print_json(&layers_as_json(&tree, &layers)?)?,
+            false => print_text(&layers_as_text(&tree, &layers)?)?,
+        }
+        return Ok(tree.check_unchanged()?);
+    }
     let most = if args.levels { u64::MAX } else { COUNTED };
     let levels = tree.level_counts(most, &())?;
     let levels = levels.as_ref().map(LevelCounts::levels);
@@ -49,6 +61,52 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         print_text(&as_text(&tree, levels)?)?
     }
     Ok(tree.check_unchanged()?)
+}
+
+/// What is in a file of several layers.
+fn layers_as_text(tree: &Dataset, layers: &[LayerInfo]) -> Result<String> {
+    let mut text = String::new();
+    writeln!(text, "{}: {} file of {} layers", tree.name().display(), tree.format().name(), layers.len())?;
+    if let Some(commit) = tree.commit() {
+        writeln!(text, "commit      {}{}", commit.number, commit::about(commit))?;
+    }
+    write_place(&mut text, tree)?;
+    if let Some(crs) = &tree.metadata().frame.crs {
+        writeln!(text, "crs         {crs}")?;
+    }
+    writeln!(text, "bytes       {}", tree.file_size())?;
+    let width = layers.iter().map(|layer| layer.name.chars().count()).max().unwrap_or(0);
+    for (number, layer) in layers.iter().enumerate() {
+        let header = &layer.header;
+        let size: Vec<String> = header.extent[..header.form.axes()].iter().map(u64::to_string).collect();
+        let (name, size, value) = (&layer.name, size.join(" x "), header.form.value.to_string());
+        writeln!(
+            text,
+            "layer {number:<5} {name:<width$}  {value:<6} {}, {}, {size} cells, depth {}",
+            header.kind,
+            header.rule,
+            header.depth()
+        )?;
+    }
+    writeln!(text, "next        spinney info {} --layer {}", tree.name().display(), layers[0].name)?;
+    Ok(text)
+}
+
+fn layers_as_json(tree: &Dataset, layers: &[LayerInfo]) -> Result<serde_json::Value> {
+    let all = layers.iter().enumerate().map(|(number, layer)| {
+        let tree = tree.layer(&layer.name)?;
+        let levels = tree.level_counts(COUNTED, &())?;
+        let mut json = as_json(&tree, levels.as_ref().map(LevelCounts::levels))?;
+        json["number"] = json!(number);
+        Ok(json)
+    });
+    Ok(json!({
+        "file": tree.name().display().to_string(),
+        "format": tree.format().name(),
+        "commit": tree.commit().map(commit::as_json),
+        "bytes": tree.file_size(),
+        "layers": all.collect::<Result<Vec<_>>>()?,
+    }))
 }
 
 /// Records of which the nodes are counted without being asked to: a matter of a second.
@@ -100,6 +158,8 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         "format": tree.format().name(),
         "commit": tree.commit().map(commit::as_json),
         "codec": header.codec.name(),
+        "layer": metadata.name,
+        "time": metadata.time,
         "tree": tree_name(tree),
         "value": header.form.value.to_string(),
         "size": header.extent[..axes],
@@ -123,7 +183,7 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         "raw_bytes": raw_bytes(tree),
         "sections": sections,
         "segments": tree.segments(),
-        "records": tree.commit().map_or(metadata.counts.records(), |commit| commit.records),
+        "records": tree.commit().map_or(metadata.counts.records(), |_| tree.stored_records()),
         "stored_records": tree.stored_records(),
         "levels": levels,
         "cells": stats.cells,
@@ -196,6 +256,12 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     if let Some(commit) = tree.commit() {
         writeln!(text, "commit      {}{}", commit.number, commit::about(commit))?;
     }
+    if !metadata.name.is_empty() {
+        writeln!(text, "layer       {}", metadata.name)?;
+    }
+    if let Some(time) = &metadata.time {
+        writeln!(text, "time        {time}")?;
+    }
     let size: Vec<String> = header.extent[..header.form.axes()].iter().map(u64::to_string).collect();
     let (size, depth) = (size.join(" x "), header.depth());
     writeln!(text, "size        {size} cells of {}, depth {depth}", header.form.value)?;
@@ -250,7 +316,9 @@ fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
         tree.sections().iter().map(|(name, bytes)| format!("{name} {bytes}")).collect();
     writeln!(text, "            {}", sections.join(", "))?;
     match tree.commit() {
-        Some(commit) => writeln!(text, "records     {}; {}", commit.records, commit::written(commit))?,
+        Some(commit) => {
+            writeln!(text, "records     {}; {}", tree.stored_records(), commit::written(commit))?;
+        }
         None => {
             let (places, segments) = (tree.stored_records(), tree.segments());
             let records = tree.metadata().counts.records();

@@ -23,7 +23,7 @@ const EXAMPLES: &str = "Examples:
   spinney point house.goblin 3.5,2.25,1.1
   spinney point --in cells --level 6 house.goblin < voxels.csv
 
-A line of the answer has a point's samples, `void` where nothing is there, or `outside` of the tree's picture; of exact models `inside`, `outside` or `boundary`. Lines of standard input are `X,Y` or `X Y`;
+A line of the answer has a point's samples, those of all layers, `void` where nothing is there, or `outside` of the tree's picture; of exact models `inside`, `outside` or `boundary`. Lines of standard input are `X,Y` or `X Y`;
 octrees need X,Y,Z.";
 
 /// Ask for the values of single cells
@@ -52,12 +52,14 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         exact::refuse(&args.tree.file, &given)?;
         return exact::points(&model, &args.points);
     }
-    let tree = args.tree.open()?;
-    let level = level_of(&tree, args.level)?;
-    global.report_approximate(&tree, level);
+    let trees = args.tree.open_all()?;
+    // Places are those of the layer with the smallest cells.
+    let finest = trees.iter().max_by_key(|tree| tree.depth()).expect("a file has a layer");
+    let level = level_of(finest, args.level)?;
+    global.report_approximate(finest, level);
     let from = if args.points.is_empty() { "standard input, line" } else { "point" };
-    let places = args.coordinates.places(&tree, Coordinates::World)?;
-    let points = Points { tree: &tree, level, places, from, outside: Mutex::default() };
+    let places = args.coordinates.places(finest, Coordinates::World)?;
+    let points = Points { trees: &trees, depth: finest.depth(), axes: finest.header().form.axes(), level, places, from, outside: Mutex::default() };
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     if !args.points.is_empty() {
         let lines = args.points.join("\n");
@@ -67,12 +69,17 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     out.flush()?;
     points.tell_outside();
-    Ok(tree.check_unchanged()?)
+    trees.iter().try_for_each(Dataset::check_unchanged)?;
+    Ok(())
 }
 
 /// Questions for points.
 struct Points<'a> {
-    tree: &'a Dataset,
+    /// Layers, each of which answers.
+    trees: &'a [Dataset],
+    /// Levels of the one with the smallest cells, whose places these are.
+    depth: u8,
+    axes: usize,
     level: u8,
     places: Places,
     /// Points outside of the picture so far.
@@ -143,22 +150,34 @@ impl Points<'_> {
                 cells.push(self.cell(line, number)?);
             }
         }
-        let mut samples = PointSamples::default();
-        self.tree.points(&cells, self.level, &mut samples)?;
-        let is_double = self.tree.header().form.value.sample == SampleType::F64;
+        let of_layers = self.trees.iter().map(|tree| {
+            // A layer of larger cells has the same levels, but for the deepest.
+            let shift = self.level.saturating_sub(tree.depth());
+            let (level, mut samples) = (self.level - shift, PointSamples::default());
+            let coarser = |cell: &[u64; 3]| if *cell == OUTSIDE { OUTSIDE } else { cell.map(|at| at >> shift) };
+            let cells: Vec<[u64; 3]> = cells.iter().map(coarser).collect();
+            tree.points(&cells, level, &mut samples)?;
+            Ok((samples, tree.header().form.value.sample == SampleType::F64))
+        });
+        let of_layers = of_layers.collect::<Result<Vec<_>>>()?;
         let mut answers = Vec::with_capacity(lines.len());
         for (index, cell) in cells.iter().enumerate() {
-            match samples.get(index) {
-                Some(numbers) => {
-                    for (channel, number) in numbers.iter().enumerate() {
-                        if channel > 0 {
-                            answers.push(b',');
-                        }
-                        write_number(*number, is_double, &mut answers);
-                    }
+            for (layer, (samples, is_double)) in of_layers.iter().enumerate() {
+                if layer > 0 {
+                    answers.push(b',');
                 }
-                None if *cell == OUTSIDE => answers.extend(b"outside"),
-                None => answers.extend(b"void"),
+                match samples.get(index) {
+                    Some(numbers) => {
+                        for (channel, number) in numbers.iter().enumerate() {
+                            if channel > 0 {
+                                answers.push(b',');
+                            }
+                            write_number(*number, *is_double, &mut answers);
+                        }
+                    }
+                    None if *cell == OUTSIDE => answers.extend(b"outside"),
+                    None => answers.extend(b"void"),
+                }
             }
             answers.push(b'\n');
         }
@@ -167,7 +186,7 @@ impl Points<'_> {
 
     /// The cell of the level in which the point of a line lies.
     fn cell(&self, line: &str, number: u64) -> Result<[u64; 3]> {
-        let axes = self.tree.header().form.axes();
+        let axes = self.axes;
         let wrong = || {
             let wanted = if axes == 3 { "X,Y,Z" } else { "X,Y" };
             anyhow!("{} {number}: `{line}` is not {wanted}", self.from)
@@ -189,7 +208,7 @@ impl Points<'_> {
             outside.swapped += u64::from(swapped.is_some_and(|cell| self.places.is_inside(cell)));
             return Ok(OUTSIDE);
         };
-        let shift = self.tree.depth() - self.level;
+        let shift = self.depth - self.level;
         Ok(cell.map(|coordinate| coordinate.floor() as u64 >> shift))
     }
 

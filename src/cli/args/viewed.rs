@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 use spinney::dataset::Dataset;
 use spinney::ops::{Step, WarpTarget};
+use spinney::store::FilePlace;
 
 use super::super::open;
-use super::parse_crs;
+use super::{LayerOption, parse_crs};
 
 /// A tree file, and the steps that it is seen through.
 #[derive(Args, Clone, Debug)]
@@ -18,6 +19,8 @@ pub(crate) struct ViewedTree {
     /// made beforehand
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,
+    #[command(flatten)]
+    layer: LayerOption,
 }
 
 impl ViewedTree {
@@ -31,9 +34,36 @@ impl ViewedTree {
         if self.steps.is_empty() { String::new() } else { format!(", view {:?}", self.steps) }
     }
 
-    /// Opens the file, once, with or without steps.
+    /// Whether the steps make one tree of all layers.
+    fn is_calculated(&self) -> bool {
+        !self.layer.is_given() && self.steps.iter().any(|step| matches!(step, Step::Calculation(_)))
+    }
+
+    /// Opens the only layer that is meant, once, with or without steps.
     pub(crate) fn open(&self) -> anyhow::Result<Dataset> {
-        let tree = open(&self.file)?;
+        let path = if self.is_calculated() { self.file.clone() } else { self.layer.path(&self.file)? };
+        self.through(open(&path)?)
+    }
+
+    /// Opens all layers that are meant, each with or without steps.
+    pub(crate) fn open_all(&self) -> anyhow::Result<Vec<Dataset>> {
+        if self.is_calculated() {
+            return Ok(vec![self.open()?]);
+        }
+        let paths = self.layer.paths(&self.file)?;
+        // (The file is opened once, whatever the number of its layers.)
+        let first = open(&paths[0])?;
+        let others = paths[1..].iter().map(|path| {
+            let name = FilePlace::of(path).layer.unwrap_or_default();
+            self.through(first.layer(&name)?)
+        });
+        let others = others.collect::<anyhow::Result<Vec<Dataset>>>()?;
+        let mut all = vec![self.through(first)?];
+        all.extend(others);
+        Ok(all)
+    }
+
+    fn through(&self, tree: Dataset) -> anyhow::Result<Dataset> {
         // (A file as it is answers faster than a view of it.)
         if self.steps.is_empty() { Ok(tree) } else { Ok(tree.view(&self.steps)?) }
     }

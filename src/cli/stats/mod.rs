@@ -4,7 +4,7 @@ mod zones;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::Statistics;
@@ -85,12 +85,42 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         exact::stats(&model, args.json, global)?;
         return Ok(model.check_unchanged()?);
     }
-    let tree = args.tree.open()?;
-    if let Some(file) = &args.zones {
-        zones::run(&tree, file, &args.zone_options, args.part.coordinates().given(), args.json, global)?;
-        return Ok(tree.check_unchanged()?);
+    let trees = args.tree.open_all()?;
+    if args.zones.is_some() {
+        return zones_of(args, &trees, global);
     }
-    let boxes = args.part.boxes(&tree)?;
+    let several = trees.len() > 1;
+    let mut all = Vec::new();
+    for tree in &trees {
+        if several && !args.json {
+            print_text(&format!("layer      {}\n", tree.metadata().name))?;
+        }
+        all.extend(of_layer(args, tree, global)?);
+    }
+    match &all[..] {
+        [] => {}
+        [one] if !several => print_json(one)?,
+        all => print_json(&json!({ "layers": all }))?,
+    }
+    Ok(())
+}
+
+/// Statistics of zones; of one layer.
+fn zones_of(args: &Args, trees: &[Dataset], global: &Global) -> Result<()> {
+    let [tree] = trees else {
+        spinney::ops::only_layer(&args.tree.file)?;
+        bail!("--zones: name one layer")
+    };
+    if let Some(file) = &args.zones {
+        zones::run(tree, file, &args.zone_options, args.part.coordinates().given(), args.json, global)?;
+        tree.check_unchanged()?;
+    }
+    Ok(())
+}
+
+/// Statistics of one layer: printed, or JSON to be printed.
+fn of_layer(args: &Args, tree: &Dataset, global: &Global) -> Result<Option<serde_json::Value>> {
+    let boxes = args.part.boxes(tree)?;
     let is_octree = tree.header().form.axes() == 3;
     let is_asked = args.solid || args.surface || args.level.is_some();
     ensure!(
@@ -112,29 +142,32 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     };
     let picture = tree.header().picture();
     let boxes = boxes.unwrap_or(vec![picture]);
-    let histogram = histogram(&tree, &boxes, &stats, args.bins)?;
+    let histogram = histogram(tree, &boxes, &stats, args.bins)?;
     // Last, since up to here a signal ends the program at once.
     let measured = if is_asked || is_solid {
         let work = Work::start(global, "cells")?;
-        let level = level_of(&tree, args.level)?;
+        let level = level_of(tree, args.level)?;
         let solid = tree.solid(level, &work)?;
         Some((solid, args.surface.then(|| tree.solid_surface(level, &work)).transpose()?))
     } else {
         None
     };
     if args.json {
-        let mut json = as_json(&tree, &stats, &histogram);
+        let mut json = as_json(tree, &stats, &histogram);
         if let Some((measured, surface)) = &measured {
-            json["solid"] = solid::as_json(&tree, measured, surface.as_ref());
+            json["solid"] = solid::as_json(tree, measured, surface.as_ref());
         }
-        print_json(&json)?;
-    } else {
-        print(&tree, &stats, &histogram)?;
+        tree.check_unchanged()?;
+        return Ok(Some(json));
+    }
+    {
+        print(tree, &stats, &histogram)?;
         if let Some((measured, surface)) = measured {
-            print_text(&solid::as_text(&tree, &measured, surface.as_ref())?)?;
+            print_text(&solid::as_text(tree, &measured, surface.as_ref())?)?;
         }
     }
-    Ok(tree.check_unchanged()?)
+    tree.check_unchanged()?;
+    Ok(None)
 }
 
 /// Bins of the first channel, each with its least value and its cells; none of classes, or where all values
@@ -191,6 +224,7 @@ fn as_json(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> serd
     };
     let bin = |(from, cells): &(f64, u64)| json!({ "from": from, "cells": cells });
     json!({
+        "layer": tree.metadata().name,
         "cells": stats.cells,
         "void_cells": stats.void_cells,
         "area_m2": area.map(|area| area * stats.cells as f64),

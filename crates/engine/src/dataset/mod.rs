@@ -207,6 +207,24 @@ impl Dataset {
         Dataset::of(file.open_layer(number)?.into())
     }
 
+    /// Another layer of the same file on the cells of this one: as it is if its cells are as large, else a view of it.
+    ///
+    /// # Errors
+    /// Those of [`Dataset::layer`].
+    pub fn aligned_layer(&self, name: &str) -> Result<Dataset> {
+        let layer = self.layer(name)?;
+        if layer.depth() == self.depth() && layer.header().extent == self.header().extent {
+            return Ok(layer);
+        }
+        match (self.as_file(), layer.as_file()) {
+            (Some(own), Some(layer)) => {
+                let view = View::whole(own.into())?.of_layer(layer.into())?;
+                Ok(Dataset::of_view(Viewed::new(view, false)))
+            }
+            _ => Ok(layer),
+        }
+    }
+
     /// The header: form, rule, depth, extent. Depth and extent of views are their own.
     pub fn header(&self) -> &Header {
         match &self.tree {

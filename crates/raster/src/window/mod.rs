@@ -1,12 +1,14 @@
 //! A window of a tree as a picture, at any level or size, streamed in bands of rows.
 
 mod grid;
+mod layers;
 mod means;
 mod painted;
 mod sampler;
 mod span;
 
 pub(super) use self::grid::OutputGrid;
+pub use self::layers::export_layers;
 use self::grid::row_bytes;
 use self::painted::Painted;
 use self::sampler::Sampler;

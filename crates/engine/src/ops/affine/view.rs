@@ -168,7 +168,7 @@ impl View {
     ///
     /// # Errors
     /// If the layer is that of another kind of trees, or the map cannot be inverted.
-    pub(in crate::ops) fn of_layer(&self, layer: ViewSource) -> Result<View> {
+    pub(crate) fn of_layer(&self, layer: ViewSource) -> Result<View> {
         let (axes, depth) = (self.form.axes(), layer.depth());
         let factor = 2f64.powi(i32::from(self.source.depth()) - i32::from(depth));
         let to_own = AffineMap::scaling(std::array::from_fn(|axis| if axis < axes { factor } else { 1.0 }));

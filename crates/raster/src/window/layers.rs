@@ -1,0 +1,177 @@
+//! A window of several layers as one picture: each channel of each is a band.
+
+use std::cmp::Ordering;
+
+use super::grid::OutputGrid;
+use super::sampler::{Sampler, flip_rows};
+use super::{Detail, VoidCells, WindowRequest, image_spec, rows_at_a_time};
+use crate::image::{Format, ImageSpec, create, write_sidecar};
+use spinney_base::io::Output;
+use spinney_base::value::{Number, ValueType};
+use spinney_base::{Error, Progress, Result};
+use spinney_engine::dataset::Dataset;
+
+/// Bands of a picture at most.
+const MOST_BANDS: usize = 255;
+
+/// Writes a window of several layers to a picture or array file, one band for each of their channels. Samples must be of one type; the window is in
+/// cells of the first layer, and the others must lie on its grid ([`Dataset::aligned_layer`]).
+///
+/// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// use spinney::export::image::Format;
+/// use spinney::export::{Detail, WindowRequest, export_layers};
+/// use spinney::{io::Output, space::Bounds};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("part.tif");
+/// let layers = [spinney::open("fixtures/v1/classes.goblin")?, spinney::open("fixtures/v1/classes.goblin")?];
+/// let request = WindowRequest::new(Bounds { min: [8, 8, 0], max: [40, 40, 1] }, Detail::Size(16, 16));
+/// export_layers(&layers, &request, Output::create(&path)?, Format::Tiff, &())?;
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// Those of [`export_window`](super::export_window); also if types differ, there are more than 255 bands, or no number is free for VOID.
+pub fn export_layers(
+    layers: &[Dataset],
+    request: &WindowRequest,
+    output: Output,
+    format: Format,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let Some(first) = layers.first() else { return Err(Error::invalid("layers", "none", "at least one")) };
+    let sample = first.header().form.value.sample;
+    for layer in layers {
+        let other = layer.header().form.value.sample;
+        if other != sample {
+            let found = format!("layers of {} and of {} in one picture", sample.name(), other.name());
+            return Err(Error::unsupported(first.name(), found, "name those of one type (--layer A,B)"));
+        }
+    }
+    let channels: usize = layers.iter().map(|layer| usize::from(layer.header().form.value.channels)).sum();
+    if channels > MOST_BANDS {
+        let found = format!("{channels} bands in one picture");
+        return Err(Error::unsupported(first.name(), found, "name some of the layers (--layer A,B)"));
+    }
+    let value = ValueType::new(sample, channels as u8);
+    let mut voids = layers.iter().map(|layer| VoidCells::of(layer, request)).collect::<Result<Vec<_>>>()?;
+    let fill = fill_of(layers, request, &voids)?;
+    voids.iter_mut().for_each(|void| void.fill = fill);
+    let may_be_void = voids.iter().any(|void| void.may_be);
+    let all = VoidCells { may_be: may_be_void, fill };
+    let grids = layers.iter().map(|layer| OutputGrid::of(layer, &request_for(layer, first, request)));
+    let grids = grids.collect::<Result<Vec<_>>>()?;
+    let (width, height) = (grids[0].width, grids[0].height);
+    let spec = spec_of(layers, &grids[0], &all, value);
+    // (Each layer's rows, and those of all together.)
+    let share = WindowRequest { memory: request.memory / (2 * layers.len() as u64), ..request.clone() };
+    let rows = layers.iter().zip(&grids).map(|(layer, grid)| rows_at_a_time(layer, &share, grid));
+    let rows = rows.collect::<Result<Vec<u64>>>()?.into_iter().min().unwrap_or(1);
+    let path = output.path().to_path_buf();
+    let mut writer = create(output, format, &spec)?;
+    let is_upright = grids[0].across != 2 && !matches!(format, Format::Npy | Format::Raw);
+    let samplers: Vec<Sampler<'_>> = layers
+        .iter()
+        .zip(grids)
+        .map(|(tree, grid)| Sampler { tree, grid, fill: fill.unwrap_or_default() })
+        .collect();
+    let mut pixels = Vec::new();
+    let mut row = 0;
+    while row < height {
+        progress.check()?;
+        let count = rows.min(height - row);
+        let first_row = if is_upright { height - row - count } else { row };
+        pixels.resize((count * width) as usize * value.size(), 0);
+        let mut start = 0;
+        for sampler in &samplers {
+            let (bytes, _) = sampler.band(first_row, count, progress)?;
+            let size = sampler.tree.header().form.value.size();
+            for (pixel, samples) in pixels.chunks_exact_mut(value.size()).zip(bytes.chunks_exact(size)) {
+                pixel[start..start + size].copy_from_slice(samples);
+            }
+            start += size;
+        }
+        if is_upright {
+            flip_rows(&mut pixels, width as usize * value.size());
+        }
+        writer.write_rows(&pixels, None)?;
+        progress.advance(count * width, height.saturating_mul(width));
+        row += count;
+    }
+    layers.iter().try_for_each(Dataset::check_unchanged)?;
+    writer.finish()?;
+    write_sidecar(&path, format, &spec.metadata, progress)
+}
+
+/// The request for a layer: its pixels are those of the first one's, also where a size is asked for.
+fn request_for(layer: &Dataset, first: &Dataset, request: &WindowRequest) -> WindowRequest {
+    let detail = match request.detail {
+        // (What is a level of the first is the same level of all that lie on its grid.)
+        Detail::Level(level) => Detail::Level(level.min(layer.depth()).min(first.depth())),
+        size => size,
+    };
+    WindowRequest { detail, ..request.clone() }
+}
+
+/// The number for VOID cells of all layers; `None` if none is needed.
+fn fill_of(layers: &[Dataset], request: &WindowRequest, voids: &[VoidCells]) -> Result<Option<Number>> {
+    if let Some(number) = request.nodata {
+        return Ok(Some(number));
+    }
+    if !voids.iter().any(|void| void.may_be) {
+        return Ok(voids.first().and_then(|void| void.fill));
+    }
+    let mut candidates: Vec<Number> = layers.iter().filter_map(|layer| layer.metadata().nodata).collect();
+    candidates.extend(voids.iter().filter_map(|void| void.fill));
+    let bounds = layers.iter().map(Dataset::exact_bounds).collect::<Result<Vec<_>>>()?;
+    let sample = layers[0].header().form.value.sample;
+    let is_free = |number: &Number| {
+        let outside = |(min, max): &(Number, Number)| {
+            number.cmp(min) == Ordering::Less || number.cmp(max) == Ordering::Greater
+        };
+        sample.can_hold(*number) && bounds.iter().flatten().all(outside)
+    };
+    let free = candidates.into_iter().find(|number| number.to_f64().is_nan() || is_free(number));
+    free.map(Some).ok_or_else(|| {
+        let advice = "choose a number with --nodata, or name one layer (--layer)";
+        Error::unsupported(layers[0].name(), "VOID cells of several layers without a number that is free in all,", advice)
+    })
+}
+
+/// The picture of all layers.
+fn spec_of(layers: &[Dataset], grid: &OutputGrid, void: &VoidCells, value: ValueType) -> ImageSpec {
+    let mut spec = image_spec(&layers[0], grid, void);
+    spec.value = value;
+    spec.alpha = false;
+    let (mut names, mut scales, mut units, mut roles) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for layer in layers {
+        let metadata = layer.metadata();
+        let told = metadata.colour_roles();
+        for channel in 0..usize::from(layer.header().form.value.channels) {
+            let band = metadata.band_names.get(channel).filter(|name| !name.is_empty());
+            names.push(match (&*metadata.name, band) {
+                ("", band) => band.cloned().unwrap_or_default(),
+                (name, None) => name.into(),
+                (name, Some(band)) if layer.header().form.value.channels == 1 => {
+                    if band.is_empty() { name.into() } else { band.clone() }
+                }
+                (name, Some(band)) => format!("{name}.{band}"),
+            });
+            scales.push(metadata.scale_offset.get(channel).copied().unwrap_or((1.0, 0.0)));
+            units.push(metadata.units.get(channel).cloned().unwrap_or_default());
+            roles.push(told.get(channel).map_or(String::new(), |role| (*role).to_string()));
+        }
+    }
+    let metadata = &mut spec.metadata;
+    metadata.palette = None;
+    metadata.class_names.clear();
+    metadata.alpha = None;
+    metadata.band_names = if names.iter().all(String::is_empty) { Vec::new() } else { names };
+    metadata.scale_offset =
+        if scales.iter().all(|scale| *scale == (1.0, 0.0)) { Vec::new() } else { scales };
+    metadata.units = if units.iter().all(String::is_empty) { Vec::new() } else { units };
+    metadata.nodata = void.fill.filter(|_| void.may_be);
+    metadata.set_colour_roles(&roles);
+    spec
+}

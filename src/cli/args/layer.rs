@@ -1,0 +1,45 @@
+//! Layers of a file.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use spinney::ops::{layer_paths, only_layer};
+use spinney::store::FilePlace;
+
+/// A layer of a file that has several, or some of them.
+#[derive(Args, Clone, Debug, Default)]
+pub(crate) struct LayerOption {
+    /// Layers of a file that has several, by their names or their numbers from 0, with commas between. FILE:LAYER names one as well,
+    /// wherever a file is named [default: all, where that can be]
+    #[arg(long = "layer", value_name = "LAYER,...")]
+    names: Option<String>,
+}
+
+impl LayerOption {
+    /// The layers of a file that are meant, as paths; all of them if none is named.
+    pub(crate) fn paths(&self, file: &Path) -> spinney::Result<Vec<PathBuf>> {
+        let all = layer_paths(file)?;
+        let Some(names) = &self.names else { return Ok(all) };
+        let place = FilePlace::of(file);
+        // (A name may have commas.)
+        let is_name = all.iter().any(|path| FilePlace::of(path).layer.as_ref() == Some(names));
+        let named = |name: &str| place.of_layer(name);
+        Ok(if is_name { vec![named(names)] } else { names.split(',').map(|name| named(name.trim())).collect() })
+    }
+
+    /// The only layer that is meant, as a path.
+    pub(crate) fn path(&self, file: &Path) -> spinney::Result<PathBuf> {
+        match &self.paths(file)?[..] {
+            [path] => Ok(path.clone()),
+            _ => {
+                only_layer(file)?;
+                Ok(file.into())
+            }
+        }
+    }
+
+    /// Whether layers are named.
+    pub(crate) fn is_given(&self) -> bool {
+        self.names.is_some()
+    }
+}
