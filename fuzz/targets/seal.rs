@@ -84,6 +84,8 @@ pub fn goblin(file: &mut [u8]) {
     let Some(trailer) = trailer(file) else { return };
     let end = file.len() - END;
     let channels = usize::from(file.get(14).copied().unwrap_or(1).clamp(1, 4));
+    let sizes = [1, 2, 2, 4, 4, 4, 8, 1, 8, 8];
+    let sample = sizes.get(usize::from(file.get(13).copied().unwrap_or(0))).copied().unwrap_or(1);
     let sections = (end.saturating_sub(trailer + TRAILER) / SECTION).min(short(file, trailer + 64) as usize);
     for section in 0..sections {
         let at = trailer + TRAILER + section * SECTION;
@@ -95,7 +97,7 @@ pub fn goblin(file: &mut [u8]) {
         if is_model && [b"DIRE", b"FACE"].iter().any(|tag| file[at..].starts_with(*tag)) {
             model_entries(file, offset, offset + length);
         } else if file[at..].starts_with(b"DIRE") {
-            entries(file, offset, offset + length, 48 + 48 * channels);
+            entries(file, offset, offset + length, 48 + (32 + 2 * sample) * channels);
         }
         seal(file, offset, offset + length, at + 4);
     }

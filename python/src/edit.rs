@@ -139,7 +139,11 @@ impl Editor {
             _ => return Err(invalid("fill: give one of window, polygon and block")),
         };
         drop(tree);
-        self.apply(py, Edit::Fill(region, value.map(|samples| samples.into_iter().map(|number| number.0).collect())), terms)
+        self.apply(
+            py,
+            Edit::Fill(region, value.map(|samples| samples.into_iter().map(|number| number.0).collect())),
+            terms,
+        )
     }
 
     /// Gives single cells (x, y and in octrees z, a row each) new values (a row each; none: VOID).

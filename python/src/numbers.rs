@@ -25,7 +25,8 @@ impl<'py> FromPyObject<'_, 'py> for PyNumber {
             }
         }
         let number: f64 = object.extract().map_err(|_| {
-            let kind = object.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
+            let kind =
+                object.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
             PyTypeError::new_err(format!("expected a number, got {kind}"))
         })?;
         Ok(PyNumber(number.into()))

@@ -13,8 +13,8 @@ use spinney::value::{Number, Value, ValueType};
 
 use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms, Work};
-use crate::part::{coordinates_of, level_of, part_of};
 use crate::numbers::PyNumber;
+use crate::part::{coordinates_of, level_of, part_of};
 use crate::samples::{empty, with_bytes};
 use crate::tree::{Opened, Tree};
 

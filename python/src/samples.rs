@@ -69,7 +69,8 @@ pub(crate) fn dtype(py: Python<'_>, sample: SampleType) -> Bound<'_, PyAny> {
 
 /// The type of samples that NumPy names so; `None` if the library has no such samples.
 pub(crate) fn sample_of(name: &str) -> Option<SampleType> {
-    let names = ["uint8", "uint16", "int16", "uint32", "int32", "float32", "float64", "int8", "uint64", "int64"];
+    let names =
+        ["uint8", "uint16", "int16", "uint32", "int32", "float32", "float64", "int8", "uint64", "int64"];
     names.iter().position(|known| *known == name).map(|index| SampleType::ALL[index])
 }
 

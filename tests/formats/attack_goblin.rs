@@ -73,10 +73,10 @@ fn all_fields(file: &[u8], form: Form) -> Vec<Field> {
         (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize)
     };
     let (directory, length) = section(0);
-    let channels = usize::from(form.value.channels);
-    for entry in (directory..directory + length).step_by(48 + 48 * channels) {
+    let (channels, sample) = (usize::from(form.value.channels), form.value.sample.size());
+    for entry in (directory..directory + length).step_by(48 + (32 + 2 * sample) * channels) {
         all.extend(fields("an entry", entry, &[8, 8, 8, 4, 4, 4, 4, 8]));
-        all.extend(fields("statistics", entry + 48, &[8; 6].repeat(channels)));
+        all.extend(fields("statistics", entry + 48, &[sample, sample, 8, 8, 8, 8].repeat(channels)));
         let (records, classes) =
             (seal::short(file, entry + 24) as usize, seal::short(file, entry + 28) as usize);
         let layout = Goblin::from_bytes(file.to_vec()).unwrap().layout().size;

@@ -85,7 +85,8 @@ fn an_edited_file_may_grow_but_not_lose_commits() {
     convert(&fixture("v1/classic.goblin"), false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
     let fill = |value: f64| {
         let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] });
-        edit(&path, [Ok(Edit::Fill(region, Some(vec![value.into()])))], Note::default(), 1 << 20, &()).unwrap();
+        edit(&path, [Ok(Edit::Fill(region, Some(vec![value.into()])))], Note::default(), 1 << 20, &())
+            .unwrap();
     };
     let old = std::fs::read(&path).unwrap();
     fill(2.0);

@@ -150,8 +150,10 @@ mod tests {
 
     #[test]
     fn names_are_categories_where_values_can_be() {
-        let with = |value: Number| Metadata { class_names: [(value, "a & b".into())].into(), ..Metadata::default() };
-        let lines = |value: u64| sidecar(&with(value.into()), None).map(|xml| xml.matches("<Category>").count());
+        let with =
+            |value: Number| Metadata { class_names: [(value, "a & b".into())].into(), ..Metadata::default() };
+        let lines =
+            |value: u64| sidecar(&with(value.into()), None).map(|xml| xml.matches("<Category>").count());
         assert_eq!([0, 2, 65535].map(lines), [Some(1), Some(3), Some(65536)]);
         for value in [Number::from(-1), 65536.into(), i64::MIN.into(), u64::MAX.into()] {
             let xml = sidecar(&with(value), None).unwrap();
