@@ -45,6 +45,22 @@ GDALDataType type_of(spinney_sample_type type) {
     return GDT_Float32;
   case SPINNEY_F64:
     return GDT_Float64;
+  case SPINNEY_I8:
+#if GDAL_VERSION_NUM >= GDAL_COMPUTE_VERSION(3, 7, 0)
+    return GDT_Int8;
+#else
+    return GDT_Byte; // (with PIXELTYPE, as GDAL told such bytes before it had a type for them)
+#endif
+#if GDAL_VERSION_NUM >= GDAL_COMPUTE_VERSION(3, 5, 0)
+  case SPINNEY_U64:
+    return GDT_UInt64;
+  case SPINNEY_I64:
+    return GDT_Int64;
+#else
+  case SPINNEY_U64:
+  case SPINNEY_I64:
+    return GDT_Unknown;
+#endif
   }
   return GDT_Unknown;
 }
@@ -58,6 +74,34 @@ struct File {
   std::unique_ptr<spinney_dataset, Close> handle;
   spinney_info info{};
   spinney_statistics statistics{};
+
+  // The nodata number as a sample, if a sample can be that.
+  bool has_nodata_sample = false;
+  GByte nodata_sample[8] = {};
+
+  template <typename T> T nodata_as() const {
+    T number = 0;
+    std::memcpy(&number, nodata_sample, sizeof number);
+    return number;
+  }
+
+  // Extremes of the first channel, where it has integers of 64 bits.
+  GByte least[8] = {}, greatest[8] = {};
+
+  // An extreme as text, exactly.
+  std::string extreme(const GByte *sample, double nearest) const {
+    if (info.sample == SPINNEY_U64) {
+      uint64_t number;
+      std::memcpy(&number, sample, sizeof number);
+      return std::to_string(number);
+    }
+    if (info.sample == SPINNEY_I64) {
+      int64_t number;
+      std::memcpy(&number, sample, sizeof number);
+      return std::to_string(number);
+    }
+    return CPLSPrintf("%.17g", nearest);
+  }
 
   bool has_mask() const { return !info.has_nodata && info.alpha < 0 && statistics.void_cells > 0; }
 };
@@ -73,11 +117,15 @@ struct Window {
 CPLErr read(const File &file, int level, const Window &window, GByte *samples, GByte *valid) {
   const spinney_box box = {{static_cast<uint64_t>(window.x), static_cast<uint64_t>(window.y), 0},
                            {static_cast<uint64_t>(window.width), static_cast<uint64_t>(window.height), 1}};
-  const double fill = file.info.has_nodata ? file.info.nodata : 0.0;
   const size_t cells = window.cells();
+  // (Zeros where there is none; of a number that no sample is the nearest.)
+  const bool is_near = file.info.has_nodata && !file.has_nodata_sample;
+  const size_t size = cells * file.info.cell_size;
+  const size_t flags = valid != nullptr ? cells : 0;
   const spinney_status status =
-      spinney_read(file.handle.get(), static_cast<uint32_t>(level), &box, fill, samples, cells * file.info.cell_size,
-                   valid, valid != nullptr ? cells : 0);
+      is_near ? spinney_read(file.handle.get(), static_cast<uint32_t>(level), &box, file.info.nodata, samples, size, valid, flags)
+              : spinney_read_filled(file.handle.get(), static_cast<uint32_t>(level), &box, file.nodata_sample, samples, size,
+                                    valid, flags);
   if (status != SPINNEY_OK) {
     report();
     return CE_Failure;
@@ -199,7 +247,17 @@ public:
     eDataType = type_of(of->file->info.sample);
     nBlockXSize = BLOCK;
     nBlockYSize = BLOCK;
+#if GDAL_VERSION_NUM < GDAL_COMPUTE_VERSION(3, 7, 0)
+    if (of->file->info.sample == SPINNEY_I8) {
+      GDALRasterBand::SetMetadataItem("PIXELTYPE", "SIGNEDBYTE", "IMAGE_STRUCTURE");
+    }
+#endif
   }
+
+#if GDAL_VERSION_NUM >= GDAL_COMPUTE_VERSION(3, 5, 0)
+  int64_t GetNoDataValueAsInt64(int *success) override { return nodata_of<int64_t>(success, SPINNEY_I64); }
+  uint64_t GetNoDataValueAsUInt64(int *success) override { return nodata_of<uint64_t>(success, SPINNEY_U64); }
+#endif
 
   double GetNoDataValue(int *success) override {
     if (success != nullptr) {
@@ -316,6 +374,16 @@ public:
   double offset = 0.0;
 
 protected:
+  // The nodata number of integers of 64 bits, which a double may not have.
+  template <typename T> T nodata_of(int *success, spinney_sample_type type) const {
+    const File &file = *level->file;
+    const bool is_there = file.info.sample == type && file.has_nodata_sample;
+    if (success != nullptr) {
+      *success = is_there ? TRUE : FALSE;
+    }
+    return is_there ? file.nodata_as<T>() : 0;
+  }
+
   CPLErr IReadBlock(int column, int row, void *data) override {
     const File &file = *level->file;
     const Window block = block_at(column, row);
@@ -623,8 +691,8 @@ void Level::describe_band(const CPLJSONObject &document, int channel) {
   // Statistics, as GDAL keeps them.
   const spinney_channel_statistics &known = file->statistics.channels[channel];
   if (known.cells > 0) {
-    band->SetMetadataItem("STATISTICS_MINIMUM", CPLSPrintf("%.17g", known.min));
-    band->SetMetadataItem("STATISTICS_MAXIMUM", CPLSPrintf("%.17g", known.max));
+    band->SetMetadataItem("STATISTICS_MINIMUM", file->extreme(file->least, known.min).c_str());
+    band->SetMetadataItem("STATISTICS_MAXIMUM", file->extreme(file->greatest, known.max).c_str());
     band->SetMetadataItem("STATISTICS_MEAN", CPLSPrintf("%.17g", known.mean));
     band->SetMetadataItem("STATISTICS_STDDEV", CPLSPrintf("%.17g", known.standard_deviation));
   }
@@ -694,6 +762,14 @@ GDALDataset *Level::open(GDALOpenInfo *info) {
       spinney_statistics_of(handle, nullptr, &file->statistics) != SPINNEY_OK) {
     report();
     return nullptr;
+  }
+  const size_t sample = file->info.cell_size / file->info.channels;
+  file->has_nodata_sample = spinney_nodata(handle, file->nodata_sample, sample) == SPINNEY_OK;
+  if (file->info.sample == SPINNEY_U64 || file->info.sample == SPINNEY_I64) {
+    if (spinney_extremes(handle, nullptr, file->least, file->greatest, sizeof file->least) != SPINNEY_OK) {
+      report();
+      return nullptr;
+    }
   }
   if (file->info.axes != 2) {
     CPLError(CE_Failure, CPLE_NotSupported, "%s: is an octree; GDAL reads pictures (see `spinney export`)",

@@ -32,6 +32,9 @@ pub enum spinney_sample_type {
     SPINNEY_I32 = 4,
     SPINNEY_F32 = 5,
     SPINNEY_F64 = 6,
+    SPINNEY_I8 = 7,
+    SPINNEY_U64 = 8,
+    SPINNEY_I64 = 9,
 }
 
 impl From<SampleType> for spinney_sample_type {
@@ -45,6 +48,9 @@ impl From<SampleType> for spinney_sample_type {
             SampleType::I32 => SPINNEY_I32,
             SampleType::F32 => SPINNEY_F32,
             SampleType::F64 => SPINNEY_F64,
+            SampleType::I8 => SPINNEY_I8,
+            SampleType::U64 => SPINNEY_U64,
+            SampleType::I64 => SPINNEY_I64,
         }
     }
 }
@@ -69,7 +75,7 @@ pub struct spinney_info {
     pub size: [u64; 3],
     /// Place of the cells in the world: rows x, y, z of the matrix that takes x, y, z, 1 in cells there. Cell 0 spans 0 to 1.
     pub matrix: [f64; 12],
-    /// The number that VOID had in the input, if has_nodata.
+    /// The number that VOID had in the input, if has_nodata: the nearest double of it (see spinney_nodata()).
     pub nodata: f64,
     pub has_nodata: bool,
     /// Whether the matrix says something.
@@ -224,7 +230,7 @@ pub unsafe extern "C" fn spinney_describe(
             alpha: metadata.alpha.map_or(-1, i32::from),
             size: header.extent,
             matrix: std::array::from_fn(|i| matrix[i / 4][i % 4]),
-            nodata: metadata.nodata.unwrap_or(0.0),
+            nodata: metadata.nodata.unwrap_or_default().to_f64(),
             has_nodata: metadata.nodata.is_some(),
             has_georeference: !metadata.frame.is_identity() || metadata.frame.crs.is_some(),
             is_categorical: header.kind == Kind::Categorical,

@@ -7,6 +7,7 @@
 
 mod blocks;
 mod dataset;
+mod exact;
 mod metadata;
 mod model;
 mod questions;
@@ -16,6 +17,7 @@ mod tests;
 
 pub use blocks::*;
 pub use dataset::*;
+pub use exact::*;
 pub use model::*;
 pub use questions::*;
 pub use status::*;

@@ -66,7 +66,7 @@ pub(crate) unsafe fn buffer<'a, T>(
 }
 
 /// Cells of a box and the bytes that they take, if these are numbers at all.
-fn sizes(bounds: &Bounds, width: usize) -> Result<(u64, u64), Failure> {
+pub(crate) fn sizes(bounds: &Bounds, width: usize) -> Result<(u64, u64), Failure> {
     let extents = (0..3).map(|axis| bounds.max[axis] - bounds.min[axis]);
     let cells = extents.into_iter().try_fold(1u64, u64::checked_mul);
     let bytes = cells.and_then(|cells| cells.checked_mul(width as u64));
@@ -155,7 +155,7 @@ pub unsafe extern "C" fn spinney_view_of(
 
 /// Reads single cells of a level: `cells` has x, y and z of each, `count` of them, in any order. `samples` has room for
 /// `count * channels` numbers; `valid` (which may be NULL) for `count` flags, as in spinney_read(). Cells that are VOID, or outside,
-/// are not a number. Much faster than one call for each.
+/// are not a number. Integers of 64 bits are the nearest doubles: spinney_point_samples() has them exactly. Much faster than one call for each.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_points(
     dataset: *const spinney_dataset,
@@ -183,7 +183,9 @@ pub unsafe extern "C" fn spinney_points(
         for (index, samples) in samples.chunks_exact_mut(channels).enumerate() {
             let values = found.get(index);
             match values {
-                Some(values) => samples.copy_from_slice(values),
+                Some(values) => {
+                    samples.iter_mut().zip(values.iter()).for_each(|(to, value)| *to = value.to_f64())
+                }
                 None => samples.fill(f64::NAN),
             }
             if let Some(valid) = valid.get_mut(index) {
@@ -249,6 +251,7 @@ pub unsafe extern "C" fn spinney_statistics_of(
         };
         for (place, channel) in place.channels.iter_mut().zip(&found.channels) {
             let engine::query::ChannelStatistics { cells, min, max, mean, standard_deviation } = *channel;
+            let (min, max) = (min.to_f64(), max.to_f64());
             *place = spinney_channel_statistics { cells, min, max, mean, standard_deviation };
         }
         Ok(())
@@ -277,7 +280,7 @@ pub unsafe extern "C" fn spinney_classes(
         };
         let found = dataset.statistics(bounds, &())?;
         for ((value, cells), (class, found)) in values.iter_mut().zip(counts).zip(&found.classes) {
-            (*value, *cells) = (*class, *found);
+            (*value, *cells) = (class.to_f64(), *found);
         }
         *count = found.classes.len();
         Ok(())

@@ -57,6 +57,10 @@ impl Failure {
         Failure { status: spinney_status::SPINNEY_MEMORY, text: format!("no memory for {bytes} bytes") }
     }
 
+    pub(crate) fn unsupported(text: impl Into<String>) -> Failure {
+        Failure { status: spinney_status::SPINNEY_UNSUPPORTED, text: text.into() }
+    }
+
     pub(crate) fn not_stored() -> Failure {
         let text = "the file does not have this box in rows; read it instead".into();
         Failure { status: spinney_status::SPINNEY_UNSUPPORTED, text }

@@ -7,6 +7,7 @@ use std::ptr::{null, null_mut};
 
 use engine::dataset::Dataset;
 use engine::space::Bounds;
+use engine::value::Number;
 
 use crate::spinney_status::*;
 use crate::*;
@@ -196,10 +197,10 @@ fn points_statistics_classes_and_histograms_agree() {
     };
     assert_eq!(asked, SPINNEY_OK, "{}", error());
     for ((place, sample), valid) in places.iter().zip(&samples).zip(valid) {
-        let mut value = [0.0; 4];
+        let mut value = [Number::default(); 4];
         let is_there = library.point(*place, info.depth as u8, &mut value).unwrap();
         assert_eq!((valid, sample.is_nan()), (is_there.into(), !is_there), "{place:?}");
-        assert!(!is_there || *sample == value[0]);
+        assert!(!is_there || value[0] == *sample);
     }
     let mut found = spinney_statistics::default();
     let part = cells([3, 3, 0], [30, 20, 1]);
@@ -217,7 +218,12 @@ fn points_statistics_classes_and_histograms_agree() {
         };
         assert_eq!((asked, count as u64), (SPINNEY_OK, found.classes));
         let classes: Vec<_> = values.into_iter().zip(counts).take(count).collect();
-        assert_eq!(classes, expected.classes);
+        assert!(
+            classes
+                .iter()
+                .copied()
+                .eq(expected.classes.iter().map(|(class, cells)| (class.to_f64(), *cells)))
+        );
         // Less room than there are.
         let mut one = (0.0, 0);
         let asked = unsafe { spinney_classes(dataset, part, &mut one.0, &mut one.1, 1, &mut count) };
@@ -251,7 +257,7 @@ fn a_dataset_of_commits_moves_on() {
     let before = describe(newest).commit;
     assert_eq!(describe(first).commit, 1);
     let region = engine::ops::FillRegion::Box(Bounds { min: [0; 3], max: [1, 1, 1] });
-    let fill = engine::ops::Edit::Fill(region, Some(vec![77.0]));
+    let fill = engine::ops::Edit::Fill(region, Some(vec![77.into()]));
     engine::ops::edit(path.as_ref(), [Ok(fill)], Default::default(), 1 << 20, &()).unwrap();
     let mut newer = false;
     assert_eq!(unsafe { spinney_refresh(newest, &mut newer) }, SPINNEY_OK);
@@ -492,4 +498,73 @@ fn exact_models_refuse_what_makes_no_sense() {
         spinney_model_close(model);
         spinney_model_close(null_mut());
     }
+}
+
+#[test]
+fn integers_of_64_bits_are_exact() {
+    use engine::store::{BuildOptions, Metadata, build_tree};
+    use engine::tree::{Form, MemTree};
+    use engine::value::{Kind, Rule, SampleType, Value, ValueType};
+    const BASE: u64 = (1 << 63) + 3;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("u.goblin");
+    let form = Form::new(engine::space::Dimension::Quad, ValueType::new(SampleType::U64, 1));
+    let number = |x: u64, y: u64| (x != y).then_some(BASE + x / 2 + 4 * (y / 2));
+    let cell = |[x, y, _]: [u32; 3]| number(x.into(), y.into()).map(|number| Value::from([number]));
+    let tree = MemTree::from_cells(form, 3, Rule::Majority, &cell);
+    let nodata = Some(Number::from(u64::MAX - 1));
+    let metadata = Metadata { nodata, ..Metadata::default() };
+    let options =
+        BuildOptions::new(Kind::Categorical, 3).rule(Rule::Majority).memory(1 << 20).metadata(metadata);
+    build_tree(&tree, [8, 8, 1], &options, engine::io::Output::create(&path).unwrap(), &()).unwrap();
+    let dataset = open_with(path.to_str().unwrap(), &[], 0).unwrap();
+    let info = describe(dataset);
+    assert_eq!((info.sample, info.cell_size), (spinney_sample_type::SPINNEY_U64, 8));
+    let place = |number: &mut u64| std::ptr::from_mut(number).cast::<c_void>();
+    let mut nodata = 0u64;
+    assert_eq!(unsafe { spinney_nodata(dataset, place(&mut nodata), 8) }, SPINNEY_OK);
+    assert_eq!(nodata, u64::MAX - 1);
+    assert_eq!(unsafe { spinney_nodata(dataset, place(&mut nodata), 4) }, SPINNEY_INVALID);
+    // Windows and points.
+    let (mut samples, mut valid) = (vec![0u64; 64], vec![9u8; 64]);
+    let fill = BASE - 1;
+    let read = unsafe {
+        let (to, from) = (samples.as_mut_ptr().cast(), std::ptr::from_ref(&fill).cast());
+        let all = cells([0; 3], [8, 8, 1]);
+        spinney_read_filled(dataset, 3, &all, from, to, 512, valid.as_mut_ptr(), 64)
+    };
+    assert_eq!(read, SPINNEY_OK, "{}", error());
+    let places: Vec<[u64; 3]> = (0..64).map(|index| [index % 8, index / 8, 0]).collect();
+    let (mut found, mut flags) = (vec![7u64; 64], vec![9u8; 64]);
+    let asked = unsafe {
+        let to = found.as_mut_ptr().cast();
+        spinney_point_samples(dataset, 3, places.as_ptr(), 64, to, 512, flags.as_mut_ptr())
+    };
+    assert_eq!((asked, &flags), (SPINNEY_OK, &valid));
+    for (index, [x, y, _]) in places.iter().enumerate() {
+        let expected = number(*x, *y);
+        assert_eq!((samples[index], valid[index] == 1), (expected.unwrap_or(fill), expected.is_some()));
+        assert_eq!(found[index], expected.unwrap_or(0));
+    }
+    // Extremes and classes.
+    let (mut least, mut greatest) = (0, 0);
+    let part = cells([2, 0, 0], [3, 2, 1]);
+    let asked = unsafe { spinney_extremes(dataset, &part, place(&mut least), place(&mut greatest), 8) };
+    assert_eq!((asked, least, greatest), (SPINNEY_OK, BASE + 1, BASE + 2));
+    let (mut values, mut counts, mut count) = (vec![0u64; 20], vec![0; 20], 0);
+    let asked = unsafe {
+        let to = values.as_mut_ptr().cast();
+        spinney_class_samples(dataset, null(), to, counts.as_mut_ptr(), 20, &mut count)
+    };
+    assert_eq!((asked, count), (SPINNEY_OK, 16));
+    assert_eq!(values[..16], std::array::from_fn::<u64, 16, _>(|index| BASE + index as u64));
+    assert_eq!((counts[0], counts[1], counts[5]), (2, 4, 2));
+    let wrong =
+        unsafe { spinney_point_samples(dataset, 3, places.as_ptr(), 64, null_mut(), 512, null_mut()) };
+    assert_eq!(wrong, SPINNEY_INVALID);
+    unsafe { spinney_close(dataset) };
+    // Of bytes it is one.
+    let bytes = open("classes.goblin");
+    assert_eq!(unsafe { spinney_nodata(bytes, place(&mut nodata), 1) }, SPINNEY_OK);
+    unsafe { spinney_close(bytes) };
 }

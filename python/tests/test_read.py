@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import spinney
 
-TYPES = ["uint8", "uint16", "int16", "uint32", "int32", "float32", "float64"]
+TYPES = ["uint8", "uint16", "int16", "uint32", "int32", "float32", "float64", "int8", "uint64", "int64"]
 
 
 @pytest.mark.parametrize("path", TREES, ids=lambda path: path.name)
@@ -59,7 +59,7 @@ def arrays(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[np.ndarr
     return made
 
 
-NAMES = ["uint81", "uint83", "uint161", "uint163", "int161", "uint321", "int321", "float321", "float323", "float641", "octree"]
+NAMES = ["uint81", "uint83", "uint161", "uint163", "int161", "uint321", "int321", "float321", "float323", "float641", "int81", "uint641", "int641", "octree"]
 
 
 @given(name=st.sampled_from(NAMES), data=st.data())

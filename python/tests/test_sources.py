@@ -235,7 +235,7 @@ def test_masks_of_dask_and_masks_that_are_none(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("given", "kept"),
-    [("?", "uint8"), ("i1", "int16"), ("f2", "float32"), (">u2", "uint16"), (">i4", "int32"), (">f4", "float32"), (">f8", "float64")],
+    [("?", "uint8"), ("i1", "int8"), (">i8", "int64"), (">u8", "uint64"), ("f2", "float32"), (">u2", "uint16"), (">i4", "int32"), (">f4", "float32"), (">f8", "float64")],
 )
 def test_types_of_samples_that_are_kept(tmp_path: Path, given: str, kept: str) -> None:
     array = (noise((40, 50), "uint8") % 2).astype(given)
@@ -397,13 +397,10 @@ def test_volumes_and_wide_numbers_are_sources(tmp_path: Path) -> None:
     spinney.build(tmp_path / "scan.npy", tmp_path / "scan.goblin", nodata=0)
     with spinney.open(tmp_path / "scan.goblin") as ds:
         assert np.array_equal(ds.read(1, masked=True).filled(0), array)
-    for name, wide in [("int64", "int32"), ("uint64", "uint32")]:
+    for name in ("int64", "uint64"):
         spinney.build(array[0].astype(name), tmp_path / f"{name}.goblin")
         with spinney.open(tmp_path / f"{name}.goblin") as ds:
-            assert ds.dtype == wide and np.array_equal(ds[...], array[0])
-    with pytest.raises(ValueError, match="is no int32"):
-        spinney.build(array[0] + 2**31, tmp_path / "no.goblin")
-    assert not (tmp_path / "no.goblin").exists()
+            assert ds.dtype == name and np.array_equal(ds[...], array[0])
 
 
 def test_datasets_of_rasterio_and_xarray_are_sources(tmp_path: Path) -> None:

@@ -41,3 +41,4 @@ mod kill;
 mod literature;
 mod missing;
 mod model_verify;
+mod wide;

@@ -33,6 +33,8 @@ mod cli_styles;
 #[cfg(feature = "cli")]
 mod cli_volumes;
 mod cli_warp;
+#[cfg(feature = "cli")]
+mod cli_wide;
 #[cfg(all(unix, feature = "cli"))]
 mod docs;
 mod first_look;

@@ -21,7 +21,7 @@ impl Sums {
 
     /// Sums of the squares of no samples.
     #[inline]
-    pub fn zero_squares(sample: SampleType) -> Sums {
+    pub(super) fn zero_squares(sample: SampleType) -> Sums {
         if sample.has_exact_squares() { Sums::Exact([0; 4]) } else { Sums::Float(Default::default()) }
     }
 

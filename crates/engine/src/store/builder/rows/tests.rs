@@ -47,6 +47,9 @@ fn slab(form: Form, first: [u64; 3], side: u64, spread: u64) -> Slab {
                         SampleType::I32 => bytes.extend((signed as i32).wrapping_mul(1 << 25).to_le_bytes()),
                         SampleType::F32 => bytes.extend((signed as f32 * -1.3e37).to_le_bytes()),
                         SampleType::F64 => bytes.extend((signed as f64 * f64::MAX / 4.0).to_le_bytes()),
+                        SampleType::I8 => bytes.push((signed as i8).wrapping_mul(37) as u8),
+                        SampleType::U64 => bytes.extend(number.wrapping_mul(0x9E37_79B9 << 31).to_le_bytes()),
+                        SampleType::I64 => bytes.extend(signed.wrapping_mul(0x9E37_79B9 << 31).to_le_bytes()),
                     }
                 }
             }

@@ -1,0 +1,129 @@
+"""Integers of 8 and of 64 bits: NumPy says what is right, to the last digit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+import xarray
+
+import spinney
+
+BASE = {"uint64": 2**63 + 3, "int64": -(2**62) - 3, "int8": -125}
+"""Numbers whose neighbours no float tells apart (but of int8)."""
+
+
+def cells(dtype: str, size: tuple[int, ...] = (70, 90), spread: int = 200, seed: int = 1) -> np.ndarray:
+    offsets = np.random.default_rng(seed).integers(0, spread, size)
+    return (offsets.astype(object) + BASE[dtype]).astype(dtype)
+
+
+@pytest.mark.parametrize("dtype", BASE)
+def test_arrays_come_back(tmp_path: Path, dtype: str) -> None:
+    array, path = cells(dtype), tmp_path / "a.goblin"
+    hole = array[3, 4]
+    spinney.build(array, path, nodata=hole)
+    with spinney.open(path) as ds:
+        assert ds.dtype == dtype and ds.nodata == int(hole) and isinstance(ds.nodata, int)
+        assert isinstance(ds.fill_value, int) and ds.fill_value == int(hole)
+        assert np.array_equal(ds[...], array)
+        read = ds.read(1, masked=True)
+        assert np.array_equal(read.mask, array == hole) and np.array_equal(read.data, array)
+        other = int(np.iinfo(dtype).max) - 1
+        filled = ds.read(1, fill=other)
+        assert filled.dtype == dtype and np.array_equal(filled, np.where(array == hole, np.array(other, dtype), array))
+        ys, xs = np.divmod(np.arange(500) * 7 % array.size, array.shape[1])
+        points = np.stack([xs, ys], axis=1) + 0.5
+        found = ds.sample(points, coordinates="cells")
+        found = np.asarray(found).reshape(-1)
+        assert found.dtype == dtype and np.array_equal(found, array[ys, xs])
+        valid = array[array != hole]
+        stats = ds.stats()
+        assert (stats.min, stats.max) == (int(valid.min()), int(valid.max())) and isinstance(stats.min, int)
+        exact = sum(map(int, valid.ravel())) / valid.size
+        assert stats.mean == pytest.approx(exact, rel=1e-15)
+        # Each level is the mean of all cells below, rounded half up once.
+        level = ds.level(ds.depth - 3)[...]
+        for row, column in [(0, 0), (2, 5), (8, 11)]:
+            below = [int(n) for n in array[8 * row : 8 * row + 8, 8 * column : 8 * column + 8].ravel() if n != hole]
+            assert int(level[row, column]) == (2 * sum(below) + len(below)) // (2 * len(below))
+
+
+@pytest.mark.parametrize("dtype", ["uint64", "int64"])
+def test_searches_tell_neighbours_apart(tmp_path: Path, dtype: str) -> None:
+    array, path = cells(dtype, spread=5), tmp_path / "a.goblin"
+    spinney.build(array, path, kind="categorical", categories={BASE[dtype]: "base", BASE[dtype] + 1: "next"})
+    wanted = BASE[dtype] + 1
+    with spinney.open(path) as ds:
+        assert ds.categories == {BASE[dtype]: "base", wanted: "next"}
+        counts = ds.stats().classes
+        values, cells_of = np.unique(array, return_counts=True)
+        assert counts == dict(zip(map(int, values), map(int, cells_of)))
+        for condition, mask in [({"value": wanted}, array == wanted), ({"above": wanted}, array > wanted), ({"below": wanted}, array < wanted)]:
+            blocks = ds.find(**condition)
+            found = np.zeros(array.shape, bool)
+            for (x, y, width, height), value, is_mixed in zip(blocks.boxes, blocks.values.data, np.ma.getmaskarray(blocks.values)):
+                found[y : y + height, x : x + width] = True
+                assert is_mixed or (array[y : y + height, x : x + width] == value).all()
+            assert np.array_equal(found, mask)
+            assert blocks.values.dtype == dtype
+        zone = {"type": "Polygon", "coordinates": [[[0, 0], [90, 0], [90, 70], [0, 70], [0, 0]]]}
+        (zoned,) = ds.zonal(zone, crs="world")
+        assert zoned.min == int(values[0]) and zoned.max == int(values[-1]) and zoned.classes == counts
+
+
+@pytest.mark.parametrize("dtype", ["uint64", "int64"])
+def test_edits_have_all_digits(tmp_path: Path, dtype: str) -> None:
+    array, path = cells(dtype), tmp_path / "a.autumn"
+    spinney.build(array, path)
+    number = BASE[dtype] + 1001
+    with spinney.edit(path) as edit:
+        edit.fill(number, window=(1, 2, 3, 4))
+        edit.set([(50, 60), (51, 60)], [number + 1, number + 2])
+        edit.set([(52, 60)], np.array([number + 3], dtype))
+        edit[10:12, 20:22] = np.array([[number + 4, number + 5], [number + 6, number + 7]], dtype)
+    array[2:6, 1:4] = number
+    array[60, 50:53] = [number + 1, number + 2, number + 3]
+    array[10:12, 20:22] = np.array([[number + 4, number + 5], [number + 6, number + 7]], dtype)
+    with spinney.open(path) as ds:
+        assert np.array_equal(ds[...], array)
+    for wrong in (2**64, -(2**63) - 1, 0.5):
+        with pytest.raises(ValueError, match=dtype[0]), spinney.edit(path) as edit:
+            edit.fill(wrong, window=(0, 0, 1, 1))
+
+
+@pytest.mark.parametrize("dtype", ["uint64", "int64"])
+def test_files_are_those_of_rasterio(tmp_path: Path, dtype: str) -> None:
+    array, path = cells(dtype), tmp_path / "a.tif"
+    profile = {"driver": "GTiff", "height": 70, "width": 90, "count": 1, "dtype": dtype, "nodata": int(array[0, 0])}
+    with rasterio.open(path, "w", **profile) as file:
+        file.write(array, 1)
+    spinney.build(path, tmp_path / "a.goblin")
+    with spinney.open(tmp_path / "a.goblin") as ds:
+        assert ds.dtype == dtype and np.array_equal(ds[...], array) and ds.nodata == int(array[0, 0])
+        ds.save(tmp_path / "b.tif")
+        ds.save(tmp_path / "b.npy")
+        ds.export(tmp_path / "c.tif")
+    for name in ("b.tif", "c.tif"):
+        with rasterio.open(tmp_path / name) as file:
+            assert file.dtypes == (dtype,) and np.array_equal(file.read(1), array), name
+    assert np.array_equal(np.load(tmp_path / "b.npy").reshape(array.shape), array)
+    made = spinney.open(tmp_path / "a.goblin")
+    again = xarray.open_dataset(made.path, engine="spinney").band_data
+    assert again.dtype == dtype and np.array_equal(again.to_numpy()[0], array)
+    assert int(again.attrs["_FillValue"]) == int(array[0, 0])
+    spinney.build(again, tmp_path / "x.goblin")
+    with spinney.open(tmp_path / "x.goblin") as ds:
+        assert ds.dtype == dtype and np.array_equal(ds[...], array) and ds.nodata == int(array[0, 0])
+
+
+def test_octrees_and_numpy_files(tmp_path: Path) -> None:
+    array = cells("uint64", (20, 30, 40))
+    np.save(tmp_path / "a.npy", array)
+    spinney.build(tmp_path / "a.npy", tmp_path / "a.goblin", nodata=int(array[1, 2, 3]))
+    with spinney.open(tmp_path / "a.goblin") as ds:
+        assert ds.dtype == "uint64" and ds.nodata == int(array[1, 2, 3])
+        assert np.array_equal(ds.read(1, masked=True).mask, array == array[1, 2, 3])
+        assert np.array_equal(ds[...], array)

@@ -1,0 +1,284 @@
+//! Samples of i8, u64 and i64: sums, means, extremes and squares against models in wider numbers.
+
+use std::collections::BTreeMap;
+
+use spinney::io::Output;
+use spinney::ops::convert;
+use spinney::space::{Bounds, Code, Dimension};
+use spinney::store::goblin::Goblin;
+use spinney::tree::{Child, Form, MemTree, Source};
+use spinney::value::{Kind, Number, Rule, SampleType, Sums, Value, ValueType};
+
+use crate::common::{Cells, Random, children, dataset, goblin, goblin_bytes};
+
+const TYPES: [SampleType; 3] = [SampleType::I8, SampleType::U64, SampleType::I64];
+
+/// A sample as a number of more bits.
+fn wide(sample: SampleType, value: Value) -> i128 {
+    let bytes: [u8; 8] = value.to_bytes()[..8].try_into().unwrap();
+    match sample {
+        SampleType::I8 => (bytes[0] as i8).into(),
+        SampleType::U64 => u64::from_le_bytes(bytes).into(),
+        _ => i64::from_le_bytes(bytes).into(),
+    }
+}
+
+/// Samples of all magnitudes: patches, noise, and the ends of the type.
+fn cells(form: Form, seed: u64, size: [u64; 3], void: bool) -> Cells {
+    let mut random = Random(seed);
+    let width = form.width();
+    let cells = (0..size.iter().product::<u64>()).map(|index| {
+        let (x, y) = (index % size[0], index / size[0]);
+        let patch = Random(seed ^ (x / 20 + 1000 * (y / 20))).next();
+        let number = match patch % 4 {
+            0 => patch,
+            1 => random.next(),
+            2 => patch.wrapping_add(random.below(3)),
+            _ => [0, u64::MAX, 1 << 63, u64::MAX >> 1, 1][(patch >> 8) as usize % 5],
+        };
+        let is_void = void && patch % 5 == 0 && random.below(3) == 0;
+        (!is_void).then(|| Value::from_bytes(&number.to_le_bytes()[..width]))
+    });
+    Cells { form, size, cells: cells.collect() }
+}
+
+/// What is known of the cells below a node.
+#[derive(Clone, Copy, Default)]
+struct Known {
+    cells: i128,
+    sum: i128,
+    least: Option<i128>,
+    greatest: Option<i128>,
+    /// By the letter of section 13 of formats.md.
+    squares: (f64, f64),
+    exact_squares: i128,
+}
+
+fn pair(high: f64, low: f64) -> (f64, f64) {
+    let sum = high + low;
+    (sum, low - (sum - high))
+}
+
+fn plus((h, l): (f64, f64), (g, m): (f64, f64)) -> (f64, f64) {
+    let s = h + g;
+    let b = s - h;
+    pair(s, ((h - (s - b)) + (g - b)) + (l + m))
+}
+
+fn square(x: i128) -> (f64, f64) {
+    let h = x as f64;
+    let l = (x - h as i128) as f64;
+    let t = h * 134_217_729.0;
+    let u = t - (t - h);
+    let v = h - u;
+    let p = h * h;
+    let e = v * v - (((p - u * u) - v * u) - u * v);
+    let (p, e) = pair(p, e);
+    pair(p, e + (h * l + l * h))
+}
+
+impl Known {
+    fn with(self, other: Known) -> Known {
+        let join = |a: Option<i128>, b: Option<i128>, of: fn(i128, i128) -> i128| match (a, b) {
+            (Some(a), Some(b)) => Some(of(a, b)),
+            (a, b) => a.or(b),
+        };
+        Known {
+            cells: self.cells + other.cells,
+            sum: self.sum + other.sum,
+            least: join(self.least, other.least, i128::min),
+            greatest: join(self.greatest, other.greatest, i128::max),
+            squares: plus(self.squares, other.squares),
+            exact_squares: self.exact_squares.wrapping_add(other.exact_squares),
+        }
+    }
+
+    /// By halves of the children, down to single cells.
+    fn of(cells: &Cells, code: Code, depth: u8, all: &mut BTreeMap<u64, Known>) -> Known {
+        let sample = cells.form.value.sample;
+        let known = if code.level() == depth {
+            let number = cells.get(code.cell().map(u64::from)).map(|value| wide(sample, value));
+            number.map_or(Known::default(), |number| Known {
+                cells: 1,
+                sum: number,
+                least: Some(number),
+                greatest: Some(number),
+                squares: square(number),
+                exact_squares: number.wrapping_mul(number),
+            })
+        } else {
+            let below: Vec<Known> = (0..cells.form.children())
+                .map(|child| Known::of(cells, code.child(child), depth, all))
+                .collect();
+            let mut level = below;
+            while level.len() > 1 {
+                level = level.chunks(2).map(|two| two[0].with(two[1])).collect();
+            }
+            level[0]
+        };
+        all.insert(code.bits(), known);
+        known
+    }
+}
+
+fn check(form: Form, seed: u64, size: [u64; 3], void: bool) {
+    let sample = form.value.sample;
+    let cells = cells(form, seed, size, void);
+    let depth = cells.depth();
+    let mut all = BTreeMap::new();
+    Known::of(&cells, Code::root(form.dimension), depth, &mut all);
+    let file = goblin(&cells, Rule::Mean, Kind::Continuous);
+    // Means, rounded half up once.
+    let mut pending = vec![(Code::root(form.dimension), file.root().unwrap())];
+    while let Some((code, child)) = pending.pop() {
+        let Known { cells: count, sum, .. } = all[&code.bits()];
+        assert_eq!(child.value().is_some(), count > 0, "{code}");
+        if let Some(value) = child.value() {
+            assert_eq!(wide(sample, value), (2 * sum + count).div_euclid(2 * count), "{form} {code}");
+        }
+        if let Child::Inner { node, .. } = child {
+            pending.extend(children(&file, &node).into_iter().enumerate().map(|(i, it)| (code.child(i), it)));
+        }
+    }
+    // Statistics of segments.
+    for index in 0..file.segments() {
+        let entry = file.entry(index).unwrap();
+        let known = all[&entry.code.bits()];
+        let extremes = [entry.zone.min, entry.zone.max].map(|value| Some(wide(sample, value)));
+        assert_eq!(extremes, [known.least, known.greatest], "{form} {}", entry.code);
+        assert_eq!(
+            (i128::from(entry.zone.cells), entry.zone.sum),
+            (known.cells, Sums::Exact([known.sum, 0, 0, 0]))
+        );
+        match entry.zone.squares {
+            Sums::Exact(squares) => assert_eq!((sample, squares[0]), (SampleType::I8, known.exact_squares)),
+            Sums::Float(squares) => {
+                assert!(sample != SampleType::I8);
+                let bits = |(high, low): (f64, f64)| (high.to_bits(), low.to_bits());
+                assert_eq!(
+                    bits((squares[0].high, squares[0].low)),
+                    bits(known.squares),
+                    "{form} {}",
+                    entry.code
+                );
+            }
+        }
+    }
+    // The other ways to build, and to keep, the same tree: all say the same.
+    assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+    let tree = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let folder = tempfile::tempdir().unwrap();
+    let [one, two] = ["a.goblin", "b.autumn"].map(|name| folder.path().join(name));
+    std::fs::write(&one, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    convert(&one, false, Output::create(&two).unwrap(), 1 << 24, &()).unwrap();
+    let edited = spinney::open(&two).unwrap();
+    assert_eq!(edited.verify(1 << 24, &()).unwrap(), []);
+    let part = Bounds { min: [3, 5, 0], max: size.map(|cells| cells - cells / 3) };
+    for bounds in [None, Some(part)] {
+        let [found, again] = [&tree, &edited].map(|tree| tree.statistics(bounds, &()).unwrap());
+        let inside = bounds.unwrap_or(Bounds::picture(size));
+        let mut known = Known::default();
+        for z in inside.min[2]..inside.max[2] {
+            for (y, x) in (inside.min[1]..inside.max[1])
+                .flat_map(|y| (inside.min[0]..inside.max[0]).map(move |x| (y, x)))
+            {
+                let number = cells.get([x, y, z]).map(|value| wide(sample, value));
+                known = known.with(number.map_or(Known::default(), |number| Known {
+                    cells: 1,
+                    sum: number,
+                    least: Some(number),
+                    greatest: Some(number),
+                    ..Known::default()
+                }));
+            }
+        }
+        for found in [found, again] {
+            let channel = found.channels[0];
+            assert_eq!([channel.min, channel.max].map(Number::to_integer), [known.least, known.greatest]);
+            assert_eq!(channel.mean, known.sum as f64 / known.cells as f64);
+        }
+    }
+}
+
+#[test]
+fn statistics_are_those_of_wider_numbers() {
+    for (seed, sample) in (1..).zip(TYPES) {
+        let value = ValueType::new(sample, 1);
+        check(Form::new(Dimension::Quad, value), seed, [300, 270, 1], true);
+        check(Form::new(Dimension::Quad, value), seed + 10, [512, 256, 1], false);
+        check(Form::new(Dimension::Oct, value), seed + 20, [70, 33, 65], seed % 2 == 0);
+    }
+}
+
+#[test]
+fn majorities_go_to_the_lowest_number() {
+    for sample in TYPES {
+        let form = Form::new(Dimension::Quad, ValueType::new(sample, 1));
+        let cells = cells(form, 5, [256, 256, 1], false);
+        // (One way to build has blocks in rows, the other has cells one by one.)
+        let tree = MemTree::from_cells(form, 8, Rule::Majority, &|cell| cells.get(cell.map(u64::from)));
+        let file = goblin(&cells, Rule::Majority, Kind::Categorical);
+        crate::common::same_trees(&file, &tree);
+        let least = cells.cells.iter().flatten().map(|value| wide(sample, *value)).min().unwrap();
+        let found = dataset(&cells, Rule::Majority, Kind::Categorical).statistics(None, &()).unwrap();
+        assert_eq!(found.classes[0].0.to_integer(), Some(least));
+        assert!(found.classes.is_sorted_by(|a, b| a.0 < b.0));
+    }
+    // Two of each: the negative one.
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::I8, 1));
+    let cells =
+        Cells { form, size: [2, 2, 1], cells: [5i8, -7, 5, -7].map(|n| Some(Value::from([n]))).into() };
+    let file = goblin(&cells, Rule::Majority, Kind::Categorical);
+    assert_eq!(file.root().unwrap().value(), Some(Value::from([-7i8])));
+}
+
+#[test]
+fn sums_and_differences_stay_within_the_type() {
+    use spinney::store::builder::Join;
+    let value = |sample| ValueType::new(sample, 1);
+    for (sample, a, b, sum, difference) in [
+        (
+            SampleType::U64,
+            Value::from([u64::MAX - 1]),
+            Value::from([5u64]),
+            Value::from([u64::MAX]),
+            Value::from([u64::MAX - 6]),
+        ),
+        (
+            SampleType::U64,
+            Value::from([(1u64 << 63) + 3]),
+            Value::from([1u64]),
+            Value::from([(1u64 << 63) + 4]),
+            Value::from([(1u64 << 63) + 2]),
+        ),
+        (
+            SampleType::I64,
+            Value::from([i64::MIN + 1]),
+            Value::from([2i64]),
+            Value::from([i64::MIN + 3]),
+            Value::from([i64::MIN]),
+        ),
+        (
+            SampleType::I8,
+            Value::from([100i8]),
+            Value::from([100i8]),
+            Value::from([127i8]),
+            Value::from([0i8]),
+        ),
+    ] {
+        assert_eq!(Join::Add.values(value(sample), a, b), Some(sum), "{sample:?}");
+        assert_eq!(Join::Subtract.values(value(sample), a, b), Some(difference), "{sample:?}");
+    }
+}
+
+/// The tree in memory is what it was made of, whatever its values are.
+#[test]
+fn expressions_have_all_digits() {
+    use spinney::tree::df;
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
+    let text = "G[9223372036854775811][9223372036854775812]W[18446744073709551615]";
+    let tree = df::from_text(form, text, 3, Value::ZERO, Rule::Mean).unwrap();
+    assert_eq!(df::to_text(&tree, None).unwrap(), text);
+    assert!(df::from_text(form, "[18446744073709551616]", 3, Value::ZERO, Rule::Mean).is_err());
+    assert!(df::from_text(form, "[-1]", 3, Value::ZERO, Rule::Mean).is_err());
+}
