@@ -267,8 +267,9 @@ pub mod import {
     #[cfg(feature = "raster")]
     pub mod raster {
         pub use spinney_raster::import::{
-            DEFAULT_MEMORY, ImportOptions, Order, Pixels, Raster, RasterImport, RasterInfo, RasterOptions,
-            RasterSlabs, TargetGrid, WarpedBuilt, mosaic, open, plan, select, spill, value_type,
+            Band, BandInfo, DEFAULT_MEMORY, ImportOptions, Order, Pixels, Raster, RasterImport, RasterInfo,
+            RasterOptions, RasterSlabs, TargetGrid, WarpedBuilt, mosaic, open, plan, select, spill,
+            value_type,
         };
     }
 

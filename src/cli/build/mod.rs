@@ -208,7 +208,7 @@ impl Args {
         if inputs.iter().any(|input| mesh::is_model(input)) {
             if pictures.are_given() {
                 bail!(
-                    "--kind, --rule, --band, --nodata, --transform, --layer and --keep-transparent are for pictures and volumes, not for models"
+                    "--kind, --rule, --band, --nodata, --transform, --layer, --pages and --keep-transparent are for pictures and volumes, not for models"
                 );
             }
             if common.grid == Some(Grid::Xyz) {

@@ -1,7 +1,7 @@
 //! Options of `spinney build` for pictures and volumes.
 
 use anyhow::{Result, bail};
-use spinney::import::raster::ImportOptions;
+use spinney::import::raster::{Band, ImportOptions};
 use spinney::import::volume::VolumeOptions;
 use spinney::ops::{Resampling, WarpOptions};
 use spinney::value::{Kind, Rule};
@@ -21,9 +21,9 @@ pub(super) struct PictureArgs {
     /// [default: mean of amounts, majority of classes]
     #[arg(long)]
     pub(super) rule: Option<Rule>,
-    /// Channels to take, counted from 1, in this order [default: all]
-    #[arg(long, value_name = "N,...", value_delimiter = ',')]
-    band: Option<Vec<usize>>,
+    /// Channels to take, by number from 1 or by name (the whole one, or what stands before a comma in it), in this order [default: all]
+    #[arg(long, value_name = "N|NAME,...", value_delimiter = ',')]
+    band: Option<Vec<Band>>,
     /// Number that means VOID, that nothing is there [default: from the file]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     nodata: Option<f64>,
@@ -31,9 +31,12 @@ pub(super) struct PictureArgs {
     /// along x, y and z, or a 3 x 4 matrix, row by row [default: 1,1,1]
     #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform)]
     pub(super) transform: Option<Transform>,
-    /// Layer of an OpenEXR file, by name, or page of a TIFF file, by its number from 1 [default: the first]
-    #[arg(long, value_name = "NAME|N")]
+    /// Layer of an OpenEXR file, by name [default: the first]
+    #[arg(long, value_name = "NAME")]
     layer: Option<String>,
+    /// Pages of a TIFF file that has several: the one of a number from 0
+    #[arg(long, value_name = "N")]
+    pages: Option<usize>,
     /// Keep pixels of opacity 0 as cells with their colours, which coarser cells then average like all others
     /// [default: they are VOID]
     #[arg(long)]
@@ -61,13 +64,14 @@ pub(super) enum Transform {
 impl PictureArgs {
     /// Whether any of them was given, which makes no sense for models.
     pub(super) fn are_given(&self) -> bool {
-        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self;
+        let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } = self;
         kind.is_some()
             || rule.is_some()
             || band.is_some()
             || nodata.is_some()
             || transform.is_some()
             || layer.is_some()
+            || pages.is_some()
             || *keep_transparent
             || self.of_warping().is_some()
     }
@@ -78,6 +82,7 @@ impl PictureArgs {
             ("--band", self.band.is_some()),
             ("--nodata", self.nodata.is_some()),
             ("--layer", self.layer.is_some()),
+            ("--pages", self.pages.is_some()),
             ("--keep-transparent", self.keep_transparent),
         ];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
@@ -102,12 +107,13 @@ impl PictureArgs {
 
     /// All that is asked of an import.
     pub(super) fn import_options(&self, common: &Common) -> Result<ImportOptions> {
-        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self.clone();
+        let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } =
+            self.clone();
         let Common { depth, crs, memory, share, time, .. } = common;
         let mut options = ImportOptions::new();
         (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
         (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);
-        options.layer = layer;
+        (options.layer, options.page) = (layer, pages);
         options.transform = match transform {
             None => None,
             Some(Transform::Picture(numbers)) => Some(numbers),
@@ -120,15 +126,18 @@ impl PictureArgs {
 
     /// All that is asked of an import of a volume.
     pub(super) fn volume_options(&self, common: &Common) -> Result<VolumeOptions> {
-        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self;
+        let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } = self;
         let Common { depth, crs, memory, share, time, grid, .. } = common;
         if band.is_some()
             || layer.is_some()
+            || pages.is_some()
             || *keep_transparent
             || grid.is_some()
             || self.of_warping().is_some()
         {
-            bail!("--band, --layer, --keep-transparent and --grid with its options are not for volumes");
+            bail!(
+                "--band, --layer, --pages, --keep-transparent and --grid with its options are not for volumes"
+            );
         }
         let mut options = VolumeOptions::new();
         (options.kind, options.rule, options.nodata) = (*kind, *rule, *nodata);

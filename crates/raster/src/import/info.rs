@@ -20,6 +20,7 @@ impl RasterInfo {
             channels,
             alpha: None,
             keeps_transparent: false,
+            bands: Vec::new(),
             frame: Frame::identity(),
             nodata: None,
             palette: None,
@@ -35,6 +36,7 @@ impl RasterInfo {
             scoped_tags: BTreeMap::new(),
             control_points: None,
             remark: None,
+            pages: 1,
             order: Order::Anywhere,
         }
     }

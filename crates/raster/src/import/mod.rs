@@ -24,7 +24,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::path::Path;
 
-pub use self::bands::{select, value_type};
+pub use self::bands::{Band, BandInfo, select, value_type};
 pub use self::build::{TargetGrid, WarpedBuilt};
 pub use self::mosaic::mosaic;
 pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan};
@@ -58,6 +58,8 @@ pub struct RasterInfo {
     pub alpha: Option<usize>,
     /// Whether transparent pixels are pixels like all others; else they are VOID.
     pub keeps_transparent: bool,
+    /// What each channel has of its own; nothing where they differ in nothing of it.
+    pub bands: Vec<BandInfo>,
     /// Map from pixels to the world.
     pub frame: Frame,
     /// The number that marks missing samples.
@@ -88,6 +90,8 @@ pub struct RasterInfo {
     pub control_points: Option<ControlPoints>,
     /// What else is in the file and is not read, in words.
     pub remark: Option<String>,
+    /// Pictures of their own in the file, besides overviews and masks, of which this is one.
+    pub pages: usize,
     /// Order in which regions are cheap to read.
     pub order: Order,
 }
@@ -127,6 +131,17 @@ pub trait Raster: Send {
     /// # Errors
     /// If the file is damaged there, cannot be read, or decoding would need more memory than `open` allowed.
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()>;
+
+    /// Leaves only these channels, which count from 0, in this order; `false`, and nothing is done, if all are read anyway.
+    fn choose(&mut self, channels: &[usize]) -> bool {
+        let _ = channels;
+        false
+    }
+
+    /// Whether any region can be read at any time, though another order may be cheaper.
+    fn reads_anywhere(&self) -> bool {
+        self.info().order == Order::Anywhere
+    }
 }
 
 /// Options for opening a raster.
@@ -136,13 +151,15 @@ pub struct RasterOptions {
     /// Bytes that a reader may hold at once, such as decoded strips or a whole picture of a format that has
     /// no other way.
     pub memory: u64,
-    /// The layer of an EXR file to read, by name, or the page of a TIFF file, by its number from 1; the first one if not given.
+    /// The layer of an EXR file to read, by name; the first one if not given.
     pub layer: Option<String>,
+    /// The page of a TIFF file to read, by its number from 0; the first one if not given.
+    pub page: Option<usize>,
 }
 
 impl Default for RasterOptions {
     fn default() -> Self {
-        RasterOptions { memory: 192 << 20, layer: None }
+        RasterOptions { memory: 192 << 20, layer: None, page: None }
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::sidecar::Described;
 use super::validity::as_stored;
-use super::{Raster, RasterInfo, RasterOptions, bands, mosaic, open};
+use super::{Band, Raster, RasterInfo, RasterOptions, bands, mosaic, open};
 use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
@@ -24,8 +24,8 @@ pub struct ImportOptions {
     pub kind: Option<Kind>,
     /// Rule for the representatives of inner nodes.
     pub rule: Option<Rule>,
-    /// Channels to take, counted from 1.
-    pub bands: Option<Vec<usize>>,
+    /// Channels to take, by number or name.
+    pub bands: Option<Vec<Band>>,
     /// The number that means VOID.
     pub nodata: Option<f64>,
     /// Levels of the tree, at least as many as the picture needs.
@@ -34,8 +34,10 @@ pub struct ImportOptions {
     pub crs: Option<Crs>,
     /// Affine map of the pixels: the numbers of [`Frame::planar`]; for several inputs, of the mosaic.
     pub transform: Option<[f64; 6]>,
-    /// The layer of OpenEXR files, by its name, or the page of TIFF files, by its number.
+    /// The layer of OpenEXR files, by its name.
     pub layer: Option<String>,
+    /// The page of TIFF files, by its number from 0; files that have several are refused if it is not said.
+    pub page: Option<usize>,
     /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if
     /// not said.
     pub memory: Option<u64>,
@@ -149,9 +151,10 @@ fn open_inputs(
 ) -> Result<Vec<Box<dyn Raster>>> {
     // Readers rarely need their share, but all together must not need more than half of the memory.
     let share = memory / 2 / inputs.len().max(1) as u64;
-    let open_options = RasterOptions { memory: share, layer: options.layer.clone() };
+    let open_options = RasterOptions { memory: share, layer: options.layer.clone(), page: options.page };
     let open_one = |path: &PathBuf| -> Result<Box<dyn Raster>> {
         let raster = open(path, &open_options)?;
+        check_pages(&*raster)?;
         let raster = match &options.bands {
             Some(chosen) => bands::select(raster, chosen)?,
             None => raster,
@@ -169,6 +172,18 @@ fn open_inputs(
         Ok(Box::new(Described { raster, info }))
     };
     inputs.iter().map(open_one).collect()
+}
+
+/// Refuses a file of several pages, of which the first is not all there is.
+fn check_pages(raster: &dyn Raster) -> Result<()> {
+    match raster.info().pages {
+        0 | 1 => Ok(()),
+        pages => {
+            let advice = "say which with --pages (in Python pages=): a number from 0 for one of them, layers for a layer of each, z \
+                          for a volume";
+            Err(Error::unsupported(raster.path(), format!("{pages} pages"), advice))
+        }
+    }
 }
 
 /// Properties of the tree that follow from the raster and the options.
@@ -320,7 +335,7 @@ fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) ->
     };
     let numbers = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
     let bands =
-        options.bands.as_ref().map(|bands| bands.iter().map(usize::to_string).collect::<Vec<_>>().join(","));
+        options.bands.as_ref().map(|bands| bands.iter().map(Band::to_string).collect::<Vec<_>>().join(","));
     let transform = options.transform.map(|transform| numbers(&transform));
     say("kind", options.kind.as_ref().map(|kind| kind as _));
     say("rule", options.rule.as_ref().map(|rule| rule as _));
@@ -330,6 +345,7 @@ fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) ->
     say("crs", options.crs.as_ref().map(|crs| crs as _));
     say("transform", transform.as_ref().map(|transform| transform as _));
     say("layer", options.layer.as_ref().map(|layer| layer as _));
+    say("page", options.page.as_ref().map(|page| page as _));
     if options.keep_transparent {
         said.push("transparent pixels kept".into());
     }

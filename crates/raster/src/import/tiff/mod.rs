@@ -30,21 +30,30 @@ use spinney_base::{Error, Result};
 /// Opens a TIFF file, of which one page counts.
 pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let (input, first) = Input::open(path, options.memory)?;
-    let (directory, next) = match options.layer.as_deref() {
+    if options.layer.is_some() {
+        return Err(Error::unsupported(
+            path,
+            "a TIFF file",
+            "--layer is for OpenEXR; say --pages for pages, from 0",
+        ));
+    }
+    let (directory, next) = match options.page {
         None => input.directory(first)?,
         Some(page) => pages::find(&input, first, page)?,
     };
     let mut image = Image::new(&input, &directory)?;
     let mut info = info(&directory, &image)?;
-    if options.layer.is_none() {
-        info.remark = pages::remark(&input, next);
+    // (Of a page that was asked for, the file's other ones are none of its business.)
+    if options.page.is_none() {
+        info.pages = pages::count(&input, next);
     }
     if let Some(nodata) = info.nodata {
         image.hole = sample_bytes(nodata, info.sample).unwrap_or(image.hole);
     }
     let mask = mask(&input, next, &image)?;
     drop(directory);
-    Ok(Box::new(Tiff { input, image, mask, info }))
+    let chosen = (0..info.channels).collect();
+    Ok(Box::new(Tiff { input, image, mask, chosen, info }))
 }
 
 /// An open TIFF file.
@@ -52,6 +61,8 @@ struct Tiff {
     input: Input,
     image: Image,
     mask: Option<Image>,
+    /// The image's channels that are given, in this order.
+    chosen: Vec<usize>,
     info: RasterInfo,
 }
 
@@ -72,20 +83,31 @@ impl Raster for Tiff {
                 format!("a part of {}x{} pixels", self.info.width, self.info.height),
             ));
         }
-        self.resize(&mut pixels.bytes, region, self.image.pixel_bytes())?;
+        self.resize(&mut pixels.bytes, region, self.info.pixel_bytes())?;
         pixels.valid = None;
         if region.is_empty() {
             return Ok(());
         }
-        self.image.read(&self.input, region, &mut pixels.bytes)?;
+        self.image.read(&self.input, region, &self.chosen, &mut pixels.bytes)?;
         if let Some(mask) = &self.mask {
             let mut samples = Vec::new();
             self.resize(&mut samples, region, mask.pixel_bytes())?;
-            mask.read(&self.input, region, &mut samples)?;
+            let all: Vec<usize> = (0..mask.channels).collect();
+            mask.read(&self.input, region, &all, &mut samples)?;
             let flags = samples.chunks_exact(mask.channels);
             pixels.valid = Some(flags.map(|flags| flags.iter().any(|flag| *flag != 0)).collect());
         }
         Ok(())
+    }
+
+    fn choose(&mut self, channels: &[usize]) -> bool {
+        self.info = self.info.of_channels(channels);
+        self.chosen = channels.iter().map(|channel| self.chosen[*channel]).collect();
+        true
+    }
+
+    fn reads_anywhere(&self) -> bool {
+        true
     }
 }
 
@@ -297,7 +319,7 @@ mod tests {
         let side = u64::from(tiles) * 16;
         let mut rows = vec![0; side as usize * 64];
         for y in (0..side).step_by(64) {
-            image.read(&input, Region::new(0, y, side, 64.min(side - y)), &mut rows).unwrap();
+            image.read(&input, Region::new(0, y, side, 64.min(side - y)), &[0], &mut rows).unwrap();
             for (index, pixel) in rows.iter().enumerate() {
                 let (x, y) = (index as u64 % side, index as u64 / side);
                 assert_eq!(u64::from(*pixel), (x % 16 + y % 16 * 16) / 3, "{x}, {y}");
