@@ -4,6 +4,7 @@ mod commit;
 mod coordinates;
 mod crs;
 mod global;
+mod list;
 mod memory;
 mod operation;
 mod output;
@@ -24,6 +25,7 @@ pub(crate) use commit::CommitOptions;
 pub(crate) use coordinates::{CoordinatesOption, places};
 pub(crate) use crs::parse_crs;
 pub(crate) use global::Global;
+pub(crate) use list::expand_lists;
 pub(crate) use memory::{DEFAULT_MEMORY, Memory};
 pub(crate) use operation::{OperationName, parse_operation};
 pub(crate) use output::{

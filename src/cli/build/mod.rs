@@ -24,7 +24,7 @@ use self::exact::ExactImport;
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use self::tree::TreeImport;
-use super::args::{Memory, OutputLimit, check_output, parse_crs};
+use super::args::{Memory, OutputLimit, check_output, expand_lists, parse_crs};
 use super::report::{Work, report_built};
 use super::{Global, open};
 
@@ -50,7 +50,7 @@ use super::{Global, open};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Raster files (of several, the last lies on top), a volume, models, or a tree
+    /// Raster files (of several, the last lies on top), a volume, models, or a tree; @FILE stands for the paths in a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// File to write; - is standard output
@@ -113,6 +113,7 @@ Examples:
   spinney build landcover.tif -o landcover.goblin --kind categorical --nodata 0
   spinney build scene.tif -o colour.goblin --band 4,3,2
   spinney build N46E007.hgt N46E008.hgt -o alps.goblin --memory 1G
+  spinney build @tiles.txt -o country.goblin
   spinney build scan.png -o scan.goblin --crs EPSG:3857 --transform 0.5,0,1000,0,-0.5,2000
   spinney build scan.npy -o scan.goblin --nodata -1024 --transform 0.7,0.7,1.25
   spinney build bunny.ply -o bunny.goblin --cells 1024
@@ -259,8 +260,9 @@ impl Args {
     }
 }
 
-pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
+pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
+    args.inputs = expand_lists(args.inputs)?;
     let import = args.plan()?;
     for (heading, text) in import.description() {
         global.report(heading, text);

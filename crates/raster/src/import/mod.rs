@@ -8,6 +8,7 @@ mod fake;
 mod gdal;
 mod hgt;
 mod info;
+mod lazy;
 mod mosaic;
 mod picture;
 mod plan;

@@ -3,6 +3,7 @@
 use std::fmt::Display;
 use std::path::PathBuf;
 
+use super::lazy::{Lazy, Pool};
 use super::sidecar::Described;
 use super::validity::as_stored;
 use super::{Band, Raster, RasterInfo, RasterOptions, bands, mosaic, open};
@@ -15,6 +16,9 @@ use spinney_engine::store::{BuildOptions, depth_for};
 
 /// Bytes of memory used if nothing is said: what it takes for whole JPEG and WebP pictures of a usual size.
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
+
+/// Files that are open at once; of more, each is opened when it is read from.
+pub(super) const MOST_OPEN: usize = 16;
 
 /// Options for an import; the files decide those that are `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -149,11 +153,17 @@ fn open_inputs(
     memory: u64,
     overruled: &mut Option<Crs>,
 ) -> Result<Vec<Box<dyn Raster>>> {
-    // Readers rarely need their share, but all together must not need more than half of the memory.
-    let share = memory / 2 / inputs.len().max(1) as u64;
+    // Readers rarely need their share, but all that are open together must not need more than half of the memory.
+    let at_once = inputs.len().clamp(1, MOST_OPEN);
+    let share = memory / 2 / at_once as u64;
     let open_options = RasterOptions { memory: share, layer: options.layer.clone(), page: options.page };
+    let pool = Pool::new(MOST_OPEN);
     let open_one = |path: &PathBuf| -> Result<Box<dyn Raster>> {
-        let raster = open(path, &open_options)?;
+        let raster: Box<dyn Raster> = if inputs.len() > MOST_OPEN {
+            Box::new(Lazy::open(path, &open_options, &pool)?)
+        } else {
+            open(path, &open_options)?
+        };
         check_pages(&*raster)?;
         let raster = match &options.bands {
             Some(chosen) => bands::select(raster, chosen)?,
@@ -247,7 +257,7 @@ fn describe(
     };
     let affine = metadata.frame.affine().map(|number| number.to_string()).join(", ");
     let mut lines = vec![
-        ("input", inputs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")),
+        ("input", listed(inputs)),
         ("layout", info.layout.clone()),
         ("size", format!("{} x {} pixels", info.width, info.height)),
         (
@@ -270,6 +280,16 @@ fn describe(
     lines.push(("rule", format!("{rule}, {default}")));
     lines.push(("depth", format!("{depth} levels, {0} x {0} cells", 1u64 << depth)));
     lines
+}
+
+/// The paths of files, as far as a line has room for them.
+pub(super) fn listed(paths: &[PathBuf]) -> String {
+    const LISTED: usize = 12;
+    let names: Vec<String> = paths.iter().take(LISTED).map(|path| path.display().to_string()).collect();
+    match paths.len() - names.len() {
+        0 => names.join(", "),
+        more => format!("{} and {more} more", names.join(", ")),
+    }
 }
 
 fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
