@@ -268,15 +268,15 @@ pub mod import {
     pub mod raster {
         pub use spinney_raster::import::{
             Band, BandInfo, DEFAULT_MEMORY, ImportOptions, Order, Pixels, Raster, RasterImport, RasterInfo,
-            RasterOptions, RasterSlabs, TargetGrid, WarpedBuilt, mosaic, open, plan, select, spill,
-            value_type,
+            RasterOptions, RasterSlabs, Stack, StackLayer, StackOptions, TargetGrid, WarpedBuilt, mosaic,
+            open, plan, plan_stack, select, spill, value_type, write_stack,
         };
     }
 
     /// Volumes.
     #[cfg(feature = "raster")]
     pub mod volume {
-        pub use spinney_raster::volume::{VolumeImport, VolumeOptions, is_volume, plan};
+        pub use spinney_raster::volume::{VolumeImport, VolumeOptions, is_volume, plan, plan_pages};
     }
 }
 

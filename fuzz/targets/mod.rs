@@ -14,7 +14,7 @@ pub mod trees;
 
 pub use edits::{autumnal_edit, autumnal_file};
 pub use importers::{
-    cells, cityjson, exr, hgt, jpeg, npy, obj, off, ply, png, sidecar, stl, tiff, webp, world_file,
+    cells, cityjson, exr, hgt, jpeg, npy, obj, off, ply, png, sidecar, stl, tiff, vrt, webp, world_file,
 };
 pub use models::model_read;
 pub use texts::{crs_text, df_text, step_text};
@@ -24,7 +24,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 23] = [
+pub const TARGETS: [(&str, Target); 24] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_read", autumnal_read),
@@ -46,6 +46,7 @@ pub const TARGETS: [(&str, Target); 23] = [
     ("step_text", step_text),
     ("stl", stl),
     ("tiff", tiff),
+    ("vrt", vrt),
     ("webp", webp),
     ("world_file", world_file),
 ];

@@ -60,3 +60,43 @@ fn lists_name_more_files_than_are_open_at_once() {
     let wrong = place.write("wrong.txt", "tiles/0.tif\ntiles/77.tif\n");
     assert!(complaint(&["build", &format!("@{wrong}"), "-o", &out], 1).contains("77.tif"));
 }
+
+#[test]
+fn stacks_are_planned_from_files_bands_and_pages() {
+    let place = Place::new();
+    let out = place.name("o.goblin");
+    let one = place.write("B02.tif", file(&[placed(Ifd::grey(4, 4, vec![2; 16]), 0.0, 10.0)]));
+    spinney(&["-q", "build", &one, "-o", &out, "--stack"]).success();
+    assert_eq!(value(&out, 3, 3), "2");
+    let shifted = place.write("B03.tif", file(&[placed(Ifd::grey(4, 4, vec![3; 16]), 5.0, 10.0)]));
+    let text = complaint(&["build", &one, &shifted, "-o", &out, "--stack"], 1);
+    assert!(text.contains("B03.tif") && text.contains("--resampling"), "{text}");
+    let text = complaint(&["build", &one, &one, "-o", &out, "--stack"], 1);
+    assert!(text.contains("`B02`") && text.contains("--names"), "{text}");
+    let many = Ifd::grey(1, 1, vec![1, 2, 3, 4, 5]).short(258, &[8; 5]).short(277, &[5]);
+    let many = place.write("many.tif", file(&[many]));
+    let text = complaint(&["build", &many, "-o", &out], 1);
+    assert!(text.contains("--stack") && text.contains("--band"), "{text}");
+    spinney(&["-q", "build", &many, "-o", &out, "--stack", "--band", "4", "--names", "x"]).success();
+    assert_eq!(value(&out, 0, 0), "4");
+    assert!(
+        complaint(&["build", &many, "-o", &out, "--stack", "--names", "a,b"], 1).contains("5, as many as")
+    );
+    // Pages, and what does not go together.
+    let pages: Vec<Ifd> = (1..4).map(|page| Ifd::grey(2, 1, vec![page, page + 10])).collect();
+    let pages = place.write("pages.tif", file(&pages));
+    spinney(&["-q", "build", &pages, "-o", &out, "--pages", "z"]).success();
+    assert_eq!(stdout(&["point", &out, "--in", "cells", "1,0,2"]).trim(), "13");
+    let text = complaint(&["build", &pages, "-o", &out, "--pages", "layers", "--names", "a"], 1);
+    assert!(text.contains("3, as many as"), "{text}");
+    for (words, expected) in [
+        (&["--pages", "x"][..], "layers, z, or a number"),
+        (&["--pages", "z", "--band", "1"], "not for volumes"),
+        (&["--names", "a"], "--stack"),
+        (&["--stack", "--grid", "xyz"], "--grid"),
+    ] {
+        let code = if words == ["--pages", "x"] { 2 } else { 1 };
+        let text = complaint(&[&["build", &pages, "-o", &out], words].concat(), code);
+        assert!(text.contains(expected), "{words:?}: {text}");
+    }
+}

@@ -1,7 +1,9 @@
 //! Options of `spinney build` for pictures and volumes.
 
+use std::str::FromStr;
+
 use anyhow::{Result, bail};
-use spinney::import::raster::{Band, ImportOptions};
+use spinney::import::raster::{Band, ImportOptions, StackOptions};
 use spinney::import::volume::VolumeOptions;
 use spinney::ops::{Resampling, WarpOptions};
 use spinney::value::{Kind, Rule};
@@ -34,9 +36,16 @@ pub(super) struct PictureArgs {
     /// Layer of an OpenEXR file, by name [default: the first]
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
-    /// Pages of a TIFF file that has several: the one of a number from 0
-    #[arg(long, value_name = "N")]
-    pages: Option<usize>,
+    /// Pages of a TIFF file that has several: the one of a number from 0, or all of them, as layers of a stack or as planes of a volume
+    #[arg(long, value_name = "layers|z|N")]
+    pages: Option<Pages>,
+    /// Keep the inputs, and each of their bands, beside each other as layers of one file, not on top of each other; pictures in colour
+    /// are one layer. All lie at one corner, with cells as large as the finest or a whole number of times
+    #[arg(long)]
+    stack: bool,
+    /// Names of the layers of a stack [default: those of the files; of files with several bands those of the bands]
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    names: Option<Vec<String>>,
     /// Keep pixels of opacity 0 as cells with their colours, which coarser cells then average like all others
     /// [default: they are VOID]
     #[arg(long)]
@@ -52,6 +61,29 @@ pub(super) struct PictureArgs {
     /// Take datums for WGS 84 whose shift to it is unknown or needs a grid, with --grid: may be off by some hundred metres
     #[arg(long)]
     allow_ballpark: bool,
+}
+
+/// Pages of a TIFF file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pages {
+    /// All, as layers.
+    Layers,
+    /// All, as planes of a volume.
+    Volume,
+    /// One, by its number from 0.
+    One(usize),
+}
+
+impl FromStr for Pages {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Pages, &'static str> {
+        match text {
+            "layers" => Ok(Pages::Layers),
+            "z" => Ok(Pages::Volume),
+            _ => text.parse().map(Pages::One).map_err(|_| "expected layers, z, or a number from 0"),
+        }
+    }
 }
 
 /// Coordinates of cells.
@@ -74,6 +106,22 @@ impl PictureArgs {
             || pages.is_some()
             || *keep_transparent
             || self.of_warping().is_some()
+            || self.of_stacks().is_some()
+    }
+
+    /// Whether the pages of a file are planes of a volume.
+    pub(super) fn pages_are_planes(&self) -> bool {
+        self.pages == Some(Pages::Volume)
+    }
+
+    /// An option that was given and is for stacks.
+    pub(super) fn of_stacks(&self) -> Option<&'static str> {
+        let given = [
+            ("--stack", self.stack),
+            ("--pages layers", self.pages == Some(Pages::Layers)),
+            ("--names", self.names.is_some()),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
     /// An option that was given and says what cells are made of.
@@ -113,7 +161,11 @@ impl PictureArgs {
         let mut options = ImportOptions::new();
         (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
         (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);
-        (options.layer, options.page) = (layer, pages);
+        options.layer = layer;
+        options.page = match pages {
+            Some(Pages::One(page)) => Some(page),
+            _ => None,
+        };
         options.transform = match transform {
             None => None,
             Some(Transform::Picture(numbers)) => Some(numbers),
@@ -124,13 +176,33 @@ impl PictureArgs {
         Ok(options)
     }
 
+    /// All that is asked of a stack; nothing if none is.
+    pub(super) fn stack_options(&self, common: &Common) -> Result<Option<StackOptions>> {
+        let every_page = self.pages == Some(Pages::Layers);
+        if !self.stack && !every_page {
+            if self.names.is_some() {
+                bail!("--names is for --stack")
+            }
+            return Ok(None);
+        }
+        if common.grid.is_some() || self.of_warping().is_some() {
+            bail!(
+                "--stack: layers keep the grids of their files; --grid and its options are for single pictures"
+            )
+        }
+        let mut options = StackOptions::new();
+        options.import = self.import_options(common)?;
+        (options.names, options.every_page) = (self.names.clone(), every_page);
+        Ok(Some(options))
+    }
+
     /// All that is asked of an import of a volume.
     pub(super) fn volume_options(&self, common: &Common) -> Result<VolumeOptions> {
         let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } = self;
         let Common { depth, crs, memory, share, time, grid, .. } = common;
         if band.is_some()
             || layer.is_some()
-            || pages.is_some()
+            || pages.is_some_and(|pages| pages != Pages::Volume)
             || *keep_transparent
             || grid.is_some()
             || self.of_warping().is_some()

@@ -218,10 +218,22 @@ pub(super) fn select_channels(mut raster: Box<dyn Raster>, chosen: &[usize]) -> 
     if chosen.iter().copied().eq(0..raster.info().channels) || raster.choose(chosen) {
         return raster;
     }
-    // (All are read, in the type that they have in common.)
-    let mut info = raster.info().of_channels(chosen);
-    info.sample = raster.info().sample;
-    Box::new(Bands { raster, chosen: chosen.to_vec(), info, all: Vec::new() })
+    // Those that are not wanted are not read, where that can be had: what is chosen twice is read once.
+    let mut once = Vec::new();
+    chosen.iter().for_each(|channel| {
+        if !once.contains(channel) {
+            once.push(*channel);
+        }
+    });
+    let mut chosen = chosen.to_vec();
+    if once.len() < chosen.len() && raster.choose(&once) {
+        chosen.iter_mut().for_each(|channel| {
+            *channel = once.iter().position(|other| other == channel).unwrap_or_default();
+        });
+    }
+    // (All are read in the type that they have in common.)
+    let info = RasterInfo { sample: raster.info().sample, ..raster.info().of_channels(&chosen) };
+    Box::new(Bands { raster, chosen, info, all: Vec::new() })
 }
 
 /// The items of the chosen channels; nothing if there is not one per channel.

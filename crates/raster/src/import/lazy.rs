@@ -88,8 +88,33 @@ impl Lazy {
         })
     }
 
+    /// The same file, to be read beside this one.
+    pub(super) fn another(&self) -> Lazy {
+        Lazy {
+            path: self.path.clone(),
+            options: self.options.clone(),
+            chosen: self.chosen.clone(),
+            info: self.info.clone(),
+            anywhere: self.anywhere,
+            pool: Arc::clone(&self.pool),
+            id: self.pool.next.fetch_add(1, Ordering::Relaxed),
+        }
+    }
+
+    /// Forgets what is said of the raster and has nothing to do with its samples, so that very many take little memory.
+    pub(super) fn forget_words(&mut self) {
+        let RasterInfo { sample, channels, alpha, order, .. } = self.info;
+        let mut info = RasterInfo::plain([self.info.width, self.info.height], sample, channels);
+        (info.alpha, info.order, info.bands) = (alpha, order, std::mem::take(&mut self.info.bands));
+        for band in &mut info.bands {
+            (band.palette, band.class_names) = (None, Vec::new());
+        }
+        self.info = info;
+    }
+
     fn reopen(&self) -> Result<Opened> {
-        let mut raster = open(&self.path, &self.options)?;
+        let nesting = self.options.nesting.anew();
+        let mut raster = open(&self.path, &RasterOptions { nesting, ..self.options.clone() })?;
         if let Some(chosen) = &self.chosen {
             if chosen.iter().any(|channel| *channel >= raster.info().channels) {
                 return Err(self.changed());

@@ -16,8 +16,10 @@ mod png;
 mod sidecar;
 mod slabs;
 mod spill;
+mod stack;
 mod tiff;
 mod validity;
+mod vrt;
 mod worldfile;
 mod xml;
 
@@ -32,7 +34,8 @@ pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan};
 pub(super) use self::plan::{depth_of, nodata_text};
 pub use self::slabs::RasterSlabs;
 pub use self::spill::spill;
-pub(super) use self::tiff::SampleFormat;
+pub use self::stack::{Stack, StackLayer, StackOptions, plan_stack, write_stack};
+pub(super) use self::tiff::{SampleFormat, page_directories};
 pub(super) use self::validity::as_stored;
 use spinney_base::io::open_input;
 use spinney_base::space::Region;
@@ -156,11 +159,20 @@ pub struct RasterOptions {
     pub layer: Option<String>,
     /// The page of a TIFF file to read, by its number from 0; the first one if not given.
     pub page: Option<usize>,
+    pub(crate) nesting: vrt::Nesting,
+    /// The directory of the page in a TIFF file, if that is known.
+    pub(crate) directory: Option<u64>,
 }
 
 impl Default for RasterOptions {
     fn default() -> Self {
-        RasterOptions { memory: 192 << 20, layer: None, page: None }
+        RasterOptions {
+            memory: 192 << 20,
+            layer: None,
+            page: None,
+            nesting: Default::default(),
+            directory: None,
+        }
     }
 }
 
@@ -184,6 +196,7 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
         [0xff, 0xd8, 0xff, ..] => picture::open_jpeg(path, options),
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => picture::open_webp(path, options),
         [0x76, 0x2f, 0x31, 0x01, ..] => exr::open(path, options),
+        start if vrt::is_vrt(start) => vrt::open(path, options),
         _ if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => hgt::open(path),
         _ => Err(OtherFormat::refuse_source(path, &magic)),
     };

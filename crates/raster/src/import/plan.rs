@@ -156,7 +156,12 @@ fn open_inputs(
     // Readers rarely need their share, but all that are open together must not need more than half of the memory.
     let at_once = inputs.len().clamp(1, MOST_OPEN);
     let share = memory / 2 / at_once as u64;
-    let open_options = RasterOptions { memory: share, layer: options.layer.clone(), page: options.page };
+    let open_options = RasterOptions {
+        memory: share,
+        layer: options.layer.clone(),
+        page: options.page,
+        ..RasterOptions::default()
+    };
     let pool = Pool::new(MOST_OPEN);
     let open_one = |path: &PathBuf| -> Result<Box<dyn Raster>> {
         let raster: Box<dyn Raster> = if inputs.len() > MOST_OPEN {
@@ -170,22 +175,28 @@ fn open_inputs(
             None => raster,
         };
         let mut info = raster.info().clone();
-        info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
-        info.keeps_transparent = options.keep_transparent;
-        if let Some(chosen) = &options.crs {
-            let told = match &mut info.control_points {
-                Some(points) => points.crs.replace(chosen.clone()),
-                None => info.frame.crs.replace(chosen.clone()),
-            };
-            *overruled = overruled.take().or(told.filter(|told| !told.is_same(chosen)));
-        }
+        tell(&mut info, options, overruled);
         Ok(Box::new(Described { raster, info }))
     };
     inputs.iter().map(open_one).collect()
 }
 
+/// Puts what the user says of a picture in place of what its file says; `overruled` becomes the first coordinate system that a file
+/// tells and that is not the one that the user chose.
+pub(super) fn tell(info: &mut RasterInfo, options: &ImportOptions, overruled: &mut Option<Crs>) {
+    info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
+    info.keeps_transparent = options.keep_transparent;
+    if let Some(chosen) = &options.crs {
+        let told = match &mut info.control_points {
+            Some(points) => points.crs.replace(chosen.clone()),
+            None => info.frame.crs.replace(chosen.clone()),
+        };
+        *overruled = overruled.take().or(told.filter(|told| !told.is_same(chosen)));
+    }
+}
+
 /// Refuses a file of several pages, of which the first is not all there is.
-fn check_pages(raster: &dyn Raster) -> Result<()> {
+pub(super) fn check_pages(raster: &dyn Raster) -> Result<()> {
     match raster.info().pages {
         0 | 1 => Ok(()),
         pages => {
@@ -207,7 +218,12 @@ struct Choices {
 }
 
 /// Metadata of the tree's file.
-fn metadata(frame: Frame, inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Metadata {
+pub(super) fn metadata(
+    frame: Frame,
+    inputs: &[PathBuf],
+    info: &RasterInfo,
+    options: &ImportOptions,
+) -> Metadata {
     // Control points are for pictures that nothing else places.
     let control_points = info.control_points.clone().filter(|_| frame.is_identity());
     let mut metadata = Metadata {
@@ -304,7 +320,7 @@ fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
     Ok(frame)
 }
 
-fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
+pub(super) fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
     let small = matches!(info.sample, SampleType::U8) && info.channels == 1;
     let has_classes = info.channels == 1 && !info.sample.is_float() && !info.class_names.is_empty();
     match (options.kind, info.kind) {

@@ -150,7 +150,7 @@ fn class_names(info: &mut RasterInfo, channel: usize, names: Vec<(i64, String)>)
     gdal::take_class_names(info, channel, names);
 }
 
-fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut RasterInfo) {
+pub(super) fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut RasterInfo) {
     let domain = metadata.attribute("domain").unwrap_or_default();
     if metadata.attribute("format").is_some_and(|format| format == "xml") {
         // The content is a document, which has the name that it has in a TIFF file.
@@ -165,13 +165,13 @@ fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut 
 }
 
 /// Names of the values from 0 on; those of values in gaps are empty.
-fn categories(list: &XmlElement<'_>) -> Vec<(i64, String)> {
+pub(super) fn categories(list: &XmlElement<'_>) -> Vec<(i64, String)> {
     let names = list.named("Category").map(|name| name.text());
     (0..).zip(names).collect()
 }
 
 /// Colours of the values from 0 on; nothing if there are none, or more than 16 bits can tell.
-fn palette(table: &XmlElement<'_>) -> Option<Palette> {
+pub(super) fn palette(table: &XmlElement<'_>) -> Option<Palette> {
     const MOST: usize = 1 << 16;
     let level = |entry: &XmlElement<'_>, name: &str| entry.attribute(name)?.trim().parse::<u8>().ok();
     let colour = |entry: XmlElement<'_>| {
@@ -183,7 +183,7 @@ fn palette(table: &XmlElement<'_>) -> Option<Palette> {
 }
 
 /// The frame from GDAL's six numbers, which stand in the order c, a, b, f, d, e.
-fn geo_transform(path: &Path, text: &str) -> Result<Frame> {
+pub(super) fn geo_transform(path: &Path, text: &str) -> Result<Frame> {
     let numbers: Vec<f64> = text.split(',').map_while(|word| word.trim().parse().ok()).collect();
     let frame = <[f64; 6]>::try_from(numbers).map(|[c, a, b, f, d, e]| Frame::planar([a, b, c, d, e, f]));
     frame
@@ -196,7 +196,7 @@ fn geo_transform(path: &Path, text: &str) -> Result<Frame> {
         })
 }
 
-fn control_points(path: &Path, list: &XmlElement<'_>) -> Result<Option<ControlPoints>> {
+pub(super) fn control_points(path: &Path, list: &XmlElement<'_>) -> Result<Option<ControlPoints>> {
     let point = |point: XmlElement<'_>| {
         let number = |name| point.attribute(name).and_then(|text| text.trim().parse::<f64>().ok());
         let numbers =

@@ -37,9 +37,10 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
             "--layer is for OpenEXR; say --pages for pages, from 0",
         ));
     }
-    let (directory, next) = match options.page {
-        None => input.directory(first)?,
-        Some(page) => pages::find(&input, first, page)?,
+    let (directory, next) = match (options.directory, options.page) {
+        (Some(directory), _) => input.directory(directory)?,
+        (None, None) => input.directory(first)?,
+        (None, Some(page)) => pages::find(&input, first, page)?,
     };
     let mut image = Image::new(&input, &directory)?;
     let mut info = info(&directory, &image)?;
@@ -54,6 +55,12 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     drop(directory);
     let chosen = (0..info.channels).collect();
     Ok(Box::new(Tiff { input, image, mask, chosen, info }))
+}
+
+/// The directories of a file's pages, by their offsets.
+pub(crate) fn page_directories(path: &Path, memory: u64) -> Result<Vec<u64>> {
+    let (input, first) = Input::open(path, memory)?;
+    pages::directories(&input, first)
 }
 
 /// An open TIFF file.
@@ -129,6 +136,10 @@ impl Tiff {
 fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
     for directory in input.chain(next) {
         let (directory, _) = directory?;
+        // (What is behind the next page belongs to that.)
+        if pages::is_page(&directory) {
+            break;
+        }
         let is = |tag, value: u64| Ok::<bool, Error>(directory.number(tag)? == Some(value));
         // Bit 2 of NewSubfileType is "mask", bit 0 "of an overview".
         let wanted = is(tag::NEW_SUBFILE_TYPE, 4)?
@@ -189,8 +200,8 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
         order: if layout.tiled { Order::Anywhere } else { Order::Bands },
         ..RasterInfo::plain([layout.width, layout.height], sample_format.sample(), *channels)
     };
-    if image.photometric == photometric::RGB && *channels >= 3 {
-        info.colour_roles = colour_roles(&info);
+    if image.photometric == photometric::RGB || image.colour != Colour::Keep {
+        info = info.in_colour();
     }
     gdal::apply(&directory.text(tag::GDAL_METADATA)?.unwrap_or_default(), &mut info);
     Ok(info)
@@ -205,16 +216,6 @@ fn alpha(directory: &Directory<'_>, image: &Image) -> Result<Option<usize>> {
     // Extra samples are the last ones of a pixel; 1 and 2 are opacity, multiplied in or not.
     let index = extra.iter().position(|meaning| matches!(meaning, 1 | 2));
     Ok(index.and_then(|index| (image.channels + index).checked_sub(extra.len())))
-}
-
-/// The roles of the channels of a coloured image.
-fn colour_roles(info: &RasterInfo) -> Vec<String> {
-    let role = |channel| match channel {
-        channel if info.alpha == Some(channel) => "Alpha",
-        0..=2 => ["Red", "Green", "Blue"][channel],
-        _ => "Undefined",
-    };
-    (0..info.channels).map(|channel| role(channel).into()).collect()
 }
 
 /// The colours of a one-channel image, if it has a colour map.

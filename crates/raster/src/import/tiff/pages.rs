@@ -10,7 +10,7 @@ const REDUCED_OR_MASK: u64 = 1 | 4;
 const OLD_REDUCED: u64 = 2;
 
 /// Whether a directory is that of a page.
-fn is_page(directory: &Directory<'_>) -> bool {
+pub(super) fn is_page(directory: &Directory<'_>) -> bool {
     let number = |tag| directory.number(tag).ok().flatten();
     match number(tag::NEW_SUBFILE_TYPE) {
         Some(bits) => bits & REDUCED_OR_MASK == 0,
@@ -43,4 +43,20 @@ pub(super) fn find(input: &Input, first: u64, page: usize) -> Result<LinkedDirec
 pub(super) fn count(input: &Input, next: u64) -> usize {
     let readable = input.chain(next).map_while(Result::ok);
     1 + readable.filter(|(directory, _)| is_page(directory)).count()
+}
+
+/// The offsets of the directories of all pages.
+///
+/// # Errors
+/// If the file is damaged in one of its directories.
+pub(super) fn directories(input: &Input, first: u64) -> Result<Vec<u64>> {
+    let (mut offsets, mut offset) = (Vec::new(), first);
+    for directory in input.chain(first) {
+        let (directory, next) = directory?;
+        if offsets.is_empty() || is_page(&directory) {
+            offsets.push(offset);
+        }
+        offset = next;
+    }
+    Ok(offsets)
 }
