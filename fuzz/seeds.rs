@@ -208,6 +208,18 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         <FieldDefn><Usage>5</Usage></FieldDefn><FieldDefn><Usage>2</Usage></FieldDefn><Row><F>1</F><F>n</F></Row>\
         </GDALRasterAttributeTable></PAMRasterBand></PAMDataset>";
     put("sidecar", "all", sidecar.as_bytes());
+    let vrt = "<VRTDataset rasterXSize=\"3\" rasterYSize=\"2\"><SRS>EPSG:4326</SRS>\
+        <GeoTransform>1,2,0,3,0,-2</GeoTransform><Metadata><MDI key=\"a\">b</MDI></Metadata>\
+        <VRTRasterBand dataType=\"Byte\" band=\"1\"><Description>d</Description><NoDataValue>9</NoDataValue>\
+        <ColorInterp>Gray</ColorInterp><SimpleSource><SourceFilename relativeToVRT=\"1\">d.png</SourceFilename>\
+        <SourceBand>1</SourceBand><SrcRect xOff=\"0\" yOff=\"0\" xSize=\"1\" ySize=\"1\"/>\
+        <DstRect xOff=\"1\" yOff=\"0\" xSize=\"2\" ySize=\"2\"/></SimpleSource><ComplexSource>\
+        <SourceFilename relativeToVRT=\"1\">d.png</SourceFilename><NODATA>1</NODATA>\
+        <SrcRect xOff=\"0\" yOff=\"0\" xSize=\"1\" ySize=\"1\"/>\
+        <DstRect xOff=\"0\" yOff=\"0\" xSize=\"1\" ySize=\"1\"/></ComplexSource></VRTRasterBand>\
+        <VRTRasterBand dataType=\"Float32\" band=\"2\"><CategoryNames><Category>s</Category></CategoryNames>\
+        <ColorTable><Entry c1=\"1\" c2=\"2\" c3=\"3\"/></ColorTable></VRTRasterBand></VRTDataset>";
+    put("vrt", "all", vrt.as_bytes());
     put("world_file", "turned", b"0.5\n0.1\n-0.1\n-0.25\n10.25\n49.875\n");
     Ok(())
 }

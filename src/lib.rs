@@ -269,15 +269,16 @@ pub mod import {
     #[cfg(feature = "raster")]
     pub mod raster {
         pub use spinney_raster::import::{
-            DEFAULT_MEMORY, ImportOptions, Order, Pixels, Raster, RasterImport, RasterInfo, RasterOptions,
-            RasterSlabs, TargetGrid, WarpedBuilt, mosaic, open, plan, select, spill, value_type,
+            Band, BandInfo, DEFAULT_MEMORY, ImportOptions, Order, Pixels, Raster, RasterImport, RasterInfo,
+            RasterOptions, RasterSlabs, Stack, StackLayer, StackOptions, TargetGrid, WarpedBuilt, mosaic,
+            open, plan, plan_stack, select, spill, value_type, write_stack,
         };
     }
 
     /// Volumes.
     #[cfg(feature = "raster")]
     pub mod volume {
-        pub use spinney_raster::volume::{VolumeImport, VolumeOptions, is_volume, plan};
+        pub use spinney_raster::volume::{VolumeImport, VolumeOptions, is_volume, plan, plan_pages};
     }
 }
 
@@ -286,7 +287,8 @@ pub mod export {
     #[cfg(feature = "raster")]
     pub use spinney_raster::{
         ArrayRequest, CogCompression, CogRequest, CogSummary, Detail, LegendFormat, TakeRows, WindowRequest,
-        export_array, export_cog, export_layers, export_legend, export_window, fill_for, void_number, window_rows,
+        export_array, export_cog, export_layers, export_legend, export_window, fill_for, void_number,
+        window_rows,
     };
     #[cfg(feature = "render")]
     pub use spinney_render::{CameraProjection, RenderRequest, render, render_exact};

@@ -63,6 +63,11 @@ pub fn world_file(bytes: &[u8]) {
     in_file("b.pgw", bytes, |_| in_file("b.png", PICTURE, read_picture));
 }
 
+/// GDAL's virtual raster, beside a picture that may be its source.
+pub fn vrt(bytes: &[u8]) {
+    in_file("d.png", PICTURE, |_| in_file("d.vrt", bytes, read_picture));
+}
+
 /// Reads what it can of a picture, and builds it if it is small: what was built must be good.
 fn read_picture(path: &Path) {
     let Ok(is_small) = read_pixels(path) else { return };

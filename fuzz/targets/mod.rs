@@ -14,7 +14,7 @@ pub mod trees;
 
 pub use edits::{autumnal_edit, autumnal_file};
 pub use importers::{
-    cells, cityjson, exr, hgt, jpeg, npy, obj, off, ply, png, sidecar, stl, tiff, webp, world_file,
+    cells, cityjson, exr, hgt, jpeg, npy, obj, off, ply, png, sidecar, stl, tiff, vrt, webp, world_file,
 };
 pub use models::model_read;
 pub use texts::{calculation_text, crs_text, df_text, step_text};
@@ -47,6 +47,7 @@ pub const TARGETS: [(&str, Target); 24] = [
     ("step_text", step_text),
     ("stl", stl),
     ("tiff", tiff),
+    ("vrt", vrt),
     ("webp", webp),
     ("world_file", world_file),
 ];

@@ -49,8 +49,9 @@ def build(
     offsets: Sequence[float] | None = None,
     units: Sequence[str | None] | None = None,
     tags: Mapping[str, str] | None = None,
-    bands: Sequence[int] | None = None,
+    bands: Sequence[int | str] | None = None,
     layer: str | None = None,
+    pages: int | None = None,
     keep_transparent: bool = False,
     cells: int | None = None,
     cell: float | None = None,
@@ -79,8 +80,8 @@ def build(
       units, names of bands and classes, kind and rule itself, as rioxarray, the CF conventions and this package's engine have
       them. What is said here counts.
     - an iterator of arrays, one below the other, which together have `shape` and `dtype`.
-    - the path of a picture file, or several of one grid (the last lies on top); `bands`, `layer` and `keep_transparent` are
-      for these, and `grid`: "xyz" (with `max_zoom`) or a tree file, to whose cells they are warped (`resampling`, `allow_ballpark`).
+    - the path of a picture file, or several of one grid (the last lies on top); `bands` (by number or name), `layer` (of OpenEXR),
+      `pages` (of TIFF, the number of one from 0) and `keep_transparent` are for these, and `grid`: "xyz" (with `max_zoom`) or a tree file, to whose cells they are warped (`resampling`, `allow_ballpark`).
     - an open dataset of rasterio, whose bands, masks, place and names are those of the tree; a Dataset of xarray, whose variables
       are the bands.
     - the path of a volume, an NPY file.
@@ -104,6 +105,7 @@ def build(
     for_files = {
         "bands": bands,
         "layer": layer,
+        "pages": pages,
         "cells": cells,
         "cell": cell,
         "grid": None if grid is None else os.fspath(grid),

@@ -7,7 +7,7 @@ use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use spinney::import::mesh::{self, Resolution, SolidOptions};
-use spinney::import::raster::{self, ImportOptions, TargetGrid};
+use spinney::import::raster::{self, Band, ImportOptions, TargetGrid};
 use spinney::import::volume::{self, VolumeOptions};
 use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::space::{Crs, Dimension, Frame};
@@ -250,18 +250,35 @@ pub(crate) fn build_array(
     })
 }
 
+/// A channel by its number or its name.
+#[derive(FromPyObject)]
+enum BandName {
+    Number(usize),
+    Name(String),
+}
+
+impl BandName {
+    fn band(&self) -> Band {
+        match self {
+            BandName::Number(number) => Band::Number(*number),
+            BandName::Name(name) => Band::Name(name.clone()),
+        }
+    }
+}
+
 /// Options of an import of files.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct FileOptions {
     kind: Option<String>,
     rule: Option<String>,
-    bands: Option<Vec<usize>>,
+    bands: Option<Vec<BandName>>,
     nodata: Option<PyNumber>,
     transform: Option<Vec<f64>>,
     crs: Option<String>,
     depth: Option<u8>,
     layer: Option<String>,
+    pages: Option<usize>,
     keep_transparent: bool,
     memory: u64,
     share: bool,
@@ -286,21 +303,27 @@ impl FileOptions {
         options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.rule = self.rule.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
-        (options.bands, options.nodata) = (self.bands.clone(), self.nodata.map(|number| number.0));
+        options.bands = self.bands.as_ref().map(|bands| bands.iter().map(BandName::band).collect());
+        options.nodata = self.nodata.map(|number| number.0);
         options.transform = match self.transform.as_deref() {
             None => None,
             Some(&[a, b, c, d, e, f]) => Some([a, b, c, d, e, f]),
             Some(_) => return Err(invalid("transform: pictures take six numbers")),
         };
-        (options.depth, options.layer) = (self.depth, self.layer.clone());
+        (options.depth, options.layer, options.page) = (self.depth, self.layer.clone(), self.pages);
         (options.keep_transparent, options.share) = (self.keep_transparent, self.share);
         (options.memory, options.time) = (Some(self.memory), self.time);
         Ok(options)
     }
 
     fn volume(&self) -> PyResult<VolumeOptions> {
-        if self.bands.is_some() || self.layer.is_some() || self.keep_transparent || self.grid.is_some() {
-            return Err(invalid("bands, layer, keep_transparent and grid are not for volumes"));
+        if self.bands.is_some()
+            || self.layer.is_some()
+            || self.pages.is_some()
+            || self.keep_transparent
+            || self.grid.is_some()
+        {
+            return Err(invalid("bands, layer, pages, keep_transparent and grid are not for volumes"));
         }
         let mut options = VolumeOptions::new();
         options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;

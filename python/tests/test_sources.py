@@ -294,6 +294,210 @@ def test_pages_are_told(tmp_path: Path) -> None:
             more = {"APPEND_SUBDATASET": "YES"} if index else {}
             with rasterio.open(tmp_path / "p.tif", "w", **about, **more) as file:
                 file.write(page, 1)
+    with pytest.raises(ValueError, match="3 pages.*pages="):
+        spinney.build(tmp_path / "p.tif", tmp_path / "o.goblin")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for number, page in enumerate(pages):
+            spinney.build(tmp_path / "p.tif", tmp_path / "o.goblin", pages=number)
+            with spinney.open(tmp_path / "o.goblin") as ds:
+                assert np.array_equal(ds[...], page)
+    with pytest.raises(ValueError, match="0 to 2"):
+        spinney.build(tmp_path / "p.tif", tmp_path / "o.goblin", pages=3)
+
+
+@pytest.mark.parametrize("masked", [None, False, True])
+def test_data_arrays_keep_their_meaning(tmp_path: Path, masked: bool | None) -> None:
+    xr = pytest.importorskip("xarray")
+    pytest.importorskip("pyproj")
+    heights = tmp_path / "heights.goblin"
+    spinney.build(FIXTURES / "island_elevation.tif", heights)
+    askew = tmp_path / "askew.goblin"
+    spinney.transform(CLASSES, "rotate=30", askew)
+    for source in (CLASSES, told(tmp_path / "t.goblin"), heights, askew, FIXTURES / "v1" / "rgb.goblin"):
+        for chunks in (None, {}):
+            with xr.open_dataset(source, engine="spinney", mask_and_scale=masked, chunks=chunks) as found:
+                spinney.build(found.band_data, tmp_path / "o.goblin")
+            with spinney.open(source) as ds, spinney.open(tmp_path / "o.goblin") as made:
+                same(ds, made)
+    # What somebody has changed since counts, and what is said when building more.
+    with xr.open_dataset(tmp_path / "t.goblin", engine="spinney", mask_and_scale=masked) as found:
+        array = found.band_data.isel(y=slice(10, 40))
+        array.attrs["flag_meanings"] = "water open_land heath ice"
+        spinney.build(array, tmp_path / "o.goblin", rule="nearest", units=["m"])
+    with spinney.open(tmp_path / "t.goblin") as ds, spinney.open(tmp_path / "o.goblin") as made:
+        assert made.categories == {**ds.categories, 3: "heath"} and (made.rule, made.units) == ("nearest", ("m",))
+        assert made.transform == pytest.approx((0.1, 0, 1 / 3, 0, -0.3, 4)) and np.array_equal(made[...], ds[10:40])
+
+
+def test_opacity_and_bands_of_data_arrays(tmp_path: Path) -> None:
+    xr = pytest.importorskip("xarray")
+    rasterio = pytest.importorskip("rasterio")
+    array = np.stack([noise((40, 50), "uint8", seed) for seed in (1, 2, 3, 4)])
+    array[3][array[3] < 40] = 0
+    about = {"count": 4, "dtype": "uint8", "width": 50, "height": 40, "transform": rasterio.Affine(2, 0, 9, 0, -2, 3)}
+    with rasterio.open(tmp_path / "rgba.tif", "w", driver="GTiff", photometric="RGB", alpha="YES", **about) as file:
+        file.write(array)
+    spinney.build(tmp_path / "rgba.tif", tmp_path / "t.goblin")
+    with xr.open_dataset(tmp_path / "t.goblin", engine="spinney") as found, spinney.open(tmp_path / "t.goblin") as ds:
+        assert found.band_data.dtype == np.uint8
+        spinney.build(found.band_data, tmp_path / "o.goblin")
+        with spinney.open(tmp_path / "o.goblin") as made:
+            same(ds, made)
+            assert made._facts()["alpha"] == 3
+    bands = xr.DataArray(
+        noise((3, 20, 30), "uint16"),
+        dims=("band", "y", "x"),
+        attrs={"long_name": ("a", "b", "c"), "units": ("m", "", "s"), "scales": (1, 2, 3), "offsets": (0, 5, 0), "history": "made"},
+    ).assign_coords(band=[1, 2, 3])
+    spinney.build(bands.isel(band=[2, 0]), tmp_path / "o.goblin")
+    with spinney.open(tmp_path / "o.goblin") as made:
+        assert (made.descriptions, made.units, made.scales, made.offsets) == (("c", "a"), ("s", "m"), (3, 1), (0, 0))
+        assert made.tags == {"history": "made"}
+
+
+def test_conventions_of_others(tmp_path: Path) -> None:
+    xr = pytest.importorskip("xarray")
+    rioxarray = pytest.importorskip("rioxarray")
+    out = tmp_path / "o.goblin"
+    cells = np.array([[1, 2, 9], [1, 7, 9]], "int16")
+    for name in ("_FillValue", "missing_value", "nodata"):
+        spinney.build(xr.DataArray(cells, dims=("lat", "lon"), attrs={name: 9, "units": "K", "long_name": "heat"}), out)
+        with spinney.open(out) as ds:
+            assert ds.read(1, masked=True).mask.tolist() == [[False, False, True]] * 2
+            assert (ds.units, ds.descriptions, ds.kind, ds.nodata) == (("K",), ("heat",), "continuous", 9)
+    for useless in (np.nan, 1e9, "none"):
+        spinney.build(xr.DataArray(cells, dims=("y", "x"), attrs={"_FillValue": useless}), out)
+        with spinney.open(out) as ds:
+            assert ds.nodata is None and not ds.read(masked=True).mask.any()
+    flags = {"flag_values": "1, 2", "flag_meanings": "one number_two", "flag_colors": "#102030 #aabbcc"}
+    spinney.build(xr.DataArray(cells, dims=("y", "x"), attrs=flags), out)
+    with spinney.open(out) as ds:
+        assert (ds.kind, ds.rule, ds.categories) == ("categorical", "majority", {1: "one", 2: "number two"})
+        assert ds.colormap is not None and ds.colormap[2] == (0xAA, 0xBB, 0xCC, 255)
+    bits = {"flag_masks": [1, 2], "flag_values": [1, 2], "flag_meanings": "a b"}
+    spinney.build(xr.DataArray(cells, dims=("y", "x"), attrs=bits), out)
+    with spinney.open(out) as ds:
+        assert ds.kind == "continuous" and not ds.categories
+    # As rioxarray masks it: VOID is NaN, and its number elsewhere.
+    with rioxarray.open_rasterio(FIXTURES / "island_elevation.tif", masked=True) as array:
+        spinney.build(array, out)
+    spinney.build(FIXTURES / "island_elevation.tif", tmp_path / "t.goblin")
+    with spinney.open(tmp_path / "t.goblin") as ds, spinney.open(out) as made:
+        assert np.array_equal(ds.read(masked=True).mask, made.read(masked=True).mask) and made.nodata == ds.nodata == -9999
+        assert (made.crs, made.transform) == (ds.crs, ds.transform)
+
+
+def test_bands_that_differ_in_what_they_lack(tmp_path: Path) -> None:
+    array, out = noise((3, 70, 80), "float32"), tmp_path / "o.goblin"
+    mask = np.zeros(array.shape, bool)
+    mask[:, 5:9, 7] = True
+    spinney.build(np.ma.array(array, mask=mask, fill_value=17), out)
+    with spinney.open(out) as ds:
+        assert np.array_equal(ds.read(masked=True).mask, mask) and ds.nodata is None
+    out.unlink()
+    mask[1, 60, 70] = True
+    lacking = np.where(mask, np.nan, array)
+    for source in (np.ma.array(array, mask=mask), lacking, np.ma.array(lacking), np.ma.array(array.astype("uint8"), mask=mask)):
+        with pytest.raises(ValueError, match="row 60, column 70.*nodata="):
+            spinney.build(source, out)
+        assert os.listdir(tmp_path) == []
+        if source.dtype == np.float32:
+            spinney.build(source, out, nodata=-1)
+            with spinney.open(out) as ds:
+                found = ds.read(masked=True)
+                assert np.array_equal(found.mask, mask) and np.array_equal(found.compressed(), array[~mask])
+            out.unlink()
+    spinney.build(lacking, out, mask=mask.any(axis=0))
+    with spinney.open(out) as ds:
+        assert np.array_equal(ds.read(masked=True).mask, np.broadcast_to(mask.any(axis=0), mask.shape))
+
+
+def test_masks_of_dask_and_masks_that_are_none(tmp_path: Path) -> None:
+    dask = pytest.importorskip("dask.array")
+    xr = pytest.importorskip("xarray")
+    array, mask, out = noise((300, 290), "int16"), noise((300, 290), "uint8") > 120, tmp_path / "o.goblin"
+    lazy = dask.from_array(array, chunks=100)
+    masked = dask.ma.masked_array(lazy, mask=dask.from_array(mask, chunks=100))
+    options: dict
+    for source, options in [
+        (masked, {}),
+        (lazy, {"mask": dask.from_array(mask, chunks=90)}),
+        (array, {"mask": xr.DataArray(mask, dims=("y", "x"))}),
+        (xr.DataArray(masked, dims=("y", "x")), {}),
+    ]:
+        spinney.build(source, out, **options)
+        with spinney.open(out) as ds:
+            assert np.array_equal(ds.read(1, masked=True).mask, mask)
+    spinney.build(array, out, mask=np.ma.nomask)
+    out.unlink()
+    with pytest.raises(TypeError, match="true where a cell is VOID"):
+        spinney.build(array, out, mask=np.where(mask, 0, 255).astype("uint8"))
+    with pytest.raises(ValueError, match="one mask for all bands"):
+        spinney.build(np.stack([array] * 2).astype("u1"), out, mask=np.stack([mask] * 2))
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [("?", "uint8"), ("i1", "int16"), ("f2", "float32"), (">u2", "uint16"), (">i4", "int32"), (">f4", "float32"), (">f8", "float64")],
+)
+def test_types_of_samples_that_are_kept(tmp_path: Path, given: str, kept: str) -> None:
+    array = (noise((40, 50), "uint8") % 2).astype(given)
+    spinney.build(array, tmp_path / "o.goblin")
+    with spinney.open(tmp_path / "o.goblin") as ds:
+        assert ds.dtype == kept and np.array_equal(ds[...], array.astype(kept))
+        # (Booleans are classes: a mean of them would be 0 or 1 at random.)
+        assert ds.kind == ("categorical" if given == "?" else "continuous")
+
+
+@pytest.mark.parametrize(
+    ("dtype", "advice"),
+    [
+        ([("a", "u1"), ("b", "f4")], "one of its fields"),
+        ("c8", "array.real"),
+        ("longdouble", "float64"),
+        ("M8[s]", "convert"),
+        ("O", "convert"),
+        ("U3", "convert"),
+    ],
+)
+def test_types_of_samples_that_are_refused(tmp_path: Path, dtype: object, advice: str) -> None:
+    with pytest.raises(TypeError, match=advice):
+        spinney.build(np.zeros((4, 4), dtype), tmp_path / "o.goblin")  # type: ignore[call-overload]
+    assert os.listdir(tmp_path) == []
+
+
+def test_what_is_no_source_and_no_tree(tmp_path: Path) -> None:
+    array = np.ones((4, 4), "u1")
+    for name in ("o.tif", "o.PNG", "o.ply", "o.nc", "o.gpkg"):
+        for make in (
+            lambda out: spinney.build(array, out),
+            lambda out: spinney.build(FIXTURES / "island_classes.tif", out),
+            lambda out: spinney.build(CLASSES, out),
+            lambda out: spinney.convert(CLASSES, out),
+            lambda out: spinney.transform(CLASSES, "crop", out),
+            lambda out: spinney.combine("over", [CLASSES, CLASSES], out),
+        ):
+            with pytest.raises(ValueError, match=r"\.goblin .*\.autumn"):
+                make(tmp_path / name)
+    assert os.listdir(tmp_path) == []
+    with pytest.raises(OSError, match="is no tree but a TIFF picture; build one: `spinney build"):
+        spinney.open(FIXTURES / "island_classes.tif")
+    (tmp_path / "a.las").write_bytes(b"LASF" + bytes(300))
+    with pytest.raises(ValueError, match="point clouds"):
+        spinney.build(tmp_path / "a.las", tmp_path / "o.goblin")
+
+
+def test_pages_are_told(tmp_path: Path) -> None:
+    rasterio = pytest.importorskip("rasterio")
+    pages = [noise((30, 40), "uint8", seed) for seed in (1, 2, 3)]
+    about = {"count": 1, "dtype": "uint8", "width": 40, "height": 30, "driver": "GTiff"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for index, page in enumerate(pages):
+            more = {"APPEND_SUBDATASET": "YES"} if index else {}
+            with rasterio.open(tmp_path / "p.tif", "w", **about, **more) as file:
+                file.write(page, 1)
     with pytest.warns(UserWarning, match="3 pages, of which the first is read"):
         spinney.build(tmp_path / "p.tif", tmp_path / "o.goblin")
     with warnings.catch_warnings():

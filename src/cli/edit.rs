@@ -8,9 +8,7 @@ use spinney::dataset::Dataset;
 use spinney::import::cells::CellList;
 use spinney::import::raster::{self, ImportOptions};
 use spinney::io::Output;
-use spinney::ops::{
-    Chain, Edit, FillRegion, Prefer, Step, add_layer, apply_edits, drop_layer, only_layer,
-};
+use spinney::ops::{Chain, Edit, FillRegion, Prefer, Step, add_layer, apply_edits, drop_layer, only_layer};
 use spinney::space::{Bounds, Code, Coordinates, Polygon};
 use spinney::store::autumnal::Editor;
 use spinney::store::{FilePlace, TreeFormat, file_is_tree};
@@ -222,7 +220,9 @@ impl Change {
             Change::Fill(fill) => &fill.options,
             Change::Paste(Paste { options, .. }) => options,
             Change::Set(Set { options, .. }) | Change::Apply(Apply { options, .. }) => options,
-            Change::AddLayer(AddLayer { options, .. }) | Change::DropLayer(DropLayer { options, .. }) => options,
+            Change::AddLayer(AddLayer { options, .. }) | Change::DropLayer(DropLayer { options, .. }) => {
+                options
+            }
         }
     }
 

@@ -180,7 +180,9 @@ fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, sta
     );
     let trees = match trees.iter().all(|tree| tree.depth() == depth) {
         true => trees,
-        false => names.iter().map(|name| trees[finest].aligned_layer(name)).collect::<spinney::Result<_>>()?,
+        false => {
+            names.iter().map(|name| trees[finest].aligned_layer(name)).collect::<spinney::Result<_>>()?
+        }
     };
     let tree = &trees[finest];
     ensure!(tree.header().form.axes() == 2, "an octree's layers are written one by one (--layer NAME)");

@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
+use spinney::ops::LayerInfo;
 use spinney::query::ChannelStatistics;
 use spinney::space::{Crs, Frame};
-use spinney::ops::LayerInfo;
 use spinney::store::{FilePlace, LevelCounts, Metadata, TagScope};
 
 use super::args::LayerOption;

@@ -59,7 +59,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     global.report_approximate(finest, level);
     let from = if args.points.is_empty() { "standard input, line" } else { "point" };
     let places = args.coordinates.places(finest, Coordinates::World)?;
-    let points = Points { trees: &trees, depth: finest.depth(), axes: finest.header().form.axes(), level, places, from, outside: Mutex::default() };
+    let points = Points {
+        trees: &trees,
+        depth: finest.depth(),
+        axes: finest.header().form.axes(),
+        level,
+        places,
+        from,
+        outside: Mutex::default(),
+    };
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     if !args.points.is_empty() {
         let lines = args.points.join("\n");
@@ -154,7 +162,8 @@ impl Points<'_> {
             // A layer of larger cells has the same levels, but for the deepest.
             let shift = self.level.saturating_sub(tree.depth());
             let (level, mut samples) = (self.level - shift, PointSamples::default());
-            let coarser = |cell: &[u64; 3]| if *cell == OUTSIDE { OUTSIDE } else { cell.map(|at| at >> shift) };
+            let coarser =
+                |cell: &[u64; 3]| if *cell == OUTSIDE { OUTSIDE } else { cell.map(|at| at >> shift) };
             let cells: Vec<[u64; 3]> = cells.iter().map(coarser).collect();
             tree.points(&cells, level, &mut samples)?;
             Ok((samples, tree.header().form.value.sample == SampleType::F64))

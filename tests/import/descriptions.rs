@@ -131,7 +131,7 @@ fn nodata_of_one_band_is_missing_there_alone() {
 #[test]
 fn chosen_bands_have_their_own() {
     let picture = Ifd::grey(8, 4, (0..64).collect()).short(277, &[2]).short(258, &[8, 8]);
-    let options = with(ImportOptions::new(), |it| it.bands = Some(vec![2]));
+    let options = with(ImportOptions::new(), |it| it.bands = Some(vec![2.into()]));
     let (_, trip) = Trip::of(&file(&[picture.tag(42112, Values::Text(XML))]), None, &options);
     let found = trip.window([0; 3], [8, 4, 1], 3);
     assert_eq!(

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::import::raster::{self, ImportOptions, Pixels, Raster, RasterInfo, RasterOptions, plan};
+use spinney::import::raster::{self, Band, ImportOptions, Pixels, Raster, RasterInfo, RasterOptions, plan};
 use spinney::io::Output;
 use spinney::space::{Code, Crs, Dimension, Region};
 use spinney::store;
@@ -77,7 +77,7 @@ const LARGEST: u64 = 10_000_000;
 /// Builds a tree of a file and compares all pixels; `false` if the file cannot be read in the first place, or is
 /// too large.
 fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
-    let opened = |bands: &Option<Vec<usize>>| {
+    let opened = |bands: &Option<Vec<Band>>| {
         let raster = raster::open(path, &RasterOptions::default())?;
         match bands {
             Some(bands) => raster::select(raster, bands),
@@ -88,15 +88,18 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     if first.info().width.saturating_mul(first.info().height) > LARGEST {
         return false;
     }
-    let bands = raster::value_type(path, first.info()).is_err().then(|| vec![1]);
+    let bands = raster::value_type(path, first.info()).is_err().then(|| vec![Band::Number(1)]);
+    let page = (first.info().pages > 1).then_some(0);
     if bands.is_some() {
-        let refused =
-            plan(&[path.to_path_buf()], &ImportOptions::default()).err().map(|error| error.to_string());
+        let refused = plan(&[path.to_path_buf()], &with(ImportOptions::new(), |it| it.page = page))
+            .err()
+            .map(|error| error.to_string());
         assert!(refused.is_some_and(|error| error.contains("--band")), "{}", path.display());
     }
     let target = folder.join("t.goblin");
     let options = with(ImportOptions::new(), |it| {
         it.bands = bands.clone();
+        it.page = page;
         it.memory = memory;
     });
     let import = plan(&[path.to_path_buf()], &options).unwrap();
@@ -188,7 +191,7 @@ fn options_overrule_the_file() {
     assert!(is_invalid(refused(with(options.clone(), |it| it.depth = Some(8)))));
     assert!(is_invalid(refused(with(options.clone(), |it| it.depth = Some(30)))));
     assert!(is_invalid(refused(with(options.clone(), |it| it.transform = Some([0.0; 6])))));
-    assert!(is_invalid(refused(with(options.clone(), |it| it.bands = Some(vec![2])))));
+    assert!(is_invalid(refused(with(options.clone(), |it| it.bands = Some(vec![2.into()])))));
     assert!(is_invalid(plan(&[], &options).err()));
     // A number that the samples cannot be is no nodata number at all.
     let import =

@@ -4,6 +4,8 @@
 mod common;
 
 #[cfg(feature = "raster")]
+mod bands;
+#[cfg(feature = "raster")]
 mod cog;
 mod descriptions;
 #[cfg(feature = "mesh")]
@@ -41,8 +43,12 @@ mod real_rasters;
 #[cfg(feature = "raster")]
 mod sidecars;
 #[cfg(feature = "raster")]
+mod stacks;
+#[cfg(feature = "raster")]
 mod tile_updates;
 mod tiles;
 #[cfg(feature = "raster")]
 mod volumes;
+#[cfg(feature = "raster")]
+mod vrt;
 mod warped_tiles;

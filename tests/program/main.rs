@@ -29,6 +29,8 @@ mod cli_section;
 mod cli_solids;
 #[cfg(feature = "cli")]
 mod cli_sources;
+#[cfg(feature = "cli")]
+mod cli_stacks;
 mod cli_styles;
 #[cfg(feature = "cli")]
 mod cli_volumes;

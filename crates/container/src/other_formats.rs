@@ -79,6 +79,7 @@ static FORMATS: &[OtherFormat] = &[
     format("a WebP picture", &["webp"], &[At(8, b"WEBP")], Source),
     format("an OpenEXR picture", &["exr"], &[At(0, b"\x76\x2f\x31\x01")], Source),
     format("an SRTM elevation model", &["hgt"], &[], Source),
+    format("a GDAL virtual raster (VRT)", &["vrt"], &[Within("<VRTDataset")], Source),
     format("an NPY array", &["npy"], &[At(0, b"\x93NUMPY")], Source),
     format("a PLY model", &["ply"], &[At(0, b"ply\n"), At(0, b"ply\r"), At(0, b"ply ")], Source),
     format("an OBJ model", &["obj"], &[], Source),
@@ -156,7 +157,6 @@ static FORMATS: &[OtherFormat] = &[
         &[At(0, b"%PDF")],
         Refused("draw it as PNG first (`pdftoppm -png -r 300 IN OUT`)"),
     ),
-    format("a GDAL virtual raster (VRT)", &["vrt"], &[Within("<VRTDataset")], Refused(TRANSLATE)),
     format(
         "an ERDAS IMAGINE or ENVI raster",
         &["img", "hdr", "ige"],

@@ -15,4 +15,6 @@ mod window;
 pub use array::{ArrayRequest, export_array};
 pub use cog::{CogCompression, CogRequest, CogSummary, export_cog};
 pub use legend::{LegendFormat, export_legend};
-pub use window::{Detail, TakeRows, WindowRequest, export_layers, export_window, fill_for, void_number, window_rows};
+pub use window::{
+    Detail, TakeRows, WindowRequest, export_layers, export_window, fill_for, void_number, window_rows,
+};

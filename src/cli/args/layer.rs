@@ -24,7 +24,11 @@ impl LayerOption {
         // (A name may have commas.)
         let is_name = all.iter().any(|path| FilePlace::of(path).layer.as_ref() == Some(names));
         let named = |name: &str| place.of_layer(name);
-        Ok(if is_name { vec![named(names)] } else { names.split(',').map(|name| named(name.trim())).collect() })
+        Ok(if is_name {
+            vec![named(names)]
+        } else {
+            names.split(',').map(|name| named(name.trim())).collect()
+        })
     }
 
     /// The only layer that is meant, as a path.

@@ -5,6 +5,7 @@ mod coordinates;
 mod crs;
 mod global;
 mod layer;
+mod list;
 mod memory;
 mod operation;
 mod output;
@@ -26,6 +27,7 @@ pub(crate) use coordinates::{CoordinatesOption, places};
 pub(crate) use crs::parse_crs;
 pub(crate) use global::Global;
 pub(crate) use layer::LayerOption;
+pub(crate) use list::expand_lists;
 pub(crate) use memory::{DEFAULT_MEMORY, Memory};
 pub(crate) use operation::{OperationName, parse_operation};
 pub(crate) use output::{

@@ -24,7 +24,7 @@ use self::exact::ExactImport;
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use self::tree::TreeImport;
-use super::args::{Memory, OutputLimit, check_output, parse_crs};
+use super::args::{Memory, OutputLimit, check_output, expand_lists, parse_crs};
 use super::report::{Work, report_built};
 use super::{Global, open};
 
@@ -50,7 +50,7 @@ use super::{Global, open};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Raster files (of several, the last lies on top), a volume, models, or a tree
+    /// Raster files (of several, the last lies on top), a volume, models, or a tree; @FILE stands for the paths in a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// File to write; - is standard output
@@ -113,6 +113,8 @@ Examples:
   spinney build landcover.tif -o landcover.goblin --kind categorical --nodata 0
   spinney build scene.tif -o colour.goblin --band 4,3,2
   spinney build N46E007.hgt N46E008.hgt -o alps.goblin --memory 1G
+  spinney build @tiles.txt -o country.goblin
+  spinney build B02.tif B03.tif B11.tif -o scene.goblin --stack
   spinney build scan.png -o scan.goblin --crs EPSG:3857 --transform 0.5,0,1000,0,-0.5,2000
   spinney build scan.npy -o scan.goblin --nodata -1024 --transform 0.7,0.7,1.25
   spinney build bunny.ply -o bunny.goblin --cells 1024
@@ -133,6 +135,8 @@ enum Import {
     Pictures(Box<raster::RasterImport>),
     /// Pictures on another grid than their own.
     Warped(Box<raster::RasterImport>, TargetGrid, WarpOptions),
+    /// Pictures beside each other.
+    Stack(Box<raster::Stack>),
     Volume(Box<volume::VolumeImport>),
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
@@ -155,6 +159,7 @@ impl Import {
     fn description(&self) -> &[(&'static str, String)] {
         match self {
             Import::Pictures(import) | Import::Warped(import, ..) => import.description(),
+            Import::Stack(stack) => stack.description(),
             Import::Volume(import) => import.description(),
             Import::Solid(import) => import.description(),
             Import::Exact(import) => import.description(),
@@ -167,6 +172,10 @@ impl Import {
         match self {
             Import::Pictures(import) => {
                 import.build(output, progress)?;
+                Ok(Lines::new())
+            }
+            Import::Stack(stack) => {
+                raster::write_stack(&stack, output, progress)?;
                 Ok(Lines::new())
             }
             Import::Volume(import) => {
@@ -208,7 +217,7 @@ impl Args {
         if inputs.iter().any(|input| mesh::is_model(input)) {
             if pictures.are_given() {
                 bail!(
-                    "--kind, --rule, --band, --nodata, --transform, --layer and --keep-transparent are for pictures and volumes, not for models"
+                    "--kind, --rule, --band, --nodata, --transform, --layer, --pages, --stack and --keep-transparent are for pictures and volumes, not for models"
                 );
             }
             if common.grid == Some(Grid::Xyz) {
@@ -229,14 +238,19 @@ impl Args {
                 "{input}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files"
             );
         }
-        if inputs.iter().any(|input| volume::is_volume(input)) {
+        let in_pages = pictures.pages_are_planes();
+        if in_pages || inputs.iter().any(|input| volume::is_volume(input)) {
             let [input] = &inputs[..] else {
                 bail!(
-                    "a volume (NPY) makes a tree of its own: build one at a time; `spinney combine` lays trees over each other"
+                    "a volume (NPY, or --pages z) makes a tree of its own: build one at a time; `spinney combine` lays trees over each other"
                 )
             };
-            let import = volume::plan(input, &pictures.volume_options(common)?)?;
+            let plan = if in_pages { volume::plan_pages } else { volume::plan };
+            let import = plan(input, &pictures.volume_options(common)?)?;
             return Ok(Import::Volume(Box::new(import)));
+        }
+        if let Some(options) = pictures.stack_options(common)? {
+            return Ok(Import::Stack(Box::new(raster::plan_stack(inputs, &options)?)));
         }
         let options = pictures.import_options(common)?;
         let import = || raster::plan(inputs, &options).map(Box::new);
@@ -259,8 +273,9 @@ impl Args {
     }
 }
 
-pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
+pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
+    args.inputs = expand_lists(args.inputs)?;
     let import = args.plan()?;
     for (heading, text) in import.description() {
         global.report(heading, text);

@@ -1,7 +1,9 @@
 //! Options of `spinney build` for pictures and volumes.
 
+use std::str::FromStr;
+
 use anyhow::{Result, bail};
-use spinney::import::raster::ImportOptions;
+use spinney::import::raster::{Band, ImportOptions, StackOptions};
 use spinney::import::volume::VolumeOptions;
 use spinney::ops::{Resampling, WarpOptions};
 use spinney::value::{Kind, Number, Rule};
@@ -21,9 +23,9 @@ pub(super) struct PictureArgs {
     /// [default: mean of amounts, majority of classes]
     #[arg(long)]
     pub(super) rule: Option<Rule>,
-    /// Channels to take, counted from 1, in this order [default: all]
-    #[arg(long, value_name = "N,...", value_delimiter = ',')]
-    band: Option<Vec<usize>>,
+    /// Channels to take, by number from 1 or by name (the whole one, or what stands before a comma in it), in this order [default: all]
+    #[arg(long, value_name = "N|NAME,...", value_delimiter = ',')]
+    band: Option<Vec<Band>>,
     /// Number that means VOID, that nothing is there [default: from the file]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     nodata: Option<Number>,
@@ -31,9 +33,19 @@ pub(super) struct PictureArgs {
     /// along x, y and z, or a 3 x 4 matrix, row by row [default: 1,1,1]
     #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform)]
     pub(super) transform: Option<Transform>,
-    /// Layer of an OpenEXR file, by name, or page of a TIFF file, by its number from 1 [default: the first]
-    #[arg(long, value_name = "NAME|N")]
+    /// Layer of an OpenEXR file, by name [default: the first]
+    #[arg(long, value_name = "NAME")]
     layer: Option<String>,
+    /// Pages of a TIFF file that has several: the one of a number from 0, or all of them, as layers of a stack or as planes of a volume
+    #[arg(long, value_name = "layers|z|N")]
+    pages: Option<Pages>,
+    /// Keep the inputs, and each of their bands, beside each other as layers of one file, not on top of each other; pictures in colour
+    /// are one layer. All lie at one corner, with cells as large as the finest or a whole number of times
+    #[arg(long)]
+    stack: bool,
+    /// Names of the layers of a stack [default: those of the files; of files with several bands those of the bands]
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    names: Option<Vec<String>>,
     /// Keep pixels of opacity 0 as cells with their colours, which coarser cells then average like all others
     /// [default: they are VOID]
     #[arg(long)]
@@ -51,6 +63,29 @@ pub(super) struct PictureArgs {
     allow_ballpark: bool,
 }
 
+/// Pages of a TIFF file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pages {
+    /// All, as layers.
+    Layers,
+    /// All, as planes of a volume.
+    Volume,
+    /// One, by its number from 0.
+    One(usize),
+}
+
+impl FromStr for Pages {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Pages, &'static str> {
+        match text {
+            "layers" => Ok(Pages::Layers),
+            "z" => Ok(Pages::Volume),
+            _ => text.parse().map(Pages::One).map_err(|_| "expected layers, z, or a number from 0"),
+        }
+    }
+}
+
 /// Coordinates of cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Transform {
@@ -61,15 +96,32 @@ pub(super) enum Transform {
 impl PictureArgs {
     /// Whether any of them was given, which makes no sense for models.
     pub(super) fn are_given(&self) -> bool {
-        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self;
+        let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } = self;
         kind.is_some()
             || rule.is_some()
             || band.is_some()
             || nodata.is_some()
             || transform.is_some()
             || layer.is_some()
+            || pages.is_some()
             || *keep_transparent
             || self.of_warping().is_some()
+            || self.of_stacks().is_some()
+    }
+
+    /// Whether the pages of a file are planes of a volume.
+    pub(super) fn pages_are_planes(&self) -> bool {
+        self.pages == Some(Pages::Volume)
+    }
+
+    /// An option that was given and is for stacks.
+    pub(super) fn of_stacks(&self) -> Option<&'static str> {
+        let given = [
+            ("--stack", self.stack),
+            ("--pages layers", self.pages == Some(Pages::Layers)),
+            ("--names", self.names.is_some()),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
     /// An option that was given and says what cells are made of.
@@ -78,6 +130,7 @@ impl PictureArgs {
             ("--band", self.band.is_some()),
             ("--nodata", self.nodata.is_some()),
             ("--layer", self.layer.is_some()),
+            ("--pages", self.pages.is_some()),
             ("--keep-transparent", self.keep_transparent),
         ];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
@@ -102,12 +155,17 @@ impl PictureArgs {
 
     /// All that is asked of an import.
     pub(super) fn import_options(&self, common: &Common) -> Result<ImportOptions> {
-        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self.clone();
+        let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } =
+            self.clone();
         let Common { depth, crs, memory, share, time, .. } = common;
         let mut options = ImportOptions::new();
         (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
         (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);
         options.layer = layer;
+        options.page = match pages {
+            Some(Pages::One(page)) => Some(page),
+            _ => None,
+        };
         options.transform = match transform {
             None => None,
             Some(Transform::Picture(numbers)) => Some(numbers),
@@ -118,17 +176,40 @@ impl PictureArgs {
         Ok(options)
     }
 
+    /// All that is asked of a stack; nothing if none is.
+    pub(super) fn stack_options(&self, common: &Common) -> Result<Option<StackOptions>> {
+        let every_page = self.pages == Some(Pages::Layers);
+        if !self.stack && !every_page {
+            if self.names.is_some() {
+                bail!("--names is for --stack")
+            }
+            return Ok(None);
+        }
+        if common.grid.is_some() || self.of_warping().is_some() {
+            bail!(
+                "--stack: layers keep the grids of their files; --grid and its options are for single pictures"
+            )
+        }
+        let mut options = StackOptions::new();
+        options.import = self.import_options(common)?;
+        (options.names, options.every_page) = (self.names.clone(), every_page);
+        Ok(Some(options))
+    }
+
     /// All that is asked of an import of a volume.
     pub(super) fn volume_options(&self, common: &Common) -> Result<VolumeOptions> {
-        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self;
+        let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } = self;
         let Common { depth, crs, memory, share, time, grid, .. } = common;
         if band.is_some()
             || layer.is_some()
+            || pages.is_some_and(|pages| pages != Pages::Volume)
             || *keep_transparent
             || grid.is_some()
             || self.of_warping().is_some()
         {
-            bail!("--band, --layer, --keep-transparent and --grid with its options are not for volumes");
+            bail!(
+                "--band, --layer, --pages, --keep-transparent and --grid with its options are not for volumes"
+            );
         }
         let mut options = VolumeOptions::new();
         (options.kind, options.rule, options.nodata) = (*kind, *rule, *nodata);

@@ -1,12 +1,193 @@
 //! Choosing channels of a raster.
 
+use std::convert::Infallible;
+use std::fmt::{self, Display};
 use std::path::Path;
+use std::str::FromStr;
 
 use super::{Pixels, Raster, RasterInfo};
 use spinney_base::space::Region;
-use spinney_base::value::ValueType;
+use spinney_base::value::{Kind, Number, Palette, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{ScopedTags, TagScope};
+
+/// A channel that is asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Band {
+    /// By its number, from 1.
+    Number(usize),
+    /// By its name: the whole one, or what stands before a comma in it.
+    Name(String),
+}
+
+impl From<usize> for Band {
+    fn from(number: usize) -> Band {
+        Band::Number(number)
+    }
+}
+
+impl FromStr for Band {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> std::result::Result<Band, Infallible> {
+        Ok(text.parse().map_or_else(|_| Band::Name(text.into()), Band::Number))
+    }
+}
+
+impl Display for Band {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Band::Number(number) => number.fmt(f),
+            Band::Name(name) => name.fmt(f),
+        }
+    }
+}
+
+/// What a channel has of its own, in files whose channels differ in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BandInfo {
+    /// Type of its samples, when it is chosen alone.
+    pub sample: SampleType,
+    /// The number that marks missing samples.
+    pub nodata: Option<Number>,
+    /// Colours of its values.
+    pub palette: Option<Palette>,
+    /// Names of its values.
+    pub class_names: Vec<(Number, String)>,
+}
+
+impl RasterInfo {
+    /// What each channel has of its own, to be changed for some.
+    pub(super) fn bands_mut(&mut self) -> &mut [BandInfo] {
+        if self.bands.is_empty() {
+            let alike = BandInfo {
+                sample: self.sample,
+                nodata: self.nodata,
+                palette: self.palette.clone().filter(|_| self.channels == 1),
+                class_names: Vec::new(),
+            };
+            self.bands = vec![alike; self.channels];
+            if let Some(band) = self.bands.get_mut(self.class_channel) {
+                band.class_names = self.class_names.clone();
+            }
+        }
+        &mut self.bands
+    }
+
+    /// The channel that is asked for, from 0.
+    ///
+    /// # Errors
+    /// If there is none, or several have this name.
+    pub(super) fn channel_of(&self, path: &Path, band: &Band) -> Result<usize> {
+        let named = |is: &dyn Fn(&str) -> bool| -> Vec<usize> {
+            let names = self.band_names.iter().enumerate();
+            names.filter(|(_, name)| !name.is_empty() && is(name)).map(|(channel, _)| channel).collect()
+        };
+        let name = band.to_string();
+        let mut found = match band {
+            Band::Number(number) if (1..=self.channels).contains(number) => return Ok(number - 1),
+            _ => named(&|other| other.trim() == name),
+        };
+        if found.is_empty() {
+            found = named(&|other| short_name(other) == name);
+        }
+        let expected = |what: &str| format!("{what} of {}: {}", path.display(), self.listed_bands());
+        match found[..] {
+            [channel] => Ok(channel),
+            [] => Err(Error::invalid("bands", name, expected("bands"))),
+            _ => Err(Error::invalid("bands", format!("{name}, as several are named"), expected("numbers"))),
+        }
+    }
+
+    /// The bands there are, by number and name, as far as a message has room for them.
+    fn listed_bands(&self) -> String {
+        const LISTED: usize = 16;
+        let name = |(i, name): (usize, &String)| match name.as_str() {
+            "" => (i + 1).to_string(),
+            name => format!("{} ({name})", i + 1),
+        };
+        let mut bands: Vec<String> = self.band_names.iter().enumerate().take(LISTED).map(name).collect();
+        if self.channels > bands.len() {
+            bands.push(format!("... {}", self.channels));
+        }
+        bands.join(", ")
+    }
+
+    /// All that is known of some channels, in this order.
+    ///
+    /// Opacity that is not chosen is left out.
+    pub(super) fn of_channels(&self, chosen: &[usize]) -> RasterInfo {
+        if chosen.iter().copied().eq(0..self.channels) {
+            return self.clone();
+        }
+        let place = |channel: usize| chosen.iter().position(|other| *other == channel);
+        let class_channel = place(self.class_channel);
+        let mut info = RasterInfo {
+            channels: chosen.len(),
+            alpha: self.alpha.and_then(place),
+            class_names: class_channel.map_or(Vec::new(), |_| self.class_names.clone()),
+            class_channel: class_channel.unwrap_or(0),
+            band_names: pick(&self.band_names, chosen),
+            colour_roles: pick(&self.colour_roles, chosen),
+            scale_offset: pick(&self.scale_offset, chosen),
+            units: pick(&self.units, chosen),
+            scoped_tags: pick_tags(&self.scoped_tags, chosen),
+            bands: pick(&self.bands, chosen),
+            ..self.clone()
+        };
+        info.take_from_bands();
+        info
+    }
+
+    /// Takes what channels have of their own as what the raster has, as far as there is room for it: a type that holds all
+    /// samples, the first nodata number, the first names; colours of one channel alone.
+    pub(super) fn take_from_bands(&mut self) {
+        if self.bands.is_empty() {
+            return;
+        }
+        let sample = common_type(self.bands.iter().map(|band| band.sample));
+        if sample != self.sample {
+            (self.sample, self.stored_sample) = (sample, sample.name().into());
+        }
+        self.nodata = self.bands.iter().find_map(|band| band.nodata);
+        if let Some(channel) = self.bands.iter().position(|band| !band.class_names.is_empty()) {
+            (self.class_channel, self.class_names) = (channel, self.bands[channel].class_names.clone());
+        }
+        if let [band] = &self.bands[..] {
+            self.palette = band.palette.clone();
+            // Colours are for classes.
+            self.kind = self.palette.as_ref().map(|_| Kind::Categorical).or(self.kind);
+        }
+    }
+}
+
+/// What stands before a comma in the name of a band: "B4" of "B4, central wavelength 665 nm".
+pub(super) fn short_name(name: &str) -> &str {
+    name.split(',').next().unwrap_or_default().trim()
+}
+
+/// The least type that holds the samples of all these types, without a loss.
+pub(super) fn common_type(types: impl Iterator<Item = SampleType>) -> SampleType {
+    use SampleType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
+    let holds = |wide: SampleType, narrow: SampleType| {
+        wide == narrow
+            || match wide {
+                U8 | I8 => false,
+                U16 => narrow == U8,
+                I16 => matches!(narrow, U8 | I8),
+                U32 => matches!(narrow, U8 | U16),
+                I32 | F32 => matches!(narrow, U8 | I8 | U16 | I16),
+                U64 => matches!(narrow, U8 | U16 | U32),
+                I64 => !matches!(narrow, U64 | F32 | F64),
+                F64 => !matches!(narrow, U64 | I64),
+            }
+    };
+    let join = |a: SampleType, b: SampleType| {
+        let all = [U8, I8, U16, I16, U32, I32, F32, F64, U64, I64];
+        all.into_iter().find(|wide| holds(*wide, a) && holds(*wide, b)).unwrap_or(F64)
+    };
+    types.reduce(join).unwrap_or(U8)
+}
 
 /// Some channels of a raster.
 struct Bands {
@@ -18,38 +199,44 @@ struct Bands {
     all: Vec<u8>,
 }
 
-/// The raster of the chosen bands, which count from 1, in this order.
+/// The raster of the chosen bands, in this order.
 ///
 /// Opacity that is not chosen is left out: pixels that are VOID by it become ordinary ones.
 ///
 /// # Errors
-/// If there is no band of such a number, or none is chosen.
-pub fn select(raster: Box<dyn Raster>, bands: &[usize]) -> Result<Box<dyn Raster>> {
+/// If there is no such band, or none is chosen.
+pub fn select(raster: Box<dyn Raster>, bands: &[Band]) -> Result<Box<dyn Raster>> {
     let info = raster.info();
-    if bands.is_empty() || bands.iter().any(|band| !(1..=info.channels).contains(band)) {
-        let found = bands.iter().map(ToString::to_string).collect::<Vec<_>>().join(",");
-        let expected = format!("numbers of 1 to {} for {}", info.channels, raster.path().display());
-        return Err(Error::invalid("bands", found, expected));
+    if bands.is_empty() {
+        let expected = format!("bands of {}: {}", raster.path().display(), info.listed_bands());
+        return Err(Error::invalid("bands", "none", expected));
     }
-    let chosen: Vec<usize> = bands.iter().map(|band| band - 1).collect();
-    if chosen.iter().copied().eq(0..info.channels) {
-        return Ok(raster);
+    let chosen = bands.iter().map(|band| info.channel_of(raster.path(), band));
+    let chosen = chosen.collect::<Result<Vec<_>>>()?;
+    Ok(select_channels(raster, &chosen))
+}
+
+/// The raster of channels that it has, which count from 0.
+pub(super) fn select_channels(mut raster: Box<dyn Raster>, chosen: &[usize]) -> Box<dyn Raster> {
+    if chosen.iter().copied().eq(0..raster.info().channels) || raster.choose(chosen) {
+        return raster;
     }
-    let place = |channel: usize| chosen.iter().position(|other| *other == channel);
-    let class_channel = place(info.class_channel);
-    let info = RasterInfo {
-        channels: chosen.len(),
-        alpha: info.alpha.and_then(place),
-        class_names: class_channel.map_or(Vec::new(), |_| info.class_names.clone()),
-        class_channel: class_channel.unwrap_or(0),
-        band_names: pick(&info.band_names, &chosen),
-        colour_roles: pick(&info.colour_roles, &chosen),
-        scale_offset: pick(&info.scale_offset, &chosen),
-        units: pick(&info.units, &chosen),
-        scoped_tags: pick_tags(&info.scoped_tags, &chosen),
-        ..info.clone()
-    };
-    Ok(Box::new(Bands { raster, chosen, info, all: Vec::new() }))
+    // Those that are not wanted are not read, where that can be had: what is chosen twice is read once.
+    let mut once = Vec::new();
+    chosen.iter().for_each(|channel| {
+        if !once.contains(channel) {
+            once.push(*channel);
+        }
+    });
+    let mut chosen = chosen.to_vec();
+    if once.len() < chosen.len() && raster.choose(&once) {
+        chosen.iter_mut().for_each(|channel| {
+            *channel = once.iter().position(|other| other == channel).unwrap_or_default();
+        });
+    }
+    // (All are read in the type that they have in common.)
+    let info = RasterInfo { sample: raster.info().sample, ..raster.info().of_channels(&chosen) };
+    Box::new(Bands { raster, chosen, info, all: Vec::new() })
 }
 
 /// The items of the chosen channels; nothing if there is not one per channel.
@@ -81,23 +268,21 @@ pub fn value_type(path: &Path, info: &RasterInfo) -> Result<ValueType> {
     if value.is_supported() {
         return Ok(value);
     }
-    const LISTED: usize = 16;
-    let name = |(i, name): (usize, &String)| match name.as_str() {
-        "" => (i + 1).to_string(),
-        name => format!("{} ({name})", i + 1),
-    };
-    let mut bands: Vec<String> = info.band_names.iter().enumerate().take(LISTED).map(name).collect();
-    if info.channels > bands.len() {
-        bands.push(format!("... {}", info.channels));
-    }
     let found = format!("{} bands of {} as one value", info.channels, info.sample.name());
-    let advice = format!("choose some with --band, such as --band 1, of {}", bands.join(", "));
+    let bands = info.listed_bands();
+    let advice = format!(
+        "make a layer of each with --stack, or choose some with --band, such as --band 1, of {bands}"
+    );
     Err(Error::unsupported(path, found, advice))
 }
 
 impl Raster for Bands {
     fn info(&self) -> &RasterInfo {
         &self.info
+    }
+
+    fn reads_anywhere(&self) -> bool {
+        self.raster.reads_anywhere()
     }
 
     fn path(&self) -> &Path {
@@ -127,7 +312,6 @@ impl Raster for Bands {
 mod tests {
     use super::super::fake::Fake;
     use super::*;
-    use spinney_base::value::SampleType;
 
     #[test]
     fn channels_are_picked_in_order() {
@@ -137,16 +321,48 @@ mod tests {
         let scope = |channel| TagScope { channel, domain: "D".into() };
         info.scoped_tags = [None, Some(1), Some(2)].map(|channel| (scope(channel), [].into())).into();
         let fake = || Box::new(Fake::new(info.clone(), (0..24).collect()));
-        let mut picked = select(fake(), &[3, 1]).unwrap();
+        let mut picked = select(fake(), &[3.into(), Band::Name("a".into())]).unwrap();
         assert_eq!((picked.info().channels, picked.info().alpha), (2, Some(0)));
         assert_eq!(picked.info().band_names, ["c", "a"]);
         assert!(picked.info().scoped_tags.keys().eq(&[scope(None), scope(Some(0))]));
         let mut pixels = Pixels::default();
         picked.read(Region::new(0, 1, 2, 1), &mut pixels).unwrap();
         assert_eq!(pixels.bytes, [16, 17, 12, 13, 22, 23, 18, 19]);
-        for wrong in [&[][..], &[0], &[1, 4]] {
-            assert!(matches!(select(fake(), wrong), Err(Error::Invalid { .. })));
+        for wrong in ["", "0", "1,4", "d", "1,"] {
+            let wrong: Vec<Band> = wrong.split_terminator(',').map(|word| word.parse().unwrap()).collect();
+            let wrong =
+                if wrong.len() == 1 { [wrong, vec![Band::Name(String::new())]].concat() } else { wrong };
+            assert!(matches!(select(fake(), &wrong), Err(Error::Invalid { .. })), "{wrong:?}");
         }
+    }
+
+    #[test]
+    fn bands_have_names() {
+        let mut info = RasterInfo::plain([2, 2], SampleType::U16, 5);
+        info.band_names = ["B4, red", "B4", "665", "B5, x", "B5, y"].map(String::from).to_vec();
+        let channel = |text: &str| info.channel_of(Path::new("x.tif"), &text.parse().unwrap());
+        for (text, expected) in [("1", 0), ("B4", 1), ("B4, red", 0), ("665", 2), ("B5, y", 4)] {
+            assert_eq!(channel(text).unwrap(), expected, "{text}");
+        }
+        for text in ["0", "6", "B5", "b4", "", "red"] {
+            let message = channel(text).unwrap_err().to_string();
+            assert!(message.contains("x.tif: 1 (B4, red), 2 (B4)"), "{message}");
+        }
+    }
+
+    #[test]
+    fn bands_have_their_own() {
+        let mut info = RasterInfo { nodata: Some(1.0), ..RasterInfo::plain([2, 2], SampleType::U8, 3) };
+        let bands = info.bands_mut();
+        (bands[1].sample, bands[2].sample, bands[2].nodata) = (SampleType::U16, SampleType::I16, Some(-5.0));
+        bands[1].palette = Some(Palette { colours: vec![[1; 4]] });
+        let of = |chosen: &[usize]| info.of_channels(chosen);
+        assert_eq!((of(&[2]).sample, of(&[2]).nodata, of(&[2]).kind), (SampleType::I16, Some(-5.0), None));
+        assert_eq!((of(&[1]).nodata, of(&[1]).kind), (Some(1.0), Some(Kind::Categorical)));
+        assert_eq!((of(&[2, 1]).sample, of(&[2, 1]).nodata), (SampleType::I32, Some(-5.0)));
+        assert_eq!((of(&[1, 0]).sample, of(&[1, 0]).palette), (SampleType::U16, None));
+        assert_eq!(common_type([SampleType::U32, SampleType::I16].into_iter()), SampleType::F64);
+        assert_eq!(common_type([SampleType::U16, SampleType::F32].into_iter()), SampleType::F32);
     }
 
     #[test]
@@ -154,7 +370,12 @@ mod tests {
         let mut info = RasterInfo::plain([2, 2], SampleType::I16, 3);
         info.band_names[1] = "near infrared".into();
         let message = value_type(Path::new("x.tif"), &info).unwrap_err().to_string();
-        assert!(message.contains("--band") && message.contains("1, 2 (near infrared), 3"), "{message}");
+        assert!(
+            message.contains("--band")
+                && message.contains("--stack")
+                && message.contains("1, 2 (near infrared), 3"),
+            "{message}"
+        );
         info.channels = 300;
         info.band_names = vec![String::new(); 300];
         let message = value_type(Path::new("x.tif"), &info).unwrap_err().to_string();

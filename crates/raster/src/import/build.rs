@@ -100,7 +100,7 @@ pub struct WarpedBuilt {
 /// Of each block no more than 4096 records wait. A row of blocks waits at the lowest level, two rows merged
 /// at the next one, and so on: above the second level segments have been cut off, so that each level up has a
 /// quarter of the records. Together that is at most four rows of blocks.
-fn bands_memory(info: &RasterInfo, value_size: usize) -> u64 {
+pub(super) fn bands_memory(info: &RasterInfo, value_size: usize) -> u64 {
     const WAITING: u64 = 4 * 4096;
     // Four values, states and a link.
     let record = 4 * value_size as u64 + 4;

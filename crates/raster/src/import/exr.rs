@@ -353,6 +353,10 @@ impl Raster for Exr {
         &self.path
     }
 
+    fn reads_anywhere(&self) -> bool {
+        true
+    }
+
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
         self.info.check(region)?;
         pixels.valid = None;

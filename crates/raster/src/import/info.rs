@@ -20,6 +20,7 @@ impl RasterInfo {
             channels,
             alpha: None,
             keeps_transparent: false,
+            bands: Vec::new(),
             frame: Frame::identity(),
             nodata: None,
             palette: None,
@@ -35,8 +36,22 @@ impl RasterInfo {
             scoped_tags: BTreeMap::new(),
             control_points: None,
             remark: None,
+            pages: 1,
             order: Order::Anywhere,
         }
+    }
+
+    /// The same of a picture in colour: its channels are red, green and blue, if there are three, and opacity.
+    pub(super) fn in_colour(mut self) -> RasterInfo {
+        if self.channels >= 3 {
+            let role = |channel| match channel {
+                channel if self.alpha == Some(channel) => "Alpha",
+                0..=2 => ["Red", "Green", "Blue"][channel],
+                _ => "Undefined",
+            };
+            self.colour_roles = (0..self.channels).map(|channel| role(channel).into()).collect();
+        }
+        self
     }
 
     /// Bytes of one pixel as [`super::Raster::read`] gives it.

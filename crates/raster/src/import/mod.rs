@@ -8,6 +8,7 @@ mod fake;
 mod gdal;
 mod hgt;
 mod info;
+mod lazy;
 mod mosaic;
 mod picture;
 mod plan;
@@ -15,8 +16,10 @@ mod png;
 mod sidecar;
 mod slabs;
 mod spill;
+mod stack;
 mod tiff;
 mod validity;
+mod vrt;
 mod worldfile;
 mod xml;
 
@@ -24,14 +27,15 @@ use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::path::Path;
 
-pub use self::bands::{select, value_type};
+pub use self::bands::{Band, BandInfo, select, value_type};
 pub use self::build::{TargetGrid, WarpedBuilt};
 pub use self::mosaic::mosaic;
 pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan};
 pub(super) use self::plan::{depth_of, nodata_text};
 pub use self::slabs::RasterSlabs;
 pub use self::spill::spill;
-pub(super) use self::tiff::SampleFormat;
+pub use self::stack::{Stack, StackLayer, StackOptions, plan_stack, write_stack};
+pub(super) use self::tiff::{SampleFormat, page_directories};
 pub(super) use self::validity::as_stored;
 use spinney_base::io::open_input;
 use spinney_base::space::Region;
@@ -58,6 +62,8 @@ pub struct RasterInfo {
     pub alpha: Option<usize>,
     /// Whether transparent pixels are pixels like all others; else they are VOID.
     pub keeps_transparent: bool,
+    /// What each channel has of its own; nothing where they differ in nothing of it.
+    pub bands: Vec<BandInfo>,
     /// Map from pixels to the world.
     pub frame: Frame,
     /// The number that marks missing samples.
@@ -88,6 +94,8 @@ pub struct RasterInfo {
     pub control_points: Option<ControlPoints>,
     /// What else is in the file and is not read, in words.
     pub remark: Option<String>,
+    /// Pictures of their own in the file, besides overviews and masks, of which this is one.
+    pub pages: usize,
     /// Order in which regions are cheap to read.
     pub order: Order,
 }
@@ -127,6 +135,17 @@ pub trait Raster: Send {
     /// # Errors
     /// If the file is damaged there, cannot be read, or decoding would need more memory than `open` allowed.
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()>;
+
+    /// Leaves only these channels, which count from 0, in this order; `false`, and nothing is done, if all are read anyway.
+    fn choose(&mut self, channels: &[usize]) -> bool {
+        let _ = channels;
+        false
+    }
+
+    /// Whether any region can be read at any time, though another order may be cheaper.
+    fn reads_anywhere(&self) -> bool {
+        self.info().order == Order::Anywhere
+    }
 }
 
 /// Options for opening a raster.
@@ -136,13 +155,24 @@ pub struct RasterOptions {
     /// Bytes that a reader may hold at once, such as decoded strips or a whole picture of a format that has
     /// no other way.
     pub memory: u64,
-    /// The layer of an EXR file to read, by name, or the page of a TIFF file, by its number from 1; the first one if not given.
+    /// The layer of an EXR file to read, by name; the first one if not given.
     pub layer: Option<String>,
+    /// The page of a TIFF file to read, by its number from 0; the first one if not given.
+    pub page: Option<usize>,
+    pub(crate) nesting: vrt::Nesting,
+    /// The directory of the page in a TIFF file, if that is known.
+    pub(crate) directory: Option<u64>,
 }
 
 impl Default for RasterOptions {
     fn default() -> Self {
-        RasterOptions { memory: 192 << 20, layer: None }
+        RasterOptions {
+            memory: 192 << 20,
+            layer: None,
+            page: None,
+            nesting: Default::default(),
+            directory: None,
+        }
     }
 }
 
@@ -166,6 +196,7 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
         [0xff, 0xd8, 0xff, ..] => picture::open_jpeg(path, options),
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => picture::open_webp(path, options),
         [0x76, 0x2f, 0x31, 0x01, ..] => exr::open(path, options),
+        start if vrt::is_vrt(start) => vrt::open(path, options),
         _ if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => hgt::open(path),
         _ => Err(OtherFormat::refuse_source(path, &magic)),
     };

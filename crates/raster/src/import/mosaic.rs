@@ -128,6 +128,10 @@ impl Raster for Mosaic {
         self.inputs[0].raster.path()
     }
 
+    fn reads_anywhere(&self) -> bool {
+        self.inputs.iter().all(|input| input.raster.reads_anywhere())
+    }
+
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
         self.info.check(region)?;
         let touched = |input: &&mut Input| !input.region.intersect(&region).is_empty();

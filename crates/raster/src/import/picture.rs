@@ -79,7 +79,8 @@ pub(super) fn open_jpeg(path: &Path, options: &RasterOptions) -> Result<Box<dyn 
         let channels = if decoder.input_colorspace() == Some(ColorSpace::Luma) { 1 } else { 3 };
         let size = [image.width.into(), image.height.into()];
         let layout = if progressive { "JPEG, progressive" } else { "JPEG" };
-        Ok(RasterInfo { layout: layout.into(), ..RasterInfo::plain(size, SampleType::U8, channels) })
+        let info = RasterInfo::plain(size, SampleType::U8, channels).in_colour();
+        Ok(RasterInfo { layout: layout.into(), ..info })
     })?;
     Picture::open(path, options, info, |path, info| {
         with_jpeg(path, |_, decoder| {
@@ -173,7 +174,8 @@ pub(super) fn open_webp(path: &Path, options: &RasterOptions) -> Result<Box<dyn 
             alpha: (channels == 4).then_some(3),
             layout: "WebP".into(),
             ..RasterInfo::plain([width.into(), height.into()], SampleType::U8, channels)
-        })
+        }
+        .in_colour())
     })?;
     Picture::open(path, options, info, |path, info| {
         with_webp(path, |decoder| {

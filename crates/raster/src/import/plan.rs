@@ -3,9 +3,10 @@
 use std::fmt::Display;
 use std::path::PathBuf;
 
+use super::lazy::{Lazy, Pool};
 use super::sidecar::Described;
 use super::validity::as_stored;
-use super::{Raster, RasterInfo, RasterOptions, bands, mosaic, open};
+use super::{Band, Raster, RasterInfo, RasterOptions, bands, mosaic, open};
 use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
@@ -16,6 +17,9 @@ use spinney_engine::store::{BuildOptions, depth_for};
 /// Bytes of memory used if nothing is said: what it takes for whole JPEG and WebP pictures of a usual size.
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
 
+/// Files that are open at once; of more, each is opened when it is read from.
+pub(super) const MOST_OPEN: usize = 16;
+
 /// Options for an import; the files decide those that are `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
@@ -24,8 +28,8 @@ pub struct ImportOptions {
     pub kind: Option<Kind>,
     /// Rule for the representatives of inner nodes.
     pub rule: Option<Rule>,
-    /// Channels to take, counted from 1.
-    pub bands: Option<Vec<usize>>,
+    /// Channels to take, by number or name.
+    pub bands: Option<Vec<Band>>,
     /// The number that means VOID.
     pub nodata: Option<Number>,
     /// Levels of the tree, at least as many as the picture needs.
@@ -34,8 +38,10 @@ pub struct ImportOptions {
     pub crs: Option<Crs>,
     /// Affine map of the pixels: the numbers of [`Frame::planar`]; for several inputs, of the mosaic.
     pub transform: Option<[f64; 6]>,
-    /// The layer of OpenEXR files, by its name, or the page of TIFF files, by its number.
+    /// The layer of OpenEXR files, by its name.
     pub layer: Option<String>,
+    /// The page of TIFF files, by its number from 0; files that have several are refused if it is not said.
+    pub page: Option<usize>,
     /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if
     /// not said.
     pub memory: Option<u64>,
@@ -147,28 +153,58 @@ fn open_inputs(
     memory: u64,
     overruled: &mut Option<Crs>,
 ) -> Result<Vec<Box<dyn Raster>>> {
-    // Readers rarely need their share, but all together must not need more than half of the memory.
-    let share = memory / 2 / inputs.len().max(1) as u64;
-    let open_options = RasterOptions { memory: share, layer: options.layer.clone() };
+    // Readers rarely need their share, but all that are open together must not need more than half of the memory.
+    let at_once = inputs.len().clamp(1, MOST_OPEN);
+    let share = memory / 2 / at_once as u64;
+    let open_options = RasterOptions {
+        memory: share,
+        layer: options.layer.clone(),
+        page: options.page,
+        ..RasterOptions::default()
+    };
+    let pool = Pool::new(MOST_OPEN);
     let open_one = |path: &PathBuf| -> Result<Box<dyn Raster>> {
-        let raster = open(path, &open_options)?;
+        let raster: Box<dyn Raster> = if inputs.len() > MOST_OPEN {
+            Box::new(Lazy::open(path, &open_options, &pool)?)
+        } else {
+            open(path, &open_options)?
+        };
+        check_pages(&*raster)?;
         let raster = match &options.bands {
             Some(chosen) => bands::select(raster, chosen)?,
             None => raster,
         };
         let mut info = raster.info().clone();
-        info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
-        info.keeps_transparent = options.keep_transparent;
-        if let Some(chosen) = &options.crs {
-            let told = match &mut info.control_points {
-                Some(points) => points.crs.replace(chosen.clone()),
-                None => info.frame.crs.replace(chosen.clone()),
-            };
-            *overruled = overruled.take().or(told.filter(|told| !told.is_same(chosen)));
-        }
+        tell(&mut info, options, overruled);
         Ok(Box::new(Described { raster, info }))
     };
     inputs.iter().map(open_one).collect()
+}
+
+/// Puts what the user says of a picture in place of what its file says; `overruled` becomes the first coordinate system that a file
+/// tells and that is not the one that the user chose.
+pub(super) fn tell(info: &mut RasterInfo, options: &ImportOptions, overruled: &mut Option<Crs>) {
+    info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
+    info.keeps_transparent = options.keep_transparent;
+    if let Some(chosen) = &options.crs {
+        let told = match &mut info.control_points {
+            Some(points) => points.crs.replace(chosen.clone()),
+            None => info.frame.crs.replace(chosen.clone()),
+        };
+        *overruled = overruled.take().or(told.filter(|told| !told.is_same(chosen)));
+    }
+}
+
+/// Refuses a file of several pages, of which the first is not all there is.
+pub(super) fn check_pages(raster: &dyn Raster) -> Result<()> {
+    match raster.info().pages {
+        0 | 1 => Ok(()),
+        pages => {
+            let advice = "say which with --pages (in Python pages=): a number from 0 for one of them, layers for a layer of each, z \
+                          for a volume";
+            Err(Error::unsupported(raster.path(), format!("{pages} pages"), advice))
+        }
+    }
 }
 
 /// Properties of the tree that follow from the raster and the options.
@@ -182,7 +218,12 @@ struct Choices {
 }
 
 /// Metadata of the tree's file.
-fn metadata(frame: Frame, inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Metadata {
+pub(super) fn metadata(
+    frame: Frame,
+    inputs: &[PathBuf],
+    info: &RasterInfo,
+    options: &ImportOptions,
+) -> Metadata {
     // Control points are for pictures that nothing else places.
     let control_points = info.control_points.clone().filter(|_| frame.is_identity());
     let mut metadata = Metadata {
@@ -232,7 +273,7 @@ fn describe(
     };
     let affine = metadata.frame.affine().map(|number| number.to_string()).join(", ");
     let mut lines = vec![
-        ("input", inputs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")),
+        ("input", listed(inputs)),
         ("layout", info.layout.clone()),
         ("size", format!("{} x {} pixels", info.width, info.height)),
         (
@@ -257,6 +298,16 @@ fn describe(
     lines
 }
 
+/// The paths of files, as far as a line has room for them.
+pub(super) fn listed(paths: &[PathBuf]) -> String {
+    const LISTED: usize = 12;
+    let names: Vec<String> = paths.iter().take(LISTED).map(|path| path.display().to_string()).collect();
+    match paths.len() - names.len() {
+        0 => names.join(", "),
+        more => format!("{} and {more} more", names.join(", ")),
+    }
+}
+
 fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
     let mut frame = info.frame.clone();
     if let Some(transform) = options.transform {
@@ -269,7 +320,7 @@ fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
     Ok(frame)
 }
 
-fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
+pub(super) fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
     let small = matches!(info.sample, SampleType::U8) && info.channels == 1;
     let has_classes = info.channels == 1 && !info.sample.is_float() && !info.class_names.is_empty();
     match (options.kind, info.kind) {
@@ -320,7 +371,7 @@ fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) ->
     };
     let numbers = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
     let bands =
-        options.bands.as_ref().map(|bands| bands.iter().map(usize::to_string).collect::<Vec<_>>().join(","));
+        options.bands.as_ref().map(|bands| bands.iter().map(Band::to_string).collect::<Vec<_>>().join(","));
     let transform = options.transform.map(|transform| numbers(&transform));
     say("kind", options.kind.as_ref().map(|kind| kind as _));
     say("rule", options.rule.as_ref().map(|rule| rule as _));
@@ -330,6 +381,7 @@ fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) ->
     say("crs", options.crs.as_ref().map(|crs| crs as _));
     say("transform", transform.as_ref().map(|transform| transform as _));
     say("layer", options.layer.as_ref().map(|layer| layer as _));
+    say("page", options.page.as_ref().map(|page| page as _));
     if options.keep_transparent {
         said.push("transparent pixels kept".into());
     }

@@ -91,6 +91,7 @@ fn describe(header: &Info) -> RasterInfo {
         order: Order::Bands,
         ..RasterInfo::plain(size, sample, channels)
     }
+    .in_colour()
 }
 
 /// Bytes of all texts together: half of what a tree's metadata may have.

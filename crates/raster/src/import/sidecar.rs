@@ -33,6 +33,18 @@ impl Raster for Described {
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
         self.raster.read(region, pixels)
     }
+
+    fn choose(&mut self, channels: &[usize]) -> bool {
+        let chosen = self.raster.choose(channels);
+        if chosen {
+            self.info = self.info.of_channels(channels);
+        }
+        chosen
+    }
+
+    fn reads_anywhere(&self) -> bool {
+        self.raster.reads_anywhere()
+    }
 }
 
 /// The raster with what files beside it say, if there are any. What a sidecar says goes before what the file itself
@@ -91,6 +103,8 @@ fn apply(path: &Path, root: &XmlElement<'_>, info: &mut RasterInfo) -> Result<()
 }
 
 fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
+    // (Of one channel, all is the raster's.)
+    let several = info.channels > 1;
     let mut nodata = None;
     for element in band.children() {
         match element.name {
@@ -100,19 +114,27 @@ fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
             "Scale" => gdal::set_number(&mut info.scale_offset[channel].0, &element.text()),
             "Offset" => gdal::set_number(&mut info.scale_offset[channel].1, &element.text()),
             "NoDataValue" => nodata = gdal::nodata(&element.text(), info.sample),
-            "CategoryNames" => gdal::take_class_names(info, channel, categories(&element)),
-            "GDALRasterAttributeTable" if info.class_names.is_empty() => {
-                gdal::take_class_names(info, channel, gdal::class_names(&element));
-            }
-            "ColorTable" if info.channels == 1 => {
-                if let Some(palette) = palette(&element) {
-                    // Colours are for classes, as in a picture that has them in itself.
-                    (info.palette, info.kind) = (Some(palette), Some(Kind::Categorical));
+            "CategoryNames" => class_names(info, channel, categories(&element)),
+            "GDALRasterAttributeTable" => {
+                let named = if several { &info.bands_mut()[channel].class_names } else { &info.class_names };
+                if named.is_empty() {
+                    class_names(info, channel, gdal::class_names(&element));
                 }
             }
+            "ColorTable" => match palette(&element) {
+                // Colours are for classes, as in a picture that has them in itself.
+                Some(palette) if !several => {
+                    (info.palette, info.kind) = (Some(palette), Some(Kind::Categorical));
+                }
+                palette if several => info.bands_mut()[channel].palette = palette,
+                _ => {}
+            },
             "Metadata" => apply_metadata(&element, Some(channel), info),
             _ => {}
         }
+    }
+    if several && nodata.is_some() {
+        info.bands_mut()[channel].nodata = nodata;
     }
     // (Of several channels the first counts: a picture has one number.)
     if channel == 0 || info.nodata.is_none() {
@@ -120,7 +142,15 @@ fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
     }
 }
 
-fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut RasterInfo) {
+/// Names of a channel's values, which are those of the raster, too, if no channel before has some.
+fn class_names(info: &mut RasterInfo, channel: usize, names: Vec<(Number, String)>) {
+    if info.channels > 1 && !names.is_empty() {
+        info.bands_mut()[channel].class_names = names.clone();
+    }
+    gdal::take_class_names(info, channel, names);
+}
+
+pub(super) fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut RasterInfo) {
     let domain = metadata.attribute("domain").unwrap_or_default();
     if metadata.attribute("format").is_some_and(|format| format == "xml") {
         // The content is a document, which has the name that it has in a TIFF file.
@@ -135,13 +165,13 @@ fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut 
 }
 
 /// Names of the values from 0 on; those of values in gaps are empty.
-fn categories(list: &XmlElement<'_>) -> Vec<(Number, String)> {
+pub(super) fn categories(list: &XmlElement<'_>) -> Vec<(Number, String)> {
     let names = list.named("Category").map(|name| name.text());
     (0u64..).map(Number::from).zip(names).collect()
 }
 
 /// Colours of the values from 0 on; nothing if there are none, or more than 16 bits can tell.
-fn palette(table: &XmlElement<'_>) -> Option<Palette> {
+pub(super) fn palette(table: &XmlElement<'_>) -> Option<Palette> {
     const MOST: usize = 1 << 16;
     let level = |entry: &XmlElement<'_>, name: &str| entry.attribute(name)?.trim().parse::<u8>().ok();
     let colour = |entry: XmlElement<'_>| {
@@ -153,7 +183,7 @@ fn palette(table: &XmlElement<'_>) -> Option<Palette> {
 }
 
 /// The frame from GDAL's six numbers, which stand in the order c, a, b, f, d, e.
-fn geo_transform(path: &Path, text: &str) -> Result<Frame> {
+pub(super) fn geo_transform(path: &Path, text: &str) -> Result<Frame> {
     let numbers: Vec<f64> = text.split(',').map_while(|word| word.trim().parse().ok()).collect();
     let frame = <[f64; 6]>::try_from(numbers).map(|[c, a, b, f, d, e]| Frame::planar([a, b, c, d, e, f]));
     frame
@@ -166,7 +196,7 @@ fn geo_transform(path: &Path, text: &str) -> Result<Frame> {
         })
 }
 
-fn control_points(path: &Path, list: &XmlElement<'_>) -> Result<Option<ControlPoints>> {
+pub(super) fn control_points(path: &Path, list: &XmlElement<'_>) -> Result<Option<ControlPoints>> {
     let point = |point: XmlElement<'_>| {
         let number = |name| point.attribute(name).and_then(|text| text.trim().parse::<f64>().ok());
         let numbers =

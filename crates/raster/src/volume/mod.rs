@@ -1,16 +1,18 @@
 //! Volumes: arrays of three dimensions, which become octrees.
 
 mod npy;
+mod pages;
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use self::npy::Array;
+use self::pages::Pages;
 use super::npy::MAGIC;
 use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, nodata_text};
 use spinney_base::Form;
-use spinney_base::io::Output;
+use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
@@ -51,11 +53,17 @@ impl VolumeOptions {
 
 /// A volume that is open and understood, ready to be built: see [`VolumeImport::build`].
 pub struct VolumeImport {
-    array: Array,
+    samples: Samples,
     value: ValueType,
     options: BuildOptions,
     memory: u64,
     description: Vec<(&'static str, String)>,
+}
+
+/// Where the samples are.
+enum Samples {
+    Array(Array),
+    Pages(Box<Pages>),
 }
 
 /// Whether a file is a volume, by its first bytes.
@@ -96,27 +104,67 @@ pub fn is_volume(path: &Path) -> bool {
 /// If the file cannot be read, is no such array or not as long as its header says, or the options do not fit it.
 pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
     let array = Array::open(path)?;
-    let nodata = options.nodata.and_then(|number| as_stored(number, array.value.sample));
-    let value = nodata.map_or(array.value, |nodata| array.value.with_missing(nodata));
-    let [width, height, planes] = array.size;
-    let size = format!("{width} x {height} x {planes} cells");
-    let depth = depth_of(Dimension::Oct, array.size, &size, options.depth)?;
-    let (kind, kind_reason) = match options.kind {
-        Some(kind) => (kind, "as you said"),
-        None => (Kind::Continuous, "the usual for volumes; for classes say --kind categorical"),
+    let (size, value, format, layout) = (array.size, array.value, array.format.name(), array.layout.clone());
+    let told = Metadata::default();
+    planned(path, Samples::Array(array), (size, value), [layout, format], told, None, options)
+}
+
+/// Opens a TIFF file whose pages are the planes of a volume, one below the other along z, and decides how its octree is built. They are
+/// alike: in size, number of bands and type. Place, nodata, colours and tags are those of the first.
+///
+/// # Errors
+/// If the file cannot be read, its pages differ or have opacity, or the options do not fit them.
+pub fn plan_pages(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
+    let pages = Pages::open(path, options.memory.unwrap_or(DEFAULT_MEMORY) / 2)?;
+    let info = &pages.info;
+    let told = Metadata {
+        frame: info.frame.clone(),
+        nodata: info.nodata,
+        palette: info.palette.clone(),
+        class_names: info.class_names.iter().cloned().collect(),
+        tags: info.tags.clone(),
+        ..Metadata::default()
+    };
+    let kind = info.kind.filter(|kind| *kind == Kind::Categorical);
+    let about = (pages.size(), pages.value);
+    let words = [format!("{} pages: {}", about.0[2], info.layout), info.stored_sample.clone()];
+    planned(path, Samples::Pages(Box::new(pages)), about, words, told, kind, options)
+}
+
+/// Plans a volume of samples, of which a layout and a type are known in words, and some things are told by the file.
+fn planned(
+    path: &Path,
+    samples: Samples,
+    (size, value): ([u64; 3], ValueType),
+    [layout, format]: [String; 2],
+    told: Metadata,
+    told_kind: Option<Kind>,
+    options: &VolumeOptions,
+) -> Result<VolumeImport> {
+    let nodata = options.nodata.or(told.nodata).and_then(|number| as_stored(number, value.sample));
+    let value = nodata.map_or(value, |nodata| value.with_missing(nodata));
+    let [width, height, planes] = size;
+    let text = format!("{width} x {height} x {planes} cells");
+    let depth = depth_of(Dimension::Oct, size, &text, options.depth)?;
+    let (kind, kind_reason) = match (options.kind, told_kind) {
+        (Some(kind), _) => (kind, "as you said"),
+        (None, Some(kind)) => (kind, "as the file's samples tell"),
+        (None, None) => (Kind::Continuous, "the usual for volumes; for classes say --kind categorical"),
     };
     let rule = options.rule.unwrap_or(kind.default_rule());
-    let provenance = vec![format!("volume {} ({})", path.display(), array.layout)];
-    let metadata = Metadata { frame: frame(options)?, nodata, provenance, ..Metadata::default() };
+    let provenance = vec![format!("volume {} ({layout})", path.display())];
+    let frame = frame(&told.frame, options)?;
+    let metadata = Metadata { frame, nodata, provenance, ..told };
     let said = |is: bool| if is { "as you said".into() } else { format!("usual for {kind}") };
     let crs = metadata.frame.crs.as_ref().map_or("none".into(), Crs::to_string);
+    let placed = !metadata.frame.is_identity();
     let description = vec![
         ("input", path.display().to_string()),
-        ("layout", array.layout.clone()),
-        ("size", size),
-        ("samples", format!("{value} (stored as {})", array.format.name())),
+        ("layout", layout),
+        ("size", text),
+        ("samples", format!("{value} (stored as {format})")),
         ("CRS", crs),
-        ("transform", options.transform.map_or("none".into(), |rows| format!("{rows:?}"))),
+        ("transform", if placed { format!("{:?}", metadata.frame.matrix) } else { "none".into() }),
         ("nodata", nodata_text(options.nodata, nodata, value.sample)),
         ("kind", format!("{kind}: {kind_reason}")),
         ("rule", format!("{rule}, {}", said(options.rule.is_some()))),
@@ -129,12 +177,13 @@ pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
         .metadata(metadata)
         .share(options.share)
         .time(options.time);
-    Ok(VolumeImport { array, value, options, memory, description })
+    Ok(VolumeImport { samples, value, options, memory, description })
 }
 
-/// The place in the world that is asked for.
-fn frame(options: &VolumeOptions) -> Result<Frame> {
-    let mut frame = Frame { crs: options.crs.clone(), ..Frame::identity() };
+/// The place in the world that is asked for, or told.
+fn frame(told: &Frame, options: &VolumeOptions) -> Result<Frame> {
+    let mut frame = told.clone();
+    frame.crs = options.crs.clone().or(frame.crs);
     frame.matrix = options.transform.unwrap_or(frame.matrix);
     let is_finite = frame.matrix.iter().flatten().all(|number| number.is_finite());
     if !is_finite || frame.to_cells([0.0; 3]).is_none() {
@@ -160,13 +209,18 @@ impl VolumeImport {
         self.value
     }
 
-    /// Builds the octree, on the threads of the current rayon pool; progress counts cells.
+    /// Builds the octree, on the threads of the current rayon pool; progress counts cells. The samples of pages go to a temporary
+    /// file in the output's folder first.
     ///
     /// # Errors
     /// If the file cannot be read or has become shorter, the output cannot be written, or on interruption; nothing is left behind
     /// then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
-        let VolumeImport { array, value, options, memory, .. } = self;
+        let VolumeImport { samples, value, options, memory, .. } = self;
+        let array = match samples {
+            Samples::Array(array) => array,
+            Samples::Pages(pages) => pages.spill(folder(output.path()), progress)?,
+        };
         let nodata = options.metadata.nodata.and_then(|number| value.splat(number));
         let form = Form::new(Dimension::Oct, value);
         build_slabs(form, &mut array.slabs(memory / 2), nodata, &options, output, progress)

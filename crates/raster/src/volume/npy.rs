@@ -113,6 +113,17 @@ impl Array {
         })
     }
 
+    /// Samples in a file of nothing else, little-endian, in the order of an array of shape (z, y, x, channels).
+    pub(super) fn of_samples(
+        path: PathBuf,
+        file: File,
+        size: [u64; 3],
+        value: ValueType,
+        format: SampleFormat,
+    ) -> Array {
+        Array { path, file, size, value, layout: String::new(), format, is_big_endian: false, start: 0 }
+    }
+
     /// The cells in cubes, so small that two of them fit in `memory` bytes, if possible.
     pub(super) fn slabs(self, memory: u64) -> ArraySlabs {
         let mut side = MOST;

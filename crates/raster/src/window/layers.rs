@@ -135,7 +135,11 @@ fn fill_of(layers: &[Dataset], request: &WindowRequest, voids: &[VoidCells]) -> 
     let free = candidates.into_iter().find(|number| number.to_f64().is_nan() || is_free(number));
     free.map(Some).ok_or_else(|| {
         let advice = "choose a number with --nodata, or name one layer (--layer)";
-        Error::unsupported(layers[0].name(), "VOID cells of several layers without a number that is free in all,", advice)
+        Error::unsupported(
+            layers[0].name(),
+            "VOID cells of several layers without a number that is free in all,",
+            advice,
+        )
     })
 }
 
@@ -154,7 +158,11 @@ fn spec_of(layers: &[Dataset], grid: &OutputGrid, void: &VoidCells, value: Value
                 ("", band) => band.cloned().unwrap_or_default(),
                 (name, None) => name.into(),
                 (name, Some(band)) if layer.header().form.value.channels == 1 => {
-                    if band.is_empty() { name.into() } else { band.clone() }
+                    if band.is_empty() {
+                        name.into()
+                    } else {
+                        band.clone()
+                    }
                 }
                 (name, Some(band)) => format!("{name}.{band}"),
             });
@@ -168,8 +176,7 @@ fn spec_of(layers: &[Dataset], grid: &OutputGrid, void: &VoidCells, value: Value
     metadata.class_names.clear();
     metadata.alpha = None;
     metadata.band_names = if names.iter().all(String::is_empty) { Vec::new() } else { names };
-    metadata.scale_offset =
-        if scales.iter().all(|scale| *scale == (1.0, 0.0)) { Vec::new() } else { scales };
+    metadata.scale_offset = if scales.iter().all(|scale| *scale == (1.0, 0.0)) { Vec::new() } else { scales };
     metadata.units = if units.iter().all(String::is_empty) { Vec::new() } else { units };
     metadata.nodata = void.fill.filter(|_| void.may_be);
     metadata.set_colour_roles(&roles);

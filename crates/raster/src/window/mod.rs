@@ -8,8 +8,8 @@ mod sampler;
 mod span;
 
 pub(super) use self::grid::OutputGrid;
-pub use self::layers::export_layers;
 use self::grid::row_bytes;
+pub use self::layers::export_layers;
 use self::painted::Painted;
 use self::sampler::Sampler;
 use super::image::{Format, ImageSpec, create, write_sidecar};

@@ -8,8 +8,10 @@ use super::spec::field_type as field;
 use spinney_base::io::platform::read_exact_at;
 use spinney_base::{Error, Result};
 
-/// Directories of one file that we look at; real files have a dozen.
-const MAX_DIRECTORIES: usize = 1024;
+/// Directories of one file that we look at: pages may be many.
+const MAX_DIRECTORIES: usize = 1 << 16;
+/// Entries of all of them together.
+const MAX_CHAINED: u64 = 1 << 20;
 /// Entries of one directory; the classic format itself allows no more.
 const MAX_ENTRIES: u64 = u16::MAX as u64;
 
@@ -126,7 +128,7 @@ impl Input {
         }
         let mut table = vec![0; (entries * size) as usize];
         self.read_at(start, &mut table, || place.clone())?;
-        let mut directory = Directory { input: self, entries: BTreeMap::new() };
+        let mut directory = Directory { input: self, listed: entries, entries: BTreeMap::new() };
         for (i, bytes) in table.chunks_exact(size as usize).enumerate() {
             let at = start + i as u64 * size;
             let (tag, kind) = (self.number(&bytes[..2]) as u16, self.number(&bytes[2..4]) as u16);
@@ -145,14 +147,22 @@ impl Input {
         Ok((directory, next.unwrap_or(0)))
     }
 
-    /// The directories from the one at `offset` on; loops end, and so does the chain after an error.
+    /// The directories from the one at `offset` on; loops end, and so does the chain after an error, such as that of too many.
     pub(super) fn chain(&self, mut offset: u64) -> impl Iterator<Item = Result<LinkedDirectory<'_>>> {
-        let mut seen = HashSet::new();
+        let (mut seen, mut entries) = (HashSet::new(), 0);
         std::iter::from_fn(move || {
-            if offset == 0 || seen.len() == MAX_DIRECTORIES || !seen.insert(offset) {
+            if offset == 0 || !seen.insert(offset) {
                 return None;
             }
             let directory = self.directory(offset);
+            entries += directory.as_ref().map_or(0, |(directory, _)| directory.listed);
+            if seen.len() > MAX_DIRECTORIES || entries > MAX_CHAINED {
+                offset = 0;
+                let found =
+                    format!("more than {MAX_DIRECTORIES} directories, or {MAX_CHAINED} entries in them,");
+                let advice = "write its pages as several files (`tiffsplit`)";
+                return Some(Err(Error::unsupported(&self.path, found, advice)));
+            }
             offset = directory.as_ref().map_or(0, |(_, next)| *next);
             Some(directory)
         })
@@ -190,6 +200,8 @@ pub(super) type LinkedDirectory<'a> = (Directory<'a>, u64);
 /// The tags of one image of the file. Values are read when asked for.
 pub(super) struct Directory<'a> {
     input: &'a Input,
+    /// Entries in the file.
+    listed: u64,
     entries: BTreeMap<u16, Entry>,
 }
 

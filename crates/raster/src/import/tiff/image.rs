@@ -51,6 +51,8 @@ struct Worker {
 
 /// A chunk's part of a request: where its rows go.
 struct Job<'a> {
+    /// The channels to give.
+    chosen: &'a [usize],
     across: u64,
     down: u64,
     /// The pixels to give.
@@ -141,14 +143,14 @@ impl Image {
         })
     }
 
-    /// Bytes of a pixel as [`Image::read`] gives it.
+    /// Bytes of a pixel of all channels.
     pub(super) fn pixel_bytes(&self) -> usize {
         self.sample_format.sample().size() * self.channels
     }
 
-    /// Reads a region within the image into `out`, which has just room for it.
-    pub(super) fn read(&self, input: &Input, region: Region, out: &mut [u8]) -> Result<()> {
-        let mut jobs = self.jobs(region, out);
+    /// Reads some channels of a region within the image into `out`, which has just room for them.
+    pub(super) fn read(&self, input: &Input, region: Region, chosen: &[usize], out: &mut [u8]) -> Result<()> {
+        let mut jobs = self.jobs(region, chosen, out);
         if jobs.len() == 1 || self.parallel == 1 {
             return jobs.into_iter().try_for_each(|job| self.run(input, job));
         }
@@ -164,10 +166,11 @@ impl Image {
     }
 
     /// The chunks that a region touches, each with the rows of `out` that it fills.
-    fn jobs<'a>(&self, region: Region, out: &'a mut [u8]) -> Vec<Job<'a>> {
+    fn jobs<'a>(&self, region: Region, chosen: &'a [usize], out: &'a mut [u8]) -> Vec<Job<'a>> {
         let ChunkLayout { chunk_width, chunk_height, .. } = self.layout;
+        let pixel = self.sample_format.sample().size() * chosen.len();
         let columns = region.x / chunk_width..region.right().div_ceil(chunk_width);
-        let mut rows = out.chunks_exact_mut(region.width as usize * self.pixel_bytes());
+        let mut rows = out.chunks_exact_mut(region.width as usize * pixel);
         let mut jobs = Vec::new();
         for down in region.y / chunk_height..region.bottom().div_ceil(chunk_height) {
             let first = jobs.len();
@@ -175,11 +178,11 @@ impl Image {
                 let chunk = self.layout.region(across, down);
                 let part = chunk.intersect(&region);
                 let rows = Vec::with_capacity(part.height as usize);
-                Job { across, down, part, whole: part == chunk, rows }
+                Job { chosen, across, down, part, whole: part == chunk, rows }
             }));
             for mut rest in rows.by_ref().take(jobs[first].part.height as usize) {
                 for job in &mut jobs[first..] {
-                    let (row, right) = rest.split_at_mut(job.part.width as usize * self.pixel_bytes());
+                    let (row, right) = rest.split_at_mut(job.part.width as usize * pixel);
                     job.rows.push(row);
                     rest = right;
                 }
@@ -191,28 +194,43 @@ impl Image {
     /// Fills the rows of one job.
     fn run(&self, input: &Input, mut job: Job<'_>) -> Result<()> {
         let mut worker = self.workers.lock().expect("no panic while held").pop().unwrap_or_default();
-        let planes = self.layout.planes;
-        let result = (0..planes).try_for_each(|plane| self.fill(input, &mut worker, &mut job, plane));
+        let result = if self.layout.planes > 1 {
+            let mut planes = job.chosen.iter().enumerate();
+            planes.try_for_each(|(place, plane)| self.fill(input, &mut worker, &mut job, *plane, place))
+        } else {
+            self.fill(input, &mut worker, &mut job, 0, 0)
+        };
         self.workers.lock().expect("no panic while held").push(worker);
         result
     }
 
-    fn fill(&self, input: &Input, worker: &mut Worker, job: &mut Job<'_>, plane: u64) -> Result<()> {
-        let ChunkLocation::At(offset, count) = self.layout.location(plane, job.across, job.down) else {
-            for pixel in job.rows.iter_mut().flat_map(|row| row.chunks_exact_mut(self.pixel_bytes())) {
-                let samples = pixel.chunks_exact_mut(self.hole.len());
-                samples.for_each(|sample| sample.copy_from_slice(&self.hole));
-            }
+    /// Fills the rows of one job from a chunk of a plane, whose channel has a place among those chosen, or of all channels.
+    fn fill(
+        &self,
+        input: &Input,
+        worker: &mut Worker,
+        job: &mut Job<'_>,
+        plane: usize,
+        place: usize,
+    ) -> Result<()> {
+        let ChunkLocation::At(offset, count) = self.layout.location(plane as u64, job.across, job.down)
+        else {
+            let size = self.hole.len();
+            let of_plane = self.layout.planes > 1;
+            let (skip, step) = if of_plane { (place, job.chosen.len()) } else { (0, 1) };
+            let samples =
+                job.rows.iter_mut().flat_map(|row| row.chunks_exact_mut(size).skip(skip).step_by(step));
+            samples.for_each(|sample| sample.copy_from_slice(&self.hole));
             return Ok(());
         };
         let key = (offset, count, self.layout.region(job.across, job.down).height);
         let cached = self.cache.lock().expect("no panic while held").get(key);
         if let Some(chunk) = cached {
-            self.copy(&chunk, &mut worker.row, job, plane);
+            self.copy(&chunk, &mut worker.row, job, place);
             return Ok(());
         }
-        self.decode(input, worker, job, plane, key)?;
-        self.copy(&worker.chunk, &mut worker.row, job, plane);
+        self.decode(input, worker, job, plane as u64, key)?;
+        self.copy(&worker.chunk, &mut worker.row, job, place);
         // What is asked for in parts, or is there several times, will likely be asked for again.
         if !job.whole || self.layout.repeats {
             let chunk = Arc::new(std::mem::take(&mut worker.chunk));
@@ -276,25 +294,56 @@ impl Image {
     }
 
     /// Widens the wanted samples of a decoded chunk into the rows of a job.
-    fn copy(&self, chunk: &[u8], buffer: &mut Vec<u8>, job: &mut Job<'_>, plane: u64) {
+    fn copy(&self, chunk: &[u8], buffer: &mut Vec<u8>, job: &mut Job<'_>, place: usize) {
         let planar = self.layout.planes > 1;
         let samples = if planar { 1 } else { self.channels };
         let row_bytes = (self.layout.chunk_width as usize * samples * self.sample_format.bits()).div_ceil(8);
         let left = (job.part.x - job.across * self.layout.chunk_width) as usize * samples;
         let top = (job.part.y - job.down * self.layout.chunk_height) as usize;
         let size = self.sample_format.sample().size();
+        let (width, chosen) = (job.part.width as usize, job.chosen);
+        let all = chosen.iter().copied().eq(0..samples);
         for (from, to) in chunk.chunks_exact(row_bytes).skip(top).zip(&mut job.rows) {
-            if planar {
-                set_len(buffer, job.part.width as usize * size);
-                self.sample_format.widen(from, left, buffer);
-                let targets = to.chunks_exact_mut(size).skip(plane as usize).step_by(self.channels);
-                buffer
-                    .chunks_exact(size)
-                    .zip(targets)
-                    .for_each(|(sample, target)| target.copy_from_slice(sample));
-            } else {
-                self.sample_format.widen(from, left, to);
+            match self.sample_format.bytes() {
+                _ if planar && chosen.len() == 1 || !planar && all => {
+                    self.sample_format.widen(from, left, to);
+                }
+                _ if planar => {
+                    set_len(buffer, width * size);
+                    self.sample_format.widen(from, left, buffer);
+                    let targets = to.chunks_exact_mut(size).skip(place).step_by(chosen.len());
+                    let each = buffer.chunks_exact(size).zip(targets);
+                    each.for_each(|(sample, target)| target.copy_from_slice(sample));
+                }
+                // Samples are picked as the file has them, so that others do not have to fit.
+                Some(stored) => {
+                    set_len(buffer, width * chosen.len() * stored);
+                    let pixels = from[left * stored..].chunks_exact(samples * stored);
+                    pick(pixels, chosen, stored, buffer);
+                    self.sample_format.widen(buffer, 0, to);
+                }
+                None => {
+                    set_len(buffer, width * samples * size);
+                    self.sample_format.widen(from, left, buffer);
+                    pick(buffer.chunks_exact(samples * size), chosen, size, to);
+                }
             }
+        }
+    }
+}
+
+/// Puts the chosen samples of each pixel, of `size` bytes each, into `out`, until that is full.
+fn pick<'a>(pixels: impl Iterator<Item = &'a [u8]>, chosen: &[usize], size: usize, out: &mut [u8]) {
+    // (The usual case: one channel of many.)
+    if let [channel] = chosen {
+        for (pixel, out) in pixels.zip(out.chunks_exact_mut(size)) {
+            out.copy_from_slice(&pixel[channel * size..][..size]);
+        }
+        return;
+    }
+    for (pixel, out) in pixels.zip(out.chunks_exact_mut(chosen.len() * size)) {
+        for (channel, out) in chosen.iter().zip(out.chunks_exact_mut(size)) {
+            out.copy_from_slice(&pixel[channel * size..][..size]);
         }
     }
 }

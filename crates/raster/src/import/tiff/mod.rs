@@ -30,21 +30,37 @@ use spinney_base::{Error, Result};
 /// Opens a TIFF file, of which one page counts.
 pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let (input, first) = Input::open(path, options.memory)?;
-    let (directory, next) = match options.layer.as_deref() {
-        None => input.directory(first)?,
-        Some(page) => pages::find(&input, first, page)?,
+    if options.layer.is_some() {
+        return Err(Error::unsupported(
+            path,
+            "a TIFF file",
+            "--layer is for OpenEXR; say --pages for pages, from 0",
+        ));
+    }
+    let (directory, next) = match (options.directory, options.page) {
+        (Some(directory), _) => input.directory(directory)?,
+        (None, None) => input.directory(first)?,
+        (None, Some(page)) => pages::find(&input, first, page)?,
     };
     let mut image = Image::new(&input, &directory)?;
     let mut info = info(&directory, &image)?;
-    if options.layer.is_none() {
-        info.remark = pages::remark(&input, next);
+    // (Of a page that was asked for, the file's other ones are none of its business.)
+    if options.page.is_none() {
+        info.pages = pages::count(&input, next);
     }
     if let Some(nodata) = info.nodata {
         image.hole = sample_bytes(nodata, info.sample).unwrap_or(image.hole);
     }
     let mask = mask(&input, next, &image)?;
     drop(directory);
-    Ok(Box::new(Tiff { input, image, mask, info }))
+    let chosen = (0..info.channels).collect();
+    Ok(Box::new(Tiff { input, image, mask, chosen, info }))
+}
+
+/// The directories of a file's pages, by their offsets.
+pub(crate) fn page_directories(path: &Path, memory: u64) -> Result<Vec<u64>> {
+    let (input, first) = Input::open(path, memory)?;
+    pages::directories(&input, first)
 }
 
 /// An open TIFF file.
@@ -52,6 +68,8 @@ struct Tiff {
     input: Input,
     image: Image,
     mask: Option<Image>,
+    /// The image's channels that are given, in this order.
+    chosen: Vec<usize>,
     info: RasterInfo,
 }
 
@@ -72,20 +90,31 @@ impl Raster for Tiff {
                 format!("a part of {}x{} pixels", self.info.width, self.info.height),
             ));
         }
-        self.resize(&mut pixels.bytes, region, self.image.pixel_bytes())?;
+        self.resize(&mut pixels.bytes, region, self.info.pixel_bytes())?;
         pixels.valid = None;
         if region.is_empty() {
             return Ok(());
         }
-        self.image.read(&self.input, region, &mut pixels.bytes)?;
+        self.image.read(&self.input, region, &self.chosen, &mut pixels.bytes)?;
         if let Some(mask) = &self.mask {
             let mut samples = Vec::new();
             self.resize(&mut samples, region, mask.pixel_bytes())?;
-            mask.read(&self.input, region, &mut samples)?;
+            let all: Vec<usize> = (0..mask.channels).collect();
+            mask.read(&self.input, region, &all, &mut samples)?;
             let flags = samples.chunks_exact(mask.channels);
             pixels.valid = Some(flags.map(|flags| flags.iter().any(|flag| *flag != 0)).collect());
         }
         Ok(())
+    }
+
+    fn choose(&mut self, channels: &[usize]) -> bool {
+        self.info = self.info.of_channels(channels);
+        self.chosen = channels.iter().map(|channel| self.chosen[*channel]).collect();
+        true
+    }
+
+    fn reads_anywhere(&self) -> bool {
+        true
     }
 }
 
@@ -107,6 +136,10 @@ impl Tiff {
 fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
     for directory in input.chain(next) {
         let (directory, _) = directory?;
+        // (What is behind the next page belongs to that.)
+        if pages::is_page(&directory) {
+            break;
+        }
         let is = |tag, value: u64| Ok::<bool, Error>(directory.number(tag)? == Some(value));
         // Bit 2 of NewSubfileType is "mask", bit 0 "of an overview".
         let wanted = is(tag::NEW_SUBFILE_TYPE, 4)?
@@ -167,8 +200,8 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
         order: if layout.tiled { Order::Anywhere } else { Order::Bands },
         ..RasterInfo::plain([layout.width, layout.height], sample_format.sample(), *channels)
     };
-    if image.photometric == photometric::RGB && *channels >= 3 {
-        info.colour_roles = colour_roles(&info);
+    if image.photometric == photometric::RGB || image.colour != Colour::Keep {
+        info = info.in_colour();
     }
     gdal::apply(&directory.text(tag::GDAL_METADATA)?.unwrap_or_default(), &mut info);
     Ok(info)
@@ -183,16 +216,6 @@ fn alpha(directory: &Directory<'_>, image: &Image) -> Result<Option<usize>> {
     // Extra samples are the last ones of a pixel; 1 and 2 are opacity, multiplied in or not.
     let index = extra.iter().position(|meaning| matches!(meaning, 1 | 2));
     Ok(index.and_then(|index| (image.channels + index).checked_sub(extra.len())))
-}
-
-/// The roles of the channels of a coloured image.
-fn colour_roles(info: &RasterInfo) -> Vec<String> {
-    let role = |channel| match channel {
-        channel if info.alpha == Some(channel) => "Alpha",
-        0..=2 => ["Red", "Green", "Blue"][channel],
-        _ => "Undefined",
-    };
-    (0..info.channels).map(|channel| role(channel).into()).collect()
 }
 
 /// The colours of a one-channel image, if it has a colour map.
@@ -297,7 +320,7 @@ mod tests {
         let side = u64::from(tiles) * 16;
         let mut rows = vec![0; side as usize * 64];
         for y in (0..side).step_by(64) {
-            image.read(&input, Region::new(0, y, side, 64.min(side - y)), &mut rows).unwrap();
+            image.read(&input, Region::new(0, y, side, 64.min(side - y)), &[0], &mut rows).unwrap();
             for (index, pixel) in rows.iter().enumerate() {
                 let (x, y) = (index as u64 % side, index as u64 / side);
                 assert_eq!(u64::from(*pixel), (x % 16 + y % 16 * 16) / 3, "{x}, {y}");

@@ -10,7 +10,7 @@ const REDUCED_OR_MASK: u64 = 1 | 4;
 const OLD_REDUCED: u64 = 2;
 
 /// Whether a directory is that of a page.
-fn is_page(directory: &Directory<'_>) -> bool {
+pub(super) fn is_page(directory: &Directory<'_>) -> bool {
     let number = |tag| directory.number(tag).ok().flatten();
     match number(tag::NEW_SUBFILE_TYPE) {
         Some(bits) => bits & REDUCED_OR_MASK == 0,
@@ -18,32 +18,45 @@ fn is_page(directory: &Directory<'_>) -> bool {
     }
 }
 
-/// The directory of the page of a number, which counts from 1; `first` is the offset of the first directory, which is always a
+/// The directory of the page of a number, which counts from 0; `first` is the offset of the first directory, which is always a
 /// page.
 ///
 /// # Errors
 /// If there is no such page, or the file is damaged before it.
-pub(super) fn find<'a>(input: &'a Input, first: u64, page: &str) -> Result<LinkedDirectory<'a>> {
-    let wanted = page.parse::<usize>().ok().filter(|page| *page > 0);
+pub(super) fn find(input: &Input, first: u64, page: usize) -> Result<LinkedDirectory<'_>> {
     let mut found = 0;
     for directory in input.chain(first) {
         let (directory, next) = directory?;
-        found += usize::from(found == 0 || is_page(&directory));
-        if Some(found) == wanted {
-            return Ok((directory, next));
+        if found == 0 || is_page(&directory) {
+            if found == page {
+                return Ok((directory, next));
+            }
+            found += 1;
         }
     }
-    let expected = format!("a page of {}, by its number: 1 to {found}", input.path.display());
-    Err(Error::invalid("layer", format!("`{page}`"), expected))
+    let last = found.saturating_sub(1);
+    let expected = format!("a page of {}, by its number: 0 to {last}", input.path.display());
+    Err(Error::invalid("pages", page.to_string(), expected))
 }
 
-/// What to know of a file whose first page is read, if there are others; `next` is the offset of its second directory.
-pub(super) fn remark(input: &Input, next: u64) -> Option<String> {
+/// How many pages a file has, as far as it is not damaged; `next` is the offset of its second directory.
+pub(super) fn count(input: &Input, next: u64) -> usize {
     let readable = input.chain(next).map_while(Result::ok);
-    let pages = 1 + readable.filter(|(directory, _)| is_page(directory)).count();
-    (pages > 1).then(|| {
-        format!(
-            "has {pages} pages, of which the first is read; --layer 2 (in Python layer=\"2\") reads another"
-        )
-    })
+    1 + readable.filter(|(directory, _)| is_page(directory)).count()
+}
+
+/// The offsets of the directories of all pages.
+///
+/// # Errors
+/// If the file is damaged in one of its directories.
+pub(super) fn directories(input: &Input, first: u64) -> Result<Vec<u64>> {
+    let (mut offsets, mut offset) = (Vec::new(), first);
+    for directory in input.chain(first) {
+        let (directory, next) = directory?;
+        if offsets.is_empty() || is_page(&directory) {
+            offsets.push(offset);
+        }
+        offset = next;
+    }
+    Ok(offsets)
 }

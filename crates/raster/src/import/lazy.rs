@@ -1,0 +1,263 @@
+//! Rasters whose files are open only while they are read from, so that there can be any number of them.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+use super::bands::select_channels;
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, open};
+use spinney_base::space::Region;
+use spinney_base::{Error, Result};
+
+/// Files of formats that can only be read from the top down, which stay open beyond a pool's number: opening one of them again
+/// means to read all that is above.
+const MOST_SEQUENTIAL: usize = 128;
+/// Rows of those that are skipped at once.
+const SKIPPED: u64 = 64;
+
+/// Files that were read from last, and are still open.
+pub(super) struct Pool {
+    most: usize,
+    next: AtomicU64,
+    /// Those not used for longest come first.
+    open: Mutex<VecDeque<(u64, Opened)>>,
+}
+
+/// An open file, and the next row of it if rows come one after the other.
+struct Opened {
+    raster: Box<dyn Raster>,
+    next_row: u64,
+}
+
+impl Pool {
+    /// A pool of at most so many files.
+    pub(super) fn new(most: usize) -> Arc<Pool> {
+        Arc::new(Pool { most, next: AtomicU64::new(0), open: Mutex::default() })
+    }
+
+    fn take(&self, id: u64) -> Option<Opened> {
+        let mut open = self.open.lock().expect("no panic while held");
+        let place = open.iter().position(|(other, _)| *other == id)?;
+        open.remove(place).map(|(_, opened)| opened)
+    }
+
+    fn put(&self, id: u64, opened: Opened) {
+        let sequential = !opened.raster.reads_anywhere();
+        let most = if sequential { MOST_SEQUENTIAL } else { self.most };
+        let mut open = self.open.lock().expect("no panic while held");
+        open.push_back((id, opened));
+        let alike = |(_, other): &(u64, Opened)| other.raster.reads_anywhere() != sequential;
+        let oldest =
+            open.iter().position(alike).filter(|_| open.iter().filter(|other| alike(other)).count() > most);
+        let gone = oldest.and_then(|oldest| open.remove(oldest));
+        // (What is closed may have to do with other pools, not with this one's lock.)
+        drop(open);
+        drop(gone);
+    }
+}
+
+/// A raster of a file that is opened when it is read from.
+pub(super) struct Lazy {
+    path: PathBuf,
+    options: RasterOptions,
+    /// Channels that are read; nothing means all.
+    chosen: Option<Vec<usize>>,
+    info: RasterInfo,
+    /// Whether any region can be read at any time; else rows are skipped, or read from the top again.
+    anywhere: bool,
+    pool: Arc<Pool>,
+    id: u64,
+}
+
+impl Lazy {
+    /// Opens a file to know what is in it, and closes it again.
+    ///
+    /// # Errors
+    /// Those of [`open`].
+    pub(super) fn open(path: &Path, options: &RasterOptions, pool: &Arc<Pool>) -> Result<Lazy> {
+        let raster = open(path, options)?;
+        Ok(Lazy {
+            path: path.to_path_buf(),
+            options: options.clone(),
+            chosen: None,
+            info: raster.info().clone(),
+            anywhere: raster.reads_anywhere(),
+            pool: Arc::clone(pool),
+            id: pool.next.fetch_add(1, Ordering::Relaxed),
+        })
+    }
+
+    /// The same file, to be read beside this one.
+    pub(super) fn another(&self) -> Lazy {
+        Lazy {
+            path: self.path.clone(),
+            options: self.options.clone(),
+            chosen: self.chosen.clone(),
+            info: self.info.clone(),
+            anywhere: self.anywhere,
+            pool: Arc::clone(&self.pool),
+            id: self.pool.next.fetch_add(1, Ordering::Relaxed),
+        }
+    }
+
+    /// Forgets what is said of the raster and has nothing to do with its samples, so that very many take little memory.
+    pub(super) fn forget_words(&mut self) {
+        let RasterInfo { sample, channels, alpha, order, .. } = self.info;
+        let mut info = RasterInfo::plain([self.info.width, self.info.height], sample, channels);
+        (info.alpha, info.order, info.bands) = (alpha, order, std::mem::take(&mut self.info.bands));
+        for band in &mut info.bands {
+            (band.palette, band.class_names) = (None, Vec::new());
+        }
+        self.info = info;
+    }
+
+    fn reopen(&self) -> Result<Opened> {
+        let nesting = self.options.nesting.anew();
+        let mut raster = open(&self.path, &RasterOptions { nesting, ..self.options.clone() })?;
+        if let Some(chosen) = &self.chosen {
+            if chosen.iter().any(|channel| *channel >= raster.info().channels) {
+                return Err(self.changed());
+            }
+            raster = select_channels(raster, chosen);
+        }
+        let about = |info: &RasterInfo| (info.width, info.height, info.sample, info.channels, info.alpha);
+        if about(raster.info()) != about(&self.info) || raster.reads_anywhere() != self.anywhere {
+            return Err(self.changed());
+        }
+        Ok(Opened { raster, next_row: 0 })
+    }
+
+    fn changed(&self) -> Error {
+        Error::Changed { path: self.path.clone(), what: "was overwritten" }
+    }
+
+    /// Reads a region, also of a raster that gives rows from the top down alone.
+    fn read_from(&self, opened: &mut Opened, region: Region, pixels: &mut Pixels) -> Result<()> {
+        if self.anywhere {
+            return opened.raster.read(region, pixels);
+        }
+        if opened.next_row > region.y {
+            *opened = self.reopen()?;
+        }
+        let width = self.info.width;
+        while opened.next_row < region.y {
+            let skipped = Region::new(0, opened.next_row, width, SKIPPED.min(region.y - opened.next_row));
+            opened.raster.read(skipped, pixels)?;
+            opened.next_row = skipped.bottom();
+        }
+        opened.raster.read(Region::new(0, region.y, width, region.height), pixels)?;
+        opened.next_row = region.bottom();
+        if region.width < width {
+            let (from, to) = (region.x as usize, region.right() as usize);
+            let size = self.info.pixel_bytes();
+            let rows = pixels.bytes.chunks_exact(width as usize * size);
+            pixels.bytes = rows.flat_map(|row| &row[from * size..to * size]).copied().collect();
+            let flags = pixels.valid.take();
+            pixels.valid = flags.map(|flags| {
+                flags.chunks_exact(width as usize).flat_map(|row| &row[from..to]).copied().collect()
+            });
+        }
+        Ok(())
+    }
+}
+
+impl Raster for Lazy {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.info.check(region)?;
+        if region.is_empty() {
+            *pixels = Pixels::default();
+            return Ok(());
+        }
+        let mut opened = match self.pool.take(self.id) {
+            Some(opened) => opened,
+            None => self.reopen()?,
+        };
+        self.read_from(&mut opened, region, pixels)?;
+        // (What is at its end is not needed again, as a rule.)
+        if self.info.order == Order::Anywhere || region.bottom() < self.info.height {
+            self.pool.put(self.id, opened);
+        }
+        Ok(())
+    }
+
+    fn choose(&mut self, channels: &[usize]) -> bool {
+        let all: Vec<usize> = (0..self.info.channels).collect();
+        let old = self.chosen.as_ref().unwrap_or(&all);
+        let chosen = channels.iter().map(|channel| old[*channel]).collect();
+        self.chosen = Some(chosen);
+        self.info = self.info.of_channels(channels);
+        self.pool.take(self.id);
+        true
+    }
+
+    fn reads_anywhere(&self) -> bool {
+        true
+    }
+}
+
+impl Drop for Lazy {
+    fn drop(&mut self) {
+        self.pool.take(self.id);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+    use std::io::BufWriter;
+
+    use super::*;
+
+    fn grey_png(path: &Path, width: u32, height: u32, first: u8) {
+        let mut encoder = png::Encoder::new(BufWriter::new(File::create(path).unwrap()), width, height);
+        encoder.set_color(png::ColorType::Grayscale);
+        let pixels: Vec<u8> =
+            (0..width * height).map(|i| (i as u8).wrapping_mul(7).wrapping_add(first)).collect();
+        encoder.write_header().unwrap().write_image_data(&pixels).unwrap();
+    }
+
+    #[test]
+    fn rows_from_the_top_are_read_in_any_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let pool = Pool::new(2);
+        let (width, height) = (9, 300);
+        let mut lazies: Vec<Lazy> = (0..4)
+            .map(|number| {
+                let path = folder.path().join(format!("{number}.png"));
+                grey_png(&path, width, height, number);
+                Lazy::open(&path, &RasterOptions::default(), &pool).unwrap()
+            })
+            .collect();
+        let mut pixels = Pixels::default();
+        for (x, y, w, h) in
+            [(0, 0, 9, 5), (2, 7, 3, 100), (1, 3, 8, 1), (0, 299, 9, 1), (5, 0, 4, 300), (0, 1, 1, 1)]
+        {
+            for (number, lazy) in (0..).zip(&mut lazies) {
+                lazy.read(Region::new(x, y, w, h), &mut pixels).unwrap();
+                let at = (y..y + h).flat_map(|y| (x..x + w).map(move |x| y * u64::from(width) + x));
+                let expected: Vec<u8> = at.map(|i| (i as u8).wrapping_mul(7).wrapping_add(number)).collect();
+                assert!(pixels.bytes == expected, "{number}: {x} {y} {w} {h}");
+            }
+        }
+    }
+
+    #[test]
+    fn files_that_change_are_found_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        grey_png(&path, 5, 5, 0);
+        let mut lazy = Lazy::open(&path, &RasterOptions::default(), &Pool::new(1)).unwrap();
+        grey_png(&path, 5, 6, 0);
+        let read = lazy.read(Region::new(0, 0, 5, 5), &mut Pixels::default());
+        assert!(matches!(read, Err(Error::Changed { .. })));
+    }
+}

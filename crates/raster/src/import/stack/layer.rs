@@ -1,0 +1,209 @@
+//! The layers of a stack.
+
+use std::fmt::{self, Display};
+use std::path::{Path, PathBuf};
+
+use super::super::bands::select_channels;
+use super::super::build::bands_memory;
+use super::super::plan::{ImportOptions, kind, metadata, tell};
+use super::super::sidecar::Described;
+use super::super::{Band, Order, Raster, RasterInfo, RasterOptions, RasterSlabs, bands, open, spill};
+use super::Picture;
+use super::grid::Place;
+use super::raster::{Masked, Repeated};
+use spinney_base::value::{Kind, Number, Rule, ValueType};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Metadata;
+use spinney_crs::Frame;
+
+/// A layer of a stack, whose file is opened when its turn comes: see [`StackLayer::slabs`].
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct StackLayer {
+    /// Name, which no other layer has.
+    pub name: String,
+    /// Description of the band in the file, if it has one.
+    pub description: String,
+    /// Role by GDAL's names ("Red", "NIR") of a layer of one channel, if the file tells it.
+    pub colour_role: String,
+    /// Type of the values.
+    pub value: ValueType,
+    /// Kind of the values.
+    pub kind: Kind,
+    /// Rule for the representatives of inner nodes.
+    pub rule: Rule,
+    /// The number that means VOID.
+    pub nodata: Option<Number>,
+    /// What else is told of the layer; the frame is that of its own cells.
+    pub metadata: Metadata,
+    /// Levels that its tree has less than one of the finest cells: its own are 2 to the power of that as wide.
+    pub coarser: u8,
+    /// Cells that each pixel of the file became along a side: the file's pixels are as many times as wide.
+    pub repeat: u64,
+    /// Cells along each axis.
+    pub extent: [u64; 3],
+    pub(super) path: PathBuf,
+    options: RasterOptions,
+    pub(super) page: Option<usize>,
+    parts: Parts,
+    /// Whether the file, or the page, makes others, too.
+    pub(super) is_one_of_several: bool,
+    keeps_transparent: bool,
+    /// The whole picture: columns, rows and channels.
+    picture: [u64; 3],
+}
+
+/// Channels of a picture that are one layer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Parts {
+    pub(super) channels: Vec<usize>,
+    /// Another channel, where which is 0 the layer is VOID.
+    opacity: Option<usize>,
+}
+
+/// The layers of a picture: each band that is asked for, or all; a picture in colour is one.
+pub(super) fn divide(path: &Path, info: &RasterInfo, bands: Option<&[Band]>) -> Result<Vec<Parts>> {
+    if let Some(bands) = bands {
+        let alone = |band| Ok(Parts { channels: vec![info.channel_of(path, band)?], opacity: None });
+        return bands.iter().map(alone).collect();
+    }
+    if is_colour(info) {
+        return Ok(vec![Parts { channels: (0..info.channels).collect(), opacity: None }]);
+    }
+    let opacity = info.alpha.filter(|_| !info.keeps_transparent);
+    let alone =
+        |channel| Parts { channels: vec![channel], opacity: opacity.filter(|other| *other != channel) };
+    Ok((0..info.channels).map(alone).collect())
+}
+
+/// Whether the channels of a picture are red, green and blue, or grey, and perhaps opacity.
+fn is_colour(info: &RasterInfo) -> bool {
+    let colours = match (info.channels, info.alpha) {
+        (3, None) | (4, Some(3)) => 3,
+        (2, Some(1)) => return ValueType::new(info.sample, 2).is_supported(),
+        _ => return false,
+    };
+    // (OpenEXR has letters.)
+    let are = |names: &[String], colours: [&str; 3]| names.iter().eq(colours);
+    let names = info.band_names.get(..colours).unwrap_or_default();
+    let roles = info.colour_roles.get(..colours).unwrap_or_default();
+    let is_told = are(roles, ["Red", "Green", "Blue"]) || are(names, ["R", "G", "B"]);
+    is_told && ValueType::new(info.sample, info.channels as u8).is_supported()
+}
+
+impl StackLayer {
+    /// Plans the layer of some channels of a picture.
+    pub(super) fn plan(
+        picture: &Picture,
+        parts: &Parts,
+        several: bool,
+        place: Place,
+        finest: &Frame,
+        import: &ImportOptions,
+    ) -> Result<StackLayer> {
+        let mut info = picture.info.of_channels(&parts.channels);
+        // (Channels may have numbers of their own.)
+        tell(&mut info, import, &mut None);
+        if info.channels == 1 {
+            // Opacity as a layer of its own is a number like any other.
+            info.alpha = None;
+        }
+        let value = bands::value_type(&picture.path, &info)?;
+        let missing = info.nodata.filter(|_| info.alpha.is_none());
+        let value = missing.map_or(value, |nodata| value.with_missing(nodata));
+        let (kind, _) = kind(&info, import);
+        let numbers = parts.channels.iter().map(|channel| Band::Number(channel + 1)).collect();
+        let said = ImportOptions {
+            bands: several.then_some(numbers),
+            page: picture.page.or(import.page),
+            ..import.clone()
+        };
+        let frame = finest.coarser(place.levels);
+        let (width, height) = (info.width * place.repeat, info.height * place.repeat);
+        let one = |texts: &[String]| if let [text] = texts { text.clone() } else { String::new() };
+        Ok(StackLayer {
+            name: String::new(),
+            description: one(&info.band_names),
+            colour_role: one(&info.colour_roles),
+            value,
+            kind,
+            rule: import.rule.unwrap_or(kind.default_rule()),
+            nodata: info.nodata,
+            metadata: metadata(frame, std::slice::from_ref(&picture.path), &info, &said),
+            coarser: place.levels,
+            repeat: place.repeat,
+            extent: [width, height, 1],
+            path: picture.path.clone(),
+            options: picture.options.clone(),
+            page: picture.page,
+            parts: parts.clone(),
+            is_one_of_several: several,
+            keeps_transparent: import.keep_transparent,
+            picture: [picture.info.width, picture.info.height, picture.info.channels as u64],
+        })
+    }
+
+    /// The first of its channels in the file, from 0.
+    pub(super) fn channel(&self) -> usize {
+        self.parts.channels[0]
+    }
+
+    /// Opens the file, and gives the cells with `memory` bytes for reading. One that comes from the top down, and is too wide for
+    /// that or is repeated, goes to a temporary file in the folder first.
+    ///
+    /// # Errors
+    /// If the file cannot be read or has changed, or the temporary file not be written; on interruption.
+    pub fn slabs(&self, folder: &Path, memory: u64, progress: &dyn Progress) -> Result<RasterSlabs> {
+        let options = RasterOptions { memory: memory / 2, ..self.options.clone() };
+        let raster = open(&self.path, &options)?;
+        let found = raster.info();
+        if [found.width, found.height, found.channels as u64] != self.picture {
+            return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
+        }
+        let Parts { channels, opacity } = &self.parts;
+        let raster = select_channels(raster, &[channels.as_slice(), opacity.as_slice()].concat());
+        let mut info = raster.info().clone();
+        info.keeps_transparent = self.keeps_transparent;
+        info.alpha = info.alpha.filter(|_| info.channels > 1);
+        let mut raster: Box<dyn Raster> = Box::new(Described { raster, info });
+        if opacity.is_some() {
+            raster = Box::new(Masked::new(raster));
+        }
+        if raster.info().sample != self.value.sample
+            || raster.info().channels != usize::from(self.value.channels)
+        {
+            return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
+        }
+        let room = memory / 2;
+        if self.repeat > 1 {
+            if !raster.reads_anywhere() {
+                raster = spill(raster, folder, room / 2, progress)?;
+            }
+            raster = Box::new(Repeated::new(raster, self.repeat));
+        }
+        if raster.info().order == Order::Bands && bands_memory(raster.info(), self.value.size()) > memory {
+            raster = spill(raster, folder, room / 2, progress)?;
+        }
+        Ok(RasterSlabs::new(raster, room))
+    }
+}
+
+impl Display for StackLayer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [width, height, _] = self.extent.map(|side| side / self.repeat);
+        write!(
+            f,
+            "{}: {width} x {height} pixels of {}, {}, {}",
+            self.name, self.value, self.kind, self.rule
+        )?;
+        if let Some(nodata) = self.nodata {
+            write!(f, ", nodata {nodata}")?;
+        }
+        let wide = (1 << self.coarser) * self.repeat;
+        match (wide, self.repeat) {
+            (1, _) => Ok(()),
+            (wide, 1) => write!(f, ", {wide} times as wide"),
+            (wide, repeat) => write!(f, ", {wide} times as wide: {repeat} x {repeat} cells each"),
+        }
+    }
+}

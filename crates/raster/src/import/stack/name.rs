@@ -1,0 +1,53 @@
+//! Names of layers.
+
+use std::collections::HashMap;
+
+use super::super::bands::short_name;
+use super::StackLayer;
+use spinney_base::{Error, Result};
+
+/// Gives layers names: those that are said, else that of the file if it makes one layer, and those of its bands otherwise.
+pub(super) fn give(layers: &mut [StackLayer], names: Option<&[String]>) -> Result<()> {
+    if let Some(names) = names {
+        if names.len() != layers.len() {
+            let expected = format!("{}, as many as there are layers", layers.len());
+            return Err(Error::invalid("names", names.len().to_string(), expected));
+        }
+        layers.iter_mut().zip(names).for_each(|(layer, name)| layer.name.clone_from(name));
+    } else {
+        for layer in layers.iter_mut() {
+            layer.name = of_file(layer);
+        }
+    }
+    let mut seen: HashMap<&str, &StackLayer> = HashMap::new();
+    for layer in layers.iter() {
+        let about = |layer: &StackLayer| format!("band {} of {}", layer.channel() + 1, layer.path.display());
+        if layer.name.trim().is_empty() {
+            return Err(Error::invalid(
+                "names",
+                format!("none for {}", about(layer)),
+                "a name for each layer",
+            ));
+        }
+        if let Some(other) = seen.insert(&layer.name, layer) {
+            let found = format!("`{}` for {} and {}", layer.name, about(other), about(layer));
+            return Err(Error::invalid("names", found, "another name for each layer: say them with --names"));
+        }
+    }
+    Ok(())
+}
+
+/// The name of a layer by what its file tells.
+fn of_file(layer: &StackLayer) -> String {
+    let stem = layer.path.file_stem().unwrap_or_default().to_string_lossy();
+    let picture = match layer.page {
+        None => stem.into_owned(),
+        Some(page) => format!("{stem}_{page}"),
+    };
+    match short_name(&layer.description) {
+        _ if !layer.is_one_of_several => picture,
+        "" => format!("{picture}_{}", layer.channel() + 1),
+        name if layer.page.is_some() => format!("{picture}_{name}"),
+        name => name.into(),
+    }
+}

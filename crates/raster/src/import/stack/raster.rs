@@ -1,0 +1,102 @@
+//! Rasters that are made of another one for a layer.
+
+use std::path::Path;
+
+use super::super::validity::Validity;
+use super::super::{Pixels, Raster, RasterInfo};
+use spinney_base::Result;
+use spinney_base::space::Region;
+
+/// A raster without its last channel, where which is 0 it is VOID.
+pub(super) struct Masked {
+    raster: Box<dyn Raster>,
+    opacity: Validity,
+    info: RasterInfo,
+    all: Pixels,
+}
+
+impl Masked {
+    pub(super) fn new(raster: Box<dyn Raster>) -> Masked {
+        let last = raster.info().channels - 1;
+        let all = RasterInfo { alpha: Some(last), ..raster.info().clone() };
+        let rest: Vec<usize> = (0..last).collect();
+        let info = RasterInfo { alpha: None, sample: all.sample, ..all.of_channels(&rest) };
+        Masked { raster, opacity: Validity::by_opacity(&all), info, all: Pixels::default() }
+    }
+}
+
+impl Raster for Masked {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        self.raster.path()
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.raster.read(region, &mut self.all)?;
+        self.opacity.apply(&mut self.all);
+        let (kept, all) = (self.info.pixel_bytes(), self.raster.info().pixel_bytes());
+        pixels.bytes.clear();
+        pixels.bytes.extend(self.all.bytes.chunks_exact(all).flat_map(|pixel| &pixel[..kept]));
+        pixels.valid = self.all.valid.take();
+        Ok(())
+    }
+
+    fn reads_anywhere(&self) -> bool {
+        self.raster.reads_anywhere()
+    }
+}
+
+/// A raster of which each pixel becomes several.
+pub(super) struct Repeated {
+    raster: Box<dyn Raster>,
+    times: u64,
+    info: RasterInfo,
+    part: Pixels,
+}
+
+impl Repeated {
+    /// The pixels of a raster that is read anywhere, so many times along each axis.
+    pub(super) fn new(raster: Box<dyn Raster>, times: u64) -> Repeated {
+        let mut info = raster.info().clone();
+        (info.width, info.height) = (info.width * times, info.height * times);
+        Repeated { raster, times, info, part: Pixels::default() }
+    }
+}
+
+impl Raster for Repeated {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        self.raster.path()
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.info.check(region)?;
+        let times = self.times;
+        let (x, y) = (region.x / times, region.y / times);
+        let (right, bottom) = (region.right().div_ceil(times), region.bottom().div_ceil(times));
+        let from = Region::new(x, y, right - x, bottom - y);
+        self.raster.read(from, &mut self.part)?;
+        let size = self.info.pixel_bytes();
+        pixels.bytes.clear();
+        pixels.bytes.reserve_exact(region.area() as usize * size);
+        let mut flags = self.part.valid.as_ref().map(|_| Vec::with_capacity(region.area() as usize));
+        for row in region.y..region.bottom() {
+            let start = ((row / times - y) * from.width) as usize;
+            for column in region.x..region.right() {
+                let at = start + (column / times - x) as usize;
+                pixels.bytes.extend_from_slice(&self.part.bytes[at * size..][..size]);
+                if let (Some(flags), Some(valid)) = (&mut flags, &self.part.valid) {
+                    flags.push(valid[at]);
+                }
+            }
+        }
+        pixels.valid = flags;
+        Ok(())
+    }
+}

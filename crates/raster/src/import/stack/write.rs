@@ -1,0 +1,37 @@
+//! Writing of stacks.
+
+use super::Stack;
+use spinney_base::io::{Output, folder};
+use spinney_base::space::Dimension;
+use spinney_base::{Form, Progress, Result};
+use spinney_container::Metadata;
+use spinney_engine::store::{BuildOptions, TreeWriter};
+
+/// Writes a stack to a file, layer after layer, on the threads of the current rayon pool; progress counts cells. Each layer's file is open while
+/// it is its turn.
+///
+/// # Errors
+/// If a file cannot be read or has changed, or the output not be written, or on interruption; nothing is left behind then.
+pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Result<()> {
+    stack.remarks.iter().for_each(|(path, remark)| progress.warn(path, remark));
+    let beside = folder(output.path()).to_path_buf();
+    let mut file = TreeWriter::create(output, (Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
+    for layer in &stack.layers {
+        let metadata = Metadata {
+            name: layer.name.clone(),
+            repeated: u32::try_from(layer.repeat).unwrap_or(u32::MAX),
+            ..layer.metadata.clone()
+        };
+        let options = BuildOptions::new(layer.kind, stack.depth - layer.coarser)
+            .rule(layer.rule)
+            .memory(stack.memory / 4)
+            .metadata(metadata)
+            .share(stack.share)
+            .time(stack.time);
+        let mut slabs = layer.slabs(&beside, stack.memory / 2, progress)?;
+        let nodata = layer.nodata.and_then(|number| layer.value.splat(number));
+        let form = Form::new(Dimension::Quad, layer.value);
+        file.slabs(form, &mut slabs, nodata, &options, progress)?;
+    }
+    file.finish()
+}

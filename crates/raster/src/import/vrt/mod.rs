@@ -1,0 +1,307 @@
+//! GDAL's virtual rasters: XML files that say which parts of which files make a raster.
+
+mod parse;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::lazy::Lazy;
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
+use spinney_base::space::Region;
+use spinney_base::value::{SampleType, ValueType};
+use spinney_base::{Error, Result};
+
+/// Virtual rasters that are sources of each other, one in the other.
+const MOST_NESTED: u8 = 4;
+/// Sources of a virtual raster, with those of the virtual rasters among them, each time that they are used.
+const MOST_SOURCES: u64 = 1 << 20;
+
+/// Where a file stands among virtual rasters that are sources of each other.
+#[derive(Clone, Debug)]
+pub(crate) struct Nesting {
+    depth: u8,
+    /// Sources that there may still be, in all of them.
+    left: Arc<AtomicU64>,
+}
+
+impl Default for Nesting {
+    fn default() -> Nesting {
+        Nesting { depth: 0, left: Arc::new(AtomicU64::new(MOST_SOURCES)) }
+    }
+}
+
+impl Nesting {
+    /// The place of a source, of which there is room for as many as `left` says.
+    fn inside(&self, path: &Path) -> Result<Nesting> {
+        let depth = self.depth + 1;
+        if depth > MOST_NESTED {
+            let found =
+                format!("virtual rasters of each other, more than {MOST_NESTED} deep, or of themselves");
+            return Err(unsupported(path, found));
+        }
+        Ok(Nesting { depth, left: Arc::clone(&self.left) })
+    }
+
+    /// The same place, with room for sources as at the beginning.
+    pub(super) fn anew(&self) -> Nesting {
+        Nesting { depth: self.depth, ..Nesting::default() }
+    }
+
+    fn left(&self) -> u64 {
+        self.left.load(Ordering::Relaxed)
+    }
+
+    /// Counts sources.
+    fn spend(&self, path: &Path, sources: u64) -> Result<()> {
+        let left = self.left().checked_sub(sources).ok_or_else(|| {
+            let found = format!("more than {MOST_SOURCES} sources, with those of virtual rasters among them");
+            unsupported(path, found)
+        })?;
+        self.left.store(left, Ordering::Relaxed);
+        Ok(())
+    }
+}
+
+/// An error about what a virtual raster has and is not read.
+fn unsupported(path: &Path, found: impl Into<String>) -> Error {
+    let advice = format!("convert it to GeoTIFF first (`gdal_translate {} OUT.tif`)", path.display());
+    Error::unsupported(path, found, advice)
+}
+
+/// Whether a file that begins so is a virtual raster.
+pub(super) fn is_vrt(start: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(start);
+    let text = text.trim_start_matches('\u{feff}').trim_start();
+    text.starts_with("<VRTDataset") || text.starts_with("<?xml") && text.contains("<VRTDataset")
+}
+
+/// Opens a virtual raster, and looks at its sources.
+pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
+    parse::read(path, options).map(|vrt| Box::new(vrt) as _)
+}
+
+/// A virtual raster.
+struct Vrt {
+    path: PathBuf,
+    /// The bands that are given.
+    bands: Vec<Band>,
+    info: RasterInfo,
+    part: Pixels,
+    plane: Plane,
+}
+
+/// A band, made of parts of other rasters.
+struct Band {
+    sample: SampleType,
+    /// The sample where no source has one.
+    hole: Vec<u8>,
+    /// What lies on top comes last.
+    sources: Vec<Source>,
+}
+
+/// A part of another raster, of one channel.
+struct Source {
+    raster: Lazy,
+    /// The pixels of the band that it makes, of which each pixel of the other raster makes `factor` along each axis.
+    region: Region,
+    /// The pixel of the band at which the other raster's first pixel begins.
+    origin: [i64; 2],
+    factor: [u64; 2],
+    missing: Missing,
+}
+
+/// Samples of a source that let those below show.
+enum Missing {
+    None,
+    Sample(Vec<u8>),
+    Nan,
+}
+
+impl Missing {
+    fn is(&self, sample: &[u8]) -> bool {
+        match self {
+            Missing::None => false,
+            Missing::Sample(missing) => missing == sample,
+            Missing::Nan => match *sample {
+                [a, b, c, d] => f32::from_le_bytes([a, b, c, d]).is_nan(),
+                [a, b, c, d, e, f, g, h] => f64::from_le_bytes([a, b, c, d, e, f, g, h]).is_nan(),
+                _ => false,
+            },
+        }
+    }
+}
+
+/// Samples of a region of one band.
+#[derive(Default)]
+struct Plane {
+    bytes: Vec<u8>,
+    /// Whether a source made the sample.
+    covered: Vec<bool>,
+    /// Samples that none has made yet.
+    left: usize,
+}
+
+impl Band {
+    /// Reads a region into a plane, from the source on top down, until nothing shows through.
+    fn read(&mut self, region: Region, part: &mut Pixels, plane: &mut Plane) -> Result<()> {
+        let area = region.area() as usize;
+        plane.bytes.clear();
+        plane.bytes.extend(self.hole.iter().copied().cycle().take(area * self.hole.len()));
+        plane.covered.clear();
+        plane.covered.resize(area, false);
+        plane.left = area;
+        for source in self.sources.iter_mut().rev() {
+            if plane.left == 0 {
+                break;
+            }
+            let wanted = source.region.intersect(&region);
+            if !wanted.is_empty() {
+                let from = source.read(wanted, part)?;
+                let sample = source.raster.info().sample;
+                source.paint(part, sample, from, wanted, plane, self.sample, region);
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Source {
+    /// Reads what makes some pixels of the band; gives its region in the other raster.
+    fn read(&mut self, wanted: Region, part: &mut Pixels) -> Result<Region> {
+        let along = |axis: usize, start: u64, end: u64| {
+            let offset = |at: u64| (at as i64 - self.origin[axis]) as u64;
+            (offset(start) / self.factor[axis], offset(end).div_ceil(self.factor[axis]))
+        };
+        let (left, right) = along(0, wanted.x, wanted.right());
+        let (top, bottom) = along(1, wanted.y, wanted.bottom());
+        let from = Region::new(left, top, right - left, bottom - top);
+        self.raster.read(from, part)?;
+        Ok(from)
+    }
+
+    /// Paints samples that were read where none is yet.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "regions of both rasters and of the plane, with their types"
+    )]
+    fn paint(
+        &self,
+        part: &Pixels,
+        sample: SampleType,
+        from: Region,
+        wanted: Region,
+        plane: &mut Plane,
+        to: SampleType,
+        region: Region,
+    ) {
+        let (size, wide) = (sample.size(), to.size());
+        let mut widened = Vec::new();
+        for y in wanted.y..wanted.bottom() {
+            let row = (y as i64 - self.origin[1]) as u64 / self.factor[1] - from.y;
+            let row = &part.bytes[(row * from.width) as usize * size..][..from.width as usize * size];
+            let start = ((y - region.y) * region.width + wanted.x - region.x) as usize;
+            let places = start..start + wanted.width as usize;
+            let covered = &mut plane.covered[places.clone()];
+            let target = &mut plane.bytes[places.start * wide..places.end * wide];
+            let samples = if sample == to {
+                row
+            } else {
+                widen(row, sample, to, &mut widened);
+                &widened
+            };
+            if self.factor[0] == 1 && matches!(self.missing, Missing::None) && !covered.contains(&true) {
+                target.copy_from_slice(samples);
+                covered.fill(true);
+                plane.left -= covered.len();
+                continue;
+            }
+            let first = (wanted.x as i64 - self.origin[0]) as u64;
+            for ((x, covered), target) in (first..).zip(covered).zip(target.chunks_exact_mut(wide)) {
+                let column = (x / self.factor[0] - from.x) as usize;
+                if !*covered && !self.missing.is(&row[column * size..][..size]) {
+                    target.copy_from_slice(&samples[column * wide..][..wide]);
+                    *covered = true;
+                    plane.left -= 1;
+                }
+            }
+        }
+    }
+}
+
+/// Samples of a type as those of one that holds them all.
+fn widen(bytes: &[u8], from: SampleType, to: SampleType, out: &mut Vec<u8>) {
+    let mut numbers = Vec::new();
+    ValueType::new(from, 1).push_numbers(0, bytes, &mut numbers);
+    out.clear();
+    for number in numbers {
+        let sample = ValueType::new(to, 1).nearest(|_| number).to_bytes();
+        out.extend_from_slice(&sample[..to.size()]);
+    }
+}
+
+impl Raster for Vrt {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.info.check(region)?;
+        let (area, size) = (region.area() as usize, self.info.sample.size());
+        let channels = self.bands.len();
+        pixels.bytes.clear();
+        pixels.bytes.resize(area * size * channels, 0);
+        // A pixel of which no band has a sample is VOID.
+        let mut covered = vec![false; area];
+        let mut widened = Vec::new();
+        for (channel, band) in self.bands.iter_mut().enumerate() {
+            band.read(region, &mut self.part, &mut self.plane)?;
+            covered.iter_mut().zip(&self.plane.covered).for_each(|(any, here)| *any |= here);
+            if band.sample != self.info.sample {
+                widen(&self.plane.bytes, band.sample, self.info.sample, &mut widened);
+                std::mem::swap(&mut widened, &mut self.plane.bytes);
+            }
+            if channels == 1 {
+                std::mem::swap(&mut pixels.bytes, &mut self.plane.bytes);
+                continue;
+            }
+            let targets = pixels.bytes.chunks_exact_mut(size).skip(channel).step_by(channels);
+            for (sample, target) in self.plane.bytes.chunks_exact(size).zip(targets) {
+                target.copy_from_slice(sample);
+            }
+        }
+        pixels.valid = covered.contains(&false).then_some(covered);
+        Ok(())
+    }
+
+    fn choose(&mut self, channels: &[usize]) -> bool {
+        // (One that is taken twice would need its sources twice.)
+        let twice = (1..channels.len()).any(|at| channels[..at].contains(&channels[at]));
+        if twice {
+            return false;
+        }
+        let mut bands: Vec<Option<Band>> = std::mem::take(&mut self.bands).into_iter().map(Some).collect();
+        self.bands = channels.iter().filter_map(|channel| bands[*channel].take()).collect();
+        self.info = self.info.of_channels(channels);
+        self.info.order = order(&self.bands);
+        true
+    }
+
+    fn reads_anywhere(&self) -> bool {
+        true
+    }
+}
+
+/// The order that is cheap for all sources.
+fn order(bands: &[Band]) -> Order {
+    let mut sources = bands.iter().flat_map(|band| &band.sources);
+    if sources.any(|source| source.raster.info().order == Order::Bands) {
+        Order::Bands
+    } else {
+        Order::Anywhere
+    }
+}

@@ -1,0 +1,417 @@
+//! Plans of stacks: which layers files make, and what is in them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use spinney::import::raster::{
+    self, Band, ImportOptions, Stack, StackLayer, StackOptions, plan_stack, write_stack,
+};
+use spinney::import::volume::{self, VolumeOptions};
+use spinney::io::Output;
+use spinney::store::{Slab, Slabs};
+use spinney::value::{Kind, SampleType};
+
+use crate::common::tiff_file::{Ifd, Values, file};
+use crate::common::{Random, with};
+
+/// A folder of pictures.
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Place {
+        Place(tempfile::tempdir().unwrap())
+    }
+
+    fn write(&self, name: &str, ifds: &[Ifd]) -> PathBuf {
+        let path = self.0.path().join(name);
+        fs::write(&path, file(ifds)).unwrap();
+        path
+    }
+
+    fn options(&self, change: impl FnOnce(&mut StackOptions)) -> StackOptions {
+        with(StackOptions::new(), change)
+    }
+
+    /// The cells of a layer: nothing where they are VOID by flags.
+    fn cells(&self, layer: &StackLayer) -> Vec<Option<Vec<u8>>> {
+        let mut slabs = layer.slabs(self.0.path(), 1 << 24, &()).unwrap();
+        assert_eq!(slabs.extent(), layer.extent);
+        let [width, height, _] = layer.extent;
+        let mut cells = vec![None; (width * height) as usize];
+        let mut slab = Slab::default();
+        let mut seen = 0;
+        while slabs.next(&mut slab).unwrap() {
+            for (i, bytes) in slab.bytes.chunks_exact(layer.value.size()).enumerate() {
+                let (x, y) =
+                    (slab.origin[0] + i as u64 % slab.size[0], slab.origin[1] + i as u64 / slab.size[0]);
+                let valid = slab.valid.as_ref().is_none_or(|valid| valid[i]);
+                cells[(y * width + x) as usize] = valid.then(|| bytes.to_vec());
+                seen += 1;
+            }
+        }
+        assert_eq!(seen, cells.len());
+        cells
+    }
+}
+
+/// Cells of bytes.
+fn bytes(cells: Vec<Option<Vec<u8>>>) -> Vec<u8> {
+    cells.into_iter().flat_map(|cell| cell.unwrap()).collect()
+}
+
+/// Places a picture: its corner, and the width of its pixels.
+fn placed(ifd: Ifd, corner: [f64; 2], width: f64) -> Ifd {
+    let keys = [1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32632];
+    ifd.tag(33550, Values::Double(vec![width, width, 0.0]))
+        .tag(33922, Values::Double(vec![0.0, 0.0, 0.0, corner[0], corner[1], 0.0]))
+        .short(34735, &keys)
+}
+
+const CORNER: [f64; 2] = [300000.0, 5000040.0];
+
+fn noise(random: &mut Random, count: usize) -> Vec<u8> {
+    (0..count).map(|_| random.below(256) as u8).collect()
+}
+
+fn names(stack: &Stack) -> Vec<&str> {
+    stack.layers.iter().map(|layer| layer.name.as_str()).collect()
+}
+
+fn refused(inputs: &[PathBuf], options: &StackOptions) -> String {
+    plan_stack(inputs, options).unwrap_err().to_string()
+}
+
+#[test]
+fn resolutions_are_levels_and_repetitions() {
+    let place = Place::new();
+    let mut random = Random(5);
+    let mut inputs = Vec::new();
+    let mut pixels = Vec::new();
+    // (Widths of pixels, levels less, cells that each becomes.)
+    let cases = [("B02", 10, 0, 1), ("B05", 20, 1, 1), ("B01", 60, 1, 3), ("B10", 50, 0, 5), ("W", 80, 3, 1)];
+    for (name, width, ..) in cases {
+        let side = 1200 / width;
+        pixels.push(noise(&mut random, side * side));
+        let ifd = Ifd::grey(side as u16, side as u16, pixels.last().unwrap().clone());
+        inputs.push(place.write(&format!("{name}.tif"), &[placed(ifd, CORNER, width as f64)]));
+    }
+    let stack = plan_stack(&inputs, &StackOptions::new()).unwrap();
+    assert_eq!(names(&stack), ["B02", "B05", "B01", "B10", "W"]);
+    assert_eq!((stack.extent, stack.depth), ([120, 120, 1], 7));
+    assert_eq!(stack.frame.affine(), [10.0, 0.0, CORNER[0], 0.0, -10.0, CORNER[1]]);
+    for ((layer, pixels), (_, width, coarser, repeat)) in stack.layers.iter().zip(&pixels).zip(cases) {
+        assert_eq!((layer.coarser, layer.repeat), (coarser, repeat), "{}", layer.name);
+        let side = 1200 / width;
+        let wide = side as u64 * repeat;
+        assert_eq!(layer.extent, [wide, wide, 1]);
+        let cell = f64::from(10 << coarser);
+        assert_eq!(layer.metadata.frame.affine(), [cell, 0.0, CORNER[0], 0.0, -cell, CORNER[1]]);
+        let expected = (0..wide * wide)
+            .map(|i| pixels[(i / wide / repeat) as usize * side + (i % wide / repeat) as usize]);
+        assert!(bytes(place.cells(layer)).into_iter().eq(expected), "{}", layer.name);
+    }
+    let lines: Vec<_> = stack.description().iter().filter(|(heading, _)| *heading == "layer").collect();
+    assert!(lines[2].1.contains("6 times as wide: 3 x 3 cells each"), "{lines:?}");
+    // Whoever comes from the top down alone is repeated, too.
+    let path = place.0.path().join("P.png");
+    let mut encoder = png::Encoder::new(fs::File::create(&path).unwrap(), 200, 300);
+    encoder.set_color(png::ColorType::Grayscale);
+    let grey = noise(&mut random, 200 * 300);
+    encoder.write_header().unwrap().write_image_data(&grey).unwrap();
+    fs::write(path.with_extension("pgw"), "30\n0\n0\n-30\n300015\n5000025\n").unwrap();
+    fs::write(path.with_extension("prj"), "EPSG:32632").unwrap();
+    let stack = plan_stack(&[inputs[0].clone(), path], &StackOptions::new()).unwrap();
+    assert_eq!((stack.extent, stack.layers[1].repeat), ([600, 900, 1], 3));
+    let expected = (0..600 * 900).map(|i| grey[i / 600 / 3 * 200 + i % 600 / 3]);
+    assert!(bytes(place.cells(&stack.layers[1])).into_iter().eq(expected));
+}
+
+#[test]
+fn grids_that_do_not_fit_are_refused() {
+    let place = Place::new();
+    let grey = |side: u16| Ifd::grey(side, side, vec![1; usize::from(side).pow(2)]);
+    let first = place.write("first.tif", &[placed(grey(30), CORNER, 10.0)]);
+    let options = StackOptions::new();
+    let with_first = |name: &str, ifd: Ifd| {
+        let other = place.write(name, &[ifd]);
+        plan_stack(&[other, first.clone()], &options)
+            .map(|stack| (stack.layers[0].coarser, stack.layers[0].repeat))
+    };
+    let [x, y] = CORNER;
+    // A thousandth of a cell is noise; another extent is none of anybody's business.
+    assert_eq!(with_first("near.tif", placed(grey(15), [x + 0.01, y], 20.0)).unwrap(), (1, 1));
+    assert_eq!(with_first("small.tif", placed(grey(3), CORNER, 10.0)).unwrap(), (0, 1));
+    for (name, corner, width) in [
+        ("shifted", [x + 0.2, y], 10.0),
+        ("next", [x, y - 10.0], 10.0),
+        ("half", CORNER, 15.0),
+        ("odd", CORNER, 20.1),
+        ("many", CORNER, 10010.0),
+    ] {
+        let error =
+            with_first(&format!("{name}.tif"), placed(grey(15), corner, width)).unwrap_err().to_string();
+        assert!(error.contains(&format!("{name}.tif")) && error.contains("first.tif"), "{error}");
+        assert!(error.contains("--resampling"), "{error}");
+    }
+    let flat = placed(grey(15), CORNER, 20.0).tag(33550, Values::Double(vec![20.0, 10.0, 0.0]));
+    assert!(with_first("flat.tif", flat).is_err());
+    let elsewhere =
+        placed(grey(15), CORNER, 20.0).short(34735, &[1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32633]);
+    assert!(with_first("zone.tif", elsewhere).unwrap_err().to_string().contains("EPSG:32633"));
+    assert!(with_first("nowhere.tif", grey(15)).unwrap_err().to_string().contains("nowhere.tif"));
+    // Without a place, sizes have to agree.
+    let [a, b, c] =
+        [("a.tif", 9), ("b.tif", 9), ("c.tif", 18)].map(|(name, side)| place.write(name, &[grey(side)]));
+    assert_eq!(plan_stack(&[a.clone(), b], &options).unwrap().extent, [9, 9, 1]);
+    assert!(refused(&[a, c], &options).contains("world file"));
+    assert!(refused(&[], &options).contains("at least one"));
+}
+
+#[test]
+fn every_band_is_a_layer() {
+    let place = Place::new();
+    let mut random = Random(6);
+    for case in 0..30 {
+        let bands = 1 + random.below(40) as usize;
+        let planar = case % 2 == 0;
+        let [width, height] = [1 + random.below(20), 1 + random.below(20)];
+        let (bits, format, sample) =
+            [(8, 1, SampleType::U8), (16, 2, SampleType::I16), (32, 3, SampleType::F32)][case % 3];
+        let (area, size) = ((width * height) as usize, sample.size());
+        let planes: Vec<Vec<u8>> = (0..bands).map(|_| noise(&mut random, area * size)).collect();
+        let chunks = if planar {
+            planes.clone()
+        } else {
+            let pixels =
+                (0..area).flat_map(|i| planes.iter().map(move |plane| &plane[i * size..(i + 1) * size]));
+            vec![pixels.flatten().copied().collect()]
+        };
+        let each = |value| vec![value; bands];
+        let ifd = Ifd::grey(width as u16, height as u16, Vec::new()).chunks(&chunks);
+        let ifd = ifd.short(258, &each(bits)).short(339, &each(format)).short(277, &[bands as u16]);
+        let input = place.write("scene.tif", &[ifd.short(284, &[if planar { 2 } else { 1 }])]);
+        let stack = plan_stack(&[input], &StackOptions::new()).unwrap();
+        assert_eq!(stack.layers.len(), bands);
+        for (number, (layer, plane)) in stack.layers.iter().zip(&planes).enumerate() {
+            let name = if bands == 1 { "scene".into() } else { format!("scene_{}", number + 1) };
+            assert_eq!((&layer.name, layer.value.sample, layer.value.channels), (&name, sample, 1));
+            assert!(&bytes(place.cells(layer)) == plane, "{name} of {bands}");
+        }
+    }
+}
+
+const TAGS: &str = "<GDALMetadata>
+  <Item name=\"DESCRIPTION\" sample=\"0\" role=\"description\">B04, red</Item>
+  <Item name=\"DESCRIPTION\" sample=\"1\" role=\"description\">B08, near infrared</Item>
+  <Item name=\"COLORINTERP\" sample=\"1\" role=\"colorinterp\">NIR</Item>
+  <Item name=\"SCALE\" sample=\"1\" role=\"scale\">0.5</Item>
+  <Item name=\"UNITTYPE\" sample=\"1\" role=\"unittype\">m</Item>
+  <Item name=\"wave\" sample=\"1\">842</Item>
+  <Item name=\"satellite\">S2</Item>
+</GDALMetadata>";
+
+#[test]
+fn layers_have_what_is_told_of_their_bands() {
+    let place = Place::new();
+    let ifd = Ifd::grey(2, 1, vec![1, 2, 3, 4, 5, 6]).short(258, &[8; 3]).short(277, &[3]);
+    let input = place.write("s.tif", &[ifd.tag(42112, Values::Text(TAGS)).tag(42113, Values::Text("6"))]);
+    let sidecar = "<PAMDataset><PAMRasterBand band=\"3\"><NoDataValue>3</NoDataValue><CategoryNames><Category>a</Category></CategoryNames>\
+        <ColorTable><Entry c1=\"1\" c2=\"2\" c3=\"3\"/></ColorTable></PAMRasterBand></PAMDataset>";
+    fs::write(place.0.path().join("s.tif.aux.xml"), sidecar).unwrap();
+    let stack = plan_stack(std::slice::from_ref(&input), &StackOptions::new()).unwrap();
+    assert_eq!(names(&stack), ["B04", "B08", "s_3"]);
+    let [red, infrared, classes] = &stack.layers[..] else { panic!() };
+    assert_eq!((red.nodata, red.kind, red.description.as_str()), (Some(6.0), Kind::Continuous, "B04, red"));
+    assert_eq!((infrared.colour_role.as_str(), infrared.nodata), ("NIR", Some(6.0)));
+    assert_eq!(infrared.metadata.scale_offset, [(0.5, 0.0)]);
+    assert_eq!(
+        (infrared.metadata.units[0].as_str(), infrared.metadata.tags["satellite"].as_str()),
+        ("m", "S2")
+    );
+    assert_eq!(infrared.metadata.scoped_tags.len(), 1);
+    assert!(red.metadata.scoped_tags.is_empty() && red.metadata.scale_offset.is_empty());
+    assert_eq!(
+        (classes.nodata, classes.kind, classes.rule.name()),
+        (Some(3.0), Kind::Categorical, "majority")
+    );
+    assert!(classes.metadata.palette.is_some() && classes.metadata.class_names.len() == 1);
+    assert!(red.metadata.palette.is_none() && red.metadata.class_names.is_empty());
+    // Bands by name, in another order, with other numbers and names.
+    let options = place.options(|it| {
+        it.import.bands = Some(vec![Band::Name("B08".into()), Band::Number(1)]);
+        it.import.nodata = Some(1.0);
+        it.names = Some(vec!["x".into(), "y".into()]);
+    });
+    let stack = plan_stack(std::slice::from_ref(&input), &options).unwrap();
+    assert_eq!(names(&stack), ["x", "y"]);
+    assert_eq!(stack.layers[0].nodata, Some(1.0));
+    assert_eq!(bytes(place.cells(&stack.layers[0])), [2, 5]);
+    // Names that are wrong.
+    let named = |names: &[&str]| {
+        place.options(|it| it.names = Some(names.iter().map(|name| name.to_string()).collect()))
+    };
+    let inputs = std::slice::from_ref(&input);
+    assert!(refused(inputs, &named(&["a", "b"])).contains("3, as many as"));
+    assert!(
+        refused(inputs, &named(&["a", "b", "a"])).contains("band 1 of")
+            && refused(inputs, &named(&["a", " ", "c"])).contains("band 2")
+    );
+    assert!(refused(&[input.clone(), input.clone()], &StackOptions::new()).contains("--names"));
+}
+
+#[test]
+fn pictures_in_colour_are_one_layer() {
+    let place = Place::new();
+    let pixels = vec![1, 2, 3, 0, 4, 5, 6, 9];
+    let rgba = Ifd::grey(2, 1, pixels).short(258, &[8; 4]).short(277, &[4]).short(262, &[2]).short(338, &[2]);
+    let colour = place.write("colour.tif", std::slice::from_ref(&rgba));
+    let stack = plan_stack(std::slice::from_ref(&colour), &StackOptions::new()).unwrap();
+    assert_eq!((names(&stack), stack.layers[0].value.channels), (vec!["colour"], 4));
+    assert_eq!(place.cells(&stack.layers[0]), [None, Some(vec![4, 5, 6, 9])]);
+    // Bands that are asked for are layers of their own.
+    let options = place.options(|it| it.import.bands = Some(vec![3.into(), 4.into()]));
+    let stack = plan_stack(&[colour], &options).unwrap();
+    assert_eq!(names(&stack), ["colour_3", "colour_4"]);
+    assert_eq!(bytes(place.cells(&stack.layers[0])), [3, 6]);
+    // Opacity of other bands is a layer, and they are VOID where it is 0.
+    let opacity = place.write("other.tif", &[rgba.short(262, &[1]).short(338, &[0, 0, 2])]);
+    let stack = plan_stack(std::slice::from_ref(&opacity), &StackOptions::new()).unwrap();
+    let cells: Vec<_> = stack.layers.iter().map(|layer| place.cells(layer)).collect();
+    let one = |first: Option<u8>, second: u8| vec![first.map(|byte| vec![byte]), Some(vec![second])];
+    assert_eq!(cells, [one(None, 4), one(None, 5), one(None, 6), one(Some(0), 9)]);
+    let options = place.options(|it| it.import.keep_transparent = true);
+    let stack = plan_stack(&[opacity], &options).unwrap();
+    assert_eq!(bytes(place.cells(&stack.layers[1])), [2, 5]);
+}
+
+#[test]
+fn bands_of_a_virtual_raster_have_types_of_their_own() {
+    let place = Place::new();
+    place.write("a.tif", &[Ifd::grey(2, 1, vec![1, 2])]);
+    place.write("b.tif", &[Ifd::grey(2, 1, vec![1, 0, 0, 1]).short(258, &[16])]);
+    let band = |number: u8, kind: &str, name: &str| {
+        format!(
+            "<VRTRasterBand dataType=\"{kind}\" band=\"{number}\"><Description>{name}</Description><SimpleSource>\
+             <SourceFilename relativeToVRT=\"1\">{name}.tif</SourceFilename></SimpleSource></VRTRasterBand>"
+        )
+    };
+    let bands = [band(1, "Byte", "a"), band(2, "UInt16", "b")].concat();
+    let path = place.0.path().join("v.vrt");
+    fs::write(&path, format!("<VRTDataset rasterXSize=\"2\" rasterYSize=\"1\">{bands}</VRTDataset>"))
+        .unwrap();
+    let stack = plan_stack(&[path], &StackOptions::new()).unwrap();
+    let about: Vec<_> = stack.layers.iter().map(|layer| (layer.name.as_str(), layer.value.sample)).collect();
+    assert_eq!(about, [("a", SampleType::U8), ("b", SampleType::U16)]);
+    assert_eq!(
+        (bytes(place.cells(&stack.layers[0])), bytes(place.cells(&stack.layers[1]))),
+        (vec![1, 2], vec![1, 0, 0, 1])
+    );
+}
+
+#[test]
+fn pages_are_layers() {
+    let place = Place::new();
+    let page = |value: u8| Ifd::grey(2, 2, vec![value; 4]);
+    let overview = Ifd::grey(1, 1, vec![9]).short(254, &[1]);
+    let mask = Ifd::grey(2, 2, vec![1, 0, 1, 1]).short(254, &[4]);
+    let input = place.write("p.tif", &[page(1), overview, page(2), mask, page(3)]);
+    assert!(refused(std::slice::from_ref(&input), &StackOptions::new()).contains("--pages"));
+    let options = place.options(|it| it.every_page = true);
+    let stack = plan_stack(std::slice::from_ref(&input), &options).unwrap();
+    assert_eq!(names(&stack), ["p_0", "p_1", "p_2"]);
+    // The mask is that of the page before it.
+    let cell = |value: u8| Some(vec![value]);
+    assert_eq!(place.cells(&stack.layers[0]), vec![cell(1); 4]);
+    assert_eq!(place.cells(&stack.layers[1]), [cell(2), None, cell(2), cell(2)]);
+    assert_eq!(place.cells(&stack.layers[2]), vec![cell(3); 4]);
+    let options = place.options(|it| it.import.page = Some(2));
+    assert_eq!(bytes(place.cells(&plan_stack(&[input], &options).unwrap().layers[0])), [3; 4]);
+    // As many as one likes.
+    let many: Vec<Ifd> = (0..3000u16).map(|number| Ifd::grey(1, 1, vec![number as u8])).collect();
+    let input = place.write("many.tif", &many);
+    let stack = plan_stack(&[input], &place.options(|it| it.every_page = true)).unwrap();
+    assert_eq!(stack.layers.len(), 3000);
+    assert_eq!(bytes(place.cells(&stack.layers[2999])), [2999u16 as u8]);
+}
+
+#[test]
+fn thousands_of_files_are_closed() {
+    let place = Place::new();
+    let inputs: Vec<PathBuf> = (0..3000u16)
+        .map(|number| place.write(&format!("{number}.tif"), &[Ifd::grey(1, 1, vec![number as u8])]))
+        .collect();
+    let open_files = || fs::read_dir("/proc/self/fd").map_or(0, |files| files.count());
+    let before = open_files();
+    let stack = plan_stack(&inputs, &StackOptions::new()).unwrap();
+    assert_eq!(stack.layers.len(), 3000);
+    // (Other tests have files, too.)
+    assert!(open_files() < before + 500);
+    assert_eq!(bytes(place.cells(&stack.layers[1234])), [1234u16 as u8]);
+    // One that is another by now.
+    place.write("1234.tif", &[Ifd::grey(2, 1, vec![1, 2])]);
+    assert!(stack.layers[1234].slabs(Path::new("."), 1 << 24, &()).is_err());
+    assert!(
+        stack.description().iter().any(|(heading, text)| *heading == "input" && text.ends_with("2988 more"))
+    );
+}
+
+#[test]
+fn a_stack_of_one_is_what_a_picture_is() {
+    let place = Place::new();
+    let mut random = Random(9);
+    let picture = placed(Ifd::grey(300, 280, noise(&mut random, 300 * 280)), CORNER, 10.0);
+    let input = place.write("b.tif", &[picture.tag(42113, Values::Text("7"))]);
+    let inputs = std::slice::from_ref(&input);
+    let [one, other] = ["one.goblin", "other.goblin"].map(|name| place.0.path().join(name));
+    let stack = plan_stack(inputs, &StackOptions::new()).unwrap();
+    write_stack(&stack, Output::create(&one).unwrap(), &()).unwrap();
+    raster::plan(inputs, &ImportOptions::new()).unwrap().build(Output::create(&other).unwrap(), &()).unwrap();
+    assert!(fs::read(one).unwrap() == fs::read(other).unwrap());
+}
+
+#[test]
+fn pages_are_planes_of_a_volume() {
+    let place = Place::new();
+    let mut random = Random(11);
+    let out = place.0.path().join("v.goblin");
+    for (bits, bands) in [(8u16, 1usize), (16, 1), (8, 3)] {
+        let size = bits as usize / 8 * bands;
+        let planes: Vec<Vec<u8>> = (0..5).map(|_| noise(&mut random, 70 * 66 * size)).collect();
+        let page = |plane: &Vec<u8>| {
+            let rows: Vec<Vec<u8>> = plane.chunks(70 * 9 * size).map(<[u8]>::to_vec).collect();
+            let ifd =
+                Ifd::grey(70, 66, Vec::new()).chunks(&rows).short(278, &[9]).short(258, &vec![bits; bands]);
+            placed(ifd.short(277, &[bands as u16]).short(262, &[if bands == 3 { 2 } else { 1 }]), CORNER, 2.0)
+        };
+        let input = place.write("v.tif", &planes.iter().map(page).collect::<Vec<_>>());
+        let options = with(VolumeOptions::new(), |it| it.nodata = (bands == 1).then_some(5.0));
+        volume::plan_pages(&input, &options).unwrap().build(Output::create(&out).unwrap(), &()).unwrap();
+        let tree = spinney::open(&out).unwrap();
+        assert_eq!((tree.header().extent, tree.depth()), ([70, 66, 5], 7));
+        assert_eq!(tree.metadata().frame.matrix[0], [2.0, 0.0, 0.0, CORNER[0]]);
+        assert_eq!(tree.metadata().frame.matrix[2], [0.0, 0.0, 1.0, 0.0]);
+        for _ in 0..300 {
+            let [x, y, z] = [random.below(70), random.below(66), random.below(5)];
+            let at = (y * 70 + x) as usize * size;
+            let bytes = &planes[z as usize][at..at + size];
+            let expected: Vec<f64> = match bits {
+                8 => bytes.iter().map(|byte| f64::from(*byte)).collect(),
+                _ => vec![f64::from(u16::from_le_bytes([bytes[0], bytes[1]]))],
+            };
+            let mut found = [0.0; 4];
+            let is_there = tree.point([x, y, z], tree.depth(), &mut found).unwrap();
+            assert_eq!(is_there, bands > 1 || expected != [5.0], "{x} {y} {z}");
+            assert!(!is_there || found[..bands] == expected, "{x} {y} {z}");
+        }
+    }
+    // Pages that are not alike, or have masks.
+    let grey = |side: u16| Ifd::grey(side, side, vec![1; usize::from(side).pow(2)]);
+    let uneven = place.write("uneven.tif", &[grey(3), grey(3), grey(4)]);
+    let error = volume::plan_pages(&uneven, &VolumeOptions::new()).err().unwrap().to_string();
+    assert!(error.contains("page 2 of 4 x 4"), "{error}");
+    let mask = grey(3).short(254, &[4]).chunks(&[vec![0; 9]]);
+    let masked = place.write("masked.tif", &[grey(3), mask, grey(3)]);
+    let made =
+        volume::plan_pages(&masked, &VolumeOptions::new()).unwrap().build(Output::create(&out).unwrap(), &());
+    assert!(made.unwrap_err().to_string().contains("masks"));
+}
