@@ -24,7 +24,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 24] = [
+pub const TARGETS: [(&str, Target); 25] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_read", autumnal_read),

@@ -90,11 +90,11 @@ pub fn calculation_text(bytes: &[u8]) {
             view.window(level, &bounds, 0.0, &mut bytes, Some(&mut valid)).unwrap();
             for (cell, valid) in valid.iter().enumerate() {
                 let place = [cell as u64 % bounds.max[0], cell as u64 / bounds.max[0], 0];
-                let mut numbers = [0.0; 4];
+                let mut numbers = [spinney::value::Number::default(); 4];
                 assert_eq!(view.point(place, level, &mut numbers).unwrap(), *valid);
                 let number =
                     value.first_sample(Value::from_bytes(&bytes[cell * value.size()..][..value.size()]));
-                assert!(!number.is_nan() && (!valid || number == numbers[0]));
+                assert!(!number.is_nan() && (!valid || number == numbers[0].to_f64()));
             }
             if level == view.depth() {
                 let counted = view.statistics(None, &()).unwrap().cells;

@@ -112,3 +112,20 @@ def rows_of(points: Any, name: str) -> npt.NDArray[np.float64]:
     """Points as rows; one alone is a row."""
     array = np.asarray(points if hasattr(points, "__array__") else list(points), dtype=np.float64)
     return points_of(array[None] if array.ndim == 1 and array.size else array, 3, name)
+
+
+def of_layers(tree: Any, layers: Any, options: dict[str, Any]) -> Array:
+    """Cells of several layers of a file, one behind the other along the first axis."""
+    if isinstance(layers, str):
+        raise TypeError("layers: expected a list of names")
+    opened = [tree[str(name)] for name in layers]
+    if not opened:
+        raise ValueError("layers: expected at least one name")
+    if len({layer.shape for layer in opened}) > 1 and options.get("out_shape") is None:
+        raise ValueError("layers: of cells of different sizes; give out_shape and coordinates, or read them one by one")
+    if len({layer.shape for layer in opened}) > 1 and options.get("window") is not None and options.get("coordinates") is None:
+        raise ValueError("layers: of cells of different sizes; give the window in other coordinates, such as 'world'")
+    parts = [layer.read(**options) for layer in opened]
+    parts = [part if part.ndim > tree.ndim else part[np.newaxis] for part in parts]
+    joined: Array = np.ma.concatenate(parts) if options.get("masked") else np.concatenate(parts)
+    return joined

@@ -133,7 +133,7 @@ def build(
     if paths is not None and any(map(_native.is_tree, paths)):
         if len(paths) > 1:
             raise ValueError("a tree as a source is the only one; spinney.combine lays trees over each other")
-        source = Dataset(paths[0], [], None, False)
+        source = Dataset(paths[0], [], None, False, None)
     if isinstance(source, Level):
         source = source._as_tree()
     if isinstance(source, Dataset):

@@ -38,9 +38,17 @@ from ._zonal import definition_of, documents_of, named, values_of
 
 
 def open(
-    path: Path, *, view: str | Sequence[str] = (), commit: int | None = None, positioned: bool = False
+    path: Path,
+    *,
+    view: str | Sequence[str] = (),
+    commit: int | None = None,
+    positioned: bool = False,
+    layer: str | int | None = None,
 ) -> Dataset:
     """Opens a tree file of either format, or a commit of one: `map.autumn@12`, or `commit=12`.
+
+    Of a file of several layers the first is opened, or the one that `layer` names (or counts, from 0), as the path can:
+    `stack.goblin:B08`. `names` are those of all layers, and `ds["B08"]` is another one.
 
     `view` are steps of `spinney transform` through which the file is seen, such as `"rotate=30"` or
     `["window=0,0,512,512", "scale=0.5"]`; nothing is made beforehand. They can calculate, with bands and with other files:
@@ -54,11 +62,12 @@ def open(
     cannot be done.
     """
     steps = [view] if isinstance(view, str) else list(view)
+    layer = None if layer is None else str(layer)
     try:
-        return Dataset(os.fsdecode(path), steps, commit, positioned)
+        return Dataset(os.fsdecode(path), steps, commit, positioned, layer)
     except OSError:
         if commit is not None and os.path.exists(path):
-            with Dataset(os.fsdecode(path), steps, None, positioned) as ds:
+            with Dataset(os.fsdecode(path), steps, None, positioned, layer) as ds:
                 if ds.commit is None:
                     raise ValueError(f"{ds.path}: has no commits, as it is a {ds.format} file; leave commit out") from None
         raise
@@ -82,13 +91,14 @@ class Dataset(Writers):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # (The commit that is read, so that whoever gets it sees the same.)
-        return _reopen, (os.path.abspath(self.path), self.view, self.commit, self.positioned)
+        return _reopen, (os.path.abspath(self.path), self.view, self.commit, self.positioned, self.layer or None)
 
     def __repr__(self) -> str:
         name = str(self.path)
         if self.closed:
             return f"<spinney.Dataset {name!r}, closed>"
         commit = "" if self.commit is None else f"@{self.commit}"
+        commit += f":{self.layer}" if self.layer else ""
         steps = f" through {', '.join(self.view)}" if self.view else ""
         kind = "quadtree" if self.ndim == 2 else "octree"
         size = " x ".join(map(str, reversed(self.shape)))
@@ -442,7 +452,7 @@ class Level:
         """The level's cells as those of a tree."""
         ds = self.dataset
         steps = [] if self.level == ds.depth else [f"depth={self.level}"]
-        return Dataset(str(ds.path), [*ds.view, *steps], ds.commit, ds.positioned) if steps else ds
+        return Dataset(str(ds.path), [*ds.view, *steps], ds.commit, ds.positioned, ds.layer or None) if steps else ds
 
     def __getitem__(self, key: Any) -> Any:
         return self.dataset._at_index(self.level, key)
@@ -458,8 +468,8 @@ class Level:
         return f"<level {self.level} of {str(self.dataset.path)!r}: {size} cells>"
 
 
-def _reopen(path: str, view: list[str], commit: int | None, positioned: bool) -> Dataset:
-    return Dataset(path, view, commit, positioned)
+def _reopen(path: str, view: list[str], commit: int | None, positioned: bool, layer: str | None = None) -> Dataset:
+    return Dataset(path, view, commit, positioned, layer)
 
 
 

@@ -16,7 +16,9 @@ _Terms = tuple[Callable[[int, int], object] | None, int | None, int | None]
 
 @disjoint_base
 class Tree:
-    def __new__(cls, path: Any, view: list[str], commit: int | None, positioned: bool) -> Tree: ...
+    def __new__(
+        cls, path: Any, view: list[str], commit: int | None, positioned: bool, layer: str | None
+    ) -> Tree: ...
     def close(self) -> None: ...
     @property
     def closed(self) -> bool: ...
@@ -28,6 +30,12 @@ class Tree:
     def view(self) -> list[str]: ...
     @property
     def positioned(self) -> bool: ...
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def layer(self) -> str: ...
+    @property
+    def time(self) -> str | None: ...
     @property
     def commit(self) -> int | None: ...
     @property
@@ -58,6 +66,7 @@ class Tree:
         self,
         bands: int | list[int] | tuple[int, ...] | None = None,
         *,
+        layers: list[str] | tuple[str, ...] | None = None,
         window: Any = None,
         coordinates: Any = None,
         level: int | None = None,
@@ -73,6 +82,7 @@ class Tree:
         self,
         bands: int | list[int] | tuple[int, ...] | None = None,
         *,
+        layers: list[str] | tuple[str, ...] | None = None,
         window: Any = None,
         coordinates: Any = None,
         level: int | None = None,
@@ -88,6 +98,7 @@ class Tree:
         self,
         bands: int | list[int] | tuple[int, ...] | None = None,
         *,
+        layers: list[str] | tuple[str, ...] | None = None,
         window: Any = None,
         coordinates: Any = None,
         level: int | None = None,

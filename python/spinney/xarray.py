@@ -52,12 +52,17 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         view: str | Sequence[str] = (),
         commit: int | None = None,
         positioned: bool = False,
+        layer: str | int | None = None,
         mask_and_scale: bool | None = None,
     ) -> xr.Dataset:
         """The cells of a level. VOID becomes NaN and scales are applied if `mask_and_scale` is set, which by default it
-        is for amounts, and not for classes."""
-        tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned)
-        made = _dataset_of(tree, tree.depth if level is None else level, void_of(tree), mask_and_scale)
+        is for amounts, and not for classes. Of a file of several layers each is a variable by its name; those of larger cells than
+        the first have axes of their own. One `layer` is `band_data`."""
+        tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned, layer=layer)
+        if len(tree.names) > 1 and layer is None and ":" not in os.path.basename(os.fspath(filename_or_obj)):
+            made = _dataset_of_layers(tree, level, mask_and_scale)
+        else:
+            made = _dataset_of(tree, tree.depth if level is None else level, void_of(tree), mask_and_scale)
         made.set_close(tree.close)
         return made.drop_vars(drop_variables or [], errors="ignore")
 
@@ -89,7 +94,7 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         """Whether the name is that of a tree file."""
         if not isinstance(filename_or_obj, str | os.PathLike):
             return False
-        return re.search(r"\.(goblin|autumn)(@\d+)?$", str(os.fspath(filename_or_obj))) is not None
+        return re.search(r"\.(goblin|autumn)(@\d+)?(:[^/]+)?$", str(os.fspath(filename_or_obj))) is not None
 
 
 def open_levels(path: Path, **options: Any) -> xr.DataTree:
@@ -194,6 +199,35 @@ def _dataset_of(tree: Dataset, level: int, void: Void, mask_and_scale: bool | No
     if masks:
         made = xr.decode_cf(made, mask_and_scale=True, decode_times=False, decode_coords=False)
     return made
+
+
+def _dataset_of_layers(first: Dataset, level: int | None, mask_and_scale: bool | None) -> xr.Dataset:
+    """All layers of a file as variables of one dataset."""
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
+    attributes: dict[str, Any] = {}
+    finest = max((first[name] for name in first.names), key=lambda tree: tree.depth)
+    wanted = finest.depth if level is None else level
+    for name in first.names:
+        tree = first[name]
+        own = min(wanted, tree.depth)
+        made = _dataset_of(tree, own, void_of(tree), mask_and_scale)
+        cells = made["band_data"]
+        if tree.count == 1:
+            cells = cells.isel(band=0, drop=True)
+        # (Cells of another size lie at other places.)
+        renamed = {axis: f"{axis}_{name}" for axis in ("z", "y", "x") if axis in cells.dims} if own != wanted else {}
+        if "band" in cells.dims and "band" in coordinates and coordinates["band"].size != cells.sizes["band"]:
+            renamed["band"] = f"band_{name}"
+        cells = cells.rename(renamed)
+        if tree.time is not None:
+            cells.attrs["time"] = tree.time
+        if not attributes:
+            attributes = dict(made.attrs)
+        for axis, values in cells.coords.items():
+            coordinates.setdefault(str(axis), values)
+        variables[name] = cells.variable
+    return xr.Dataset(variables, coordinates, attributes)
 
 
 def _meaning(tree: Dataset, level: int, void: Void) -> dict[str, Any]:

@@ -6,7 +6,7 @@ use numpy::{PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyIndexError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyInt, PyList, PySlice, PyTuple};
+use pyo3::types::{IntoPyDict, PyInt, PyList, PySlice, PyString, PyTuple};
 use spinney::dataset::Dataset;
 use spinney::export::{Detail, WindowRequest, window_rows};
 use spinney::space::Bounds;
@@ -306,13 +306,16 @@ impl Tree {
     /// `boundless` a window may stick out of the picture, where all is VOID. The result is written to `out` if that is
     /// given. Bands of pixels lie together in memory: `numpy.ascontiguousarray` makes planes of them.
     ///
+    /// `layers` are names of layers of the file: their cells stand one behind the other along the first axis.
+    ///
     /// Raises ValueError or IndexError for a part that there is not, OSError if the file is damaged there.
-    #[pyo3(signature = (bands=None, *, window=None, coordinates=None, level=None, out_shape=None, exact=false, masked=false, fill=None, boundless=false, out=None))]
+    #[pyo3(signature = (bands=None, *, layers=None, window=None, coordinates=None, level=None, out_shape=None, exact=false, masked=false, fill=None, boundless=false, out=None))]
     #[allow(clippy::too_many_arguments)] // those of the Python function
     fn read<'py>(
         slf: &Bound<'py, Tree>,
         py: Python<'py>,
         bands: Option<&Bound<'py, PyAny>>,
+        layers: Option<&Bound<'py, PyAny>>,
         window: Option<&Bound<'py, PyAny>>,
         coordinates: Option<&Bound<'py, PyAny>>,
         level: Option<i64>,
@@ -328,6 +331,26 @@ impl Tree {
         let fill_value = opened.fill(fill)?;
         if masked && out.is_some() {
             return Err(invalid("masked and out: a masked array is a new one"));
+        }
+        if let Some(layers) = layers {
+            let options = [
+                ("bands", bands),
+                ("window", window),
+                ("coordinates", coordinates),
+                ("out_shape", out_shape),
+            ];
+            let options = options.into_iter().filter_map(|(name, value)| Some((name, value?.clone())));
+            let options: Vec<(&str, Bound<'py, PyAny>)> = options.collect();
+            let options = options.into_py_dict(py)?;
+            options.set_item("level", level)?;
+            options.set_item("exact", exact)?;
+            options.set_item("masked", masked)?;
+            options.set_item("boundless", boundless)?;
+            if let Some(fill) = fill {
+                options.set_item("fill", opened.told(py, fill.0)?)?;
+            }
+            let helper = py.import("spinney._arrays")?.getattr("of_layers")?;
+            return delivered(helper.call1((slf, layers, options))?, out);
         }
         if let (true, Some(window)) = (boundless, window) {
             let helper = py.import("spinney._arrays")?.getattr("boundless")?;
@@ -380,8 +403,16 @@ impl Tree {
         delivered(pixels.finish(py, opened, &bands)?, out)
     }
 
-    fn __getitem__<'py>(&self, py: Python<'py>, key: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-        self.at_index(py, None, key)
+    /// Cells by an index; a name is that of another layer of the file, as a dataset.
+    fn __getitem__<'py>(
+        slf: &Bound<'py, Tree>,
+        py: Python<'py>,
+        key: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        match key.cast::<PyString>() {
+            Ok(name) => slf.get().other_layer(slf, name),
+            Err(_) => slf.get().at_index(py, None, key),
+        }
     }
 
     /// The cells of a level that an index means.

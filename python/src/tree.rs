@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{IntoPyDict, PyDict};
+use pyo3::types::{IntoPyDict, PyDict, PyString};
 use spinney::dataset::{self, Dataset};
 use spinney::export::void_number;
 use spinney::ops::Step;
@@ -28,6 +28,8 @@ pub(crate) struct Tree {
     steps: Vec<Step>,
     commit: Option<u64>,
     positioned: bool,
+    /// Name or number of the layer; the first if there is none.
+    layer: Option<String>,
 }
 
 /// A coordinate system as pyproj and rasterio read it: `EPSG:4326`, else WKT 2, else as it came.
@@ -97,6 +99,18 @@ impl Tree {
         (!steps.is_empty()).then(|| format!("view of {}: {}", self.path.display(), steps.join(", ")))
     }
 
+    /// Another layer of the file, opened in the same way: an object of the same class.
+    pub(crate) fn other_layer<'py>(
+        &self,
+        this: &Bound<'py, Tree>,
+        name: &Bound<'py, PyString>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let steps: Vec<String> = self.steps.iter().map(Step::to_string).collect();
+        // (The commit that is read, so that all layers are of one state.)
+        let commit = self.get()?.tree.commit().map(|commit| commit.number);
+        this.get_type().call1((self.path.clone(), steps, commit, self.positioned, name))
+    }
+
     /// Whether it is seen as it is in the file.
     pub(crate) fn is_file(&self) -> bool {
         self.steps.is_empty()
@@ -121,6 +135,9 @@ impl Tree {
             None => self.path.clone(),
         };
         let mut tree = dataset::open(&path, &options)?;
+        if let Some(layer) = &self.layer {
+            tree = tree.layer(layer)?;
+        }
         if !self.steps.is_empty() {
             tree = tree.view(&self.steps)?;
         }
@@ -132,21 +149,26 @@ impl Tree {
 #[pymethods]
 impl Tree {
     #[new]
-    #[pyo3(signature = (path, view, commit, positioned))]
+    #[pyo3(signature = (path, view, commit, positioned, layer))]
     fn new(
         py: Python<'_>,
         path: PathBuf,
         view: Vec<String>,
         commit: Option<u64>,
         positioned: bool,
+        layer: Option<String>,
     ) -> PyResult<Tree> {
-        let FilePlace { file, commit: named, layer } = FilePlace::of(&path);
+        let FilePlace { file, commit: named, layer: layer_named } = FilePlace::of(&path);
+        if layer_named.is_some() && layer.is_some() && layer_named != layer {
+            return Err(invalid("layer: the path names another one"));
+        }
+        let layer = layer.or(layer_named);
         if named.is_some() && commit.is_some() && named != commit {
             return Err(invalid("commit: the path names another one"));
         }
         let (path, commit) = (file.into_owned(), commit.or(named));
         let steps = view.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
-        let tree = Tree { opened: RwLock::new(None), path, steps, commit, positioned };
+        let tree = Tree { opened: RwLock::new(None), path, steps, commit, positioned, layer };
         let opened = py.detach(|| tree.open()).or_raise()?;
         if let Some(remark) = opened.tree.remark() {
             jobs::warn(py, &format!("{}: {remark}", tree.path.display()))?;
@@ -198,6 +220,35 @@ impl Tree {
     #[getter]
     fn positioned(&self) -> bool {
         self.positioned
+    }
+
+    /// Names of the file's layers.
+    #[getter]
+    fn names(&self) -> PyResult<Vec<String>> {
+        let opened = self.get()?;
+        // (A view is of one layer, but others of its file can be seen in the same way.)
+        let layers = match self.steps.is_empty() {
+            true => opened.tree.layers().or_raise()?,
+            false => {
+                let (opened, path, steps) = (RwLock::new(None), self.path.clone(), Vec::new());
+                let (commit, positioned) = (self.commit, self.positioned);
+                let file = Tree { opened, path, steps, commit, positioned, layer: None };
+                file.open().and_then(|file| file.tree.layers()).or_raise()?
+            }
+        };
+        Ok(layers.into_iter().map(|layer| layer.name).collect())
+    }
+
+    /// Name of the layer that is read; empty if it is the only one and has none.
+    #[getter]
+    fn layer(&self) -> PyResult<String> {
+        Ok(self.get()?.tree.metadata().name.clone())
+    }
+
+    /// Time of what is seen, if it is known.
+    #[getter]
+    fn time(&self) -> PyResult<Option<String>> {
+        Ok(self.get()?.tree.metadata().time.clone())
     }
 
     /// Number of the commit that is read; `None` if the file has no commits.

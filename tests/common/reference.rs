@@ -120,7 +120,7 @@ fn contains(above: u64, below: u64, bits: u64) -> bool {
     above <= below && below <= above | (u64::MAX >> 1 >> (bits * (above & 31)).min(63))
 }
 
-/// The pages of a directory, whose first starts at a place of the run, and the top of the index, for at most 256 pages.
+/// The pages of a directory, whose first starts at a place of the run, with the levels of the index behind them but for the top; and the top.
 pub fn directory(entries: &[Vec<u8>], bits: u64, start: u64) -> (Vec<u8>, Vec<u8>) {
     let code = |entry: &Vec<u8>| u64::from_le_bytes(entry[..8].try_into().unwrap());
     let (mut pages, mut top) = (Vec::new(), Vec::new());
@@ -139,6 +139,17 @@ pub fn directory(entries: &[Vec<u8>], bits: u64, start: u64) -> (Vec<u8>, Vec<u8
         top.extend((page.len() as u32).to_le_bytes());
         top.extend(crc32c::crc32c(&page).to_le_bytes());
         pages.extend(page);
+    }
+    while top.len() > 256 * 24 {
+        let mut above = Vec::new();
+        for page in top.chunks(256 * 24) {
+            above.extend(&page[..8]);
+            above.extend((start + pages.len() as u64).to_le_bytes());
+            above.extend((page.len() as u32).to_le_bytes());
+            above.extend(crc32c::crc32c(page).to_le_bytes());
+            pages.extend(page);
+        }
+        top = above;
     }
     (pages, top)
 }

@@ -38,6 +38,7 @@ mod goblin;
 mod hostile;
 #[cfg(unix)]
 mod kill;
+mod layers;
 mod literature;
 mod missing;
 mod model_verify;

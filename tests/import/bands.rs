@@ -5,6 +5,7 @@ use std::path::Path;
 use spinney::import::raster::{self, Band, ImportOptions, Pixels, Raster, plan};
 use spinney::io::Output;
 use spinney::space::Region;
+use spinney::value::Number;
 
 use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use crate::common::{Random, with};
@@ -174,9 +175,10 @@ fn names_choose_bands_and_many_are_refused() {
     };
     for (bands, expected) in [("B08", &[50.0][..]), ("B08,B02,2", &[50.0, 10.0, 20.0])] {
         plan(Some(bands)).unwrap().build(Output::create(&out).unwrap(), &()).unwrap();
-        let mut found = [0.0; 4];
+        let mut found = [Number::default(); 4];
         assert!(spinney::open(&out).unwrap().point([0; 3], 0, &mut found).unwrap());
-        assert_eq!(&found[..expected.len()], expected);
+        let numbers: Vec<f64> = found[..expected.len()].iter().map(|number| number.to_f64()).collect();
+        assert_eq!(numbers, expected);
     }
     let message = |bands| plan(bands).err().unwrap().to_string();
     assert!(message(Some("B03")).contains("1 (B02, blue), 2, 3, 4, 5 (B08)"), "{}", message(Some("B03")));

@@ -9,7 +9,7 @@ use spinney::import::raster::{
 use spinney::import::volume::{self, VolumeOptions};
 use spinney::io::Output;
 use spinney::store::{Slab, Slabs};
-use spinney::value::{Kind, SampleType};
+use spinney::value::{Kind, Number, SampleType};
 
 use crate::common::tiff_file::{Ifd, Values, file};
 use crate::common::{Random, with};
@@ -221,8 +221,11 @@ fn layers_have_what_is_told_of_their_bands() {
     let stack = plan_stack(std::slice::from_ref(&input), &StackOptions::new()).unwrap();
     assert_eq!(names(&stack), ["B04", "B08", "s_3"]);
     let [red, infrared, classes] = &stack.layers[..] else { panic!() };
-    assert_eq!((red.nodata, red.kind, red.description.as_str()), (Some(6.0), Kind::Continuous, "B04, red"));
-    assert_eq!((infrared.colour_role.as_str(), infrared.nodata), ("NIR", Some(6.0)));
+    assert_eq!(
+        (red.nodata, red.kind, red.description.as_str()),
+        (Some(6.into()), Kind::Continuous, "B04, red")
+    );
+    assert_eq!((infrared.colour_role.as_str(), infrared.nodata), ("NIR", Some(6.into())));
     assert_eq!(infrared.metadata.scale_offset, [(0.5, 0.0)]);
     assert_eq!(
         (infrared.metadata.units[0].as_str(), infrared.metadata.tags["satellite"].as_str()),
@@ -232,19 +235,19 @@ fn layers_have_what_is_told_of_their_bands() {
     assert!(red.metadata.scoped_tags.is_empty() && red.metadata.scale_offset.is_empty());
     assert_eq!(
         (classes.nodata, classes.kind, classes.rule.name()),
-        (Some(3.0), Kind::Categorical, "majority")
+        (Some(3.into()), Kind::Categorical, "majority")
     );
     assert!(classes.metadata.palette.is_some() && classes.metadata.class_names.len() == 1);
     assert!(red.metadata.palette.is_none() && red.metadata.class_names.is_empty());
     // Bands by name, in another order, with other numbers and names.
     let options = place.options(|it| {
         it.import.bands = Some(vec![Band::Name("B08".into()), Band::Number(1)]);
-        it.import.nodata = Some(1.0);
+        it.import.nodata = Some(1.into());
         it.names = Some(vec!["x".into(), "y".into()]);
     });
     let stack = plan_stack(std::slice::from_ref(&input), &options).unwrap();
     assert_eq!(names(&stack), ["x", "y"]);
-    assert_eq!(stack.layers[0].nodata, Some(1.0));
+    assert_eq!(stack.layers[0].nodata, Some(1.into()));
     assert_eq!(bytes(place.cells(&stack.layers[0])), [2, 5]);
     // Names that are wrong.
     let named = |names: &[&str]| {
@@ -384,7 +387,7 @@ fn pages_are_planes_of_a_volume() {
             placed(ifd.short(277, &[bands as u16]).short(262, &[if bands == 3 { 2 } else { 1 }]), CORNER, 2.0)
         };
         let input = place.write("v.tif", &planes.iter().map(page).collect::<Vec<_>>());
-        let options = with(VolumeOptions::new(), |it| it.nodata = (bands == 1).then_some(5.0));
+        let options = with(VolumeOptions::new(), |it| it.nodata = (bands == 1).then_some(5.into()));
         volume::plan_pages(&input, &options).unwrap().build(Output::create(&out).unwrap(), &()).unwrap();
         let tree = spinney::open(&out).unwrap();
         assert_eq!((tree.header().extent, tree.depth()), ([70, 66, 5], 7));
@@ -398,10 +401,10 @@ fn pages_are_planes_of_a_volume() {
                 8 => bytes.iter().map(|byte| f64::from(*byte)).collect(),
                 _ => vec![f64::from(u16::from_le_bytes([bytes[0], bytes[1]]))],
             };
-            let mut found = [0.0; 4];
+            let mut found = [Number::default(); 4];
             let is_there = tree.point([x, y, z], tree.depth(), &mut found).unwrap();
             assert_eq!(is_there, bands > 1 || expected != [5.0], "{x} {y} {z}");
-            assert!(!is_there || found[..bands] == expected, "{x} {y} {z}");
+            assert!(!is_there || found[..bands].iter().map(|n| n.to_f64()).eq(expected), "{x} {y} {z}");
         }
     }
     // Pages that are not alike, or have masks.

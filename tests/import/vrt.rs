@@ -276,12 +276,12 @@ fn what_a_virtual_raster_says_is_kept() {
     assert_eq!((info.tags["a"].as_str(), info.order), ("b", Order::Bands));
     let red = raster::select(open(&path), &[Band::Name("B04".into())]).unwrap();
     let info = red.info();
-    assert_eq!((info.sample, info.nodata, info.units[0].as_str()), (SampleType::U8, Some(0.0), "m"));
+    assert_eq!((info.sample, info.nodata, info.units[0].as_str()), (SampleType::U8, Some(0.into()), "m"));
     assert_eq!((info.scale_offset[0], info.colour_roles[0].as_str()), ((0.5, 0.0), "Red"));
     assert!(info.class_names.is_empty() && info.palette.is_none() && info.scoped_tags.len() == 1);
     let classes = raster::select(open(&path), &[Band::Name("SCL".into())]).unwrap();
     let info = classes.info();
-    assert_eq!((info.sample, info.nodata, info.class_names.len()), (SampleType::U16, Some(9.0), 2));
+    assert_eq!((info.sample, info.nodata, info.class_names.len()), (SampleType::U16, Some(9.into()), 2));
     assert_eq!(info.palette.as_ref().unwrap().colours, [[1, 2, 3, 255]]);
 }
 

@@ -69,7 +69,7 @@ mod tests {
     fn what_was_not_used_for_longest_gives_way() {
         let mut cache = SegmentCache::new(10);
         let bytes = |length: usize| Arc::new(vec![0; length]);
-        (0..3).for_each(|index| cache.put(offset, bytes(3)));
+        (0..3).for_each(|index| cache.put(index, bytes(3)));
         assert!(cache.get(0).is_some());
         cache.put(3, bytes(3));
         assert_eq!([0, 1, 2, 3].map(|index| cache.get(index).is_some()), [true, false, true, true]);

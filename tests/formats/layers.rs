@@ -1,0 +1,346 @@
+//! Files of several layers: each is the tree that it would be alone, whatever stands beside it.
+
+use std::path::{Path, PathBuf};
+
+use spinney::dataset::Dataset;
+use spinney::io::Output;
+use spinney::ops::{self, Chain, Edit, FillRegion};
+use spinney::space::{Bounds, Code, Dimension};
+use spinney::store::autumnal::{Autumnal, History, Note};
+use spinney::store::goblin::Goblin;
+use spinney::store::{FilePlace, Metadata, OpenOptions, TreeWriter};
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule, SampleType, ValueType};
+
+use crate::common::command::{is_alone, own_peak_memory};
+use crate::common::reference::{self, Cut};
+use crate::common::{Cells, QUAD, Random, goblin_bytes, options, quad, value, value_types, write_cells};
+use crate::targets::{seal, trees::ask_goblin};
+
+/// A layer to be written.
+struct Layer {
+    name: String,
+    cells: Cells,
+    rule: Rule,
+    kind: Kind,
+    depth: u8,
+}
+
+/// Layers of all types, some of larger cells, that lie in a space of 2^9 cells.
+fn random_layers(count: usize, seed: u64) -> Vec<Layer> {
+    let mut random = Random(seed);
+    let types = value_types();
+    let layer = |number: usize| {
+        let value = types[random.below(types.len() as u64) as usize];
+        let coarser = random.below(3) as u8;
+        let side = 300u64 >> coarser;
+        let size = [side + random.below(9), side - random.below(9), 1];
+        let cells = Cells::random(Form::new(Dimension::Quad, value), random.next(), size, 9, true);
+        let rule = Rule::ALL[random.below(6) as usize];
+        let kind = if random.below(2) == 0 { Kind::Categorical } else { Kind::Continuous };
+        Layer { name: format!("layer {number}"), cells, rule, kind, depth: 9 - coarser }
+    };
+    (0..count).map(layer).collect()
+}
+
+fn write(layers: &[Layer], path: &Path) {
+    let output = Output::create(path).unwrap();
+    let mut file = TreeWriter::create(output, (Dimension::Quad, 9), layers.len() as u32).unwrap();
+    for layer in layers {
+        let metadata = Metadata { name: layer.name.clone(), ..Metadata::default() };
+        let options = options(layer.rule, layer.kind, layer.depth).metadata(metadata);
+        let nodata = value(layer.cells.form.value, 250);
+        let mut slabs = layer.cells.slabs(nodata);
+        file.slabs(layer.cells.form, &mut slabs, Some(nodata), &options, &()).unwrap();
+    }
+    file.finish().unwrap();
+}
+
+/// All cells of a dataset, and those of some coarser levels.
+fn windows(tree: &Dataset) -> Vec<(Vec<u8>, Vec<bool>)> {
+    let window = |level: u8| {
+        let bounds = tree.extent_at(level);
+        let cells = bounds.volume() as usize;
+        let (mut bytes, mut valid) = (vec![0; cells * tree.header().form.width()], vec![false; cells]);
+        tree.window(level, &bounds, 0.0, &mut bytes, Some(&mut valid)).unwrap();
+        (bytes, valid)
+    };
+    [tree.depth(), 4, 1, 0].map(window).to_vec()
+}
+
+fn same(found: &Dataset, expected: &Dataset) {
+    assert_eq!(found.header(), expected.header());
+    assert!(windows(found) == windows(expected), "{}", found.name().display());
+    let [mut found, mut expected] = [found, expected].map(|tree| tree.statistics(None, &()).unwrap());
+    (found.segments_read, expected.segments_read) = (0, 0);
+    assert_eq!(found, expected);
+}
+
+/// The run of a layer in a file's bytes.
+fn run(file: &[u8], number: usize) -> &[u8] {
+    let layer = seal::layers(file)[number];
+    let (start, length) = (seal::long(file, layer + 88) as usize, seal::long(file, layer + 96) as usize);
+    &file[start..start + length]
+}
+
+#[test]
+fn each_layer_is_the_tree_that_it_would_be_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    for (round, count) in [1, 2, 5, 13, 40].into_iter().enumerate() {
+        let layers = random_layers(count, round as u64);
+        let [goblin, autumn, back] =
+            ["s.goblin", "s.autumn", "back.goblin"].map(|name| folder.path().join(format!("{round}{name}")));
+        write(&layers, &goblin);
+        write(&layers, &autumn);
+        let bytes = std::fs::read(&goblin).unwrap();
+        for path in [&goblin, &autumn] {
+            let file = spinney::open(path).unwrap();
+            assert_eq!(file.verify(1 << 24, &()).unwrap(), [], "{}", path.display());
+            let names: Vec<String> = file.layers().unwrap().into_iter().map(|layer| layer.name).collect();
+            assert!(names.iter().eq(layers.iter().map(|layer| &layer.name)));
+            for (number, layer) in layers.iter().enumerate() {
+                let alone = folder.path().join("alone.goblin");
+                write(&random_layers(count, round as u64)[number..=number], &alone);
+                let expected = spinney::open(&alone).unwrap();
+                same(&file.layer(&layer.name).unwrap(), &expected);
+                same(&file.layer(&number.to_string()).unwrap(), &expected);
+                let place = FilePlace::of(path).of_layer(&layer.name);
+                same(&spinney::open(&place).unwrap(), &expected);
+                if path == &goblin {
+                    assert!(run(&bytes, number) == run(&std::fs::read(&alone).unwrap(), 0));
+                }
+            }
+            assert!(file.layer("no such").is_err());
+        }
+        // To the other format and back: the same bytes.
+        ops::convert(&autumn, false, Output::create(&back).unwrap(), 1 << 24, &()).unwrap();
+        assert!(std::fs::read(&back).unwrap() == bytes);
+    }
+}
+
+#[test]
+fn bytes_do_not_depend_on_the_order_of_the_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let cells = Cells::random(quad(SampleType::U16, 1), 5, [1100, 700, 1], 9, true);
+    let [rows, tree] = ["rows.goblin", "tree.goblin"].map(|name| folder.path().join(name));
+    // In bands of rows, which is not the order of the file, and node by node.
+    std::fs::write(&rows, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    ops::convert(&rows, false, Output::create(&tree).unwrap(), 1 << 24, &()).unwrap();
+    assert!(std::fs::read(&rows).unwrap() == std::fs::read(&tree).unwrap());
+}
+
+#[test]
+fn layers_come_and_go() {
+    let folder = tempfile::tempdir().unwrap();
+    let layers = random_layers(4, 77);
+    for name in ["s.goblin", "s.autumn"] {
+        let [path, all] = [folder.path().join(name), folder.path().join(format!("all.{name}"))];
+        write(&layers[..2], &path);
+        write(&layers, &all);
+        for layer in &layers[2..] {
+            let alone = folder.path().join("alone.goblin");
+            write(std::slice::from_ref(layer), &alone);
+            let chain = Chain::of(&alone);
+            let commit = ops::add_layer(&path, &layer.name, &chain, Note::default(), 1 << 24, &()).unwrap();
+            assert_eq!(commit.is_some(), name.ends_with("autumn"));
+            assert!(ops::add_layer(&path, &layer.name, &chain, Note::default(), 1 << 24, &()).is_err());
+        }
+        let (found, expected) = (spinney::open(&path).unwrap(), spinney::open(&all).unwrap());
+        assert_eq!(found.verify(1 << 24, &()).unwrap(), []);
+        for layer in &layers {
+            same(&found.layer(&layer.name).unwrap(), &expected.layer(&layer.name).unwrap());
+        }
+        ops::drop_layer(&path, "layer 1", Note::default(), 1 << 24, &()).unwrap();
+        let found = spinney::open(&path).unwrap();
+        let names: Vec<String> = found.layers().unwrap().into_iter().map(|layer| layer.name).collect();
+        assert_eq!(names, ["layer 0", "layer 2", "layer 3"]);
+        assert_eq!(found.verify(1 << 24, &()).unwrap(), []);
+        same(&found.layer("layer 3").unwrap(), &expected.layer("layer 3").unwrap());
+        let error = ops::drop_layer(&path, "layer 1", Note::default(), 1 << 24, &()).err().unwrap();
+        assert!(error.to_string().contains("`layer 2`"), "{error}");
+    }
+}
+
+/// A layer of another grid than the file's is refused; one of larger cells takes its place.
+#[test]
+fn layers_lie_in_one_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, other] = ["s.goblin", "other.goblin"].map(|name| folder.path().join(name));
+    let layers = random_layers(1, 3);
+    write(&layers, &path);
+    for (matrix, fits) in [(1.0, true), (2.0, true), (8.0, true), (3.0, false), (0.5, false)] {
+        let cells = Cells::random(QUAD, 1, [30, 30, 1], 9, true);
+        let mut metadata = Metadata::default();
+        (metadata.frame.matrix[0][0], metadata.frame.matrix[1][1]) = (matrix, matrix);
+        let options = options(Rule::Mean, Kind::Continuous, 5).metadata(metadata);
+        write_cells(&other, &cells, &options);
+        let name = format!("by {matrix}");
+        let added = ops::add_layer(&path, &name, &Chain::of(&other), Note::default(), 1 << 24, &());
+        assert_eq!(added.is_ok(), fits, "{matrix}: {:?}", added.err());
+    }
+    let file = spinney::open(&path).unwrap();
+    let depth = spinney::open(&path).unwrap().depth();
+    let depths: Vec<u8> = file.layers().unwrap().iter().map(|layer| layer.header.depth()).collect();
+    assert_eq!(depths, [depth, depth, depth - 1, depth - 3]);
+}
+
+/// Every commit is one state of all layers; what an edit leaves alone keeps its root.
+#[test]
+fn edits_of_one_layer_leave_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.autumn");
+    let layers = random_layers(3, 8);
+    write(&layers, &path);
+    let before: Vec<_> = (0..3).map(|number| windows(&layer_of(&path, number))).collect();
+    let name = FilePlace::of(&path).of_layer("layer 1");
+    let bounds = Bounds { min: [3, 4, 0], max: [40, 30, 1] };
+    let fill = || Ok(Edit::Fill(FillRegion::Box(bounds), None));
+    ops::edit(&name, [fill()], Note::default(), 1 << 24, &()).unwrap().unwrap();
+    // (A file of several layers is edited by the layer's name.)
+    let file = spinney::open(&path).unwrap();
+    assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+    for (number, before) in before.iter().enumerate() {
+        assert_eq!(windows(&layer_of(&path, number)) == *before, number != 1, "layer {number}");
+        let old = folder.path().join("s.autumn@1");
+        assert!(
+            windows(&spinney::open(&FilePlace::of(&old).of_layer(&layers[number].name)).unwrap()) == *before
+        );
+    }
+    let commits: Vec<_> =
+        History::open(&path, &OpenOptions::new()).unwrap().commits().map(Result::unwrap).collect();
+    assert!(commits.iter().all(|commit| commit.layers().len() == 3));
+    assert!(commits[0].written.bytes < commits[1].written.bytes / 4, "{commits:?}");
+    // Back to the first: one layer is what it was.
+    ops::edit(&name, [Ok(Edit::Revert(1))], Note::default(), 1 << 24, &()).unwrap().unwrap();
+    assert!(windows(&layer_of(&path, 1)) == before[1]);
+    // Compacted, with all layers.
+    let compact = folder.path().join("c.autumn");
+    let keep = spinney::store::autumnal::Keep::Last(2);
+    let output = Output::create(&compact).unwrap();
+    spinney::store::autumnal::compact(&path, &keep, false, output, 1 << 24, &()).unwrap();
+    assert_eq!(spinney::open(&compact).unwrap().verify(1 << 24, &()).unwrap(), []);
+    for (number, before) in before.iter().enumerate() {
+        assert!(windows(&layer_of(&compact, number)) == *before);
+    }
+}
+
+fn layer_of(path: &Path, number: usize) -> Dataset {
+    spinney::open(path).unwrap().layer(&number.to_string()).unwrap()
+}
+
+#[test]
+fn names_of_layers_are_different_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    for names in [["a", "a"], ["a", ""]] {
+        for file in ["s.goblin", "s.autumn"] {
+            let path = folder.path().join(file);
+            let output = Output::create(&path).unwrap();
+            let mut writer = TreeWriter::create(output, (Dimension::Quad, 9), 2).unwrap();
+            let results = names.map(|name| {
+                let layer = &random_layers(1, 5)[0];
+                let metadata = Metadata { name: name.into(), ..Metadata::default() };
+                let options = options(layer.rule, layer.kind, layer.depth).metadata(metadata);
+                let nodata = value(layer.cells.form.value, 250);
+                let mut slabs = layer.cells.slabs(nodata);
+                writer.slabs(layer.cells.form, &mut slabs, Some(nodata), &options, &())
+            });
+            assert!(results[0].is_ok() && results[1].is_err(), "{names:?}");
+            assert!(writer.finish().is_err() && !path.exists());
+        }
+    }
+}
+
+/// Directories of so many segments that the index over their pages has two levels.
+#[test]
+fn directories_of_very_many_segments_are_found() {
+    let cells = Cells::random(QUAD, 3, [400, 390, 1], 200, false);
+    let tree = cells.tree(Rule::Mean);
+    let file = reference::goblin(&tree, [400, 390, 1], (Rule::Mean, Kind::Continuous), Cut::EVERYWHERE);
+    let expected =
+        Dataset::of(Goblin::from_bytes(goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap().into());
+    let expected = expected.unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cut.goblin");
+    std::fs::write(&path, &file).unwrap();
+    for options in [OpenOptions::new(), OpenOptions::new().positioned(1 << 20)] {
+        let file = Goblin::open(&path, &options).unwrap();
+        assert!(file.segments() > 256 * 128, "{} segments", file.segments());
+        let mut random = Random(4);
+        for _ in 0..500 {
+            let cell = [random.below(400) as u32, random.below(390) as u32, 0];
+            let code = Code::from_cell(Dimension::Quad, 9, cell).unwrap();
+            let found = file.value_at(code).unwrap();
+            assert_eq!(found, cells.get(cell.map(u64::from)), "{cell:?}");
+        }
+        assert!(windows(&Dataset::of(file.into()).unwrap()) == windows(&expected));
+    }
+    let file = Goblin::from_bytes(file).unwrap();
+    assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+}
+
+/// Tables of layers that lie: an error, or an answer that does no harm.
+#[test]
+fn tables_of_layers_that_lie() {
+    if !is_alone("layers::tables_of_layers_that_lie") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s.goblin");
+    write(&random_layers(3, 21), &path);
+    let file = std::fs::read(&path).unwrap();
+    let tables = seal::layers(&file);
+    assert_eq!(tables.len(), 3);
+    let mut random = Random(6);
+    for layer in tables {
+        for at in 0..seal::LAYER {
+            for wrong in [0, 1, 0x7f, 0xff, file[layer + at] ^ 1 << random.below(8)] {
+                let mut file = file.clone();
+                file[layer + at] = wrong;
+                seal::goblin(&mut file);
+                if let Ok(first) = Goblin::from_bytes(file.clone()) {
+                    (0..first.layers().len()).for_each(|number| drop(first.open_layer(number)));
+                }
+                ask_goblin(file);
+            }
+        }
+    }
+    // Runs on top of each other, and a layer twice.
+    let [first, second] = [0, 1].map(|number| seal::layers(&file)[number]);
+    let mut twice = file.clone();
+    twice.copy_within(first..first + 54, second);
+    twice.copy_within(first + 56..first + seal::LAYER, second + 56);
+    seal::goblin(&mut twice);
+    drop(Goblin::from_bytes(twice));
+    assert!(own_peak_memory() < 1 << 30, "{} bytes", own_peak_memory());
+}
+
+/// A hundred layers are open at once, and read one by one.
+#[test]
+fn a_hundred_layers() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, autumn]: [PathBuf; 2] = ["s.goblin", "s.autumn"].map(|name| folder.path().join(name));
+    let layers: Vec<Layer> = (0..100)
+        .map(|number| Layer {
+            name: format!("2020-{number:03}"),
+            cells: Cells::random(
+                Form::new(Dimension::Quad, ValueType::new(SampleType::U16, 1)),
+                number,
+                [20, 20, 1],
+                9,
+                true,
+            ),
+            rule: Rule::Mean,
+            kind: Kind::Continuous,
+            depth: 9,
+        })
+        .collect();
+    write(&layers, &path);
+    write(&layers, &autumn);
+    assert_eq!(Autumnal::open(&autumn, &OpenOptions::new()).unwrap().commit().layers().len(), 100);
+    let file = Goblin::open(&path, &OpenOptions::new()).unwrap();
+    for (number, layer) in layers.iter().enumerate() {
+        let tree = file.open_layer(number).unwrap();
+        let code = Code::from_cell(Dimension::Quad, 9, [7, 9, 0]).unwrap();
+        assert_eq!(tree.value_at(code).unwrap(), layer.cells.get([7, 9, 0]));
+    }
+}
