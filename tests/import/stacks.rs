@@ -8,6 +8,7 @@ use spinney::import::raster::{
 };
 use spinney::import::volume::{self, VolumeOptions};
 use spinney::io::Output;
+use spinney::ops::Resampling;
 use spinney::store::{Slab, Slabs};
 use spinney::value::{Kind, Number, SampleType};
 
@@ -417,4 +418,59 @@ fn pages_are_planes_of_a_volume() {
     let made =
         volume::plan_pages(&masked, &VolumeOptions::new()).unwrap().build(Output::create(&out).unwrap(), &());
     assert!(made.unwrap_err().to_string().contains("masks"));
+}
+
+#[test]
+fn other_grids_are_warped_if_that_is_said() {
+    let place = Place::new();
+    let mut random = Random(12);
+    let first = place.write("first.tif", &[placed(Ifd::grey(30, 30, vec![1; 900]), CORNER, 10.0)]);
+    let pixels = noise(&mut random, 256);
+    // Pixels of 15 m, one to the right and below of the corner; and of 45 m.
+    let [x, y] = CORNER;
+    let second =
+        place.write("second.tif", &[placed(Ifd::grey(16, 16, pixels.clone()), [x + 15.0, y - 15.0], 15.0)]);
+    let coarse = noise(&mut random, 36);
+    let third = place.write("third.tif", &[placed(Ifd::grey(6, 6, coarse.clone()), [x + 1.0, y], 45.0)]);
+    let options = place.options(|it| it.resampling = Some(Resampling::Nearest));
+    let stack = plan_stack(&[first, second.clone(), third], &options).unwrap();
+    let about: Vec<_> =
+        stack.layers.iter().map(|layer| (layer.coarser, layer.repeat, layer.extent)).collect();
+    assert_eq!(about, [(0, 1, [30, 30, 1]), (0, 0, [30, 30, 1]), (2, 0, [8, 8, 1])]);
+    assert_eq!(stack.layers[2].metadata.frame.affine(), [40.0, 0.0, x, 0.0, -40.0, y]);
+    let check = |layer: &StackLayer, cell: f64, start: f64, width: f64, side: usize, pixels: &[u8]| {
+        let [across, ..] = layer.extent;
+        let pixel = |at: u64, start: f64| {
+            let found = ((at as f64 + 0.5) * cell - start) / width;
+            (found >= 0.0 && found < side as f64).then_some(found as usize)
+        };
+        for (at, found) in (0..).zip(place.cells(layer)) {
+            let start_y = if start == 1.0 { 0.0 } else { start };
+            let place = (pixel(at % across, start), pixel(at / across, start_y));
+            let expected =
+                if let (Some(x), Some(y)) = place { Some(vec![pixels[y * side + x]]) } else { None };
+            assert_eq!(found, expected, "{at} of {}", layer.name);
+        }
+    };
+    check(&stack.layers[1], 10.0, 15.0, 15.0, 16, &pixels);
+    check(&stack.layers[2], 40.0, 1.0, 45.0, 6, &coarse);
+    assert!(stack.layers[2].to_string().ends_with("warped to cells 4 times as wide"), "{}", stack.layers[2]);
+    // Another system: the next zone, whose grid is turned.
+    let keys = [1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32633];
+    let zone = placed(Ifd::grey(400, 400, noise(&mut random, 160_000)), [-180_000.0, 5_040_000.0], 50.0)
+        .short(34735, &keys);
+    let zone = place.write("zone.tif", &[zone]);
+    let stack = plan_stack(&[second, zone.clone()], &options).unwrap();
+    assert_eq!((stack.layers[1].extent, stack.layers[1].repeat), ([16, 16, 1], 0));
+    assert!(place.cells(&stack.layers[1]).iter().any(Option::is_some));
+    // What lies nowhere cannot be warped.
+    let nowhere = place.write("nowhere.tif", &[Ifd::grey(3, 3, vec![1; 9])]);
+    assert!(plan_stack(&[zone, nowhere], &options).is_err());
+    assert!(
+        fs::read_dir(place.0.path()).unwrap().all(|entry| !entry
+            .unwrap()
+            .file_name()
+            .to_string_lossy()
+            .starts_with(".spinney"))
+    );
 }

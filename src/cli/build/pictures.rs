@@ -54,11 +54,11 @@ pub(super) struct PictureArgs {
     /// picture's pixels, in its middle]
     #[arg(long, value_name = "Z")]
     pub(super) max_zoom: Option<u8>,
-    /// Resampling, with --grid: nearest, bilinear, cubic, area or majority [default: nearest class or bilinear amounts;
+    /// Resampling, with --grid, or with --stack of files that lie on other grids than the finest: nearest, bilinear, cubic, area or majority [default: nearest class or bilinear amounts;
     /// majority or area where cells are more than 1.5 times as large as pixels]
     #[arg(long, value_name = "WAY")]
     resampling: Option<Resampling>,
-    /// Take datums for WGS 84 whose shift to it is unknown or needs a grid, with --grid: may be off by some hundred metres
+    /// Take datums for WGS 84 whose shift to it is unknown or needs a grid, with --grid or --stack: may be off by some hundred metres
     #[arg(long)]
     allow_ballpark: bool,
 }
@@ -193,6 +193,7 @@ impl PictureArgs {
         let mut options = StackOptions::new();
         options.import = self.import_options(common)?;
         (options.names, options.every_page) = (self.names.clone(), every_page);
+        (options.resampling, options.allow_ballpark) = (self.resampling, self.allow_ballpark);
         Ok(Some(options))
     }
 

@@ -73,6 +73,17 @@ pub struct RasterImport {
 }
 
 impl RasterImport {
+    /// A plan of which all is known.
+    pub(super) fn of(
+        raster: Box<dyn Raster>,
+        value: ValueType,
+        nodata: Option<f64>,
+        options: BuildOptions,
+        memory: u64,
+    ) -> RasterImport {
+        RasterImport { raster, value, nodata, options, memory, remarks: Vec::new(), description: Vec::new() }
+    }
+
     /// Description of the plan: pairs of a heading and its text.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description

@@ -16,7 +16,7 @@ const MOST_REPEATED: u64 = 1000;
 pub(super) struct Place {
     /// Levels that trees of such cells have less than those of the finest.
     pub(super) levels: u8,
-    /// Such cells that a pixel is wide.
+    /// Such cells that a pixel is wide; 0 if the picture lies on another grid and is warped.
     pub(super) repeat: u64,
 }
 
@@ -30,37 +30,57 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// The grid of pictures; nothing if there are none.
-    pub(super) fn of(pictures: &[Picture]) -> Result<Option<Grid>> {
+    /// The grid of pictures; nothing if there are none. Those that do not lie on it are refused, unless they may be warped.
+    pub(super) fn of(pictures: &[Picture], warp: bool) -> Result<Option<Grid>> {
+        let Some(first) = pictures.first() else { return Ok(None) };
+        // (Cells of other systems are as large as anything.)
+        let in_system = |picture: &&Picture| !warp || is_same_system(first, picture);
         let area = |picture: &&Picture| {
             let [a, b, _, d, e, _] = picture.info.frame.affine();
             (a * e - b * d).abs()
         };
-        let Some(finest) = pictures.iter().min_by(|a, b| area(a).total_cmp(&area(b))) else {
-            return Ok(None);
-        };
+        let finest = pictures.iter().filter(in_system).min_by(|a, b| area(a).total_cmp(&area(b)));
+        let finest = finest.unwrap_or(first);
         let mut grid = Grid { frame: finest.info.frame.clone(), extent: [0, 0], places: Vec::new() };
         for picture in pictures {
-            let factor = factor(finest, picture)?;
-            let place =
-                Place { levels: factor.trailing_zeros() as u8, repeat: factor >> factor.trailing_zeros() };
-            if place.repeat > MOST_REPEATED {
-                let found = format!("pixels of {factor} x {factor} of {}", finest.path.display());
-                return Err(refused(picture, found, finest));
-            }
-            for (extent, side) in grid.extent.iter_mut().zip([picture.info.width, picture.info.height]) {
-                *extent = (*extent).max(side.saturating_mul(factor));
-            }
+            let can_warp = warp && [finest, picture].iter().all(|picture| picture.info.frame.crs.is_some());
+            let place = match factor(finest, picture) {
+                Ok(factor) => {
+                    for (extent, side) in
+                        grid.extent.iter_mut().zip([picture.info.width, picture.info.height])
+                    {
+                        *extent = (*extent).max(side.saturating_mul(factor));
+                    }
+                    let levels = factor.trailing_zeros();
+                    Place { levels: levels as u8, repeat: factor >> levels }
+                }
+                Err(_) if can_warp => {
+                    // As fine as its pixels, or finer.
+                    let wide =
+                        if is_same_system(finest, picture) { area(&picture) / area(&finest) } else { 1.0 };
+                    let levels = wide.sqrt().log2().floor().clamp(0.0, 24.0);
+                    Place { levels: levels as u8, repeat: 0 }
+                }
+                Err(error) => return Err(error),
+            };
             grid.places.push(place);
         }
         Ok(Some(grid))
     }
 }
 
+fn is_same_system(a: &Picture, b: &Picture) -> bool {
+    match (&a.info.frame.crs, &b.info.frame.crs) {
+        (None, None) => true,
+        (Some(a), Some(b)) => a.is_same(b),
+        _ => false,
+    }
+}
+
 fn refused(picture: &Picture, found: String, finest: &Picture) -> Error {
     let expected = format!(
         "pixels as large as those of {}, or a whole number of times (the odd part at most {MOST_REPEATED}), from the same corner; \
-         warp it to such a grid first (`gdalwarp -tr WIDTH HEIGHT -te ...`), or build it alone with --grid and --resampling",
+         --resampling warps others to the grid",
         finest.path.display()
     );
     Error::invalid(format!("grid of {}", picture.path.display()), found, expected)
@@ -95,7 +115,12 @@ fn factor(finest: &Picture, picture: &Picture) -> Result<u64> {
         found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() <= TOLERANCE)
     });
     if fits && (1.0..=MOST).contains(&factor) {
-        return Ok(factor as u64);
+        let factor = factor as u64;
+        if factor >> factor.trailing_zeros() > MOST_REPEATED {
+            let found = format!("pixels of {factor} x {factor} of its cells");
+            return Err(refused(picture, found, finest));
+        }
+        return Ok(factor);
     }
     let [dx, dy] = [(right[0] - corner[0]) / width, (below[1] - corner[1]) / height];
     let found = format!("pixels of {dx} x {dy} of its cells, from its cell {}, {} on", corner[0], corner[1]);

@@ -4,17 +4,21 @@ use std::fmt::{self, Display};
 use std::path::{Path, PathBuf};
 
 use super::super::bands::select_channels;
-use super::super::build::bands_memory;
-use super::super::plan::{ImportOptions, kind, metadata, tell};
+use super::super::build::{TargetGrid, bands_memory};
+use super::super::plan::{ImportOptions, RasterImport, kind, metadata, tell};
 use super::super::sidecar::Described;
 use super::super::{Band, Order, Raster, RasterInfo, RasterOptions, RasterSlabs, bands, open, spill};
-use super::Picture;
 use super::grid::Place;
-use super::raster::{Masked, Repeated};
+use super::raster::{Masked, OfTree, Repeated};
+use super::{Picture, StackOptions};
+use spinney_base::io::Output;
 use spinney_base::value::{Kind, Number, Rule, ValueType};
-use spinney_base::{Error, Progress, Result};
-use spinney_container::Metadata;
+use spinney_base::{Error, PartOfWork, Progress, Result};
+use spinney_container::{Metadata, OpenOptions};
 use spinney_crs::Frame;
+use spinney_engine::dataset;
+use spinney_engine::ops::{WarpGrid, WarpOptions};
+use spinney_engine::store::{BuildOptions, depth_for};
 
 /// A layer of a stack, whose file is opened when its turn comes: see [`StackLayer::slabs`].
 #[derive(Clone, Debug)]
@@ -38,7 +42,8 @@ pub struct StackLayer {
     pub metadata: Metadata,
     /// Levels that its tree has less than one of the finest cells: its own are 2 to the power of that as wide.
     pub coarser: u8,
-    /// Cells that each pixel of the file became along a side: the file's pixels are as many times as wide.
+    /// Cells that each pixel of the file became along a side: the file's pixels are as many times as wide; 0 if the file lay on
+    /// another grid and is warped.
     pub repeat: u64,
     /// Cells along each axis.
     pub extent: [u64; 3],
@@ -51,6 +56,16 @@ pub struct StackLayer {
     keeps_transparent: bool,
     /// The whole picture: columns, rows and channels.
     picture: [u64; 3],
+    warping: Option<Warping>,
+}
+
+/// The way of a picture to the grid of a stack.
+#[derive(Clone, Debug)]
+struct Warping {
+    /// The picture's own place.
+    frame: Frame,
+    grid: WarpGrid,
+    options: WarpOptions,
 }
 
 /// Channels of a picture that are one layer.
@@ -140,7 +155,25 @@ impl StackLayer {
             is_one_of_several: several,
             keeps_transparent: import.keep_transparent,
             picture: [picture.info.width, picture.info.height, picture.info.channels as u64],
+            warping: (place.repeat == 0).then(|| Warping {
+                frame: picture.info.frame.clone(),
+                grid: WarpGrid { frame: finest.coarser(place.levels), extent: [1; 3] },
+                options: WarpOptions::default(),
+            }),
         })
+    }
+
+    /// Plans to warp the layer to the grid of a stack.
+    ///
+    /// # Errors
+    /// If that cannot be.
+    pub(super) fn warp_to(&mut self, finest: &Frame, extent: [u64; 3], how: &StackOptions) -> Result<()> {
+        let Some(warping) = &mut self.warping else { return Ok(()) };
+        let [width, height, _] = extent.map(|side| side.div_ceil(1 << self.coarser));
+        self.extent = [width, height, 1];
+        warping.grid = WarpGrid { frame: finest.coarser(self.coarser), extent: self.extent };
+        (warping.options.resampling, warping.options.allow_ballpark) = (how.resampling, how.allow_ballpark);
+        Ok(())
     }
 
     /// The first of its channels in the file, from 0.
@@ -175,6 +208,9 @@ impl StackLayer {
             return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
         }
         let room = memory / 2;
+        if let Some(warping) = &self.warping {
+            raster = self.warped(raster, warping, folder, memory, progress)?;
+        }
         if self.repeat > 1 {
             if !raster.reads_anywhere() {
                 raster = spill(raster, folder, room / 2, progress)?;
@@ -186,11 +222,40 @@ impl StackLayer {
         }
         Ok(RasterSlabs::new(raster, room))
     }
+
+    /// The raster on the stack's grid, by way of trees in a temporary folder.
+    fn warped(
+        &self,
+        raster: Box<dyn Raster>,
+        warping: &Warping,
+        folder: &Path,
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<Box<dyn Raster>> {
+        let Warping { frame, grid, options } = warping;
+        let size = [raster.info().width, raster.info().height, 1];
+        let metadata = Metadata { frame: frame.clone(), ..self.metadata.clone() };
+        let how = BuildOptions::new(self.kind, depth_for(size))
+            .rule(self.rule)
+            .memory(memory / 2)
+            .metadata(metadata);
+        let import = RasterImport::of(raster, self.value, self.nodata, how, memory);
+        let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(folder);
+        let temporary = temporary.map_err(Error::io(folder, "make a temporary folder in"))?;
+        let path = temporary.path().join("warped.goblin");
+        let cells = self.extent.iter().product();
+        let target = TargetGrid::Cells(Box::new(grid.clone()));
+        // (The cells are counted when they are written to the layer.)
+        let output = Output::create(&path)?;
+        import.build_warped(&target, options, output, &PartOfWork::new(progress, 0, cells))?;
+        let tree = dataset::open(&path, &OpenOptions::default())?;
+        Ok(Box::new(OfTree::new(tree, temporary, &self.path, self.nodata)))
+    }
 }
 
 impl Display for StackLayer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [width, height, _] = self.extent.map(|side| side / self.repeat);
+        let [width, height, _] = self.extent.map(|side| side / self.repeat.max(1));
         write!(
             f,
             "{}: {width} x {height} pixels of {}, {}, {}",
@@ -202,6 +267,7 @@ impl Display for StackLayer {
         let wide = (1 << self.coarser) * self.repeat;
         match (wide, self.repeat) {
             (1, _) => Ok(()),
+            (0, _) => write!(f, ", warped to cells {} times as wide", 1 << self.coarser),
             (wide, 1) => write!(f, ", {wide} times as wide"),
             (wide, repeat) => write!(f, ", {wide} times as wide: {repeat} x {repeat} cells each"),
         }

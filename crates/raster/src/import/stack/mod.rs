@@ -17,6 +17,7 @@ use super::{RasterInfo, RasterOptions, open, tiff};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
+use spinney_engine::ops::Resampling;
 
 /// Options for a stack.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -28,6 +29,10 @@ pub struct StackOptions {
     pub names: Option<Vec<String>>,
     /// Whether each page of a TIFF file makes layers.
     pub every_page: bool,
+    /// The way to the grid for files that lie on another one, which are refused otherwise.
+    pub resampling: Option<Resampling>,
+    /// Takes datums for WGS 84 whose shift to it is unknown or needs a grid: may be off by some hundred metres.
+    pub allow_ballpark: bool,
 }
 
 impl StackOptions {
@@ -80,7 +85,7 @@ struct Picture {
 ///
 /// All lie at one corner, with cells that are as large as the finest ones, or a whole number of times. Layers whose cells are 2^k times as
 /// large as the finest have trees of k levels fewer; of others each pixel becomes several cells, of the largest such size that is a whole
-/// part of it.
+/// part of it. Those on other grids are warped to cells about as large as their pixels, if a way of resampling is said.
 ///
 /// # Errors
 /// If a file cannot be read, the files do not lie on such grids, or the options do not fit them; if two layers have one name.
@@ -96,7 +101,7 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
         tell(&mut picture.info, import, &mut overruled);
         remarks.extend(picture.info.remark.take().map(|remark| (picture.path.clone(), remark)));
     }
-    let Some(grid) = Grid::of(&pictures)? else {
+    let Some(grid) = Grid::of(&pictures, options.resampling.is_some())? else {
         return Err(Error::invalid("inputs", "none", "at least one raster"));
     };
     let mut frame = grid.frame.clone();
@@ -116,7 +121,12 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
         let divided = divide(&picture.path, &picture.info, import.bands.as_deref())?;
         let several = picture.info.channels > divided.first().map_or(1, |parts| parts.channels.len());
         for parts in &divided {
-            layers.push(StackLayer::plan(picture, parts, several, *place, &frame, import)?);
+            let mut layer = StackLayer::plan(picture, parts, several, *place, &frame, import)?;
+            if place.repeat == 0 {
+                // (In cells of the files' own map, whatever is said of it.)
+                layer.warp_to(&grid.frame, extent, options)?;
+            }
+            layers.push(layer);
         }
     }
     name::give(&mut layers, options.names.as_deref())?;

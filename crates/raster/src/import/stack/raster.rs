@@ -1,11 +1,14 @@
 //! Rasters that are made of another one for a layer.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
 
 use super::super::validity::Validity;
 use super::super::{Pixels, Raster, RasterInfo};
 use spinney_base::Result;
-use spinney_base::space::Region;
+use spinney_base::space::{Bounds, Region};
+use spinney_engine::dataset::Dataset;
 
 /// A raster without its last channel, where which is 0 it is VOID.
 pub(super) struct Masked {
@@ -46,6 +49,46 @@ impl Raster for Masked {
 
     fn reads_anywhere(&self) -> bool {
         self.raster.reads_anywhere()
+    }
+}
+
+/// The cells of a tree in a temporary folder.
+pub(super) struct OfTree {
+    tree: Dataset,
+    info: RasterInfo,
+    /// The file that the tree was made of.
+    path: PathBuf,
+    fill: f64,
+    // (Dropped last, when nothing in it is open.)
+    _folder: TempDir,
+}
+
+impl OfTree {
+    pub(super) fn new(tree: Dataset, folder: TempDir, path: &Path, nodata: Option<f64>) -> OfTree {
+        let header = tree.header();
+        let ([width, height, _], value) = (header.extent, header.form.value);
+        let info = RasterInfo::plain([width, height], value.sample, usize::from(value.channels));
+        OfTree { info, path: path.into(), fill: nodata.unwrap_or(0.0), tree, _folder: folder }
+    }
+}
+
+impl Raster for OfTree {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.info.check(region)?;
+        let bounds = Bounds { min: [region.x, region.y, 0], max: [region.right(), region.bottom(), 1] };
+        pixels.bytes.resize(region.area() as usize * self.info.pixel_bytes(), 0);
+        let mut valid = vec![false; region.area() as usize];
+        self.tree.window(self.tree.depth(), &bounds, self.fill, &mut pixels.bytes, Some(&mut valid))?;
+        pixels.valid = valid.contains(&false).then_some(valid);
+        Ok(())
     }
 }
 
