@@ -77,7 +77,7 @@ impl RasterImport {
     pub(super) fn of(
         raster: Box<dyn Raster>,
         value: ValueType,
-        nodata: Option<f64>,
+        nodata: Option<Number>,
         options: BuildOptions,
         memory: u64,
     ) -> RasterImport {

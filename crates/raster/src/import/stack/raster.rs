@@ -8,6 +8,7 @@ use super::super::validity::Validity;
 use super::super::{Pixels, Raster, RasterInfo};
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Region};
+use spinney_base::value::Number;
 use spinney_engine::dataset::Dataset;
 
 /// A raster without its last channel, where which is 0 it is VOID.
@@ -58,17 +59,17 @@ pub(super) struct OfTree {
     info: RasterInfo,
     /// The file that the tree was made of.
     path: PathBuf,
-    fill: f64,
+    fill: Number,
     // (Dropped last, when nothing in it is open.)
     _folder: TempDir,
 }
 
 impl OfTree {
-    pub(super) fn new(tree: Dataset, folder: TempDir, path: &Path, nodata: Option<f64>) -> OfTree {
+    pub(super) fn new(tree: Dataset, folder: TempDir, path: &Path, nodata: Option<Number>) -> OfTree {
         let header = tree.header();
         let ([width, height, _], value) = (header.extent, header.form.value);
         let info = RasterInfo::plain([width, height], value.sample, usize::from(value.channels));
-        OfTree { info, path: path.into(), fill: nodata.unwrap_or(0.0), tree, _folder: folder }
+        OfTree { info, path: path.into(), fill: nodata.unwrap_or_default(), tree, _folder: folder }
     }
 }
 
