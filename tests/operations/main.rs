@@ -6,6 +6,7 @@ mod common;
 mod blame;
 #[cfg(feature = "mesh")]
 mod brep_topology;
+mod calculations;
 mod contours;
 mod coverage;
 mod crops;

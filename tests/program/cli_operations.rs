@@ -6,7 +6,7 @@ use spinney::dataset;
 use spinney::store::OpenOptions;
 use tempfile::TempDir;
 
-use crate::common::command::{spinney, stderr, stdout};
+use crate::common::command::{complaint, spinney, stderr, stdout};
 
 /// The island's classes, and a folder to work in.
 fn island() -> (TempDir, PathBuf) {
@@ -33,7 +33,9 @@ fn raw(file: &str, more: &[&str]) -> Vec<u8> {
 fn a_view_and_the_file_made_of_it_say_the_same() {
     let (folder, island) = island();
     let (file, out) = (island.to_str().unwrap(), folder.path().join("out.goblin"));
-    let chains: [&[&str]; 6] = [
+    let chains: [&[&str]; 8] = [
+        &["calc='where(b1>=5,6,b1/2)',type=u8"],
+        &["window=31,17,150,120", "calc=b1*2,type=u16", "mirror=y"],
         &["window=31,17,150,120"],
         &["rotate=90", "mirror=x"],
         &["rotate=30", "crop"],
@@ -58,6 +60,10 @@ fn a_view_and_the_file_made_of_it_say_the_same() {
     }
     let point = stdout(&["point", file, "--view", "rotate=40", "305000,3196000"]);
     assert_eq!(point, stdout(&["point", file, "305000,3196000"]), "it stays where it is in the world");
+    // What a step reads is not written over.
+    let step = format!("calc=b1-a,a={}", out.display());
+    let refused = complaint(&["transform", file, &step, "-o", out.to_str().unwrap()], 1);
+    assert!(refused.contains("out.goblin"), "{refused}");
 }
 
 #[test]

@@ -5,7 +5,8 @@ use crate::store::goblin::{Goblin, Segment};
 use crate::store::records::dense::{DenseBlock, DenseStates};
 use crate::store::records::subtree::BadSkip;
 use crate::store::records::{RunChild, RunChildren, RunNode, with_record_type};
-use crate::tree::{Child, Source, no_children};
+use crate::tree::{CellBlock, Child, Source, no_children};
+use spinney_base::Form;
 use spinney_base::space::{Bounds, Code, Cover};
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Error, Result};
@@ -232,6 +233,16 @@ fn source_node<S: Source>(
         return Ok(());
     }
     let dimension = code.dimension();
+    let levels = source.depth() - code.level();
+    // (Of a block of which little is selected most would be for nothing.)
+    let is_most = space.is_none_or(|space| selection.part(&space).volume() >= space.volume() / 4);
+    if is_most
+        && levels * source.form().axes() as u8 <= BLOCK_BITS
+        && let Some(block) = source.cells(inner, levels)?
+    {
+        let cells = Cells { block: &block, form: source.form(), levels };
+        return cells.walk(code, [0; 3], levels, (selected, selection), visitor);
+    }
     let mut children = no_children();
     source.children(inner, &mut children)?;
     for (step, child) in children[..dimension.children()].iter().enumerate() {
@@ -240,6 +251,72 @@ fn source_node<S: Source>(
         source_node(source, code.child(step), child, (selected, selection), visitor)?;
     }
     visitor.leave(code)
+}
+
+/// Cells of the largest blocks that are taken at once, as a power of two: 256 x 256, or 32 x 32 x 32.
+const BLOCK_BITS: u8 = 16;
+
+/// The cells below a node that has so many levels.
+struct Cells<'a> {
+    block: &'a CellBlock,
+    form: Form,
+    levels: u8,
+}
+
+impl Cells<'_> {
+    /// The place of a cell.
+    fn index(&self, [x, y, z]: [usize; 3]) -> usize {
+        ((z << self.levels | y) << self.levels) | x
+    }
+
+    /// Whether all cells of a node are alike.
+    fn is_uniform(&self, [x, y, z]: [usize; 3], side: usize) -> bool {
+        let width = self.form.width();
+        let at = |index: usize| {
+            (self.block.present[index], &self.block.values[index * width..(index + 1) * width])
+        };
+        let (present, value) = at(self.index([x, y, z]));
+        let deep = if self.form.axes() > 2 { side } else { 1 };
+        // (Most that are not alike differ in the first few.)
+        (0..deep).all(|layer| {
+            (0..side).all(|row| {
+                let first = self.index([x, y + row, z + layer]);
+                (first..first + side).all(|index| {
+                    let (other, number) = at(index);
+                    other == present && (!present || number == value)
+                })
+            })
+        })
+    }
+
+    /// Walks a node of the block, given by its first cell and the levels below it.
+    fn walk(
+        &self,
+        code: Code,
+        [x, y, z]: [usize; 3],
+        below: u8,
+        (selected, selection): (Selected, &impl Selection),
+        visitor: &mut impl Visitor,
+    ) -> Walked {
+        if self.is_uniform([x, y, z], 1 << below) {
+            let (index, width) = (self.index([x, y, z]), self.form.width());
+            let value = || Value::from_bytes(&self.block.values[index * width..(index + 1) * width]);
+            let value = self.block.present[index].then(value);
+            return uniform_block(code, code.level() + below, value, (selected, selection), visitor);
+        }
+        if matches!(selected, Selected::Nothing) {
+            return visitor.outside();
+        }
+        let (dimension, half) = (self.form.dimension, 1 << (below - 1));
+        let space = selected.space();
+        for step in 0..dimension.children() {
+            let first = [x + (step & 1) * half, y + (step >> 1 & 1) * half, z + (step >> 2 & 1) * half];
+            let space = space.map(|space| space.child(dimension, step));
+            let selected = Selected::of(space, selection);
+            self.walk(code.child(step), first, below - 1, (selected, selection), visitor)?;
+        }
+        visitor.leave(code)
+    }
 }
 
 struct Walk<'a, S> {

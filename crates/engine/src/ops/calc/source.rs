@@ -206,7 +206,6 @@ fn left_out(metadata: &Metadata) -> Vec<String> {
     let parts = [
         ("colours", metadata.palette.is_some()),
         ("names of classes", !metadata.class_names.is_empty()),
-        ("names of bands", metadata.band_names.iter().any(|name| !name.is_empty())),
         ("scale and offset (numbers are as they are stored)", !metadata.scale_offset.is_empty()),
         ("units", metadata.units.iter().any(|unit| !unit.is_empty())),
     ];
