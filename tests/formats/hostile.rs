@@ -409,7 +409,7 @@ fn directories_that_lead_astray() {
         craft.entries.iter_mut().for_each(|entry| set(entry, 40, u64::MAX));
     });
     crafted("sums of everything", |craft| {
-        craft.entries.iter_mut().for_each(|entry| entry[64..96].fill(0x7f));
+        craft.entries.iter_mut().for_each(|entry| entry[50..82].fill(0x7f));
     });
     crafted("class counts of everything", |craft| {
         craft.segments.iter_mut().rev().take(64).for_each(|byte| *byte = 0xff)
