@@ -100,7 +100,7 @@ fn classic() {
     let file = open("classic");
     let expected = (QUAD, Rule::Dominant, Kind::Categorical, [3, 8, 2, 4096], [8, 8, 1]);
     assert_eq!(numbers(file.header()), expected);
-    assert_eq!((file.segments(), file.stored_records(), file.file_size()), (1, 10, 608));
+    assert_eq!((file.segments(), file.stored_records(), file.file_size()), (1, 10, 594));
     assert_eq!(file.zone(0).unwrap().classes, [(byte(1), 40), (byte(2), 15), (byte(3), 9)]);
     let child = |i| file.value_at(Code::root(QUAD.dimension).child(i)).unwrap();
     assert_eq!([0, 1, 2, 3].map(child), [1, 1, 1, 2].map(byte).map(Some));

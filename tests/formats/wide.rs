@@ -26,7 +26,8 @@ fn wide(sample: SampleType, value: Value) -> i128 {
 /// Samples of all magnitudes: patches, noise, and the ends of the type.
 fn cells(form: Form, seed: u64, size: [u64; 3], void: bool) -> Cells {
     let mut random = Random(seed);
-    let width = form.width();
+    // (Builders are told VOID by a number, which no cell may have.)
+    let (width, nodata) = (form.width(), crate::common::value(form.value, 250));
     let cells = (0..size.iter().product::<u64>()).map(|index| {
         let (x, y) = (index % size[0], index / size[0]);
         let patch = Random(seed ^ (x / 20 + 1000 * (y / 20))).next();
@@ -37,7 +38,8 @@ fn cells(form: Form, seed: u64, size: [u64; 3], void: bool) -> Cells {
             _ => [0, u64::MAX, 1 << 63, u64::MAX >> 1, 1][(patch >> 8) as usize % 5],
         };
         let is_void = void && patch % 5 == 0 && random.below(3) == 0;
-        (!is_void).then(|| Value::from_bytes(&number.to_le_bytes()[..width]))
+        let value = Value::from_bytes(&number.to_le_bytes()[..width]);
+        (!is_void).then_some(if value == nodata { Value::ZERO } else { value })
     });
     Cells { form, size, cells: cells.collect() }
 }

@@ -178,7 +178,10 @@ fn decoded(samples: DecodingResult) -> Vec<u8> {
         I32(samples) => samples.into_iter().flat_map(i32::to_le_bytes).collect(),
         F32(samples) => samples.into_iter().flat_map(f32::to_le_bytes).collect(),
         F64(samples) => samples.into_iter().flat_map(f64::to_le_bytes).collect(),
-        other => panic!("unexpected samples: {other:?}"),
+        I8(samples) => samples.into_iter().flat_map(i8::to_le_bytes).collect(),
+        U64(samples) => samples.into_iter().flat_map(u64::to_le_bytes).collect(),
+        I64(samples) => samples.into_iter().flat_map(i64::to_le_bytes).collect(),
+        _ => panic!("unexpected samples"),
     }
 }
 

@@ -228,6 +228,8 @@ fn read_npy(path: &Path, void: f64) -> Grid {
         "<u2" => SampleType::U16,
         "<i2" => SampleType::I16,
         "<f4" => SampleType::F32,
+        "|i1" => SampleType::I8,
+        "<u8" => SampleType::U64,
         other => panic!("no raster here has samples of {other}"),
     };
     let shape = after("'shape': (").split(')').next().unwrap();

@@ -132,9 +132,9 @@ fn windows_at_every_level_are_arithmetic_on_windows() {
         let size = bounds.size();
         for index in [0, expected.len() / 2, expected.len() - 1] {
             let cell = [index as u64 % size[0], index as u64 / size[0], 0];
-            let mut value = [0.0; 4];
+            let mut value = [Number::default(); 4];
             let found = tree.point(cell, level, &mut value).unwrap();
-            assert_eq!(found.then_some(value[0]), expected[index], "level {level}, {cell:?}");
+            assert_eq!(found.then_some(value[0].to_f64()), expected[index], "level {level}, {cell:?}");
         }
         // A part of it is the same.
         let part =
@@ -184,7 +184,7 @@ fn check_file_and_view(folder: &Path, base: &TestFile, steps: &[&str]) -> Datase
             cells += block.bounds.volume();
             Ok(true)
         };
-        let condition = Condition::Above(0.25);
+        let condition = Condition::Above(0.25.into());
         tree.find(condition, None, &(), &mut count).unwrap();
         cells
     };
@@ -249,7 +249,10 @@ fn files_of_other_places_types_and_cells_are_operands() {
         let inside = x >= 0 && y >= 0 && (x as u64) < extent[0] && (y as u64) < extent[1];
         let cell = [x as u32, y as u32, 0];
         let there = inside && number(file.seed, cell).is_some();
-        there.then(|| file.value.sample.nearest(number(file.seed + 5 * channel, cell).unwrap_or(3) as f64))
+        there.then(|| {
+            let number = number(file.seed + 5 * channel, cell).unwrap_or(3);
+            file.value.sample.nearest((number as f64).into()).to_f64()
+        })
     };
     let picture = tree.header().picture();
     let found = numbers(&tree, tree.depth(), &picture, 0);
@@ -346,7 +349,7 @@ fn names_that_stand_for_nothing_are_told() {
     let step = format!("calc=red.b2-b2,red={path}");
     let tree = view(&base, &[&step]).unwrap();
     let statistics = tree.statistics(None, &()).unwrap();
-    assert_eq!((statistics.channels[0].min, statistics.channels[0].max), (0.0, 0.0));
+    assert_eq!((statistics.channels[0].min, statistics.channels[0].max), (0.into(), 0.into()));
 }
 
 #[test]

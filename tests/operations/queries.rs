@@ -187,7 +187,7 @@ fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
         let (low, high) = (-50.0, 120.0);
         let mut bins = vec![0; 7];
         for value in &values {
-            let bin = (number(value, 0) - low) * (7.0 / (high - low));
+            let bin = (form.value.samples(*value)[0] - low) * (7.0 / (high - low));
             bins[(bin.max(0.0) as usize).min(6)] += 1;
         }
         assert_eq!(file.histogram(&inside, low, high, 7, &()).unwrap(), bins);

@@ -3,7 +3,7 @@
 use spinney::ops::{Operation, Prefer};
 use spinney::space::Dimension;
 use spinney::tree::{Form, MemTree, Source};
-use spinney::value::{Rule, SampleType, Value, ValueType};
+use spinney::value::{Number, Rule, SampleType, Value, ValueType};
 
 use crate::common::{
     self, Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, oct, oct_size,
@@ -94,23 +94,36 @@ fn algebra_of_sets() {
 type Join<'a> = Box<dyn Fn(Option<Value>, Option<Value>) -> Option<Value> + 'a>;
 
 /// The value nearest to what a function makes of each channel's numbers, where both have one.
-fn on_numbers(value: ValueType, join: fn(f64, f64) -> f64) -> Join<'static> {
+fn on_numbers(value: ValueType, join: fn(Number, Number) -> Number) -> Join<'static> {
     Box::new(move |a, b| {
-        let (a, b) = (value.samples(a?), value.samples(b?));
-        Some(value.nearest(|channel| join(a[channel], b[channel])))
+        let (a, b) = (value.numbers(a?), value.numbers(b?));
+        Some(value.nearest_numbers(|channel| join(a[channel], b[channel])))
     })
+}
+
+/// What is made of two numbers: of integers exactly, kept within those of 64 bits.
+fn computed(a: Number, b: Number, whole: fn(i128, i128) -> i128, float: fn(f64, f64) -> f64) -> Number {
+    if matches!(a, Number::Float(_)) {
+        return float(a.to_f64(), b.to_f64()).into();
+    }
+    let number = whole(a.to_integer().unwrap(), b.to_integer().unwrap());
+    match u64::try_from(number) {
+        Ok(number) => number.into(),
+        Err(_) if number > 0 => u64::MAX.into(),
+        Err(_) => i64::try_from(number).unwrap_or(i64::MIN).into(),
+    }
 }
 
 fn valued(form: Form, seed: u64, size: [u64; 3]) {
     let cells = pair(form, seed, size);
     let views = cells.each_ref().map(view_of_cells);
-    let number = |join: fn(f64, f64) -> f64| on_numbers(form.value, join);
+    let number = |join: fn(Number, Number) -> Number| on_numbers(form.value, join);
     let cases: [(Operation, Join<'_>); 7] = [
         (Operation::Over, Box::new(|a, b| a.or(b))),
-        (Operation::Min, number(f64::min)),
-        (Operation::Max, number(f64::max)),
-        (Operation::Add, number(|a, b| a + b)),
-        (Operation::Subtract, number(|a, b| a - b)),
+        (Operation::Min, number(Number::min)),
+        (Operation::Max, number(Number::max)),
+        (Operation::Add, number(|a, b| computed(a, b, |a, b| a + b, |a, b| a + b))),
+        (Operation::Subtract, number(|a, b| computed(a, b, |a, b| a - b, |a, b| a - b))),
         (Operation::Equal, Box::new(|a, b| a.filter(|_| a == b))),
         (Operation::Changed, Box::new(|a, b| if a == b { None } else { b.or(a) })),
     ];

@@ -4,7 +4,6 @@ use super::TakeRows;
 use super::grid::{OutputGrid, PixelContent, is_averaged};
 use super::means::{Cells, Columns, Means};
 use super::span::Span;
-use spinney_base::space::Code;
 use spinney_base::value::{Number, Rule, Sample, SampleType, Value, ValueType};
 use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
@@ -165,14 +164,15 @@ impl Sampler<'_> {
         self.tree.header().form.value.nearest_numbers(|_| self.fill)
     }
 
-    /// The value that means are computed relative to: some value of the tree, of integers of 64 bits. (An empty cell is 0 in trees of
+    /// The value that means are computed relative to: the least of the tree, of integers of 64 bits. (An empty cell is 0 in trees of
     /// occupancy, whatever that is relative to.)
     fn base(&self) -> Result<Value> {
         let header = self.tree.header();
         if header.form.value.sample.has_exact_squares() || header.rule == Rule::Occupancy {
             return Ok(Value::ZERO);
         }
-        Ok(self.tree.node(Code::root(header.form.dimension))?.value().unwrap_or_default())
+        let least = self.tree.exact_bounds()?.first().map_or(Number::default(), |(least, _)| *least);
+        Ok(header.form.value.nearest_numbers(|_| least))
     }
 
     /// Pixels that are the cells at their centres.
