@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use spinney::brep::{Face, Grid, ModelBuilder};
+use spinney::brep::{ExactModel, Face, Grid, ModelBuilder, combine};
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, edit};
 use spinney::space::{Bounds, Cell, Crs, Dimension, Frame, GeoKeys};
@@ -204,11 +204,11 @@ pub(crate) fn make_model(path: &Path) -> Result<()> {
     ];
     let mut metadata = Metadata {
         frame: Frame { matrix, crs, pixel_is_point: false },
-        class_names: (0u64..).map(Into::into).zip(PARTS.map(String::from)).collect(),
         provenance: vec!["made by examples/make_fixtures".into()],
         tags: [("unit".into(), "m".into())].into(),
         ..Metadata::default()
     };
+    PARTS.iter().try_for_each(|name| builder.part(name, None))?;
     builder.finish(&mut metadata, &(), &mut |_, _| ()).map(drop)
 }
 
@@ -251,4 +251,65 @@ fn dome([x, y, z]: [i32; 3], heights: [[i32; 2]; 4], height: i32) -> Faces {
         faces.push(vec![vec![at(heights.len() - 1, i), at(heights.len() - 1, i + 1), top]]);
     }
     faces
+}
+
+/// Name of the frozen model with corners beside the grid, without `.goblin`.
+pub(crate) const CROSSING: &str = "crossing";
+
+/// What is said of the parts of that model, and of a file that it is of.
+pub(crate) const ABOUT: [(&str, Option<&str>); 3] = [
+    (
+        "tower",
+        Some(r#"{"type":"Building","attributes":{"height":18.50,"name":"T\u00fcrm"},"children":["spire"]}"#),
+    ),
+    ("spire", Some(r#"{"type":"BuildingPart","parents":["tower"],"attributes":{"height":21.00}}"#)),
+    ("mast", None),
+];
+pub(crate) const ABOUT_FILE: &str = r#"{"metadata":{"title":"A tower"}}"#;
+
+/// Builds the frozen model with corners beside the grid: a box and a spire through it, as one body, from which a slanted mast is taken
+/// away.
+pub(crate) fn make_crossing(path: &Path) -> Result<()> {
+    let spire = [[4, 20, 9], [58, 12, 14], [23, 57, 11], [29, 24, 61]];
+    let mast = [[60, 33, 37], [31, 2, 40], [28, 60, 45], [40, 25, 3]];
+    let square = vec![[10, 10], [45, 10], [45, 41], [10, 41]];
+    let [tower, spire, mast] = [along_y(&[square], 12, 52), tetrahedron(spire), tetrahedron(mast)];
+    let [(first, about), (second, more), (third, _)] = ABOUT;
+    let tower = model(path, &tower, (first, about), Some(ABOUT_FILE))?;
+    let spire = model(path, &spire, (second, more), None)?;
+    let mast = model(path, &mast, (third, None), None)?;
+    combine(7, &[&tower, &spire], Output::create(path)?, 16 << 20, &())?;
+    let both = in_memory(path)?;
+    combine(2, &[&both, &mast], Output::create(path)?, 16 << 20, &()).map(drop)
+}
+
+/// The model in a file, which is to be written anew.
+fn in_memory(path: &Path) -> Result<ExactModel> {
+    ExactModel::from_bytes(std::fs::read(path).map_err(Error::io(path, "read"))?)
+}
+
+/// A model with one part, in memory; the file at `path` is used for it.
+fn model(
+    path: &Path,
+    faces: &Faces,
+    (name, about): (&str, Option<&str>),
+    file: Option<&str>,
+) -> Result<ExactModel> {
+    let grid = Grid { bits: 6, origin: [0; 3], step: 0.5, divisor: 1.0 };
+    let mut builder = ModelBuilder::new(Output::create(path)?, grid, 16 << 20)?;
+    for (number, rings) in (0..).zip(faces) {
+        let (points, colours, part) = (&rings.concat()[..], &[][..], 0);
+        builder.push(&Face { number, points, ring_ends: &[points.len()], colours, part, source: number })?;
+    }
+    builder.part(name, about)?;
+    file.iter().try_for_each(|text| builder.about_file(text))?;
+    let mut metadata = Metadata { tags: [("unit".into(), "m".into())].into(), ..Metadata::default() };
+    let report = builder.finish(&mut metadata, &(), &mut |_, _| ())?;
+    assert_eq!(report.defects, [], "{name}");
+    in_memory(path)
+}
+
+/// The faces of a tetrahedron whose first three corners are counterclockwise as seen from the last.
+fn tetrahedron([a, b, c, d]: [[i32; 3]; 4]) -> Faces {
+    [[a, c, b], [a, b, d], [b, c, d], [c, a, d]].map(|ring| vec![ring.to_vec()]).to_vec()
 }

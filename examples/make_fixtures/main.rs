@@ -27,6 +27,7 @@ fn main() -> Result<()> {
             frozen::make(name, &island, &folder.join("v1").join(format!("{name}.goblin")))?;
         }
         frozen::make_model(&folder.join("v1").join(format!("{}.goblin", frozen::MODEL)))?;
+        frozen::make_crossing(&folder.join("v1").join(format!("{}.goblin", frozen::CROSSING)))?;
         let history = folder.join("v1/history.autumn");
         // (Files with a history are not replaced.)
         let _ = std::fs::remove_file(&history);

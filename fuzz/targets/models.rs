@@ -63,6 +63,7 @@ pub fn questions(model: &ExactModel) -> Result<()> {
     note(model.is_coloured().map(drop));
     note(model.bounds().map(drop));
     note(MassProperties::of(model, &()).map(drop));
+    note(tables(model));
     note(model.root().and_then(|root| nodes(model, &root)));
     // Corners of faces, points between them, and points that are far away or none.
     let most = (1 << grid.bits) - 1;
@@ -108,6 +109,29 @@ pub fn questions(model: &ExactModel) -> Result<()> {
         }
     }
     done
+}
+
+/// Reads what is said of parts, files and faces, and how the model was made.
+fn tables(model: &ExactModel) -> Result<()> {
+    model.formula()?;
+    model.file_attributes()?;
+    let count = model.parts_with_attributes()?;
+    let mut told = 0;
+    for (part, name) in (0..).zip(model.parts()) {
+        told += u64::from(model.part_attributes(part)?.is_some());
+        let found = model.part_number(name)?;
+        assert!(found.is_none_or(|found| &model.parts()[found as usize] == name));
+    }
+    // (Some may be said of parts that there are not.)
+    assert!(told <= count);
+    for column in 0..model.part_columns()?.len() as u32 {
+        model.each_part_value(column, &mut |_, _| Ok(()))?;
+    }
+    for column in 0..model.face_columns()?.len() as u32 {
+        model.face_value(column, 0)?;
+        model.each_face_value(column, &mut |_, _| Ok(()))?;
+    }
+    Ok(())
 }
 
 /// Goes through a node and all below it.

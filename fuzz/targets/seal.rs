@@ -162,7 +162,9 @@ pub fn goblin(file: &mut [u8]) {
             continue;
         }
         let (offset, length) = (offset as usize, length as usize);
-        if is_model && [b"DIRE", b"FACE"].iter().any(|tag| file[at..].starts_with(*tag)) {
+        if is_model
+            && [b"DIRE", b"FACE", b"EXAC", b"OBJE", b"FVAL"].iter().any(|tag| file[at..].starts_with(*tag))
+        {
             model_entries(file, offset, offset + length);
         }
         seal(file, offset, offset + length, at + 4);
@@ -174,7 +176,7 @@ pub fn goblin(file: &mut [u8]) {
     seal(file, trailer, end, end + 4);
 }
 
-/// Seals what the entries of an exact model's list lead to: blocks of faces, or segments.
+/// Seals what the entries of an exact model's list lead to: blocks, or segments.
 fn model_entries(file: &mut [u8], start: usize, end: usize) {
     for entry in (start..end).step_by(MODEL_ENTRY).filter(|entry| entry + MODEL_ENTRY <= end) {
         if let Some(piece) = part(file, long(file, entry + 8), short(file, entry + 16).into()) {

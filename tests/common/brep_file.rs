@@ -5,6 +5,9 @@ use spinney::space::{Code, Dimension};
 /// A block of faces or a segment, with its key.
 pub type Piece = (u64, Vec<u8>);
 
+/// Tags of the lists that not every file has.
+const OTHERS: [&[u8; 4]; 3] = [b"EXAC", b"OBJE", b"FVAL"];
+
 /// The parts of a file.
 #[derive(Clone)]
 pub struct BrepFile {
@@ -12,6 +15,9 @@ pub struct BrepFile {
     pub header: Vec<u8>,
     pub blocks: Vec<Piece>,
     pub segments: Vec<Piece>,
+    /// Pieces of other lists: blocks of faces with corners beside the grid, and tables of parts and of faces.
+    pub others: [Vec<Piece>; 3],
+    pub formula: Vec<u8>,
     pub model: Vec<u8>,
     pub metadata: Vec<u8>,
 }
@@ -44,20 +50,21 @@ pub fn section<'a>(file: &'a [u8], tag: &[u8; 4]) -> Option<&'a [u8]> {
 
 impl BrepFile {
     pub fn of(file: &[u8]) -> BrepFile {
-        let section = |tag: &[u8; 4]| section(file, tag).unwrap();
         let pieces = |tag: &[u8; 4]| {
             let piece = |entry: &[u8]| {
                 let start = long(entry, 8) as usize;
                 (long(entry, 0), file[start..start + short(entry, 16) as usize].to_vec())
             };
-            section(tag).chunks(24).map(piece).collect()
+            section(file, tag).unwrap_or_default().chunks(24).map(piece).collect()
         };
         BrepFile {
             header: file[..20].to_vec(),
             blocks: pieces(b"FACE"),
             segments: pieces(b"DIRE"),
-            model: section(b"BREP").to_vec(),
-            metadata: section(b"META").to_vec(),
+            others: OTHERS.map(pieces),
+            formula: section(file, b"FORM").unwrap_or_default().to_vec(),
+            model: section(file, b"BREP").unwrap().to_vec(),
+            metadata: section(file, b"META").unwrap().to_vec(),
         }
     }
 
@@ -74,11 +81,15 @@ impl BrepFile {
             }
             list
         };
-        let (blocks, directory) = (list(&self.blocks), list(&self.segments));
+        let [blocks, directory] = [&self.blocks, &self.segments].map(|pieces| list(pieces));
+        let others = self.others.each_ref().map(|pieces| list(pieces));
         let mut sections = Vec::new();
-        let mut places = [&b"FACE"[..], b"DIRE", b"BREP", b"META"].into_iter();
-        for bytes in [&blocks, &directory, &self.model, &self.metadata] {
-            sections.extend(places.next().unwrap());
+        let always = [(b"FACE", &blocks), (b"DIRE", &directory)];
+        let more = [(b"BREP", &self.model), (b"FORM", &self.formula), (b"META", &self.metadata)];
+        let all = always.into_iter().chain(OTHERS.into_iter().zip(&others)).chain(more);
+        let is_there = |(tag, bytes): &(&[u8; 4], &Vec<u8>)| !bytes.is_empty() || *tag == b"FACE";
+        for (tag, bytes) in all.filter(is_there) {
+            sections.extend(tag);
             sections.extend(crc32c::crc32c(bytes).to_le_bytes());
             sections.extend((file.len() as u64).to_le_bytes());
             sections.extend((bytes.len() as u64).to_le_bytes());
@@ -86,7 +97,7 @@ impl BrepFile {
         }
         let mut trailer = file[..24].to_vec();
         trailer.extend(((file.len() + 36 + sections.len() + 16) as u64).to_le_bytes());
-        trailer.extend(shorts([4]));
+        trailer.extend(shorts([sections.len() as u32 / 24]));
         trailer.extend(sections);
         file.extend(&trailer);
         file.extend(shorts([trailer.len() as u32, crc32c::crc32c(&trailer)]));
@@ -113,6 +124,7 @@ impl BrepFile {
 /// A segment of the octree.
 struct Segment {
     faces: Vec<u32>,
+    exact: Vec<u32>,
     words: Vec<u32>,
     leaves: Vec<u8>,
 }
@@ -120,28 +132,39 @@ struct Segment {
 const INNER: u32 = 2;
 const CUT: u32 = 3;
 const LEAF: u32 = 4;
+const NEAR_VOID: u32 = 5;
+const NEAR_FULL: u32 = 6;
 
 impl Segment {
     fn of(bytes: &[u8]) -> Segment {
-        let [faces, words, _] = [0, 4, 8].map(|at| short(bytes, at) as usize);
+        let [faces, exact, words] = [0, 4, 8].map(|at| short(bytes, at) as usize);
         let list =
-            |from: usize, count: usize| (0..count).map(|i| short(bytes, 12 + 4 * (from + i))).collect();
+            |from: usize, count: usize| (0..count).map(|i| short(bytes, 16 + 4 * (from + i))).collect();
         Segment {
             faces: list(0, faces),
-            words: list(faces, words),
-            leaves: bytes[12 + 4 * (faces + words)..].to_vec(),
+            exact: list(faces, exact),
+            words: list(faces + exact, words),
+            leaves: bytes[16 + 4 * (faces + exact + words)..].to_vec(),
         }
     }
 
     fn to_bytes(&self) -> Vec<u8> {
-        let counts = [self.faces.len(), self.words.len(), self.leaves.len()].map(|count| count as u32);
-        let words = [&self.faces[..], &self.words].concat();
-        [shorts(counts), shorts(words), self.leaves.clone()].concat()
+        let Segment { faces, exact, words, leaves } = self;
+        let counts = [faces.len(), exact.len(), words.len(), leaves.len()].map(|count| count as u32);
+        [shorts(counts), shorts([&faces[..], exact, words].concat()), leaves.clone()].concat()
     }
 
-    /// Head and faces of a leaf, by their numbers in the model.
-    fn leaf(&self, at: usize) -> (u8, Vec<u32>) {
-        let mut bytes = &self.leaves[at + 1..];
+    /// Head and faces of a leaf, by their numbers in the model, and the exact faces that are near it.
+    fn leaf(&self, at: usize) -> (u8, [Vec<u32>; 2]) {
+        let head = self.leaves[at];
+        let (faces, length) = self.list(at + 1, &self.faces);
+        let near = if head & 32 == 0 { Vec::new() } else { self.list(at + 1 + length, &self.exact).0 };
+        (head, [faces, near])
+    }
+
+    /// The faces of a list, and the bytes that it takes.
+    fn list(&self, at: usize, numbers: &[u32]) -> (Vec<u32>, usize) {
+        let mut bytes = &self.leaves[at..];
         let mut next = || {
             let (mut number, mut shift) = (0, 0);
             loop {
@@ -158,37 +181,50 @@ impl Segment {
         let mut own = 0;
         let faces = (0..count).map(|i| {
             own += next() + u32::from(i > 0);
-            self.faces[own as usize]
+            numbers[own as usize]
         });
-        (self.leaves[at], faces.collect())
+        let faces = faces.collect();
+        (faces, self.leaves.len() - at - bytes.len())
     }
 
     /// Appends the segment of a node, and those of the INNER nodes below it.
     fn cut(&self, code: Code, word: u32, out: &mut Vec<Piece>) {
-        let mut segment = Segment { faces: Vec::new(), words: Vec::new(), leaves: Vec::new() };
+        let mut segment =
+            Segment { faces: Vec::new(), exact: Vec::new(), words: Vec::new(), leaves: Vec::new() };
+        // Appends a list of faces, which get own numbers.
+        let push = |leaves: &mut Vec<u8>, all: &mut Vec<u32>, faces: &[u32]| {
+            leaves.push(faces.len() as u8);
+            let number = |face: &u32| {
+                let known = all.iter().position(|known| known == face);
+                known.unwrap_or_else(|| {
+                    all.push(*face);
+                    all.len() - 1
+                }) as u8
+            };
+            let mut own: Vec<u8> = faces.iter().map(number).collect();
+            own.sort_unstable();
+            assert!(faces.len() < 128 && own.last() < Some(&128), "numbers of one byte");
+            let mut next = 0;
+            for number in own {
+                leaves.push(number - next);
+                next = number + 1;
+            }
+        };
         let mut add = |word: u32, is_root: bool| match word & 7 {
             INNER => segment.words.push(if is_root { 1 << 3 | INNER } else { CUT }),
             LEAF => {
                 segment.words.push((segment.leaves.len() as u32) << 3 | LEAF);
-                let (head, faces) = self.leaf((word >> 3) as usize);
-                segment.leaves.extend([head, faces.len() as u8]);
-                let mut own: Vec<u8> = faces
-                    .iter()
-                    .map(|face| {
-                        let known = segment.faces.iter().position(|known| known == face);
-                        known.unwrap_or_else(|| {
-                            segment.faces.push(*face);
-                            segment.faces.len() - 1
-                        }) as u8
-                    })
-                    .collect();
-                own.sort_unstable();
-                assert!(segment.faces.len() < 128, "numbers of one byte");
-                let mut next = 0;
-                for number in own {
-                    segment.leaves.push(number - next);
-                    next = number + 1;
+                let (head, [faces, near]) = self.leaf((word >> 3) as usize);
+                segment.leaves.push(head);
+                push(&mut segment.leaves, &mut segment.faces, &faces);
+                if !near.is_empty() {
+                    push(&mut segment.leaves, &mut segment.exact, &near);
                 }
+            }
+            state @ (NEAR_VOID | NEAR_FULL) => {
+                segment.words.push((segment.leaves.len() as u32) << 3 | state);
+                let near = self.list((word >> 3) as usize, &self.exact).0;
+                push(&mut segment.leaves, &mut segment.exact, &near);
             }
             _ => segment.words.push(word),
         };

@@ -1,4 +1,4 @@
-//! The section of faces with corners beside the grid: every field set to whatever does harm, with right checksums, and bytes at
+//! Blocks of faces with corners beside the grid: every field set to whatever does harm, with right checksums, and bytes at
 //! random. Files are refused, or answer, and are combined again or refused.
 
 use std::path::Path;
@@ -10,6 +10,7 @@ use spinney::store::OpenOptions;
 
 use super::attack_goblin::{Field, changed, fields};
 use crate::common::Random;
+use crate::common::brep_file::section;
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::exact::{cuboid, model_on, push};
 use crate::common::sets::{Body, combined, grid, tetrahedron};
@@ -29,31 +30,41 @@ fn crossing(is_coloured: bool) -> Vec<u8> {
     combined(7, &[&a, &b]).bytes
 }
 
-/// Where the section is.
-fn place(file: &[u8]) -> (usize, usize) {
+/// Where the list of the blocks is, and the only block.
+fn places(file: &[u8]) -> [(usize, usize); 2] {
     let trailer = seal::trailer(file).unwrap();
     let mut sections =
         (0..seal::short(file, trailer + SECTIONS) as usize).map(|i| trailer + TRAILER + SECTION * i);
     let at = sections.find(|at| file[*at..].starts_with(b"EXAC")).unwrap();
-    (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize)
+    let list = (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize);
+    assert_eq!(list.1, 24);
+    [list, (seal::long(file, list.0 + 8) as usize, seal::short(file, list.0 + 16) as usize)]
 }
 
-/// All fields of the section; of numbers that are wider than eight bytes, the first and the last.
+/// All fields of the list and the block, of the leaves and of the flags of faces that stand in; numbers that are wider than
+/// eight bytes in parts.
 fn all_fields(file: &[u8]) -> Vec<Field> {
-    let (start, length) = place(file);
+    let [(list, _), (start, length)] = places(file);
     let count = |word: usize| seal::short(file, start + 4 * word) as usize;
-    let [faces, planes, vertices, rings, corners, stand_ins] = [0, 1, 2, 3, 4, 5].map(count);
-    let mut all = fields("the head", start, &[4; 8]);
+    let [faces, planes, grid_points, vertices, rings, corners] = [0, 1, 2, 3, 4, 5].map(count);
+    let [part, product, coordinate, weight] = [28, 29, 30, 31].map(|at| usize::from(file[start + at]));
+    let cut = |width: usize| [vec![8; width / 8], vec![1; width % 8]].concat();
+    let numbers = |short: usize, long: usize| [vec![cut(short); 3], vec![cut(long)]].concat().concat();
+    let mut all = fields("the list", list, &[8, 8, 4, 4]);
+    all.extend(fields("the head", start, &[&[4; 7][..], &[1; 4]].concat()));
     let mut at = start + 32;
+    let has_colours = count(6) & 1 == 1;
     for (name, times, sizes) in [
-        ("a plane", planes, &[8, 8, 8, 8, 8][..]),
-        ("a vertex", vertices, &[8, 8, 8, 1, 8, 8, 8, 1, 8, 8, 8, 1, 8, 8, 6]),
-        ("a face", faces, &[4, 4, 8]),
+        ("a plane", planes, &numbers(part, product)[..]),
+        ("a vertex on the grid", grid_points, &[4; 3]),
+        ("a vertex", vertices, &numbers(coordinate, weight)),
+        ("the plane of a face", faces, &[2]),
+        ("a part", if count(6) & 4 == 0 { 1 } else { faces }, &[4]),
+        ("a source", faces, &[8]),
         ("the ends of faces", faces, &[4]),
         ("the ends of rings", rings, &[4]),
-        ("a corner", corners, &[4, 4]),
-        ("a colour", if count(6) == 1 { corners } else { 0 }, &[1, 1, 1]),
-        ("a face that stands for others", stand_ins, &[4]),
+        ("a corner", corners, &[2, 2]),
+        ("a colour", if has_colours { corners } else { 0 }, &[1, 1, 1]),
     ] {
         for _ in 0..times {
             all.extend(fields(name, at, sizes));
@@ -61,6 +72,15 @@ fn all_fields(file: &[u8]) -> Vec<Field> {
         }
     }
     assert_eq!(at, start + length);
+    for (tag, name) in [(b"DIRE", "a segment"), (b"BREP", "the model")] {
+        let section = section(file, tag).unwrap();
+        let (start, length) = match tag {
+            b"DIRE" => (seal::long(section, 8) as usize, seal::short(section, 16) as usize),
+            _ => (section.as_ptr() as usize - file.as_ptr() as usize, section.len()),
+        };
+        all.extend(fields(name, start, &cut(length)));
+        all.extend(fields(name, start, &vec![1; length]));
+    }
     let trailer = seal::trailer(file).unwrap();
     for section in 0..seal::short(file, trailer + SECTIONS) as usize {
         all.extend(fields("a section", trailer + TRAILER + section * SECTION, &[4, 4, 8, 8]));
@@ -126,7 +146,7 @@ fn bytes_at_random() {
         return;
     }
     let good = crossing(true);
-    let (start, length) = place(&good);
+    let [_, (start, length)] = places(&good);
     let other = Body::of(&cuboid([8; 3], [26, 12, 30]), 5).model;
     let folder = tempfile::tempdir().unwrap();
     let target = folder.path().join("x.goblin");

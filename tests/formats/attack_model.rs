@@ -49,9 +49,15 @@ pub(crate) fn house(bits: u8) -> Vec<u8> {
     let path = folder.path().join("house.goblin");
     let output = Output::create(&path).unwrap();
     let mut builder = ModelBuilder::new(output, grid(bits), 1 << 20).unwrap().leaf_size(3);
-    list.each(&mut |face| builder.push(face)).unwrap();
-    let class_names = (0u64..).map(Into::into).zip(list.parts().iter().cloned()).collect();
-    let mut metadata = Metadata { class_names, ..Metadata::default() };
+    list.each(&mut |face| {
+        builder.push(face)?;
+        if face.number % 3 == 0 { builder.face_value("material", &face.number.to_string()) } else { Ok(()) }
+    })
+    .unwrap();
+    builder.part("wall", Some("{\"type\":\"Wall\",\"attributes\":{\"a\":1,\"b\":[]}}")).unwrap();
+    builder.part("roof", Some("{\"attributes\":{\"b\":2.50},\"type\":\"Roof\"}")).unwrap();
+    builder.about_file("{\"metadata\":{}}").unwrap();
+    let mut metadata = Metadata::default();
     assert_eq!(builder.finish(&mut metadata, &(), &mut |_, _| ()).unwrap().defects, []);
     std::fs::read(&path).unwrap()
 }
@@ -62,21 +68,27 @@ fn all_fields(file: &[u8]) -> Vec<Field> {
     let trailer = seal::trailer(file).unwrap();
     all.extend(fields("the trailer", trailer, &[&HEADER_FIELDS[..], &[4, 8, 4]].concat()));
     all.extend(fields("the end", file.len() - END, &[4, 4, 8]));
-    for section in 0..4 {
+    for section in 0..seal::short(file, trailer + 64) as usize {
         let at = trailer + TRAILER + section * SECTION;
         all.extend(fields("a section", at, &[4, 4, 8, 8]));
         let (start, length) = (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize);
         match &file[at..at + 4] {
-            b"BREP" => all.extend(fields("the model", start, &[&[1, 7][..], &[8; 13]].concat())),
+            b"BREP" => all.extend(fields("the model", start, &[&[1, 7][..], &[8; 16]].concat())),
             b"META" => all.extend(fields("the metadata", start, &vec![1; length])),
+            b"FORM" => all.extend(fields("the formula", start, &vec![1; length])),
             _ => {
                 for entry in (start..start + length).step_by(24) {
                     all.extend(fields("an entry", entry, &[8, 8, 4, 4]));
                     let (from, bytes) =
                         (seal::long(file, entry + 8) as usize, seal::short(file, entry + 16) as usize);
+                    if [b"OBJE", b"FVAL"].contains(&file[at..at + 4].try_into().unwrap()) {
+                        let sizes = [vec![4; 2], vec![1; bytes - 8]].concat();
+                        all.extend(fields("a piece of a table", from, &sizes));
+                        continue;
+                    }
                     // Numbers of four bytes, then leaves or corners.
                     let words = match &file[at..at + 4] {
-                        b"DIRE" => 3 + seal::short(file, from) + seal::short(file, from + 4),
+                        b"DIRE" => (0..3).map(|count| seal::short(file, from + 4 * count)).sum::<u32>() + 4,
                         _ => 5 + 3 * seal::short(file, from + 4),
                     };
                     let words = words as usize;
@@ -164,7 +176,7 @@ pub(crate) fn one_leaf(bits: u8, faces: &[Vec<Vec<[i32; 3]>>], head: u8) -> Brep
     assert!(count < 128);
     let mut leaf = vec![head, count as u8];
     leaf.extend(vec![0; faces.len()]);
-    let mut words = vec![count, 1, leaf.len() as u32];
+    let mut words = vec![count, 0, 1, leaf.len() as u32];
     words.extend(0..count);
     words.push(4);
     let segment = [words.into_iter().flat_map(u32::to_le_bytes).collect(), leaf].concat();
@@ -172,7 +184,7 @@ pub(crate) fn one_leaf(bits: u8, faces: &[Vec<Vec<[i32; 3]>>], head: u8) -> Brep
     let mut model = file.model[..56].to_vec();
     model[48..56].copy_from_slice(&u64::from(count).to_le_bytes());
     let nodes = [0, 0, 0, 0, 0, 0, 1u64].map(|nodes| nodes * u64::from(head & 3 == 3));
-    model.extend(nodes.into_iter().flat_map(u64::to_le_bytes));
+    model.extend(nodes.into_iter().chain([0, 0, 1]).flat_map(u64::to_le_bytes));
     file.model = model;
     file
 }
@@ -298,7 +310,7 @@ fn faces_of_a_segment_are_there_once() {
     let mut file = one_leaf(1, &[vec![ring.clone()], vec![ring]], CROSSINGS);
     let found = ExactModel::from_bytes(file.bytes()).unwrap().verify(1 << 20, &()).unwrap();
     assert!(found[0].problem.contains("the other way"), "of the surface alone: {found:?}");
-    file.segments[0].1[16..20].fill(0);
+    file.segments[0].1[20..24].fill(0);
     let found = ExactModel::from_bytes(file.bytes()).unwrap().verify(1 << 20, &()).unwrap();
     assert_eq!(found.len(), 1);
     assert!(found[0].problem.contains("face 0 twice"), "{found:?}");

@@ -142,7 +142,7 @@ fn tetrahedron(path: &Path) {
         let (ring_ends, colours) = (&[3], &[]);
         builder.push(&Face { number, points: &points, ring_ends, colours, part: 0, source: number }).unwrap();
     }
-    let mut metadata = Metadata { class_names: [(0.into(), "mesh".into())].into(), ..Metadata::default() };
+    let mut metadata = Metadata::default();
     (0..3).for_each(|axis| metadata.frame.matrix[axis][3] = -0.5);
     builder.finish(&mut metadata, &(), &mut |_, _| ()).unwrap();
 }

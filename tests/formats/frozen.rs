@@ -261,5 +261,35 @@ fn chapel() {
     }
 }
 
+/// The model with corners beside the grid, and all that is said of its parts.
+#[test]
+fn crossing() {
+    let path = fixture(frozen::CROSSING);
+    let folder = tempfile::tempdir().unwrap();
+    let made = folder.path().join("crossing.goblin");
+    frozen::make_crossing(&made).unwrap();
+    assert!(std::fs::read(&made).unwrap() == std::fs::read(&path).unwrap(), "{} differs", frozen::CROSSING);
+    let positioned = ExactModel::open(&path, &OpenOptions::new().positioned(64 << 20)).unwrap();
+    let mapped = ExactModel::open(&path, &OpenOptions::new()).unwrap();
+    for model in [positioned, mapped] {
+        assert_eq!(model.verify(16 << 20, &()).unwrap(), []);
+        let (exact, stand_ins) = model.exact_faces();
+        assert!(exact > 8 && stand_ins >= exact, "{exact} {stand_ins}");
+        assert_eq!(model.parts(), frozen::ABOUT.map(|(name, _)| name));
+        for (part, (name, about)) in (0..).zip(frozen::ABOUT) {
+            assert_eq!(model.part_attributes(part).unwrap().as_deref(), about);
+            assert_eq!(model.part_number(name).unwrap(), Some(part));
+        }
+        assert_eq!(model.file_attributes().unwrap(), [frozen::ABOUT_FILE]);
+        let formula = r#"(op2 (op7 "(memory)" "(memory)") "(memory)")"#;
+        assert_eq!(model.formula().unwrap().as_deref(), Some(formula));
+        let volume = MassProperties::of(&model, &()).unwrap().volume;
+        assert!((volume - CROSSING).abs() < 1e-9 * CROSSING, "{volume}");
+    }
+}
+
+/// Its volume, from those of its convex parts and of what they have in common, in rational numbers.
+const CROSSING: f64 = 4656.597168299902;
+
 /// Six times the volume of the dome in cubic centimetres, which is the sum of the determinants of its triangles.
 const DOME: i64 = 164_519_480;

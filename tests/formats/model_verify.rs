@@ -25,8 +25,8 @@ fn findings(file: &BrepFile) -> String {
 
 /// Where the words and the leaves of a segment begin.
 fn lists(segment: &[u8]) -> (usize, usize) {
-    let words = 12 + 4 * seal::short(segment, 0) as usize;
-    (words, words + 4 * seal::short(segment, 4) as usize)
+    let words = 16 + 4 * (seal::short(segment, 0) + seal::short(segment, 4)) as usize;
+    (words, words + 4 * seal::short(segment, 8) as usize)
 }
 
 /// The first of a segment's words with a state.
@@ -85,14 +85,14 @@ fn nodes_that_are_not_those_of_the_faces_are_found() {
     changed(
         &|segment| {
             let faces = seal::short(segment, 0) as usize;
-            let used: Vec<u32> = (0..faces).map(|face| seal::short(segment, 12 + 4 * face)).collect();
+            let used: Vec<u32> = (0..faces).map(|face| seal::short(segment, 16 + 4 * face)).collect();
             let other = (0..200).find(|face| !used.contains(face));
             // (All are there: two change places.)
             match other.filter(|face| *face < 16) {
-                Some(face) => seal::set_short(segment, 12, face),
+                Some(face) => seal::set_short(segment, 16, face),
                 None => {
-                    seal::set_short(segment, 12, used[faces - 1]);
-                    seal::set_short(segment, 12 + 4 * (faces - 1), used[0]);
+                    seal::set_short(segment, 16, used[faces - 1]);
+                    seal::set_short(segment, 16 + 4 * (faces - 1), used[0]);
                 }
             }
         },
@@ -215,4 +215,84 @@ fn memory_does_not_matter() {
         let at = word_of(segment, 0);
         segment[at] = 1;
     }
+}
+
+/// The frozen model that has all: corners beside the grid, and what is said of its parts.
+fn crossing() -> BrepFile {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/crossing.goblin");
+    BrepFile::of(&std::fs::read(path).unwrap())
+}
+
+#[test]
+fn lists_of_exact_faces_that_are_not_those_of_cells_are_found() {
+    let good = crossing();
+    assert_eq!(findings(&good), "");
+    assert_eq!(findings(&good.clone().cut_everywhere()), "", "with a segment for each node");
+    // Two own numbers of exact faces change places, so that lists have others.
+    let mut found = 0;
+    let segment = &good.segments[0].1;
+    let [faces, exact] = [0, 4].map(|at| seal::short(segment, at) as usize);
+    for number in 1..exact {
+        let mut file = good.clone();
+        let [one, other] = [0, number].map(|number| 16 + 4 * (faces + number));
+        for byte in 0..4 {
+            file.segments[0].1.swap(one + byte, other + byte);
+        }
+        let told = findings(&file);
+        assert!(told.is_empty() || told.contains("exact face"), "{told}");
+        found += usize::from(!told.is_empty());
+    }
+    assert!(exact > 4 && found > exact / 2, "{found} of {exact}");
+    // A cell that is near some says that it is near none.
+    let mut file = good.clone();
+    let segment = &mut file.segments[0].1;
+    let leaf = lists(segment).1 + (seal::short(segment, word_of(segment, 4)) >> 3) as usize;
+    if segment[leaf] & 32 != 0 {
+        segment[leaf] ^= 32;
+        assert!(findings(&file).contains("a node"), "{}", findings(&file));
+    }
+    // A face that stands in does not, and another one does.
+    let mut file = good.clone();
+    file.model[120] -= 1;
+    assert!(findings(&file).contains("faces that stand in"), "{}", findings(&file));
+}
+
+#[test]
+fn tables_that_say_what_cannot_be_are_found() {
+    let good = crossing();
+    let changed = |from: &str, to: &str, expected: &str| {
+        let mut file = good.clone();
+        let mut count = 0;
+        for (_, bytes) in &mut file.others[1] {
+            while let Some(at) = bytes.windows(from.len()).position(|part| part == from.as_bytes()) {
+                bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
+                count += 1;
+            }
+        }
+        assert!(count > 0, "{from}");
+        let found = match ExactModel::from_bytes(file.bytes()) {
+            Ok(_) => findings(&file),
+            Err(error) => error.to_string(),
+        };
+        assert!(found.contains(expected), "{expected}: {found}");
+    };
+    changed("18.50", "18.5x", "no JSON");
+    changed("A tower", "A\"tower", "no JSON");
+    changed("tower", "aower", "of their order");
+    changed("[\"type\"]", "[\"type\",", "without a name");
+    let mut file = good.clone();
+    file.others[1].retain(|(key, _)| key >> 32 != 16);
+    assert!(findings(&file).contains("without a value"), "{}", findings(&file));
+    file.others[1].retain(|(key, _)| key >> 32 != 3);
+    assert!(findings(&file).contains("no list of columns"), "{}", findings(&file));
+    file.others[1].retain(|(key, _)| key >> 32 != 0);
+    let error = ExactModel::from_bytes(file.bytes()).err().unwrap().to_string();
+    assert!(error.contains("0 names of 3 parts"), "{error}");
+    // Models of templates are refused.
+    let mut bytes = good.bytes();
+    let at = bytes.windows(4).rposition(|tag| tag == b"FORM").unwrap();
+    bytes[at..at + 4].copy_from_slice(b"INST");
+    seal::goblin(&mut bytes);
+    let error = ExactModel::from_bytes(bytes).err().unwrap().to_string();
+    assert!(error.contains("templates"), "{error}");
 }

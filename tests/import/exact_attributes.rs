@@ -4,14 +4,15 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 use spinney::Result;
-use spinney::brep::{Attributes, ExactModel, Faces};
+use spinney::brep::{ExactModel, Face, Faces, Grid, ModelBuilder};
 use spinney::export::mesh::{ExactSummary, MeshFormat, export_exact};
 use spinney::import::mesh::{
     self, ExactOptions, ExactReport, MeshFace, Model, ModelInfo, import_exact, open_all,
 };
 use spinney::io::Output;
-use spinney::store::OpenOptions;
+use spinney::store::{Metadata, OpenOptions};
 
+use crate::common::exact::cuboid;
 use crate::common::shared_data;
 
 fn import(inputs: &[PathBuf], path: &Path) -> (ExactModel, ExactReport) {
@@ -26,6 +27,12 @@ fn export(model: &ExactModel, path: &Path, format: MeshFormat) -> ExactSummary {
 
 fn read(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+/// What is said of each part, and of files.
+fn attributes(model: &ExactModel) -> (Vec<Option<String>>, Vec<String>) {
+    let parts = (0..model.parts().len() as u32).map(|part| model.part_attributes(part).unwrap());
+    (parts.collect(), model.file_attributes().unwrap())
 }
 
 const TRANSFORM: &str = r#""transform":{"scale":[1,1,1],"translate":[0,0,0]}"#;
@@ -72,14 +79,35 @@ fn attributes_come_back() {
     let at = |name: &str| folder.path().join(name);
     std::fs::write(at("a.city.json"), text()).unwrap();
     let (model, report) = import(&[at("a.city.json")], &at("a.goblin"));
-    assert_eq!(report.attributes, (2, 0));
-    let attributes = model.attributes();
+    assert_eq!((report.attributes, model.parts_with_attributes().unwrap()), (2, 2));
+    let part = |part| model.part_attributes(part).unwrap();
     let house = "{\"type\":\"Building\",\"children\":[\"house-0\"],\"attributes\":{\"year\":1948,\"height\":10.10,\
                  \"none\":null,\"roof\":{\"kind\":\"flat, \\\" red\\\"\",\"slopes\":[1,[2.50,true]]},\
                  \"naïve \\\\ key\":\"\\u00e9 \\t\"}}";
-    assert_eq!(attributes.part(0), Some(house));
-    assert!(attributes.part(1).unwrap().contains("\"geographicalExtent\":[0.5,0,0,1,1,1]"));
-    assert_eq!(attributes.part(2), None);
+    assert_eq!(part(0).as_deref(), Some(house));
+    assert!(part(1).unwrap().contains("\"geographicalExtent\":[0.5,0,0,1,1,1]"));
+    assert_eq!(part(2), None);
+    // By name, and column by column.
+    for (number, name) in (0..).zip(model.parts()) {
+        assert_eq!(model.part_number(name).unwrap(), Some(number));
+    }
+    assert_eq!(["", "i", "zzz"].map(|name| model.part_number(name).unwrap()), [None; 3]);
+    let columns = model.part_columns().unwrap();
+    let column = |names: &[&str]| columns.iter().position(|column| column == names).unwrap() as u32;
+    let values = |column: u32| {
+        let mut all = Vec::new();
+        let mut add = |part: u32, json: &str| {
+            all.push((part, json.to_string()));
+            Ok(())
+        };
+        model.each_part_value(column, &mut add).unwrap();
+        all
+    };
+    let text = |part: u32, json: &str| (part, json.to_string());
+    assert_eq!(values(column(&["type"])), [text(0, "\"Building\""), text(1, "\"BuildingPart\"")]);
+    assert_eq!(values(column(&["attributes", "height"])), [text(0, "10.10")]);
+    assert_eq!(values(column(&["attributes", "naïve \\ key"])), [text(0, "\"\\u00e9 \\t\"")]);
+    assert_eq!(values(99), []);
     assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
 
     let summary = export(&model, &at("b.city.json"), MeshFormat::CityJson);
@@ -92,11 +120,11 @@ fn attributes_come_back() {
     assert_eq!(second["extensions"], first["extensions"]);
     // Texts are the same to the last digit, and the model is, too.
     let (again, _) = import(&[at("b.city.json")], &at("b.goblin"));
-    assert_eq!(again.attributes(), attributes);
+    assert_eq!(attributes(&again), attributes(&model));
     assert_eq!(again.metadata().frame.crs, model.metadata().frame.crs);
     // A model of models keeps them as well.
     let (again, _) = import(&[at("a.goblin")], &at("c.goblin"));
-    assert_eq!(again.attributes(), attributes);
+    assert_eq!(attributes(&again), attributes(&model));
 
     for (format, name) in [(MeshFormat::Ply, "a.ply"), (MeshFormat::Stl, "a.stl"), (MeshFormat::Obj, "a.obj")]
     {
@@ -114,11 +142,11 @@ fn objects_of_no_type_have_none() {
     let text = format!(r#"{{"type":"CityJSON","version":"2.0",{TRANSFORM},{object},"vertices":{vertices}}}"#);
     std::fs::write(at("a.city.json"), text).unwrap();
     let (model, report) = import(&[at("a.city.json")], &at("a.goblin"));
-    assert_eq!(report.attributes, (0, 0));
-    assert!(model.attributes().is_empty() && model.metadata().scoped_tags.is_empty());
+    assert_eq!(report.attributes, 0);
+    assert_eq!(attributes(&model), (vec![None], vec![]));
     export(&model, &at("b.city.json"), MeshFormat::CityJson);
     let (again, _) = import(&[at("b.city.json")], &at("b.goblin"));
-    assert_eq!(again.metadata().class_names, model.metadata().class_names);
+    assert_eq!(again.parts(), model.parts());
     assert!(!std::fs::read_to_string(at("b.city.json")).unwrap().contains("metadata"));
 }
 
@@ -149,11 +177,11 @@ fn sequences_and_several_files() {
     // (The sequence does not say where it lies: the second file is one that says nothing either.)
     std::fs::write(at("b.city.json"), text().replace("referenceSystem", "other")).unwrap();
     let (model, report) = import(&[at("s.city.jsonl"), at("b.city.json")], &at("both.goblin"));
-    assert_eq!(report.attributes, (4, 0));
-    let attributes = model.attributes();
-    let numbers: Vec<u32> = attributes.parts().map(|(part, _)| part).collect();
-    assert_eq!((numbers, attributes.files().len()), (vec![0, 1, 2, 3], 2));
-    assert!(attributes.part(2).unwrap().starts_with("{\"type\":\"Building\""));
+    assert_eq!(report.attributes, 4);
+    let (parts, files) = attributes(&model);
+    let is_told: Vec<bool> = parts.iter().map(Option::is_some).collect();
+    assert_eq!((is_told, files.len()), (vec![true, true, true, true, false], 2));
+    assert!(parts[2].as_ref().unwrap().starts_with("{\"type\":\"Building\""));
     let summary = export(&model, &at("both.city.json"), MeshFormat::CityJson);
     assert_eq!(summary.lost_attributes, 2);
     let file = read(&at("both.city.json"));
@@ -162,22 +190,48 @@ fn sequences_and_several_files() {
     assert_eq!(file.get("metadata"), None);
 }
 
-/// Attributes that are too large are counted, in the report and in the file.
+/// More than the metadata of a file have room for: what is said of many objects, long values and names. What does not fit into
+/// memory is told.
 #[test]
-fn too_many_attributes_are_told() {
+fn attributes_may_be_long() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let long = format!("\"year\": \"{}\"", "x".repeat(Attributes::MOST_BYTES));
-    std::fs::write(at("a.city.json"), text().replace("\"year\": 1948", &long)).unwrap();
-    let (model, report) = import(&[at("a.city.json")], &at("a.goblin"));
-    assert_eq!(report.attributes, (1, 1));
-    assert_eq!(model.metadata().tags["model.lost_attributes"], "1");
-    assert_eq!((model.attributes().part(0), model.attributes().part(1).is_some()), (None, true));
-    // Long names take room of theirs.
-    let name = "n".repeat(Attributes::MOST_BYTES);
-    std::fs::write(at("b.city.json"), text().replace("\"thing\"", &format!("\"{name}\""))).unwrap();
-    let (model, report) = import(&[at("b.city.json")], &at("b.goblin"));
-    assert_eq!((report.attributes, model.parts()[2].len()), ((2, 0), name.len()));
+    let (geometry, vertices) = cube(0);
+    let long = "x".repeat(15 << 20);
+    // Objects of many kinds, so that there are more lists of members than columns' lists are kept for.
+    let object = |number: usize| {
+        let members: Vec<String> =
+            (0..13).filter(|bit| number >> bit & 1 == 1).map(|bit| format!("\"m{bit}\":{number}")).collect();
+        format!("\"o{number}\":{{\"type\":\"Road\",\"attributes\":{{{}}}}}", members.join(","))
+    };
+    let objects: Vec<String> = (0..8192).map(object).collect();
+    let own = format!(
+        r#""{long}":{{"type":"Tunnel",{geometry}}},"b":{{"type":"Bridge","attributes":{{"about":"{long}"}}}}"#
+    );
+    let text = format!(
+        r#"{{"type":"CityJSON","version":"2.0",{TRANSFORM},"CityObjects":{{{own},{}}},"vertices":{vertices}}}"#,
+        objects.join(",")
+    );
+    std::fs::write(at("a.city.json"), text).unwrap();
+    let models = open_all(&[at("a.city.json")], 512 << 20).unwrap();
+    let output = Output::create(&at("a.goblin")).unwrap();
+    let report = import_exact(models, &ExactOptions::new(), output, &()).unwrap();
+    assert_eq!(report.attributes, 8194);
+    for options in [OpenOptions::new(), OpenOptions::new().positioned(1 << 20)] {
+        let model = ExactModel::open(&at("a.goblin"), &options).unwrap();
+        assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
+        assert_eq!((model.parts()[0].len(), model.parts().len()), (long.len(), 8194));
+        let about = format!("{{\"type\":\"Bridge\",\"attributes\":{{\"about\":\"{long}\"}}}}");
+        assert!(model.part_attributes(1).unwrap() == Some(about));
+        for number in [0, 1, 77, 4095, 4096, 5000, 8191] {
+            let part = model.part_number(&format!("o{number}")).unwrap().unwrap();
+            let expected =
+                format!("{{{}}}", object(number).split_once(":{").unwrap().1.strip_suffix("}").unwrap());
+            assert_eq!(model.part_attributes(part).unwrap(), Some(expected));
+        }
+    }
+    let error = mesh::open(&at("a.city.json"), 16 << 20).err().unwrap();
+    assert!(matches!(error, spinney::Error::TooLarge { .. }), "{error}");
 }
 
 #[test]
@@ -229,7 +283,7 @@ fn real_attributes_come_back() {
         let models: Vec<Box<dyn Model>> = vec![Box::new(Stand { info })];
         let output = Output::create(&at("x.goblin")).unwrap();
         let report = import_exact(models, &ExactOptions::new(), output, &()).unwrap();
-        assert!(report.attributes.0 > 0 && report.attributes.1 == 0, "{name}: {report:?}");
+        assert!(report.attributes > 0, "{name}: {report:?}");
         let model = ExactModel::open(&at("x.goblin"), &OpenOptions::new()).unwrap();
         assert_eq!(export(&model, &at("x.city.json"), MeshFormat::CityJson).lost_attributes, 0);
         let (first, second) = (read(&path), read(&at("x.city.json")));
@@ -237,4 +291,61 @@ fn real_attributes_come_back() {
         let titles = [&first, &second].map(|file| file["metadata"].get("title").cloned());
         assert_eq!(titles[0], titles[1], "{name}");
     }
+}
+
+/// Values of faces come back, one by one and column by column; what does not keep them says so.
+#[test]
+fn values_of_faces_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let grid = Grid { bits: 9, origin: [0; 3], step: 1.0, divisor: 1.0 };
+    let mut builder = ModelBuilder::new(Output::create(&at("a.goblin")).unwrap(), grid, 1 << 20).unwrap();
+    assert!(builder.face_value("first", "1").is_err(), "a value before all faces");
+    let value = |column: u64, face: u64| -> Option<String> {
+        let is_there = column == 0 || face.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 61 == column;
+        is_there.then(|| {
+            if column == 2 { format!("\"{}\"", "y".repeat(face as usize % 90)) } else { format!("{face}.50") }
+        })
+    };
+    let mut number = 0;
+    for cell in 0..3000 {
+        let low = [cell % 20, cell / 20 % 20, cell / 400].map(|at| 3 * at);
+        for rings in cuboid(low, low.map(|at| at + 2)) {
+            let (points, colours, part) = (&rings[0][..], &[][..], 0);
+            let face = Face { number, points, ring_ends: &[points.len()], colours, part, source: number };
+            builder.push(&face).unwrap();
+            for column in 0..3 {
+                if let Some(value) = value(column, number) {
+                    builder.face_value(&format!("column {column}"), &value).unwrap();
+                }
+            }
+            number += 1;
+        }
+    }
+    builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    for options in [OpenOptions::new(), OpenOptions::new().positioned(1 << 16)] {
+        let model = ExactModel::open(&at("a.goblin"), &options).unwrap();
+        assert_eq!((model.len(), model.verify(64 << 20, &()).unwrap()), (18_000, vec![]));
+        assert_eq!(model.face_columns().unwrap(), [["column 0"], ["column 1"], ["column 2"]]);
+        for column in 0..3 {
+            let mut found = Vec::new();
+            let mut add = |face: u32, json: &str| {
+                found.push((face, json.to_string()));
+                Ok(())
+            };
+            model.each_face_value(column, &mut add).unwrap();
+            let expected = (0..18_000).filter_map(|face| Some((face as u32, value(column.into(), face)?)));
+            assert!(found == expected.collect::<Vec<_>>(), "{column}");
+            for face in (0..18_000).step_by(97) {
+                assert_eq!(model.face_value(column, face).unwrap(), value(column.into(), face.into()));
+            }
+        }
+        assert_eq!(model.face_value(3, 0).unwrap(), None);
+        let output = Output::create(&at("b.goblin")).unwrap();
+        let report = spinney::brep::combine(12, &[&model], output, 64 << 20, &()).unwrap();
+        assert_eq!(report.lost_columns, 3);
+    }
+    let models = open_all(&[at("a.goblin")], 64 << 20).unwrap();
+    let output = Output::create(&at("b.goblin")).unwrap();
+    assert_eq!(import_exact(models, &ExactOptions::new(), output, &()).unwrap().lost_columns, 3);
 }

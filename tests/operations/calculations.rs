@@ -10,7 +10,7 @@ use spinney::query::{Condition, FoundBlock};
 use spinney::space::{Bounds, Cell, Dimension, EdgeRule, Frame, Polygon};
 use spinney::store::{BuildOptions, Metadata, OpenOptions, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
-use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney::value::{Kind, Number, Rule, SampleType, Value, ValueType};
 
 /// A number that a cell has, in large patches, some of which are alike, and others noise; some cells are VOID.
 fn number(seed: u64, [x, y, z]: Cell) -> Option<u64> {

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicI64, Ordering};
 
-use spinney::brep::{Attributes, ExactModel, Faces, Grid, combine};
+use spinney::brep::{ExactModel, Faces, Grid, combine};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 use spinney::io::Output;
 use spinney::{Error, Progress};
@@ -46,14 +46,17 @@ fn parts_and_attributes_are_those_of_all() {
         let result = combined(operation, &bodies);
         let parts: Vec<String> = bodies.iter().flat_map(|body| body.model.parts().to_vec()).collect();
         assert_eq!(result.model.parts(), parts);
-        let attributes: Vec<Attributes> = bodies.iter().map(|body| body.model.attributes()).collect();
-        let found = result.model.attributes();
+        let part = |model: &ExactModel, part: usize| model.part_attributes(part as u32).unwrap();
+        let files_of = |model: &ExactModel| model.file_attributes().unwrap();
         for number in 0..parts.len() {
             let (body, own) = (number / 2, number % 2);
-            assert_eq!(found.part(number as u32), attributes[body].part(own as u32), "part {number}");
+            assert_eq!(part(&result.model, number), part(&bodies[body].model, own), "part {number}");
         }
-        let files: Vec<String> = attributes.iter().flat_map(|own| own.files().to_vec()).collect();
-        assert_eq!(found.files(), files);
+        let files: Vec<String> = bodies.iter().flat_map(|body| files_of(&body.model)).collect();
+        assert_eq!(files_of(&result.model), files);
+        let formula = result.model.formula().unwrap().unwrap();
+        let names = vec![" \"(memory)\""; bodies.len()].concat();
+        assert_eq!(formula, format!("(op{operation}{names})"));
         // Faces are of the parts that had them.
         let mut counts = vec![0; parts.len()];
         let mut sources = Vec::new();
@@ -70,7 +73,8 @@ fn parts_and_attributes_are_those_of_all() {
         // They go on.
         let again = combined(2, &[&result, &c]);
         assert_eq!(again.model.parts(), [parts, c.model.parts().to_vec()].concat());
-        assert_eq!(again.model.attributes().files().len(), files.len() + c.model.attributes().files().len());
+        assert_eq!(files_of(&again.model).len(), files.len() + files_of(&c.model).len());
+        assert_eq!(again.model.formula().unwrap().unwrap(), format!("(op2 {formula} \"(memory)\")"));
     }
 }
 

@@ -1,16 +1,15 @@
-//! Attributes of parts, as JSON that is kept as it was written: in the metadata of a file as tags of a domain of their own.
+//! Attributes of parts, as JSON that is kept as it was written.
 
 use std::collections::{BTreeMap, HashSet};
 use std::fmt;
+use std::path::Path;
 
-use serde::de::{Deserializer as _, Error as _, MapAccess, Visitor};
+use serde::de::{self, Deserializer as _, MapAccess, Visitor};
 use serde_json::value::RawValue;
+use spinney_base::Error;
 
 /// Most members of an object whose members are told apart (those within them are not counted).
 const MOST_MEMBERS: usize = 1 << 16;
-
-/// The domain of the tags.
-pub const DOMAIN: &str = "cityjson";
 
 /// Attributes of the parts of a model, and what is said of the files that it is of.
 ///
@@ -21,23 +20,14 @@ pub const DOMAIN: &str = "cityjson";
 pub struct Attributes {
     parts: BTreeMap<u32, String>,
     files: Vec<String>,
-    bytes: usize,
-    lost: u64,
+    bytes: u64,
+    limit: u64,
 }
 
 impl Attributes {
-    /// Most bytes of all texts together: they are held in memory, and the metadata of a file have at most 16 MiB.
-    pub const MOST_BYTES: usize = 12 << 20;
-
-    /// Bytes that a text counts more than it has, for its key.
-    const EACH: usize = 24;
-
-    /// Bytes of metadata that are left for other things.
-    const OTHERS: usize = 3 << 20;
-
-    /// None yet, that are to stand beside so many bytes of names: these take some of their room if they are very long.
-    pub fn beside(bytes: usize) -> Attributes {
-        Attributes { bytes: bytes.saturating_sub(Self::OTHERS), ..Attributes::default() }
+    /// None yet; at most so many bytes are held.
+    pub fn within(limit: u64) -> Attributes {
+        Attributes { limit, ..Attributes::default() }
     }
 
     /// The text about a part, if there is one.
@@ -45,9 +35,9 @@ impl Attributes {
         self.parts.get(&part).map(String::as_str)
     }
 
-    /// The texts about parts with their numbers.
-    pub fn parts(&self) -> impl Iterator<Item = (u32, &str)> {
-        self.parts.iter().map(|(part, text)| (*part, text.as_str()))
+    /// Number of parts with texts.
+    pub fn parts(&self) -> u64 {
+        self.parts.len() as u64
     }
 
     /// The texts about files, of those that say anything of themselves.
@@ -55,81 +45,40 @@ impl Attributes {
         &self.files
     }
 
-    /// Number of texts that there was no room for.
-    pub fn lost(&self) -> u64 {
-        self.lost
-    }
-
-    /// Whether there is nothing.
-    pub fn is_empty(&self) -> bool {
-        self.parts.is_empty() && self.files.is_empty()
-    }
-
-    fn take_room(&mut self, bytes: usize) -> bool {
-        let all = self.bytes.saturating_add(bytes).saturating_add(Self::EACH);
-        let fits = all <= Self::MOST_BYTES;
-        if fits {
-            self.bytes = all;
-        } else {
-            self.lost += 1;
+    /// Fails if there is no room for a text; `path` is for the error.
+    fn take_room(&mut self, path: &Path, bytes: usize) -> spinney_base::Result<()> {
+        // (And what the containers take for it.)
+        self.bytes += bytes as u64 + 48;
+        if self.bytes <= self.limit {
+            return Ok(());
         }
-        fits
+        Err(Error::TooLarge {
+            path: path.to_path_buf(),
+            what: "what is said of objects".into(),
+            needed: self.bytes,
+            limit: self.limit,
+            advice: "allow more memory, or split the file".into(),
+        })
     }
 
     /// Adds what is said of a part.
-    pub fn push_part(&mut self, part: u32, text: &ObjectText) {
-        if self.take_room(text.len()) {
-            self.parts.insert(part, text.to_string());
-        }
+    ///
+    /// # Errors
+    /// If there is no room for it; `path` is for that.
+    pub fn push_part(&mut self, path: &Path, part: u32, text: String) -> spinney_base::Result<()> {
+        self.take_room(path, text.len())?;
+        self.parts.insert(part, text);
+        Ok(())
     }
 
     /// Adds what is said of a file.
-    pub fn push_file(&mut self, text: &ObjectText) {
-        if self.take_room(text.len()) {
-            self.files.push(text.to_string());
-        }
-    }
-
-    /// Takes those of another model, whose `count` parts come behind `first` others.
-    pub fn append(&mut self, other: &Attributes, first: u32, count: u32) {
-        self.lost += other.lost;
-        for text in &other.files {
-            if self.take_room(text.len()) {
-                self.files.push(text.clone());
-            }
-        }
-        for (part, text) in other.parts().filter(|(part, _)| *part < count) {
-            if self.take_room(text.len()) {
-                self.parts.insert(first.saturating_add(part), text.into());
-            }
-        }
-    }
-
-    /// The tags of a file's metadata.
-    pub fn to_tags(&self) -> BTreeMap<String, String> {
-        let files = self.files.iter().enumerate().map(|(i, text)| (format!("file {i}"), text.clone()));
-        files.chain(self.parts().map(|(part, text)| (format!("part {part}"), text.into()))).collect()
-    }
-
-    /// Attributes in tags; those that are none of ours are passed over.
-    pub fn from_tags(tags: &BTreeMap<String, String>) -> Attributes {
-        let mut attributes = Attributes::default();
-        let mut files = BTreeMap::new();
-        for (key, text) in tags {
-            let Some((what, Ok(number))) = key.split_once(' ').map(|(what, n)| (what, n.parse::<u32>()))
-            else {
-                continue;
-            };
-            match what {
-                "part" => _ = attributes.parts.insert(number, text.clone()),
-                "file" => _ = files.insert(number, text),
-                _ => {}
-            }
-        }
-        attributes.files = files.into_values().cloned().collect();
-        // What is in a file has had room there.
-        attributes.bytes = tags.values().map(|text| text.len() + Self::EACH).sum();
-        attributes
+    ///
+    /// # Errors
+    /// If there is no room for it; `path` is for that.
+    pub fn push_file(&mut self, path: &Path, text: String) -> spinney_base::Result<()> {
+        self.take_room(path, text.len())?;
+        self.files.push(text);
+        Ok(())
     }
 }
 
@@ -156,7 +105,7 @@ pub fn each_member<'a>(json: &'a str, each: impl FnMut(&str, &'a str)) -> serde_
                     continue;
                 }
                 if taken.len() == MOST_MEMBERS {
-                    return Err(A::Error::custom("more than 65536 members of an object"));
+                    return Err(de::Error::custom("more than 65536 members of an object"));
                 }
                 (self.each)(&key, value.get());
                 taken.insert(key);
@@ -170,8 +119,7 @@ pub fn each_member<'a>(json: &'a str, each: impl FnMut(&str, &'a str)) -> serde_
     json.end()
 }
 
-/// A JSON object that is put together member by member, with nothing between tokens; no more of it than [`Attributes`] have
-/// room for.
+/// A JSON object that is put together member by member, with nothing between tokens.
 #[derive(Default)]
 pub struct ObjectText {
     text: String,
@@ -185,9 +133,6 @@ impl ObjectText {
         self.text.push(':');
         let (mut in_text, mut is_escaped) = (false, false);
         for character in json.chars() {
-            if self.text.len() > Attributes::MOST_BYTES {
-                return;
-            }
             if in_text || !character.is_ascii_whitespace() {
                 self.text.push(character);
             }
@@ -199,11 +144,6 @@ impl ObjectText {
     /// Whether it has no members.
     pub fn is_empty(&self) -> bool {
         self.text.is_empty()
-    }
-
-    /// Bytes of the text; more than there is room for if it was too long.
-    fn len(&self) -> usize {
-        self.text.len() + 2
     }
 }
 
@@ -254,21 +194,16 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_counted() {
-        let long = format!("{{\"a\":\"{}\"}}", "x".repeat(Attributes::MOST_BYTES / 2));
-        let mut attributes = Attributes::default();
-        attributes.push_file(&compact("{\"metadata\":{}}", ""));
-        for part in 0..4 {
-            attributes.push_part(part, &compact(if part == 2 { "{\"a\":1}" } else { &long }, ""));
-        }
-        assert_eq!(attributes.parts().map(|(part, _)| part).collect::<Vec<_>>(), [0, 2]);
-        assert_eq!(attributes.lost(), 2);
-        let read = Attributes::from_tags(&attributes.to_tags());
-        assert_eq!((read.files(), &read.parts), (attributes.files(), &attributes.parts));
-        let mut both = Attributes::default();
-        both.append(&attributes, 10, 3);
-        both.append(&attributes, 20, 9);
-        assert_eq!(both.parts().map(|(part, _)| part).collect::<Vec<_>>(), [10, 12, 22]);
-        assert_eq!((both.files().len(), both.lost()), (2, 5));
+    fn what_does_not_fit_is_told() {
+        let path = Path::new("a.json");
+        let mut attributes = Attributes::within(200);
+        attributes.push_file(path, "{\"metadata\":{}}".into()).unwrap();
+        attributes.push_part(path, 3, "{\"a\":1}".into()).unwrap();
+        let error = attributes.push_part(path, 4, "x".repeat(100)).unwrap_err();
+        assert!(matches!(error, Error::TooLarge { limit: 200, .. }), "{error}");
+        assert_eq!(
+            (attributes.parts(), attributes.files().len(), attributes.part(3)),
+            (1, 1, Some("{\"a\":1}"))
+        );
     }
 }

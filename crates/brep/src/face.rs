@@ -1,6 +1,6 @@
 //! Faces on a model's grid, and whatever can hand them out.
 
-use super::{Attributes, Grid};
+use super::Grid;
 use spinney_base::Result;
 use spinney_crs::Crs;
 
@@ -39,9 +39,36 @@ pub trait Faces {
     /// Names of the parts (objects, groups, materials); never empty.
     fn parts(&self) -> &[String];
 
-    /// Attributes of the parts, where there are any.
-    fn attributes(&self) -> Attributes {
-        Attributes::default()
+    /// What is said of a part: a JSON object, as [`Attributes`](crate::Attributes) have them.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    fn part_attributes(&self, _part: u32) -> Result<Option<String>> {
+        Ok(None)
+    }
+
+    /// Number of parts of which something is said.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    fn parts_with_attributes(&self) -> Result<u64> {
+        Ok(0)
+    }
+
+    /// What is said of the files that the model is of, of those that say anything of themselves: JSON objects.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    fn file_attributes(&self) -> Result<Vec<String>> {
+        Ok(Vec::new())
+    }
+
+    /// Number of columns of values of faces, which what is made of the model does not keep.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    fn value_columns(&self) -> Result<u64> {
+        Ok(0)
     }
 
     /// The coordinate system of the world, where known.

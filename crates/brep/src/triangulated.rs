@@ -1,7 +1,7 @@
 //! Faces cut into triangles.
 
 use super::arrangement::flip_in_plane;
-use super::{Attributes, Face, Faces, Grid};
+use super::{Face, Faces, Grid};
 use crate::exact::normal::ring_normal;
 use crate::geometry::Triangulator;
 use spinney_base::Result;
@@ -40,8 +40,20 @@ impl Faces for Triangulated<'_> {
         self.faces.parts()
     }
 
-    fn attributes(&self) -> Attributes {
-        self.faces.attributes()
+    fn part_attributes(&self, part: u32) -> Result<Option<String>> {
+        self.faces.part_attributes(part)
+    }
+
+    fn parts_with_attributes(&self) -> Result<u64> {
+        self.faces.parts_with_attributes()
+    }
+
+    fn file_attributes(&self) -> Result<Vec<String>> {
+        self.faces.file_attributes()
+    }
+
+    fn value_columns(&self) -> Result<u64> {
+        self.faces.value_columns()
     }
 
     fn crs(&self) -> Option<&Crs> {

@@ -20,8 +20,6 @@ pub enum Tag {
     ModelClosingTriangles,
     /// Faces of an exact model that repairs divided or removed.
     ModelRepairedFaces,
-    /// Parts or files whose attributes an exact model does not keep, since there are too many.
-    ModelLostAttributes,
     /// Places where an exact model's surface passes through itself, since its vertices were moved to the grid.
     ModelThinPlaces,
     /// The rule for cells on a solid's boundary.
@@ -51,7 +49,6 @@ impl Tag {
             Tag::ModelSlivers => "model.slivers",
             Tag::ModelClosingTriangles => "model.closing_triangles",
             Tag::ModelRepairedFaces => "model.repaired_faces",
-            Tag::ModelLostAttributes => "model.lost_attributes",
             Tag::ModelThinPlaces => "model.thin_places",
             Tag::SolidBoundary => "solid.boundary",
             Tag::SolidSurface => "solid.surface",

@@ -90,14 +90,11 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
             .filter(|(_, count, _)| *count > 0)
             .map(|(name, count, text)| (name, format!("{count} {text}"))),
     );
-    let (parts, lost) = report.attributes;
-    if parts > 0 || lost > 0 {
-        let lost = if lost > 0 {
-            format!("; those of {lost} are LOST, as there are too many")
-        } else {
-            String::new()
-        };
-        lines.push(("attributes", format!("of {parts} parts{lost}")));
+    if report.attributes > 0 {
+        lines.push(("attributes", format!("of {} parts", report.attributes)));
+    }
+    if report.lost_columns > 0 {
+        lines.push(("LOST", format!("{} columns of values of faces", report.lost_columns)));
     }
     let (boundaries, triangles) = report.closed;
     if boundaries > 0 {

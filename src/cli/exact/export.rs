@@ -31,7 +31,7 @@ pub(crate) fn export(
         .with_context(|| format!("cannot write {}", path.display()))?;
     work.finish();
     global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
-    let (exact, _) = model.exact_faces()?;
+    let (exact, _) = model.exact_faces();
     if exact > 0 {
         let thin = model.metadata().tag(Tag::ModelThinPlaces);
         let thin = thin.map_or(String::new(), |count| {

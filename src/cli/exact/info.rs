@@ -16,7 +16,7 @@ pub(crate) fn info(model: &ExactModel, is_json: bool) -> Result<()> {
 }
 
 fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
-    let exact_faces = model.exact_faces()?.0;
+    let exact_faces = model.exact_faces().0;
     let grid = model.grid();
     let nodes: serde_json::Map<_, _> =
         model.nodes().named().into_iter().map(|(name, count)| (name.to_lowercase(), json!(count))).collect();
@@ -37,7 +37,8 @@ fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
         "nodes": nodes,
         "segments": model.segments(),
         "parts": model.parts(),
-        "attributes": attributes(model),
+        "attributes": attributes(model)?,
+        "formula": model.formula()?,
         "epsg": metadata.frame.crs.as_ref().and_then(|crs| crs.numbers()).map(|numbers| numbers.horizontal),
         "provenance": metadata.provenance,
         "tags": metadata.tags,
@@ -47,16 +48,19 @@ fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
 }
 
 /// Attributes of each part, and of the files that the model is of; nothing where nothing is said.
-fn attributes(model: &ExactModel) -> serde_json::Value {
-    let all = model.attributes();
-    if all.is_empty() {
-        return serde_json::Value::Null;
+fn attributes(model: &ExactModel) -> Result<serde_json::Value> {
+    let files = model.file_attributes()?;
+    if model.parts_with_attributes()? == 0 && files.is_empty() {
+        return Ok(serde_json::Value::Null);
     }
     // (A text that is no JSON is shown as it is.)
     let value = |text: &str| serde_json::from_str(text).unwrap_or_else(|_| json!(text));
-    let parts: Vec<_> = (0..).zip(model.parts()).map(|(part, _)| all.part(part).map(value)).collect();
-    let files: Vec<_> = all.files().iter().map(|text| value(text)).collect();
-    json!({ "parts": parts, "files": files })
+    let mut parts = Vec::new();
+    for (part, _) in (0..).zip(model.parts()) {
+        parts.push(model.part_attributes(part)?.as_deref().map(value));
+    }
+    let files: Vec<_> = files.iter().map(|text| value(text)).collect();
+    Ok(json!({ "parts": parts, "files": files }))
 }
 
 fn as_text(model: &ExactModel) -> Result<String> {
@@ -67,7 +71,7 @@ fn as_text(model: &ExactModel) -> Result<String> {
     writeln!(text, "  format      Goblin, exact model")?;
     let far = if model.is_unbounded() { ", and all that is far away is inside" } else { "" };
     writeln!(text, "  faces       {}{far}", model.len())?;
-    let (exact, stand_ins) = model.exact_faces()?;
+    let (exact, stand_ins) = model.exact_faces();
     if exact > 0 {
         writeln!(
             text,
@@ -84,9 +88,15 @@ fn as_text(model: &ExactModel) -> Result<String> {
     let names: Vec<&str> = parts.iter().take(8).map(String::as_str).collect();
     let more = if parts.len() > names.len() { ", ..." } else { "" };
     writeln!(text, "  parts       {}: {}{more}", parts.len(), names.join(", "))?;
-    let attributes = model.attributes();
-    if !attributes.is_empty() {
-        writeln!(text, "  attributes  of {} parts (told with --json)", attributes.parts().count())?;
+    let described = model.parts_with_attributes()?;
+    if described > 0 {
+        writeln!(text, "  attributes  of {described} parts (told with --json)")?;
+    }
+    if let Some(formula) = model.formula()? {
+        // (Of many operations it is long.)
+        let start: String = formula.chars().take(200).collect();
+        let more = if start.len() < formula.len() { "..." } else { "" };
+        writeln!(text, "  formula     {start}{more}")?;
     }
     if let Some(crs) = &model.metadata().frame.crs {
         writeln!(text, "  crs         {crs}")?;

@@ -3,7 +3,9 @@
 use std::collections::HashMap;
 
 use crate::hash::Hasher;
-use crate::store::segment::{CUT, INNER, LEAF, LeafHead, encode, push_leaf};
+use crate::store::segment::{
+    CUT, INNER, LEAF, LeafHead, NEAR_FULL, NEAR_VOID, VOID, encode, push_leaf, push_list,
+};
 use crate::store::summary::NodeCounts;
 use spinney_base::sort;
 use spinney_base::space::Code;
@@ -14,7 +16,11 @@ use super::defects::Defects;
 /// files do not depend on how the work was divided.
 const SEGMENT: usize = 4096;
 
-/// Nodes of subtrees, in preorder. The words of leaves are places in a list of heads, counts and numbers of faces.
+/// Instead of the head of a leaf: a cell that no face cuts, with a list of faces beside the grid that are near it.
+const NO_LEAF: u32 = 256;
+
+/// Nodes of subtrees, in preorder. The words of leaves are places in a list of heads, counts and numbers of faces, and counts and
+/// numbers of faces with corners beside the grid.
 #[derive(Default)]
 pub(super) struct Arena {
     words: Vec<u32>,
@@ -37,14 +43,30 @@ impl Arena {
         Mark { words: self.words.len(), leaves: self.leaves.len() }
     }
 
-    /// Adds a leaf with the numbers of its faces; returns its word.
-    pub(super) fn leaf(&mut self, head: LeafHead, faces: impl Iterator<Item = u32>) -> u32 {
+    /// Adds a leaf with the numbers of its faces, and of those with corners beside the grid that are near it; returns its word.
+    pub(super) fn leaf(&mut self, head: LeafHead, faces: impl Iterator<Item = u32>, near: &[u32]) -> u32 {
+        self.counts.count(head.kind);
+        self.entry(head.to_byte().into(), faces, near) << 3 | LEAF
+    }
+
+    /// The word of a cell that no face cuts, and that is VOID or FULL; with a list where faces beside the grid are near it.
+    pub(super) fn near(&mut self, word: u32, near: &[u32]) -> u32 {
+        if near.is_empty() {
+            return word;
+        }
+        let state = if word == VOID { NEAR_VOID } else { NEAR_FULL };
+        self.entry(NO_LEAF, std::iter::empty(), near) << 3 | state
+    }
+
+    /// Adds an entry of the list of leaves; returns its place.
+    fn entry(&mut self, head: u32, faces: impl Iterator<Item = u32>, near: &[u32]) -> u32 {
         let at = self.leaves.len();
-        self.leaves.extend([head.to_byte().into(), 0]);
+        self.leaves.extend([head, 0]);
         self.leaves.extend(faces);
         self.leaves[at + 1] = (self.leaves.len() - at - 2) as u32;
-        self.counts.count(head.kind);
-        (at as u32) << 3 | LEAF
+        self.leaves.push(near.len() as u32);
+        self.leaves.extend_from_slice(near);
+        at as u32
     }
 
     /// The head of the only leaf, which is taken away.
@@ -83,36 +105,35 @@ impl Arena {
 
     /// Cuts off the subtree that begins at a mark into a segment.
     pub(super) fn cut(&mut self, code: Code, mark: Mark, word: u32) {
-        let mut numbers: HashMap<u32, u32, Hasher> = HashMap::default();
-        let mut faces = Vec::new();
+        let (mut faces, mut exact) = (OwnNumbers::default(), OwnNumbers::default());
         let mut leaves = Vec::new();
         let mut places = vec![0; self.leaves.len() - mark.leaves];
         let mut at = mark.leaves;
-        let mut local = Vec::new();
+        let (mut own, mut near) = (Vec::new(), Vec::new());
         while at < self.leaves.len() {
-            let (head, count) = (self.leaves[at] as u8, self.leaves[at + 1] as usize);
-            local.clear();
-            for &face in &self.leaves[at + 2..at + 2 + count] {
-                let next = faces.len() as u32;
-                let number = *numbers.entry(face).or_insert(next);
-                if number == next {
-                    faces.push(face);
-                }
-                local.push(number);
-            }
-            sort::numbers32(&mut local);
+            let head = self.leaves[at];
             places[at - mark.leaves] = leaves.len() as u32;
-            push_leaf(&mut leaves, head, &local);
-            at += 2 + count;
+            let mut list = |numbers: &mut OwnNumbers, out: &mut Vec<u32>| {
+                let count = self.leaves[at + 1] as usize;
+                numbers.of(&self.leaves[at + 2..at + 2 + count], out);
+                at += 1 + count;
+            };
+            list(&mut faces, &mut own);
+            list(&mut exact, &mut near);
+            at += 1;
+            match head {
+                NO_LEAF => push_list(&mut leaves, &near),
+                _ => push_leaf(&mut leaves, head as u8, &own, &near),
+            }
         }
         let moved = |word: u32| match word & 7 {
             INNER => ((word >> 3) - mark.words as u32 + 1) << 3 | INNER,
-            LEAF => places[(word >> 3) as usize - mark.leaves] << 3 | LEAF,
+            state @ (LEAF | NEAR_VOID | NEAR_FULL) => places[(word >> 3) as usize - mark.leaves] << 3 | state,
             _ => word,
         };
         let mut words = vec![moved(word)];
         words.extend(self.words[mark.words..].iter().map(|word| moved(*word)));
-        self.segments.push((code, encode(&faces, &words, &leaves)));
+        self.segments.push((code, encode(&faces.list, &exact.list, &words, &leaves)));
         self.words.truncate(mark.words);
         self.leaves.truncate(mark.leaves);
     }
@@ -122,7 +143,7 @@ impl Arena {
         let (words, leaves) = (self.words.len() as u32, self.leaves.len() as u32);
         let moved = |word: u32| match word & 7 {
             INNER => word + (words << 3),
-            LEAF => word + (leaves << 3),
+            LEAF | NEAR_VOID | NEAR_FULL => word + (leaves << 3),
             _ => word,
         };
         self.words.extend(other.words.iter().map(|word| moved(*word)));
@@ -131,5 +152,28 @@ impl Arena {
         self.counts.add(&other.counts);
         self.defects.append(other.defects);
         moved(word)
+    }
+}
+
+/// Numbers of faces in a segment, in the order in which they come first.
+#[derive(Default)]
+struct OwnNumbers {
+    numbers: HashMap<u32, u32, Hasher>,
+    list: Vec<u32>,
+}
+
+impl OwnNumbers {
+    /// The own numbers of some faces, ascending.
+    fn of(&mut self, faces: &[u32], out: &mut Vec<u32>) {
+        out.clear();
+        for &face in faces {
+            let next = self.list.len() as u32;
+            let number = *self.numbers.entry(face).or_insert(next);
+            if number == next {
+                self.list.push(face);
+            }
+            out.push(number);
+        }
+        sort::numbers32(out);
     }
 }

@@ -7,6 +7,7 @@ use super::arena::Arena;
 use super::defects::{DefectKind, Found};
 use super::division::{Division, each_bit};
 use super::items::Items;
+use super::near::NearFaces;
 use super::pairs::{Contact, Shared, contact, passes, twin};
 use crate::boxes::{Bounds, BoxTree};
 use crate::exact::crossing::FinePoint;
@@ -98,6 +99,8 @@ const WATCHED: usize = 64;
 /// Context of all cells of a model.
 pub(super) struct Walk<'a> {
     pub(super) items: &'a Items,
+    /// Faces with corners beside the grid.
+    pub(super) near: &'a NearFaces,
     pub(super) bits: u8,
     pub(super) depth: u8,
     /// Cells with at most so many faces are not divided.
@@ -107,12 +110,12 @@ pub(super) struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// Builds a cell; returns the word of its node.
-    pub(super) fn cell(&self, cell: &Cell, items: Vec<u32>, out: &mut Arena) -> Result<u32> {
+    /// Builds a cell with its faces, and those beside the grid that are near it; returns the word of its node.
+    pub(super) fn cell(&self, cell: &Cell, items: Vec<u32>, near: &[u32], out: &mut Arena) -> Result<u32> {
         let mut stages = Stages::default();
         let all = 0..items.len();
         let mut lists = Lists { items, children: Vec::new(), boxes: Vec::new() };
-        let word = self.node(cell, all, &mut lists, out, &mut stages);
+        let word = self.node(cell, all, near, &mut lists, out, &mut stages);
         self.stages.lock().expect("nobody panics with this lock").add(&stages);
         word
     }
@@ -122,15 +125,17 @@ impl Walk<'_> {
         &self,
         cell: &Cell,
         list: Range<usize>,
+        near: &[u32],
         lists: &mut Lists,
         out: &mut Arena,
         stages: &mut Stages,
     ) -> Result<u32> {
         if list.is_empty() {
-            return Ok(uniform(cell, self.bits, out));
+            let word = uniform(cell, self.bits, out);
+            return Ok(out.near(word, near));
         }
         if let Some(kind) = self.end(cell, &lists.items[list.clone()]) {
-            return self.leaf(cell, &lists.items[list], kind, &mut lists.boxes, out);
+            return self.leaf(cell, &lists.items[list], (kind, near), &mut lists.boxes, out);
         }
         let mark = out.mark();
         let record = out.record();
@@ -146,7 +151,8 @@ impl Walk<'_> {
             let built = parallel::map(&children, |child| {
                 let mut arena = Arena::default();
                 let list = lists.items[of(*child)].to_vec();
-                self.cell(&cells[*child], list, &mut arena).map(|word| (arena, word))
+                let near = self.near.of(near, &cells[*child], self.bits);
+                self.cell(&cells[*child], list, &near, &mut arena).map(|word| (arena, word))
             });
             for (child, built) in built.into_iter().enumerate() {
                 let (arena, word) = built?;
@@ -155,7 +161,8 @@ impl Walk<'_> {
             }
         } else {
             for (child, cell) in cells.iter().enumerate() {
-                let word = self.node(cell, of(child), lists, out, stages)?;
+                let near = self.near.of(near, cell, self.bits);
+                let word = self.node(cell, of(child), &near, lists, out, stages)?;
                 out.set(record, child, word);
             }
         }
@@ -236,7 +243,7 @@ impl Walk<'_> {
         &self,
         cell: &Cell,
         list: &[u32],
-        kind: NodeKind,
+        (kind, near_faces): (NodeKind, &[u32]),
         boxes: &mut Vec<Bounds>,
         out: &mut Arena,
     ) -> Result<u32> {
@@ -277,7 +284,7 @@ impl Walk<'_> {
             }
         }
         let faces = list.iter().map(|item| self.items.face(*item));
-        Ok(out.leaf(LeafHead { kind, rule, inside }, faces))
+        Ok(out.leaf(LeafHead { kind, rule, inside }, faces, near_faces))
     }
 
     /// Looks for faces that pass through each other or lie on each other.

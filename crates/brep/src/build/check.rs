@@ -9,8 +9,10 @@ use super::cells::{Cell, Lists, TASK, Walk, uniform};
 use super::defects::{Defects, MOST};
 use super::division::Division;
 use super::items::Items;
+use super::near::NearFaces;
 use super::run::{FaceWords, Place, Run, RunBuilder};
 use super::{Defect, RunDivision, room_for};
+use crate::arrangement::ExactFace;
 use crate::geometry::Stages;
 use crate::store::segment::{LeafHead, LeafRule, NodeKind};
 use crate::store::summary::NodeCounts;
@@ -37,13 +39,15 @@ pub(crate) struct OctreeCheck {
     memory: u64,
     run: RunBuilder,
     words: Vec<u32>,
+    near: NearFaces,
 }
 
 impl OctreeCheck {
     /// Takes about so many bytes of memory; what has no room there goes to temporary files.
     pub(crate) fn new(memory: u64) -> OctreeCheck {
         let place = Place::Folder(std::env::temp_dir());
-        OctreeCheck { memory, run: RunBuilder::new((memory / 4 / 4) as usize, place), words: Vec::new() }
+        let run = RunBuilder::new((memory / 4 / 4) as usize, place);
+        OctreeCheck { memory, run, words: Vec::new(), near: NearFaces::default() }
     }
 
     /// Adds a face that is planar and has an area.
@@ -52,6 +56,11 @@ impl OctreeCheck {
         // (Files have fewer than 2^32.)
         FaceWords::write(face.number as u32, face.points, face.ring_ends, &mut self.words);
         self.run.push(FaceWords(&self.words))
+    }
+
+    /// Adds a face with corners beside the grid, whose number is that of those before it.
+    pub(crate) fn push_exact(&mut self, face: &ExactFace) {
+        self.near.push(face);
     }
 
     /// Compares; `from` of `total` units of work were done before.
@@ -69,6 +78,7 @@ impl OctreeCheck {
         let stages = Mutex::new(Stages::default());
         let mut upper = Upper {
             model,
+            near: &self.near,
             memory: self.memory,
             place,
             stages: &stages,
@@ -80,7 +90,8 @@ impl OctreeCheck {
         };
         let mut found = Differences::default();
         let root = Cell { level: 0, position: [0; 3], winding: model.far_winding() };
-        upper.cell(&root, &model.root()?, run, &mut found)?;
+        let near = self.near.of(&self.near.all(), &root, model.grid().bits);
+        upper.cell(&root, &model.root()?, run, &near, &mut found)?;
         let grid = model.grid();
         let Differences { findings, arena, counts, cut } = found;
         let defects = arena.defects.list.into_iter().map(|found| found.in_world(grid)).collect();
@@ -120,6 +131,7 @@ impl Differences {
 /// The upper cells, whose faces are too many for memory.
 struct Upper<'a> {
     model: &'a ExactModel,
+    near: &'a NearFaces,
     memory: u64,
     place: Place,
     stages: &'a Mutex<Stages>,
@@ -133,16 +145,23 @@ struct Upper<'a> {
 }
 
 impl Upper<'_> {
-    fn cell(&mut self, cell: &Cell, node: &ModelNode<'_>, run: Run, found: &mut Differences) -> Result<()> {
+    fn cell(
+        &mut self,
+        cell: &Cell,
+        node: &ModelNode<'_>,
+        run: Run,
+        near: &[u32],
+        found: &mut Differences,
+    ) -> Result<()> {
         let Grid { bits, .. } = *self.model.grid();
-        let Upper { model, memory, stages, progress, .. } = *self;
+        let Upper { model, near: all_near, memory, stages, progress, .. } = *self;
         let needed = room_for(&run);
         if needed <= memory / 2 {
             let length = run.len() as u64;
             let items = Items::of(run)?;
-            let walk = Walk { items: &items, bits, depth: 0, leaf_size: 0, stages, progress };
+            let walk = Walk { items: &items, near: all_near, bits, depth: 0, leaf_size: 0, stages, progress };
             let check = CellCheck { walk, model };
-            check.cell(cell, node, (0..items.len() as u32).collect(), found)?;
+            check.cell(cell, node, (0..items.len() as u32).collect(), near, found)?;
             // (Faces that several cells have count once.)
             let share = |words: u64| {
                 (u128::from(self.units) * u128::from(words) / u128::from(self.words.max(1))) as u64
@@ -167,7 +186,8 @@ impl Upper<'_> {
         for (child, (run, cell)) in runs.into_iter().zip(&cells).enumerate() {
             let child = model.child(node, child)?;
             found.cut += u64::from(child.begins_segment());
-            self.cell(cell, &child, run, found)?;
+            let near = all_near.of(near, cell, bits);
+            self.cell(cell, &child, run, &near, found)?;
         }
         Ok(())
     }
@@ -185,23 +205,28 @@ impl CellCheck<'_> {
         cell: &Cell,
         node: &ModelNode<'_>,
         items: Vec<u32>,
+        near: &[u32],
         found: &mut Differences,
     ) -> Result<()> {
         let all = 0..items.len();
         let mut lists = Lists { items, children: Vec::new(), boxes: Vec::new() };
-        self.node(cell, node, all, &mut lists, found, &mut Stages::default())
+        self.node(cell, node, (all, near), &mut lists, found, &mut Stages::default())
     }
 
     fn node(
         &self,
         cell: &Cell,
         node: &ModelNode<'_>,
-        list: Range<usize>,
+        (list, near): (Range<usize>, &[u32]),
         lists: &mut Lists,
         found: &mut Differences,
         stages: &mut Stages,
     ) -> Result<()> {
         let Walk { items, bits, progress, .. } = self.walk;
+        if node.state() != ModelNodeState::Inner {
+            let there = node.near();
+            compare(cell, &there, near, ["exact face", "which is near it", "which is not near it"], found);
+        }
         match node.state() {
             ModelNodeState::Void | ModelNodeState::Full => {
                 let is_full = node.state() == ModelNodeState::Full;
@@ -233,7 +258,8 @@ impl CellCheck<'_> {
                 }
                 if list.is_empty() {
                     return self.children(cell, node, found, &mut |cell, node, found| {
-                        self.node(cell, node, 0..0, lists, found, stages)
+                        let near = self.walk.near.of(near, cell, bits);
+                        self.node(cell, node, (0..0, &near), lists, found, stages)
                     });
                 }
                 let end = lists.items.len();
@@ -248,7 +274,8 @@ impl CellCheck<'_> {
                         let node = self.model.child(node, child)?;
                         part.cut += u64::from(node.begins_segment());
                         let list = lists.items[of(child)].to_vec();
-                        self.cell(&cells[child], &node, list, &mut part).map(|()| part)
+                        let near = self.walk.near.of(near, &cells[child], bits);
+                        self.cell(&cells[child], &node, list, &near, &mut part).map(|()| part)
                     });
                     for part in checked {
                         found.append(part?);
@@ -257,7 +284,8 @@ impl CellCheck<'_> {
                     for (child, cell) in cells.iter().enumerate() {
                         let node = self.model.child(node, child)?;
                         found.cut += u64::from(node.begins_segment());
-                        self.node(cell, &node, of(child), lists, found, stages)?;
+                        let near = self.walk.near.of(near, cell, bits);
+                        self.node(cell, &node, (of(child), &near), lists, found, stages)?;
                     }
                 }
                 lists.items.truncate(end);
@@ -292,24 +320,14 @@ impl CellCheck<'_> {
         found: &mut Differences,
     ) -> Result<()> {
         let items = self.walk.items;
-        let mut there: Vec<u32> = node.faces().map(|face| face as u32).collect();
-        let mut expected: Vec<u32> = list.iter().map(|item| items.face(*item)).collect();
-        sort::numbers32(&mut there);
-        sort::numbers32(&mut expected);
-        if there != expected {
-            let lacks = |list: &[u32], face: &&u32| list.binary_search(face).is_err();
-            if let Some(face) = expected.iter().find(|face| lacks(&there, face)) {
-                found.add(cell, || format!("a leaf without face {face}, which cuts it"));
-            }
-            if let Some(face) = there.iter().find(|face| lacks(&expected, face)) {
-                found.add(cell, || format!("a leaf with face {face}, which does not cut it"));
-            }
-        }
+        let there: Vec<u32> = node.faces().map(|face| face as u32).collect();
+        let expected: Vec<u32> = list.iter().map(|item| items.face(*item)).collect();
+        compare(cell, &there, &expected, ["face", "which cuts it", "which does not cut it"], found);
         if list.is_empty() {
             return Ok(());
         }
         let kind = self.walk.kind(list);
-        self.walk.leaf(cell, list, kind, boxes, &mut found.arena)?;
+        self.walk.leaf(cell, list, (kind, &[]), boxes, &mut found.arena)?;
         let Some(made) = found.arena.take_leaf() else { return Ok(()) };
         if head.kind != kind {
             found.add(cell, || format!("a leaf of the kind {:?}, and its faces make it {kind:?}", head.kind));
@@ -327,6 +345,32 @@ impl CellCheck<'_> {
                 .add(cell, || format!("a leaf whose least corner is {is}, and {was} by the faces around it"));
         }
         Ok(())
+    }
+}
+
+/// Compares the list of faces of a cell with what it should be; words say what faces are, and what is wrong.
+fn compare(
+    cell: &Cell,
+    there: &[u32],
+    expected: &[u32],
+    [name, lacking, needless]: [&str; 3],
+    found: &mut Differences,
+) {
+    let sorted = |list: &[u32]| {
+        let mut list = list.to_vec();
+        sort::numbers32(&mut list);
+        list
+    };
+    let (there, expected) = (sorted(there), sorted(expected));
+    if there == expected {
+        return;
+    }
+    let lacks = |list: &[u32], face: &&u32| list.binary_search(face).is_err();
+    if let Some(face) = expected.iter().find(|face| lacks(&there, face)) {
+        found.add(cell, || format!("a leaf without {name} {face}, {lacking}"));
+    }
+    if let Some(face) = there.iter().find(|face| lacks(&expected, face)) {
+        found.add(cell, || format!("a leaf with {name} {face}, {needless}"));
     }
 }
 

@@ -7,6 +7,7 @@ mod check;
 mod defects;
 mod division;
 mod items;
+mod near;
 mod pairs;
 mod run;
 
@@ -17,12 +18,15 @@ use self::arena::Arena;
 use self::cells::{Cell, Walk, uniform};
 use self::division::Division;
 use self::items::{ITEM, Items, bounds_of};
+use self::near::NearFaces;
 use self::run::{FaceWords, Place, Run, RunBuilder, TRIANGLE_WORDS};
-use super::store::exact::ExactPart;
+use super::store::objects::{ColumnNames, ObjectWriter};
 use super::store::segment::CUT;
 use super::store::summary::{NodeCounts, Summary};
-use super::store::writer::ModelWriter;
+use super::store::table::{FIRST_NAMED, MOST_BYTES, TableWriter};
+use super::store::writer::{List, ModelWriter};
 use super::{Face, Grid};
+use crate::arrangement::ExactFace;
 use crate::exact::crossing::Outline;
 use crate::exact::normal::ring_normal;
 use crate::face_check::{FaceCheck, FaceFlaw};
@@ -62,10 +66,15 @@ pub struct ModelBuilder {
     run: RunBuilder,
     words: Vec<u32>,
     faces: u64,
+    stand_ins: u64,
     leaf_size: usize,
     is_unbounded: bool,
     takes_defects: bool,
-    exact: ExactPart,
+    exact: Vec<ExactFace>,
+    objects: ObjectWriter,
+    face_values: TableWriter,
+    face_columns: ColumnNames,
+    formula: String,
     check: FaceCheck,
 }
 
@@ -86,10 +95,15 @@ impl ModelBuilder {
             run,
             words: Vec::new(),
             faces: 0,
+            stand_ins: 0,
             leaf_size: LEAF_SIZE,
             is_unbounded: false,
             takes_defects: false,
-            exact: ExactPart::default(),
+            exact: Vec::new(),
+            objects: ObjectWriter::default(),
+            face_values: TableWriter::default(),
+            face_columns: ColumnNames::default(),
+            formula: String::new(),
             check,
         })
     }
@@ -108,8 +122,8 @@ impl ModelBuilder {
     }
 
     /// Adds faces with corners beside the grid, for which others stand: a file is then made even if those have defects.
-    pub(super) fn exact(self, exact: ExactPart) -> ModelBuilder {
-        ModelBuilder { takes_defects: !exact.faces.is_empty(), exact, ..self }
+    pub(super) fn exact(self, exact: Vec<ExactFace>) -> ModelBuilder {
+        ModelBuilder { takes_defects: !exact.is_empty(), exact, ..self }
     }
 
     /// Adds a face, whose number counts those before it. All corners lie in one plane, and its rings do not cross;
@@ -118,6 +132,11 @@ impl ModelBuilder {
     /// # Errors
     /// If it is no such face, if the file cannot be written, or if there are 2^32 faces.
     pub fn push(&mut self, face: &Face<'_>) -> Result<()> {
+        self.push_face(face, false)
+    }
+
+    /// Adds a face as [`ModelBuilder::push`] does, which may stand in for faces with corners beside the grid.
+    pub(super) fn push_face(&mut self, face: &Face<'_>, stands_in: bool) -> Result<()> {
         let Ok(number) = u32::try_from(self.faces) else {
             return Err(Error::TooLarge {
                 path: self.writer.path().to_path_buf(),
@@ -131,13 +150,74 @@ impl ModelBuilder {
             Error::invalid(format!("face {}", face.number), found, expected)
         })?;
         self.faces += 1;
-        self.writer.face(&Face { number: number.into(), ..*face })?;
+        self.stand_ins += u64::from(stands_in);
+        self.writer.face(&Face { number: number.into(), ..*face }, stands_in)?;
         if !has_area {
             return Ok(());
         }
         self.words.clear();
         FaceWords::write(number, face.points, face.ring_ends, &mut self.words);
         self.run.push(FaceWords(&self.words))
+    }
+
+    /// Adds a part, in the order of their numbers, with a JSON object that says something of it, as
+    /// [`Attributes`](crate::Attributes) have them. A model without parts has one that is called `mesh`.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or what is said has more than 16 MiB.
+    pub fn part(&mut self, name: &str, attributes: Option<&str>) -> Result<()> {
+        for text in [Some(name), attributes].into_iter().flatten() {
+            self.check_length(text, "a name of a part, or what is said of it,")?;
+        }
+        let ModelBuilder { writer, objects, .. } = self;
+        objects.part(name, attributes, &mut |key, bytes| writer.piece(List::Objects, key, bytes))
+    }
+
+    /// Adds a JSON object that says something of a file that the model is made of.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or it has more than 16 MiB.
+    pub fn about_file(&mut self, text: &str) -> Result<()> {
+        self.check_length(text, "what is said of a file")?;
+        let ModelBuilder { writer, objects, .. } = self;
+        objects.file(text, &mut |key, bytes| writer.piece(List::Objects, key, bytes))
+    }
+
+    /// Gives the face that was pushed last a value, a JSON text, in a column with a name: one for each.
+    ///
+    /// # Errors
+    /// If there is no face yet, if there are more than 4096 columns, if the file cannot be written, or the value has more than
+    /// 16 MiB.
+    pub fn face_value(&mut self, column: &str, json: &str) -> Result<()> {
+        self.check_length(json, "a value of a face")?;
+        let name = serde_json::Value::from(vec![column]).to_string();
+        let number = if self.faces > 0 { self.face_columns.number(&name) } else { None };
+        let Some(number) = number else {
+            return Err(Error::invalid("column", column, "at most 4096, and a face before its values"));
+        };
+        // (The builder has refused numbers of more bits.)
+        let face = (self.faces - 1) as u32;
+        let ModelBuilder { writer, face_values, .. } = self;
+        let take = &mut |key, bytes: &[u8]| writer.piece(List::FaceValues, key, bytes);
+        face_values.push(FIRST_NAMED + number, face, json.as_bytes(), take)
+    }
+
+    fn check_length(&self, text: &str, what: &str) -> Result<()> {
+        if text.len() <= MOST_BYTES {
+            return Ok(());
+        }
+        Err(Error::TooLarge {
+            path: self.writer.path().to_path_buf(),
+            what: what.into(),
+            needed: text.len() as u64,
+            limit: MOST_BYTES as u64,
+            advice: "leave out some of it".into(),
+        })
+    }
+
+    /// Tells the formula that the model is made by.
+    pub(super) fn formula(self, formula: String) -> ModelBuilder {
+        ModelBuilder { formula, ..self }
     }
 
     /// Builds the octree and puts the file in its place, on the threads of the current rayon pool; with defects
@@ -157,19 +237,27 @@ impl ModelBuilder {
             memory,
             run,
             faces,
+            stand_ins,
             leaf_size,
             is_unbounded,
             takes_defects,
             exact,
+            objects,
+            mut face_values,
+            face_columns,
+            formula,
             ..
         } = self;
         let (run, place) = run.finish()?;
+        let mut all_near = NearFaces::default();
+        exact.iter().for_each(|face| all_near.push(face));
         let stages = Mutex::new(Stages::default());
         let total = run.len() as u64;
         let mut upper = Upper {
             bits: grid.bits,
             depth: grid.depth(),
             leaf_size,
+            near: &all_near,
             memory,
             place,
             stages: &stages,
@@ -181,7 +269,8 @@ impl ModelBuilder {
         let mut arena = Arena::default();
         let mark = arena.mark();
         let root = Cell { level: 0, position: [0; 3], winding: is_unbounded.into() };
-        let word = upper.cell(&root, run, &mut arena)?;
+        let near = all_near.of(&all_near.all(), &root, grid.bits);
+        let word = upper.cell(&root, run, &near, &mut arena)?;
         // The root owns a segment in any case.
         if word != CUT {
             arena.cut(Code::root(Dimension::Oct), mark, word);
@@ -199,7 +288,14 @@ impl ModelBuilder {
             return Ok(report);
         }
         complete(metadata, &report);
-        writer.finish(&Summary { grid, faces, is_unbounded, nodes: report.nodes }, &exact, metadata)?;
+        writer.exact_faces(&exact)?;
+        let parts = objects.finish(&mut |key, bytes| writer.piece(List::Objects, key, bytes))?;
+        let take = &mut |key, bytes: &[u8]| writer.piece(List::FaceValues, key, bytes);
+        face_columns.write(&mut face_values, take)?;
+        face_values.finish(take)?;
+        let (nodes, exact_faces) = (report.nodes, exact.len() as u64);
+        let summary = Summary { grid, faces, is_unbounded, nodes, exact_faces, stand_ins, parts };
+        writer.finish(&summary, &formula, metadata)?;
         Ok(report)
     }
 }
@@ -209,6 +305,7 @@ struct Upper<'a> {
     bits: u8,
     depth: u8,
     leaf_size: usize,
+    near: &'a NearFaces,
     memory: u64,
     place: Place,
     stages: &'a Mutex<Stages>,
@@ -224,10 +321,11 @@ impl Upper<'_> {
         arena.segments.drain(..).try_for_each(|(code, bytes)| self.writer.segment(code, &bytes))
     }
 
-    /// Builds a cell; returns the word of its node.
-    fn cell(&mut self, cell: &Cell, run: Run, out: &mut Arena) -> Result<u32> {
+    /// Builds a cell with its faces, and those beside the grid that are near it; returns the word of its node.
+    fn cell(&mut self, cell: &Cell, run: Run, near: &[u32], out: &mut Arena) -> Result<u32> {
         if run.len() == 0 {
-            return Ok(uniform(cell, self.bits, out));
+            let word = uniform(cell, self.bits, out);
+            return Ok(out.near(word, near));
         }
         let needed = room_for(&run);
         let fits = needed <= self.memory / 2;
@@ -243,9 +341,9 @@ impl Upper<'_> {
         if fits {
             let length = run.len() as u64;
             let items = Items::of(run)?;
-            let Upper { bits, depth, leaf_size, stages, progress, .. } = *self;
-            let walk = Walk { items: &items, bits, depth, leaf_size, stages, progress };
-            let word = walk.cell(cell, (0..items.len() as u32).collect(), out)?;
+            let Upper { bits, depth, leaf_size, near: all_near, stages, progress, .. } = *self;
+            let walk = Walk { items: &items, near: all_near, bits, depth, leaf_size, stages, progress };
+            let word = walk.cell(cell, (0..items.len() as u32).collect(), near, out)?;
             self.store(out)?;
             // (Faces that several cells have count once.)
             let more = length.min(self.total - self.done);
@@ -259,7 +357,8 @@ impl Upper<'_> {
         let division = RunDivision { bits, memory, stages, progress };
         let (runs, cells) = division.of(cell, run, &mut self.place)?;
         for (child, run) in runs.into_iter().enumerate() {
-            let word = self.cell(&cells[child], run, out)?;
+            let near = self.near.of(near, &cells[child], bits);
+            let word = self.cell(&cells[child], run, &near, out)?;
             out.set(record, child, word);
         }
         let word = out.complete(cell.code(), mark, record);

@@ -8,7 +8,6 @@ use super::table::Fate;
 use super::table::OperationTable;
 use crate::arrangement::{ExactFace, ExactFaces, Turner};
 use crate::exact::normal::ring_normal;
-use crate::store::exact::ExactPart;
 use crate::{ExactModel, Face, FaceList, Faces};
 use spinney_base::{Error, Progress, Result};
 
@@ -26,6 +25,9 @@ pub(super) struct Bodies<'a> {
     first: Vec<(u32, u64)>,
 }
 
+/// Takes a face, whether it stands in for others, and what becomes of it.
+type TakeFace<'f> = dyn FnMut(&Face<'_>, bool, Option<Fate>) -> Result<()> + 'f;
+
 impl<'a> Bodies<'a> {
     /// Goes through all octrees.
     pub(super) fn new(
@@ -37,7 +39,7 @@ impl<'a> Bodies<'a> {
         let (mut overlaps, mut is_coloured) = (Vec::new(), false);
         let mut first = Vec::new();
         let mut parts = 0;
-        let are_all_near = models.iter().any(|model| model.exact_bytes() > 0);
+        let are_all_near = models.iter().any(|model| model.is_beside_grid());
         for (number, model) in models.iter().enumerate() {
             if !are_all_near {
                 overlaps.push(Overlap::of(number, models, placed, table, progress)?);
@@ -53,25 +55,21 @@ impl<'a> Bodies<'a> {
     pub(super) fn near(&mut self, memory: u64, progress: &dyn Progress) -> Result<(ExactFaces, Vec<u32>)> {
         let parts = self.models.iter().flat_map(|model| model.parts().iter().cloned()).collect();
         let mut found = ExactFaces::of_grid(FaceList::new(self.placed.grid.clone(), parts));
-        let (mut ends, mut first_source) = (Vec::new(), 0u64);
+        let (mut ends, mut first_source, mut exact_bytes) = (Vec::new(), 0u64, 0u64);
         for (number, model) in self.models.iter().enumerate() {
             self.first[number].1 = first_source;
             let mut sources = first_source;
-            // (A face has about as many bytes in the section as in memory.)
-            self.check_room(number, found.list.bytes().saturating_add(2 * model.exact_bytes()), memory)?;
-            let ExactPart { faces: exact, stand_ins } = model.exact_part()?;
-            let mut stand_ins = stand_ins.into_iter().map(u64::from).peekable();
-            self.each(number, progress, &mut |face, fate| {
+            self.each(number, progress, &mut |face, stands_in, fate| {
                 sources = sources.max(face.source.saturating_add(1));
-                if stand_ins.next_if_eq(&face.number).is_none() && fate.is_none() {
+                if !stands_in && fate.is_none() {
                     found.list.push(face);
                     if found.list.len().is_multiple_of(1 << 12) {
-                        self.check_room(number, found.list.bytes(), memory)?;
+                        self.check_room(number, found.list.bytes().saturating_add(exact_bytes), memory)?;
                     }
                 }
                 Ok(())
             })?;
-            for mut face in exact {
+            model.each_exact(&mut |mut face| {
                 if self.is_coloured && face.colours.is_empty() {
                     face.colours = vec![[255; 3]; face.corners.len()];
                 }
@@ -89,9 +87,15 @@ impl<'a> Bodies<'a> {
                 let part = face.part.saturating_add(self.first[number].0);
                 let source = face.source.saturating_add(first_source);
                 sources = sources.max(source.saturating_add(1));
+                exact_bytes += face.bytes();
                 found.push(ExactFace { part, source, ..face });
-            }
-            self.check_room(number, found.list.bytes(), memory)?;
+                if found.list.len().is_multiple_of(1 << 8) {
+                    progress.check()?;
+                    self.check_room(number, found.list.bytes().saturating_add(exact_bytes), memory)?;
+                }
+                Ok(())
+            })?;
+            self.check_room(number, found.list.bytes().saturating_add(exact_bytes), memory)?;
             first_source = sources;
             ends.push(found.list.len() as u32);
         }
@@ -106,7 +110,7 @@ impl<'a> Bodies<'a> {
     ) -> Result<()> {
         let mut turner = Turner::default();
         for number in 0..self.models.len() {
-            self.each(number, progress, &mut |face, fate| match fate {
+            self.each(number, progress, &mut |face, _, fate| match fate {
                 Some(Fate::Kept) => each(face),
                 Some(Fate::Turned) => each(&turner.turn(face)),
                 _ => Ok(()),
@@ -130,18 +134,14 @@ impl<'a> Bodies<'a> {
         Ok(Some(list))
     }
 
-    /// Hands out the faces of a model on the common grid, with what becomes of those that are not near other bodies.
-    fn each(
-        &self,
-        number: usize,
-        progress: &dyn Progress,
-        each: &mut dyn FnMut(&Face<'_>, Option<Fate>) -> Result<()>,
-    ) -> Result<()> {
+    /// Hands out the faces of a model on the common grid, with whether they stand in for others, and what becomes of those that
+    /// are not near other bodies.
+    fn each(&self, number: usize, progress: &dyn Progress, each: &mut TakeFace<'_>) -> Result<()> {
         let model = self.models[number];
         let overlap = self.overlaps.get(number);
         let (first_part, first_source) = self.first[number];
         let (mut points, mut white) = (Vec::new(), Vec::new());
-        model.each(&mut |face| {
+        model.each_face(&mut |face, stands_in| {
             if face.number.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
@@ -154,14 +154,14 @@ impl<'a> Bodies<'a> {
                 _ => None,
             };
             if fate == Some(Fate::Dropped) {
-                return each(face, fate);
+                return each(face, stands_in, fate);
             }
             self.put(number, face.number, face.points, &mut points)?;
             white.resize(if self.is_coloured { points.len() } else { 0 }, [255; 3]);
             let colours = if face.colours.is_empty() { &white[..] } else { face.colours };
             let (part, source) =
                 (face.part.saturating_add(first_part), face.source.saturating_add(first_source));
-            each(&Face { points: &points, colours, part, source, ..*face }, fate)
+            each(&Face { points: &points, colours, part, source, ..*face }, stands_in, fate)
         })
     }
 

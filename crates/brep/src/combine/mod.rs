@@ -25,14 +25,12 @@ use self::seams::Seams;
 use self::table::OperationTable;
 use self::winding::winding;
 use super::arrangement::{ExactFace, Operands, Rounded, Rounds, divide, round};
-use super::attributes::DOMAIN;
-use super::store::exact::ExactPart;
-use super::{Attributes, BuildReport, ExactModel, Face, Faces, Grid, LEAF_SIZE, ModelBuilder};
+use super::store::formula::formula;
+use super::{BuildReport, ExactModel, Face, Faces, Grid, LEAF_SIZE, ModelBuilder};
 use crate::closure::{Closure, ExactClosure, Seed};
 use spinney_base::io::Output;
-use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Metadata, Tag, TagScope};
+use spinney_container::{Metadata, Tag};
 
 /// Counts of a set operation on bodies.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,6 +44,8 @@ pub struct CombineReport {
     pub pairs: u64,
     /// Faces that were divided, or of which a part was taken away.
     pub divided: u64,
+    /// Columns of values of faces that the result does not keep.
+    pub lost_columns: u64,
     /// The furthest that a new vertex was moved to the grid, in the models' unit.
     pub displacement: f64,
     /// The grid.
@@ -209,28 +209,25 @@ fn made(
         })?;
     }
     faces.each(&mut |face| {
-        surface.add(face, stands_in[face.number as usize]);
-        builder.push(face)
+        let stands_in = stands_in[face.number as usize];
+        surface.add(face, stands_in);
+        builder.push_face(face, stands_in)
     })?;
-    // (The builder has refused numbers of more bits.)
-    let numbers = (settled..).map(|number| number as u32);
-    let mut stand_ins: Vec<u32> =
-        numbers.zip(stands_in).filter_map(|(number, stands_in)| stands_in.then_some(number)).collect();
     let mut after = settled + faces.len();
     seams.close(faces.is_coloured(), &mut |face| {
-        stand_ins.push(after as u32);
         after += 1;
         surface.add(face, true);
-        builder.push(face)
+        builder.push_face(face, true)
     })?;
     drop(faces);
     surface.check(&exact, path, progress)?;
-    // Invariant: numbers of faces are those in which the builder got them: what was settled, then the list,
-    // then what closes seams. So those that stand for others come in ascending order, as files have them and
-    // readers need them. With any other numbers the next operation would leave out faces of the body, and
-    // keep those that stand for exact ones.
-    debug_assert!(stand_ins.is_sorted());
-    let builder = builder.exact(ExactPart { faces: exact, stand_ins });
+    let mut builder = builder.exact(exact).formula(formula(operation, models)?);
+    for model in models {
+        for (part, name) in (0..).zip(model.parts()) {
+            builder.part(name, model.part_attributes(part)?.as_deref())?;
+        }
+        model.file_attributes()?.iter().try_for_each(|text| builder.about_file(text))?;
+    }
     let mut metadata = metadata(operation, models, &grid);
     metadata.set_tag(Tag::ModelDisplacement, displacement.to_string());
     let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {
@@ -245,7 +242,9 @@ fn made(
             "check them with verify, and build them again",
         ));
     }
-    Ok(CombineReport { before: Vec::new(), after, pairs, divided, displacement, grid, is_unbounded, built })
+    let lost_columns = models.iter().map(|model| model.value_columns()).sum::<Result<u64>>()?;
+    let before = Vec::new();
+    Ok(CombineReport { before, after, pairs, divided, lost_columns, displacement, grid, is_unbounded, built })
 }
 
 /// The edges of a result, before it is put in its place.
@@ -299,29 +298,15 @@ impl ResultSurface {
 /// Times that faces are divided anew to mend what moving vertices to the grid did.
 const MOST_ROUNDS: u32 = 4;
 
-/// Names, attributes, unit and place of the result.
+/// Unit, place and provenance of the result.
 fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {
     let crs = models.iter().find_map(|model| model.crs().cloned());
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
-    let names = models.iter().flat_map(|model| model.parts());
-    metadata.class_names = (0u64..).map(Number::from).zip(names.clone().cloned()).collect();
     metadata.provenance = models.iter().flat_map(|model| model.metadata().provenance.clone()).collect();
     let paths: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
     metadata.provenance.push(format!("operation {operation} of {}", paths.join(" ")));
     if let Some(unit) = models.iter().find_map(|model| model.metadata().tag(Tag::Unit)) {
         metadata.set_tag(Tag::Unit, unit);
-    }
-    let mut attributes = Attributes::beside(names.map(|name| name.len() + 10).sum());
-    let mut parts = 0;
-    for model in models {
-        attributes.append(&model.attributes(), parts, model.parts().len() as u32);
-        parts += model.parts().len() as u32;
-    }
-    if attributes.lost() > 0 {
-        metadata.set_tag(Tag::ModelLostAttributes, attributes.lost().to_string());
-    }
-    if !attributes.is_empty() {
-        metadata.scoped_tags.insert(TagScope { channel: None, domain: DOMAIN.into() }, attributes.to_tags());
     }
     metadata
 }

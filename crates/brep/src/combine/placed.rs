@@ -116,16 +116,16 @@ impl Placed {
 /// Least and greatest coordinates of a model on its grid: what is thinner than a step may be nowhere in the octree.
 fn bounds(model: &ExactModel) -> Result<Option<[[i32; 3]; 2]>> {
     let mut found = model.grid_bounds()?;
-    if model.exact_bytes() > 0 {
-        for corner in model.exact_part()?.faces.iter().flat_map(|face| &face.corners) {
-            let at = corner.point.rounded();
+    model.each_exact(&mut |face| {
+        for at in face.rounded() {
             let [low, high] = found.get_or_insert([at; 2]);
             for axis in 0..3 {
                 low[axis] = low[axis].min(at[axis]);
                 high[axis] = high[axis].max(at[axis]);
             }
         }
-    }
+        Ok(())
+    })?;
     Ok(found)
 }
 

@@ -8,9 +8,8 @@
 //! do not depend on an order.
 
 use super::ratio::{Whole, WideSum, odd_part, rounded, whole};
-use crate::arrangement::ExactFace;
 use crate::exact::vector::{cross, dot, subtract};
-use crate::{ExactModel, Face, FaceBuffer, Faces, Grid};
+use crate::{ExactModel, Face, Faces, Grid};
 use spinney_base::{Progress, Result};
 
 /// Measures of a body in the world: of volume one throughout.
@@ -66,27 +65,28 @@ impl MassProperties {
 
 impl ExactModel {
     /// See [`Faces::volume_beside`]: in doubles.
-    pub(crate) fn volume_of_exact_part(&self) -> Result<f64> {
-        let part = self.exact_part()?;
+    pub(crate) fn volume_beside_grid(&self) -> Result<f64> {
         let cone = |[a, b, c]: [[f64; 3]; 3]| dot(a, cross(b, c));
         let cones =
             |ring: &[[f64; 3]]| (2..ring.len()).map(|i| cone([ring[0], ring[i - 1], ring[i]])).sum::<f64>();
         let mut ring: Vec<[f64; 3]> = Vec::new();
         let mut sum = 0.0;
-        for corners in part.faces.iter().flat_map(ExactFace::rings) {
-            ring.clear();
-            ring.extend(corners.iter().map(|corner| corner.point.near));
-            sum += cones(&ring);
-        }
-        let mut buffer = FaceBuffer::default();
-        for number in part.stand_ins {
-            self.face(number.into(), &mut buffer)?;
-            for corners in buffer.face().rings() {
+        self.each_exact(&mut |face| {
+            for corners in face.rings() {
+                ring.clear();
+                ring.extend(corners.iter().map(|corner| corner.point.near));
+                sum += cones(&ring);
+            }
+            Ok(())
+        })?;
+        self.each_stand_in(&mut |face| {
+            for corners in face.rings() {
                 ring.clear();
                 ring.extend(corners.iter().map(|corner| corner.map(f64::from)));
                 sum -= cones(&ring);
             }
-        }
+            Ok(())
+        })?;
         Ok(sum / 6.0)
     }
 }

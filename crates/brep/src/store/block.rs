@@ -17,6 +17,7 @@ const WIDE: u32 = 2;
 const TRIANGLES: u32 = 4;
 const PARTS: u32 = 8;
 const SOURCES: u32 = 16;
+const STAND_INS: u32 = 32;
 
 /// Collects the faces of a block.
 #[derive(Default)]
@@ -31,6 +32,8 @@ pub(crate) struct BlockBuilder {
     face_ends: Vec<u32>,
     parts: Vec<u32>,
     sources: Vec<u64>,
+    /// Whether each face stands in for others, with corners beside the grid.
+    stand_ins: Vec<bool>,
     is_coloured: bool,
 }
 
@@ -44,7 +47,8 @@ impl BlockBuilder {
         self.parts.is_empty()
     }
 
-    pub(crate) fn push(&mut self, face: &Face<'_>) {
+    /// Adds a face, which may stand in for others that have corners beside the grid.
+    pub(crate) fn push(&mut self, face: &Face<'_>, stands_in: bool) {
         if self.parts.is_empty() {
             self.first = face.number;
         }
@@ -74,6 +78,7 @@ impl BlockBuilder {
         self.face_ends.push(self.ring_ends.len() as u32);
         self.parts.push(face.part);
         self.sources.push(face.source);
+        self.stand_ins.push(stands_in);
     }
 
     /// The number of the first face, and the block's bytes; the builder is empty after that.
@@ -83,12 +88,14 @@ impl BlockBuilder {
             && (3..).step_by(3).zip(&self.ring_ends).all(|(end, ring)| end == *ring);
         let one_part = self.parts.iter().all(|part| *part == self.parts[0]);
         let own_numbers = (self.first..).zip(&self.sources).all(|(number, source)| number == *source);
+        let has_stand_ins = self.stand_ins.contains(&true);
         let flag = |is_set: bool, flag: u32| if is_set { flag } else { 0 };
         let flags = flag(self.is_coloured, COLOURED)
             | flag(is_wide, WIDE)
             | flag(are_triangles, TRIANGLES)
             | flag(!one_part, PARTS)
-            | flag(!own_numbers, SOURCES);
+            | flag(!own_numbers, SOURCES)
+            | flag(has_stand_ins, STAND_INS);
         let counts = [self.parts.len(), self.vertices.len(), self.ring_ends.len(), self.corners.len()];
         let mut bytes = Vec::with_capacity(HEAD + 12 * self.vertices.len() + 4 * self.corners.len());
         let mut word = |word: u32| bytes.extend_from_slice(&word.to_le_bytes());
@@ -102,6 +109,11 @@ impl BlockBuilder {
         if !own_numbers {
             self.sources.iter().for_each(|source| bytes.extend_from_slice(&source.to_le_bytes()));
         }
+        if has_stand_ins {
+            let bits =
+                |faces: &[bool]| (0..).zip(faces).fold(0, |bits, (bit, is)| bits | u8::from(*is) << bit);
+            bytes.extend(self.stand_ins.chunks(8).map(bits));
+        }
         if self.is_coloured {
             bytes.extend_from_slice(self.colours.as_flattened());
         }
@@ -112,16 +124,16 @@ impl BlockBuilder {
             }
         }
         let first = self.first;
-        let BlockBuilder { known, vertices, colours, corners, ring_ends, face_ends, parts, sources, .. } =
-            self;
+        let BlockBuilder { known, vertices, colours, corners, ring_ends, face_ends, .. } = self;
         known.clear();
         vertices.clear();
         colours.clear();
         corners.clear();
         ring_ends.clear();
         face_ends.clear();
-        parts.clear();
-        sources.clear();
+        self.parts.clear();
+        self.sources.clear();
+        self.stand_ins.clear();
         self.is_coloured = false;
         (first, bytes)
     }
@@ -146,6 +158,7 @@ struct BlockLayout {
     ring_ends: usize,
     parts: usize,
     sources: usize,
+    stand_ins: usize,
     colours: usize,
     corner_list: usize,
     end: usize,
@@ -168,7 +181,8 @@ impl BlockLayout {
         let ring_ends = face_ends + if has(TRIANGLES) { 0 } else { 4 * faces };
         let parts = ring_ends + if has(TRIANGLES) { 0 } else { 4 * rings };
         let sources = parts + if has(PARTS) { 4 * faces } else { 4 };
-        let colours = sources + if has(SOURCES) { 8 * faces } else { 0 };
+        let stand_ins = sources + if has(SOURCES) { 8 * faces } else { 0 };
+        let colours = stand_ins + if has(STAND_INS) { faces.div_ceil(8) } else { 0 };
         let corner_list = colours + if has(COLOURED) { 3 * vertices } else { 0 };
         let end = corner_list + corners * if has(WIDE) { 4 } else { 2 };
         let layout = BlockLayout {
@@ -181,6 +195,7 @@ impl BlockLayout {
             ring_ends,
             parts,
             sources,
+            stand_ins,
             colours,
             corner_list,
             end,
@@ -208,12 +223,14 @@ pub struct FaceBuffer {
     pub part: u32,
     /// Number of the face in the file that the model was built from.
     pub source: u64,
+    /// Whether the face stands in for others, which have corners beside the grid.
+    pub(crate) stands_in: bool,
 }
 
 impl FaceBuffer {
     /// The face.
     pub fn face(&self) -> Face<'_> {
-        let FaceBuffer { points, ring_ends, colours, number, part, source } = self;
+        let FaceBuffer { points, ring_ends, colours, number, part, source, .. } = self;
         Face { number: *number, points, ring_ends, colours, part: *part, source: *source }
     }
 }
@@ -256,6 +273,9 @@ impl<'a> Block<'a> {
         if let Some(at) = (0..vertices).map(|vertex| self.vertex(vertex)).find(outside) {
             return Err(format!("a vertex at {at:?} on a grid of {bits} bits"));
         }
+        if self.layout.flags >= 2 * STAND_INS {
+            return Err(format!("flags {:x}", self.layout.flags));
+        }
         let wrong = (0..faces).map(|face| self.part(face)).find(|part| u64::from(*part) >= parts);
         wrong.map_or(Ok(()), |part| Err(format!("part {part} of {parts}")))
     }
@@ -280,6 +300,17 @@ impl<'a> Block<'a> {
     fn vertex(&self, number: usize) -> [i32; 3] {
         let at = HEAD + 12 * number;
         [0, 4, 8].map(|axis| word(&self.bytes, at + axis) as i32)
+    }
+
+    /// Whether any of the faces may stand in for others.
+    pub(crate) fn has_stand_ins(&self) -> bool {
+        self.layout.has(STAND_INS)
+    }
+
+    /// Whether a face stands in for others.
+    fn stands_in(&self, face: usize) -> bool {
+        let byte = self.bytes.get(self.layout.stand_ins + face / 8).filter(|_| self.has_stand_ins());
+        byte.is_some_and(|byte| byte >> (face % 8) & 1 == 1)
     }
 
     fn part(&self, face: usize) -> u32 {
@@ -318,6 +349,7 @@ impl<'a> Block<'a> {
         }
         buffer.number = self.first + face as u64;
         buffer.part = self.part(face);
+        buffer.stands_in = self.stands_in(face);
         buffer.source = if layout.has(SOURCES) {
             let at = layout.sources + 8 * face;
             u64::from(word(&self.bytes, at)) | u64::from(word(&self.bytes, at + 4)) << 32
@@ -353,7 +385,7 @@ mod tests {
         ];
         for faces in cases {
             let mut builder = BlockBuilder::default();
-            faces.iter().for_each(|face| builder.push(face));
+            (0..).zip(&faces).for_each(|(i, face)| builder.push(face, i == 1 && face.part == 1));
             let (first, bytes) = builder.finish();
             assert!(builder.is_empty() && first == faces[0].number);
             let block = Block::new(FileBytes::Mapped(&bytes), first).unwrap();
@@ -363,6 +395,7 @@ mod tests {
             for (index, face) in faces.iter().enumerate() {
                 block.read(index, &mut buffer);
                 assert_eq!(&buffer.face(), face);
+                assert_eq!(buffer.stands_in, index == 1 && face.part == 1);
             }
             // No change of a byte does more harm than to be found, or to give other faces.
             for at in 0..bytes.len() {

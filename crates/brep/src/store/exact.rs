@@ -1,208 +1,150 @@
-//! The section of faces with corners beside the grid, for which others stand in the octree: see `formats.md`.
+//! Blocks of faces with corners beside the grid, for which others stand in the octree: see `formats.md`.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::ops::Range;
 
 use bnum::cast::As;
 use bnum::types::I256;
 
-use crate::arrangement::{Corner, ExactFace, ExactPlane, ExactPoint, Vertices};
+use crate::arrangement::{Corner, ExactFace, ExactPlane, ExactPoint, Vertices, wide};
 use crate::exact::bounds::{NORMAL_BITS, OFFSET_BITS, WEIGHT_BITS};
-use spinney_base::{Error, Result};
+use spinney_base::io::FileBytes;
 
-/// Tag of the section.
+/// Tag of the section that finds the blocks.
 pub(crate) const EXACT: [u8; 4] = *b"EXAC";
 
-/// Bytes of the head, a plane, a vertex, a face and a corner.
+/// Most faces of a block.
+const MOST_FACES: usize = 512;
+/// A block with so many corners takes no more faces.
+const MANY_CORNERS: usize = 2048;
+
+/// Bytes of a block before its lists.
 const HEAD: usize = 32;
-const PLANE: usize = 40;
-const VERTEX: usize = 97;
-const FACE: usize = 16;
-const CORNER: usize = 8;
+const COLOURED: u32 = 1;
+const WIDE: u32 = 2;
+const PARTS: u32 = 4;
+/// Bytes of a vertex that is a point of the grid.
+const GRID_VERTEX: usize = 12;
 
-/// Bytes of a vertex' coordinates, and of its weight.
-const COORDINATE: usize = 25;
-const WEIGHT: usize = 22;
+/// Most bytes of a part of a normal, of its product with a point, of a coordinate and of a weight.
+const MOST_WIDTHS: [usize; 4] = [8, 16, 25, 22];
 
-/// Faces with corners beside the grid, and numbers, ascending, of those that stand for them in the octree.
-#[derive(Debug, Default)]
-pub(crate) struct ExactPart {
-    pub faces: Vec<ExactFace>,
-    pub stand_ins: Vec<u32>,
+/// The faces of each block, of a list of all.
+pub(crate) fn blocks(faces: &[ExactFace]) -> impl Iterator<Item = Range<usize>> {
+    let mut start = 0;
+    std::iter::from_fn(move || {
+        let (mut end, mut corners) = (start, 0);
+        while end < faces.len() && end - start < MOST_FACES && corners < MANY_CORNERS {
+            corners += faces[end].corners.len();
+            end += 1;
+        }
+        let range = start..end;
+        start = end;
+        (!range.is_empty()).then_some(range)
+    })
 }
 
-impl ExactPart {
-    pub(crate) fn to_bytes(&self) -> Vec<u8> {
-        let mut numbers: HashMap<([i64; 3], i128), u32> = HashMap::new();
-        let mut planes: Vec<ExactPlane> = Vec::new();
-        let mut plane = |plane: &ExactPlane| {
-            *numbers.entry((plane.normal, plane.offset)).or_insert_with(|| {
-                planes.push(*plane);
-                planes.len() as u32 - 1
-            })
-        };
-        let mut vertices = Vertices::default();
-        let (mut faces, mut ends, mut ring_ends) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut corners, mut colours) = (Vec::new(), Vec::new());
-        let (mut rings, mut count) = (0u32, 0u32);
-        for face in &self.faces {
-            faces.extend_from_slice(&plane(&face.plane).to_le_bytes());
-            faces.extend_from_slice(&face.part.to_le_bytes());
-            faces.extend_from_slice(&face.source.to_le_bytes());
-            rings += face.ring_ends.len() as u32;
-            ends.extend_from_slice(&rings.to_le_bytes());
-            for end in &face.ring_ends {
-                ring_ends.extend_from_slice(&(count + *end as u32).to_le_bytes());
-            }
-            count += face.corners.len() as u32;
-            for corner in &face.corners {
-                corners.extend_from_slice(&vertices.number(corner.point).to_le_bytes());
-                corners.extend_from_slice(&plane(&corner.line).to_le_bytes());
-            }
-            colours.extend_from_slice(face.colours.as_flattened());
-        }
-        let lengths = [self.faces.len(), planes.len(), vertices.list().len(), rings as usize, count as usize];
-        let mut bytes = Vec::new();
-        lengths.iter().for_each(|length| bytes.extend_from_slice(&(*length as u32).to_le_bytes()));
-        bytes.extend_from_slice(&(self.stand_ins.len() as u32).to_le_bytes());
-        bytes.extend_from_slice(&u32::from(!colours.is_empty()).to_le_bytes());
-        bytes.extend_from_slice(&[0; 4]);
-        for plane in &planes {
-            plane.normal.iter().for_each(|part| bytes.extend_from_slice(&part.to_le_bytes()));
-            bytes.extend_from_slice(&plane.offset.to_le_bytes());
-        }
-        for point in vertices.list() {
-            point.at.iter().for_each(|at| push(&mut bytes, at, COORDINATE));
-            push(&mut bytes, &point.weight, WEIGHT);
-        }
-        [faces, ends, ring_ends, corners, colours].into_iter().for_each(|list| bytes.extend(list));
-        self.stand_ins.iter().for_each(|number| bytes.extend_from_slice(&number.to_le_bytes()));
-        bytes
-    }
-
-    /// Reads the section of a model with so many faces and parts, on a grid of so many bits.
-    pub(crate) fn from_bytes(
-        path: &Path,
-        bytes: &[u8],
-        faces: u64,
-        parts: u64,
-        bits: u8,
-    ) -> Result<ExactPart> {
-        let corrupt =
-            |found: String| Error::corrupt(path, "exact faces", found, "a section as formats.md has it");
-        let four = |bytes: &[u8], index: usize| {
-            u32::from_le_bytes(bytes[4 * index..4 * index + 4].try_into().expect("four bytes"))
-        };
-        if bytes.len() < HEAD {
-            return Err(corrupt(format!("{} bytes", bytes.len())));
-        }
-        let [count, planes, vertices, rings, corners, stand_ins, flags] =
-            [0, 1, 2, 3, 4, 5, 6].map(|index| four(bytes, index) as usize);
-        let colours = if flags == 1 { 3 * corners } else { 0 };
-        let sizes = [PLANE * planes, VERTEX * vertices, FACE * count, 4 * count, 4 * rings, CORNER * corners];
-        let all = HEAD + sizes.iter().sum::<usize>() + colours + 4 * stand_ins;
-        if flags > 1 || all != bytes.len() {
-            return Err(corrupt(format!("{} bytes for lists of {all}", bytes.len())));
-        }
-        let mut rest = &bytes[HEAD..];
-        let mut list = |size: usize| {
-            let (list, after) = rest.split_at(size);
-            rest = after;
-            list
-        };
-        let [plane_bytes, vertex_bytes, face_bytes, ends, ring_ends, corner_bytes] = sizes.map(&mut list);
-        let (colour_bytes, stand_in_bytes) = (list(colours), list(4 * stand_ins));
-        let planes: Vec<ExactPlane> = plane_bytes.chunks_exact(PLANE).map(plane_of).collect();
-        // What the widths of numbers are made for.
-        let is_plane = |plane: &ExactPlane| {
-            plane.normal != [0; 3]
-                && plane.normal.iter().all(|part| part.unsigned_abs() < 1 << NORMAL_BITS)
-                && plane.offset.unsigned_abs() < 1 << OFFSET_BITS
-        };
-        if let Some(plane) = planes.iter().find(|plane| !is_plane(plane)) {
-            return Err(corrupt(format!("{plane:?}")));
-        }
-        let side = (1u64 << bits) as f64;
-        let points: Option<Vec<ExactPoint>> = vertex_bytes
-            .chunks_exact(VERTEX)
-            .map(|bytes| {
-                let at = [0, 1, 2].map(|axis| number(&bytes[COORDINATE * axis..COORDINATE * (axis + 1)]));
-                let weight = number(&bytes[3 * COORDINATE..]);
-                // (Numbers of more bits have no room where they are multiplied.)
-                let is_positive =
-                    !weight.is_negative() && !weight.is_zero() && (weight >> WEIGHT_BITS).is_zero();
-                let point = is_positive.then(|| ExactPoint::of(at, weight))?;
-                // (It may lie half a step beside the first or the last points.)
-                point.near.iter().all(|at| (-1.0..side).contains(at)).then_some(point)
-            })
-            .collect();
-        let points = points.ok_or_else(|| corrupt("a vertex beside the grid's cells".into()))?;
-        let ends: Vec<usize> = (0..count).map(|face| four(ends, face) as usize).collect();
-        let ring_ends: Vec<usize> = (0..rings).map(|ring| four(ring_ends, ring) as usize).collect();
-        let ascend = |list: &[usize], least: usize, last: usize| {
-            let starts = std::iter::once(0).chain(list.iter().copied());
-            starts.zip(list).all(|(start, end)| end.checked_sub(start).is_some_and(|length| length >= least))
-                && list.last().copied().unwrap_or(0) == last
-        };
-        if !ascend(&ends, 1, rings) || !ascend(&ring_ends, 3, corners) {
-            return Err(corrupt("ends of rings that do not ascend".into()));
-        }
-        let mut found = ExactPart::default();
-        let (mut ring, mut corner) = (0, 0);
-        for (face, &end) in face_bytes.chunks_exact(FACE).zip(&ends) {
-            let plane = *planes.get(four(face, 0) as usize).ok_or_else(|| corrupt("no such plane".into()))?;
-            let part = four(face, 1);
-            if u64::from(part) >= parts {
-                return Err(corrupt(format!("part {part} of {parts}")));
-            }
-            let source = u64::from_le_bytes(face[8..].try_into().expect("eight bytes"));
-            let (first, first_ring) = (corner, ring);
-            let mut own = Vec::new();
-            while ring < end {
-                let last = ring_ends[ring];
-                for place in corner..last {
-                    let read = |place: usize| {
-                        let bytes = &corner_bytes[CORNER * place..];
-                        Some((points.get(four(bytes, 0) as usize)?, planes.get(four(bytes, 1) as usize)?))
-                    };
-                    let next = if place + 1 == last { corner } else { place + 1 };
-                    let (Some((point, line)), Some((next, _))) = (read(place), read(next)) else {
-                        return Err(corrupt("no such vertex".into()));
-                    };
-                    let is_on = plane.side(point) == 0 && line.side(point) == 0 && line.side(next) == 0;
-                    if !is_on || plane.is(line) || point.is(next) {
-                        return Err(corrupt(format!("a corner at {:?} that is not on its edge", point.near)));
+/// Bytes of a block.
+pub(crate) fn encode(faces: &[ExactFace]) -> Vec<u8> {
+    let mut planes = Planes::default();
+    let mut grid_points: HashMap<[i32; 3], u32, crate::hash::Hasher> = HashMap::default();
+    let mut grid_list = Vec::new();
+    let mut vertices = Vertices::default();
+    let (mut face_planes, mut parts, mut sources) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut face_ends, mut ring_ends) = (Vec::<u32>::new(), Vec::<u32>::new());
+    // Numbers of vertices among those of their kind, and of lines.
+    let mut corners: Vec<(bool, u32, u32)> = Vec::new();
+    let mut colours = Vec::new();
+    for face in faces {
+        face_planes.push(planes.number(&face.plane));
+        parts.push(face.part);
+        sources.push(face.source);
+        ring_ends.extend(face.ring_ends.iter().map(|end| (corners.len() + end) as u32));
+        face_ends.push(ring_ends.len() as u32);
+        for corner in &face.corners {
+            let line = planes.number(&corner.line);
+            let (is_on_grid, vertex) = match corner.point.on_grid().filter(|at| at.iter().all(|at| *at >= 0))
+            {
+                Some(at) => {
+                    let next = grid_list.len() as u32;
+                    let number = *grid_points.entry(at).or_insert(next);
+                    if number == next {
+                        grid_list.push(at);
                     }
-                    own.push(Corner { point: *point, line: *line });
+                    (true, number)
                 }
-                corner = last;
-                ring += 1;
-            }
-            let colours = colour_bytes.get(3 * first..3 * corner).unwrap_or_default();
-            found.faces.push(ExactFace {
-                plane,
-                corners: own,
-                ring_ends: ring_ends[first_ring..ring].iter().map(|end| end - first).collect(),
-                colours: colours.chunks_exact(3).map(|colour| [colour[0], colour[1], colour[2]]).collect(),
-                part,
-                source,
-            });
+                None => (false, vertices.number(corner.point)),
+            };
+            corners.push((is_on_grid, vertex, line));
         }
-        found.stand_ins = (0..stand_ins).map(|index| four(stand_in_bytes, index)).collect();
-        let last = found.stand_ins.last().copied().unwrap_or(0);
-        let ascend = found.stand_ins.windows(2).all(|pair| pair[0] < pair[1]);
-        if !ascend || (stand_ins > 0 && u64::from(last) >= faces) {
-            return Err(corrupt(format!("faces up to {last} that stand for others")));
-        }
-        Ok(found)
+        colours.extend_from_slice(face.colours.as_flattened());
+    }
+    let (planes, vertices) = (planes.list, vertices.list());
+    let one_part = parts.iter().all(|part| *part == parts[0]);
+    let is_wide = planes.len().max(grid_list.len() + vertices.len()) > 1 << 16;
+    let flag = |is_set: bool, flag: u32| if is_set { flag } else { 0 };
+    let flags = flag(!colours.is_empty(), COLOURED) | flag(is_wide, WIDE) | flag(!one_part, PARTS);
+    let widest = |numbers: &mut dyn Iterator<Item = I256>| numbers.map(width_of).max().unwrap_or(1);
+    let widths = [
+        widest(&mut planes.iter().flat_map(|plane| plane.normal).map(|part| wide(part.into()))),
+        widest(&mut planes.iter().map(|plane| wide(plane.offset))),
+        widest(&mut vertices.iter().flat_map(|point| point.at)),
+        widest(&mut vertices.iter().map(|point| point.weight)),
+    ];
+    let mut bytes = Vec::new();
+    let counts = [faces.len(), planes.len(), grid_list.len(), vertices.len(), ring_ends.len(), corners.len()];
+    counts.into_iter().for_each(|count| bytes.extend_from_slice(&(count as u32).to_le_bytes()));
+    bytes.extend_from_slice(&flags.to_le_bytes());
+    bytes.extend(widths.map(|width| width as u8));
+    for plane in &planes {
+        plane.normal.iter().for_each(|part| bytes.extend_from_slice(&part.to_le_bytes()[..widths[0]]));
+        bytes.extend_from_slice(&plane.offset.to_le_bytes()[..widths[1]]);
+    }
+    grid_list.as_flattened().iter().for_each(|at| bytes.extend_from_slice(&at.to_le_bytes()));
+    for point in vertices {
+        point.at.iter().for_each(|at| push(&mut bytes, at, widths[2]));
+        push(&mut bytes, &point.weight, widths[3]);
+    }
+    let number = |bytes: &mut Vec<u8>, number: u32| match is_wide {
+        true => bytes.extend_from_slice(&number.to_le_bytes()),
+        false => bytes.extend_from_slice(&(number as u16).to_le_bytes()),
+    };
+    face_planes.iter().for_each(|plane| number(&mut bytes, *plane));
+    let parts = &parts[..if one_part { 1 } else { parts.len() }];
+    parts.iter().for_each(|part| bytes.extend_from_slice(&part.to_le_bytes()));
+    sources.iter().for_each(|source| bytes.extend_from_slice(&source.to_le_bytes()));
+    face_ends.iter().chain(&ring_ends).for_each(|end| bytes.extend_from_slice(&end.to_le_bytes()));
+    for (is_on_grid, vertex, line) in corners {
+        number(&mut bytes, if is_on_grid { vertex } else { grid_list.len() as u32 + vertex });
+        number(&mut bytes, line);
+    }
+    bytes.extend(colours);
+    bytes
+}
+
+/// Planes of a block, each once.
+#[derive(Default)]
+struct Planes {
+    numbers: HashMap<([i64; 3], i128), u32, crate::hash::Hasher>,
+    list: Vec<ExactPlane>,
+}
+
+impl Planes {
+    fn number(&mut self, plane: &ExactPlane) -> u32 {
+        *self.numbers.entry((plane.normal, plane.offset)).or_insert_with(|| {
+            self.list.push(*plane);
+            self.list.len() as u32 - 1
+        })
     }
 }
 
-fn plane_of(bytes: &[u8]) -> ExactPlane {
-    let eight =
-        |axis: usize| i64::from_le_bytes(bytes[8 * axis..8 * axis + 8].try_into().expect("eight bytes"));
-    let offset = i128::from_le_bytes(bytes[24..].try_into().expect("sixteen bytes"));
-    ExactPlane { normal: [0, 1, 2].map(eight), offset }
+/// Bytes that a number has at least, with its sign.
+fn width_of(number: I256) -> usize {
+    let fits = |bytes: &usize| {
+        let rest = number >> (8 * *bytes as u32 - 1);
+        rest.is_zero() || (rest + wide(1)).is_zero()
+    };
+    (1..32).find(fits).unwrap_or(32)
 }
 
 /// Appends the lowest bytes of a number.
@@ -218,4 +160,214 @@ fn number(bytes: &[u8]) -> I256 {
         found = (found << 8u32) + low;
     }
     found
+}
+
+/// A number of at most sixteen bytes, with its sign.
+fn short_number(bytes: &[u8]) -> i128 {
+    let is_negative = bytes.last().is_some_and(|last| *last >= 0x80);
+    let mut all = [if is_negative { 0xff } else { 0 }; 16];
+    all[..bytes.len()].copy_from_slice(bytes);
+    i128::from_le_bytes(all)
+}
+
+/// A block of a file. Faces are made of its bytes one by one, so that memory does not go with what counts in it say.
+pub(crate) struct ExactBlock<'a> {
+    bytes: FileBytes<'a>,
+    bits: u8,
+    counts: [usize; 6],
+    flags: u32,
+    widths: [usize; 4],
+    /// Where its lists begin: planes, points of the grid, vertices, planes of faces, parts, sources, ends of faces, ends of
+    /// rings, corners, colours, and the end.
+    lists: [usize; 11],
+}
+
+impl<'a> ExactBlock<'a> {
+    /// A block on a grid of so many bits; `None` if its lists do not fit into its bytes.
+    pub(crate) fn new(bytes: FileBytes<'a>, bits: u8) -> Option<ExactBlock<'a>> {
+        let head = bytes.get(..HEAD)?;
+        let word =
+            |index: usize| u32::from_le_bytes(head[4 * index..4 * index + 4].try_into().expect("four bytes"));
+        // (Below 2^32 each, so that no sum overflows.)
+        let counts = [0, 1, 2, 3, 4, 5].map(|index| word(index) as usize);
+        let [faces, planes, grid_points, vertices, rings, corners] = counts;
+        let flags = word(6);
+        let widths = [28, 29, 30, 31].map(|at| usize::from(head[at]));
+        let fits = widths.iter().zip(MOST_WIDTHS).all(|(width, most)| (1..=most).contains(width));
+        if !fits || flags > (COLOURED | WIDE | PARTS) {
+            return None;
+        }
+        let has = |flag: u32| flags & flag != 0;
+        let wide = if has(WIDE) { 4 } else { 2 };
+        let sizes = [
+            (3 * widths[0] + widths[1]) * planes,
+            GRID_VERTEX * grid_points,
+            (3 * widths[2] + widths[3]) * vertices,
+            wide * faces,
+            if has(PARTS) { 4 * faces } else { 4 },
+            8 * faces,
+            4 * faces,
+            4 * rings,
+            2 * wide * corners,
+            if has(COLOURED) { 3 * corners } else { 0 },
+        ];
+        let mut lists = [HEAD; 11];
+        for (index, size) in sizes.into_iter().enumerate() {
+            lists[index + 1] = lists[index] + size;
+        }
+        (lists[10] == bytes.len()).then_some(ExactBlock { bytes, bits, counts, flags, widths, lists })
+    }
+
+    /// Checks what does not concern single faces, in a model with so many parts. What is wrong is told in words.
+    pub(crate) fn check(&self, parts: u64) -> Result<(), String> {
+        let [faces, _, _, _, rings, corners] = self.counts;
+        let ascend = |list: usize, count: usize, least: u32, last: usize| {
+            let mut before = 0u32;
+            let are_in_order = (0..count).all(|index| {
+                let end = self.word(self.lists[list] + 4 * index);
+                let is_beyond = end.checked_sub(before).is_some_and(|length| length >= least);
+                before = end;
+                is_beyond
+            });
+            are_in_order && before as usize == last
+        };
+        if faces == 0 {
+            return Err("no faces".into());
+        }
+        if !ascend(6, faces, 1, rings) || !ascend(7, rings, 3, corners) {
+            return Err("ends of faces and rings that do not rise".into());
+        }
+        let wrong = (0..faces).map(|face| self.part(face)).find(|part| u64::from(*part) >= parts);
+        wrong.map_or(Ok(()), |part| Err(format!("part {part} of {parts}")))
+    }
+
+    /// Number of faces.
+    pub(crate) fn len(&self) -> usize {
+        self.counts[0]
+    }
+
+    fn word(&self, at: usize) -> u32 {
+        let four = self.bytes.get(at..at + 4);
+        four.map_or(0, |four| u32::from_le_bytes(four.try_into().expect("four bytes")))
+    }
+
+    /// The number at a place of a list of numbers of planes or vertices.
+    fn number(&self, list: usize, index: usize) -> usize {
+        if self.flags & WIDE != 0 {
+            return self.word(self.lists[list] + 4 * index) as usize;
+        }
+        let at = self.lists[list] + 2 * index;
+        self.bytes.get(at..at + 2).map_or(0, |two| u16::from_le_bytes([two[0], two[1]])) as usize
+    }
+
+    fn part(&self, face: usize) -> u32 {
+        self.word(self.lists[4] + if self.flags & PARTS != 0 { 4 * face } else { 0 })
+    }
+
+    /// Where the rings of a face, or the corners of a ring, begin and end.
+    fn between(&self, list: usize, index: usize) -> Range<usize> {
+        let end = |index: usize| self.word(self.lists[list] + 4 * index) as usize;
+        (if index == 0 { 0 } else { end(index - 1) })..end(index)
+    }
+
+    fn plane(&self, index: usize) -> Result<ExactPlane, String> {
+        let [part, offset, ..] = self.widths;
+        let size = 3 * part + offset;
+        let start = self.lists[0] + size * index;
+        let bytes = self.bytes.get(start..start + size).filter(|_| index < self.counts[1]);
+        let bytes = bytes.ok_or_else(|| format!("plane {index} of {}", self.counts[1]))?;
+        let normal = [0, 1, 2].map(|axis| short_number(&bytes[part * axis..part * (axis + 1)]) as i64);
+        let plane = ExactPlane { normal, offset: short_number(&bytes[3 * part..]) };
+        // What the widths of numbers are made for.
+        let is_plane = normal != [0; 3]
+            && normal.iter().all(|part| part.unsigned_abs() < 1 << NORMAL_BITS)
+            && plane.offset.unsigned_abs() < 1 << OFFSET_BITS;
+        if is_plane { Ok(plane) } else { Err(format!("{plane:?}")) }
+    }
+
+    fn vertex(&self, index: usize) -> Result<ExactPoint, String> {
+        let [_, _, grid_points, vertices, ..] = self.counts;
+        if index < grid_points {
+            let at = self.lists[1] + GRID_VERTEX * index;
+            let point = [0, 4, 8].map(|axis| self.word(at + axis));
+            let is_there = point.iter().all(|at| at >> self.bits == 0);
+            return match is_there {
+                true => Ok(ExactPoint::of_grid(point.map(|at| at as i32))),
+                false => Err(format!("a vertex at {point:?} on a grid of {} bits", self.bits)),
+            };
+        }
+        let [_, _, coordinate, weight] = self.widths;
+        let size = 3 * coordinate + weight;
+        let start = self.lists[2] + size * (index - grid_points);
+        let bytes = self.bytes.get(start..start + size).filter(|_| index - grid_points < vertices);
+        let bytes = bytes.ok_or_else(|| format!("vertex {index} of {}", grid_points + vertices))?;
+        let at = [0, 1, 2].map(|axis| number(&bytes[coordinate * axis..coordinate * (axis + 1)]));
+        let weight = number(&bytes[3 * coordinate..]);
+        // (Numbers of more bits have no room where they are multiplied.)
+        if weight.is_negative() || weight.is_zero() || !(weight >> WEIGHT_BITS).is_zero() {
+            return Err(format!("a vertex of the weight {weight}"));
+        }
+        let point = ExactPoint::of(at, weight);
+        // (It may lie half a step beside the first or the last points.)
+        let side = (1u64 << self.bits) as f64;
+        let is_there = point.near.iter().all(|at| (-1.0..side).contains(at));
+        is_there.then_some(point).ok_or_else(|| "a vertex beside the grid's cells".into())
+    }
+
+    /// A face of a block that was checked, by its place there. What is wrong with it is told in words.
+    pub(crate) fn face(&self, face: usize) -> Result<ExactFace, String> {
+        let plane = self.plane(self.number(3, face))?;
+        let rings = self.between(6, face);
+        let mut found = ExactFace {
+            plane,
+            corners: Vec::new(),
+            ring_ends: Vec::with_capacity(rings.len()),
+            colours: Vec::new(),
+            part: self.part(face),
+            source: u64::from(self.word(self.lists[5] + 8 * face))
+                | u64::from(self.word(self.lists[5] + 8 * face + 4)) << 32,
+        };
+        for ring in rings {
+            let range = self.between(7, ring);
+            let (first, start) = (range.start, found.corners.len());
+            for corner in range.clone() {
+                let point = self.vertex(self.number(8, 2 * corner))?;
+                let line = self.plane(self.number(8, 2 * corner + 1))?;
+                found.corners.push(Corner { point, line });
+            }
+            let own = &found.corners[start..];
+            for (corner, next) in own.iter().zip(own.iter().cycle().skip(1)) {
+                let Corner { point, line } = corner;
+                let is_on = plane.side(point) == 0 && line.side(point) == 0 && line.side(&next.point) == 0;
+                if !is_on || plane.is(line) || point.is(&next.point) {
+                    return Err(format!("a corner at {:?} that is not on its edge", point.near));
+                }
+            }
+            found.ring_ends.push(found.corners.len());
+            if self.flags & COLOURED != 0 {
+                let at = self.lists[9] + 3 * first;
+                let colours = self.bytes.get(at..at + 3 * range.len()).unwrap_or_default();
+                let colour = |colour: &[u8]| [colour[0], colour[1], colour[2]];
+                found.colours.extend(colours.chunks_exact(3).map(colour));
+            }
+        }
+        Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_come_back_in_as_few_bytes_as_they_need() {
+        for (value, bytes) in
+            [(0i128, 1), (127, 1), (128, 2), (-128, 1), (-129, 2), (1 << 100, 13), (-(1 << 55), 7)]
+        {
+            assert_eq!(width_of(wide(value)), bytes, "{value}");
+            let mut pushed = Vec::new();
+            push(&mut pushed, &wide(value), bytes);
+            assert_eq!((number(&pushed), short_number(&pushed)), (wide(value), value));
+        }
+    }
 }

@@ -2,12 +2,15 @@
 
 pub(super) mod block;
 pub(super) mod exact;
+pub(crate) mod formula;
+pub(crate) mod objects;
 mod open;
 mod pieces;
 mod reader;
 pub(crate) mod segment;
 pub(crate) mod summary;
 mod surface;
+pub(crate) mod table;
 mod verify;
 pub(crate) mod writer;
 

@@ -2,14 +2,19 @@
 
 use std::path::Path;
 
+use super::exact::EXACT;
+use super::formula::{FORMULA, MOST_FORMULA};
+use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::pieces::{ENTRY, Pieces};
 use super::reader::ExactModel;
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
 use spinney_base::io::{Positioned, ReadBackend};
 use spinney_base::space::Dimension;
-use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
+/// Tag of the section of instances of templates, which is kept for later.
+const INSTANCES: [u8; 4] = *b"INST";
+
 use spinney_container::{Content, FileHeader, HEADER_SIZE, Metadata, Section, TAIL, Trailer};
 
 /// Whether a file is an exact model, whatever its name.
@@ -76,15 +81,19 @@ impl ExactModel {
             let expected = format!("{} for a grid of {} bits", summary.grid.depth(), summary.grid.bits);
             return Err(Error::corrupt(path, "header", format!("depth {depth}"), expected));
         }
-        let end = trailer.section(FACES).offset.min(trailer.section(DIRECTORY).offset);
-        let pieces = |name: &'static str, section: Section| {
-            // (Nothing and everything have no faces.)
-            let is_list = (section.length > 0 || (name != "segment" && summary.faces == 0))
+        let others = [EXACT, OBJECTS, FACE_VALUES];
+        let lists = others.map(|tag| trailer.section(tag)).into_iter().filter(|list| list.length > 0);
+        let first_lists = trailer.section(FACES).offset.min(trailer.section(DIRECTORY).offset);
+        let end = lists.map(|list| list.offset).fold(first_lists, u64::min);
+        let pieces = |name: &'static str, section: Section, is_needed: Option<bool>| {
+            let is_list = is_needed.is_none_or(|is_needed| is_needed == (section.length > 0))
                 && section.length.is_multiple_of(ENTRY as u64)
-                && section.offset >= HEADER_SIZE as u64;
+                && (section.offset >= HEADER_SIZE as u64 || section.length == 0);
             if !is_list {
                 let found = format!("a list of {} bytes", section.length);
-                return Err(Error::corrupt(path, name, found, "one or more entries of 24 bytes"));
+                let expected =
+                    if is_needed != Some(false) { "one or more entries of 24 bytes" } else { "nothing" };
+                return Err(Error::corrupt(path, name, found, expected));
             }
             let held = match backend.bytes() {
                 Some(_) => None,
@@ -93,38 +102,47 @@ impl ExactModel {
             let place = (section.offset, section.length);
             Ok(Pieces::new(name, place, held, end, (options.check, options.cache / 2)))
         };
-        let segments = pieces("segment", trailer.section(DIRECTORY))?;
-        let blocks = pieces("block of faces", trailer.section(FACES))?;
+        let segments = pieces("segment", trailer.section(DIRECTORY), Some(true))?;
+        let blocks = pieces("block of faces", trailer.section(FACES), Some(summary.faces > 0))?;
+        let exact = pieces("block of exact faces", trailer.section(EXACT), Some(summary.exact_faces > 0))?;
+        let objects = pieces("table of parts", trailer.section(OBJECTS), None)?;
+        let face_values = pieces("table of faces", trailer.section(FACE_VALUES), None)?;
         // Pieces that are stored once each: the work of going through all of them goes with the file's size.
-        let bytes = segments.check(path, &*backend)?.saturating_add(blocks.check(path, &*backend)?);
+        let mut bytes = 0u64;
+        for list in [&segments, &blocks, &exact, &objects, &face_values] {
+            bytes = bytes.saturating_add(list.check(path, &*backend)?);
+        }
         let room = end.saturating_sub(HEADER_SIZE as u64);
         if bytes > room {
             let found = format!("{bytes} bytes of faces and segments");
             return Err(Error::corrupt(path, "lists", found, format!("at most the {room} before the lists")));
         }
-        // Part numbers stand for the names; one that has none is as good as a name.
-        let names = &metadata.class_names;
-        let count = names
-            .last_key_value()
-            .map_or(1, |(last, _)| (last.to_f64() as i64).saturating_add(1).clamp(1, 1 << 24));
-        let named =
-            names.range(Number::default()..count.into()).map(|(_, name)| name.clone()).collect::<Vec<_>>();
-        if named.len() as i64 != count && !names.is_empty() {
-            let found = format!("{} names of {count} parts", named.len());
-            return Err(Error::corrupt(path, "metadata", found, "a name for each part"));
+        if trailer.section(INSTANCES).length > 0 {
+            let advice = "place the models of its templates with the program that wrote it";
+            return Err(Error::unsupported(path, "a model with templates", advice));
         }
-        let parts = if named.is_empty() { vec!["mesh".into()] } else { named };
-        Ok(ExactModel {
+        let formula = trailer.section(FORMULA);
+        if formula.length > MOST_FORMULA {
+            let found = format!("{} bytes", formula.length);
+            return Err(Error::corrupt(path, "formula", found, format!("at most {MOST_FORMULA}")));
+        }
+        let mut model = ExactModel {
             path: path.to_path_buf(),
             backend,
             stamp,
             trailer,
             metadata,
             summary,
-            parts,
+            parts: Vec::new(),
             segments,
             blocks,
-        })
+            exact,
+            objects,
+            face_values,
+            schema: SchemaCell::new(),
+        };
+        model.parts = model.read_parts()?;
+        Ok(model)
     }
 }
 

@@ -76,6 +76,11 @@ impl Pieces {
         Pieces { name, list, len, end, checked, check, cache: Mutex::new(SegmentCache::new(cache)) }
     }
 
+    /// Name of a piece, for messages.
+    pub(crate) fn name(&self) -> &'static str {
+        self.name
+    }
+
     pub(crate) fn len(&self) -> usize {
         self.len
     }

@@ -3,12 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use super::block::{Block, FaceBuffer};
-use super::exact::{EXACT, ExactPart};
+use super::exact::{EXACT, ExactBlock};
+use super::formula::FORMULA;
+use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::pieces::Pieces;
-use super::segment::{CUT, FULL, INNER, LEAF, LeafHead, LeafRule, ModelSegment, NodeKind, VOID};
+use super::segment::{
+    CUT, FULL, INNER, LEAF, LeafHead, LeafRule, ModelSegment, NEAR_FULL, NEAR_VOID, NodeKind, VOID,
+};
 use super::summary::{NodeCounts, Summary};
-use crate::attributes::DOMAIN;
-use crate::{Attributes, Face, Faces, Grid};
+use crate::arrangement::ExactFace;
+use crate::{Face, Faces, Grid};
 use spinney_base::io::{ReadBackend, Stamp};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
@@ -29,6 +33,10 @@ pub struct ExactModel {
     pub(super) parts: Vec<String>,
     pub(super) segments: Pieces,
     pub(super) blocks: Pieces,
+    pub(super) exact: Pieces,
+    pub(super) objects: Pieces,
+    pub(super) face_values: Pieces,
+    pub(super) schema: SchemaCell,
 }
 
 impl ExactModel {
@@ -68,8 +76,11 @@ impl ExactModel {
             ("list of faces", self.trailer.section(super::summary::FACES)),
             ("directory", self.trailer.section(super::summary::DIRECTORY)),
             ("model", self.trailer.section(super::summary::SUMMARY)),
+            ("formula", self.trailer.section(FORMULA)),
             ("metadata", self.trailer.section(super::summary::METADATA)),
-            ("exact faces", self.trailer.section(EXACT)),
+            ("list of exact faces", self.trailer.section(EXACT)),
+            ("list of parts", self.trailer.section(OBJECTS)),
+            ("list of values of faces", self.trailer.section(FACE_VALUES)),
         ];
         let Section { offset, length, .. } = self.trailer.section(super::summary::METADATA);
         let trailer = self.file_size().saturating_sub(offset + length);
@@ -109,13 +120,7 @@ impl ExactModel {
         let block = Block::new(bytes, first).ok_or_else(|| wrong("lists that do not fit".into()))?;
         if !self.blocks.is_checked(index) {
             block.check(self.summary.grid.bits, self.parts.len() as u64).map_err(wrong)?;
-            let next = match index + 1 {
-                next if next < self.blocks.len() => self.blocks.entry(&*self.backend, next).key,
-                _ => self.summary.faces,
-            };
-            if first.checked_add(block.len() as u64) != Some(next) || (index == 0 && first != 0) {
-                return Err(wrong(format!("{} faces from {first} on, before {next}", block.len())));
-            }
+            self.check_key(&self.blocks, index, block.len(), self.summary.faces).map_err(wrong)?;
             self.blocks.set_checked(index);
         }
         Ok(block)
@@ -159,33 +164,88 @@ impl ExactModel {
 
     /// Number of faces with corners beside the grid, of which operations are made, and of those that stand in for them where
     /// the model is asked something.
-    ///
-    /// # Errors
-    /// If the file is damaged or cannot be read.
-    pub fn exact_faces(&self) -> Result<(u64, u64)> {
-        let part = self.exact_part()?;
-        Ok((part.faces.len() as u64, part.stand_ins.len() as u64))
+    pub fn exact_faces(&self) -> (u64, u64) {
+        (self.summary.exact_faces, self.summary.stand_ins)
     }
 
-    /// Faces with corners beside the grid, in memory.
-    pub(crate) fn exact_part(&self) -> Result<ExactPart> {
-        let section = self.trailer.section(EXACT);
-        if section.length == 0 {
-            return Ok(ExactPart::default());
+    /// Whether there are faces with corners beside the grid.
+    pub(crate) fn is_beside_grid(&self) -> bool {
+        self.summary.exact_faces > 0
+    }
+
+    /// A block of faces with corners beside the grid.
+    pub(super) fn exact_block(&self, index: usize) -> Result<ExactBlock<'_>> {
+        let bytes = self.exact.load(&self.path, &*self.backend, index)?;
+        let wrong = |found: String| self.wrong_exact_block(index, found);
+        let block = ExactBlock::new(bytes, self.summary.grid.bits);
+        let block = block.ok_or_else(|| wrong("lists that do not fit".into()))?;
+        if !self.exact.is_checked(index) {
+            block.check(self.parts.len() as u64).map_err(wrong)?;
+            self.check_key(&self.exact, index, block.len(), self.summary.exact_faces).map_err(wrong)?;
+            self.exact.set_checked(index);
         }
-        let bytes = section.read(&self.path, &*self.backend, "exact faces")?;
-        let bits = self.summary.grid.bits;
-        ExactPart::from_bytes(&self.path, &bytes, self.summary.faces, self.parts.len() as u64, bits)
+        Ok(block)
+    }
+
+    fn wrong_exact_block(&self, index: usize, found: String) -> Error {
+        self.corrupt(format!("block of exact faces {index}"), found, "a block as formats.md has it")
+    }
+
+    /// Checks that a block with so many faces begins where the one before ends, and ends where the next begins.
+    fn check_key(&self, list: &Pieces, index: usize, faces: usize, total: u64) -> Result<(), String> {
+        let first = list.entry(&*self.backend, index).key;
+        let next = match index + 1 {
+            next if next < list.len() => list.entry(&*self.backend, next).key,
+            _ => total,
+        };
+        match first.checked_add(faces as u64) == Some(next) && (index > 0 || first == 0) {
+            true => Ok(()),
+            false => Err(format!("{faces} faces from {first} on, before {next}")),
+        }
+    }
+
+    /// Reads all faces with corners beside the grid, in the order of their numbers, block by block.
+    pub(crate) fn each_exact(&self, each: &mut dyn FnMut(ExactFace) -> Result<()>) -> Result<()> {
+        for index in 0..self.exact.len() {
+            let block = self.exact_block(index)?;
+            for place in 0..block.len() {
+                each(block.face(place).map_err(|found| self.wrong_exact_block(index, found))?)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads all faces of the octree in the order of their numbers, and says of each whether it stands in for others.
+    pub(crate) fn each_face(&self, each: &mut dyn FnMut(&Face<'_>, bool) -> Result<()>) -> Result<()> {
+        let mut buffer = FaceBuffer::default();
+        for index in 0..self.blocks.len() {
+            let block = self.block(index)?;
+            for face in 0..block.len() {
+                block.read(face, &mut buffer);
+                each(&buffer.face(), buffer.stands_in)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads the faces that stand in for others.
+    pub(crate) fn each_stand_in(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+        let mut buffer = FaceBuffer::default();
+        for index in 0..self.blocks.len() {
+            let block = self.block(index)?;
+            for face in 0..if block.has_stand_ins() { block.len() } else { 0 } {
+                block.read(face, &mut buffer);
+                if buffer.stands_in {
+                    each(&buffer.face())?;
+                }
+            }
+        }
+        Ok(())
     }
 
     /// The winding number of the surface around what is far away: 0 or 1.
     pub(crate) fn far_winding(&self) -> i32 {
         self.summary.is_unbounded.into()
-    }
-
-    /// Bytes of the section of [`ExactModel::exact_part`].
-    pub(crate) fn exact_bytes(&self) -> u64 {
-        self.trailer.section(EXACT).length
     }
 
     /// A segment.
@@ -201,7 +261,7 @@ impl ExactModel {
             let code = code.ok_or_else(|| wrong(format!("code {key:016x}")))?;
             let mut deepest = 0;
             segment
-                .check(self.summary.faces, &mut |level, word| {
+                .check([self.summary.faces, self.summary.exact_faces], &mut |level, word| {
                     deepest = deepest.max(level + u8::from(matches!(word & 7, INNER | CUT)));
                 })
                 .map_err(wrong)?;
@@ -363,8 +423,8 @@ impl ModelNode<'_> {
     #[inline]
     pub fn state(&self) -> ModelNodeState {
         match self.word & 7 {
-            VOID => ModelNodeState::Void,
-            FULL => ModelNodeState::Full,
+            VOID | NEAR_VOID => ModelNodeState::Void,
+            FULL | NEAR_FULL => ModelNodeState::Full,
             LEAF => {
                 let (LeafHead { kind, rule, inside }, _) = self.segment.leaf(self.word);
                 ModelNodeState::Leaf { kind, rule, inside }
@@ -380,6 +440,11 @@ impl ModelNode<'_> {
         let list = (self.word & 7 == LEAF).then(|| self.segment.leaf(self.word).1);
         list.into_iter().flatten()
     }
+
+    /// Numbers of the faces with corners beside the grid that are near the cell of a node without children.
+    pub(crate) fn near(&self) -> Vec<u32> {
+        self.segment.near(self.word)
+    }
 }
 
 impl Faces for ExactModel {
@@ -391,10 +456,20 @@ impl Faces for ExactModel {
         &self.parts
     }
 
-    fn attributes(&self) -> Attributes {
-        let mut scopes = self.metadata.scoped_tags.iter();
-        let tags = scopes.find(|(scope, _)| scope.channel.is_none() && scope.domain == DOMAIN);
-        tags.map_or_else(Attributes::default, |(_, tags)| Attributes::from_tags(tags))
+    fn part_attributes(&self, part: u32) -> Result<Option<String>> {
+        self.read_part_attributes(part)
+    }
+
+    fn parts_with_attributes(&self) -> Result<u64> {
+        self.count_parts_with_attributes()
+    }
+
+    fn file_attributes(&self) -> Result<Vec<String>> {
+        self.read_file_attributes()
+    }
+
+    fn value_columns(&self) -> Result<u64> {
+        Ok(self.face_columns()?.len() as u64)
     }
 
     fn crs(&self) -> Option<&Crs> {
@@ -410,7 +485,7 @@ impl Faces for ExactModel {
     }
 
     fn volume_beside(&self) -> Result<f64> {
-        if self.exact_bytes() == 0 { Ok(0.0) } else { self.volume_of_exact_part() }
+        if self.is_beside_grid() { self.volume_beside_grid() } else { Ok(0.0) }
     }
 
     fn len(&self) -> u64 {
@@ -418,14 +493,6 @@ impl Faces for ExactModel {
     }
 
     fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
-        let mut buffer = FaceBuffer::default();
-        for index in 0..self.blocks.len() {
-            let block = self.block(index)?;
-            for face in 0..block.len() {
-                block.read(face, &mut buffer);
-                each(&buffer.face())?;
-            }
-        }
-        Ok(())
+        self.each_face(&mut |face, _| each(face))
     }
 }

@@ -12,9 +12,16 @@ pub(crate) const INNER: u32 = 2;
 pub(crate) const CUT: u32 = 3;
 /// The word's upper bits say where the leaf begins among the bytes of leaves.
 pub(crate) const LEAF: u32 = 4;
+/// VOID and FULL, near faces with corners beside the grid; the word's upper bits say where the list of these begins
+/// among the bytes of leaves.
+pub(crate) const NEAR_VOID: u32 = 5;
+pub(crate) const NEAR_FULL: u32 = 6;
 
 /// Bytes of a segment before its lists.
-const HEAD: usize = 12;
+const HEAD: usize = 16;
+
+/// Bit of a leaf's first byte: a list of faces with corners beside the grid follows its faces.
+const NEAR: u8 = 32;
 
 /// Kind of a cell that faces cut, by what their planes have in common. It need not lie in the cell, and may be
 /// infinitely far away.
@@ -60,12 +67,12 @@ impl LeafHead {
         let kind =
             [NodeKind::Face, NodeKind::Edge, NodeKind::Vertex, NodeKind::Boolean][usize::from(byte & 3)];
         let rule = *[LeafRule::All, LeafRule::Any, LeafRule::Crossings].get(usize::from(byte >> 2 & 3))?;
-        (byte >> 5 == 0).then_some(LeafHead { kind, rule, inside: byte >> 4 == 1 })
+        (byte >> 6 == 0).then_some(LeafHead { kind, rule, inside: byte >> 4 & 1 == 1 })
     }
 }
 
 /// Appends a number in groups of seven bits, the low ones first.
-fn push_number(bytes: &mut Vec<u8>, mut number: u32) {
+pub(super) fn push_number(bytes: &mut Vec<u8>, mut number: u32) {
     while number >= 0x80 {
         bytes.push(number as u8 | 0x80);
         number >>= 7;
@@ -75,7 +82,7 @@ fn push_number(bytes: &mut Vec<u8>, mut number: u32) {
 
 /// Reads such a number, and moves on.
 #[inline]
-fn take_number(bytes: &mut &[u8]) -> Option<u32> {
+pub(super) fn take_number(bytes: &mut &[u8]) -> Option<u32> {
     let mut number = 0;
     for shift in (0..32).step_by(7) {
         let (&byte, rest) = bytes.split_first()?;
@@ -88,28 +95,55 @@ fn take_number(bytes: &mut &[u8]) -> Option<u32> {
     None
 }
 
-/// Bytes of a segment from its faces, its words and its leaves.
-pub(crate) fn encode(faces: &[u32], words: &[u32], leaves: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(HEAD + 4 * (faces.len() + words.len()) + leaves.len());
-    for count in [faces.len(), words.len(), leaves.len()] {
+/// Bytes of a segment from its faces, those with corners beside the grid, its words and its leaves.
+pub(crate) fn encode(faces: &[u32], exact: &[u32], words: &[u32], leaves: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(HEAD + 4 * (faces.len() + exact.len() + words.len()) + leaves.len());
+    for count in [faces.len(), exact.len(), words.len(), leaves.len()] {
         bytes.extend_from_slice(&(count as u32).to_le_bytes());
     }
-    for word in faces.iter().chain(words) {
+    for word in faces.iter().chain(exact).chain(words) {
         bytes.extend_from_slice(&word.to_le_bytes());
     }
     bytes.extend_from_slice(leaves);
     bytes
 }
 
-/// Appends a leaf: its head as [`LeafHead::to_byte`] has it, and the numbers of its faces in the segment, ascending.
-pub(crate) fn push_leaf(leaves: &mut Vec<u8>, head: u8, faces: &[u32]) {
-    leaves.push(head);
-    push_number(leaves, faces.len() as u32);
-    let mut next = 0;
-    for &face in faces {
-        push_number(leaves, face - next);
-        next = face + 1;
+/// Appends a leaf: its head as [`LeafHead::to_byte`] has it, the numbers of its faces in the segment, ascending, and those of
+/// the faces with corners beside the grid that are near its cell.
+pub(crate) fn push_leaf(leaves: &mut Vec<u8>, head: u8, faces: &[u32], near: &[u32]) {
+    leaves.push(if near.is_empty() { head } else { head | NEAR });
+    push_list(leaves, faces);
+    if !near.is_empty() {
+        push_list(leaves, near);
     }
+}
+
+/// Appends how many numbers there are, and these, ascending.
+pub(crate) fn push_list(leaves: &mut Vec<u8>, numbers: &[u32]) {
+    push_number(leaves, numbers.len() as u32);
+    let mut next = 0;
+    for &number in numbers {
+        push_number(leaves, number - next);
+        next = number + 1;
+    }
+}
+
+/// Reads such a list, of numbers below a bound, of which there is one at least, and moves on; what is wrong is told in words.
+fn check_list(bytes: &mut &[u8], bound: usize) -> Result<(), String> {
+    let breaks_off = || "a list of faces that breaks off".to_string();
+    let count = take_number(bytes).ok_or_else(breaks_off)?;
+    if count == 0 {
+        return Err("a leaf without faces".into());
+    }
+    let mut next = 0u64;
+    for _ in 0..count {
+        let number = next + u64::from(take_number(bytes).ok_or_else(breaks_off)?);
+        if number >= bound as u64 {
+            return Err(format!("face {number} of the segment's {bound}"));
+        }
+        next = number + 1;
+    }
+    Ok(())
 }
 
 /// A segment of a file.
@@ -117,6 +151,7 @@ pub(crate) fn push_leaf(leaves: &mut Vec<u8>, head: u8, faces: &[u32]) {
 pub(crate) struct ModelSegment<'a> {
     bytes: FileBytes<'a>,
     faces: usize,
+    exact: usize,
     words: usize,
 }
 
@@ -128,8 +163,9 @@ impl<'a> ModelSegment<'a> {
                 .get(at..at + 4)
                 .map(|four| u32::from_le_bytes(four.try_into().expect("four bytes")) as usize)
         };
-        let (faces, words, leaves) = (count(0)?, count(4)?, count(8)?);
-        (HEAD + 4 * (faces + words) + leaves == bytes.len()).then_some(ModelSegment { bytes, faces, words })
+        let (faces, exact, words, leaves) = (count(0)?, count(4)?, count(8)?, count(12)?);
+        let fits = HEAD + 4 * (faces + exact + words) + leaves == bytes.len();
+        fits.then_some(ModelSegment { bytes, faces, exact, words })
     }
 
     #[inline]
@@ -143,10 +179,15 @@ impl<'a> ModelSegment<'a> {
         self.number(HEAD + 4 * local as usize)
     }
 
+    /// The number in the model of a face with corners beside the grid, of which the segment has so many.
+    fn exact_face(&self, local: u32) -> u32 {
+        self.number(HEAD + 4 * (self.faces + local as usize))
+    }
+
     /// The word of a node.
     #[inline]
     pub(crate) fn word(&self, at: u32) -> u32 {
-        self.number(HEAD + 4 * (self.faces + at as usize))
+        self.number(HEAD + 4 * (self.faces + self.exact + at as usize))
     }
 
     /// The word of a child of an INNER node.
@@ -156,7 +197,7 @@ impl<'a> ModelSegment<'a> {
     }
 
     fn leaves(&self) -> &[u8] {
-        self.bytes.get(HEAD + 4 * (self.faces + self.words)..).unwrap_or_default()
+        self.bytes.get(HEAD + 4 * (self.faces + self.exact + self.words)..).unwrap_or_default()
     }
 
     /// The head of a LEAF, and the numbers in the model of its faces. One that was checked is there.
@@ -172,21 +213,53 @@ impl<'a> ModelSegment<'a> {
         (head, LeafFaces { segment: self, bytes, left, next: 0 })
     }
 
-    /// Checks all that a segment may not say, for a model with so many faces, and calls `visit` for each node
-    /// with its level below the segment's own and its word. What is wrong is told in words.
-    pub(crate) fn check(&self, faces: u64, visit: &mut dyn FnMut(u8, u32)) -> Result<(), String> {
+    /// The numbers in the model of faces with corners beside the grid that are near the cell of a node without children.
+    pub(crate) fn near(&self, word: u32) -> Vec<u32> {
+        let mut bytes = self.leaves().get((word >> 3) as usize..).unwrap_or_default();
+        let has_list = match word & 7 {
+            NEAR_VOID | NEAR_FULL => true,
+            LEAF => {
+                let head = bytes.split_off_first().copied().unwrap_or(0);
+                let faces = take_number(&mut bytes).unwrap_or(0);
+                head & NEAR != 0 && (0..faces).all(|_| take_number(&mut bytes).is_some())
+            }
+            _ => false,
+        };
+        let count = if has_list { take_number(&mut bytes).unwrap_or(0) } else { 0 };
+        let mut next = 0u32;
+        let numbers = (0..count).map_while(|_| {
+            let local = next.checked_add(take_number(&mut bytes)?)?;
+            next = local.wrapping_add(1);
+            Some(self.exact_face(local))
+        });
+        numbers.collect()
+    }
+
+    /// Checks all that a segment may not say, for a model with so many faces, on the grid and beside it, and calls `visit` for
+    /// each node with its level below the segment's own and its word. What is wrong is told in words.
+    pub(crate) fn check(
+        &self,
+        [faces, exact]: [u64; 2],
+        visit: &mut dyn FnMut(u8, u32),
+    ) -> Result<(), String> {
         if self.words == 0 {
             return Err("no nodes".into());
         }
         // Each face once, so that no leaf has more to do than there are faces.
-        let mut numbers: Vec<u32> = (0..self.faces as u32).map(|local| self.face(local)).collect();
-        sort::numbers32(&mut numbers);
-        if let Some(pair) = numbers.windows(2).find(|pair| pair[0] == pair[1]) {
-            return Err(format!("face {} twice", pair[0]));
-        }
-        if let Some(face) = numbers.last().filter(|face| u64::from(**face) >= faces) {
-            return Err(format!("face {face} of {faces}"));
-        }
+        let on_grid = (0..self.faces as u32).map(|local| self.face(local)).collect();
+        let beside = (0..self.exact as u32).map(|local| self.exact_face(local)).collect();
+        let check = |mut numbers: Vec<u32>, name: &str, count: u64| {
+            sort::numbers32(&mut numbers);
+            if let Some(pair) = numbers.windows(2).find(|pair| pair[0] == pair[1]) {
+                return Err(format!("{name} {} twice", pair[0]));
+            }
+            match numbers.last().filter(|face| u64::from(**face) >= count) {
+                Some(face) => Err(format!("{name} {face} of {count}")),
+                None => Ok(()),
+            }
+        };
+        check(on_grid, "face", faces)?;
+        check(beside, "exact face", exact)?;
         // Records stand in preorder, without gaps: each is reached once, and the walk has an end.
         let mut next_record = 1;
         let mut next_leaf = 0;
@@ -235,20 +308,19 @@ impl<'a> ModelSegment<'a> {
                 let leaves = self.leaves();
                 let mut bytes = leaves.get(at as usize..).unwrap_or_default();
                 let wrong = || format!("a leaf at {at} that breaks off");
-                bytes.first().copied().and_then(LeafHead::from_byte).ok_or_else(wrong)?;
-                bytes = &bytes[1..];
-                let count = take_number(&mut bytes).ok_or_else(wrong)?;
-                if count == 0 {
-                    return Err(format!("a leaf at {at} without faces"));
+                let head = bytes.split_off_first().copied().ok_or_else(wrong)?;
+                LeafHead::from_byte(head).ok_or_else(wrong)?;
+                check_list(&mut bytes, self.faces)?;
+                if head & NEAR != 0 {
+                    check_list(&mut bytes, self.exact)?;
                 }
-                let mut next = 0u64;
-                for _ in 0..count {
-                    let face = next + u64::from(take_number(&mut bytes).ok_or_else(wrong)?);
-                    if face >= self.faces as u64 {
-                        return Err(format!("face {face} of the segment's {}", self.faces));
-                    }
-                    next = face + 1;
-                }
+                *next_leaf = leaves.len() - bytes.len();
+                Ok(())
+            }
+            NEAR_VOID | NEAR_FULL if at as usize == *next_leaf => {
+                let leaves = self.leaves();
+                let mut bytes = leaves.get(at as usize..).unwrap_or_default();
+                check_list(&mut bytes, self.exact)?;
                 *next_leaf = leaves.len() - bytes.len();
                 Ok(())
             }
@@ -286,22 +358,38 @@ mod tests {
     fn leaves_come_back() {
         let head = LeafHead { kind: NodeKind::Vertex, rule: LeafRule::Any, inside: true };
         let mut leaves = Vec::new();
-        push_leaf(&mut leaves, head.to_byte(), &[0, 1, 200]);
+        push_leaf(&mut leaves, head.to_byte(), &[0, 1, 200], &[]);
         let second = leaves.len() as u32;
-        push_leaf(&mut leaves, LeafHead { rule: LeafRule::Crossings, ..head }.to_byte(), &[7]);
+        push_leaf(&mut leaves, LeafHead { rule: LeafRule::Crossings, ..head }.to_byte(), &[7], &[0, 2]);
+        let third = leaves.len() as u32;
+        push_list(&mut leaves, &[1]);
         let faces: Vec<u32> = (1000..1201).collect();
-        let mut words = vec![1 << 3 | INNER, LEAF, second << 3 | LEAF, FULL, VOID, CUT, VOID, VOID, VOID];
-        let bytes = encode(&faces, &words, &leaves);
+        let mut words = vec![
+            1 << 3 | INNER,
+            LEAF,
+            second << 3 | LEAF,
+            FULL,
+            third << 3 | NEAR_VOID,
+            CUT,
+            VOID,
+            VOID,
+            VOID,
+        ];
+        let exact = [77, 5, 30];
+        let bytes = encode(&faces, &exact, &words, &leaves);
         let segment = ModelSegment::new(FileBytes::Mapped(&bytes)).unwrap();
         let mut seen = Vec::new();
-        segment.check(1201, &mut |level, word| seen.push((level, word & 7))).unwrap();
+        segment.check([1201, 78], &mut |level, word| seen.push((level, word & 7))).unwrap();
         assert_eq!(seen[..4], [(0, INNER), (1, LEAF), (1, LEAF), (1, FULL)]);
         let (found, list) = segment.leaf(segment.child(segment.word(0), 0));
         assert_eq!((found, list.collect::<Vec<_>>()), (head, vec![1000, 1001, 1200]));
-        assert!(segment.check(1200, &mut |_, _| ()).is_err(), "a face that is not there");
+        let near = |child| segment.near(segment.child(segment.word(0), child));
+        assert_eq!([0, 1, 2, 3].map(near), [vec![], vec![77, 30], vec![], vec![5]]);
+        assert!(segment.check([1200, 78], &mut |_, _| ()).is_err(), "a face that is not there");
+        assert!(segment.check([1201, 77], &mut |_, _| ()).is_err(), "an exact face that is not there");
         words[3] = 1 << 3 | INNER;
-        let bytes = encode(&faces, &words, &leaves);
+        let bytes = encode(&faces, &exact, &words, &leaves);
         let segment = ModelSegment::new(FileBytes::Mapped(&bytes)).unwrap();
-        assert!(segment.check(1201, &mut |_, _| ()).is_err(), "a node below itself");
+        assert!(segment.check([1201, 78], &mut |_, _| ()).is_err(), "a node below itself");
     }
 }

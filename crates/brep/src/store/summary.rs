@@ -84,10 +84,15 @@ pub(crate) struct Summary {
     /// Whether what is far away belongs to the body.
     pub is_unbounded: bool,
     pub nodes: NodeCounts,
+    /// Faces with corners beside the grid, and those that stand in for them.
+    pub exact_faces: u64,
+    pub stand_ins: u64,
+    /// Number of parts.
+    pub parts: u64,
 }
 
 /// Bytes of the section.
-const SIZE: usize = 8 + 24 + 16 + 8 + 56;
+const SIZE: usize = 8 + 24 + 16 + 8 + 56 + 24;
 
 impl Summary {
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
@@ -97,13 +102,16 @@ impl Summary {
         bytes.extend_from_slice(&self.grid.divisor.to_le_bytes());
         bytes.extend_from_slice(&self.faces.to_le_bytes());
         self.nodes.named().iter().for_each(|(_, count)| bytes.extend_from_slice(&count.to_le_bytes()));
+        for count in [self.exact_faces, self.stand_ins, self.parts] {
+            bytes.extend_from_slice(&count.to_le_bytes());
+        }
         bytes
     }
 
     pub(crate) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Summary> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "model", found, expected);
         if bytes.len() < SIZE {
-            return Err(corrupt(format!("{} bytes", bytes.len()), "at least 112"));
+            return Err(corrupt(format!("{} bytes", bytes.len()), "at least 136"));
         }
         let eight = |at: usize| <[u8; 8]>::try_from(&bytes[at..at + 8]).expect("eight bytes");
         let count = |index: usize| u64::from_le_bytes(eight(56 + 8 * index));
@@ -139,6 +147,11 @@ impl Summary {
         if bytes[1] > 1 {
             return Err(corrupt(format!("{} for whether it is unbounded", bytes[1]), "0 or 1"));
         }
-        Ok(Summary { grid, faces, is_unbounded: bytes[1] == 1, nodes })
+        let [exact_faces, stand_ins, parts] = [7, 8, 9].map(count);
+        if exact_faces >= 1 << 32 || stand_ins > faces || !(1..1 << 32).contains(&parts) {
+            let found = format!("{exact_faces} exact faces, {stand_ins} that stand in, {parts} parts");
+            return Err(corrupt(found, "fewer than 2^32, and at least one part"));
+        }
+        Ok(Summary { grid, faces, is_unbounded: bytes[1] == 1, nodes, exact_faces, stand_ins, parts })
     }
 }

@@ -4,7 +4,6 @@ use super::block::FaceBuffer;
 use super::reader::ExactModel;
 use crate::closure::{Closure, ExactClosure, Seed};
 use crate::face_check::{FaceCheck, FaceFlaw};
-use crate::{Face, Faces};
 use spinney_base::parallel;
 use spinney_base::{Error, Progress, Result};
 
@@ -26,9 +25,9 @@ impl ExactModel {
                 closure.append(found?);
             }
         }
-        let is_closed = match self.exact_bytes() {
-            0 => closure.is_closed(),
-            _ => self.is_exactly_closed(seed, progress)?,
+        let is_closed = match self.is_beside_grid() {
+            false => closure.is_closed(),
+            true => self.is_exactly_closed(seed, progress)?,
         };
         if is_closed {
             return Ok(());
@@ -64,24 +63,25 @@ impl ExactModel {
 
     /// Whether the exact surface is closed: faces with corners beside the grid, and those that stand in for nothing.
     pub(super) fn is_exactly_closed(&self, seed: Seed, progress: &dyn Progress) -> Result<bool> {
-        let exact = self.exact_part()?;
         let mut closure = ExactClosure::new(seed);
-        let mut stand_ins = exact.stand_ins.iter().map(|number| u64::from(*number)).peekable();
-        self.each(&mut |face: &Face<'_>| {
+        self.each_face(&mut |face, stands_in| {
             if face.number.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
-            if stand_ins.next_if_eq(&face.number).is_none() {
+            if !stands_in {
                 closure.add(face);
             }
             Ok(())
         })?;
-        for (number, face) in exact.faces.iter().enumerate() {
-            if number.is_multiple_of(1 << 12) {
+        let mut number = 0u64;
+        self.each_exact(&mut |face| {
+            if number.is_multiple_of(1 << 10) {
                 progress.check()?;
             }
-            closure.add_exact(face);
-        }
+            number += 1;
+            closure.add_exact(&face);
+            Ok(())
+        })?;
         Ok(closure.is_closed())
     }
 }

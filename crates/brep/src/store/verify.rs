@@ -45,19 +45,33 @@ impl ExactModel {
         let sections = [
             ("directory", self.trailer.section(super::summary::DIRECTORY)),
             ("list of faces", self.trailer.section(super::summary::FACES)),
+            ("list of exact faces", self.trailer.section(super::exact::EXACT)),
+            ("list of parts", self.trailer.section(super::objects::OBJECTS)),
+            ("list of values of faces", self.trailer.section(super::objects::FACE_VALUES)),
+            ("formula", self.trailer.section(super::formula::FORMULA)),
         ];
-        for (name, section) in sections {
+        for (name, section) in sections.into_iter().filter(|(_, section)| section.length > 0) {
             match section.read(&self.path, &*self.backend, name) {
                 Err(error @ Error::Io { .. }) => return Err(error),
                 Err(error) => findings.push(finding(name, &error)),
                 Ok(_) => {}
             }
         }
-        for (name, count) in [("block of faces", self.blocks.len()), ("segment", self.segments.len())] {
+        let lists = [
+            ("block of faces", &self.blocks),
+            ("segment", &self.segments),
+            ("block of exact faces", &self.exact),
+            ("table of parts", &self.objects),
+            ("table of faces", &self.face_values),
+        ];
+        for (name, count) in lists.map(|(name, list)| (name, list.len())) {
             for index in 0..count {
                 progress.check()?;
                 let read = match name {
                     "segment" => self.segment(index).map(drop),
+                    "block of exact faces" => self.exact_block(index).map(drop),
+                    "table of parts" => self.values(&self.objects, index).map(drop),
+                    "table of faces" => self.values(&self.face_values, index).map(drop),
                     _ => self.block(index).map(drop),
                 };
                 match read {
@@ -69,10 +83,12 @@ impl ExactModel {
                 }
             }
         }
-        match self.exact_part() {
-            Err(error @ Error::Io { .. }) => return Err(error),
-            Err(error) => findings.push(finding("exact faces", &error)),
-            Ok(_) => {}
+        if findings.is_empty() {
+            match self.check_tables().and_then(|()| self.formula().map(drop)) {
+                Err(error @ Error::Io { .. }) => return Err(error),
+                Err(error) => findings.push(finding("attributes", &error)),
+                Ok(()) => {}
+            }
         }
         Ok(findings)
     }
@@ -85,12 +101,14 @@ impl ExactModel {
         let mut check = FaceCheck::new(self.summary.grid.bits);
         let mut buffer = FaceBuffer::default();
         let total = 2 * self.len();
+        let mut stand_ins = 0;
         for index in 0..self.blocks.len() {
             progress.check()?;
             let block = self.block(index)?;
             for place in 0..block.len() {
                 block.read(place, &mut buffer);
                 let face = buffer.face();
+                stand_ins += u64::from(buffer.stands_in);
                 closure.add(&face);
                 match check.has_area(&face) {
                     Ok(true) => octree.push(&face)?,
@@ -108,7 +126,11 @@ impl ExactModel {
             findings = self.open_edges(memory, progress)?;
         }
         if findings.is_empty() {
-            findings = self.verify_exact_faces(seed, progress)?;
+            findings = self.verify_exact_faces(seed, &mut octree, progress)?;
+        }
+        if findings.is_empty() && stand_ins != self.summary.stand_ins {
+            let problem = format!("{} faces that stand in, there are {stand_ins}", self.summary.stand_ins);
+            findings.push(Finding { place: "model".into(), problem });
         }
         if !findings.is_empty() {
             return Ok(findings);
@@ -125,7 +147,7 @@ impl ExactModel {
     fn compare(&self, checked: Checked) -> Vec<Finding> {
         let Checked { mut findings, defects, counts, cut } = checked;
         // (Where the surface is thinner than a step, faces that stand in for others may pass through each other.)
-        let is_thin = self.exact_bytes() > 0 && self.metadata.tag(Tag::ModelThinPlaces).is_some();
+        let is_thin = self.is_beside_grid() && self.metadata.tag(Tag::ModelThinPlaces).is_some();
         if !is_thin {
             let of = |defect: &crate::Defect| Finding { place: "faces".into(), problem: defect.to_string() };
             findings.extend(defects.iter().map(of));
@@ -144,18 +166,31 @@ impl ExactModel {
         findings
     }
 
-    /// What is wrong with faces that have corners beside the grid.
-    fn verify_exact_faces(&self, seed: Seed, progress: &dyn Progress) -> Result<Vec<Finding>> {
+    /// What is wrong with faces that have corners beside the grid. They are noted for the octree.
+    fn verify_exact_faces(
+        &self,
+        seed: Seed,
+        octree: &mut OctreeCheck,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
-        if self.exact_bytes() == 0 {
+        if !self.is_beside_grid() {
             return Ok(findings);
         }
-        for (number, face) in self.exact_part()?.faces.iter().enumerate() {
+        let mut number = 0u64;
+        let read = self.each_exact(&mut |face| {
             if let Some(problem) = face.flaw(progress)?
                 && findings.len() < MOST
             {
                 findings.push(Finding { place: format!("exact face {number}"), problem: problem.into() });
             }
+            octree.push_exact(&face);
+            number += 1;
+            Ok(())
+        });
+        match read {
+            Err(error @ Error::Corrupt { .. }) => findings.push(finding("exact faces", &error)),
+            read => read?,
         }
         if findings.is_empty() && !self.is_exactly_closed(seed, progress)? {
             let problem = "edges that have a face on one side only, expected a closed surface".into();

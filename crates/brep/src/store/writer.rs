@@ -4,9 +4,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::block::BlockBuilder;
-use super::exact::{EXACT, ExactPart};
+use super::exact::{self, EXACT};
+use super::formula::FORMULA;
+use super::objects::{FACE_VALUES, OBJECTS};
 use super::pieces::{ENTRY, Entry};
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
+use crate::arrangement::ExactFace;
 use crate::{Face, Grid};
 use spinney_base::io::{Output, Sorter, folder};
 use spinney_base::space::{Code, Dimension};
@@ -14,14 +17,39 @@ use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 use spinney_container::{Content, FileHeader, Section, SectionWriter, Trailer, TreeFormat, check_tree_name};
 
+/// The lists of a file, in the order in which they stand there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum List {
+    Faces,
+    Segments,
+    Exact,
+    Objects,
+    FaceValues,
+}
+
+impl List {
+    const ALL: [List; 5] = [List::Faces, List::Segments, List::Exact, List::Objects, List::FaceValues];
+
+    /// What is being done, in messages, when a piece is written.
+    fn doing(self) -> &'static str {
+        match self {
+            List::Faces => "write faces",
+            List::Segments => "write a segment",
+            List::Exact => "write exact faces",
+            List::Objects => "write what is said of parts",
+            List::FaceValues => "write values of faces",
+        }
+    }
+}
+
 /// A file being written, append-only.
 pub(crate) struct ModelWriter {
     out: Output,
     path: PathBuf,
     position: u64,
     block: BlockBuilder,
-    blocks: Sorter,
-    segments: Sorter,
+    /// Entries of the lists.
+    lists: [Sorter; 5],
 }
 
 impl ModelWriter {
@@ -29,10 +57,8 @@ impl ModelWriter {
     pub(crate) fn new(out: Output, grid: &Grid, memory: u64) -> Result<ModelWriter> {
         let path = out.path().to_path_buf();
         check_tree_name(&path)?;
-        let list = || Sorter::new(folder(&path), ENTRY, memory);
-        let (blocks, segments) = (list(), list());
-        let block = BlockBuilder::default();
-        let mut writer = ModelWriter { out, path, position: 0, block, blocks, segments };
+        let lists = List::ALL.map(|_| Sorter::new(folder(&path), ENTRY, memory));
+        let mut writer = ModelWriter { out, path, position: 0, block: BlockBuilder::default(), lists };
         writer.write(&model_header(grid).to_bytes(), "write the header")?;
         Ok(writer)
     }
@@ -47,8 +73,8 @@ impl ModelWriter {
         Ok(())
     }
 
-    /// Writes a piece, and returns its entry.
-    fn piece(&mut self, key: u64, bytes: &[u8], doing: &'static str) -> Result<Entry> {
+    /// Writes a piece that a list finds by a key.
+    pub(crate) fn piece(&mut self, list: List, key: u64, bytes: &[u8]) -> Result<()> {
         let offset = self.position;
         let Ok(length) = u32::try_from(bytes.len()) else {
             return Err(Error::TooLarge {
@@ -59,54 +85,68 @@ impl ModelWriter {
                 advice: "divide the model, or choose a coarser --snap".into(),
             });
         };
-        self.write(bytes, doing)?;
-        Ok(Entry { key, offset, length, checksum: crc32c::crc32c(bytes) })
+        self.write(bytes, list.doing())?;
+        let entry = Entry { key, offset, length, checksum: crc32c::crc32c(bytes) };
+        self.lists[list as usize].push(key, entry.to_bytes().to_vec())
     }
 
-    pub(crate) fn face(&mut self, face: &Face<'_>) -> Result<()> {
-        self.block.push(face);
+    /// Adds a face, which may stand in for others that have corners beside the grid.
+    pub(crate) fn face(&mut self, face: &Face<'_>, stands_in: bool) -> Result<()> {
+        self.block.push(face, stands_in);
         if self.block.is_full() { self.finish_block() } else { Ok(()) }
     }
 
     fn finish_block(&mut self) -> Result<()> {
         let (first, bytes) = self.block.finish();
-        let entry = self.piece(first, &bytes, "write faces")?;
-        self.blocks.push(first, entry.to_bytes().to_vec())
+        self.piece(List::Faces, first, &bytes)
     }
 
     pub(crate) fn segment(&mut self, code: Code, bytes: &[u8]) -> Result<()> {
         if !self.block.is_empty() {
             self.finish_block()?;
         }
-        let entry = self.piece(code.bits(), bytes, "write a segment")?;
-        self.segments.push(code.bits(), entry.to_bytes().to_vec())
+        self.piece(List::Segments, code.bits(), bytes)
+    }
+
+    /// Writes all faces with corners beside the grid.
+    pub(crate) fn exact_faces(&mut self, faces: &[ExactFace]) -> Result<()> {
+        for range in exact::blocks(faces) {
+            self.piece(List::Exact, range.start as u64, &exact::encode(&faces[range]))?;
+        }
+        Ok(())
     }
 
     /// Writes what stands after the segments and puts the file in its place.
-    pub(crate) fn finish(self, summary: &Summary, exact: &ExactPart, metadata: &Metadata) -> Result<()> {
-        let ModelWriter { mut out, path, mut position, blocks, segments, .. } = self;
+    pub(crate) fn finish(self, summary: &Summary, formula: &str, metadata: &Metadata) -> Result<()> {
+        let ModelWriter { mut out, path, mut position, lists, .. } = self;
         let metadata = metadata.to_bytes(&path)?;
-        let mut list = |sorter: Sorter, out: &mut Output, doing: &'static str| -> Result<Section> {
-            let mut section = SectionWriter::new(out, position);
-            sorter.finish(&mut |entry| section.write_all(entry).map_err(Error::io(&path, doing)))?;
+        let mut sections = Vec::new();
+        for list in lists {
+            let mut section = SectionWriter::new(&mut out, position);
+            list.finish(&mut |entry| {
+                section.write_all(entry).map_err(Error::io(&path, "write a list of pieces"))
+            })?;
             position += section.written.length;
-            Ok(section.written)
-        };
-        let blocks = list(blocks, &mut out, "write the list of faces")?;
-        let directory = list(segments, &mut out, "write the directory")?;
-        let mut bytes = |bytes: &[u8], out: &mut Output, doing: &'static str| -> Result<Section> {
-            let mut section = SectionWriter::new(out, position);
+            sections.push(section.written);
+        }
+        let mut bytes = |bytes: &[u8], doing: &'static str| -> Result<Section> {
+            let mut section = SectionWriter::new(&mut out, position);
             section.write_all(bytes).map_err(Error::io(&path, doing))?;
             position += section.written.length;
             Ok(section.written)
         };
-        let summary_section = bytes(&summary.to_bytes(), &mut out, "write the model's section")?;
-        let mut sections = vec![(DIRECTORY, directory), (FACES, blocks), (SUMMARY, summary_section)];
-        if !exact.faces.is_empty() {
-            sections.push((EXACT, bytes(&exact.to_bytes(), &mut out, "write the exact faces")?));
-        }
-        sections.push((METADATA, bytes(&metadata, &mut out, "write the metadata")?));
-        let trailer = Trailer { header: model_header(&summary.grid), sections };
+        let of = |list: List| sections[list as usize];
+        let mut all = vec![(DIRECTORY, of(List::Segments)), (FACES, of(List::Faces))];
+        all.push((SUMMARY, bytes(&summary.to_bytes(), "write the model's section")?));
+        let others = [
+            (EXACT, of(List::Exact)),
+            (OBJECTS, of(List::Objects)),
+            (FACE_VALUES, of(List::FaceValues)),
+            (FORMULA, bytes(formula.as_bytes(), "write the formula")?),
+        ];
+        all.extend(others.into_iter().filter(|(_, section)| section.length > 0));
+        all.push((METADATA, bytes(&metadata, "write the metadata")?));
+        let trailer = Trailer { header: model_header(&summary.grid), sections: all };
         out.write_all(&trailer.to_bytes(position)).map_err(Error::io(&path, "write the trailer"))?;
         out.commit()
     }

@@ -73,4 +73,9 @@ pub trait Model: Send {
     fn degenerate(&self) -> u64 {
         0
     }
+
+    /// Number of columns of values of faces that are not handed out.
+    fn lost_columns(&self) -> u64 {
+        0
+    }
 }

@@ -354,10 +354,14 @@ mod tests {
     fn bands_have_their_own() {
         let mut info = RasterInfo { nodata: Some(1.into()), ..RasterInfo::plain([2, 2], SampleType::U8, 3) };
         let bands = info.bands_mut();
-        (bands[1].sample, bands[2].sample, bands[2].nodata) = (SampleType::U16, SampleType::I16, Some((-5).into()));
+        (bands[1].sample, bands[2].sample, bands[2].nodata) =
+            (SampleType::U16, SampleType::I16, Some((-5).into()));
         bands[1].palette = Some(Palette { colours: vec![[1; 4]] });
         let of = |chosen: &[usize]| info.of_channels(chosen);
-        assert_eq!((of(&[2]).sample, of(&[2]).nodata, of(&[2]).kind), (SampleType::I16, Some((-5).into()), None));
+        assert_eq!(
+            (of(&[2]).sample, of(&[2]).nodata, of(&[2]).kind),
+            (SampleType::I16, Some((-5).into()), None)
+        );
         assert_eq!((of(&[1]).nodata, of(&[1]).kind), (Some(1.into()), Some(Kind::Categorical)));
         assert_eq!((of(&[2, 1]).sample, of(&[2, 1]).nodata), (SampleType::I32, Some((-5).into())));
         assert_eq!((of(&[1, 0]).sample, of(&[1, 0]).palette), (SampleType::U16, None));

@@ -11,8 +11,8 @@ use super::{ExactSummary, Job, temporary_folder};
 use crate::export::sink::failed;
 use spinney_base::io::{Output, Sorter};
 use spinney_base::{Error, Result};
+use spinney_brep::Face;
 use spinney_brep::attributes::each_member;
-use spinney_brep::{Attributes, Face};
 use spinney_crs::Crs;
 
 /// Bytes after which a run ends.
@@ -40,8 +40,7 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
         Ok(())
     })?;
     text("\n],\n")?;
-    let attributes = job.faces.attributes();
-    let (about, mut lost_attributes) = about_file(&attributes, job.faces.crs());
+    let (about, mut lost_attributes) = about_file(&job.faces.file_attributes()?, job.faces.crs());
     text(&about)?;
     text("\"CityObjects\":{")?;
     let mut surfaces = Surfaces::new(&folder)?;
@@ -61,7 +60,8 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
         while next_part < until {
             let separator = if next_part == 0 { "\n" } else { ",\n" };
             let name = names.key(all.get(next_part as usize).map_or("", String::as_str));
-            let object = attributes.part(next_part).map(object_members);
+            let object = job.faces.part_attributes(next_part)?;
+            let object = object.as_deref().map(object_members);
             lost_attributes += u64::from(object == Some(None));
             let members = object.flatten().unwrap_or_else(|| format!("\"type\":{PLAIN}"));
             text(&format!("{separator}{name}:{{{members}"))?;
@@ -129,11 +129,11 @@ fn member(key: &str, json: &str) -> String {
 }
 
 /// Lines with the metadata and the extensions, and the number of files of which what they say is left out.
-fn about_file(attributes: &Attributes, crs: Option<&Crs>) -> (String, u64) {
+fn about_file(files: &[String], crs: Option<&Crs>) -> (String, u64) {
     let (mut metadata, mut lines) = (Vec::new(), String::new());
     let mut lost = 0;
     // Of several files, none says what the model is.
-    if let [about] = attributes.files() {
+    if let [about] = files {
         let outcome = each_member(about, |key, value| match key {
             "metadata" => {
                 let members = each_member(value, |key, value| {
@@ -148,7 +148,7 @@ fn about_file(attributes: &Attributes, crs: Option<&Crs>) -> (String, u64) {
         });
         lost |= u64::from(outcome.is_err());
     } else {
-        lost = attributes.files().len() as u64;
+        lost = files.len() as u64;
     }
     if let Some(url) = crs.and_then(reference_system) {
         metadata.push(member("referenceSystem", &serde_json::Value::from(url).to_string()));
@@ -293,18 +293,16 @@ mod tests {
         for wrong in ["", "{", "[]", "{\"a\":}", "{}}", "{\"a\":1},\"b\":{}"] {
             assert_eq!(members(wrong), None, "{wrong}");
         }
-        let tags = |texts: &[&str]| {
-            let tags = texts.iter().enumerate().map(|(i, text)| (format!("file {i}"), text.to_string()));
-            about_file(&Attributes::from_tags(&tags.collect()), None)
-        };
-        assert_eq!(tags(&[]), (String::new(), 0));
-        assert_eq!(tags(&["{}"]), (String::new(), 0));
+        let about =
+            |texts: &[&str]| about_file(&texts.iter().map(|text| text.to_string()).collect::<Vec<_>>(), None);
+        assert_eq!(about(&[]), (String::new(), 0));
+        assert_eq!(about(&["{}"]), (String::new(), 0));
         let text = "{\"metadata\":{\"title\":\"x\",\"referenceSystem\":7},\"extensions\":{\"e\":1}}";
         let expected = "\"extensions\":{\"e\":1},\n\"metadata\":{\"title\":\"x\"},\n";
-        assert_eq!(tags(&[text]), (expected.into(), 0));
-        assert_eq!(tags(&[text, text]), (String::new(), 2));
+        assert_eq!(about(&[text]), (expected.into(), 0));
+        assert_eq!(about(&[text, text]), (String::new(), 2));
         for wrong in ["no", "{\"metadata\":[]}"] {
-            assert_eq!(tags(&[wrong]), (String::new(), 1));
+            assert_eq!(about(&[wrong]), (String::new(), 1));
         }
     }
 }

@@ -99,8 +99,7 @@ pub fn export_exact(
     };
     let (is_city, crs) = (format == MeshFormat::CityJson, faces.crs());
     if !is_city {
-        let attributes = faces.attributes();
-        summary.lost_attributes = attributes.parts().count() as u64 + attributes.files().len() as u64;
+        summary.lost_attributes = faces.parts_with_attributes()? + faces.file_attributes()?.len() as u64;
     }
     losses.add(summary.lost_colours, "colours");
     losses.add(summary.lost_parts, "parts");
@@ -110,6 +109,7 @@ pub fn export_exact(
     losses.add(lost > 0, format!("what is said of {lost} parts and files, beyond their names"));
     let holes = summary.bridged_holes;
     losses.add(holes > 0, format!("holes ({holes} are joined to the rings around them)"));
+    losses.add(faces.value_columns()? > 0, "values of faces");
     losses.add_crs(crs.filter(|crs| !(is_city && city_json::reference_system(crs).is_some())));
     losses.add_unit(faces.unit(), is_city.then_some("m"));
     losses.tell(progress);

@@ -9,17 +9,15 @@ use std::path::{Path, PathBuf};
 use self::boundary::{Boundary, Loop};
 use self::repair::repair;
 use self::snap::Snapper;
-use super::Model;
 use super::solid::closure::Closure;
 use super::solid::{bounds, common_crs, flat_faces, provenance};
+use super::{Model, ModelInfo};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Up;
-use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
-use spinney_brep::attributes::DOMAIN;
 use spinney_brep::show_place;
-use spinney_brep::{Attributes, BuildReport, Face, FaceList, Faces, Grid, LEAF_SIZE, ModelBuilder};
-use spinney_container::{Metadata, Tag, TagScope};
+use spinney_brep::{BuildReport, Face, FaceList, Faces, Grid, LEAF_SIZE, ModelBuilder};
+use spinney_container::{Metadata, Tag};
 use spinney_crs::Crs;
 
 pub use self::repair::Repair;
@@ -81,9 +79,10 @@ pub struct ExactReport {
     pub cut: u64,
     /// Faces whose rings cross, which were cut into fans of triangles.
     pub fanned: u64,
-    /// Parts with attributes, and the number of parts or files whose attributes are not kept, since there are too many: see
-    /// [`Attributes::MOST_BYTES`].
-    pub attributes: (u64, u64),
+    /// Parts with attributes.
+    pub attributes: u64,
+    /// Columns of values of faces that are not kept.
+    pub lost_columns: u64,
     /// Boundaries that were closed, and the triangles that close them.
     pub closed: (u64, u64),
     /// Counts of the repair, if one was wanted.
@@ -145,18 +144,10 @@ pub fn import_exact(
     let mut target = Target::new(output, &path, &grid, options)?;
     let mut snapper = Snapper::new(grid.clone(), options.up);
     let mut closure = Closure::default();
-    let mut parts = Vec::new();
     read(&mut models, &mut snapper, progress, &mut |face| {
         each_edge(face, |from, to| closure.add_edge(from, to));
         target.push(face)
     })?;
-    // (A name stands in the metadata with its number.)
-    let names = models.iter().flat_map(|model| &model.info().parts).map(|name| name.len() + 10);
-    let mut attributes = Attributes::beside(names.sum());
-    for model in &models {
-        attributes.append(&model.info().attributes, parts.len() as u32, model.info().parts.len() as u32);
-        parts.extend(model.info().parts.iter().cloned());
-    }
     let counts = snapper.planar.counts;
     let mut faces = counts.faces;
     let mut closed = (0, 0);
@@ -179,12 +170,17 @@ pub fn import_exact(
         closed = target.close(&loops, &snapper)?;
         faces += closed.1;
     }
-    let (builder, repaired) = target.repaired(progress)?;
+    let (mut builder, repaired) = target.repaired(progress)?;
+    for ModelInfo { parts, attributes, .. } in models.iter().map(|model| model.info()) {
+        for (part, name) in (0..).zip(parts) {
+            builder.part(name, attributes.part(part))?;
+        }
+        attributes.files().iter().try_for_each(|text| builder.about_file(text))?;
+    }
     faces = repaired.as_ref().map_or(faces, |(faces, _)| *faces);
     let repaired = repaired.map(|(_, done)| done);
     let displacement = snapper.squared_displacement.sqrt();
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
-    metadata.class_names = (0u64..).map(Number::from).zip(parts).collect();
     metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
     let unit = options.unit.clone().or_else(|| models.iter().find_map(|model| model.info().unit.clone()));
     let furthest = repaired.map_or(displacement, |done| done.displacement.max(displacement));
@@ -194,13 +190,6 @@ pub fn import_exact(
     metadata.set_tag(Tag::ModelClosingTriangles, closed.1.to_string());
     if let Some(done) = &repaired {
         metadata.set_tag(Tag::ModelRepairedFaces, (done.divided + done.removed).to_string());
-    }
-    if attributes.lost() > 0 {
-        metadata.set_tag(Tag::ModelLostAttributes, attributes.lost().to_string());
-    }
-    if !attributes.is_empty() {
-        let scope = TagScope { channel: None, domain: DOMAIN.into() };
-        metadata.scoped_tags.insert(scope, attributes.to_tags());
     }
     if let Some(unit) = &unit {
         metadata.set_tag(Tag::Unit, unit);
@@ -227,7 +216,8 @@ pub fn import_exact(
         slivers: counts.slivers,
         cut: counts.cut,
         fanned: counts.fanned,
-        attributes: (attributes.parts().count() as u64, attributes.lost()),
+        attributes: models.iter().map(|model| model.info().attributes.parts()).sum(),
+        lost_columns: models.iter().map(|model| model.lost_columns()).sum(),
         closed,
         repair: repaired,
         displacement,

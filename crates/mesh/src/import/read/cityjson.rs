@@ -202,7 +202,7 @@ fn read_metadata(
         of_file.push("extensions", text.get());
     }
     if !of_file.is_empty() {
-        attributes.push_file(&of_file);
+        attributes.push_file(source.path(), of_file.to_string())?;
     }
     Ok(reference.and_then(|reference| Crs::parse(&reference).ok()))
 }
@@ -239,7 +239,8 @@ impl<'de> Visitor<'de> for ReadNames<'_> {
             let members = members.map_err(|error| not_json_there(self.source, object, &error));
             keep(self.failure, members)?;
             if !is_plain {
-                self.attributes.push_part(*self.part, &text);
+                let pushed = self.attributes.push_part(self.source.path(), *self.part, text.to_string());
+                keep(self.failure, pushed)?;
             }
             *self.part += 1;
         }
@@ -459,7 +460,7 @@ impl<'de> Visitor<'de> for Boundaries<'_, '_> {
 pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let mut bounds = VertexBounds::new();
     let mut parts = Parts::new(memory);
-    let mut attributes = Attributes::default();
+    let mut attributes = Attributes::within(memory.max(1 << 20));
     let (mut count, mut part, mut version, mut crs) = (0, 0, None, None);
     // One grid for all axes and all documents.
     let mut step: Option<Option<f64>> = None;

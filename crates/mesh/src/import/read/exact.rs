@@ -4,11 +4,11 @@ use std::path::Path;
 
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
-use spinney_brep::{ExactModel, Faces, is_model_file};
+use spinney_brep::{Attributes, ExactModel, Faces, is_model_file};
 use spinney_container::{OpenOptions, Tag};
 
-/// Opens the file of an exact model; `None` if it is none.
-pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
+/// Opens the file of an exact model; `None` if it is none. About `memory` bytes hold what is said of parts.
+pub(super) fn open(path: &Path, memory: u64) -> Result<Option<Box<dyn Model>>> {
     if !is_model_file(path) {
         return Ok(None);
     }
@@ -18,6 +18,13 @@ pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
         let found = format!("{}: a body that has all that is far away", path.display());
         return Err(Error::invalid("model", found, expected));
     }
+    let mut attributes = Attributes::within(memory.max(1 << 20));
+    for part in 0..model.parts().len() as u32 {
+        if let Some(text) = model.part_attributes(part)? {
+            attributes.push_part(path, part, text)?;
+        }
+    }
+    model.file_attributes()?.into_iter().try_for_each(|text| attributes.push_file(path, text))?;
     let frame = &model.metadata().frame;
     let most = [(1 << model.grid().bits) - 1; 3];
     let info = ModelInfo {
@@ -31,21 +38,27 @@ pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
         step: Some(model.grid().width()),
         parts: model.parts().to_vec(),
         is_grouped: true,
-        attributes: model.attributes(),
+        attributes,
         is_coloured: model.is_coloured()?,
         bytes: model.file_size(),
     };
-    Ok(Some(Box::new(Exact { model, info })))
+    let lost_columns = model.value_columns()?;
+    Ok(Some(Box::new(Exact { model, info, lost_columns })))
 }
 
 struct Exact {
     model: ExactModel,
     info: ModelInfo,
+    lost_columns: u64,
 }
 
 impl Model for Exact {
     fn info(&self) -> &ModelInfo {
         &self.info
+    }
+
+    fn lost_columns(&self) -> u64 {
+        self.lost_columns
     }
 
     fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {

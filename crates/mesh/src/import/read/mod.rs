@@ -29,7 +29,7 @@ use spinney_container::OtherFormat;
 /// # Errors
 /// If the file cannot be read, is of no format that is read here, is damaged, or uses something unsupported.
 pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
-    if let Some(model) = exact::open(path)? {
+    if let Some(model) = exact::open(path, memory)? {
         return Ok(model);
     }
     let mut source = ModelFile::open(path)?;

@@ -1,0 +1,84 @@
+//! Faces with corners beside the grid, and which cells they are near.
+
+use super::cells::Cell;
+use crate::arrangement::{ExactFace, ExactPlane};
+use crate::boxes::{Bounds, bounds_of};
+
+/// Boxes and planes of faces with corners beside the grid.
+///
+/// Invariant: a face is near every cell that is within half a step of one of its points, along each axis: boxes have the
+/// corners of the grid that are nearest to the face's, and a step more. Operations that look for pairs of faces in cells alone
+/// would miss some otherwise.
+#[derive(Default)]
+pub(crate) struct NearFaces {
+    list: Vec<(Bounds, ExactPlane)>,
+}
+
+impl NearFaces {
+    /// Adds a face, whose number is that of those before it.
+    pub(crate) fn push(&mut self, face: &ExactFace) {
+        self.list.push((bounds_of(&face.rounded(), 1), face.plane));
+    }
+
+    /// Numbers of all faces.
+    pub(super) fn all(&self) -> Vec<u32> {
+        (0..self.list.len() as u32).collect()
+    }
+
+    /// Those of some faces that are near a cell of a grid of so many bits.
+    pub(super) fn of(&self, faces: &[u32], cell: &Cell, bits: u8) -> Vec<u32> {
+        let (min, width) = cell.bounds(bits);
+        faces.iter().copied().filter(|face| self.is_near(*face, min, width)).collect()
+    }
+
+    /// Whether a face is near a cell from `min` on, of a width, in half units of the grid.
+    fn is_near(&self, face: u32, min: [i64; 3], width: i64) -> bool {
+        let (bounds, plane) = &self.list[face as usize];
+        let [low, high] = bounds.map(|corner| corner.map(|at| 2 * i64::from(at)));
+        // (Walls lie between points of the grid, and so never at the side of a box.)
+        if (0..3).any(|axis| high[axis] < min[axis] || min[axis] + width < low[axis]) {
+            return false;
+        }
+        // The plane passes the cell with a step more on all sides, if its products with corners of that have both signs.
+        let (mut middle, mut reach) = (-4 * plane.offset, 0);
+        for (normal, min) in plane.normal.into_iter().zip(min) {
+            middle += i128::from(normal) * i128::from(2 * min + width);
+            reach += i128::from(normal.unsigned_abs()) * i128::from(width + 4);
+        }
+        middle.abs() <= reach
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arrangement::{Corner, ExactPoint};
+
+    /// A triangle in a slanted plane is near cells along it, and not near others in its box.
+    #[test]
+    fn cells_near_a_triangle() {
+        let corners = [[0, 0, 15], [15, 0, 0], [0, 15, 0]];
+        let plane = ExactPlane::through(corners[0], [1; 3]);
+        let corner = |at: [i32; 3]| Corner { point: ExactPoint::of_grid(at), line: plane };
+        let face = ExactFace {
+            plane,
+            corners: corners.map(corner).to_vec(),
+            ring_ends: vec![3],
+            colours: Vec::new(),
+            part: 0,
+            source: 0,
+        };
+        let mut near = NearFaces::default();
+        near.push(&face);
+        let is_near = |level: u8, position: [u32; 3]| {
+            !near.of(&[0], &Cell { level, position, winding: 0 }, 4).is_empty()
+        };
+        assert!(is_near(0, [0; 3]));
+        // Cells of a unit: x + y + z is from s - 1.5 to s + 1.5 in the one at x + y + z = s, and 3 more either way beside it.
+        for sum in 0..46u32 {
+            let position = [0, 1, 2].map(|more| ((sum + more) / 3).min(15));
+            let expected = (11..=19).contains(&position.iter().sum::<u32>());
+            assert_eq!(is_near(4, position), expected, "{position:?}");
+        }
+    }
+}

@@ -1,0 +1,480 @@
+//! Parts of a model and what is said of them, in columns: a column for each member of the JSON objects that say it, and for each
+//! member of their attributes.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::sync::OnceLock;
+
+use serde_json::value::RawValue;
+
+use super::pieces::Pieces;
+use super::reader::ExactModel;
+use super::segment::{push_number, take_number};
+use super::table::{COLUMN_NAMES, FIRST_NAMED, MOST_NAMED, TableWriter, TakePiece};
+use crate::attributes::each_member;
+use spinney_base::Result;
+use spinney_base::sort;
+
+/// Tag of the section that finds the pieces of the table of parts.
+pub(crate) const OBJECTS: [u8; 4] = *b"OBJE";
+/// Tag of that of the table of faces.
+pub(crate) const FACE_VALUES: [u8; 4] = *b"FVAL";
+
+/// Columns of the table of parts that have no names.
+const NAMES: u32 = 0;
+/// Numbers of the parts in the order of their names.
+const ORDER: u32 = 1;
+/// Lists of columns, in the order in which their members come; each part has the number of one.
+const SHAPES: u32 = 3;
+const SHAPE: u32 = 4;
+/// What is said of a part whose members are in no columns.
+const WHOLE: u32 = 5;
+/// What is said of files.
+const FILES: u32 = 6;
+
+/// Most lists of columns.
+const MOST_SHAPES: usize = 4096;
+
+/// The member of objects whose own members have columns.
+const ATTRIBUTES: &str = "attributes";
+
+/// Writes a table of parts.
+#[derive(Default)]
+pub(crate) struct ObjectWriter {
+    table: TableWriter,
+    names: Vec<String>,
+    has_attributes: bool,
+    columns: ColumnNames,
+    shapes: HashMap<Vec<u32>, u32>,
+    files: u32,
+}
+
+/// Names of columns, as JSON lists of one or two texts, and their numbers.
+#[derive(Default)]
+pub(crate) struct ColumnNames {
+    numbers: HashMap<String, u32>,
+    list: Vec<String>,
+}
+
+impl ColumnNames {
+    /// The number of a column; `None` if there are too many.
+    pub(crate) fn number(&mut self, name: &str) -> Option<u32> {
+        if let Some(number) = self.numbers.get(name) {
+            return Some(*number);
+        }
+        let number = self.list.len() as u32;
+        (number < MOST_NAMED).then(|| {
+            self.numbers.insert(name.into(), number);
+            self.list.push(name.into());
+            number
+        })
+    }
+
+    /// Writes the names.
+    pub(crate) fn write(&self, table: &mut TableWriter, take: &mut TakePiece<'_>) -> Result<()> {
+        let mut names = (0..).zip(&self.list);
+        names.try_for_each(|(row, name)| table.push(COLUMN_NAMES, row, name.as_bytes(), take))
+    }
+}
+
+impl ObjectWriter {
+    /// Adds a part, with the JSON object that says something of it.
+    pub(crate) fn part(
+        &mut self,
+        name: &str,
+        attributes: Option<&str>,
+        take: &mut TakePiece<'_>,
+    ) -> Result<()> {
+        let part = self.names.len() as u32;
+        self.names.push(name.into());
+        let Some(text) = attributes else { return Ok(()) };
+        self.has_attributes = true;
+        let split = split(text, true).or_else(|| split(text, false));
+        let Some((shape, values)) = split.and_then(|members| self.shape(members)) else {
+            return self.table.push(WHOLE, part, text.as_bytes(), take);
+        };
+        let mut number = Vec::new();
+        push_number(&mut number, shape);
+        self.table.push(SHAPE, part, &number, take)?;
+        for (column, value) in values {
+            self.table.push(FIRST_NAMED + column, part, value.as_bytes(), take)?;
+        }
+        Ok(())
+    }
+
+    /// Numbers of the columns of some members, and of the list of them; `None` if there are too many.
+    fn shape<'a>(&mut self, members: Vec<(String, &'a str)>) -> Option<(u32, Vec<(u32, &'a str)>)> {
+        let numbered = |(name, value): (String, &'a str)| Some((self.columns.number(&name)?, value));
+        let values: Vec<(u32, &'a str)> = members.into_iter().map(numbered).collect::<Option<_>>()?;
+        let shape: Vec<u32> = values.iter().map(|(column, _)| *column).collect();
+        let next = self.shapes.len();
+        if next == MOST_SHAPES && !self.shapes.contains_key(&shape) {
+            return None;
+        }
+        Some((*self.shapes.entry(shape).or_insert(next as u32), values))
+    }
+
+    /// Adds what is said of a file.
+    pub(crate) fn file(&mut self, text: &str, take: &mut TakePiece<'_>) -> Result<()> {
+        self.files += 1;
+        self.table.push(FILES, self.files - 1, text.as_bytes(), take)
+    }
+
+    /// Hands out what is left; returns the number of parts.
+    pub(crate) fn finish(self, take: &mut TakePiece<'_>) -> Result<u64> {
+        let ObjectWriter { mut table, names, has_attributes, columns, shapes, files } = self;
+        if !has_attributes && files == 0 && (names.is_empty() || names == [ONLY_PART]) {
+            return Ok(1);
+        }
+        let names = if names.is_empty() { vec![ONLY_PART.into()] } else { names };
+        let mut order: Vec<u32> = (0..names.len() as u32).collect();
+        sort::by(&mut order, &mut |a, b| (&names[*a as usize], a).cmp(&(&names[*b as usize], b)));
+        for (row, name) in (0..).zip(&names) {
+            table.push(NAMES, row, name.as_bytes(), take)?;
+        }
+        for (row, part) in (0..).zip(&order) {
+            table.push(ORDER, row, &part.to_le_bytes(), take)?;
+        }
+        columns.write(&mut table, take)?;
+        let shapes: BTreeMap<u32, Vec<u32>> =
+            shapes.into_iter().map(|(shape, number)| (number, shape)).collect();
+        for (number, shape) in shapes {
+            let mut bytes = Vec::new();
+            shape.iter().for_each(|column| push_number(&mut bytes, *column));
+            table.push(SHAPES, number, &bytes, take)?;
+        }
+        table.finish(take)?;
+        Ok(names.len() as u64)
+    }
+}
+
+/// Name of the only part of a model without names.
+pub(super) const ONLY_PART: &str = "mesh";
+
+/// The members of a JSON object with the names of their columns, where joining them gives the same text again.
+fn split(text: &str, with_attributes: bool) -> Option<Vec<(String, &str)>> {
+    let key = |key: &str| serde_json::Value::from(key).to_string();
+    let mut members = Vec::new();
+    let top = each_member(text, |name, value| {
+        let outer = key(name);
+        let before = members.len();
+        if name == ATTRIBUTES && with_attributes {
+            let inner = each_member(value, |name, value| {
+                members.push((format!("[{outer},{}]", key(name)), value));
+            });
+            if inner.is_ok() && members.len() > before {
+                return;
+            }
+            members.truncate(before);
+        }
+        members.push((format!("[{outer}]"), value));
+    });
+    top.ok()?;
+    let named: Option<Vec<(ColumnName, &str)>> =
+        members.iter().map(|(name, value)| Some((ColumnName::of(name)?, *value))).collect();
+    let is_same = join(named?.iter().map(|(name, value)| (name, *value))) == text;
+    is_same.then_some(members)
+}
+
+/// The name of a column: JSON texts, as they stand in objects.
+#[derive(Debug)]
+struct ColumnName {
+    member: String,
+    inner: Option<String>,
+}
+
+impl ColumnName {
+    fn of(name: &str) -> Option<ColumnName> {
+        let names: Vec<Box<RawValue>> = serde_json::from_str(name).ok()?;
+        let are_texts = names.iter().all(|name| serde_json::from_str::<String>(name.get()).is_ok());
+        let mut names = names.iter().map(|name| name.get().to_string());
+        let found = ColumnName { member: names.next()?, inner: names.next() };
+        (are_texts && names.next().is_none()).then_some(found)
+    }
+}
+
+/// The JSON object of some members: those with two names are in one object as long as the first one is the same.
+fn join<'a>(members: impl Iterator<Item = (&'a ColumnName, &'a str)>) -> String {
+    let mut text = String::from("{");
+    let mut open: Option<&str> = None;
+    let mut separator = "";
+    for (ColumnName { member, inner }, value) in members {
+        if open.is_some() && (inner.is_none() || open != Some(member)) {
+            text.push('}');
+            open = None;
+        }
+        text.push_str(separator);
+        separator = ",";
+        match inner {
+            None => text.push_str(&format!("{member}:{value}")),
+            Some(inner) if open.is_some() => text.push_str(&format!("{inner}:{value}")),
+            Some(inner) => {
+                text.push_str(&format!("{member}:{{{inner}:{value}"));
+                open = Some(member);
+            }
+        }
+    }
+    text.push_str(if open.is_some() { "}}" } else { "}" });
+    text
+}
+
+/// Names of columns, and lists of these, of a table of parts.
+#[derive(Debug)]
+pub(super) struct Schema {
+    columns: Vec<ColumnName>,
+    shapes: Vec<Vec<u32>>,
+}
+
+/// A place for a schema, which is read when it is needed first.
+pub(super) type SchemaCell = OnceLock<Schema>;
+
+impl ExactModel {
+    /// The names of all parts.
+    pub(super) fn read_parts(&self) -> Result<Vec<String>> {
+        if self.objects.len() == 0 && self.summary.parts == 1 {
+            return Ok(vec![ONLY_PART.into()]);
+        }
+        let names = self.list_of_texts(&self.objects, NAMES, self.summary.parts)?;
+        if names.len() as u64 != self.summary.parts {
+            let found = format!("{} names of {} parts", names.len(), self.summary.parts);
+            return Err(self.corrupt("parts".into(), found, "a name for each part"));
+        }
+        Ok(names)
+    }
+
+    fn wrong_objects(&self, found: impl Into<String>) -> spinney_base::Error {
+        self.corrupt("attributes".into(), found, "columns as formats.md has them")
+    }
+
+    fn schema(&self) -> Result<&Schema> {
+        if let Some(schema) = self.schema.get() {
+            return Ok(schema);
+        }
+        let names = self.list_of_texts(&self.objects, COLUMN_NAMES, MOST_NAMED.into())?;
+        let named =
+            |name: &String| ColumnName::of(name).ok_or_else(|| self.wrong_objects("a column without a name"));
+        let columns: Vec<ColumnName> = names.iter().map(named).collect::<Result<_>>()?;
+        let mut shapes: Vec<Vec<u32>> = Vec::new();
+        self.each_value(&self.objects, SHAPES, &mut |row, mut bytes| {
+            let mut shape = Vec::new();
+            let mut taken = HashSet::new();
+            while !bytes.is_empty() {
+                let column = take_number(&mut bytes).filter(|column| (*column as usize) < columns.len());
+                // (Each once, so that no object is longer than the file.)
+                let column = column.filter(|column| taken.insert(*column));
+                shape.push(column.ok_or_else(|| self.wrong_objects("a list of columns that are not there"))?);
+            }
+            if row as usize != shapes.len() || shapes.len() == MOST_SHAPES {
+                return Err(self.wrong_objects(format!("list of columns {row} behind {}", shapes.len())));
+            }
+            shapes.push(shape);
+            Ok(())
+        })?;
+        Ok(self.schema.get_or_init(|| Schema { columns, shapes }))
+    }
+
+    /// The JSON object that says something of a part.
+    pub(super) fn read_part_attributes(&self, part: u32) -> Result<Option<String>> {
+        let Some(shape) = self.value(&self.objects, SHAPE, part)? else {
+            let whole = self.value(&self.objects, WHOLE, part)?;
+            return whole.map(|text| self.text(&self.objects, text)).transpose();
+        };
+        let schema = self.schema()?;
+        let number = take_number(&mut &shape[..]);
+        let shape = number.and_then(|number| schema.shapes.get(number as usize));
+        let shape =
+            shape.ok_or_else(|| self.wrong_objects(format!("part {part} with no list of columns")))?;
+        let mut values = Vec::with_capacity(shape.len());
+        for &column in shape {
+            let value = self.value(&self.objects, FIRST_NAMED + column, part)?;
+            let missing = || self.wrong_objects(format!("part {part} without a value in column {column}"));
+            values.push(self.text(&self.objects, value.ok_or_else(missing)?)?);
+        }
+        let names = shape.iter().map(|column| &schema.columns[*column as usize]);
+        Ok(Some(join(names.zip(values.iter().map(String::as_str)))))
+    }
+
+    /// Number of parts of which something is said.
+    pub(super) fn count_parts_with_attributes(&self) -> Result<u64> {
+        let mut count = 0;
+        for column in [SHAPE, WHOLE] {
+            self.each_value(&self.objects, column, &mut |_, _| {
+                count += 1;
+                Ok(())
+            })?;
+        }
+        Ok(count)
+    }
+
+    /// What is said of files.
+    pub(super) fn read_file_attributes(&self) -> Result<Vec<String>> {
+        self.list_of_texts(&self.objects, FILES, u64::from(u32::MAX))
+    }
+
+    /// The number of the first part with a name.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn part_number(&self, name: &str) -> Result<Option<u32>> {
+        if self.objects.len() == 0 {
+            return Ok((name == ONLY_PART).then_some(0));
+        }
+        let (mut low, mut high) = (0, self.parts.len() as u32);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            if self.parts[self.part_in_order(middle)? as usize].as_str() < name {
+                low = middle + 1;
+            } else {
+                high = middle;
+            }
+        }
+        if low as usize == self.parts.len() {
+            return Ok(None);
+        }
+        let part = self.part_in_order(low)?;
+        Ok((self.parts[part as usize] == name).then_some(part))
+    }
+
+    /// The part at a place in the order of the names.
+    fn part_in_order(&self, place: u32) -> Result<u32> {
+        let value = self.value(&self.objects, ORDER, place)?;
+        let part = value.and_then(|value| Some(u32::from_le_bytes(value.try_into().ok()?)));
+        let part = part.filter(|part| (*part as usize) < self.parts.len());
+        part.ok_or_else(|| self.wrong_objects(format!("no part at place {place} of their order")))
+    }
+
+    /// Names of the columns of what is said of parts: those of members of JSON objects, and, of their attributes, `attributes`
+    /// and the names of the members of these.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn part_columns(&self) -> Result<Vec<Vec<String>>> {
+        self.column_names(&self.objects)
+    }
+
+    /// Names of the columns of values of faces.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn face_columns(&self) -> Result<Vec<Vec<String>>> {
+        self.column_names(&self.face_values)
+    }
+
+    fn column_names(&self, table: &Pieces) -> Result<Vec<Vec<String>>> {
+        let names = self.list_of_texts(table, COLUMN_NAMES, MOST_NAMED.into())?;
+        let decoded = |name: &String| {
+            serde_json::from_str(name).map_err(|_| self.wrong_objects("a column without a name"))
+        };
+        names.iter().map(decoded).collect()
+    }
+
+    /// Hands out the values of a column of those of [`ExactModel::part_columns`], JSON texts, by ascending numbers of parts. Objects that fit
+    /// into no columns have none.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn each_part_value(&self, column: u32, each: &mut dyn FnMut(u32, &str) -> Result<()>) -> Result<()> {
+        self.each_named_value(&self.objects, column, each)
+    }
+
+    /// Hands out the values of a column of those of [`ExactModel::face_columns`], JSON texts, by ascending numbers of faces.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn each_face_value(&self, column: u32, each: &mut dyn FnMut(u32, &str) -> Result<()>) -> Result<()> {
+        self.each_named_value(&self.face_values, column, each)
+    }
+
+    fn each_named_value(
+        &self,
+        table: &Pieces,
+        column: u32,
+        each: &mut dyn FnMut(u32, &str) -> Result<()>,
+    ) -> Result<()> {
+        let wrong = |_| self.corrupt(table.name().into(), "a text that is none", "UTF-8");
+        self.each_value(table, FIRST_NAMED.saturating_add(column), &mut |row, value| {
+            each(row, str::from_utf8(value).map_err(wrong)?)
+        })
+    }
+
+    /// The value of a face in a column, a JSON text.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn face_value(&self, column: u32, face: u32) -> Result<Option<String>> {
+        let value = self.value(&self.face_values, FIRST_NAMED.saturating_add(column), face)?;
+        value.map(|value| self.text(&self.face_values, value)).transpose()
+    }
+
+    /// What is wrong with the tables, beyond single pieces, in words.
+    pub(super) fn check_tables(&self) -> Result<()> {
+        let json = |text: &str, place: &dyn Fn() -> String| match serde_json::from_str::<&RawValue>(text) {
+            Ok(_) => Ok(()),
+            Err(_) => Err(self.wrong_objects(format!("{} with a value that is no JSON", place()))),
+        };
+        for (table, rows) in [(&self.objects, self.summary.parts), (&self.face_values, self.summary.faces)] {
+            for column in 0..self.column_names(table)?.len() as u32 {
+                self.each_named_value(table, column, &mut |row, value| {
+                    if u64::from(row) >= rows {
+                        return Err(self.wrong_objects(format!("row {row} of {rows} in column {column}")));
+                    }
+                    json(value, &|| format!("row {row} of column {column}"))
+                })?;
+            }
+        }
+        for column in [SHAPE, WHOLE] {
+            self.each_value(&self.objects, column, &mut |part, _| {
+                if u64::from(part) >= self.summary.parts {
+                    return Err(self.wrong_objects(format!("part {part} of {}", self.summary.parts)));
+                }
+                let text = self.read_part_attributes(part)?;
+                each_member(text.as_deref().unwrap_or_default(), |_, _| ())
+                    .map_err(|_| self.wrong_objects(format!("part {part} with no JSON object")))
+            })?;
+        }
+        for text in self.read_file_attributes()? {
+            each_member(&text, |_, _| ()).map_err(|_| self.wrong_objects("a file with no JSON object"))?;
+        }
+        // By ascending names, and of the same by ascending numbers, all are there.
+        let mut before: Option<(&str, u32)> = None;
+        for place in 0..if self.objects.len() == 0 { 0 } else { self.parts.len() as u32 } {
+            let part = self.part_in_order(place)?;
+            let own = (self.parts[part as usize].as_str(), part);
+            if before.is_some_and(|before| before >= own) {
+                return Err(self.wrong_objects(format!("part {part} at place {place} of their order")));
+            }
+            before = Some(own);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_are_split_where_they_come_back() {
+        let columns = |text: &str| -> Option<String> {
+            let members = split(text, true).or_else(|| split(text, false))?;
+            Some(members.iter().map(|(name, value)| format!("{name}{value};")).collect())
+        };
+        for (text, expected) in [
+            ("{}", Some("")),
+            ("{\"type\":\"Road\"}", Some("[\"type\"]\"Road\";")),
+            (
+                "{\"a\":1.10,\"attributes\":{\"x\":[1,{}],\"y\":1e400},\"b\":{}}",
+                Some("[\"a\"]1.10;[\"attributes\",\"x\"][1,{}];[\"attributes\",\"y\"]1e400;[\"b\"]{};"),
+            ),
+            ("{\"attributes\":{}}", Some("[\"attributes\"]{};")),
+            ("{\"attributes\":7,\"z\":0}", Some("[\"attributes\"]7;[\"z\"]0;")),
+            // Keys that are written in another way, or twice: attributes stay together.
+            ("{\"attributes\":{\"\\u0061\":1}}", Some("[\"attributes\"]{\"\\u0061\":1};")),
+            ("{\"attributes\":{\"a\":1,\"a\":2}}", Some("[\"attributes\"]{\"a\":1,\"a\":2};")),
+            ("{\"\\u0061\":1}", None),
+            ("{\"a\": 1}", None),
+            ("[]", None),
+        ] {
+            assert_eq!(columns(text).as_deref(), expected, "{text}");
+        }
+    }
+}

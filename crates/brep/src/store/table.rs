@@ -1,0 +1,341 @@
+//! Tables of values in columns, whose rows are the parts or the faces of a model: pieces of columns, which a list finds, so that
+//! one value is read without the others.
+
+use std::collections::BTreeMap;
+
+use super::pieces::Pieces;
+use super::reader::ExactModel;
+use spinney_base::Result;
+use spinney_base::io::FileBytes;
+
+/// Columns that other columns are known by: their names.
+pub(super) const COLUMN_NAMES: u32 = 2;
+/// The first column that has a name.
+pub(crate) const FIRST_NAMED: u32 = 16;
+/// Most columns that have names.
+pub(super) const MOST_NAMED: u32 = 4096;
+
+/// Most bytes of a value.
+pub(crate) const MOST_BYTES: usize = 16 << 20;
+
+/// Bytes of a piece before its lists.
+const HEAD: usize = 8;
+const NUMBERS: u32 = 1;
+const WIDE: u32 = 2;
+
+/// What the list finds a piece by: the column, and the row of the first value.
+fn key(column: u32, row: u32) -> u64 {
+    u64::from(column) << 32 | u64::from(row)
+}
+
+/// Takes a piece with its key.
+pub(crate) type TakePiece<'a> = dyn FnMut(u64, &[u8]) -> Result<()> + 'a;
+
+/// Collects the values of a table, column by column, and hands out pieces.
+#[derive(Default)]
+pub(crate) struct TableWriter {
+    open: BTreeMap<u32, OpenPiece>,
+    /// Bytes of all pieces that are not complete.
+    held: usize,
+}
+
+#[derive(Default)]
+struct OpenPiece {
+    rows: Vec<u32>,
+    ends: Vec<u32>,
+    bytes: Vec<u8>,
+}
+
+impl OpenPiece {
+    /// Bytes that it has at most.
+    fn size(&self) -> usize {
+        HEAD + 6 * self.rows.len() + self.bytes.len()
+    }
+
+    fn to_bytes(&self) -> Vec<u8> {
+        let OpenPiece { rows, ends, bytes } = self;
+        let has_numbers = (rows[0]..).zip(rows).any(|(expected, row)| *row != expected);
+        let is_wide = bytes.len() > usize::from(u16::MAX);
+        let flags = if has_numbers { NUMBERS } else { 0 } | if is_wide { WIDE } else { 0 };
+        let mut all = Vec::with_capacity(self.size());
+        [rows.len() as u32, flags].iter().for_each(|word| all.extend_from_slice(&word.to_le_bytes()));
+        if has_numbers {
+            rows.iter().for_each(|row| all.extend_from_slice(&row.to_le_bytes()));
+        }
+        for end in ends {
+            match is_wide {
+                true => all.extend_from_slice(&end.to_le_bytes()),
+                false => all.extend_from_slice(&(*end as u16).to_le_bytes()),
+            }
+        }
+        all.extend_from_slice(bytes);
+        all
+    }
+}
+
+impl TableWriter {
+    /// Bytes of a piece of more than one value.
+    const PIECE: usize = 1 << 16;
+    /// Bytes of all pieces that are not complete. Not an option: files would depend on it.
+    const HELD: usize = 8 << 20;
+
+    /// Adds a value of at most [`MOST_BYTES`] to a column, whose rows come ascending.
+    pub(crate) fn push(
+        &mut self,
+        column: u32,
+        row: u32,
+        value: &[u8],
+        take: &mut TakePiece<'_>,
+    ) -> Result<()> {
+        let size = HEAD + 6 + value.len();
+        if self.open.get(&column).is_some_and(|piece| piece.size() + size > Self::PIECE) {
+            self.finish_piece(column, take)?;
+        }
+        let piece = self.open.entry(column).or_default();
+        debug_assert!(piece.rows.last().is_none_or(|last| *last < row) && value.len() <= MOST_BYTES);
+        piece.rows.push(row);
+        piece.bytes.extend_from_slice(value);
+        piece.ends.push(piece.bytes.len() as u32);
+        self.held += 6 + value.len();
+        while self.held > Self::HELD {
+            let largest = self.open.iter().max_by_key(|(_, piece)| piece.size());
+            let Some(largest) = largest.map(|(column, _)| *column) else { break };
+            self.finish_piece(largest, take)?;
+        }
+        Ok(())
+    }
+
+    fn finish_piece(&mut self, column: u32, take: &mut TakePiece<'_>) -> Result<()> {
+        let Some(piece) = self.open.remove(&column) else { return Ok(()) };
+        self.held -= piece.size() - HEAD;
+        take(key(column, piece.rows[0]), &piece.to_bytes())
+    }
+
+    /// Hands out what is left.
+    pub(crate) fn finish(mut self, take: &mut TakePiece<'_>) -> Result<()> {
+        while let Some(column) = self.open.keys().next().copied() {
+            self.finish_piece(column, take)?;
+        }
+        Ok(())
+    }
+}
+
+/// A piece of a column.
+pub(super) struct Values<'a> {
+    bytes: FileBytes<'a>,
+    first: u32,
+    count: usize,
+    flags: u32,
+    ends: usize,
+    texts: usize,
+}
+
+impl<'a> Values<'a> {
+    /// A piece whose first value is that of a row; `None` if its lists do not fit into its bytes.
+    fn new(bytes: FileBytes<'a>, first: u32) -> Option<Values<'a>> {
+        let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
+        let (count, flags) = (word(0)? as usize, word(4)?);
+        let ends = HEAD + if flags & NUMBERS != 0 { 4 * count } else { 0 };
+        let texts = ends + count * if flags & WIDE != 0 { 4 } else { 2 };
+        let fits = texts <= bytes.len() && count > 0 && flags <= NUMBERS | WIDE;
+        fits.then_some(Values { bytes, first, count, flags, ends, texts })
+    }
+
+    /// Checks what a piece may not say; returns the row of its last value.
+    fn check(&self) -> Result<u32, String> {
+        let mut end = 0;
+        for index in 0..self.count {
+            let next = self.end(index);
+            if next < end || next - end > MOST_BYTES {
+                return Err(format!("a value from byte {end} to {next}"));
+            }
+            end = next;
+        }
+        let texts = self.bytes.len() - self.texts;
+        if end != texts {
+            return Err(format!("{texts} bytes of values that end at {end}"));
+        }
+        let are_ascending = self.flags & NUMBERS == 0
+            || (0..self.count - 1).all(|index| self.row(index) < self.row(index + 1));
+        let last = u64::from(self.first) + self.count as u64 - 1;
+        let fits = self.flags & NUMBERS != 0 || last <= u64::from(u32::MAX);
+        if !are_ascending || !fits || self.row(0) != self.first {
+            return Err("rows that do not ascend".into());
+        }
+        Ok(self.row(self.count - 1))
+    }
+
+    fn word(&self, at: usize) -> u32 {
+        let four = self.bytes.get(at..at + 4);
+        four.map_or(0, |four| u32::from_le_bytes(four.try_into().expect("four bytes")))
+    }
+
+    fn row(&self, index: usize) -> u32 {
+        match self.flags & NUMBERS {
+            0 => self.first.wrapping_add(index as u32),
+            _ => self.word(HEAD + 4 * index),
+        }
+    }
+
+    fn end(&self, index: usize) -> usize {
+        if self.flags & WIDE != 0 {
+            return self.word(self.ends + 4 * index) as usize;
+        }
+        let at = self.ends + 2 * index;
+        self.bytes.get(at..at + 2).map_or(0, |two| u16::from_le_bytes([two[0], two[1]])) as usize
+    }
+
+    fn value(&self, index: usize) -> &[u8] {
+        let start = if index == 0 { 0 } else { self.end(index - 1) };
+        self.bytes.get(self.texts + start..self.texts + self.end(index)).unwrap_or_default()
+    }
+
+    /// The value of a row.
+    fn of_row(&self, row: u32) -> Option<&[u8]> {
+        let (mut low, mut high) = (0, self.count);
+        while low < high {
+            let middle = (low + high) / 2;
+            if self.row(middle) < row { low = middle + 1 } else { high = middle }
+        }
+        (low < self.count && self.row(low) == row).then(|| self.value(low))
+    }
+}
+
+impl ExactModel {
+    /// A piece of a table.
+    pub(super) fn values(&self, table: &Pieces, index: usize) -> Result<Values<'_>> {
+        let wrong = |found: String| {
+            self.corrupt(format!("{} {index}", table.name()), found, "values as formats.md has them")
+        };
+        let bytes = table.load(&self.path, &*self.backend, index)?;
+        let own = table.entry(&*self.backend, index).key;
+        let values = Values::new(bytes, own as u32).ok_or_else(|| wrong("lists that do not fit".into()))?;
+        if !table.is_checked(index) {
+            let last = values.check().map_err(wrong)?;
+            let next = (index + 1 < table.len()).then(|| table.entry(&*self.backend, index + 1).key);
+            if next.is_some_and(|next| next >> 32 == own >> 32 && next as u32 <= last) {
+                return Err(wrong(format!("row {last}, which comes behind")));
+            }
+            table.set_checked(index);
+        }
+        Ok(values)
+    }
+
+    /// The value of a row in a column of a table.
+    pub(super) fn value(&self, table: &Pieces, column: u32, row: u32) -> Result<Option<Vec<u8>>> {
+        let found = table.find(&*self.backend, key(column, row));
+        let found = found.filter(|index| table.entry(&*self.backend, *index).key >> 32 == u64::from(column));
+        let Some(index) = found else { return Ok(None) };
+        Ok(self.values(table, index)?.of_row(row).map(<[u8]>::to_vec))
+    }
+
+    /// Hands out all values of a column of a table, with their rows.
+    pub(super) fn each_value(
+        &self,
+        table: &Pieces,
+        column: u32,
+        each: &mut dyn FnMut(u32, &[u8]) -> Result<()>,
+    ) -> Result<()> {
+        let before = key(column, 0).checked_sub(1).and_then(|key| table.find(&*self.backend, key));
+        for index in before.map_or(0, |before| before + 1)..table.len() {
+            if table.entry(&*self.backend, index).key >> 32 != u64::from(column) {
+                break;
+            }
+            let values = self.values(table, index)?;
+            (0..values.count).try_for_each(|index| each(values.row(index), values.value(index)))?;
+        }
+        Ok(())
+    }
+
+    /// Hands out all values of a column whose rows are numbered from 0 on without a gap, as texts; at most so many.
+    pub(super) fn list_of_texts(&self, table: &Pieces, column: u32, most: u64) -> Result<Vec<String>> {
+        let mut texts: Vec<String> = Vec::new();
+        self.each_value(table, column, &mut |row, value| {
+            if row as usize != texts.len() || u64::from(row) >= most {
+                let expected = format!("{most} at most, without a gap");
+                return Err(self.corrupt(table.name().into(), format!("row {row}"), &expected));
+            }
+            texts.push(self.text(table, value.to_vec())?);
+            Ok(())
+        })?;
+        Ok(texts)
+    }
+
+    /// A value that is a text.
+    pub(super) fn text(&self, table: &Pieces, value: Vec<u8>) -> Result<String> {
+        let wrong = |_| self.corrupt(table.name().into(), "a text that is none", "UTF-8");
+        String::from_utf8(value).map_err(wrong)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Values of several columns come back, whatever is missing, and however long they are.
+    #[test]
+    fn values_come_back() {
+        let mut writer = TableWriter::default();
+        let mut pieces: BTreeMap<u64, Vec<u8>> = BTreeMap::new();
+        let mut take = |key: u64, bytes: &[u8]| {
+            assert!(pieces.insert(key, bytes.to_vec()).is_none());
+            Ok(())
+        };
+        let value = |column: u32, row: u32| -> Option<Vec<u8>> {
+            let is_there = column == 0 || row.wrapping_mul(2_654_435_761) >> 28 & 1 == 0;
+            let length = match (column, row % 1000) {
+                (1, 77) => 200_000,
+                _ => (row % 7 * column) as usize,
+            };
+            is_there.then(|| vec![row as u8; length])
+        };
+        for row in 0..30_000 {
+            for column in 0..3 {
+                if let Some(value) = value(column, row) {
+                    writer.push(column, row, &value, &mut take).unwrap();
+                }
+            }
+        }
+        writer.finish(&mut take).unwrap();
+        assert!(pieces.len() > 8);
+        let mut next = [0; 3];
+        for (key, bytes) in &pieces {
+            assert!(bytes.len() <= TableWriter::PIECE + 16 || bytes[0] == 1, "{}", bytes.len());
+            let column = (key >> 32) as u32;
+            let values = Values::new(FileBytes::Mapped(bytes), *key as u32).unwrap();
+            let last = values.check().unwrap();
+            for row in *key as u32..=last {
+                assert_eq!(values.of_row(row).map(<[u8]>::to_vec), value(column, row), "{column} {row}");
+                next[column as usize] = row;
+            }
+            assert_eq!(values.of_row(last.wrapping_add(1)), None);
+        }
+        assert!(next.iter().all(|last| *last > 29_900), "{next:?}");
+    }
+
+    /// No change of a byte does more harm than to be found, or to give other values.
+    #[test]
+    fn damage_is_found_or_harmless() {
+        let mut writer = TableWriter::default();
+        let mut piece = Vec::new();
+        for (row, value) in [(3, "a"), (4, ""), (9, "long")] {
+            writer.push(7, row, value.as_bytes(), &mut |_, _| Ok(())).unwrap();
+        }
+        let mut take = |_, bytes: &[u8]| {
+            piece = bytes.to_vec();
+            Ok(())
+        };
+        writer.finish(&mut take).unwrap();
+        for at in 0..piece.len() {
+            for to in [0, 1, 2, 4, 0x7f, 0xff] {
+                let mut bytes = piece.clone();
+                bytes[at] = to;
+                let Some(values) = Values::new(FileBytes::Mapped(&bytes), 3) else { continue };
+                if values.check().is_ok() {
+                    let read = (0..12).filter_map(|row| values.of_row(row)).map(<[u8]>::len).sum::<usize>();
+                    assert!(read <= 5);
+                }
+            }
+        }
+    }
+}
