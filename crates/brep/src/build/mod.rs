@@ -67,6 +67,8 @@ pub struct ModelBuilder {
     words: Vec<u32>,
     faces: u64,
     stand_ins: u64,
+    /// The greatest number of a face's part.
+    last_part: u32,
     leaf_size: usize,
     is_unbounded: bool,
     takes_defects: bool,
@@ -96,6 +98,7 @@ impl ModelBuilder {
             words: Vec::new(),
             faces: 0,
             stand_ins: 0,
+            last_part: 0,
             leaf_size: LEAF_SIZE,
             is_unbounded: false,
             takes_defects: false,
@@ -151,6 +154,7 @@ impl ModelBuilder {
         })?;
         self.faces += 1;
         self.stand_ins += u64::from(stands_in);
+        self.last_part = self.last_part.max(face.part);
         self.writer.face(&Face { number: number.into(), ..*face }, stands_in)?;
         if !has_area {
             return Ok(());
@@ -224,7 +228,7 @@ impl ModelBuilder {
     /// there is no file. `complete` adds to the metadata what is known only now.
     ///
     /// # Errors
-    /// If the file cannot be written, or on interruption.
+    /// If a face is of a part that was not added, if the file cannot be written, or on interruption.
     pub fn finish(
         self,
         metadata: &mut Metadata,
@@ -238,6 +242,7 @@ impl ModelBuilder {
             run,
             faces,
             stand_ins,
+            last_part,
             leaf_size,
             is_unbounded,
             takes_defects,
@@ -290,6 +295,11 @@ impl ModelBuilder {
         complete(metadata, &report);
         writer.exact_faces(&exact)?;
         let parts = objects.finish(&mut |key, bytes| writer.piece(List::Objects, key, bytes))?;
+        let last_part = exact.iter().fold(last_part, |last, face| last.max(face.part));
+        if u64::from(last_part) >= parts {
+            let expected = format!("less than {parts}, the parts that were added");
+            return Err(Error::invalid("part of a face", last_part.to_string(), expected));
+        }
         let take = &mut |key, bytes: &[u8]| writer.piece(List::FaceValues, key, bytes);
         face_columns.write(&mut face_values, take)?;
         face_values.finish(take)?;

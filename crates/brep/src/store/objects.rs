@@ -11,8 +11,8 @@ use super::reader::ExactModel;
 use super::segment::{push_number, take_number};
 use super::table::{COLUMN_NAMES, FIRST_NAMED, MOST_NAMED, TableWriter, TakePiece};
 use crate::attributes::each_member;
-use spinney_base::Result;
 use spinney_base::sort;
+use spinney_base::{Progress, Result};
 
 /// Tag of the section that finds the pieces of the table of parts.
 pub(crate) const OBJECTS: [u8; 4] = *b"OBJE";
@@ -405,8 +405,9 @@ impl ExactModel {
         value.map(|value| self.text(&self.face_values, value)).transpose()
     }
 
-    /// What is wrong with the tables, beyond single pieces, in words.
-    pub(super) fn check_tables(&self) -> Result<()> {
+    /// Fails if anything is wrong with the tables beyond single pieces, or on interruption.
+    pub(super) fn check_tables(&self, progress: &dyn Progress) -> Result<()> {
+        let look = |row: u32| if row.is_multiple_of(1 << 12) { progress.check() } else { Ok(()) };
         let json = |text: &str, place: &dyn Fn() -> String| match serde_json::from_str::<&RawValue>(text) {
             Ok(_) => Ok(()),
             Err(_) => Err(self.wrong_objects(format!("{} with a value that is no JSON", place()))),
@@ -414,6 +415,7 @@ impl ExactModel {
         for (table, rows) in [(&self.objects, self.summary.parts), (&self.face_values, self.summary.faces)] {
             for column in 0..self.column_names(table)?.len() as u32 {
                 self.each_named_value(table, column, &mut |row, value| {
+                    look(row)?;
                     if u64::from(row) >= rows {
                         return Err(self.wrong_objects(format!("row {row} of {rows} in column {column}")));
                     }
@@ -423,6 +425,7 @@ impl ExactModel {
         }
         for column in [SHAPE, WHOLE] {
             self.each_value(&self.objects, column, &mut |part, _| {
+                look(part)?;
                 if u64::from(part) >= self.summary.parts {
                     return Err(self.wrong_objects(format!("part {part} of {}", self.summary.parts)));
                 }
@@ -437,6 +440,7 @@ impl ExactModel {
         // By ascending names, and of the same by ascending numbers, all are there.
         let mut before: Option<(&str, u32)> = None;
         for place in 0..if self.objects.len() == 0 { 0 } else { self.parts.len() as u32 } {
+            look(place)?;
             let part = self.part_in_order(place)?;
             let own = (self.parts[part as usize].as_str(), part);
             if before.is_some_and(|before| before >= own) {

@@ -84,8 +84,8 @@ impl ExactModel {
             }
         }
         if findings.is_empty() {
-            match self.check_tables().and_then(|()| self.formula().map(drop)) {
-                Err(error @ Error::Io { .. }) => return Err(error),
+            match self.check_tables(progress).and_then(|()| self.formula().map(drop)) {
+                Err(error @ (Error::Io { .. } | Error::Interrupted)) => return Err(error),
                 Err(error) => findings.push(finding("attributes", &error)),
                 Ok(()) => {}
             }
