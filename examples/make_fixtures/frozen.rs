@@ -7,7 +7,7 @@ use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, edit};
 use spinney::space::{Bounds, Cell, Crs, Dimension, Frame, GeoKeys};
 use spinney::store::autumnal::Note;
-use spinney::store::{BuildOptions, Metadata, build_tree, depth_for};
+use spinney::store::{BuildOptions, Metadata, TreeWriter, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Palette, Rule, SampleType, Value, ValueType};
 use spinney::{Error, Result};
@@ -149,6 +149,64 @@ pub(crate) fn make_history(island: &Island, path: &Path) -> Result<()> {
     let mut bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     bytes[2048..2304].fill(0);
     std::fs::write(path, bytes).map_err(Error::io(path, "write"))
+}
+
+/// Names of the frozen files of several layers.
+pub(crate) const STACKS: [&str; 2] = ["stack.goblin", "stack.autumn"];
+
+/// Builds a file of several layers, in the format that its name says: land cover, heights and colours on cells four times as wide, and
+/// numbers of 64 bits.
+pub(crate) fn make_stack(island: &Island, path: &Path) -> Result<()> {
+    let size = [island::WIDTH as u64, island::HEIGHT as u64, 1];
+    let small = [size[0].div_ceil(4), size[1].div_ceil(4), 1];
+    let depth = depth_for(size);
+    let coarse = |[x, y, _]: [u32; 3]| {
+        let inside = u64::from(x) < small[0] && u64::from(y) < small[1];
+        inside.then(|| y as usize * STEP * island::WIDTH + x as usize * STEP)
+    };
+    let class = |[x, y, _]: [u32; 3]| {
+        let inside = (x as usize) < island::WIDTH && (y as usize) < island::HEIGHT;
+        let class = inside.then(|| island.cover[y as usize * island::WIDTH + x as usize] as u8);
+        class.filter(|class| *class != 0)
+    };
+    let named = |name: &str, levels: u8| Metadata {
+        name: name.into(),
+        frame: frame().coarser(levels),
+        time: Some("2020-06-21".into()),
+        ..Metadata::default()
+    };
+    let options = |kind: Kind, levels: u8, metadata: Metadata| {
+        BuildOptions::new(kind, depth - levels).memory(16 << 20).metadata(metadata)
+    };
+    let mut file = TreeWriter::create(Output::create(path)?, (Dimension::Quad, depth), 4)?;
+    let tree = |form, depth, rule, cell: &dyn Fn(Cell) -> Option<Value>| {
+        MemTree::from_cells(form, depth, rule, cell)
+    };
+    let cover = tree(QUAD, depth, Rule::Majority, &|cell| class(cell).map(|class| Value::from([class])));
+    let metadata =
+        Metadata { palette: Some(Palette { colours: island::COLOURS.to_vec() }), ..named("cover", 0) };
+    file.tree(&cover, size, &options(Kind::Categorical, 0, metadata), &())?;
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+    let elevation = island.elevation();
+    let heights = |cell| coarse(cell).and_then(|i| elevation[i]).map(|height| Value::from([height]));
+    let metadata = Metadata { nodata: Some((-9999).into()), units: vec!["m".into()], ..named("height", 2) };
+    file.tree(
+        &tree(form, depth - 2, Rule::Mean, &heights),
+        small,
+        &options(Kind::Continuous, 2, metadata),
+        &(),
+    )?;
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 3));
+    let picture = island.picture();
+    let colours = tree(form, depth - 2, Rule::Mean, &|cell| coarse(cell).map(|i| Value::from(picture[i])));
+    file.tree(&colours, small, &options(Kind::Continuous, 2, named("colour", 2)), &())?;
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
+    let labels = tree(form, depth, Rule::Majority, &|cell| {
+        let patch = u64::from(cell[0] / 32 + 100 * (cell[1] / 32));
+        class(cell).map(|class| Value::from([(1 << 63) + (patch << 8) + u64::from(class)]))
+    });
+    file.tree(&labels, size, &options(Kind::Categorical, 0, named("label", 0)), &())?;
+    file.finish()
 }
 
 /// Name of the frozen exact model, without `.goblin`.

@@ -32,6 +32,11 @@ fn main() -> Result<()> {
         // (Files with a history are not replaced.)
         let _ = std::fs::remove_file(&history);
         frozen::make_history(&island, &history)?;
+        for name in frozen::STACKS {
+            let path = folder.join("v1").join(name);
+            let _ = std::fs::remove_file(&path);
+            frozen::make_stack(&island, &path)?;
+        }
     }
     Ok(())
 }

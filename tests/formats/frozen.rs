@@ -53,6 +53,27 @@ fn the_same_bytes_are_built_today() {
 }
 
 #[test]
+fn stacks() {
+    let folder = tempfile::tempdir().unwrap();
+    let island = island::make();
+    for name in frozen::STACKS {
+        let (path, frozen_path) = (folder.path().join(name), fixture("classic").with_file_name(name));
+        frozen::make_stack(&island, &path).unwrap();
+        assert!(std::fs::read(&path).unwrap() == std::fs::read(&frozen_path).unwrap(), "{name} differs");
+        let file = spinney::open(&frozen_path).unwrap();
+        assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+        let layers: Vec<_> =
+            file.layers().unwrap().into_iter().map(|layer| (layer.name, layer.header.depth())).collect();
+        let depth = file.depth();
+        let expected = [("cover", depth), ("height", depth - 2), ("colour", depth - 2), ("label", depth)];
+        assert!(layers.iter().map(|(name, depth)| (&**name, *depth)).eq(expected), "{layers:?}");
+        let label = file.layer("label").unwrap().statistics(None, &()).unwrap().channels[0].min;
+        assert!(label.to_integer().unwrap() > 1 << 63);
+        assert_eq!(file.layer("height").unwrap().metadata().time.as_deref(), Some("2020-06-21"));
+    }
+}
+
+#[test]
 fn history() {
     let frozen_path = fixture("history").with_extension("autumn");
     let folder = tempfile::tempdir().unwrap();

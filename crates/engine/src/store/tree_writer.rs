@@ -5,6 +5,7 @@ use std::mem;
 use super::autumnal::NewFile;
 use super::builder::{BuildOptions, Builder, Fill, ReusableSource, Slab, Slabs, TreeSink, walk};
 use super::goblin::{FileWriter, Goblin};
+use crate::tree::MemTree;
 use spinney_base::Form;
 use spinney_base::io::Output;
 use spinney_base::parallel;
@@ -160,6 +161,20 @@ impl TreeWriter {
             Ok(())
         };
         self.layer(form, options, (&extent, extent, in_order), &mut fill, &mut |_| {}).map(|_| ())
+    }
+
+    /// Makes the next layer of a tree in memory: see [`build_tree`](super::build_tree).
+    ///
+    /// # Errors
+    /// Those of [`TreeWriter::slabs`].
+    pub fn tree(
+        &mut self,
+        tree: &MemTree,
+        extent: [u64; 3],
+        options: &BuildOptions,
+        progress: &dyn Progress,
+    ) -> Result<Tally> {
+        self.source(tree, extent, options, progress)
     }
 
     /// Makes the next layer of any source: see [`build`](super::write::build).
