@@ -109,7 +109,7 @@ fn descent(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let mut value = [Number::default(); 4];
     for _ in 0..count {
         let found = tree.point(cell(extent, &mut random), depth, &mut value)?;
-        answers.add(if found { value[0].to_bits() } else { 1 });
+        answers.add(if found { value[0].to_f64().to_bits() } else { 1 });
     }
     Ok(())
 }
@@ -121,7 +121,7 @@ fn coarse(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     for _ in 0..count {
         let level = random.below(extents.len() as u64) as usize;
         let found = tree.point(cell(extents[level], &mut random), level as u8, &mut value)?;
-        answers.add(if found { value[0].to_bits() } else { 1 });
+        answers.add(if found { value[0].to_f64().to_bits() } else { 1 });
     }
     Ok(())
 }
@@ -133,7 +133,10 @@ fn points(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let mut samples = PointSamples::default();
     tree.points(&cells, tree.depth(), &mut samples)?;
     for index in (0..cells.len()).step_by(101) {
-        answers.add_numbers(samples.get(index).unwrap_or(&[0.5]));
+        match samples.get(index) {
+            Some(numbers) => numbers.iter().for_each(|number| answers.add(number.to_f64().to_bits())),
+            None => answers.add(1),
+        }
     }
     Ok(())
 }
@@ -186,7 +189,12 @@ fn walk(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
         let statistics = tree.statistics(Some(cuboid(tree, &mut random)), &())?;
         answers.add(statistics.cells);
         for channel in &statistics.channels {
-            answers.add_numbers(&[channel.min, channel.max, channel.mean, channel.standard_deviation]);
+            answers.add_numbers(&[
+                channel.min.to_f64(),
+                channel.max.to_f64(),
+                channel.mean,
+                channel.standard_deviation,
+            ]);
         }
         statistics.classes.iter().for_each(|(_, cells)| answers.add(*cells));
     }
@@ -206,7 +214,7 @@ fn histogram(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
 fn find(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let mut random = Random(7);
     let (low, high) = tree.value_bounds()?.first().copied().unwrap_or_default();
-    let condition = Condition::Above((low + high) / 2.0);
+    let condition = Condition::Above(((low + high) / 2.0).into());
     for _ in 0..count {
         // Not more than so many, since each has a text.
         let mut left = 1000;

@@ -64,6 +64,9 @@ typedef enum {
   SPINNEY_I32 = 4,
   SPINNEY_F32 = 5,
   SPINNEY_F64 = 6,
+  SPINNEY_I8 = 7,
+  SPINNEY_U64 = 8,
+  SPINNEY_I64 = 9,
 } spinney_sample_type;
 
 // A file, or a view of one.
@@ -90,7 +93,7 @@ typedef struct {
   uint64_t size[3];
   // Place of the cells in the world: rows x, y, z of the matrix that takes x, y, z, 1 in cells there. Cell 0 spans 0 to 1.
   double matrix[12];
-  // The number that VOID had in the input, if has_nodata.
+  // The number that VOID had in the input, if has_nodata: the nearest double of it (see spinney_nodata()).
   double nodata;
   bool has_nodata;
   // Whether the matrix says something.
@@ -276,7 +279,7 @@ spinney_status spinney_view_of(const spinney_dataset *dataset,
 
 // Reads single cells of a level: `cells` has x, y and z of each, `count` of them, in any order. `samples` has room for
 // `count * channels` numbers; `valid` (which may be NULL) for `count` flags, as in spinney_read(). Cells that are VOID, or outside,
-// are not a number. Much faster than one call for each.
+// are not a number. Integers of 64 bits are the nearest doubles: spinney_point_samples() has them exactly. Much faster than one call for each.
 spinney_status spinney_points(const spinney_dataset *dataset,
                               uint32_t level,
                               const uint64_t (*cells)[3],
@@ -306,6 +309,49 @@ spinney_status spinney_histogram(const spinney_dataset *dataset,
                                  double high,
                                  uint64_t *bins,
                                  size_t count);
+
+// As spinney_read(), but cells that are VOID, or outside, get the sample that `fill` points to, which has the type of samples, in
+// every channel.
+spinney_status spinney_read_filled(const spinney_dataset *dataset,
+                                   uint32_t level,
+                                   const spinney_box *cells,
+                                   const void *fill,
+                                   void *samples,
+                                   size_t samples_size,
+                                   uint8_t *valid,
+                                   size_t valid_size);
+
+// As spinney_points(), but `samples` gets the samples of each cell as they are, `cell_size` bytes of each (`samples_size` is the
+// bytes of all); those of cells that are VOID, or outside, are 0.
+spinney_status spinney_point_samples(const spinney_dataset *dataset,
+                                     uint32_t level,
+                                     const uint64_t (*cells)[3],
+                                     size_t count,
+                                     void *samples,
+                                     size_t samples_size,
+                                     uint8_t *valid);
+
+// The least and the greatest sample of each channel of the cells of a box of the deepest level, of all of them if `cells` is NULL, to
+// `least` and `greatest`, which have `cell_size` bytes each (`size`); 0 in channels without any.
+spinney_status spinney_extremes(const spinney_dataset *dataset,
+                                const spinney_box *cells,
+                                void *least,
+                                void *greatest,
+                                size_t size);
+
+// As spinney_classes(), but `values` gets samples of the dataset's type: there is room for `capacity` of them.
+spinney_status spinney_class_samples(const spinney_dataset *dataset,
+                                     const spinney_box *cells,
+                                     void *values,
+                                     uint64_t *counts,
+                                     size_t capacity,
+                                     size_t *count);
+
+// The number that VOID had in the input, as a sample of the dataset's type with `size` bytes. SPINNEY_UNSUPPORTED if there is none, or
+// none of the samples is that number: `nodata` of spinney_info has the nearest double.
+spinney_status spinney_nodata(const spinney_dataset *dataset,
+                              void *sample,
+                              size_t size);
 
 // Reads a box of cells of a level block by block, in rows of blocks, and hands each to `take`, with `user`. Blocks are at most 256
 // cells wide and high (64 in octrees), and begin at multiples of that but for the box's own border. Needs memory for one of them.

@@ -33,7 +33,7 @@ from ._build import build
 from ._dataset import Dataset, Level, open
 from ._edit import Edit, edit
 from ._exact import ExactModel, build_brep, open_brep
-from ._files import blame, combine, compact, convert, cross, diff, log, recover, transform, verify
+from ._files import add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, transform, verify
 from ._native import version as __version__
 from ._types import (
     BandStatistics,
@@ -94,6 +94,7 @@ __all__ = [
     "Transform",
     "ZoneStatistics",
     "__version__",
+    "add_layer",
     "blame",
     "build",
     "build_brep",
@@ -102,6 +103,7 @@ __all__ = [
     "convert",
     "cross",
     "diff",
+    "drop_layer",
     "edit",
     "log",
     "open",

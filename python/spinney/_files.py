@@ -109,6 +109,46 @@ def convert(
         _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), terms)
 
 
+def add_layer(
+    path: Path,
+    tree: Path,
+    name: str,
+    *,
+    view: str | Sequence[str] = (),
+    message: str = "",
+    author: str = "",
+    time: int | None = None,
+    memory: int | str = MEMORY,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> int | None:
+    """Adds a tree, or a view of one, to a file as a layer: one that lies on the file's cells, or on 2, 4, 8 ... of them.
+
+    A Goblin file is written anew, its other layers as they are; an Autumnal file gets a commit, whose number is returned.
+    """
+    steps = [view] if isinstance(view, str) else list(view)
+    note = (time, author, message or f"Add layer {name}")
+    with working(progress, threads, None) as terms:
+        return _native.add_layer(os.fspath(path), os.fspath(tree), name, steps, note, memory_of(memory), terms)
+
+
+def drop_layer(
+    path: Path,
+    name: str,
+    *,
+    message: str = "",
+    author: str = "",
+    time: int | None = None,
+    memory: int | str = MEMORY,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> int | None:
+    """Takes a layer out of a file; the number of the commit that does, in an Autumnal file."""
+    note = (time, author, message or f"Drop layer {name}")
+    with working(progress, threads, None) as terms:
+        return _native.drop_layer(os.fspath(path), name, note, memory_of(memory), terms)
+
+
 def blame(
     path: Path,
     out: Path,

@@ -10,11 +10,13 @@ use spinney::Progress as _;
 use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
-use spinney::store::autumnal::{self, Commit, History, Keep};
+use spinney::store::autumnal::{self, Commit, History, Keep, Note};
 use spinney::store::{OpenOptions, file_of};
+use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms};
+use crate::numbers::{PyNumber, plain};
 
 /// Fails if one of the inputs is the output.
 pub(crate) fn check_output(inputs: &[PathBuf], output: &Path) -> PyResult<()> {
@@ -89,12 +91,13 @@ pub(crate) fn combine<'py>(
     paths: Vec<PathBuf>,
     out: PathBuf,
     prefer_second: bool,
-    fill: Option<f64>,
+    fill: Option<PyNumber>,
     within: Option<Vec<f64>>,
     margin: Option<u32>,
     memory: u64,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let fill = fill.map(|number| number.0);
     let prefer = if prefer_second { Prefer::Second } else { Prefer::First };
     let operation = named(operation, prefer)?;
     let universe = match (within.as_deref(), margin) {
@@ -158,12 +161,16 @@ pub(crate) fn named(name: &str, prefer: Prefer) -> PyResult<Operation> {
 }
 
 /// Samples of two values that meet, and cells.
-type Pairs = Vec<(Option<Vec<f64>>, Option<Vec<f64>>, u64)>;
+type Pairs<'py> = Vec<(Option<Vec<Bound<'py, PyAny>>>, Option<Vec<Bound<'py, PyAny>>>, u64)>;
 
 /// Counts which values of one file meet which of another.
 #[pyfunction]
-pub(crate) fn cross(py: Python<'_>, first: PathBuf, second: PathBuf, terms: Terms) -> PyResult<Pairs> {
-    jobs::run(py, terms, |work| ops::crosstab_files(&first, &second, work))
+pub(crate) fn cross(py: Python<'_>, first: PathBuf, second: PathBuf, terms: Terms) -> PyResult<Pairs<'_>> {
+    let pairs = jobs::run(py, terms, |work| ops::crosstab_files(&first, &second, work))?;
+    let value = |samples: Option<Vec<Number>>| {
+        samples.map(|samples| samples.into_iter().map(|sample| plain(py, sample)).collect()).transpose()
+    };
+    pairs.into_iter().map(|(first, second, cells)| Ok((value(first)?, value(second)?, cells))).collect()
 }
 
 /// Sums of differences, and the runs of paths in which they are.
@@ -224,6 +231,48 @@ pub(crate) fn convert(
 ) -> PyResult<()> {
     check_output(std::slice::from_ref(&path), &out)?;
     jobs::run(py, terms, |work| ops::convert(&path, share, work.create_tree(&out)?, memory, work))
+}
+
+/// Adds a tree to a file as a layer; the commit's number, if the file has commits.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)] // those of the Python function
+pub(crate) fn add_layer(
+    py: Python<'_>,
+    path: PathBuf,
+    tree: PathBuf,
+    name: String,
+    steps: Vec<String>,
+    note: (Option<i64>, String, String),
+    memory: u64,
+    terms: Terms,
+) -> PyResult<Option<u64>> {
+    let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
+    let (chain, note) = (Chain { steps, ..Chain::of(&tree) }, note_of(note));
+    jobs::run(py, terms, |work| {
+        let commit = ops::add_layer(&path, &name, &chain, note, memory, work)?;
+        Ok(commit.map(|commit| commit.number))
+    })
+}
+
+/// Takes a layer out of a file; the commit's number, if the file has commits.
+#[pyfunction]
+pub(crate) fn drop_layer(
+    py: Python<'_>,
+    path: PathBuf,
+    name: String,
+    note: (Option<i64>, String, String),
+    memory: u64,
+    terms: Terms,
+) -> PyResult<Option<u64>> {
+    let note = note_of(note);
+    jobs::run(py, terms, |work| {
+        let commit = ops::drop_layer(&path, &name, note, memory, work)?;
+        Ok(commit.map(|commit| commit.number))
+    })
+}
+
+fn note_of((time, author, message): (Option<i64>, String, String)) -> Note {
+    Note { time, author, message }
 }
 
 /// Writes a tree of the numbers of the commits that changed each cell last.

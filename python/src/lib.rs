@@ -38,7 +38,9 @@ mod _native {
     #[pymodule_export]
     use super::edit::Editor;
     #[pymodule_export]
-    use super::files::{blame, combine, compact, convert, cross, diff, log, recover, transform, verify};
+    use super::files::{
+        add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, transform, verify,
+    };
     #[pymodule_export]
     use super::model::{Model, build_brep};
     #[pymodule_export]

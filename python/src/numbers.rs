@@ -42,6 +42,15 @@ pub(crate) fn told<'py>(py: Python<'py>, number: Number, sample: SampleType) -> 
     })
 }
 
+/// A number for Python: an int if it is one, else a float.
+pub(crate) fn plain(py: Python<'_>, number: Number) -> PyResult<Bound<'_, PyAny>> {
+    Ok(match number {
+        Number::Unsigned(number) => number.into_pyobject(py)?.into_any(),
+        Number::Signed(number) => number.into_pyobject(py)?.into_any(),
+        number => number.to_f64().into_pyobject(py)?.into_any(),
+    })
+}
+
 /// Names of classes for Python, by value.
 pub(crate) fn told_names<'py>(
     py: Python<'py>,

@@ -56,11 +56,6 @@ macro_rules! with_sample {
         }
     };
 }
-pub(crate) use with_sample;
-
-/// A sample that is both NumPy's and bytes.
-pub(crate) trait Plain: Element + FromBytes + IntoBytes + Copy {}
-impl<T: Element + FromBytes + IntoBytes + Copy> Plain for T {}
 
 /// NumPy's type of samples.
 pub(crate) fn dtype(py: Python<'_>, sample: SampleType) -> Bound<'_, PyAny> {

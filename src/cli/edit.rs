@@ -127,10 +127,9 @@ struct Apply {
 struct AddLayer {
     /// Tree file whose cells become the layer
     tree: PathBuf,
-    /// The layer's name [default: that of the tree's layer, or of its file]
-    #[arg(long)]
+    /// Name that the layer gets [default: that of the tree's layer, or of its file]
     name: Option<String>,
-    /// See the tree through a step of `transform`; may be given several times
+    /// See the file through a step of `transform`, such as rotate=30; may be given several times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,
     #[command(flatten)]

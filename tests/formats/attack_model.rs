@@ -68,7 +68,7 @@ fn all_fields(file: &[u8]) -> Vec<Field> {
     let trailer = seal::trailer(file).unwrap();
     all.extend(fields("the trailer", trailer, &[&HEADER_FIELDS[..], &[4, 8, 4]].concat()));
     all.extend(fields("the end", file.len() - END, &[4, 4, 8]));
-    for section in 0..seal::short(file, trailer + 64) as usize {
+    for section in 0..seal::short(file, trailer + seal::SECTIONS) as usize {
         let at = trailer + TRAILER + section * SECTION;
         all.extend(fields("a section", at, &[4, 4, 8, 8]));
         let (start, length) = (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize);

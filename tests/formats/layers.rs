@@ -14,7 +14,9 @@ use spinney::value::{Kind, Rule, SampleType, ValueType};
 
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::reference::{self, Cut};
-use crate::common::{Cells, QUAD, Random, goblin_bytes, options, quad, value, value_types, write_cells};
+use crate::common::{
+    Cells, QUAD, Random, byte, goblin_bytes, made, options, quad, value, value_types, write_cells,
+};
 use crate::targets::{seal, trees::ask_goblin};
 
 /// A layer to be written.
@@ -253,9 +255,10 @@ fn names_of_layers_are_different_ones() {
 /// Directories of so many segments that the index over their pages has two levels.
 #[test]
 fn directories_of_very_many_segments_are_found() {
-    let cells = Cells::random(QUAD, 3, [400, 390, 1], 200, false);
+    let size = [700, 690, 1];
+    let cells = made(QUAD, size, |[x, y, _]| Some(byte((x * 7 + y * 31 + x * y % 11) as u8)));
     let tree = cells.tree(Rule::Mean);
-    let file = reference::goblin(&tree, [400, 390, 1], (Rule::Mean, Kind::Continuous), Cut::EVERYWHERE);
+    let file = reference::goblin(&tree, size, (Rule::Mean, Kind::Continuous), Cut::EVERYWHERE);
     let expected =
         Dataset::of(Goblin::from_bytes(goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap().into());
     let expected = expected.unwrap();
@@ -267,8 +270,8 @@ fn directories_of_very_many_segments_are_found() {
         assert!(file.segments() > 256 * 128, "{} segments", file.segments());
         let mut random = Random(4);
         for _ in 0..500 {
-            let cell = [random.below(400) as u32, random.below(390) as u32, 0];
-            let code = Code::from_cell(Dimension::Quad, 9, cell).unwrap();
+            let cell = [random.below(700) as u32, random.below(690) as u32, 0];
+            let code = Code::from_cell(Dimension::Quad, 10, cell).unwrap();
             let found = file.value_at(code).unwrap();
             assert_eq!(found, cells.get(cell.map(u64::from)), "{cell:?}");
         }

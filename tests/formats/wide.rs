@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use spinney::io::Output;
 use spinney::ops::convert;
 use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::goblin::Goblin;
 use spinney::tree::{Child, Form, MemTree, Source};
 use spinney::value::{Kind, Number, Rule, SampleType, Sums, Value, ValueType};
 

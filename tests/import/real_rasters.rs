@@ -429,5 +429,5 @@ fn rasters_of_different_types() {
     let [a, b] = names.map(|name| bench.build(name, &ImportOptions::default()));
     assert_eq!(a.grid.size, b.grid.size);
     let error = bench.combine(Operation::Over, &a, &b).unwrap_err().to_string();
-    assert!(error.contains("quadtree of u8") && error.contains("quadtree of i16"), "{error}");
+    assert!(error.contains("quadtree of u8") && error.contains("quadtree of i8"), "{error}");
 }

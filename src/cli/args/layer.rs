@@ -9,7 +9,7 @@ use spinney::store::FilePlace;
 /// A layer of a file that has several, or some of them.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct LayerOption {
-    /// Layers of a file that has several, by their names or their numbers from 0, with commas between. FILE:LAYER names one as well,
+    /// Layer of a file that has several, by its name or its number from 0; some with commas between. FILE:LAYER names one as well,
     /// wherever a file is named [default: all, where that can be]
     #[arg(long = "layer", value_name = "LAYER,...")]
     names: Option<String>,

@@ -33,7 +33,7 @@ pub(super) struct PictureArgs {
     /// along x, y and z, or a 3 x 4 matrix, row by row [default: 1,1,1]
     #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform)]
     pub(super) transform: Option<Transform>,
-    /// Layer of an OpenEXR file, by name [default: the first]
+    /// Layer of a file that has several: of an OpenEXR file, by its name [default: the first]
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
     /// Pages of a TIFF file that has several: the one of a number from 0, or all of them, as layers of a stack or as planes of a volume

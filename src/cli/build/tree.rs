@@ -6,6 +6,7 @@ use anyhow::{Result, bail};
 use spinney::Progress;
 use spinney::dataset::Dataset;
 use spinney::io::Output;
+use spinney::ops::only_layer;
 use spinney::space::Frame;
 use spinney::store::BuildOptions;
 
@@ -35,6 +36,7 @@ impl TreeImport {
                 "--grid: {name} is a tree; `spinney transform {name} grid=xyz -o OUT` or `like=TREE` warps it"
             )
         }
+        only_layer(input)?;
         let tree = open(input)?;
         let mut options = tree.build_options(common.memory.bytes);
         (options.share, options.time) = (common.share, common.time);

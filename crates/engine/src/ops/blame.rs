@@ -12,7 +12,7 @@ use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::io::Output;
 use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Form, Progress, Result};
-use spinney_container::{Metadata, OpenOptions, Tag};
+use spinney_container::{FilePlace, Metadata, OpenOptions, Tag};
 
 /// Writes a tree of the numbers of the commits that changed each cell of an Autumnal file last, from its first commit to the newest
 /// or, of `FILE@N`, to that one; cells that no commit has given a value are VOID. Coarse cells have the newest commit below them.
@@ -35,23 +35,22 @@ use spinney_container::{Metadata, OpenOptions, Tag};
 /// If it is no Autumnal file, cannot be read, has a commit whose number is 2^32 or more, the output cannot be written, or on
 /// interruption.
 pub fn blame(path: &Path, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
-    let asked = TreeFile::open(path, &OpenOptions::default())?;
+    let asked = TreeFile::open_only(path, &OpenOptions::default())?;
     let TreeFile::Autumnal(commit) = &asked else {
         let expected = "an Autumnal file, which has commits";
         return Err(Error::invalid("file to blame", format!("{}, a Goblin file", path.display()), expected));
     };
     let last = commit.commit().number;
-    let name = spinney_container::file_of(path);
-    let history = History::open(&name, &OpenOptions::default())?;
+    let place = FilePlace::of(path);
+    let history = History::open(&place.file, &OpenOptions::default())?;
     let depth = asked.depth();
     let mut commits = Vec::new();
     for commit in history.commits() {
         let number = commit?.number;
         if number <= last {
             progress.check()?;
-            let mut at = name.as_os_str().to_owned();
-            at.push(format!("@{number}"));
-            let other = TreeFile::open(at.as_ref(), &OpenOptions::default())?;
+            let place = FilePlace { commit: Some(number), ..place.clone() };
+            let other = TreeFile::at(&place, &OpenOptions::default())?;
             // (Trees of other depths have nothing in common.)
             if other.depth() != depth {
                 let found = format!("{} levels at commit {number}", other.depth());
@@ -64,7 +63,7 @@ pub fn blame(path: &Path, output: Output, memory: u64, progress: &dyn Progress) 
     commits.reverse();
     let form = Form::new(asked.form().dimension, ValueType::new(SampleType::U32, 1));
     // (Records are where they are in the file, whichever commit leads to them.)
-    let file = TreeFile::open(&name, &OpenOptions::default())?;
+    let file = TreeFile::at(&FilePlace { commit: None, ..place }, &OpenOptions::default())?;
     let ages = Ages { file, commits, form, depth };
     let own = asked.metadata();
     let provenance = vec![format!("commits that changed the cells of {} last", path.display())];

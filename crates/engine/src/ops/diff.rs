@@ -259,7 +259,7 @@ pub fn diff_files(
 /// Opens two trees of one coordinate system.
 fn open_both(first: &Path, second: &Path) -> Result<(TreeFile, TreeFile)> {
     let options = OpenOptions::default();
-    let (first, second) = (TreeFile::open(first, &options)?, TreeFile::open(second, &options)?);
+    let (first, second) = (TreeFile::open_only(first, &options)?, TreeFile::open_only(second, &options)?);
     let [here, there] = [&first, &second].map(|file| file.path().display().to_string());
     let [a, b] = [&first, &second].map(|file| file.metadata().frame.crs.as_ref());
     Crs::check_same((&here, a), (&there, b))?;

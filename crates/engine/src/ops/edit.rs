@@ -121,7 +121,7 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
         }
         Edit::Paste { patch, at, where_valid } => (Operation::Over, pasted(&tree, &patch, at, where_valid)?),
         Edit::Apply(operation, path) => {
-            let file = TreeFile::open(&path, &OpenOptions::default())?;
+            let file = TreeFile::open_only(&path, &OpenOptions::default())?;
             check_form((&path, file.form()), (tree.path(), form))?;
             let whole_file = View::whole(file.into())?;
             let (view, bounds) = aligned(whole_file, &tree, &path)?;

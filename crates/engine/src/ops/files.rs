@@ -252,7 +252,7 @@ pub fn crosstab_files(first: &Path, second: &Path, progress: &dyn Progress) -> R
 fn open_alike(paths: &[PathBuf]) -> Result<Vec<TreeFile>> {
     let mut files: Vec<TreeFile> = Vec::new();
     for path in paths {
-        let file = TreeFile::open(path, &OpenOptions::default())?;
+        let file = TreeFile::open_only(path, &OpenOptions::default())?;
         if let Some(first) = files.first() {
             check_form((path, file.form()), (&paths[0], first.form()))?;
         }

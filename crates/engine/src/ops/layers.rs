@@ -6,6 +6,7 @@ use super::files::Chain;
 use super::tree_file::TreeFile;
 use crate::store::autumnal::{Commit, Editor, Note};
 use crate::store::{BuildOptions, TreeWriter};
+use crate::tree::Source;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FilePlace, Header, Metadata, OpenOptions};
@@ -39,16 +40,7 @@ pub fn layer_paths(path: &Path) -> Result<Vec<PathBuf>> {
 /// # Errors
 /// If it means a file of several without naming one, or the file cannot be read.
 pub fn only_layer(path: &Path) -> Result<()> {
-    let file = TreeFile::open(path, &OpenOptions::default())?;
-    let layers = file.layers()?;
-    if layers.len() == 1 || FilePlace::of(path).layer.is_some() {
-        return Ok(());
-    }
-    let names: Vec<&str> = layers.iter().take(20).map(|layer| &*layer.name).collect();
-    let more = if layers.len() > names.len() { ", ..." } else { "" };
-    let advice =
-        format!("name one, as in {}:{} (it has {}{more})", path.display(), names[0], names.join(", "));
-    Err(Error::unsupported(path, format!("a file of {} layers, where one is needed,", layers.len()), advice))
+    TreeFile::open_only(path, &OpenOptions::default()).map(|_| ())
 }
 
 /// The largest depth of some trees: that of a file which has them as layers.
@@ -79,7 +71,8 @@ pub fn add_layer(
     let finest = layers.iter().position(|layer| layer.header.depth() == depth).unwrap_or(0);
     let frame = file.open_layer(finest)?.metadata().frame.clone();
     let metadata = Metadata { name: name.into(), ..view.metadata(chain.moves) };
-    let coarser = coarser_by(&frame, &metadata.frame, depth).ok_or_else(|| {
+    let axes = view.form().axes();
+    let coarser = coarser_by(&frame, &metadata.frame, (axes, depth)).ok_or_else(|| {
         let advice =
             format!("bring it onto the file's grid first (`spinney transform like={}`)", path.display());
         Error::unsupported(
@@ -105,6 +98,7 @@ pub fn add_layer(
         TreeFile::Autumnal(_) => {
             let mut editor = Editor::open(&FilePlace::of(path).file, memory)?;
             let header = options.header(header.form, extent)?;
+            editor.name_layer(&stem(path))?;
             editor.add_layer(&header, options.metadata.clone())?;
             editor.replace(&source, progress)?;
             editor.commit(note)
@@ -113,7 +107,7 @@ pub fn add_layer(
             let dimension = header.form.dimension;
             let output = Output::create(&FilePlace::of(path).file)?;
             let mut writer = TreeWriter::create(output, (dimension, depth), layers.len() as u32 + 1)?;
-            copy_layers(&file, &mut writer, progress, &|_| true)?;
+            copy_layers(&file, &mut writer, progress, &|_| true, &stem(path))?;
             writer.source(&source, extent, &options, progress)?;
             writer.finish()?;
             Ok(None)
@@ -150,35 +144,51 @@ pub fn drop_layer(
             let dimension = layers[0].header.form.dimension;
             let output = Output::create(&place.file)?;
             let mut writer = TreeWriter::create(output, (dimension, depth), layers.len() as u32 - 1)?;
-            copy_layers(&file, &mut writer, progress, &|number| number != dropped)?;
+            copy_layers(&file, &mut writer, progress, &|number| number != dropped, &stem(path))?;
             writer.finish()?;
             Ok(None)
         }
     }
 }
 
-/// Copies layers of a Goblin file, by their numbers.
+/// The name that a file's only layer gets when there are others beside it, if it has none.
+fn stem(path: &Path) -> String {
+    let file = FilePlace::of(path).file;
+    file.file_stem().map_or_else(|| "layer".into(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// Copies layers of a Goblin file, by their numbers; one without a name gets one.
 fn copy_layers(
     file: &TreeFile,
     writer: &mut TreeWriter,
     progress: &dyn Progress,
     is_kept: &dyn Fn(usize) -> bool,
+    unnamed: &str,
 ) -> Result<()> {
     for number in (0..file.layers()?.len()).filter(|number| is_kept(*number)) {
         if let TreeFile::Goblin(layer) = file.open_layer(number)? {
-            writer.copy(&layer, layer.metadata(), progress)?;
+            let mut metadata = layer.metadata().clone();
+            if metadata.name.is_empty() {
+                metadata.name = unnamed.into();
+            }
+            writer.copy(&layer, &metadata, progress)?;
         }
     }
     Ok(())
 }
 
 /// The number of halvings that lead from a frame's cells to another's, if the same cell begins both.
-fn coarser_by(fine: &Frame, coarse: &Frame, most: u8) -> Option<u8> {
+fn coarser_by(fine: &Frame, coarse: &Frame, (axes, most): (usize, u8)) -> Option<u8> {
     let is_same = |shift: &u8| {
         let frame = fine.coarser(*shift);
         let size =
             frame.matrix.iter().flat_map(|row| &row[..3]).fold(0.0, |size: f64, part| size.max(part.abs()));
-        let mut pairs = frame.matrix.iter().flatten().zip(coarse.matrix.iter().flatten());
+        // (The height of a quadtree's cells means nothing.)
+        let numbers = |frame: &Frame| -> Vec<f64> {
+            let row = |row: [f64; 4]| row.into_iter().enumerate().filter(|(at, _)| *at < axes || *at == 3);
+            frame.matrix.into_iter().take(axes).flat_map(row).map(|(_, number)| number).collect()
+        };
+        let mut pairs = numbers(&frame).into_iter().zip(numbers(coarse));
         frame.crs == coarse.crs && pairs.all(|(a, b)| (a - b).abs() <= 1e-6 * size)
     };
     (0..=most).find(is_same)

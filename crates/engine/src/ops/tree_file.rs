@@ -48,17 +48,53 @@ impl TreeFile {
     /// If it cannot be read, is no tree file, or is damaged.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<TreeFile> {
         let place = FilePlace::of(path);
+        match place.commit {
+            // There are no commits in a Goblin file: only one whose name is all of the path can be meant.
+            Some(_)
+                if FileHeader::read(&place.file, &*options.open(&place.file)?)?.format
+                    == TreeFormat::Goblin =>
+            {
+                Ok(Goblin::open(path, options)?.into())
+            }
+            _ => TreeFile::at(&place, options),
+        }
+    }
+
+    /// Opens the file, commit and layer of a place.
+    ///
+    /// # Errors
+    /// Those of [`TreeFile::open`].
+    pub fn at(place: &FilePlace<'_>, options: &OpenOptions) -> Result<TreeFile> {
         let opened = options.open_with_id(&place.file)?;
         match FileHeader::read_cells(&place.file, &*opened.0)?.format {
-            TreeFormat::Autumnal => Ok(Autumnal::of_opened(&place, opened, options)?.into()),
-            // There are no commits in it: only a file whose name is all of the path can be meant.
-            TreeFormat::Goblin if place.commit.is_some() => Ok(Goblin::open(path, options)?.into()),
+            TreeFormat::Autumnal => Ok(Autumnal::of_opened(place, opened, options)?.into()),
             TreeFormat::Goblin => {
                 let file = Goblin::from_backend(&place.file, opened.0, options)?;
                 let number = place.layer_number(file.layers().iter().map(|layer| &*layer.name))?;
                 Ok(if number == 0 { file } else { file.open_layer(number)? }.into())
             }
         }
+    }
+
+    /// Opens a file of one layer, or one layer that the path names.
+    ///
+    /// # Errors
+    /// Those of [`TreeFile::open`]; also if the file has several layers and none is named.
+    pub fn open_only(path: &Path, options: &OpenOptions) -> Result<TreeFile> {
+        let file = TreeFile::open(path, options)?;
+        let layers = file.layers()?;
+        if layers.len() == 1 || FilePlace::of(path).layer.is_some() {
+            return Ok(file);
+        }
+        let names: Vec<&str> = layers.iter().take(20).map(|layer| &*layer.name).collect();
+        let more = if layers.len() > names.len() { ", ..." } else { "" };
+        let place = FilePlace::of(path).of_layer(names[0]);
+        let advice = format!("name one, as in {} (it has {}{more})", place.display(), names.join(", "));
+        Err(Error::unsupported(
+            path,
+            format!("a file of {} layers, where one is needed,", layers.len()),
+            advice,
+        ))
     }
 
     /// The layers of the file, or of the commit that is read: names and headers.

@@ -97,7 +97,7 @@ fn by_rule(view: View) -> View {
 }
 
 fn open(name: &str, path: &Path, view: &View) -> Result<Named> {
-    let file = TreeFile::open(path, &OpenOptions::default())?;
+    let file = TreeFile::open_only(path, &OpenOptions::default())?;
     let (form, expected) = (file.form(), view.form());
     if form.dimension != expected.dimension {
         let expected =

@@ -39,6 +39,8 @@ pub struct Editor {
     begin: u64,
     /// Bytes that edits may use.
     memory: u64,
+    /// Whether a layer was named: then nothing is done to the others.
+    is_named: bool,
 }
 
 impl Editor {
@@ -56,6 +58,7 @@ impl Editor {
         let mut editor = Editor::on(Box::new(LockedFile::new(file)?), path, memory)?;
         if let Some(name) = layer {
             editor.select(&name)?;
+            editor.is_named = true;
         }
         Ok(editor)
     }
@@ -79,7 +82,15 @@ impl Editor {
         let share = archive.share.then_some(memory / 4);
         let draft = Arc::new(Autumnal::new(archive, newest.clone(), 0)?);
         let appender = Appender::new(backend, path.to_path_buf(), draft.layout().clone(), meta.end, share);
-        Ok(Editor { begin: appender.position(), appender, draft, newest: Some(newest), meta, memory })
+        Ok(Editor {
+            begin: appender.position(),
+            appender,
+            draft,
+            newest: Some(newest),
+            meta,
+            memory,
+            is_named: false,
+        })
     }
 
     /// Starts a file on an empty backend, with one layer that is VOID, in no commit yet. Layers may have up to so many levels.
@@ -121,7 +132,15 @@ impl Editor {
         let draft = Arc::new(Autumnal::with_metadata(archive, commit, 0, options.metadata.clone())?);
         let share = options.share.then_some(options.memory / 4);
         let appender = Appender::new(backend, path, draft.layout().clone(), FIRST_EXTENT, share);
-        Ok(Editor { begin: FIRST_EXTENT, appender, draft, newest: None, meta, memory: options.memory })
+        Ok(Editor {
+            begin: FIRST_EXTENT,
+            appender,
+            draft,
+            newest: None,
+            meta,
+            memory: options.memory,
+            is_named: false,
+        })
     }
 
     /// Turns to another layer: what follows is done to that one.
@@ -142,6 +161,20 @@ impl Editor {
         Ok(())
     }
 
+    /// Gives the only layer of the file a name, if it has none: whatever has several layers has names for all.
+    ///
+    /// # Errors
+    /// If what was written cannot be read.
+    pub(crate) fn name_layer(&mut self, name: &str) -> Result<()> {
+        if !self.draft.layer().name.is_empty() {
+            return Ok(());
+        }
+        self.keep_metadata()?;
+        let layer = CommitLayer { name: name.into(), ..self.draft.layer().clone() };
+        let metadata = Metadata { name: name.into(), ..self.draft.metadata().clone() };
+        self.set_draft(self.draft.commit.with_layer(self.draft.number, layer), metadata)
+    }
+
     /// Adds a layer that is VOID, and turns to it.
     ///
     /// # Errors
@@ -158,12 +191,6 @@ impl Editor {
             return Err(Error::invalid("layer's name", format!("`{name}`"), "one that no other layer has"));
         }
         self.keep_metadata()?;
-        // (Whatever has several layers has names for all.)
-        let unnamed = self.draft.commit.layers.iter().any(|layer| layer.name.is_empty());
-        if unnamed {
-            let advice = "give it a name first (`spinney edit --name`)";
-            return Err(Error::unsupported(self.draft.path(), "a file whose layer has no name", advice));
-        }
         let number = self.draft.commit.layers.len();
         let commit = self.draft.commit.with_layer(number, void_layer(header, name));
         self.appender.flush()?;
@@ -296,12 +323,20 @@ impl Editor {
         Ok(())
     }
 
-    /// Makes the layer what it was in another commit; its metadata, too.
+    /// Makes all layers what they were in another commit, or the one that was named alone; their metadata, too.
     ///
     /// # Errors
     /// If there is no such commit, it has no such layer, or one of another type, or it cannot be read.
     pub fn revert(&mut self, number: u64) -> Result<()> {
         let old = self.draft.archive.commit(number)?;
+        if !self.is_named && (old.layers.len() > 1 || self.draft.commit.layers.len() > 1) {
+            let (layers, cells, records) = (old.layers, old.cells, old.records);
+            let commit = Commit { layers, cells, records, ..self.draft.commit.clone() };
+            let tree = Autumnal::new(self.draft.archive.clone(), commit, 0)?;
+            self.appender.set_layout(tree.layout().clone());
+            self.draft = Arc::new(tree);
+            return Ok(());
+        }
         let now = self.draft.layer();
         let Some(there) = old.layer_named(&now.name).filter(|there| old.layers[*there].header == now.header)
         else {

@@ -9,7 +9,8 @@ use spinney_base::{Error, Result};
 
 /// Segments that are written later, in the order of the file: in memory, and beyond that in a temporary file.
 pub(super) struct HeldSegments {
-    folder: PathBuf,
+    /// The output, for messages.
+    path: PathBuf,
     bytes: tempfile::SpooledTempFile,
     held: u64,
     /// Entries of the directory, whose places are those among the bytes held here, by the order of the file.
@@ -28,10 +29,10 @@ pub(super) fn file_order(code: Code, crown_level: u8) -> u64 {
 impl HeldSegments {
     /// About `memory` bytes are held before they go to a temporary file in the output's folder.
     pub(super) fn new(output: &Path, entry_size: usize, memory: u64) -> HeldSegments {
-        let folder = folder(output).to_path_buf();
-        let bytes = tempfile::spooled_tempfile_in((memory / 2) as usize, &folder);
-        let order = Sorter::new(&folder, entry_size + 8, memory / 2);
-        HeldSegments { folder, bytes, held: 0, order, entry_size }
+        let (path, folder) = (output.to_path_buf(), folder(output));
+        let bytes = tempfile::spooled_tempfile_in((memory / 2) as usize, folder);
+        let order = Sorter::new(folder, entry_size + 8, memory / 2);
+        HeldSegments { path, bytes, held: 0, order, entry_size }
     }
 
     /// Bytes that are held.
@@ -42,7 +43,7 @@ impl HeldSegments {
     /// Takes a segment, whose entry tells as its place how many bytes were held before it.
     pub(super) fn push(&mut self, order: u64, parts: [&[u8]; 2], entry: &[u8]) -> Result<()> {
         for part in parts {
-            self.bytes.write_all(part).map_err(Error::io(&self.folder, "use a temporary file"))?;
+            self.bytes.write_all(part).map_err(Error::io(&self.path, "use a temporary file for"))?;
             self.held += part.len() as u64;
         }
         self.order.push(order, [&order.to_le_bytes(), entry].concat())
@@ -56,7 +57,7 @@ impl HeldSegments {
         place: impl Fn(&[u8]) -> (u64, u64),
         each: &mut dyn FnMut(u64, &[u8], &[u8]) -> Result<()>,
     ) -> Result<()> {
-        let HeldSegments { folder, mut bytes, order, entry_size, .. } = self;
+        let HeldSegments { path, mut bytes, order, entry_size, .. } = self;
         let mut buffer = Vec::new();
         let mut position = None;
         order.finish(&mut |item| {
@@ -70,7 +71,7 @@ impl HeldSegments {
                 false => bytes.seek(SeekFrom::Start(offset)),
             };
             let read = read.and_then(|_| bytes.read_exact(&mut buffer));
-            read.map_err(Error::io(&folder, "use a temporary file"))?;
+            read.map_err(Error::io(&path, "use a temporary file for"))?;
             position = Some(offset + length);
             each(u64::from_le_bytes(order.try_into().expect("8 bytes")), entry, &buffer)
         })

@@ -17,8 +17,10 @@ pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Re
     let beside = folder(output.path()).to_path_buf();
     let mut file = TreeWriter::create(output, (Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
     for layer in &stack.layers {
+        // (An only layer needs no name.)
+        let name = if stack.layers.len() > 1 { layer.name.clone() } else { String::new() };
         let metadata = Metadata {
-            name: layer.name.clone(),
+            name,
             repeated: u32::try_from(layer.repeat).unwrap_or(u32::MAX),
             ..layer.metadata.clone()
         };
