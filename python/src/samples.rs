@@ -1,10 +1,10 @@
 //! Samples as NumPy has them.
 
-use numpy::{Element, PyArrayDyn, PyArrayMethods};
+use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use spinney::value::SampleType;
-use zerocopy::{FromBytes, IntoBytes};
+use zerocopy::IntoBytes;
 
 use crate::buffers::buffer;
 use crate::error::invalid;

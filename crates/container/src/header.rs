@@ -62,7 +62,7 @@ struct RawHeader {
 }
 
 /// Bytes of a tree's header.
-pub const TREE_HEADER_SIZE: usize = size_of::<RawHeader>();
+pub(crate) const TREE_HEADER_SIZE: usize = size_of::<RawHeader>();
 const _: () = assert!(TREE_HEADER_SIZE == 48);
 
 impl Header {
@@ -92,7 +92,7 @@ impl Header {
     }
 
     /// The header's bytes, as both formats have them.
-    pub fn to_bytes(&self) -> [u8; TREE_HEADER_SIZE] {
+    pub fn to_bytes(&self) -> [u8; 48] {
         let raw = RawHeader {
             sample: self.form.value.sample as u8,
             channels: self.form.value.channels,
@@ -119,7 +119,7 @@ impl Header {
     pub fn from_bytes(
         path: &Path,
         place: &str,
-        bytes: &[u8; TREE_HEADER_SIZE],
+        bytes: &[u8; 48],
         (dimension, most_depth): (Dimension, u8),
     ) -> Result<Header> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, place, found, expected);

@@ -20,7 +20,7 @@ pub use cache::SegmentCache;
 pub use file_header::{Content, FileHeader, HEADER_SIZE, MOST_LAYERS};
 pub use finding::{Finding, MAX_FINDINGS};
 pub use format::{FilePlace, TreeFormat, file_is_tree, file_of};
-pub use header::{Codec, Header, TREE_HEADER_SIZE};
+pub use header::{Codec, Header};
 pub use layer::{Layer, LayerTable};
 pub use level_counts::LevelCounts;
 pub use metadata::{Metadata, ScopedTags, TagScope};

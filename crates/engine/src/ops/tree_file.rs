@@ -80,7 +80,7 @@ impl TreeFile {
     ///
     /// # Errors
     /// Those of [`TreeFile::open`]; also if the file has several layers and none is named.
-    pub fn open_only(path: &Path, options: &OpenOptions) -> Result<TreeFile> {
+    pub(crate) fn open_only(path: &Path, options: &OpenOptions) -> Result<TreeFile> {
         let file = TreeFile::open(path, options)?;
         let layers = file.layers()?;
         if layers.len() == 1 || FilePlace::of(path).layer.is_some() {

@@ -33,7 +33,7 @@ mod verify;
 mod write;
 mod zone;
 
-pub use commit::{Commit, Note, Written};
+pub use commit::{Commit, CommitLayer, Note, Written};
 pub use compact::{Keep, compact};
 pub(crate) use distinct::Occurring;
 pub use editor::Editor;

@@ -172,7 +172,7 @@ impl Autumnal {
     ///
     /// # Errors
     /// If one is damaged.
-    pub fn layer_headers(&self) -> Result<Vec<Header>> {
+    pub(crate) fn layer_headers(&self) -> Result<Vec<Header>> {
         self.commit.layers.iter().map(|layer| header_of(&self.archive, layer)).collect()
     }
 

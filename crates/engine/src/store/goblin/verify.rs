@@ -15,11 +15,13 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::{Finding, MAX_FINDINGS};
 
 impl Goblin {
-    /// Checks all layers of the file: every checksum and every rule of their trees, and that they lie in one frame. See
-    /// [`Goblin::verify_layer`].
+    /// Checks all layers of the file: every checksum and every rule of their trees: preorder, skips that add up, representatives and
+    /// zone statistics that agree with the leaves, no uniform INNER node, every segment there that must be,
+    /// none that must not. Takes about as long as building; memory is bounded by `memory`.
     ///
     /// # Errors
-    /// Those of [`Goblin::verify_layer`].
+    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
+    /// at most 100 are collected.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let count = self.layers().len();
         if count == 1 {
@@ -42,14 +44,8 @@ impl Goblin {
         Ok(findings)
     }
 
-    /// Checks every checksum and every rule of the tree: preorder, skips that add up, representatives and
-    /// zone statistics that agree with the leaves, no uniform INNER node, every segment there that must be,
-    /// none that must not. Takes about as long as building; memory is bounded by `memory`.
-    ///
-    /// # Errors
-    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
-    /// at most 100 are collected.
-    pub fn verify_layer(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+    /// Checks this layer.
+    fn verify_layer(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut checker = Checker { file: self, findings: Vec::new(), seen: 0, records: 0 };
         checker.checksums()?;
         checker.directory()?;
