@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use spinney::dataset::Dataset;
 use spinney::io::Output;
 use spinney::ops::{self, Chain, Edit, FillRegion};
-use spinney::space::{Bounds, Code, Dimension};
+use spinney::space::{Bounds, Code, Dimension, Frame};
 use spinney::store::autumnal::{Autumnal, History, Note};
 use spinney::store::goblin::Goblin;
 use spinney::store::{FilePlace, Metadata, OpenOptions, TreeWriter};
@@ -49,7 +49,8 @@ fn write(layers: &[Layer], path: &Path) {
     let output = Output::create(path).unwrap();
     let mut file = TreeWriter::create(output, (Dimension::Quad, 9), layers.len() as u32).unwrap();
     for layer in layers {
-        let metadata = Metadata { name: layer.name.clone(), ..Metadata::default() };
+        let frame = Frame::identity().coarser(9 - layer.depth);
+        let metadata = Metadata { name: layer.name.clone(), frame, ..Metadata::default() };
         let options = options(layer.rule, layer.kind, layer.depth).metadata(metadata);
         let nodata = value(layer.cells.form.value, 250);
         let mut slabs = layer.cells.slabs(nodata);
@@ -256,7 +257,7 @@ fn names_of_layers_are_different_ones() {
 #[test]
 fn directories_of_very_many_segments_are_found() {
     let size = [700, 690, 1];
-    let cells = made(QUAD, size, |[x, y, _]| Some(byte((x * 7 + y * 31 + x * y % 11) as u8)));
+    let cells = made(QUAD, size, |[x, y, _]| Some(byte(((x * 7 + y * 31 + x * y % 11) % 249) as u8)));
     let tree = cells.tree(Rule::Mean);
     let file = reference::goblin(&tree, size, (Rule::Mean, Kind::Continuous), Cut::EVERYWHERE);
     let expected =
