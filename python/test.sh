@@ -3,6 +3,7 @@
 #
 #     python/test.sh [ARGUMENTS OF PYTEST...]
 #
+# First reads the frozen files as formats.md says, with a reader in Python alone (tests/foreign).
 # Builds the package with the optimisation of the project's own tests, installs it, writes its documentation to
 # target/python-doc, checks the types of the package and of an example, and runs the tests. Needs Python 3.11 or newer, Rust, and on the first run a way to the packages that
 # tests/requirements.txt names. The program that answers are compared with is built, too.
@@ -26,6 +27,11 @@ fi
 
 # (Programs of the environment first, as where it is activated.)
 export PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv CARGO_TARGET_DIR=$target
+
+# What needs nothing that is built: a reader of the file formats, written from formats.md alone.
+(cd tests/foreign && mypy --strict --allow-untyped-calls --no-warn-return-any --cache-dir "$target/mypy-foreign" ./*.py)
+python -m pytest -p no:cacheprovider -q tests/foreign
+
 cargo build --locked --bin spinney
 export SPINNEY_PROGRAM=$target/debug/spinney
 wheels=$target/python-wheels

@@ -1,0 +1,545 @@
+"""A reader of exact models, written from sections 27 to 36 of formats.md."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any, Iterable, Iterator
+
+from basics import Bytes, Code, Damaged, Header, Unknown, check, crc32c, metadata, trailer
+
+Vector = tuple[int, int, int]
+Box = list[tuple[int, int]]
+LISTS = [b"FACE", b"EXAC", b"OBJE", b"FVAL", b"DIRE"]
+VOID, FULL, INNER, CUT, LEAF, NEAR_VOID, NEAR_FULL = range(7)
+
+
+def sub(a: Any, b: Any) -> Any:
+    return tuple(x - y for x, y in zip(a, b))
+
+
+def dot(a: Any, b: Any) -> Any:
+    return sum(x * y for x, y in zip(a, b))
+
+
+def cross(a: Any, b: Any) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@dataclass
+class Face:
+    """A face: rings of corners. Planes of edges are told of exact faces only."""
+
+    rings: list[list[Any]]
+    normal: Vector
+    part: int
+    source: int
+    stands_in: bool = False
+    colours: list[Any] | None = None
+    product: int = 0
+
+    @cached_property
+    def edges(self) -> list[tuple[Any, Any]]:
+        return [(a, b) for ring in self.rings for a, b in zip(ring, ring[1:] + ring[:1])]
+
+    @cached_property
+    def box(self) -> list[tuple[Any, Any]]:
+        """Least and greatest coordinates."""
+        return [(min(v), max(v)) for v in zip(*self.rings[0])]
+
+
+def rings_of(b: Bytes, n: int, r: int, c: int, triangles: bool) -> list[list[tuple[int, int]]]:
+    """For each face, where its rings start and end among the corners."""
+    ends = [range(1, r + 1), range(3, 3 * r + 1, 3)] if triangles else [[b.get("I") for _ in range(k)] for k in (n, r)]
+    for of, least, last in zip(ends, (1, 3), (r, c)):
+        check(of[-1] == last and all(e - a >= least for a, e in zip([0, *of], of)), "ends of faces or rings")
+    rings = list(zip([0, *ends[1]], ends[1]))
+    return [rings[a:e] for a, e in zip([0, *ends[0]], ends[0])]
+
+
+def block_of_faces(data: bytes, first: int, bits: int) -> list[Face]:
+    """A block of section 29."""
+    b = Bytes(data)
+    n, v, r, c, flags = b.get("5I")
+    check(n and flags < 64 and 12 * v + 3 * c <= 4 * len(data), "the head of a block")
+    check(not flags & 4 or (r, c) == (n, 3 * n), "triangles")
+    vertices = [b.get("3I") for _ in range(v)]
+    check(all(x < 1 << bits for vertex in vertices for x in vertex), "a vertex is not on the grid")
+    rings = rings_of(b, n, r, c, bool(flags & 4))
+    parts = [b.get("I") for _ in range(n)] if flags & 8 else [b.get("I")] * n
+    sources = [b.get("Q") if flags & 16 else first + i for i in range(n)]
+    stand = int.from_bytes(b.take((n + 7) // 8), "little") if flags & 32 else 0
+    check(stand < 1 << n, "bits behind the last face")
+    colours = [b.get("3B") for _ in range(v)] if flags & 1 else None
+    corners = [b.get("I" if flags & 2 else "H") for _ in range(c)]
+    check(b.at == len(data) and all(i < v for i in corners), "bytes or corners of a block")
+    faces = []
+    for i in range(n):
+        of = [[vertices[k] for k in corners[a:e]] for a, e in rings[i]]
+        p = of[0][0]
+        terms = [cross(sub(q, p), sub(s, p)) for q, s in zip(of[0], of[0][1:])]
+        normal: Any = tuple(sum(t) for t in zip(*terms))
+        of_colours = [[colours[k] for k in corners[a:e]] for a, e in rings[i]] if colours else None
+        faces.append(Face(of, normal, parts[i], sources[i], bool(stand >> i & 1), of_colours, dot(normal, p)))
+    return faces
+
+
+def block_of_exact_faces(data: bytes, bits: int) -> list[Face]:
+    """A block of section 34."""
+    b = Bytes(data)
+    n, p, g, v, r, c, flags, wa, wb, wx, ww = b.get("7I4B")
+    check(n and flags < 8 and 0 < wa <= 8 and 0 < wb <= 16 and 0 < wx <= 25 and 0 < ww <= 22, "the head of a block")
+    check(max(n, p, g, v, r, c) <= len(data), "the head of a block")
+    whole = lambda size: int.from_bytes(b.take(size), "little", signed=True)  # noqa: E731
+    index = "I" if flags & 2 else "H"
+    planes = [(tuple(whole(wa) for _ in range(3)), whole(wb)) for _ in range(p)]
+    check(all(any(m) and max(map(abs, m)) < 1 << 56 and abs(d) < 1 << 84 for m, d in planes), "a plane")
+    vertices: list[Any] = [tuple(map(Fraction, b.get("3I"))) for _ in range(g)]
+    check(all(x < 1 << bits for vertex in vertices for x in vertex), "a vertex is not on the grid")
+    for _ in range(v):
+        x, w = [whole(wx) for _ in range(3)], whole(ww)
+        check(0 < w < 1 << 171, "a divisor")
+        vertices.append(tuple(Fraction(k, w) for k in x))
+    check(len(set(vertices[g:])) == v and all(-1 <= x <= 1 << bits for vertex in vertices for x in vertex), "vertices")
+    of_faces = [b.get(index) for _ in range(n)]
+    parts = [b.get("I") for _ in range(n)] if flags & 4 else [b.get("I")] * n
+    sources = [b.get("Q") for _ in range(n)]
+    rings = rings_of(b, n, r, c, False)
+    corners = [b.get("2" + index) for _ in range(c)]
+    colours = [b.get("3B") for _ in range(c)] if flags & 1 else None
+    check(b.at == len(data), "bytes of a block")
+    check(all(i < p for i in of_faces) and all(i < g + v and e < p for i, e in corners), "numbers of planes or vertices")
+    faces = []
+    for i in range(n):
+        normal, d = planes[of_faces[i]]
+        for a, e in rings[i]:
+            for (k, edge), (following, _) in zip(corners[a:e], corners[a + 1 : e] + corners[a : a + 1]):
+                check(edge != of_faces[i] and dot(normal, vertices[k]) == d, "a corner beside its face's plane")
+                check(all(dot(planes[edge][0], vertices[q]) == planes[edge][1] for q in (k, following)), "an edge beside its plane")
+        of = [[vertices[k] for k, _ in corners[a:e]] for a, e in rings[i]]
+        of_colours = [colours[a:e] for a, e in rings[i]] if colours else None
+        faces.append(Face(of, normal, parts[i], sources[i], False, of_colours, d))
+    return faces
+
+
+@dataclass
+class Node:
+    """A node without children."""
+
+    at: Code
+    state: int
+    faces: list[int]
+    exact: list[int]
+    kind: int = 0
+    rule: int = 0
+    corner: int = 0
+
+
+class Segment:
+    """A segment of section 30: words, and what leaves have."""
+
+    def __init__(self, data: bytes, faces: int, exact: int) -> None:
+        b = Bytes(data)
+        f, e, k, size = b.get("4I")
+        check(k % 8 == 1 and len(data) == 16 + 4 * (f + e + k) + size, "lists of a segment")
+        self.faces, self.exact, self.words = ([b.get("I") for _ in range(n)] for n in (f, e, k))
+        for numbers, most in ((self.faces, faces), (self.exact, exact)):
+            check(len(set(numbers)) == len(numbers) and all(i < most for i in numbers), "faces of a segment")
+        self.leaves = Bytes(b.take(size))
+        check(self.words[0] & 7 != CUT, "word 0 is CUT")
+
+    def numbers(self, of: list[int]) -> list[int]:
+        """A list of own numbers of faces, as the model has them."""
+        b = self.leaves
+        found: list[int] = []
+        count = b.leb(5)
+        check(count, "a list of no faces")
+        for i in range(count):
+            found.append(b.leb(5) + (found[-1] + 1 if i else 0))
+            check(found[-1] < len(of), "own numbers")
+        return [of[i] for i in found]
+
+    def walk(self, node: Code, depth: int, counts: Counter[int]) -> Iterator[Node]:
+        """All nodes without children, and those that are CUT; whatever stands elsewhere than it must is damage."""
+        self.next = 1
+        self.leaves.at = 0
+        yield from self._walk(0, node, depth, counts)
+        check(self.next == len(self.words) and self.leaves.at == len(self.leaves.data), "words or leaves that nobody has")
+
+    def _walk(self, word: int, node: Code, depth: int, counts: Counter[int]) -> Iterator[Node]:
+        state, where = self.words[word] & 7, self.words[word] >> 3
+        check(state < 7 and (node.level < depth or state not in (INNER, CUT)), "a state")
+        if state == INNER:
+            check(where == self.next and where + 8 <= len(self.words), "words are not in preorder")
+            counts[INNER] += 1
+            self.next += 8
+            for i in range(8):
+                at = tuple(2 * v + (i >> a & 1) for a, v in enumerate(node.at))
+                yield from self._walk(where + i, Code(node.level + 1, at), depth, counts)
+        elif state < LEAF:
+            check(where == 0, "a word that tells a place where there is none")
+            counts[state] += state != CUT
+            yield Node(node, state, [], [])
+        else:
+            check(where == self.leaves.at, "leaves are not in preorder")
+            if state > LEAF:
+                counts[state - NEAR_VOID] += 1
+                yield Node(node, state - NEAR_VOID, [], self.numbers(self.exact))
+                return
+            head = self.leaves.get("B")
+            check(head < 64 and head >> 2 & 3 < 3, "the head of a leaf")
+            counts[LEAF + (head & 3)] += 1
+            faces = self.numbers(self.faces)
+            yield Node(node, LEAF, faces, self.numbers(self.exact) if head & 32 else [], head & 3, head >> 2 & 3, head >> 4 & 1)
+
+
+class Model:
+    """An exact model."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, header = data, Header.read(data)
+        check(header.content == 2 and header.axes == 3 and header.layers == 0, "no exact model")
+        self.sections = sections = trailer(data, header)
+        if b"INST" in sections:
+            raise Unknown("templates that are placed")
+        b = Bytes(sections.get(b"BREP", b""))
+        check(136 <= len(b.data) <= 4096 and sections.get(b"META") and b"FACE" in sections and sections.get(b"DIRE"), "sections")
+        self.bits, self.far, *origin = b.get("BB6x3q")
+        self.origin = tuple(origin)
+        self.step, self.divisor = b.get("2d")
+        self.count, *self.nodes, self.exact_count, self.stand_ins, self.parts_count = b.get("11Q")
+        check(1 <= self.bits <= 26 and self.far < 2 and header.depth == min(self.bits, 19), "bits or depth")
+        check(all(abs(v) <= 1 << 53 for v in origin) and max(self.nodes) <= 1 << 58, "origin or nodes")
+        check(all(2.0**-1022 <= v < float("inf") for v in (self.step, self.divisor, self.step / self.divisor)), "step or divisor")
+        check(max(self.count, self.exact_count, self.parts_count) < 1 << 32 and self.parts_count, "counts")
+        check(self.stand_ins <= self.count, "faces that stand in")
+        self.depth = header.depth
+        check(len(sections[b"META"]) <= 1 << 24, "metadata are too large")
+        self.meta = metadata(sections[b"META"])
+        table = Bytes(data, len(data) - 16 - int.from_bytes(data[-16:-12], "little") + 36)
+        starts = {tag: at for tag, _, at, _ in (table.get("4sIQQ") for _ in range(len(sections)))}
+        self.first_list = min(starts[tag] for tag in LISTS if tag in starts and sections[tag])
+        self.lists = {tag: self._list(sections.get(tag, b"")) for tag in LISTS}
+        check(sum(len(block) for of in self.lists.values() for _, block in of) <= self.first_list - 24, "blocks are there twice")
+        self.faces = self._faces(b"FACE", self.count)
+        self.exact = self._faces(b"EXAC", self.exact_count)
+        check(all(f.part < self.parts_count for f in self.faces + self.exact), "parts of faces")
+        check(sum(f.stands_in for f in self.faces) == self.stand_ins, "faces that stand in")
+        self.segments = {key: Segment(block, self.count, self.exact_count) for key, block in self.lists[b"DIRE"]}
+        check(all(Code.of(key, 3).level <= self.depth for key in self.segments), "codes of segments")
+        self.formula = formula(sections[b"FORM"]) if b"FORM" in sections else None
+
+    def _list(self, data: bytes) -> list[tuple[int, bytes]]:
+        """Keys and blocks of a list, checked."""
+        b = Bytes(data)
+        found: list[tuple[int, bytes]] = []
+        check(len(data) % 24 == 0, "bytes of a list")
+        while b.at < len(data):
+            key, at, size, crc = b.get("QQII")
+            check(24 <= at and at + size <= self.first_list and (not found or key > found[-1][0]), "an entry of a list")
+            found.append((key, self.data[at : at + size]))
+            check(crc32c(found[-1][1]) == crc, "checksum of a block")
+        return found
+
+    def _faces(self, tag: bytes, count: int) -> list[Face]:
+        faces: list[Face] = []
+        for key, block in self.lists[tag]:
+            check(key == len(faces), "the key of a block")
+            faces += block_of_faces(block, key, self.bits) if tag == b"FACE" else block_of_exact_faces(block, self.bits)
+        check(len(faces) == count, "faces")
+        return faces
+
+    def world(self, g: Vector) -> tuple[float, ...]:
+        """A grid point in the world."""
+        return tuple(float(o + v) * self.step / self.divisor for o, v in zip(self.origin, g))
+
+    @cached_property
+    def leaves(self) -> list[Node]:
+        """All nodes without children, of all segments."""
+        counts: Counter[int] = Counter()
+        found: list[Node] = []
+        todo, used = [Code(0, (0, 0, 0))], 0
+        while todo:
+            node = todo.pop()
+            check(node.code in self.segments, "a CUT without a segment")
+            used += 1
+            for leaf in self.segments[node.code].walk(node, self.depth, counts):
+                if leaf.state == CUT:
+                    todo.append(leaf.at)
+                else:
+                    found.append(leaf)
+        check(used == len(self.segments), "segments that nothing leads to")
+        check(self.nodes == [counts[i] for i in (VOID, FULL, INNER, *range(LEAF, LEAF + 4))], "nodes of the octree")
+        return found
+
+    # What is said of parts and faces (section 35).
+
+    @cached_property
+    def tables(self) -> dict[bytes, dict[int, dict[int, bytes]]]:
+        """The values of both tables, by column and row."""
+        found: dict[bytes, dict[int, dict[int, bytes]]] = {b"OBJE": {}, b"FVAL": {}}
+        for tag, table in found.items():
+            for key, data in self.lists[tag]:
+                column, b = table.setdefault(key >> 32, {}), Bytes(data)
+                n, flags = b.get("II")
+                check(n and flags < 4 and n <= len(data), "the head of a piece")
+                rows = [b.get("I") for _ in range(n)] if flags & 1 else [(key & 0xFFFFFFFF) + i for i in range(n)]
+                ends = [b.get("I" if flags & 2 else "H") for _ in range(n)]
+                check(rows[0] == key & 0xFFFFFFFF and all(r < s for r, s in zip(rows, rows[1:])), "rows of a piece")
+                check(rows[0] > max(column, default=-1) and all(e <= f for e, f in zip(ends, ends[1:])), "rows or ends of pieces")
+                column.update((row, b.take(end - start)) for row, start, end in zip(rows, [0, *ends], ends))
+                check(b.at == len(data), "bytes of a piece")
+        return found
+
+    @cached_property
+    def parts(self) -> list[tuple[str, dict[str, Any]]]:
+        """Name of each part, and what is said of it."""
+        table = self.tables[b"OBJE"]
+        if not table:
+            check(self.parts_count == 1, "parts without names")
+            return [("mesh", {})]
+        names = table[0]
+        check(list(names) == list(range(self.parts_count)), "names of parts")
+        order = [int.from_bytes(v, "little") for v in table.get(1, {}).values()]
+        check(order == sorted(names, key=lambda part: (names[part], part)), "parts by their names")
+        columns = [json.loads(v) for v in table.get(2, {}).values()]
+        check(all(1 <= len(c) <= 2 and all(isinstance(t, str) for t in c) for c in columns), "names of columns")
+        lists = []
+        for value in table.get(3, {}).values():
+            b, of = Bytes(value), []
+            while b.at < len(value):
+                of.append(b.leb())
+            check(len(set(of)) == len(of) and all(i < len(columns) for i in of), "a list of columns")
+            lists.append(of)
+        said = []
+        for part, name in names.items():
+            about: dict[str, Any] = json.loads(table.get(5, {}).get(part, b"{}"))
+            if part in table.get(4, {}):
+                check(not about, "a part with a list, and an object as well")
+                for i in lists[Bytes(table[4][part]).leb()]:
+                    into = about.setdefault(columns[i][0], {}) if len(columns[i]) == 2 else about
+                    into[columns[i][-1]] = json.loads(table[16 + i][part])
+            said.append((name.decode(), about))
+        return said
+
+    # Geometry. Points are in halves of a unit here, so that walls between cells are whole numbers.
+
+    @cached_property
+    def bounding(self) -> dict[int, Face]:
+        """The faces that bound something, by number, in halves of a unit."""
+        numbers = [i for i, f in enumerate(self.faces) if any(f.normal)]
+        return dict(zip(numbers, self.doubled(numbers)))
+
+    def winding(self, p: Vector) -> int:
+        """The winding number at a point, displaced as section 31 says, on the way from the root's least corner past all faces."""
+        return self.far + crossings(list(self.bounding.values()), (-1, -1, -1), p)
+
+    def find(self, p: Vector) -> Node | None:
+        """The node without children in whose cell a point is; None far away."""
+        if not all(-1 <= v < (2 << self.bits) - 1 for v in p):
+            return None
+        cells = (Code(level, tuple(v + 1 >> 1 + self.bits - level for v in p)) for level in range(self.depth + 1))
+        return next(self.by_cell[cell] for cell in cells if cell in self.by_cell)
+
+    @cached_property
+    def by_cell(self) -> dict[Code, Node]:
+        return {node.at: node for node in self.leaves}
+
+    def inside(self, p: Vector) -> bool | None:
+        """Whether a point is inside the body, by the octree (section 31); None on the boundary."""
+        node = self.find(p)
+        if not node or node.state != LEAF:
+            return bool(node.state if node else self.far)
+        faces = self.doubled(node.faces)
+        if any(on(face, p) for face in faces):
+            return None
+        if node.rule < 2:
+            return (any if node.rule else all)(dot(f.normal, sub(p, f.rings[0][0])) < 0 for f in faces)
+        width = 2 << self.bits - node.at.level
+        least = tuple(v * width - 1 for v in node.at.at)
+        return node.corner + crossings(faces, least, p) == 1
+
+    def doubled(self, numbers: Iterable[int]) -> list[Face]:
+        """Faces in halves of a unit."""
+        of = (self.faces[i] for i in numbers)
+        return [Face([[tuple(2 * v for v in p) for p in r] for r in f.rings], f.normal, 0, 0) for f in of]
+
+    def verify_exact_surface(self) -> None:
+        """Whether edges of the exact surface cancel along each line."""
+        ends: Counter[Any] = Counter()
+        for face in [f for f in self.faces if not f.stands_in] + self.exact:
+            for a, b in face.edges:
+                if a != b:
+                    way = [Fraction(v) for v in sub(b, a)]
+                    first = next(v for v in way if v)
+                    way = [v / first for v in way]
+                    line = tuple(way), cross(a, way)
+                    ends[line, tuple(a)] += 1
+                    ends[line, tuple(b)] -= 1
+        check(not any(ends.values()), "the exact surface is not closed")
+
+    def verify(self) -> None:
+        """Raises `Damaged` unless faces are planar and closed, and all nodes of the octree what they must be."""
+        edges: Counter[Any] = Counter()
+        for face in self.faces:
+            check(all(dot(face.normal, p) == face.product for r in face.rings for p in r), "a face that is not planar")
+            for a, b in face.edges:
+                edges[min(a, b), max(a, b)] += 1 if a < b else -1
+        check(not any(n for (a, b), n in edges.items() if a != b), "the surface is not closed")
+        check(sum(8 ** (self.depth - leaf.at.level) for leaf in self.leaves) == 8**self.depth, "cells are missing")
+        self.verify_exact_surface()
+        boxes = [[((2 * v + 1) // 2 - 1, (2 * w + 1) // 2 + 1) for v, w in f.box] for f in self.exact]
+        for leaf in self.leaves:
+            width = 2 << self.bits - leaf.at.level
+            box = [(v * width - 1, (v + 1) * width - 1) for v in leaf.at.at]
+            inside = self.winding(least_of(box))
+            check(inside == (leaf.corner if leaf.state == LEAF else leaf.state), "a winding number")
+            found = [i for i, face in self.bounding.items() if cuts(face, box)]
+            check(found == sorted(leaf.faces), "faces of a node")
+            if leaf.state == LEAF:
+                planes = [[*self.faces[i].normal, -self.faces[i].product] for i in leaf.faces]
+                check(leaf.kind == rank(planes) - 1, "kind of a leaf")
+                self._rule(leaf, box)
+            wide = [(low - 2, high + 2) for low, high in box]
+            near = [
+                i for i, f in enumerate(self.exact)
+                if all(2 * v <= high and 2 * w >= low for (v, w), (low, high) in zip(boxes[i], box)) and meets(f, wide)
+            ]
+            check(near == sorted(leaf.exact), "exact faces near a node")
+        check(len(self.parts) == self.parts_count, "parts")
+
+    def _rule(self, leaf: Node, box: Box) -> None:
+        """Whether the leaf's rule says of points of the cell what all faces together say."""
+        for p in ((box[0][0] + 1, (box[1][0] + box[1][1]) // 2, box[2][1] - 1), tuple(high - 1 for _, high in box)):
+            inside = self.inside(p)  # type: ignore[arg-type]
+            check(inside is None or inside == (self.winding(p) == 1), "a point in a leaf")  # type: ignore[arg-type]
+
+
+def least_of(box: Box) -> Vector:
+    return box[0][0], box[1][0], box[2][0]
+
+
+def on(face: Face, p: Vector) -> bool:
+    """Whether a point is on a face, edges and corners included."""
+    if dot(face.normal, sub(p, face.rings[0][0])):
+        return False
+    for a, b in face.edges:
+        if not any(cross(sub(b, a), sub(p, a))) and all(min(x, y) <= v <= max(x, y) for x, y, v in zip(a, b, p)):
+            return True
+    return within(face, p)
+
+
+def within(face: Face, p: Any) -> bool:
+    """Whether a point of a face's plane, which is on no edge, is between the rings."""
+    u, v = sorted(range(3), key=lambda axis: abs(face.normal[axis]))[:2]
+    met = 0
+    for g, h in face.edges:
+        if (g[v] > p[v]) != (h[v] > p[v]):
+            met += g[u] + (p[v] - g[v]) * Fraction(h[u] - g[u], h[v] - g[v]) > p[u]
+    return met % 2 == 1
+
+
+def side(face: Face, q: Any) -> int:
+    found = dot(face.normal, sub(q, face.rings[0][0])) or next(v for v in face.normal if v)
+    return 1 if found > 0 else -1
+
+
+def crossings(faces: list[Face], start: Any, end: Any) -> int:
+    """How the winding number changes on the way along x, y and z."""
+    change, s = 0, start
+    for a in range(3):
+        t = (*end[: a + 1], *start[a + 1 :])
+        u, v = [b for b in range(3) if b != a]
+        for face in faces:
+            if not face.normal[a] or face.box[v][1] <= s[v] or face.box[u][1] < s[u] or face.box[v][0] > s[v]:
+                continue
+            if (of := side(face, s)) == side(face, t):
+                continue
+            met = 0
+            for g, h in face.edges:
+                if (g[v] > s[v]) != (h[v] > s[v]):
+                    d = (h[u] - g[u]) * (s[v] - g[v]) - (h[v] - g[v]) * (s[u] - g[u])
+                    met += d > 0 if h[v] > s[v] else d < 0
+            change += of * (met % 2)
+        s = t
+    return change
+
+
+def meets(face: Face, box: Box) -> bool:
+    """Whether the plane of an exact face meets a closed box, given in halves."""
+    ends = [sorted((n * low, n * high)) for n, (low, high) in zip(face.normal, box)]
+    return sum(e[0] for e in ends) <= 2 * face.product <= sum(e[1] for e in ends)
+
+
+def cuts(face: Face, box: Box) -> bool:
+    """Whether a face has a point in common with the inside of a box."""
+    if any(least >= high or most <= low for (least, most), (low, high) in zip(face.box, box)):
+        return False
+    n, d = face.normal, dot(face.normal, face.rings[0][0])
+    ends = [(low, high) if k > 0 else (high, low) for k, (low, high) in zip(n, box)]
+    a, b = (tuple(e[i] for e in ends) for i in (0, 1))
+    if not dot(n, a) < d < dot(n, b):
+        return False
+    if any(enters(p, q, box) for p, q in face.edges):
+        return True
+    # No edge is in the box, so all of the plane in it is in the face, or nothing: a point of the box's diagonal tells.
+    t = Fraction(d - dot(n, a), dot(n, b) - dot(n, a))
+    p = [x + t * (y - x) for x, y in zip(a, b)]
+    return within(face, p)
+
+
+def enters(p: Any, q: Any, box: Box) -> bool:
+    """Whether an edge has a point inside a box."""
+    first, last = Fraction(-1), Fraction(2)
+    for x, y, (low, high) in zip(p, q, box):
+        if x == y:
+            if not low < x < high:
+                return False
+        else:
+            one, other = sorted((Fraction(low - x, y - x), Fraction(high - x, y - x)))
+            first, last = max(first, one), min(last, other)
+    return first < last and first < 1 and last > 0
+
+
+def rank(rows: list[list[int]]) -> int:
+    """The rank of a matrix of whole numbers."""
+    found, rows = 0, [row[:] for row in rows]
+    for column in range(4):
+        pivot = next((row for row in rows[found:] if row[column]), None)
+        if pivot is None:
+            continue
+        rows.remove(pivot)
+        rows.insert(found, pivot)
+        found += 1
+        rows[found:] = [[pivot[column] * v - row[column] * w for v, w in zip(row, pivot)] for row in rows[found:]]
+    return found
+
+
+def formula(data: bytes) -> Any:
+    """The formula of section 36: a name, or an operation's number and its operands."""
+    check(len(data) <= 1 << 20, "a formula is too long")
+    text = data.decode()
+
+    def operand(at: int) -> tuple[Any, int]:
+        if text[at : at + 3] != "(op":
+            found, at = json.JSONDecoder().raw_decode(text, at)
+            return found, at
+        at = end = at + 3
+        while text[end : end + 1].isdigit():
+            end += 1
+        found, at = [int(text[at:end])], end
+        while text[at : at + 1] == " ":
+            part, at = operand(at + 1)
+            found.append(part)
+        check(text[at : at + 1] == ")", "a formula that does not end")
+        return found, at + 1
+
+    try:
+        found, end = operand(0)
+    except ValueError:
+        raise Damaged("a formula that is none") from None
+    check(end == len(text), "something behind a formula")
+    return found

@@ -1,0 +1,206 @@
+"""A reader of Goblin files in Python and NumPy: what formats.md says in sections 1 to 15, and nothing that the page does not say.
+
+It shows that the page is whole, and is a start for readers in other languages. It reads all of a file into memory and is in no hurry.
+What files have in common is in basics.py, trees in trees.py, Autumnal files in autumnal.py, exact models in models.py, the rules of
+section 13 in rules.py, and what must be true of a whole file in verify.py.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Iterator
+
+import numpy as np
+from basics import Bytes, Code, Damaged, Header, Unknown, check, check_names, crc32c, metadata, trailer
+from trees import CUT, INNER, VOID, Form, Run, Statistics, Tree, sum_of
+
+NO_COUNTS = 0xFFFF
+
+# What the index tells of a page: code, where it starts in the run, bytes, checksum.
+Place = tuple[int, int, int, int]
+
+
+@dataclass
+class Entry:
+    """An entry of the directory."""
+
+    raw: bytes
+    node: Code
+    start: int
+    size: int
+    places: int
+    classes: int
+    codec: int
+    crc: int
+    statistics: Statistics
+
+
+class Layer(Tree):
+    """A layer of a Goblin file."""
+
+    def __init__(self, file: bytes, header: Header, raw: bytes) -> None:
+        self.file = file
+        self.form = form = Form(raw[:48], header)
+        self.root_state = raw[48]
+        b = Bytes(raw, 54)
+        self.name_size = b.get("H")
+        self.root_value = raw[56 : 56 + form.width]
+        b.at = 72
+        self.segments, self.places, run_at, run_size, self.crown, self.directory = b.get("6Q")
+        top_at, top_size, top_crc, meta_at, meta_size, meta_crc = b.get("QIIQII")
+        check(self.root_state < CUT and (self.root_state != VOID or not any(raw[56:72])), "the root")
+        check(not any(raw[56 + form.width : 72]), "something behind the root's value")
+        check((self.segments > 0) == (self.root_state == INNER) and (form.depth or not self.segments), "segments of the root")
+        self.entry_size = 44 + (32 + 2 * form.type.itemsize + (8 if form.missing else 0)) * form.channels
+        check(self.crown <= self.directory <= run_size, "crown and directory")
+        check(self.segments * self.entry_size <= run_size - self.directory, "room for the directory")
+        self.run = self.part(run_at, run_size, None)
+        check(meta_size <= 1 << 24, "metadata are too large")
+        self.meta = metadata(self.part(meta_at, meta_size, meta_crc))
+        # How many pages each level of the index has, that of the directory's pages first.
+        self.levels = [-(-self.segments // 128)]
+        while self.levels[-1] > 256:
+            self.levels.append(-(-self.levels[-1] // 256))
+        self.top = self.part(top_at, top_size, top_crc)
+        check(len(self.top) == 24 * self.levels[-1], "the top of the index has another size")
+        self.pages: dict[int, tuple[list[tuple[int, Entry]], list[Entry]]] = {}
+        self.runs: dict[int, Run] = {}
+
+    def part(self, at: int, size: int, crc: int | None) -> bytes:
+        check(24 <= at and at + size <= len(self.file), "something lies outside the file")
+        data = self.file[at : at + size]
+        check(crc is None or crc32c(data) == crc, "a checksum")
+        return data
+
+    def paged(self, place: Place) -> bytes:
+        """A page that an entry of the index tells of."""
+        _, at, size, crc = place
+        check(self.directory <= at and at + size <= len(self.run), "a page lies elsewhere")
+        data = self.run[at : at + size]
+        check(crc32c(data) == crc, "checksum of a page")
+        return data
+
+    def entry(self, raw: bytes) -> Entry:
+        f, b = self.form, Bytes(raw)
+        code, start, size, places, classes, codec, _, crc, cells = b.get("QQQIHBBIQ")
+        least, most, sums, squares = [], [], [], []
+        for _ in range(f.channels):
+            least.append(b.take(f.type.itemsize))
+            most.append(b.take(f.type.itemsize))
+            sums.append(sum_of(b.take(16), f.type.kind == "f"))
+            squares.append(sum_of(b.take(16), f.type.kind == "f" or f.type.itemsize == 8))
+        present = [b.get("Q") if f.missing else cells for _ in range(f.channels)]
+        check(all(n <= cells for n in present), "more samples than cells")
+        extremes = (np.frombuffer(b"".join(e), f.type) for e in (least, most))
+        statistics = Statistics(cells, next(extremes), next(extremes), sums, squares, present)
+        return Entry(raw, Code.of(code, f.axes), start, size, places, classes, codec, crc, statistics)
+
+    def page(self, number: int, place: Place) -> tuple[list[tuple[int, Entry]], list[Entry]]:
+        """A page of the directory: copies with their numbers, and its own entries."""
+        if number not in self.pages:
+            b = Bytes(self.paged(place))
+            copies, own = b.get("HH4x")
+            check(copies <= 31 and own == min(128, self.segments - 128 * number), "entries of a page")
+            check(len(b.data) == 8 + 8 * copies + (copies + own) * self.entry_size, "bytes of a page")
+            numbers = [b.get("Q") for _ in range(copies)]
+            check(all(a < e for a, e in zip(numbers, [*numbers[1:], 128 * number])), "numbers of copies")
+            entries = [self.entry(b.take(self.entry_size)) for _ in range(copies + own)]
+            check(entries[copies].node.code == place[0], "the index has another code")
+            self.pages[number] = list(zip(numbers, entries)), entries[copies:]
+        return self.pages[number]
+
+    def index(self) -> Iterator[tuple[int, Place]]:
+        """All pages of the directory, by the index."""
+        places: list[Place] = list(struct.iter_unpack("<QQII", self.top))
+        for count in reversed(self.levels[:-1]):
+            below: list[Place] = []
+            for place in places:
+                rows = list(struct.iter_unpack("<QQII", self.paged(place)))
+                check(rows[0][0] == place[0], "the index has another code")
+                below += rows
+            check(len(below) == count, "the index has another number of pages")
+            places = below
+        yield from enumerate(places)
+
+    @cached_property
+    def entries(self) -> list[Entry]:
+        """All entries of the directory, by ascending code."""
+        return [entry for number, place in self.index() for entry in self.page(number, place)[1]]
+
+    def find(self, node: Code) -> Entry:
+        """The deepest segment of a node or its ancestors (section 12)."""
+        code, rows, number = node.code, list(struct.iter_unpack("<QQII", self.top)), 0
+        for level in range(len(self.levels) - 1, -1, -1):
+            last = sum(row[0] <= code for row in rows) - 1
+            check(last >= 0, "no page has the code")
+            number = number * 256 + last
+            place: Place = rows[last]
+            if level:
+                rows = list(struct.iter_unpack("<QQII", self.paged(place)))
+        copies, own = self.page(number, place)
+        for entry in reversed([entry for _, entry in copies] + own):
+            if entry.node.level <= node.level and node.up(node.level - entry.node.level) == entry.node:
+                return entry
+        raise Damaged("no segment contains a node")
+
+    def segment(self, entry: Entry) -> bytes:
+        """The bytes of a segment, checked."""
+        if entry.codec:
+            raise Unknown("a packed segment")
+        f, counts = self.form, 0 if entry.classes == NO_COUNTS else entry.classes
+        check(entry.places and entry.size == entry.places * f.record + counts * (f.width + 8), "bytes of a segment")
+        check(entry.start + entry.size <= self.directory, "a segment lies elsewhere")
+        data = self.run[entry.start : entry.start + entry.size]
+        check(crc32c(data) == entry.crc, "checksum of a segment")
+        return data
+
+    def records(self, entry: Entry) -> Run:
+        code = entry.node.code
+        if code not in self.runs:
+            self.runs[code] = Run(self.form, self.segment(entry)[: entry.places * self.form.record], entry.node)
+        return self.runs[code]
+
+    def counts(self, entry: Entry) -> list[tuple[bytes, int]] | None:
+        """Class counts of a segment: value and cells; None where there would be too many."""
+        if entry.classes == NO_COUNTS or not self.form.classes:
+            return None
+        b = Bytes(self.segment(entry), entry.places * self.form.record)
+        return [(b.take(self.form.width), b.get("Q")) for _ in range(entry.classes)]
+
+    def first(self) -> Run:
+        return self.records(self.find(Code(0, (0,) * self.form.axes)))
+
+    def deeper(self, run: Run, node: Code) -> Run:
+        entry = self.find(node)
+        check(entry.node.level > run.node.level, "no deeper segment at a CUT")
+        return self.records(entry)
+
+    def value(self, node: Code) -> bytes | None:
+        if self.root_state != INNER or node.level == 0:
+            return self.root_value if self.root_state else None
+        run = self.records(self.find(node.up(1)))
+        state, value = run.look(node.path[run.node.level :])
+        return value if state else None
+
+
+class Goblin:
+    """A Goblin file of trees of cells."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.header = data, Header.read(data)
+        self.sections = trailer(data, self.header)
+        if self.header.content:
+            raise Unknown("an exact model")
+        count, table = self.header.layers, self.sections.get(b"LAYR", b"")
+        check(1 <= count <= 65536 and len(table) >= 152 * count, "the table of layers")
+        self.layers = [Layer(data, self.header, table[152 * i : 152 * (i + 1)]) for i in range(count)]
+        names = Bytes(table, 152 * count)
+        for layer in self.layers:
+            try:
+                layer.name = names.take(layer.name_size).decode()
+            except UnicodeDecodeError:
+                raise Damaged("a name is not UTF-8") from None
+        check(names.at == len(table), "something behind the names")
+        check_names([layer.name for layer in self.layers])

@@ -1,0 +1,229 @@
+"""The rules of section 13: what the nodes of a tree, their representatives and statistics must be, given the cells alone."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+from basics import Code
+from numpy.typing import NDArray
+from trees import INNER, LEAF, VOID, Form, Statistics, Values, kids, raw_bits, states_above
+
+Array = NDArray[Any]
+Pair = tuple[Array, Array]
+
+
+def keys(values: Values) -> Array:
+    """Numbers in the order of section 7: that of the values, of floating ones the total order."""
+    if values.dtype.kind != "f":
+        return values
+    bits = np.ascontiguousarray(values).view(f"i{values.dtype.itemsize}")
+    return bits ^ (bits >> 8 * values.dtype.itemsize - 1 & np.iinfo(bits.dtype).max)
+
+
+# Double-double numbers.
+
+
+def pair(h: Array, l: Array) -> Pair:
+    s = h + l
+    finite = np.isfinite(s)
+    return s, np.where(finite, l - (s - h), 0.0)
+
+
+def add(a: Pair, b: Pair) -> Pair:
+    (h, l), (H, L) = a, b
+    s = h + H
+    finite = np.isfinite(s)
+    b_ = s - h
+    high, low = pair(s, ((h - (s - b_)) + (H - b_)) + (l + L))
+    return np.where(finite, high, s), np.where(finite, low, 0.0)
+
+
+def square(x: Array) -> Pair:
+    """The square of an `f64`."""
+    t = x * 134217729.0
+    u = t - (t - x)
+    v = x - u
+    p = x * x
+    e = v * v - (((p - u * u) - v * u) - u * v)
+    return pair(p, np.where(np.isfinite(e), e, 0.0))
+
+
+def squares_of(values: Values, there: Array) -> Pair:
+    """The squares of samples as double-double numbers."""
+    if values.dtype.kind == "f":
+        x = np.where(there, values.astype(np.float64), 0.0)
+        return (x * x, np.zeros(x.shape)) if values.dtype.itemsize == 4 else square(x)
+    whole = np.where(there, values, 0).astype(object)
+    h = whole.astype(np.float64)
+    rest = np.array([int(a) - int(b) for a, b in zip(whole.flat, h.flat)], np.float64).reshape(h.shape)
+    p, e = square(h)
+    return pair(p, e + (h * rest + rest * h))
+
+
+def fold(parts: list[Any], plus: Any) -> Any:
+    """The sum of children, added two by two."""
+    while len(parts) > 1:
+        parts = [plus(parts[i], parts[i + 1]) for i in range(0, len(parts), 2)]
+    return parts[0]
+
+
+def best(below: list[tuple[Values, Array]], greatest: bool) -> tuple[Values, Array]:
+    """The smallest or largest samples of children, and whether there are any."""
+    found, there = below[0]
+    for values, has in below[1:]:
+        better = keys(values) > keys(found) if greatest else keys(values) < keys(found)
+        found = np.where(has & (better | ~there), values, found)
+        there = there | has
+    return found, there
+
+
+class Level:
+    """What is known of the nodes of one level, each an array by z, y, x (and channel)."""
+
+    states: Array
+    values: Values
+    cells: Array
+    present: Array
+    sums: Any
+    squares: Any
+    least: tuple[Values, Array]
+    most: tuple[Values, Array]
+    counts: Array
+    nodes: Array
+
+
+class Pyramid:
+    """All levels of a tree, made from its cells."""
+
+    def __init__(self, form: Form, cells: Values, states: Array) -> None:
+        self.form = form
+        wide = form.type.kind != "f" and 16 * form.type.itemsize + form.axes * form.depth > 62
+        self.whole: Any = object if wide else np.int64
+        self.classes = np.empty((0, form.channels), form.type)
+        with np.errstate(all="ignore"):
+            self.levels = [self._cells(cells, states)]
+            for _ in range(form.depth):
+                self.levels.insert(0, self._above(self.levels[0], len(self.levels)))
+
+    def _cells(self, values: Values, states: Array) -> Level:
+        f, found = self.form, Level()
+        there = np.repeat((states != VOID)[..., None], f.channels, -1)
+        if f.missing:
+            lack = np.frombuffer(f.lack[: f.type.itemsize], f.type)
+            there &= raw_bits(values) != raw_bits(lack)
+        found.states, found.values = states, values
+        found.cells, found.nodes = (states != VOID).astype(np.int64), np.zeros(states.shape, np.int64)
+        found.present = there.astype(np.int64)
+        floating = f.type.kind == "f"
+        if floating:
+            found.sums = (np.where(there, values.astype(np.float64) + 0.0, 0.0), np.zeros(values.shape))
+        else:
+            found.sums = np.where(there, values.astype(self.whole), 0)
+        found.squares = squares_of(values, there) if floating or f.type.itemsize == 8 else found.sums * found.sums
+        zero = np.where(there, values, np.zeros(1, f.type))
+        found.least = found.most = zero, there
+        if f.classes:
+            flat = keys(values)[states != VOID]
+            order = np.unique(flat, axis=0, return_index=True)[1]
+            self.classes = values[states != VOID][order]
+            each = [(raw_bits(values) == raw_bits(c)).all(-1) & (states != VOID) for c in self.classes]
+            found.counts = np.array(each, np.int64).reshape(len(each), *states.shape)
+        return found
+
+    def _above(self, below: Level, depth: int) -> Level:
+        f, axes, found = self.form, self.form.axes, Level()
+        of = lambda a: kids(a, axes)  # noqa: E731
+        plain = lambda a: np.add.reduce(of(a))  # noqa: E731
+        pairs = lambda p: fold(list(zip(of(p[0]), of(p[1]))), add)  # noqa: E731
+        found.states = states_above(below.states, below.values, axes)
+        found.cells, found.present = plain(below.cells), plain(below.present)
+        found.nodes = plain(below.nodes) + (found.states == INNER)
+        found.sums = pairs(below.sums) if isinstance(below.sums, tuple) else plain(below.sums)
+        found.squares = pairs(below.squares) if isinstance(below.squares, tuple) else plain(below.squares)
+        found.least = best(list(zip(of(below.least[0]), of(below.least[1]))), False)
+        found.most = best(list(zip(of(below.most[0]), of(below.most[1]))), True)
+        if f.classes:
+            found.counts = np.array([plain(c) for c in below.counts]).reshape(len(below.counts), *found.states.shape)
+        values = self._representatives(found, below, depth)
+        leaves, void = found.states == LEAF, found.states == VOID
+        values = np.where(leaves[..., None], of(below.values)[0], values)
+        found.values = np.where(void[..., None], np.zeros(1, f.type), values)
+        return found
+
+    def _representatives(self, found: Level, below: Level, depth: int) -> Values:
+        f = self.form
+        values, states = kids(below.values, f.axes), kids(below.states, f.axes)
+        if f.rule in ("mean", "occupancy"):
+            n = found.present if f.rule == "mean" else np.full_like(found.present, f.children**depth)
+            some = np.maximum(n, 1)
+            if isinstance(found.sums, tuple):
+                mean = (found.sums[0] / some).astype(f.type)
+                nan = np.array([0x7FC00000 if f.type.itemsize == 4 else 0x7FF8000000000000], f"<u{f.type.itemsize}")
+                mean = np.where(np.isnan(mean), nan.view(f.type), mean)
+            else:
+                some = some.astype(self.whole)
+                mean = ((2 * found.sums + some) // (2 * some)).astype(f.type)
+            return np.where(n > 0, mean, self._lack())
+        if f.rule in ("min", "max"):
+            kept, there = found.least if f.rule == "min" else found.most
+            return np.where(there, kept, self._lack())
+        if f.rule == "majority":
+            return self.classes[found.counts.argmax(0)] if len(self.classes) else values[0]
+        weights = [np.where(s == LEAF, 3, np.where(s == VOID, 0, 2)) for s in states]
+        if f.rule == "nearest":
+            choice = (np.array(weights) > 0).argmax(0)
+        else:
+            same = lambda a, b: (raw_bits(a) == raw_bits(b)).all(-1)  # noqa: E731
+            totals = [(s > 0) * sum(w * same(a, b) for b, w in zip(values, weights)) for a, s in zip(values, states)]
+            choice = np.array(totals).argmax(0)
+        return np.take_along_axis(np.array(values), choice[None, ..., None], 0)[0]
+
+    def _lack(self) -> Values:
+        f = self.form
+        return np.frombuffer(f.lack[: f.type.itemsize], f.type) if f.missing else np.zeros(1, f.type)
+
+    def counts(self) -> list[tuple[int, int, int]]:
+        """VOID, LEAF and INNER nodes per level, down to the deepest level that has any."""
+        found, nodes = [], np.ones(self.levels[0].states.shape, bool)
+        for level in self.levels:
+            states = level.states[nodes]
+            if not len(states):
+                break
+            found.append((int((states == VOID).sum()), int((states == LEAF).sum()), int((states == INNER).sum())))
+            inner = nodes & (level.states == INNER)
+            for axis in range(self.form.axes):
+                inner = np.repeat(inner, 2, axis)
+            nodes = inner
+        return found
+
+    def statistics(self, node: Code) -> Statistics:
+        """What a directory must tell of a node."""
+        level, at = self.levels[node.level], node.at[::-1]
+        zero = np.zeros(1, self.form.type)
+        least, most = (np.where(there[at], kept[at], zero) for kept, there in (level.least, level.most))
+        return Statistics(int(level.cells[at]), least, most, self._sums(level.sums, at), self._sums(level.squares, at), level.present[at].tolist())
+
+    def classes_of(self, node: Code) -> list[tuple[bytes, int]]:
+        """The class counts of a node."""
+        at: Any = (slice(None), *node.at[::-1])
+        counts = self.levels[node.level].counts[at]
+        return [(c.tobytes(), int(n)) for c, n in zip(self.classes, counts) if n]
+
+    @staticmethod
+    def _sums(sums: Any, at: tuple[int, ...]) -> list[Any]:
+        if not isinstance(sums, tuple):
+            return [int(v) for v in sums[at]]
+        pairs = [(float(h), float(l)) for h, l in zip(sums[0][at], sums[1][at])]
+        return [(float("nan"), 0.0) if h != h else (h, l) for h, l in pairs]
+
+
+def same(a: Statistics, b: Statistics) -> bool:
+    """Whether statistics are equal, in every bit."""
+    bits = lambda sums: [struct.pack("<2d", *s) if isinstance(s, tuple) else s for s in sums]  # noqa: E731
+    return (
+        (a.cells, a.present, bits(a.sums), bits(a.squares)) == (b.cells, b.present, bits(b.sums), bits(b.squares))
+        and (raw_bits(a.least) == raw_bits(b.least)).all()
+        and bool((raw_bits(a.most) == raw_bits(b.most)).all())
+    )

@@ -1,0 +1,179 @@
+"""The rules of section 13, which the frozen files have not all of: rules.py, for all nodes at once, against one node after the other."""
+
+from __future__ import annotations
+
+import math
+import random
+import struct
+from collections import Counter
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from basics import GOBLIN, Code, Header
+from rules import Pyramid, same
+from trees import INNER, LEAF, RULES, SAMPLES, VOID, Form, Statistics, raw_bits
+
+LACK = 3
+
+
+def form(axes: int, sample: int, channels: int, rule: int, depth: int, missing: bool) -> Form:
+    lack = np.array([LACK], SAMPLES[sample]).tobytes() if missing else b""
+    raw = struct.pack("<8BIB3x8s3Q", sample, channels, rule, 0, 0, depth, 6, 2, 100, missing, lack, *[1 << depth] * 2, 1 << depth * (axes - 2))
+    return Form(raw, Header(GOBLIN, axes, 0, depth, 1))
+
+
+def pair(h: float, l: float) -> tuple[float, float]:
+    s = h + l
+    return (s, l - (s - h)) if math.isfinite(s) else (s, 0.0)
+
+
+def add(a: Any, b: Any) -> Any:
+    if not isinstance(a, tuple):
+        return a + b
+    s = a[0] + b[0]
+    if not math.isfinite(s):
+        return s, 0.0
+    d = s - a[0]
+    return pair(s, ((a[0] - (s - d)) + (b[0] - d)) + (a[1] + b[1]))
+
+
+def square(x: float) -> tuple[float, float]:
+    t = x * 134217729.0
+    u = t - (t - x)
+    v, p = x - u, x * x
+    e = v * v - (((p - u * u) - v * u) - u * v)
+    return pair(p, e if math.isfinite(e) else 0.0)
+
+
+class Node:
+    """A node, made of its children or of a cell; samples are None where they are missing."""
+
+    cells: int
+    inner: int
+    size: int
+    sums: list[Any]
+    squares: list[Any]
+    value: tuple[Any, ...] | None
+
+    def __init__(self, f: Form, below: "list[Node]", cell: tuple[Any, ...] | None) -> None:
+        self.f = f
+        self.cells = sum(n.cells for n in below) if below else int(cell is not None)
+        self.samples: list[list[Any]] = [[v for n in below for v in n.samples[c]] for c in range(f.channels)]
+        self.all: Counter[Any] = sum((n.all for n in below), Counter())
+        self.inner, self.size = sum(n.inner for n in below), sum(n.size for n in below) or 1
+        self.sums = [self._sum([n.sums[c] for n in below]) for c in range(f.channels)] if below else []
+        self.squares = [self._sum([n.squares[c] for n in below]) for c in range(f.channels)] if below else []
+        self.value = cell
+        if not below:
+            for c in range(f.channels):
+                x = cell[c] if cell is not None else None
+                self.samples[c] = [] if x is None else [x]
+                floating = f.type.kind == "f"
+                self.sums.append(((float(x) + 0.0 if x is not None else 0.0), 0.0) if floating else x or 0)
+                self.squares.append(self._square(x))
+            self.all = Counter() if cell is None else Counter([tuple(key(x) for x in cell)])
+            self.state = VOID if cell is None else LEAF
+        elif not self.cells:
+            self.state = VOID
+        elif all(n.state == LEAF and str(n.value) == str(below[0].value) for n in below):
+            self.state, self.value = LEAF, below[0].value
+        else:
+            self.state, self.inner, self.value = INNER, self.inner + 1, self._representative(below)
+
+    def _sum(self, parts: list[Any]) -> Any:
+        while len(parts) > 1:
+            parts = [add(parts[i], parts[i + 1]) for i in range(0, len(parts), 2)]
+        return parts[0]
+
+    def _square(self, x: Any) -> Any:
+        if self.f.type.kind == "f":
+            x = 0.0 if x is None else float(x)
+            return (x * x, 0.0) if self.f.type.itemsize == 4 else square(x)
+        if self.f.type.itemsize < 8:
+            return (x or 0) ** 2
+        h = float(x or 0)
+        l = float((x or 0) - int(h))
+        p, e = square(h)
+        return pair(p, e + (h * l + l * h))
+
+    def _representative(self, below: "list[Node]") -> tuple[Any, ...] | None:
+        rule, there = self.f.rule, [n for n in below if n.state != VOID]
+        if rule == "nearest":
+            return there[0].value
+        if rule == "majority":
+            return tuple(x for x, _ in min(self.all, key=lambda v: (-self.all[v], v)))
+        if rule == "dominant":
+            weights: Counter[str] = Counter()
+            for n in there:
+                weights[str(n.value)] += 3 if n.state == LEAF else 2
+            return max(there, key=lambda n: weights[str(n.value)]).value
+        return tuple(self._sample(rule, c, [n.value[c] for n in there if n.value and n.value[c] is not None]) for c in range(self.f.channels))
+
+    def _sample(self, rule: str, c: int, of: list[Any]) -> Any:
+        if rule in ("min", "max"):
+            return (min if rule == "min" else max)(of, key=key) if of else None
+        n = len(self.samples[c]) if rule == "mean" else self.size
+        if not n:
+            return None
+        if self.f.type.kind == "f":
+            return float(np.float64(self.sums[c][0] / n).astype(self.f.type))
+        return math.floor(Fraction(self.sums[c], n) + Fraction(1, 2))
+
+    def bits(self) -> bytes:
+        samples = self.value if self.value is not None else (0,) * self.f.channels
+        return np.array([LACK if x is None else x for x in samples], self.f.type).tobytes()
+
+
+def key(x: Any) -> Any:
+    """The order of section 7: -0.0 comes before 0.0. What is missing is the number that says so."""
+    return (LACK, 1) if x is None else (x, math.copysign(1, x))
+
+
+@pytest.mark.parametrize("sample", range(len(SAMPLES)))
+@pytest.mark.parametrize("rule", range(len(RULES)))
+def test_all_nodes_at_once_and_each_by_itself(sample: int, rule: int) -> None:
+    rng = random.Random(sample * 10 + rule)
+    for axes, depth, channels, missing in ((2, 3, 1, False), (3, 2, 1, False), (2, 3, 2, True), (3, 2, 2, True)):
+        if channels > 1 and sample not in (0, 1, 5) or missing and RULES[rule] == "occupancy":
+            continue
+        f = form(axes, sample, channels, rule, depth, missing)
+        choice: list[Any] = [0, 1, 2, 5, 100]
+        if f.type.kind == "i":
+            choice += [-1, -7, int(np.iinfo(f.type).min)]
+        if f.type.kind == "f":
+            choice += [float(np.array(v, f.type)) for v in (0.1, -0.7, 1e17, -0.0, 1e-30)]
+        if f.type.kind != "f":
+            choice += [int(np.iinfo(f.type).max)]
+        some = rng.sample(choice, 3)
+        size = (1 << depth,) * axes
+        values, states = np.zeros((*size, channels), f.type), np.zeros(size, np.uint8)
+        cells: dict[Any, Any] = {}
+        for at in np.ndindex(*size):
+            # (Now and then all of a node of level 1 has one value.)
+            block = random.Random(f"{at[0] >> depth - 1} {at[-1] >> depth - 1} {sample} {rule}").random() < 0.3
+            cell = (some[0],) * channels if block else tuple(None if missing and rng.random() < 0.3 else rng.choice(some) for _ in range(channels))
+            if not block and rng.random() < 0.3 or all(x is None for x in cell):
+                continue
+            cells[at[::-1]] = cell
+            values[at], states[at] = [LACK if x is None else x for x in cell], LEAF
+        pyramid = Pyramid(f, values, states)
+
+        def make(node: Code) -> Node:
+            steps = [tuple(i >> a & 1 for a in range(axes)) for i in range(1 << axes)] if node.level < depth else []
+            below = [make(Code(node.level + 1, tuple(2 * v + b for v, b in zip(node.at, step)))) for step in steps]
+            found = Node(f, below, cells.get(node.at) if node.level == depth else None)
+            level, at = pyramid.levels[node.level], node.at[::-1]
+            assert level.states[at] == found.state and level.nodes[at] == found.inner
+            assert level.values[at].tobytes() == found.bits(), (node, level.values[at], found.value)
+            extremes = [[kind(of, key=key) if of else 0 for of in found.samples] for kind in (min, max)]
+            least, most = (np.array(e, f.type) for e in extremes)
+            expected = Statistics(found.cells, least, most, found.sums, found.squares, [len(of) for of in found.samples])
+            assert same(pyramid.statistics(node), expected), (node, pyramid.statistics(node), expected)
+            counts = [(np.array([x for x, _ in v], f.type).tobytes(), n) for v, n in sorted(found.all.items())]
+            assert pyramid.classes_of(node) == counts
+            return found
+
+        make(Code(0, (0,) * axes))
+        assert (raw_bits(pyramid.levels[depth].values) == raw_bits(values)).all()

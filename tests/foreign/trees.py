@@ -1,0 +1,291 @@
+"""Trees: their headers, records and dense blocks, and windows of any level, which are drawn alike from Goblin and Autumnal files
+(sections 5, 6 and 12 of formats.md)."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from basics import Code, Damaged, Header, Point, Unknown, check
+from numpy.typing import NDArray
+
+VOID, LEAF, INNER, CUT = range(4)
+SAMPLES = ["<u1", "<u2", "<i2", "<u4", "<i4", "<f4", "<f8", "<i1", "<u8", "<i8"]
+RULES = ["mean", "majority", "dominant", "min", "max", "nearest", "occupancy"]
+
+Values = NDArray[Any]
+
+
+class Form:
+    """A tree's header (section 5), and what follows from it: how large things are."""
+
+    def __init__(self, raw: bytes, file: Header) -> None:
+        (sample, self.channels, rule, kind, codec, self.depth, self.reach, self.stride, self.heavy, missing, self.lack, *extent) = (
+            struct.unpack("<8BIB3x8s3Q", raw)
+        )
+        if sample >= len(SAMPLES) or rule >= len(RULES) or kind > 1 or codec:
+            raise Unknown("a number of the tree's header is not known")
+        self.axes = axes = file.axes
+        self.type = np.dtype(SAMPLES[sample])
+        self.rule, self.missing, self.extent = RULES[rule], missing == 1, tuple(extent)
+        self.classes = kind == 0 or rule == 1
+        check(1 <= self.channels <= (4 if sample in (0, 1, 5) else 1), "channels")
+        check(self.depth <= file.depth, "a layer is deeper than its file")
+        check(missing < 2 and not any(self.lack[self.type.itemsize if missing else 0 :]), "the missing sample")
+        check(1 <= self.stride < self.reach <= (10 if axes == 2 else 8) and self.reach % self.stride == 0, "reach and stride")
+        self.children = 1 << axes
+        check(1 <= self.heavy <= 1 << 20 and self.heavy * self.children**self.stride <= 1 << (20 if axes == 2 else 28), "T")
+        check(all(1 <= v <= 1 << self.depth for v in extent[:axes]) and (axes == 3 or extent[2] == 1), "extent")
+        self.width = self.type.itemsize * self.channels
+        self.record = self.children * self.width + (4 if axes == 2 else 8)
+        self.skips = 21 if axes == 2 else 29
+
+    def values(self, data: bytes, at: int, count: int) -> Values:
+        """Values that stand one behind the other."""
+        check(at + count * self.width <= len(data), "values end too early")
+        return np.frombuffer(data, self.type, count * self.channels, at).reshape(count, self.channels)
+
+    def dense_levels(self, kind: int, places: int) -> int:
+        """`k` of a dense block of so many places (section 6)."""
+        for k in range(*((3, 9) if self.axes == 2 else (2, 5))):
+            n = sum(self.children**j for j in range(2, k + 1))
+            bits = self.children**k // 8 if kind > 2 else 0
+            if places == 1 - -(n * self.width + bits) // self.record:
+                return k
+        raise Damaged("a dense block has no such number of places")
+
+
+def raw_bits(values: Values) -> Values:
+    """Values as unsigned integers: equal where they are in every bit."""
+    return np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
+
+
+def kids(a: Values, axes: int) -> list[Values]:
+    """The values of child 0, 1 ... of each node of the next coarser level."""
+    return [a[tuple(slice(i >> b & 1, None, 2) for b in reversed(range(axes)))] for i in range(1 << axes)]
+
+
+def states_above(states: Values, values: Values, axes: int) -> Values:
+    """The states of nodes whose children have these."""
+    below, of = kids(states, axes), [raw_bits(v) for v in kids(values, axes)]
+    empty = np.logical_and.reduce([s == VOID for s in below])
+    same = np.logical_and.reduce([(s == LEAF) & (v == of[0]).all(-1) for s, v in zip(below, of)])
+    return np.where(empty, VOID, np.where(same, LEAF, INNER)).astype(np.uint8)
+
+
+@dataclass
+class Block:
+    """A record, or a dense block: values and states of the nodes 1 to `k` levels below its node, by z, y, x."""
+
+    k: int
+    values: list[Values]
+    states: list[Values]
+    places: dict[Point, int]
+
+
+class Run:
+    """Records and dense blocks below one node: those of a segment, or of a pointered record."""
+
+    def __init__(self, form: Form, data: bytes, node: Code) -> None:
+        self.form, self.data, self.node = form, data, node
+        self.blocks: dict[int, Block] = {}
+        check(len(data) % form.record == 0 and self.head(0)[1] * form.record == len(data), "the first skip is not all places")
+
+    def head(self, place: int) -> tuple[int, int, int]:
+        """States, skip and mark of a record."""
+        f = self.form
+        check(0 <= place < len(self.data) // f.record, "a record is beyond the run")
+        at = place * f.record + f.children * f.width
+        states = int.from_bytes(self.data[at : at + f.axes - 1], "little")
+        last = int.from_bytes(self.data[(place + 1) * f.record - f.axes - 1 : (place + 1) * f.record], "little")
+        skip = last & (1 << f.skips) - 1
+        check(0 < skip <= len(self.data) // f.record - place, "a skip leads out of the run")
+        return states, skip, last >> f.skips
+
+    def block(self, place: int) -> Block:
+        """All that stands at a place: the nodes below, and where their records are."""
+        if place not in self.blocks:
+            self.blocks[place] = self._block(place)
+        return self.blocks[place]
+
+    def _block(self, place: int) -> Block:
+        f = self.form
+        states, skip, mark = self.head(place)
+        cube = (2,) * f.axes
+        record = f.values(self.data, place * f.record, f.children).reshape(*cube, f.channels)
+        own = np.array([states >> 2 * i & 3 for i in range(f.children)], np.uint8).reshape(cube)
+        if mark == 0:
+            follows, places = place + 1, {}
+            for i in range(f.children):
+                if states >> 2 * i & 3 == INNER:
+                    places[tuple(i >> a & 1 for a in range(f.axes))] = follows
+                    follows += self.head(follows)[1]
+            check(follows == place + skip, "skips do not add up")
+            return Block(1, [np.empty(0), record], [np.empty(0), own], places)
+        check(mark < 6, "a mark that is none")
+        k = f.dense_levels(mark, skip)
+        at, values = (place + 1) * f.record, [np.empty(0), record]
+        for j in range(2, k + 1):
+            values.append(f.values(self.data, at, f.children**j).reshape((1 << j,) * f.axes + (f.channels,)))
+            at += f.children**j * f.width
+        bottom = np.full((1 << k,) * f.axes, CUT if mark in (2, 4) else LEAF, np.uint8)
+        if mark > 2:
+            count = f.children**k // 8
+            bits = np.unpackbits(np.frombuffer(self.data, np.uint8, count, at), bitorder="little").reshape(bottom.shape)
+            at += count
+            bottom = np.choose(bits, [[VOID, VOID, LEAF][mark - 3], [LEAF, CUT, CUT][mark - 3]]).astype(np.uint8)
+        check(not any(self.data[at : (place + skip) * f.record]), "a dense block does not end in zeros")
+        found = [bottom]
+        for j in range(k - 1, 0, -1):
+            found.insert(0, states_above(found[0], values[j + 1], f.axes))
+        check((found[0] == own).all(), "states of a dense block contradict its record")
+        return Block(k, values, [np.empty(0), *found], {})
+
+    def look(self, path: list[int]) -> tuple[int, bytes]:
+        """State and value at the end of a path (section 12), by one byte after the other. (In dense blocks INNER is any state but VOID.)"""
+        f, place = self.form, 0
+        for step, child in enumerate(path):
+            states, skip, mark = self.head(place)
+            state = states >> 2 * child & 3
+            if state < INNER or step + 1 == len(path):
+                at = place * f.record + child * f.width
+                return state, self.data[at : at + f.width]
+            check(state == INNER, "CUT on the way")
+            if mark:
+                return self._look_dense(place, skip, mark, path[step:])
+            place += 1
+            for i in range(child):
+                if states >> 2 * i & 3 == INNER:
+                    place += self.head(place)[1]
+        raise AssertionError("an empty path")
+
+    def _look_dense(self, place: int, skip: int, mark: int, path: list[int]) -> tuple[int, bytes]:
+        f, j, k = self.form, len(path), self.form.dense_levels(mark, skip)
+        check(j <= k, "a node is below the bottom of a dense block")
+        at = [sum((child >> a & 1) << j - 1 - i for i, child in enumerate(path)) for a in range(f.axes)]
+        index = sum(v << j * a for a, v in enumerate(at))
+        start = (place + 1) * f.record
+        value = start + (sum(f.children**i for i in range(2, j)) + index) * f.width
+        bits = start + sum(f.children**i for i in range(2, k + 1)) * f.width
+        there = mark in (1, 2, 5)
+        for i in range(f.children ** (k - j) if not there else 0):
+            below, rest = 0, i
+            for a in range(f.axes):
+                below |= (at[a] << k - j | rest & (1 << k - j) - 1) << k * a
+                rest >>= k - j
+            there = there or self.data[bits + below // 8] >> below % 8 & 1 == 1
+        return INNER if there else VOID, self.data[value : value + f.width]
+
+
+class Spot(NamedTuple):
+    """An INNER node, `j` levels below the node of a block, at `at` there."""
+
+    run: Run
+    block: Block
+    j: int
+    at: Point
+    node: Code
+
+
+class Tree:
+    """A layer: what Goblin and Autumnal files have in common. They tell how to go on at a CUT, and what a node's value is."""
+
+    form: Form
+    name: str
+    root_state: int
+    root_value: bytes
+    meta: dict[str, Any]
+
+    def first(self) -> Run:
+        """The run of the root."""
+        raise NotImplementedError
+
+    def deeper(self, run: Run, node: Code) -> Run:
+        """The run in which to go on below a node that is CUT in another one."""
+        raise NotImplementedError
+
+    def value(self, node: Code) -> bytes | None:
+        """The value of one node, by the way that leads to it alone; None for VOID."""
+        raise NotImplementedError
+
+    def start(self, run: Run) -> Spot:
+        return Spot(run, run.block(0), 0, (0,) * self.form.axes, run.node)
+
+    def step(self, spot: Spot, to: Code) -> Spot:
+        """From an INNER node to its child on the way to another node."""
+        child = to.up(to.level - spot.node.level - 1)
+        at = tuple(v << 1 | c & 1 for v, c in zip(spot.at, child.at))
+        below = Spot(spot.run, spot.block, spot.j + 1, at, child)
+        state = spot.block.states[below.j][at[::-1]]
+        check(state >= INNER and child.level < self.form.depth, "a node without children has some")
+        if below.j < spot.block.k:
+            return below
+        if state == INNER:
+            check(at in spot.block.places, "an INNER node at the bottom of a dense block")
+            return Spot(spot.run, spot.run.block(spot.block.places[at]), 0, (0,) * self.form.axes, child)
+        return self.down(self.start(self.deeper(spot.run, child)), child)
+
+    def window(self, level: int, low: Point | None = None, high: Point | None = None) -> tuple[Values, Values]:
+        """Values and states of the nodes of a level from one corner to another (x first), by z, y, x; all of them if none is given.
+
+        What is inside a VOID or LEAF has its state."""
+        f = self.form
+        low, high = low or (0,) * f.axes, high or (1 << level,) * f.axes
+        size = tuple(b - a for a, b in zip(low, high))[::-1]
+        values, states = np.zeros((*size, f.channels), f.type), np.full(size, self.root_state, np.uint8)
+        values[...] = f.values(self.root_value, 0, 1)[0]
+        if self.root_state == INNER and level > 0:
+            self._paint(self.start(self.first()), level, low, high, values, states)
+            # (What is below is in another segment: INNER all the same.)
+            states[states == CUT] = INNER
+        return values, states
+
+    def _paint(self, spot: Spot, level: int, low: Point, high: Point, values: Values, states: Values) -> None:
+        block, deep = spot.block, min(level - spot.node.level, spot.block.k - spot.j)
+        more = level - spot.node.level - deep
+        source, target, corner = [], [], []
+        for a, b, own, at in zip(low, high, spot.node.at, spot.at):
+            start, end = max(a >> more, own << deep), min((b - 1 >> more) + 1, own + 1 << deep)
+            if start >= end:
+                return
+            shift = own - at << deep
+            source.append(slice(start - shift, end - shift))
+            target.append(np.arange(max(start << more, a), min(end << more, b)))
+            corner.append(start)
+        cut = block.states[spot.j + deep][tuple(source[::-1])]
+        # (Each cell has the value of the block's node that it is in.)
+        pick = np.ix_(*[(cells >> more) - start for cells, start in zip(target, corner)][::-1])
+        place = np.ix_(*[cells - a for cells, a in zip(target, low)][::-1])
+        values[place] = block.values[spot.j + deep][tuple(source[::-1])][pick]
+        states[place] = cut[pick]
+        if more:
+            for index in np.argwhere(cut >= INNER):
+                bottom = Code(spot.node.level + deep, tuple(int(v) + start for v, start in zip(index[::-1], corner)))
+                self._paint(self.down(spot, bottom), level, low, high, values, states)
+
+    def down(self, spot: Spot, node: Code) -> Spot:
+        """From an INNER node to another one below it."""
+        while spot.node.level < node.level:
+            spot = self.step(spot, node)
+        return spot
+
+
+@dataclass
+class Statistics:
+    """What a directory tells of a segment, and a zone of a node: counts, and for each channel extremes, sums and sums of squares.
+
+    Sums are integers, or pairs of floating numbers."""
+
+    cells: int
+    least: Values
+    most: Values
+    sums: list[Any]
+    squares: list[Any]
+    present: list[int]
+
+
+def sum_of(raw: bytes, floating: bool) -> Any:
+    """A sum of 16 bytes."""
+    return struct.unpack("<2d", raw) if floating else int.from_bytes(raw, "little", signed=True)
