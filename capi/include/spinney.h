@@ -22,6 +22,9 @@
 // For spinney_open(): read at positions, instead of mapping the file.
 #define SPINNEY_POSITIONED 1
 
+// For spinney_open_layer(): on the cells of the dataset that it is opened from.
+#define SPINNEY_ALIGNED 1
+
 // Place of a point, by spinney_model_locate(): outside of the body.
 #define SPINNEY_OUTSIDE -1
 
@@ -64,6 +67,9 @@ typedef enum {
   SPINNEY_I32 = 4,
   SPINNEY_F32 = 5,
   SPINNEY_F64 = 6,
+  SPINNEY_I8 = 7,
+  SPINNEY_U64 = 8,
+  SPINNEY_I64 = 9,
 } spinney_sample_type;
 
 // A file, or a view of one.
@@ -90,7 +96,7 @@ typedef struct {
   uint64_t size[3];
   // Place of the cells in the world: rows x, y, z of the matrix that takes x, y, z, 1 in cells there. Cell 0 spans 0 to 1.
   double matrix[12];
-  // The number that VOID had in the input, if has_nodata.
+  // The number that VOID had in the input, if has_nodata: the nearest double of it (see spinney_nodata()).
   double nodata;
   bool has_nodata;
   // Whether the matrix says something.
@@ -211,9 +217,10 @@ const char *spinney_error(void);
 // The library's version.
 const char *spinney_version(void);
 
-// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`. `steps` are those of a
-// view, as `spinney transform` takes them ("rotate=30", "crop"), `step_count` of them; NULL and 0 for the file as it is.
-// `flags` is 0 or SPINNEY_POSITIONED. The dataset is to be closed by spinney_close().
+// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
+// of `stack.goblin`, whose first one is opened where none is named. `steps` are those of a view, as `spinney transform` takes them
+// ("rotate=30", "crop"), `step_count` of them; NULL and 0 for the file as it is. `flags` is 0 or SPINNEY_POSITIONED. The dataset is
+// to be closed by spinney_close().
 //
 // Costs a few pages, whatever the file's size.
 spinney_status spinney_open(const char *path,
@@ -244,12 +251,29 @@ spinney_status spinney_level_size(const spinney_dataset *dataset,
                                   uint32_t level,
                                   uint64_t (*size)[3]);
 
-// All that is known of a dataset beside its numbers, as JSON: "crs" (its form and definition as it came; its "text" for other programs,
-// which is "EPSG:4326" or the like, or else WKT 2; where it cannot be said so, "problem" tells why, and the text is null, or WKT 1,
-// PROJJSON or PROJ's words as they came), "bands" (name, unit, scale, offset of each), "categories" (names by value), "palette" (red, green,
-// blue, opacity by value), "tags", "scoped_tags", "provenance". The text belongs to the dataset, and is there until that is closed or
-// refreshed. NULL if the dataset is NULL.
+// All that is known of a dataset beside its numbers, as JSON: "name" (of the layer), "time", "crs" (its form and definition as it came;
+// its "text" for other programs, which is "EPSG:4326" or the like, or else WKT 2; where it cannot be said so, "problem" tells why, and the
+// text is null, or WKT 1, PROJJSON or PROJ's words as they came), "bands" (name, unit, scale, offset of each), "categories" (names by
+// value), "palette" (red, green, blue, opacity by value), "tags", "scoped_tags", "provenance". The text belongs to the dataset, and is
+// there until that is closed or refreshed. NULL if the dataset is NULL.
 const char *spinney_metadata(const spinney_dataset *dataset);
+
+// Tells how many layers the dataset's file has, whichever of them the dataset is; 1 of a view.
+spinney_status spinney_layer_count(const spinney_dataset *dataset, size_t *count);
+
+// Name of a layer of the dataset's file, by its number from 0; may be empty where there is one layer alone. The text belongs to the
+// dataset, and is there until that is closed or refreshed. NULL if there is no layer of that number, or no dataset.
+const char *spinney_layer_name(const spinney_dataset *dataset,
+                               size_t number);
+
+// Opens another layer of a dataset's file, at the same commit: `layer` is its name, or else its number from 0 in digits. The file is
+// not opened again; each of the two is to be closed by spinney_close(), in any order. `flags` is 0 or SPINNEY_ALIGNED: then the layer
+// has the dataset's size and depth, and its cells, if they are larger, are repeated. SPINNEY_UNSUPPORTED of a view: name the layer in
+// spinney_open() instead.
+spinney_status spinney_open_layer(const spinney_dataset *dataset,
+                                  const char *layer,
+                                  uint32_t flags,
+                                  spinney_dataset **opened_layer);
 
 // Reads a box of cells of a level: x fastest, then y, then z, the samples of a cell together. `samples_size` is the bytes of
 // all of them, `cells * cell_size`; they need not be aligned. Cells that are VOID, or outside, get `fill` in every channel. `valid` may be NULL (with
@@ -276,7 +300,7 @@ spinney_status spinney_view_of(const spinney_dataset *dataset,
 
 // Reads single cells of a level: `cells` has x, y and z of each, `count` of them, in any order. `samples` has room for
 // `count * channels` numbers; `valid` (which may be NULL) for `count` flags, as in spinney_read(). Cells that are VOID, or outside,
-// are not a number. Much faster than one call for each.
+// are not a number. Integers of 64 bits are the nearest doubles: spinney_point_samples() has them exactly. Much faster than one call for each.
 spinney_status spinney_points(const spinney_dataset *dataset,
                               uint32_t level,
                               const uint64_t (*cells)[3],
@@ -306,6 +330,49 @@ spinney_status spinney_histogram(const spinney_dataset *dataset,
                                  double high,
                                  uint64_t *bins,
                                  size_t count);
+
+// As spinney_read(), but cells that are VOID, or outside, get the sample that `fill` points to, which has the type of samples, in
+// every channel.
+spinney_status spinney_read_filled(const spinney_dataset *dataset,
+                                   uint32_t level,
+                                   const spinney_box *cells,
+                                   const void *fill,
+                                   void *samples,
+                                   size_t samples_size,
+                                   uint8_t *valid,
+                                   size_t valid_size);
+
+// As spinney_points(), but `samples` gets the samples of each cell as they are, `cell_size` bytes of each (`samples_size` is the
+// bytes of all); those of cells that are VOID, or outside, are 0.
+spinney_status spinney_point_samples(const spinney_dataset *dataset,
+                                     uint32_t level,
+                                     const uint64_t (*cells)[3],
+                                     size_t count,
+                                     void *samples,
+                                     size_t samples_size,
+                                     uint8_t *valid);
+
+// The least and the greatest sample of each channel of the cells of a box of the deepest level, of all of them if `cells` is NULL, to
+// `least` and `greatest`, which have `cell_size` bytes each (`size`); 0 in channels without any.
+spinney_status spinney_extremes(const spinney_dataset *dataset,
+                                const spinney_box *cells,
+                                void *least,
+                                void *greatest,
+                                size_t size);
+
+// As spinney_classes(), but `values` gets samples of the dataset's type: there is room for `capacity` of them.
+spinney_status spinney_class_samples(const spinney_dataset *dataset,
+                                     const spinney_box *cells,
+                                     void *values,
+                                     uint64_t *counts,
+                                     size_t capacity,
+                                     size_t *count);
+
+// The number that VOID had in the input, as a sample of the dataset's type with `size` bytes. SPINNEY_UNSUPPORTED if there is none, or
+// none of the samples is that number: `nodata` of spinney_info has the nearest double.
+spinney_status spinney_nodata(const spinney_dataset *dataset,
+                              void *sample,
+                              size_t size);
 
 // Reads a box of cells of a level block by block, in rows of blocks, and hands each to `take`, with `user`. Blocks are at most 256
 // cells wide and high (64 in octrees), and begin at multiples of that but for the box's own border. Needs memory for one of them.
