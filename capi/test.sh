@@ -40,6 +40,7 @@ say 'C11 and C++17, without a warning, under AddressSanitizer'
 strict=(-Wall -Wextra -Werror -pedantic -g -fsanitize=address,undefined)
 ${CC:-cc} -std=c11 "${strict[@]}" capi/examples/tile.c -o "$work/tile" "${flags[@]}"
 ${CC:-cc} -std=c11 "${strict[@]}" capi/examples/body.c -o "$work/body" "${flags[@]}"
+${CC:-cc} -std=c11 "${strict[@]}" capi/examples/layers.c -o "$work/layers" "${flags[@]}"
 ${CXX:-c++} -std=c++17 "${strict[@]}" capi/examples/levels.cpp -o "$work/levels" "${flags[@]}"
 # The header alone, in both languages.
 for language in c c++; do
@@ -58,7 +59,7 @@ tail -c 1200 "$work/tile.pgm" | cmp - "$work/tile.raw"
 
 say 'levels of files of all kinds'
 model=$fixtures/chapel.goblin
-for file in $(ls $fixtures/*.goblin | grep -vxF "$model") "$fixtures/history.autumn" "$fixtures/history.autumn@1"; do
+for file in $(ls $fixtures/*.goblin | grep -vxF -e "$model" -e $fixtures/crossing.goblin) "$fixtures/history.autumn" "$fixtures/history.autumn@1"; do
     "$work/levels" "$file" > "$work/levels.txt"
     grep -q '^exactly' "$work/levels.txt" || fail "$file: no levels"
 done
@@ -66,6 +67,25 @@ for file in missing.goblin capi/test.sh "$fixtures/history.autumn@77" "$model"; 
     if "$work/levels" "$file" 2> "$work/error.txt"; then fail "$file: opened"; fi
     grep -q '^levels: .*' "$work/error.txt" || fail "$file: no message"
 done
+
+say 'layers are those of the program'
+for file in $fixtures/stack.goblin $fixtures/stack.autumn $fixtures/stack.autumn@1; do
+    "$work/layers" "$file" > "$work/layers.txt"
+    "$spinney" info --json "$file" > "$work/layers.json"
+    python3 - "$work" "$spinney" "$file" << 'END'
+import json, subprocess, sys
+work, spinney, file = sys.argv[1:]
+layers = json.load(open(f"{work}/layers.json"))["layers"]
+told = [line.split() for line in open(f"{work}/layers.txt")]
+assert [(line[1], int(line[2])) for line in told] == [(layer["layer"], layer["depth"]) for layer in layers], told
+for number, (line, layer) in enumerate(zip(told, layers)):
+    stats = json.loads(subprocess.check_output([spinney, "stats", "--json", f"{file}:{layer['layer']}"]))
+    assert int(line[0]) == number and float(line[3]) == stats["channels"][0]["mean"], (line, stats)
+END
+done
+"$work/levels" $fixtures/stack.goblin:height | grep -q '^level 6: 64 x 50' || fail 'no layer by its path'
+if "$work/levels" $fixtures/stack.goblin:depth 2> "$work/error.txt"; then fail 'a layer that is not there was opened'; fi
+grep -q '`height`' "$work/error.txt" || fail 'no names of layers'
 
 say 'an exact model says what the program says'
 "$work/body" $model > "$work/body.txt"
@@ -210,7 +230,33 @@ grep -q 'Warning.*SPINNEY_CRS' "$work/own.txt" || fail 'no warning through GDAL'
 raw -b mask "$work/turned.goblin" "$work/mask.img"
 cells=$("$spinney" stats --json "$work/turned.goblin" | python3 -c 'import json, sys; print(json.load(sys.stdin)["cells"])')
 [ "$(tr -dc '\377' < "$work/mask.img" | wc -c)" = "$cells" ] || fail 'another mask through GDAL'
-for file in $fixtures/ball.goblin "$fixtures/history.autumn@77"; do
+# Layers: all of a file, on the cells of the finest, also where larger cells are cut by its border, and where a layer does not reach.
+place() { gdal_translate -q -a_srs EPSG:32628 "$@"; }
+place -outsize 601 403 -r bilinear -a_ullr 0 403 601 0 "$work/elevation.tif" "$work/fine.tif"
+place -outsize 301 202 -a_ullr 0 403 602 -1 "$work/rgb.tif" "$work/half.tif"
+place -outsize 76 51 -a_ullr 0 403 608 -5 "$work/classes.tif" "$work/eighth.tif"
+place -srcwin 0 0 50 40 -a_ullr 0 403 50 363 "$work/rgb.tif" "$work/part.tif"
+"$spinney" build -q "$work/eighth.tif" "$work/fine.tif" "$work/half.tif" --names 'class,height,colour: all' --stack -o "$work/layers.goblin"
+"$spinney" build -q "$work/part.tif" -o "$work/part.goblin"
+"$spinney" edit -q "$work/layers.goblin" add-layer "$work/part.goblin"
+"$spinney" convert -q "$work/layers.goblin" -o "$work/layers.autumn"
+python3 capi/gdal/layers.py "$spinney" "$work" $fixtures/stack.goblin $fixtures/stack.autumn "$work/layers.goblin" "$work/layers.autumn"
+[[ $(gdalinfo "$fixtures/stack.autumn@1") == *"stack.autumn@1:label"* ]] || fail 'no layers of a commit through GDAL'
+gdalinfo "$fixtures/stack.autumn@1:label" > /dev/null || fail 'no layer of a commit through GDAL'
+# Bands of several types at once, by the cache and past it.
+for cache in 0 64; do
+    for bands in '-b 2 -b 1' '-b 3 -b 4 -b 2 -b 5 -b 5 -b 1'; do
+        # shellcheck disable=SC2086 # several words
+        raw --config GDAL_CACHEMAX $cache -ot Float64 $bands "$work/layers.goblin" "$work/ours.img"
+        : > "$work/theirs.img"
+        for band in ${bands//-b/}; do
+            raw -ot Float64 -b "$band" "$work/layers.goblin" "$work/band.img"
+            cat "$work/band.img" >> "$work/theirs.img"
+        done
+        cmp "$work/ours.img" "$work/theirs.img" || fail "bands $bands: other samples than one by one through GDAL with a cache of $cache"
+    done
+done
+for file in $fixtures/ball.goblin "$fixtures/history.autumn@77" "$fixtures/stack.goblin:depth" "$fixtures/classes.goblin:1"; do
     if gdalinfo "$file" > /dev/null 2>&1; then fail "$file: opened by GDAL"; fi
 done
 say 'C interface: all is well'

@@ -52,6 +52,12 @@ double first_sample(spinney_sample_type type, const uint8_t *cell) {
     return sample_as<float>(cell);
   case SPINNEY_F64:
     return sample_as<double>(cell);
+  case SPINNEY_I8:
+    return sample_as<int8_t>(cell);
+  case SPINNEY_U64:
+    return sample_as<uint64_t>(cell);
+  case SPINNEY_I64:
+    return sample_as<int64_t>(cell);
   }
   throw std::logic_error("a type of samples that this program does not know");
 }

@@ -22,6 +22,9 @@
 // For spinney_open(): read at positions, instead of mapping the file.
 #define SPINNEY_POSITIONED 1
 
+// For spinney_open_layer(): on the cells of the dataset that it is opened from.
+#define SPINNEY_ALIGNED 1
+
 // Place of a point, by spinney_model_locate(): outside of the body.
 #define SPINNEY_OUTSIDE -1
 
@@ -214,9 +217,10 @@ const char *spinney_error(void);
 // The library's version.
 const char *spinney_version(void);
 
-// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`. `steps` are those of a
-// view, as `spinney transform` takes them ("rotate=30", "crop"), `step_count` of them; NULL and 0 for the file as it is.
-// `flags` is 0 or SPINNEY_POSITIONED. The dataset is to be closed by spinney_close().
+// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
+// of `stack.goblin`, whose first one is opened where none is named. `steps` are those of a view, as `spinney transform` takes them
+// ("rotate=30", "crop"), `step_count` of them; NULL and 0 for the file as it is. `flags` is 0 or SPINNEY_POSITIONED. The dataset is
+// to be closed by spinney_close().
 //
 // Costs a few pages, whatever the file's size.
 spinney_status spinney_open(const char *path,
@@ -247,12 +251,29 @@ spinney_status spinney_level_size(const spinney_dataset *dataset,
                                   uint32_t level,
                                   uint64_t (*size)[3]);
 
-// All that is known of a dataset beside its numbers, as JSON: "crs" (its form and definition as it came; its "text" for other programs,
-// which is "EPSG:4326" or the like, or else WKT 2; where it cannot be said so, "problem" tells why, and the text is null, or WKT 1,
-// PROJJSON or PROJ's words as they came), "bands" (name, unit, scale, offset of each), "categories" (names by value), "palette" (red, green,
-// blue, opacity by value), "tags", "scoped_tags", "provenance". The text belongs to the dataset, and is there until that is closed or
-// refreshed. NULL if the dataset is NULL.
+// All that is known of a dataset beside its numbers, as JSON: "name" (of the layer), "time", "crs" (its form and definition as it came;
+// its "text" for other programs, which is "EPSG:4326" or the like, or else WKT 2; where it cannot be said so, "problem" tells why, and the
+// text is null, or WKT 1, PROJJSON or PROJ's words as they came), "bands" (name, unit, scale, offset of each), "categories" (names by
+// value), "palette" (red, green, blue, opacity by value), "tags", "scoped_tags", "provenance". The text belongs to the dataset, and is
+// there until that is closed or refreshed. NULL if the dataset is NULL.
 const char *spinney_metadata(const spinney_dataset *dataset);
+
+// Tells how many layers the dataset's file has, whichever of them the dataset is; 1 of a view.
+spinney_status spinney_layer_count(const spinney_dataset *dataset, size_t *count);
+
+// Name of a layer of the dataset's file, by its number from 0; may be empty where there is one layer alone. The text belongs to the
+// dataset, and is there until that is closed or refreshed. NULL if there is no layer of that number, or no dataset.
+const char *spinney_layer_name(const spinney_dataset *dataset,
+                               size_t number);
+
+// Opens another layer of a dataset's file, at the same commit: `layer` is its name, or else its number from 0 in digits. The file is
+// not opened again; each of the two is to be closed by spinney_close(), in any order. `flags` is 0 or SPINNEY_ALIGNED: then the layer
+// has the dataset's size and depth, and its cells, if they are larger, are repeated. SPINNEY_UNSUPPORTED of a view: name the layer in
+// spinney_open() instead.
+spinney_status spinney_open_layer(const spinney_dataset *dataset,
+                                  const char *layer,
+                                  uint32_t flags,
+                                  spinney_dataset **opened_layer);
 
 // Reads a box of cells of a level: x fastest, then y, then z, the samples of a cell together. `samples_size` is the bytes of
 // all of them, `cells * cell_size`; they need not be aligned. Cells that are VOID, or outside, get `fill` in every channel. `valid` may be NULL (with

@@ -2,6 +2,7 @@
 
 use std::ffi::{CStr, CString, c_char};
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
 use engine::dataset::{self, Dataset};
 use engine::ops::Step;
@@ -9,13 +10,38 @@ use engine::store::{OpenOptions, TreeFormat};
 use engine::value::{Kind, SampleType};
 
 use crate::metadata;
-use crate::status::{Failure, guarded, spinney_status};
+use crate::status::{Failure, guarded, spinney_status, text_of};
 
 /// A file, or a view of one.
 pub struct spinney_dataset {
     pub(crate) dataset: Dataset,
     /// The document of spinney_metadata().
     metadata: CString,
+    /// Names of the file's layers, as soon as somebody asks.
+    layers: OnceLock<Vec<CString>>,
+}
+
+impl spinney_dataset {
+    fn new(dataset: Dataset) -> spinney_dataset {
+        let metadata = metadata::json(&dataset);
+        spinney_dataset { dataset, metadata, layers: OnceLock::new() }
+    }
+
+    /// Names of the file's layers.
+    pub(crate) fn layers(&self) -> Result<&[CString], Failure> {
+        if let Some(names) = self.layers.get() {
+            return Ok(names);
+        }
+        let names = self.dataset.layers()?.into_iter().map(|layer| text_of(layer.name)).collect();
+        Ok(self.layers.get_or_init(|| names))
+    }
+
+    /// Hands a dataset out to the caller, at a place that is not NULL.
+    pub(crate) unsafe fn hand_out(dataset: Dataset, place: *mut *mut spinney_dataset) {
+        let handle = Box::new(spinney_dataset::new(dataset));
+        // SAFETY: it is not NULL, and the caller has a pointer there.
+        unsafe { place.write(Box::into_raw(handle)) };
+    }
 }
 
 /// For spinney_open(): read at positions, instead of mapping the file.
@@ -88,9 +114,10 @@ pub struct spinney_info {
     pub commit: u64,
 }
 
-/// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`. `steps` are those of a
-/// view, as `spinney transform` takes them ("rotate=30", "crop"), `step_count` of them; NULL and 0 for the file as it is.
-/// `flags` is 0 or SPINNEY_POSITIONED. The dataset is to be closed by spinney_close().
+/// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
+/// of `stack.goblin`, whose first one is opened where none is named. `steps` are those of a view, as `spinney transform` takes them
+/// ("rotate=30", "crop"), `step_count` of them; NULL and 0 for the file as it is. `flags` is 0 or SPINNEY_POSITIONED. The dataset is
+/// to be closed by spinney_close().
 ///
 /// Costs a few pages, whatever the file's size.
 #[unsafe(no_mangle)]
@@ -133,10 +160,8 @@ pub unsafe extern "C" fn spinney_open(
         if !chain.is_empty() {
             opened = opened.view(&chain)?;
         }
-        let metadata = metadata::json(&opened);
-        let handle = Box::new(spinney_dataset { dataset: opened, metadata });
-        // SAFETY: it is not NULL, and the caller has a pointer there.
-        unsafe { dataset.write(Box::into_raw(handle)) };
+        // SAFETY: it is not NULL, and the caller's.
+        unsafe { spinney_dataset::hand_out(opened, dataset) };
         Ok(())
     })
 }
@@ -186,6 +211,7 @@ pub unsafe extern "C" fn spinney_refresh(
         let newer = handle.dataset.refresh()?;
         if newer {
             handle.metadata = metadata::json(&handle.dataset);
+            handle.layers = OnceLock::new();
         }
         // SAFETY: it is NULL, or a place of the caller's.
         if let Some(place) = unsafe { is_newer.as_mut() } {
@@ -266,11 +292,11 @@ pub(crate) fn level_of(level: u32) -> u8 {
     u8::try_from(level).unwrap_or(u8::MAX)
 }
 
-/// All that is known of a dataset beside its numbers, as JSON: "crs" (its form and definition as it came; its "text" for other programs,
-/// which is "EPSG:4326" or the like, or else WKT 2; where it cannot be said so, "problem" tells why, and the text is null, or WKT 1,
-/// PROJJSON or PROJ's words as they came), "bands" (name, unit, scale, offset of each), "categories" (names by value), "palette" (red, green,
-/// blue, opacity by value), "tags", "scoped_tags", "provenance". The text belongs to the dataset, and is there until that is closed or
-/// refreshed. NULL if the dataset is NULL.
+/// All that is known of a dataset beside its numbers, as JSON: "name" (of the layer), "time", "crs" (its form and definition as it came;
+/// its "text" for other programs, which is "EPSG:4326" or the like, or else WKT 2; where it cannot be said so, "problem" tells why, and the
+/// text is null, or WKT 1, PROJJSON or PROJ's words as they came), "bands" (name, unit, scale, offset of each), "categories" (names by
+/// value), "palette" (red, green, blue, opacity by value), "tags", "scoped_tags", "provenance". The text belongs to the dataset, and is
+/// there until that is closed or refreshed. NULL if the dataset is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_metadata(dataset: *const spinney_dataset) -> *const c_char {
     // SAFETY: as `opened` says.

@@ -8,6 +8,7 @@
 mod blocks;
 mod dataset;
 mod exact;
+mod layers;
 mod metadata;
 mod model;
 mod questions;
@@ -18,6 +19,7 @@ mod tests;
 pub use blocks::*;
 pub use dataset::*;
 pub use exact::*;
+pub use layers::*;
 pub use model::*;
 pub use questions::*;
 pub use status::*;

@@ -40,6 +40,8 @@ pub(crate) fn json(dataset: &Dataset) -> CString {
         .collect();
     let document = json!({
         "path": dataset.path().map(|path| path.display().to_string()),
+        "name": Some(&metadata.name).filter(|name| !name.is_empty()),
+        "time": metadata.time,
         "rule": header.rule.to_string(),
         "crs": crs,
         "bands": bands,

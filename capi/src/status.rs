@@ -113,9 +113,14 @@ pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Failure>) -> spinney_sta
         Ok(Err(failure)) => failure,
         Err(cause) => Failure::panicked(&*cause),
     };
-    let text: Vec<u8> = failure.text.into_bytes().into_iter().filter(|byte| *byte != 0).collect();
-    LAST.with(|last| *last.borrow_mut() = CString::new(text).unwrap_or_default());
+    LAST.with(|last| *last.borrow_mut() = text_of(failure.text));
     failure.status
+}
+
+/// A text as C has it, without zero bytes.
+pub(crate) fn text_of(text: String) -> CString {
+    let text: Vec<u8> = text.into_bytes().into_iter().filter(|byte| *byte != 0).collect();
+    CString::new(text).unwrap_or_default()
 }
 
 /// The text of the last failure in this thread: which file, what was found, what was expected. Empty if there was none; it is

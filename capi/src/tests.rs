@@ -1,6 +1,8 @@
 //! Every function and every code, called as a C program calls them.
 #![allow(clippy::undocumented_unsafe_blocks)] // what is tried are just these rules
 
+mod layers;
+
 use std::ffi::{CStr, CString, c_int, c_void};
 use std::path::Path;
 use std::ptr::{null, null_mut};

@@ -59,11 +59,8 @@ impl<'p> FilePlace<'p> {
         if path.exists() {
             return whole(Cow::Borrowed(path));
         }
-        if let Some((file, commit)) = split_commit(path) {
-            return FilePlace { commit: Some(commit), ..whole(Cow::Owned(file)) };
-        }
-        // (A layer's name may have colons and slashes, too: the shortest path that leads to a file counts.)
-        let Some(text) = path.to_str() else { return whole(Cow::Borrowed(path)) };
+        // (A layer's name may have colons, slashes and `@` too: the shortest path that leads to a file counts.)
+        let text = path.to_str().unwrap_or_default();
         for (at, _) in text.match_indices(':').filter(|(at, _)| *at > 0) {
             let file = Path::new(&text[..at]);
             let layer = Some(text[at + 1..].to_string()).filter(|layer| !layer.is_empty());
@@ -74,7 +71,10 @@ impl<'p> FilePlace<'p> {
                 return FilePlace { commit: Some(commit), layer, file: Cow::Owned(file) };
             }
         }
-        whole(Cow::Borrowed(path))
+        match split_commit(path) {
+            Some((file, commit)) => FilePlace { commit: Some(commit), ..whole(Cow::Owned(file)) },
+            None => whole(Cow::Borrowed(path)),
+        }
     }
 
     /// The path that means this file and commit, and a layer of it.

@@ -1,0 +1,161 @@
+#!/usr/bin/env python3
+"""Compares what GDAL shows of files of several layers with what the program says of each layer.
+
+    capi/gdal/layers.py SPINNEY FOLDER FILE ...
+
+FOLDER is for files that are made.
+"""
+
+import array
+import json
+import math
+import pathlib
+import struct
+import subprocess
+import sys
+
+# Types of samples: their names in GDAL, and in Python's arrays.
+TYPES = {"u8": ("Byte", "B"), "f32": ("Float32", "f"), "u64": ("UInt64", "Q"), "i16": ("Int16", "h")}
+
+
+def told(*words):
+    return subprocess.check_output([str(word) for word in words])
+
+
+class Layer:
+    """A layer on the raster's cells, by the program's answers alone."""
+
+    def __init__(self, file, info, raster, depth):
+        self.path, self.info, self.raster, self.depth = f"{file}:{info['layer']}", info, raster, depth
+        name, _, channels = info["value"].partition("x")
+        self.type, self.code, self.channels = *TYPES[name], int(channels or 1)
+        self.nodata, self.void = info["nodata"], info["nodata"] or 0
+
+    def band(self, channel, coarser):
+        """Samples of a channel on the raster's cells, or of a level that many levels above."""
+        level = self.depth - coarser
+        own = min(level, self.info["depth"])
+        raw = FOLDER / "layer.raw"
+        told(SPINNEY, "get", "-q", self.path, raw, "--level", own, "--nodata", self.void)
+        samples = array.array(self.code, raw.read_bytes())[channel :: self.channels]
+        width, height = (ceiling(size, self.info["depth"] - own) for size in self.info["size"])
+        assert len(samples) == width * height
+        columns, rows = (ceiling(size, coarser) for size in self.raster)
+        lines = {}
+        for row in range(rows):
+            y = row >> (level - own)
+            if y not in lines:
+                line = samples[y * width : (y + 1) * width] if y < height else []
+                at = [x >> (level - own) for x in range(columns)]
+                lines[y] = array.array(self.code, [line[x] if x < len(line) else self.void for x in at])
+            yield lines[y]
+
+
+def ceiling(size, levels):
+    return -(-size // (1 << levels))
+
+
+def read(file, *options):
+    """Samples of all bands, one band after the other."""
+    picture = FOLDER / "bands.tif"
+    picture.unlink(missing_ok=True)
+    plain = ["-of", "GTiff", "-mask", "none", "-co", "INTERLEAVE=BAND", "-co", "BLOCKYSIZE=1"]
+    told("gdal_translate", "-q", *plain, *options, file, picture)
+    # (Of GDAL's formats without compression it is the one that has all types.) Its strips are rows, band after band.
+    tiff = picture.read_bytes()
+    (directory,) = struct.unpack_from("<I", tiff, 4)
+    tags = {}
+    for entry in range(struct.unpack_from("<H", tiff, directory)[0]):
+        tag, kind, count, value = struct.unpack_from("<HHII", tiff, directory + 2 + 12 * entry)
+        if tag in (273, 279):
+            code = {3: "H", 4: "I"}[kind]
+            place = value if struct.calcsize(code) * count > 4 else directory + 10 + 12 * entry
+            tags[tag] = struct.unpack_from(f"<{count}{code}", tiff, place)
+    return b"".join(tiff[start : start + size] for start, size in zip(tags[273], tags[279]))
+
+
+def compare(file):
+    # (GDAL may have kept statistics in a file beside it.)
+    info = json.loads(told("gdalinfo", "-json", "-hist", "--config", "GDAL_PAM_ENABLED", "NO", file))
+    layers = json.loads(told(SPINNEY, "info", "--json", file))["layers"]
+    depth = max(layer["depth"] for layer in layers)
+    finest = next(layer for layer in layers if layer["depth"] == depth)
+    raster = info["size"]
+    assert raster == finest["size"], (raster, finest["size"])
+    a, b, c, d, e, f = finest["transform"]
+    assert info["geoTransform"] == [c, a, b, f, d, e]
+
+    names = info["metadata"]["SUBDATASETS"]
+    assert len(names) == 2 * len(layers), names
+    for number, layer in enumerate(layers, 1):
+        name = names[f"SUBDATASET_{number}_NAME"]
+        assert name == f"{file}:{layer['layer']}" and layer["layer"] in names[f"SUBDATASET_{number}_DESC"], names
+        alone = json.loads(told("gdalinfo", "-json", name))
+        assert alone["size"] == layer["size"] and "SUBDATASETS" not in alone["metadata"], alone
+        (FOLDER / "alone.tif.aux.xml").unlink(missing_ok=True)
+        told(SPINNEY, "get", "-q", name, FOLDER / "alone.tif", "--nodata", layer["nodata"] or 0)
+        assert read(name) == read(FOLDER / "alone.tif"), f"{name}: other samples through GDAL"
+
+    bands = iter(enumerate(info["bands"], 1))
+    for each in layers:
+        layer = Layer(file, each, raster, depth)
+        for channel in range(layer.channels):
+            number, band = next(bands)
+            assert band["type"] == layer.type, band
+            assert band.get("noDataValue") == layer.nodata, band
+            name = each["bands"][channel] if each["bands"] else channel + 1
+            expected = each["layer"] if layer.channels == 1 else f"{each['layer']}.{name}"
+            assert band["description"] == expected, (band, expected)
+            grey = "Palette" if "colorTable" in band else "Gray"
+            roles = ["Red", "Green", "Blue"] if layer.channels == 3 else [grey]
+            assert band["colorInterpretation"] == roles[channel], band
+            cells = list(layer.band(channel, 0))
+            check_bands(file, number, layer, channel, cells, band)
+    assert next(bands, None) is None, info
+
+
+def check_bands(file, number, layer, channel, cells, band):
+    every = b"".join(row.tobytes() for row in cells)
+    assert read(file, "-b", number) == every, f"{file}: band {number}: other samples through GDAL"
+    for cache in [0, 1, 64]:
+        x, y, width, height = layer.raster[0] // 3 + 1, 5, layer.raster[0] // 2, layer.raster[1] - 9
+        window = ["-srcwin", x, y, width, height, "--config", "GDAL_CACHEMAX", cache]
+        part = b"".join(row[x : x + width].tobytes() for row in cells[y : y + height])
+        assert read(file, "-b", number, *window) == part, f"{file}: band {number}: another window with a cache of {cache}"
+    sizes = [overview["size"] for overview in band.get("overviews", [])]
+    for coarser, size in enumerate(sizes, 1):
+        assert size == [ceiling(side, coarser) for side in layer.raster], band
+        level = b"".join(row.tobytes() for row in layer.band(channel, coarser))
+        assert read(file, "-b", number, "-outsize", *size) == level, f"{file}: band {number}: overview {coarser} differs"
+    # What has no value is masked, also where the layer does not reach.
+    mask = read(file, "-b", f"mask,{number}")
+    samples = [sample for row in cells for sample in row]
+    assert set(mask) <= {0, 255} and len(mask) == len(samples)
+    reach = [size << (layer.depth - layer.info["depth"]) for size in layer.info["size"]]
+    for place, (sample, valid) in enumerate(zip(samples, mask)):
+        y, x = divmod(place, layer.raster[0])
+        assert valid or sample == layer.void, (number, x, y)
+        assert not valid or (x < reach[0] and y < reach[1]), (number, x, y)
+    # Statistics are those of the raster's cells.
+    values = [sample for sample, valid in zip(samples, mask) if valid]
+    known = json.loads(told(SPINNEY, "stats", "--json", layer.path))
+    if reach == layer.raster:
+        assert len(values) == known["cells"] << 2 * (layer.depth - layer.info["depth"]), number
+    mean = math.fsum(values) / len(values)
+    deviation = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / len(values))
+    statistics = band["metadata"][""]
+    for key, expected in [("MEAN", mean), ("STDDEV", deviation), ("MINIMUM", min(values)), ("MAXIMUM", max(values))]:
+        found = float(statistics[f"STATISTICS_{key}"])
+        # (Squares of large integers in doubles are off by more.)
+        close = 1e-3 if layer.code == "Q" else 1e-9
+        assert abs(found - expected) <= close * max(1.0, abs(expected)), (file, number, key, found, expected)
+    if layer.code != "Q" and channel == 0:
+        assert sum(band["histogram"]["buckets"]) == len(values), (number, len(values))
+    if layer.code == "B" and channel == 0:
+        assert band["histogram"]["buckets"] == [values.count(value) for value in range(256)], number
+
+
+if __name__ == "__main__":
+    SPINNEY, FOLDER = sys.argv[1], pathlib.Path(sys.argv[2])
+    for path in sys.argv[3:]:
+        compare(path)

@@ -1,0 +1,79 @@
+//! Layers of a file: trees of one space, each with its own type, depth and name.
+
+use std::ffi::{CStr, c_char};
+
+use crate::dataset::{opened, spinney_dataset};
+use crate::status::{Failure, guarded, spinney_status};
+
+/// For spinney_open_layer(): on the cells of the dataset that it is opened from.
+pub const SPINNEY_ALIGNED: u32 = 1;
+
+/// Tells how many layers the dataset's file has, whichever of them the dataset is; 1 of a view.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_layer_count(
+    dataset: *const spinney_dataset,
+    count: *mut usize,
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: as `opened` says.
+        let dataset = unsafe { opened(dataset) }?;
+        // SAFETY: it is NULL, or a place of the caller's.
+        let count =
+            unsafe { count.as_mut() }.ok_or_else(|| Failure::invalid("count: got NULL, expected a place"))?;
+        *count = dataset.layers()?.len();
+        Ok(())
+    })
+}
+
+/// Name of a layer of the dataset's file, by its number from 0; may be empty where there is one layer alone. The text belongs to the
+/// dataset, and is there until that is closed or refreshed. NULL if there is no layer of that number, or no dataset.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_layer_name(dataset: *const spinney_dataset, number: usize) -> *const c_char {
+    let mut name = std::ptr::null();
+    guarded(|| {
+        // SAFETY: as `opened` says.
+        let layers = unsafe { opened(dataset) }?.layers()?;
+        let layer = layers.get(number).ok_or_else(|| {
+            let expected = format!("less than {}", layers.len());
+            Failure::invalid(format!("layer: got number {number}, expected {expected}"))
+        })?;
+        name = layer.as_ptr();
+        Ok(())
+    });
+    name
+}
+
+/// Opens another layer of a dataset's file, at the same commit: `layer` is its name, or else its number from 0 in digits. The file is
+/// not opened again; each of the two is to be closed by spinney_close(), in any order. `flags` is 0 or SPINNEY_ALIGNED: then the layer
+/// has the dataset's size and depth, and its cells, if they are larger, are repeated. SPINNEY_UNSUPPORTED of a view: name the layer in
+/// spinney_open() instead.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_open_layer(
+    dataset: *const spinney_dataset,
+    layer: *const c_char,
+    flags: u32,
+    opened_layer: *mut *mut spinney_dataset,
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: as `opened` says.
+        let dataset = &unsafe { opened(dataset) }?.dataset;
+        if layer.is_null() || opened_layer.is_null() {
+            return Err(Failure::invalid(
+                "spinney_open_layer: got NULL, expected a layer and a place for the dataset",
+            ));
+        }
+        if flags & !SPINNEY_ALIGNED != 0 {
+            return Err(Failure::invalid(format!(
+                "spinney_open_layer: got flags {flags}, expected 0 or SPINNEY_ALIGNED"
+            )));
+        }
+        // SAFETY: the caller passes a zero-terminated text.
+        let layer = unsafe { CStr::from_ptr(layer) };
+        let layer = layer.to_str().map_err(|_| Failure::invalid("layer: got other bytes, expected UTF-8"))?;
+        let found =
+            if flags == SPINNEY_ALIGNED { dataset.aligned_layer(layer) } else { dataset.layer(layer) }?;
+        // SAFETY: it is not NULL, and the caller's.
+        unsafe { spinney_dataset::hand_out(found, opened_layer) };
+        Ok(())
+    })
+}
