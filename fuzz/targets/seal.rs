@@ -138,7 +138,7 @@ pub fn goblin(file: &mut [u8]) {
         let (size, run) = (entry_size(file, layer), long(file, layer + 88));
         for (index, page) in pages(file, layer) {
             for entry in entries(file, &page, size) {
-                let start = run.checked_add(long(file, entry + 8)).unwrap_or(u64::MAX);
+                let start = run.saturating_add(long(file, entry + 8));
                 if let Some(segment) = part(file, start, long(file, entry + 16)) {
                     let checksum = crc32c::crc32c(segment);
                     set_short(file, entry + 32, checksum);

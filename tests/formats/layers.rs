@@ -206,7 +206,7 @@ fn edits_of_one_layer_leave_the_others() {
         assert_eq!(windows(&layer_of(&path, number)) == *before, number != 1, "layer {number}");
         let old = folder.path().join("s.autumn@1");
         assert!(
-            windows(&spinney::open(&FilePlace::of(&old).of_layer(&layers[number].name)).unwrap()) == *before
+            windows(&spinney::open(FilePlace::of(&old).of_layer(&layers[number].name)).unwrap()) == *before
         );
     }
     let commits: Vec<_> =

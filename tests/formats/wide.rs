@@ -36,7 +36,7 @@ fn cells(form: Form, seed: u64, size: [u64; 3], void: bool) -> Cells {
             2 => patch.wrapping_add(random.below(3)),
             _ => [0, u64::MAX, 1 << 63, u64::MAX >> 1, 1][(patch >> 8) as usize % 5],
         };
-        let is_void = void && patch % 5 == 0 && random.below(3) == 0;
+        let is_void = void && patch.is_multiple_of(5) && random.below(3) == 0;
         let value = Value::from_bytes(&number.to_le_bytes()[..width]);
         (!is_void).then_some(if value == nodata { Value::ZERO } else { value })
     });

@@ -66,8 +66,8 @@ pub struct TreeWriter {
 }
 
 enum File {
-    Goblin(FileWriter),
-    Autumnal(NewFile),
+    Goblin(Box<FileWriter>),
+    Autumnal(Box<NewFile>),
 }
 
 impl TreeWriter {
@@ -80,12 +80,12 @@ impl TreeWriter {
         let file = match TreeFormat::of(output.path()) {
             TreeFormat::Goblin => {
                 let (format, content) = (TreeFormat::Goblin, Content::Cells);
-                File::Goblin(FileWriter::new(
+                File::Goblin(Box::new(FileWriter::new(
                     output,
                     FileHeader { format, content, dimension, depth, layers },
-                )?)
+                )?))
             }
-            TreeFormat::Autumnal => File::Autumnal(NewFile::new(output, depth)),
+            TreeFormat::Autumnal => File::Autumnal(Box::new(NewFile::new(output, depth))),
         };
         Ok(TreeWriter { file, dimension, depth, layers, names: Vec::new() })
     }

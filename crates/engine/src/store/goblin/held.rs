@@ -7,6 +7,9 @@ use spinney_base::io::{Sorter, folder};
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 
+/// What takes segments: order, entry, and the segment's bytes.
+pub(super) type Take<'t> = dyn FnMut(u64, &[u8], &[u8]) -> Result<()> + 't;
+
 /// Segments that are written later, in the order of the file: in memory, and beyond that in a temporary file.
 pub(super) struct HeldSegments {
     /// The output, for messages.
@@ -49,14 +52,10 @@ impl HeldSegments {
         self.order.push(order, [&order.to_le_bytes(), entry].concat())
     }
 
-    /// Hands out all segments in the order of the file: order, entry, and the segment's bytes.
+    /// Hands out all segments in the order of the file.
     ///
     /// `place` tells place and length among the bytes held by an entry's bytes.
-    pub(super) fn finish(
-        self,
-        place: impl Fn(&[u8]) -> (u64, u64),
-        each: &mut dyn FnMut(u64, &[u8], &[u8]) -> Result<()>,
-    ) -> Result<()> {
+    pub(super) fn finish(self, place: impl Fn(&[u8]) -> (u64, u64), each: &mut Take<'_>) -> Result<()> {
         let HeldSegments { path, mut bytes, order, entry_size, .. } = self;
         let mut buffer = Vec::new();
         let mut position = None;
