@@ -96,8 +96,8 @@ pub mod space {
 /// Values of cells: samples, values whose type is known at run time, what many cells add up to, and how coarse levels get theirs.
 pub mod value {
     pub use spinney_base::value::{
-        DoubleDouble, Kind, Number, Numbers, Palette, Rule, Sample, SampleType, Samples, Sums, Tally, Value,
-        ValueType,
+        DoubleDouble, Kind, Mask, Number, Numbers, Palette, Rule, Sample, SampleType, Samples, Sums, Tally,
+        Value, ValueType,
     };
 }
 

@@ -12,7 +12,7 @@ use spinney::export::void_number;
 use spinney::ops::Step;
 use spinney::space::Crs;
 use spinney::store::{FilePlace, OpenOptions};
-use spinney::value::Number;
+use spinney::value::{Mask, Number};
 
 use crate::error::{OrRaise, invalid};
 use crate::numbers::{PyNumber, told, told_names};
@@ -67,7 +67,7 @@ impl Opened {
 
     /// The sample that means that a cell has none in a channel, if there is one.
     pub(crate) fn missing(&self) -> Option<Number> {
-        self.tree.metadata().nodata.filter(|_| self.tree.header().form.value.missing.is_some())
+        self.tree.metadata().nodata.filter(|_| matches!(self.tree.header().form.value.mask, Mask::Missing(_)))
     }
 
     /// A sample for Python.

@@ -55,6 +55,7 @@ Steps:
   window=X,Y,Z,W,H,D       the same of octrees
   window=W,S,E,N,in=world  the cells in a box of the world; in=lonlat: of longitudes and latitudes
   crop                     the smallest box around all data
+  opaque                   VOID for transparent pixels, those of opacity 0
   translate=DX,DY[,DZ]     by cells or parts of cells; room is made on the far sides
   scale=F  scale=FX,FY     so many times as many cells along each axis
   rotate=DEG[@COL,ROW]     turns about a centre (the middle); clockwise, since rows go down

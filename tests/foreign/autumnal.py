@@ -92,7 +92,7 @@ class LayerOfCommit(Tree):
     def _zone(self, b: Bytes) -> tuple[int, Statistics, list[tuple[bytes, int]] | None]:
         f, floating = self.form, self.form.type.kind == "f"
         records, cells = b.leb(), b.leb()
-        present = [b.leb() if f.missing else cells for _ in range(f.channels)]
+        present = [b.leb() if f.masked else cells for _ in range(f.channels)]
         least, most = (np.frombuffer(b.take(f.width), f.type) for _ in range(2))
 
         def sum_(double: bool) -> Any:

@@ -113,6 +113,8 @@ class Pyramid:
         if f.missing:
             lack = np.frombuffer(f.lack[: f.type.itemsize], f.type)
             there &= raw_bits(values) != raw_bits(lack)
+        if f.alpha:
+            there &= values[..., -1:] != 0
         found.states, found.values = states, values
         found.cells, found.nodes = (states != VOID).astype(np.int64), np.zeros(states.shape, np.int64)
         found.present = there.astype(np.int64)

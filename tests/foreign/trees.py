@@ -22,18 +22,20 @@ class Form:
     """A tree's header (section 5), and what follows from it: how large things are."""
 
     def __init__(self, raw: bytes, file: Header) -> None:
-        (sample, self.channels, rule, kind, codec, self.depth, self.reach, self.stride, self.heavy, missing, self.lack, *extent) = (
+        (sample, self.channels, rule, kind, codec, self.depth, self.reach, self.stride, self.heavy, mask, self.lack, *extent) = (
             struct.unpack("<8BIB3x8s3Q", raw)
         )
         if sample >= len(SAMPLES) or rule >= len(RULES) or kind > 1 or codec:
             raise Unknown("a number of the tree's header is not known")
         self.axes = axes = file.axes
         self.type = np.dtype(SAMPLES[sample])
-        self.rule, self.missing, self.extent = RULES[rule], missing == 1, tuple(extent)
+        self.rule, self.extent = RULES[rule], tuple(extent)
+        self.masked, self.missing, self.alpha = mask > 0, mask == 1, mask == 2
         self.classes = kind == 0 or rule == 1
         check(1 <= self.channels <= (4 if sample in (0, 1, 5) else 1), "channels")
         check(self.depth <= file.depth, "a layer is deeper than its file")
-        check(missing < 2 and not any(self.lack[self.type.itemsize if missing else 0 :]), "the missing sample")
+        check(mask < 3 and (self.channels > 1 or not mask), "the mask")
+        check(not any(self.lack[self.type.itemsize if self.missing else 0 :]), "the missing sample")
         check(1 <= self.stride < self.reach <= (10 if axes == 2 else 8) and self.reach % self.stride == 0, "reach and stride")
         self.children = 1 << axes
         check(1 <= self.heavy <= 1 << 20 and self.heavy * self.children**self.stride <= 1 << (20 if axes == 2 else 28), "T")

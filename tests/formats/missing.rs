@@ -8,7 +8,7 @@ use spinney::ops::{self, Step};
 use spinney::space::{Bounds, Dimension};
 use spinney::store::{BuildOptions, build_slabs};
 use spinney::tree::Form;
-use spinney::value::{Kind, Number, Rule, SampleType, Value, ValueType};
+use spinney::value::{Kind, Mask, Number, Rule, SampleType, Value, ValueType};
 
 use crate::common::{Cells, Random};
 
@@ -156,7 +156,7 @@ fn trees_of_such_values_stay_such() {
     let path = |name: &str| folder.path().join(name);
     let cells = cells(TYPES[0].with_missing(MISSING), 9);
     let tree = write(&path("a.goblin"), &cells, Rule::Mean);
-    assert_eq!(tree.header().form.value.missing, Some([9, 0, 0, 0, 0, 0, 0, 0]));
+    assert_eq!(tree.header().form.value.mask, Mask::Missing([9, 0, 0, 0, 0, 0, 0, 0]));
     // There and back.
     ops::convert(&path("a.goblin"), false, Output::create(&path("b.autumn")).unwrap(), 64 << 20, &())
         .unwrap();

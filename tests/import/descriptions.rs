@@ -7,7 +7,7 @@ use spinney::export::{Detail, WindowRequest, export_window};
 use spinney::import::raster::{self, ImportOptions, Pixels, RasterInfo, plan};
 use spinney::io::Output;
 use spinney::space::{Bounds, ControlPoint, Region};
-use spinney::value::Kind;
+use spinney::value::{Kind, Mask};
 
 use crate::common::tiff_file::{Ifd, Values, file};
 use crate::common::with;
@@ -104,7 +104,7 @@ fn nodata_of_one_band_is_missing_there_alone() {
     let picture = Ifd::grey(4, 1, pixels.clone()).short(277, &[3]).short(258, &[8; 3]).short(262, &[2]);
     let picture = picture.tag(42113, Values::Text("0"));
     let (_, trip) = Trip::of(&file(std::slice::from_ref(&picture)), None, &ImportOptions::new());
-    assert_eq!(trip.tree.header().form.value.missing, Some([0; 8]));
+    assert_eq!(trip.tree.header().form.value.mask, Mask::Missing([0; 8]));
     let read = |detail| {
         let path = trip.path("out.tif");
         let info = trip.write(&path, Bounds { min: [0; 3], max: [4, 1, 1] }, detail);
@@ -125,7 +125,7 @@ fn nodata_of_one_band_is_missing_there_alone() {
     // Beside opacity nothing is missing, nor where there is one band.
     let with_opacity = picture.short(277, &[4]).short(258, &[8; 4]).short(338, &[2]);
     let (_, trip) = Trip::of(&file(&[with_opacity.short(256, &[3])]), None, &ImportOptions::new());
-    assert_eq!(trip.tree.header().form.value.missing, None);
+    assert_eq!(trip.tree.header().form.value.mask, Mask::None);
 }
 
 #[test]

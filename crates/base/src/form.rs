@@ -21,11 +21,11 @@ impl Form {
         Form { dimension, value }
     }
 
-    /// The form with values of which no sample is missing.
+    /// The form with values of which all samples count.
     #[must_use]
     #[inline]
-    pub const fn without_missing(self) -> Form {
-        Form { value: self.value.without_missing(), ..self }
+    pub const fn without_mask(self) -> Form {
+        Form { value: self.value.without_mask(), ..self }
     }
 
     /// Number of axes.

@@ -8,7 +8,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 use super::shape::Shape;
 use spinney_base::Form;
 use spinney_base::space::{Bounds, Dimension};
-use spinney_base::value::{Kind, Rule, SampleType, ValueType};
+use spinney_base::value::{Kind, Mask, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
 
 /// Packing of records.
@@ -54,8 +54,8 @@ struct RawHeader {
     reach: u8,
     stride: u8,
     heavy_threshold: U32,
-    /// 1 if samples can be missing.
-    has_missing: u8,
+    /// 1 if single samples can be missing, 2 if the last channel is opacity.
+    mask: u8,
     zero: [u8; 3],
     missing: [u8; 8],
     extent: [U64; 3],
@@ -93,6 +93,11 @@ impl Header {
 
     /// The header's bytes, as both formats have them.
     pub fn to_bytes(&self) -> [u8; 48] {
+        let (mask, missing) = match self.form.value.mask {
+            Mask::None => (0, [0; 8]),
+            Mask::Missing(sample) => (1, sample),
+            Mask::Alpha => (2, [0; 8]),
+        };
         let raw = RawHeader {
             sample: self.form.value.sample as u8,
             channels: self.form.value.channels,
@@ -103,9 +108,9 @@ impl Header {
             reach: self.shape.reach,
             stride: self.shape.stride,
             heavy_threshold: self.shape.heavy_threshold.into(),
-            has_missing: self.form.value.missing.is_some().into(),
+            mask,
             zero: [0; 3],
-            missing: self.form.value.missing.unwrap_or_default(),
+            missing,
             extent: self.extent.map(U64::new),
         };
         raw.as_bytes().try_into().expect("as long as it is")
@@ -160,14 +165,13 @@ impl Header {
         }
         let types = format!("0 to {}", SampleType::ALL.len() - 1);
         let sample = *sample.ok_or_else(|| number("sample type", raw.sample, &types))?;
-        let missing = match raw.has_missing {
-            0 => None,
-            1 if raw.channels > 1 => Some(raw.missing),
-            other => {
-                return Err(number("missing samples", other, "0, or 1 where there are several channels"));
-            }
+        let mask = match raw.mask {
+            0 => Mask::None,
+            1 if raw.channels > 1 => Mask::Missing(raw.missing),
+            2 if raw.channels > 1 => Mask::Alpha,
+            other => return Err(number("mask", other, "0, or 1 or 2 where there are several channels")),
         };
-        let value = ValueType { missing, ..ValueType::new(sample, raw.channels) };
+        let value = ValueType { mask, ..ValueType::new(sample, raw.channels) };
         if !value.is_supported() {
             return Err(corrupt(
                 format!("values {value}"),

@@ -297,18 +297,20 @@ impl ValueType {
         Value::from_wide(u128::from_le_bytes(bytes))
     }
 
-    /// Adds the samples that many values have in a channel as numbers, NaN where one is missing.
+    /// Adds the samples that many values have in a channel as numbers, NaN where one is missing or the cell is transparent.
     pub fn push_numbers(self, channel: usize, bytes: &[u8], numbers: &mut Vec<f64>) {
         let size = self.sample.size();
         let (first, width) = (channel * size, self.size());
-        let missing = self.missing.map(|sample| self.sample.number(&sample).to_bits());
         let start = numbers.len();
         with_sample_type!(self.sample, S => {
             numbers.extend(bytes.chunks_exact(width).map(|value| S::read(&value[first..]).to_f64()));
         });
-        if let Some(missing) = missing {
-            let absent = numbers[start..].iter_mut().filter(|number| number.to_bits() == missing);
-            absent.for_each(|number| *number = f64::NAN);
+        if self.is_masked() {
+            for (number, value) in numbers[start..].iter_mut().zip(bytes.chunks_exact(width)) {
+                if !self.mask.present(size, value)[channel] {
+                    *number = f64::NAN;
+                }
+            }
         }
     }
 

@@ -1,8 +1,9 @@
-//! Samples that are missing: those that have the nodata number in one channel of a cell, while others have a sample.
+//! Samples that do not count: those that have the nodata number in one channel of a cell, while others have a sample, and those
+//! of transparent cells.
 
 use super::erased::{MAX_VALUE_SIZE, Value};
 use super::number::Number;
-use super::value_type::ValueType;
+use super::value_type::{Mask, ValueType};
 
 impl ValueType {
     /// The type of values of several channels in which a sample that is `nodata` is missing; the same type if no
@@ -10,26 +11,56 @@ impl ValueType {
     #[must_use]
     pub fn with_missing(self, nodata: impl Into<Number>) -> ValueType {
         let splat = self.splat(nodata).filter(|value| self.channels > 1 && !self.is_nan(*value));
-        let missing = splat.map(|value| {
+        let mask = splat.map_or(Mask::None, |value| {
             let mut sample = [0; 8];
             let size = self.sample.size();
             sample[..size].copy_from_slice(&value.to_bytes()[..size]);
-            sample
+            Mask::Missing(sample)
         });
-        ValueType { missing, ..self }
+        ValueType { mask, ..self }
     }
 
-    /// The type without missing samples.
+    /// The type of values whose last channel is opacity, so that cells in which it is 0 are transparent; the same type if there
+    /// is one channel.
+    #[must_use]
+    pub const fn with_alpha(self) -> ValueType {
+        let mask = if self.channels > 1 { Mask::Alpha } else { Mask::None };
+        ValueType { mask, ..self }
+    }
+
+    /// The type of which all samples count.
     #[must_use]
     #[inline]
-    pub const fn without_missing(self) -> ValueType {
-        ValueType { missing: None, ..self }
+    pub const fn without_mask(self) -> ValueType {
+        ValueType { mask: Mask::None, ..self }
     }
 
-    /// The value all of whose samples are missing, if samples can be.
+    /// Whether cells may lack samples.
+    #[inline]
+    pub const fn is_masked(self) -> bool {
+        !matches!(self.mask, Mask::None)
+    }
+
+    /// Whether a value is transparent: its last channel is opacity, and 0.
+    #[inline]
+    pub fn is_transparent(self, value: Value) -> bool {
+        self.mask == Mask::Alpha && self.present(value) == [false; 4]
+    }
+
+    /// What stands for a mean of no samples: those that mean missing, or a transparent black; `None` if all samples count.
+    #[inline]
+    pub fn mean_of_none(self) -> Option<Value> {
+        match self.mask {
+            Mask::None => None,
+            Mask::Missing(_) => self.all_missing(),
+            Mask::Alpha => Some(Value::ZERO),
+        }
+    }
+
+    /// The value all of whose samples are missing, if single ones can be.
     #[inline]
     pub fn all_missing(self) -> Option<Value> {
-        let sample = self.missing?;
+        let Mask::Missing(sample) = self.mask else { return None };
         let size = self.sample.size();
         let mut bytes = [0; MAX_VALUE_SIZE];
         for channel in bytes[..self.size()].chunks_exact_mut(size) {
@@ -38,16 +69,13 @@ impl ValueType {
         Some(Value::from_bytes(&bytes[..self.size()]))
     }
 
-    /// Which channels of a value have a sample.
+    /// Which channels of a value have a sample that counts.
     #[inline]
     pub fn present(self, value: Value) -> [bool; 4] {
-        let Some(missing) = self.missing else { return [true; 4] };
-        let size = self.sample.size();
-        let mut present = [true; 4];
-        for (flag, sample) in present.iter_mut().zip(value.to_bytes()[..self.size()].chunks_exact(size)) {
-            *flag = sample != &missing[..size];
+        match self.mask {
+            Mask::None => [true; 4],
+            mask => mask.present(self.sample.size(), &value.to_bytes()[..self.size()]),
         }
-        present
     }
 
     /// The value with the samples that other values have in its channels.
@@ -71,11 +99,22 @@ impl ValueType {
         self.by_channel(|channel| if present[channel] { value } else { Value::ZERO })
     }
 
+    /// Joins values, channel by channel, without samples that do not count; `None` if there is no value.
+    #[inline]
+    pub fn join_all(
+        self,
+        values: impl Iterator<Item = Value>,
+        join: fn(ValueType, Value, Value) -> Value,
+    ) -> Option<Value> {
+        let joined = values.reduce(|a, b| self.join_present(a, b, join))?;
+        Some(if self.is_transparent(joined) { Value::ZERO } else { joined })
+    }
+
     /// Joins two values, channel by channel; where one sample is missing it is the other.
     #[inline]
     pub fn join_present(self, a: Value, b: Value, join: fn(ValueType, Value, Value) -> Value) -> Value {
         let both = join(self, a, b);
-        if self.missing.is_none() {
+        if !self.is_masked() {
             return both;
         }
         let (in_a, in_b) = (self.present(a), self.present(b));
@@ -84,6 +123,30 @@ impl ValueType {
             (false, true) => b,
             _ => a,
         })
+    }
+}
+
+impl Mask {
+    /// Which channels of a value of samples of this size have one that counts.
+    #[inline]
+    pub fn present(self, sample_size: usize, bytes: &[u8]) -> [bool; 4] {
+        match self {
+            Mask::None => [true; 4],
+            Mask::Missing(missing) => {
+                let mut present = [true; 4];
+                for (flag, sample) in present.iter_mut().zip(bytes.chunks_exact(sample_size)) {
+                    *flag = sample != &missing[..sample_size];
+                }
+                present
+            }
+            Mask::Alpha => {
+                let (last, rest) = bytes.split_last().expect("values have bytes");
+                let rest = &rest[rest.len() + 1 - sample_size..];
+                // (Minus zero is zero, too: of several channels only floating samples have four bytes.)
+                let sign = if sample_size == 4 { 0x80 } else { 0 };
+                [last & !sign != 0 || rest.iter().any(|byte| *byte != 0); 4]
+            }
+        }
     }
 }
 
@@ -103,10 +166,23 @@ mod tests {
         assert_eq!(least, Value::from([200u8, 0, 5]));
         let floats = ValueType::new(SampleType::F32, 2).with_missing(-9999.0);
         assert_eq!(floats.present(Value::from([1.0f32, -9999.0])), [true, false, true, true]);
-        for none in
-            [rgb.without_missing().with_missing(256.0), ValueType::new(SampleType::U8, 1).with_missing(0.0)]
-        {
-            assert_eq!((none.missing, none.present(value)), (None, [true; 4]));
+        let grey = ValueType::new(SampleType::U8, 1);
+        for none in [rgb.without_mask().with_missing(256.0), grey.with_missing(0.0), grey.with_alpha()] {
+            assert_eq!((none.mask, none.present(value)), (Mask::None, [true; 4]));
         }
+    }
+
+    #[test]
+    fn transparent_cells_have_no_samples_that_count() {
+        let rgba = ValueType::new(SampleType::U16, 4).with_alpha();
+        let [clear, faint] = [Value::from([7u16, 8, 9, 0]), Value::from([0u16, 0, 0, 1])];
+        assert_eq!([clear, faint].map(|value| rgba.present(value)), [[false; 4], [true; 4]]);
+        assert!(rgba.is_transparent(clear) && !rgba.without_mask().is_transparent(clear));
+        assert_eq!(rgba.with_zeros(clear), Value::ZERO);
+        assert_eq!(rgba.join_present(clear, faint, ValueType::max), faint);
+        assert_eq!((rgba.all_missing(), rgba.mean_of_none()), (None, Some(Value::ZERO)));
+        let floats = ValueType::new(SampleType::F32, 2).with_alpha();
+        let clear = [0.0, -0.0, 1e-40].map(|alpha| floats.is_transparent(Value::from([7.0f32, alpha])));
+        assert_eq!(clear, [true, true, false]);
     }
 }

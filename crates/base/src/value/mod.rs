@@ -25,4 +25,4 @@ pub use sample::Sample;
 pub use sums::Sums;
 pub use tally::Tally;
 pub use tally::{dominant, erase, native, representative};
-pub use value_type::{SampleType, ValueType};
+pub use value_type::{Mask, SampleType, ValueType};

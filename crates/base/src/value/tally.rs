@@ -111,12 +111,12 @@ impl Tally {
         let value_type = self.value_type;
         (self.min, self.max) = match (self.cells, cells) {
             (_, 0) => (self.min, self.max),
-            (0, _) if value_type.missing.is_none() => (min, max),
+            (0, _) if !value_type.is_masked() => (min, max),
             _ => {
                 let before = self.present;
-                let join = |old: Value, new: Value, both: Value| match value_type.missing {
-                    None => both,
-                    Some(_) => value_type.by_channel(|channel| match (before[channel], present[channel]) {
+                let join = |old: Value, new: Value, both: Value| match value_type.is_masked() {
+                    false => both,
+                    true => value_type.by_channel(|channel| match (before[channel], present[channel]) {
                         (_, 0) => old,
                         (0, _) => new,
                         _ => both,
@@ -144,7 +144,7 @@ impl Tally {
 
     /// Mean of each channel over the cells that have a sample in it; missing where none has.
     fn mean(&self) -> Value {
-        let Some(missing) = self.value_type.all_missing() else { return self.mean_over(self.cells) };
+        let Some(missing) = self.value_type.mean_of_none() else { return self.mean_over(self.cells) };
         self.value_type.by_channel(|channel| match self.present[channel] {
             0 => missing,
             cells => self.mean_over(cells),
@@ -200,8 +200,8 @@ pub fn representative(rule: Rule, children: &[Option<(Value, bool)>], tally: &Ta
         Rule::Occupancy => Some(tally.mean_over(cells)),
         Rule::Majority => tally.majority(),
         Rule::Dominant => Some(dominant(children.iter().flatten().copied())),
-        Rule::Min => values().reduce(|a, b| value_type.join_present(a, b, ValueType::min)),
-        Rule::Max => values().reduce(|a, b| value_type.join_present(a, b, ValueType::max)),
+        Rule::Min => value_type.join_all(values(), ValueType::min),
+        Rule::Max => value_type.join_all(values(), ValueType::max),
         Rule::Nearest => values().next(),
     };
     value.unwrap_or_default()

@@ -57,16 +57,27 @@ pub struct ValueType {
     pub sample: SampleType,
     /// Samples of one value, 1 to 4.
     pub channels: u8,
-    /// The sample (its bytes, then zeros) that means that a cell has none in a channel; only where there are several
-    /// channels. Sums, means and extremes of the channel leave such cells out.
-    pub missing: Option<[u8; 8]>,
+    /// Which cells lack samples: sums, means and extremes leave these out.
+    pub mask: Mask,
+}
+
+/// How cells of several channels say that they lack samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Mask {
+    /// No cell does: it has all of them, or is VOID.
+    #[default]
+    None,
+    /// This sample (its bytes, then zeros) means that there is none in a channel.
+    Missing([u8; 8]),
+    /// The last channel is opacity. Where it is 0 the cell is transparent: its colours are kept, and count for nothing.
+    Alpha,
 }
 
 impl ValueType {
     /// The type of values with so many samples of a type.
     #[inline]
     pub const fn new(sample: SampleType, channels: u8) -> ValueType {
-        ValueType { sample, channels, missing: None }
+        ValueType { sample, channels, mask: Mask::None }
     }
 
     /// Whether trees can have such values: 1 to 4 channels of u8, u16 or f32, or 1 channel of any type.

@@ -424,8 +424,8 @@ impl ReusableSource for Combined {
         // Complements depend on the extent, too, not on the two nodes' states alone.
         let has_table = !matches!(self.operation, Operation::Set { number: 8.., .. });
         // Nor do those of samples that may be missing.
-        let is_masked = self.form.value.missing.is_some()
-            && self.operation.join().is_some_and(|join| join.computes_samples());
+        let is_masked =
+            self.form.value.is_masked() && self.operation.join().is_some_and(|join| join.computes_samples());
         let CombinedNode::Open(open) = node else { return None };
         let [first, second] = &open.nodes[..] else { return None };
         let stored = |(tree, child): &(usize, Child<ViewNode>)| {

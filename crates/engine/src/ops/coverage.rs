@@ -9,7 +9,7 @@ use spinney_base::value::{Rule, SampleType, Value};
 /// The value of a full cell in trees whose cells tell coverage; `None` of other trees.
 pub(super) fn full(form: Form, rule: Rule) -> Option<Value> {
     let is_coverage =
-        rule == Rule::Occupancy && form.value.sample == SampleType::U8 && form.value.missing.is_none();
+        rule == Rule::Occupancy && form.value.sample == SampleType::U8 && !form.value.is_masked();
     is_coverage.then(|| form.value.nearest(|_| FULL_COVERAGE.into()))
 }
 

@@ -126,7 +126,7 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
             let whole_file = View::whole(file.into())?;
             let (view, bounds) = aligned(whole_file, &tree, &path)?;
             check_place(&bounds, extent, &path)?;
-            (operation, vec![View::whole(tree.into())?, view.deepened(depth)?])
+            (operation, vec![View::whole(tree.into())?.opaque()?, view.deepened(depth)?.opaque()?])
         }
     };
     Combined::new(views, operation, extent)
@@ -153,11 +153,11 @@ fn pasted(tree: &Arc<Autumnal>, patch: &Chain, at: Option<[i64; 3]>, where_valid
         None => aligned(view, tree, &patch.path)?,
     };
     let bounds = check_place(&bounds, extent, &patch.path)?;
-    let below = if where_valid {
-        View::whole(tree.clone().into())?
+    let (view, below) = if where_valid {
+        (view.opaque()?, View::whole(tree.clone().into())?)
     } else {
         // What is VOID in the patch becomes VOID in the tree: first all of the box does.
-        patched(tree, Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None)?))?
+        (view, patched(tree, Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None)?))?)
     };
     Ok(vec![view.deepened(depth)?, below])
 }

@@ -171,7 +171,9 @@ pub fn combine(
     let mut derivations = Vec::new();
     for paths in layers_in_pairs(paths)? {
         let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
-        let views = aligned(open_alike(&paths)?)?;
+        // (What is transparent is there for none of the operations.)
+        let views =
+            aligned(open_alike(&paths)?)?.into_iter().map(View::opaque).collect::<Result<Vec<_>>>()?;
         let keeps_first = operation.keeps_first(views[0].source().header().rule);
         let least = if keeps_first { expected_records(&views[0])? } else { 0 };
         derivations.push(Derivation {

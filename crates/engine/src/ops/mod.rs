@@ -17,6 +17,7 @@ mod diff;
 mod edit;
 mod files;
 mod layers;
+mod opaque;
 mod operation;
 mod patch;
 mod patched;

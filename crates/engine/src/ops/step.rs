@@ -35,6 +35,8 @@ pub enum Step {
     Rotate(f64, Turn, Option<[f64; 3]>),
     /// `mirror=x|y|z`, `transpose`, `axes=+y,-x,+z`, `affine=a,b,c,d,e,f` or the 12 numbers of a 3x4 matrix.
     AffineMap(AffineMap),
+    /// `opaque`: VOID for what is transparent, where values have opacity.
+    Opaque,
     /// `depth=N`: coarser or finer cells, so that the tree has N levels below its root.
     Depth(u8),
     /// `tree-depth=N`: N levels below the root over the same cells, with room for more on the far sides.
@@ -90,6 +92,7 @@ impl Step {
             Step::Scale(factors) => scale(view, factors),
             Step::Rotate(degrees, turn, centre) => rotate(view, *degrees, *turn, *centre),
             Step::AffineMap(map) => view.transform(map),
+            Step::Opaque => view.opaque(),
             Step::Depth(depth) => view.resample(*depth),
             Step::TreeDepth(depth) => view.deepened(*depth),
             Step::Subtree(code) => subtree(view, code),

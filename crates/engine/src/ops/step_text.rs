@@ -11,7 +11,7 @@ use spinney_crs::{Coordinates, Crs};
 
 /// All steps, for the message about an unknown one.
 const STEPS: &str = "window=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
-                     tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, calc= or reduce=";
+                     tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc= or reduce=";
 
 impl FromStr for Step {
     type Err = Error;
@@ -42,6 +42,7 @@ impl FromStr for Step {
             "window" => step.window(),
             "crop" if step.arguments.is_empty() => Ok(Step::Crop),
             "translate" => step.translate(),
+            "opaque" if step.arguments.is_empty() => Ok(Step::Opaque),
             "scale" => step.scale(),
             "rotate" => step.rotate(),
             "mirror" => step.mirror(),
@@ -257,6 +258,7 @@ impl fmt::Display for Step {
                 }
             }
             Step::Crop => f.write_str("crop"),
+            Step::Opaque => f.write_str("opaque"),
             Step::Translate(by) => write!(f, "translate={}", List(planar(by))),
             Step::Scale(factors) => write!(f, "scale={}", List(factors)),
             Step::Rotate(degrees, turn, centre) => {
@@ -357,6 +359,7 @@ mod tests {
             "window=175,-1,-175,1,in=lonlat",
             "window=1,2,3,4,5,6,in=EPSG:3035",
             "crop",
+            "opaque",
             "translate=3,-0.25",
             "translate=0,0,1",
             "scale=2",
@@ -412,7 +415,7 @@ mod tests {
             assert!(
                 error.contains(text)
                     && error.contains(
-                        "tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, calc= or reduce="
+                        "tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc= or reduce="
                     ),
                 "{error}"
             );

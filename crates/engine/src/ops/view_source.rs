@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::calc::Calculated;
+use super::opaque::Opaque;
 use super::patched::{Patched, PatchedNode};
 use super::tree_file::{TreeFile, TreeFileNode, other_node};
 use super::warp::Warped;
@@ -32,6 +33,8 @@ pub enum ViewSource {
     Warped(Box<Warped>),
     /// What is calculated with the cells of others.
     Calculated(Box<Calculated>),
+    /// Another source without its transparent cells, by whose nodes it goes.
+    Opaque(Box<Opaque>),
 }
 
 /// An INNER node of a [`ViewSource`].
@@ -90,6 +93,7 @@ impl ViewSource {
             ViewSource::Patched(tree) => Some(tree.file().path()),
             ViewSource::Warped(tree) => tree.source().path(),
             ViewSource::Calculated(tree) => tree.source().path(),
+            ViewSource::Opaque(tree) => tree.source().path(),
             ViewSource::Memory(_) => None,
         }
     }
@@ -104,13 +108,20 @@ impl ViewSource {
         match self {
             ViewSource::File(file) => Some(file.clone()),
             ViewSource::Patched(tree) => Some(tree.file().clone().into()),
-            ViewSource::Memory(_) | ViewSource::Warped(_) | ViewSource::Calculated(_) => None,
+            ViewSource::Memory(_)
+            | ViewSource::Warped(_)
+            | ViewSource::Calculated(_)
+            | ViewSource::Opaque(_) => None,
         }
     }
 
     /// Whether cells are computed, which takes longer than to look them up.
     pub(crate) fn is_computed(&self) -> bool {
-        matches!(self, ViewSource::Warped(_) | ViewSource::Calculated(_))
+        match self {
+            ViewSource::Warped(_) | ViewSource::Calculated(_) => true,
+            ViewSource::Opaque(tree) => tree.source().is_computed(),
+            ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,
+        }
     }
 
     /// Whether levels above the cells are calculated from the numbers of these levels, not from the cells.
@@ -118,6 +129,7 @@ impl ViewSource {
         match self {
             ViewSource::Calculated(_) => true,
             ViewSource::Warped(tree) => tree.source().is_approximate(),
+            ViewSource::Opaque(tree) => tree.source().is_approximate(),
             ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,
         }
     }
@@ -129,12 +141,16 @@ impl ViewSource {
             ViewSource::Patched(tree) => tree.file().remark(),
             ViewSource::Warped(tree) => tree.source().remark(),
             ViewSource::Calculated(tree) => tree.source().remark(),
+            ViewSource::Opaque(tree) => tree.source().remark(),
             ViewSource::Memory(_) => None,
         }
     }
 
     /// Hands the remark on the file, if there is one, to whoever waits for the work.
     pub(super) fn tell_remark(&self, progress: &dyn Progress) {
+        if let ViewSource::Opaque(tree) = self {
+            return tree.source().tell_remark(progress);
+        }
         if let ViewSource::Calculated(tree) = self {
             tree.tell_remarks(progress);
             return tree.remarks().iter().for_each(|remark| progress.warn(self.name(), remark));
@@ -155,6 +171,7 @@ impl ViewSource {
             ViewSource::Memory(tree) => &tree.header,
             ViewSource::Warped(tree) => tree.header(),
             ViewSource::Calculated(tree) => tree.header(),
+            ViewSource::Opaque(tree) => tree.source().header(),
         }
     }
 
@@ -166,6 +183,7 @@ impl ViewSource {
             ViewSource::Memory(tree) => &tree.metadata,
             ViewSource::Warped(tree) => tree.metadata(),
             ViewSource::Calculated(tree) => tree.metadata(),
+            ViewSource::Opaque(tree) => tree.source().metadata(),
         }
     }
 
@@ -174,7 +192,10 @@ impl ViewSource {
         match self {
             ViewSource::File(file) => file.commit(),
             ViewSource::Patched(tree) => Some(tree.file().commit()),
-            ViewSource::Memory(_) | ViewSource::Warped(_) | ViewSource::Calculated(_) => None,
+            ViewSource::Memory(_)
+            | ViewSource::Warped(_)
+            | ViewSource::Calculated(_)
+            | ViewSource::Opaque(_) => None,
         }
     }
 
@@ -183,6 +204,7 @@ impl ViewSource {
         match self {
             ViewSource::File(file) => file.shared_records(),
             ViewSource::Patched(tree) => tree.file().claimed_records(),
+            ViewSource::Opaque(tree) => tree.source().shared_records(),
             ViewSource::Memory(_) | ViewSource::Warped(_) | ViewSource::Calculated(_) => Ok(0),
         }
     }
@@ -191,6 +213,7 @@ impl ViewSource {
     pub(super) fn cells_before(&self) -> Result<u64> {
         match self {
             ViewSource::Calculated(tree) => tree.cells_before(),
+            ViewSource::Opaque(tree) => tree.source().cells_before(),
             _ => self.totals(None).map(|totals| totals.cells),
         }
     }
@@ -219,6 +242,12 @@ impl ViewSource {
         node_of: impl Fn(ViewSourceNode) -> N,
     ) -> Result<()> {
         match (self, node) {
+            (ViewSource::Opaque(tree), node) => {
+                let mut found = no_children();
+                tree.children(node, &mut found)?;
+                hand_on(&found, children, tree.source().form(), node_of);
+                Ok(())
+            }
             (ViewSource::File(file), ViewSourceNode::File(node)) => {
                 file.children_as(node, children, |node| node_of(ViewSourceNode::File(node)))
             }
@@ -276,7 +305,7 @@ impl ViewSource {
 /// Fails unless a tree is of the same form as another one; the names are for the message.
 pub(super) fn check_form((name, form): (&Path, Form), (other, expected): (&Path, Form)) -> Result<()> {
     // (Missing samples stay what they are: numbers, for whoever joins them with others.)
-    if form.without_missing() == expected.without_missing() {
+    if form.without_mask() == expected.without_mask() {
         return Ok(());
     }
     let expected = format!("{expected}, as {} is", other.display());
@@ -369,6 +398,7 @@ impl Source for ViewSource {
             ViewSource::Memory(memory) => memory.tree.root()?.map_node(ViewSourceNode::Memory),
             ViewSource::Warped(tree) => tree.root()?.map_node(ViewSourceNode::Warped),
             ViewSource::Calculated(tree) => tree.root()?.map_node(ViewSourceNode::Calculated),
+            ViewSource::Opaque(tree) => tree.root()?,
         })
     }
 
@@ -381,7 +411,7 @@ impl Source for ViewSource {
             ViewSource::File(file) => file.draw(bounds, values, valid),
             ViewSource::Warped(tree) => tree.draw(bounds, values, valid),
             ViewSource::Calculated(tree) => tree.draw(bounds, values, valid),
-            ViewSource::Patched(_) | ViewSource::Memory(_) => Ok(false),
+            ViewSource::Patched(_) | ViewSource::Memory(_) | ViewSource::Opaque(_) => Ok(false),
         }
     }
 
@@ -401,6 +431,7 @@ impl Source for ViewSource {
             ViewSource::Patched(tree) => tree.check_unchanged(),
             ViewSource::Warped(tree) => tree.check_unchanged(),
             ViewSource::Calculated(tree) => tree.check_unchanged(),
+            ViewSource::Opaque(tree) => tree.source().check_unchanged(),
             ViewSource::Memory(_) => Ok(()),
         }
     }

@@ -43,7 +43,7 @@ pub(super) trait Count {
 
 /// A counter for trees of a form, which has counted nothing and does not count classes.
 pub(super) fn counter_of(form: Form) -> Box<dyn Count> {
-    if form.value.missing.is_some() {
+    if form.value.is_masked() {
         let subtree = with_record_type!(RecordLayout::new(form), R => count_masked_subtree::<R>);
         return Box::new(MaskedCounter { form, tally: Tally::void(form.value), subtree });
     }

@@ -13,7 +13,7 @@ use crate::store::records::{Record, RecordLayout, with_form_type, with_record_ty
 use crate::tree::Source;
 use spinney_base::Form;
 use spinney_base::space::{Bounds, Code};
-use spinney_base::value::{Native, Sample, Value};
+use spinney_base::value::{Native, Sample, Value, ValueType};
 use spinney_base::{Progress, Result};
 
 impl Goblin {
@@ -70,8 +70,8 @@ struct Bins {
     low: f64,
     /// Bins per unit.
     scale: f64,
-    /// The number that means that there is none; it belongs to no bin.
-    missing: Option<u64>,
+    /// The values' type, if the first sample of some does not count; it belongs to no bin then.
+    masked: Option<ValueType>,
     cells: Vec<u64>,
 }
 
@@ -83,10 +83,12 @@ impl Bins {
         (bin.max(0.0) as usize).min(self.cells.len() - 1)
     }
 
-    /// Counts cells with a number.
+    /// Counts cells with a value, whose bytes and first number these are.
     #[inline]
-    fn add(&mut self, number: f64, cells: u64) {
-        if self.missing == Some(number.to_bits()) {
+    fn add(&mut self, bytes: &[u8], number: f64, cells: u64) {
+        if let Some(value_type) = self.masked
+            && !value_type.mask.present(value_type.sample.size(), &bytes[..value_type.size()])[0]
+        {
             return;
         }
         let bin = self.bin(number);
@@ -106,10 +108,10 @@ struct Histogram<'a> {
 impl Histogram<'_> {
     fn new(form: Form, (low, high): (f64, f64), bins: usize, progress: &dyn Progress) -> Histogram<'_> {
         let cells = vec![0; bins.max(1)];
-        let missing = form.value.all_missing().map(|value| form.value.first_sample(value).to_bits());
+        let masked = Some(form.value).filter(|value_type| value_type.is_masked());
         Histogram {
             form,
-            bins: Bins { low, scale: cells.len() as f64 / (high - low), missing, cells },
+            bins: Bins { low, scale: cells.len() as f64 / (high - low), masked, cells },
             number: number_of(form.value),
             subtree: with_form_type!(form, V, R => bin_subtree::<<V as Native>::Sample, R>),
             progress,
@@ -130,7 +132,7 @@ impl Visitor for Histogram<'_> {
     #[inline]
     fn block(&mut self, _: Code, value: Option<Value>, cells: u64, _: Option<&Bounds>) -> Walked {
         if let Some(value) = value {
-            self.bins.add((self.number)(value), cells);
+            self.bins.add(&value.to_bytes(), (self.number)(value), cells);
         }
         Ok(())
     }
@@ -142,7 +144,9 @@ impl Visitor for Histogram<'_> {
     fn dense(&mut self, _: Code, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
         let Histogram { form, bins, number, .. } = self;
         with_record_type!(RecordLayout::new(*form), R => {
-            block.each_leaf_in::<R>(part, &mut |bytes| bins.add(number(Value::from_bytes(bytes.as_bytes())), 1));
+            block.each_leaf_in::<R>(part, &mut |bytes| {
+                bins.add(bytes.as_bytes(), number(Value::from_bytes(bytes.as_bytes())), 1);
+            });
         });
         true
     }
@@ -153,5 +157,7 @@ impl Visitor for Histogram<'_> {
 }
 
 fn bin_subtree<S: Sample, R: Record>(bins: &mut Bins, records: &[u8], levels: u8) -> Result<(), BadSkip> {
-    each_leaf(R::of(records), levels, |bytes, cells| bins.add(S::read(bytes.as_bytes()).to_f64(), cells))
+    each_leaf(R::of(records), levels, |bytes, cells| {
+        bins.add(bytes.as_bytes(), S::read(bytes.as_bytes()).to_f64(), cells);
+    })
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::{Order, RasterInfo, RasterOptions};
+use super::{Order, RasterInfo, RasterOptions, Transparent};
 use spinney_base::space::Region;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
@@ -19,7 +19,7 @@ impl RasterInfo {
             stored_sample: sample.name().into(),
             channels,
             alpha: None,
-            keeps_transparent: false,
+            transparent: Transparent::Void,
             bands: Vec::new(),
             frame: Frame::identity(),
             nodata: None,

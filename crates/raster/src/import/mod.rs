@@ -44,6 +44,18 @@ use spinney_base::{Error, Result};
 use spinney_container::{FIRST_BYTES, OtherFormat, ScopedTags};
 use spinney_crs::{ControlPoints, Frame};
 
+/// What pixels become whose opacity is 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Transparent {
+    /// VOID.
+    #[default]
+    Void,
+    /// Cells with their colours, which count for nothing: see `Mask::Alpha`.
+    Masked,
+    /// Cells like all others.
+    Plain,
+}
+
 /// Properties of a raster, from the header of its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RasterInfo {
@@ -60,8 +72,8 @@ pub struct RasterInfo {
     pub channels: usize,
     /// Index of the opacity channel (0 is transparent), if there is one.
     pub alpha: Option<usize>,
-    /// Whether transparent pixels are pixels like all others; else they are VOID.
-    pub keeps_transparent: bool,
+    /// What transparent pixels become.
+    pub transparent: Transparent,
     /// What each channel has of its own; nothing where they differ in nothing of it.
     pub bands: Vec<BandInfo>,
     /// Map from pixels to the world.

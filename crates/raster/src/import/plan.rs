@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::lazy::{Lazy, Pool};
 use super::sidecar::Described;
 use super::validity::as_stored;
-use super::{Band, Raster, RasterInfo, RasterOptions, bands, mosaic, open};
+use super::{Band, Raster, RasterInfo, RasterOptions, Transparent, bands, mosaic, open};
 use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
@@ -136,7 +136,10 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
     // Beside opacity nothing is missing: what has no value is transparent there.
     let missing = info.nodata.filter(|_| info.alpha.is_none());
     let value = bands::value_type(raster.path(), info)?;
-    let value = missing.map_or(value, |nodata| value.with_missing(nodata));
+    let value = match info.transparent {
+        Transparent::Masked => value.with_alpha(),
+        _ => missing.map_or(value, |nodata| value.with_missing(nodata)),
+    };
     let frame = frame(info, options)?;
     let (kind, kind_reason) = kind(info, options);
     let rule = options.rule.unwrap_or(kind.default_rule());
@@ -187,16 +190,30 @@ fn open_inputs(
         };
         let mut info = raster.info().clone();
         tell(&mut info, options, overruled);
+        if inputs.len() > 1 && info.transparent == Transparent::Masked {
+            // Through what is transparent the pictures below are seen.
+            info.transparent = Transparent::Void;
+        }
         Ok(Box::new(Described { raster, info }))
     };
     inputs.iter().map(open_one).collect()
+}
+
+/// What transparent pixels of a picture become, if the user does not say that they are like all others.
+fn transparent(info: &RasterInfo, options: &ImportOptions) -> Transparent {
+    let is_last = info.channels > 1 && info.alpha == Some(info.channels - 1);
+    match options.keep_transparent {
+        true => Transparent::Plain,
+        false if is_last => Transparent::Masked,
+        false => Transparent::Void,
+    }
 }
 
 /// Puts what the user says of a picture in place of what its file says; `overruled` becomes the first coordinate system that a file
 /// tells and that is not the one that the user chose.
 pub(super) fn tell(info: &mut RasterInfo, options: &ImportOptions, overruled: &mut Option<Crs>) {
     info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
-    info.keeps_transparent = options.keep_transparent;
+    info.transparent = transparent(info, options);
     if let Some(chosen) = &options.crs {
         let told = match &mut info.control_points {
             Some(points) => points.crs.replace(chosen.clone()),

@@ -1,6 +1,6 @@
 //! Pixels that are VOID by their samples: opacity, nodata and NaN.
 
-use super::{Pixels, RasterInfo};
+use super::{Pixels, RasterInfo, Transparent};
 use spinney_base::value::{Number, SampleType, ValueType};
 
 /// Tells VOID pixels from others by their samples.
@@ -17,8 +17,8 @@ pub(super) struct Validity {
 impl Validity {
     /// By opacity alone: for what leaves nodata and NaN to others.
     pub(super) fn by_opacity(info: &RasterInfo) -> Validity {
-        let RasterInfo { sample, channels, alpha, keeps_transparent, .. } = *info;
-        let alpha = alpha.filter(|_| !keeps_transparent);
+        let RasterInfo { sample, channels, alpha, transparent, .. } = *info;
+        let alpha = alpha.filter(|_| transparent == Transparent::Void);
         Validity { sample, channels, alpha, nodata: None, nan: false }
     }
 

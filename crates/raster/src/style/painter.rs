@@ -137,7 +137,7 @@ impl StylePainter {
         match (&self.coats[..], self.alpha) {
             ([coat], None) => {
                 // (Pixels that have another channel alone are transparent.)
-                let none = self.value.missing.map(|_| [0; 4]);
+                let none = self.value.is_masked().then_some([0; 4]);
                 Indices::new([self.void].into_iter().chain(none).chain(coat.colours()?))
             }
             _ => None,
@@ -160,7 +160,7 @@ impl StylePainter {
             Some(table) => table.colours.iter().all(|colour| colour[3] == 255),
             // (A sample may be missing in one channel alone.)
             None => {
-                let may_lack = self.alpha.is_some() || self.value.missing.is_some();
+                let may_lack = self.alpha.is_some() || self.value.is_masked();
                 !may_lack && self.coats.iter().any(Coat::is_opaque)
             }
         }

@@ -80,7 +80,7 @@ impl Means {
     ) {
         let channels = usize::from(cells.value.channels);
         let length = cells.width * channels;
-        let is_full = cells.valid.is_none() && cells.value.missing.is_none();
+        let is_full = cells.valid.is_none() && !cells.value.is_masked();
         // Invariant: a cell's weight is the product of its shares along both axes. So the rows can be added up first, all along the
         // band, and the columns of each pixel then; sums of whole numbers by whole shares are exact in either order.
         self.sums.clear();

@@ -117,7 +117,7 @@ impl Sampler<'_> {
         let value = self.tree.header().form.value;
         let (base, void) = (self.base()?, self.void());
         let fill = value.samples_from(base, void)[0];
-        let none = value.all_missing().map_or(fill, |missing| value.first_sample(missing));
+        let none = value.mean_of_none().map_or(fill, |none| value.first_sample(none));
         let first = self.grid.source.min[self.grid.axes[0]];
         let width = self.grid.source.size()[self.grid.axes[0]] as usize;
         let row_bytes = width * (value.size() + 1);
@@ -205,7 +205,7 @@ impl Sampler<'_> {
         let ValueType { sample, channels, .. } = value_type;
         let (base, void) = (self.base()?, self.void());
         let fill = value_type.samples_from(base, void)[0];
-        let missing = value_type.all_missing().map_or(fill, |value| value_type.first_sample(value));
+        let missing = value_type.mean_of_none().map_or(fill, |value| value_type.first_sample(value));
         let first = origin[1] + row as f64 * step[1];
         let grid =
             PixelGrid { axes, origin: [origin[0], first], step, size: [width as usize, count as usize] };

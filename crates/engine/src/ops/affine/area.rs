@@ -19,7 +19,7 @@ pub(super) struct Area<'a> {
     max: DVec3,
     /// Area (or volume) of what is not VOID.
     area: f64,
-    /// Cells of each channel, whose sample may be missing.
+    /// Area of each channel's samples that count.
     areas: [f64; 4],
     /// Sums of the samples of each channel, weighted by area.
     sums: [f64; 4],
@@ -147,17 +147,17 @@ impl<'a> Area<'a> {
                 // How full a cell is counts what is VOID, too.
                 let whole: f64 = (0..self.form.axes()).map(|axis| self.max[axis] - self.min[axis]).product();
                 let base = self.base.unwrap_or_default();
-                let missing = value_type.all_missing().map(|value| value_type.samples_from(base, value)[0]);
+                let none = value_type.mean_of_none().map(|value| value_type.samples_from(base, value));
                 Some(value_type.nearest_from(base, |channel| {
                     let area = if self.rule == Rule::Occupancy { whole } else { self.areas[channel] };
-                    if let (true, Some(missing)) = (area == 0.0, missing) {
-                        return missing;
+                    if let (true, Some(none)) = (area == 0.0, none) {
+                        return none[channel];
                     }
                     // (Means of integers are rounded as those of whole cells are: a half upwards.)
                     self.sums[channel] / area
                 }))
             }
-            Rule::Min | Rule::Max => self.extreme,
+            Rule::Min | Rule::Max => value_type.join_all(self.extreme.into_iter(), ValueType::min),
             Rule::Majority | Rule::Dominant | Rule::Nearest => {
                 // Areas that differ by rounding alone are equal; the least value wins, as in counting.
                 let most = self.shares.iter().map(|(_, area)| *area).fold(0.0, f64::max);

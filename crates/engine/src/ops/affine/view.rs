@@ -199,6 +199,11 @@ impl View {
         self.depth
     }
 
+    /// The same view of another source of the same cells.
+    pub(in crate::ops) fn over(self, source: Arc<ViewSource>) -> View {
+        View { source, ..self }
+    }
+
     /// The file that is viewed.
     pub fn source(&self) -> &Arc<ViewSource> {
         &self.source

@@ -3,7 +3,7 @@
 use super::lattice::Lattice;
 use super::window::{Window, floor};
 use crate::tree::CellBlock;
-use spinney_base::value::{Sample, with_sample_type};
+use spinney_base::value::{Mask, Sample, with_sample_type};
 
 /// Interpolates at the places of a lattice: linearly, or by cubic convolution.
 pub(super) fn interpolate(
@@ -158,7 +158,6 @@ impl Grid {
 /// The samples of a window as numbers.
 struct Samples<'a, S> {
     window: &'a Window,
-    missing: Option<S>,
     /// Numbers are relative to this: see [`Sample::relative_to`].
     base: S,
 }
@@ -167,7 +166,6 @@ impl<'a, S: Sample> Samples<'a, S> {
     fn new(window: &'a Window) -> Self {
         Samples {
             window,
-            missing: window.value.missing.map(|bytes| S::read(&bytes)),
             base: window
                 .valid
                 .iter()
@@ -182,8 +180,8 @@ impl<'a, S: Sample> Samples<'a, S> {
         let mut numbers = Vec::with_capacity(valid.len() * usize::from(value.channels));
         for at in (0..value.size()).step_by(S::TYPE.size()) {
             numbers.extend(bytes.chunks_exact(value.size()).zip(valid).map(|(bytes, valid)| {
-                let sample = S::read(&bytes[at..]);
-                if *valid && self.missing != Some(sample) { sample.relative_to(self.base) } else { f64::NAN }
+                let counts = *valid && value.mask.present(S::TYPE.size(), bytes)[at / S::TYPE.size()];
+                if counts { S::read(&bytes[at..]).relative_to(self.base) } else { f64::NAN }
             }));
         }
         numbers
@@ -196,6 +194,10 @@ impl<'a, S: Sample> Samples<'a, S> {
             return None;
         }
         let nearest = self.window.present(floor(column), floor(row))?;
+        // (What is transparent ends where it ends, as VOID does.)
+        if self.window.value.mask == Mask::Alpha && !self.counts(nearest, channel) {
+            return Some(self.raw(nearest, channel));
+        }
         // Between centres.
         let (column, row) = (column - 0.5, row - 0.5);
         let (first, top) = (floor(column), floor(row));
@@ -214,12 +216,19 @@ impl<'a, S: Sample> Samples<'a, S> {
         S::read(&self.window.bytes[index * self.window.value.size() + channel * size..])
     }
 
+    /// Whether a channel of a cell has a sample that counts.
+    #[inline]
+    fn counts(&self, index: usize, channel: usize) -> bool {
+        let Window { value, bytes, .. } = self.window;
+        value.mask.present(S::TYPE.size(), &bytes[index * value.size()..][..value.size()])[channel]
+    }
+
     /// The sample of a channel of a cell, if it is there.
     #[inline]
     fn number(&self, x: i64, y: i64, channel: usize) -> Option<f64> {
-        let sample = self.raw(self.window.present(x, y)?, channel);
-        let number = sample.relative_to(self.base);
-        (!number.is_nan() && self.missing != Some(sample)).then_some(number)
+        let index = self.window.present(x, y)?;
+        let number = self.raw(index, channel).relative_to(self.base);
+        (!number.is_nan() && self.counts(index, channel)).then_some(number)
     }
 
     /// The mean of the four samples around a place, weighted by nearness, without those that are not there.

@@ -33,7 +33,7 @@ impl Zone {
         let mut bytes = Vec::with_capacity(64);
         put(&mut bytes, u128::from(*records));
         put(&mut bytes, u128::from(tally.cells));
-        if tally.value_type.missing.is_some() {
+        if tally.value_type.is_masked() {
             let present = tally.present.iter().take(usize::from(tally.value_type.channels));
             present.for_each(|cells| put(&mut bytes, u128::from(*cells)));
         }
@@ -72,7 +72,7 @@ impl Zone {
             return Err(BadZone::Wrong);
         }
         let mut tally = Tally { cells, present: [cells; 4], ..Tally::void(form.value) };
-        if form.value.missing.is_some() {
+        if form.value.is_masked() {
             for present in tally.present.iter_mut().take(usize::from(form.value.channels)) {
                 *present = get_u64(rest)?;
                 if *present > cells {

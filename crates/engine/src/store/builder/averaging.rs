@@ -252,7 +252,7 @@ pub(super) struct Local<R: Record> {
 impl<R: Record> Local<R> {
     /// A rule for values of the type `V`, which are those of the records; some of their samples may be missing.
     pub(super) fn new<V: Native>(rule: Rule, value_type: ValueType) -> Self {
-        let is_masked = value_type.channels > 1 && value_type.missing.is_some();
+        let is_masked = value_type.channels > 1 && value_type.is_masked();
         let choose = match rule {
             Rule::Min if is_masked => choose_present::<R, true>,
             Rule::Max if is_masked => choose_present::<R, false>,
@@ -300,7 +300,7 @@ fn choose_present<R: Record, const IS_MIN: bool>(
 ) -> R::Bytes {
     let join = if IS_MIN { ValueType::min } else { ValueType::max };
     let some = some_of(states, values).map(|(_, value)| Value::from_bytes(value.as_bytes()));
-    from_value::<R>(some.reduce(|a, b| local.value_type.join_present(a, b, join)).unwrap_or_default())
+    from_value::<R>(local.value_type.join_all(some, join).unwrap_or_default())
 }
 
 /// [`Rule::Dominant`].

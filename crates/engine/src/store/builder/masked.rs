@@ -1,5 +1,5 @@
-//! The mean and the tally of blocks in whose cells samples may be missing: like the others', but a channel is made of
-//! those cells alone that have a sample in it.
+//! The mean and the tally of blocks in whose cells samples may be missing, or that may be transparent: like the others', but a
+//! channel is made of those cells alone that have a sample in it which counts.
 //!
 //! Kernels, chosen once per block for values of such a type; all other blocks know nothing of this.
 
@@ -15,17 +15,6 @@ use crate::store::records::Record;
 use spinney_base::value::{Native, Tally, Value, ValueType, erase};
 use spinney_container::{INNER, LEAF};
 
-/// Which channels of a value's bytes have a sample.
-#[inline]
-fn channels_of<V: Native>(bytes: &[u8], missing: [u8; 8]) -> [bool; 4] {
-    let size = V::TYPE.sample.size();
-    let mut present = [true; 4];
-    for (is_there, sample) in present.iter_mut().zip(bytes.chunks_exact(size)) {
-        *is_there = sample != &missing[..size];
-    }
-    present
-}
-
 /// A value with another one's samples in the channels in which it has none.
 #[inline]
 fn filled<V: Native, R: Record>(mut bytes: R::Bytes, present: [bool; 4], other: V) -> V {
@@ -40,11 +29,10 @@ fn filled<V: Native, R: Record>(mut bytes: R::Bytes, present: [bool; 4], other: 
     decode::<R, V>(bytes)
 }
 
-/// A value of known type, with zeros where samples are missing, and where there are some.
+/// A value of known type, with zeros where samples do not count, and which of them do.
 #[inline]
 fn present<V: Native, R: Record>(value_type: ValueType, bytes: R::Bytes) -> (V, [bool; 4]) {
-    let Some(missing) = value_type.missing else { return (decode::<R, V>(bytes), [true; 4]) };
-    let present = channels_of::<V>(bytes.as_bytes(), missing);
+    let present = value_type.mask.present(V::TYPE.sample.size(), bytes.as_bytes());
     (filled::<V, R>(bytes, present, decode::<R, V>(R::ZERO)), present)
 }
 
@@ -56,22 +44,24 @@ fn count(counts: &mut [u32; 4], present: [bool; 4], cells: u32) {
     }
 }
 
-/// [`Rule::Mean`]: sums, and the cells that they are shared among, per channel.
+/// [`Rule::Mean`] and [`Rule::Occupancy`]: sums, and the cells that they are shared among, per channel.
 pub(super) struct MaskedMeans<V> {
     value_type: ValueType,
+    /// Whether cells count that are VOID, or have no sample.
+    of_all: bool,
     value: PhantomData<V>,
 }
 
 impl<V: Native> MaskedMeans<V> {
-    pub(super) fn new(value_type: ValueType) -> Self {
-        MaskedMeans { value_type, value: PhantomData }
+    pub(super) fn new(value_type: ValueType, of_all: bool) -> Self {
+        MaskedMeans { value_type, of_all, value: PhantomData }
     }
 
-    /// The mean of each channel; missing where no cell has a sample.
+    /// The mean of each channel; what stands for one where no cell has a sample.
     fn mean(&self, sums: V::BlockSums, counts: [u32; 4]) -> Value {
-        let missing = self.value_type.all_missing().unwrap_or_default();
+        let none = self.value_type.mean_of_none().unwrap_or_default();
         self.value_type.by_channel(|channel| match counts[channel] {
-            0 => missing,
+            0 => none,
             cells => erase(V::block_mean(sums, cells)),
         })
     }
@@ -108,6 +98,9 @@ impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
             }
         }
         let sums = pairwise(&sums[..R::CHILDREN], V::add_block_sums);
+        if self.of_all {
+            counts = [cells * R::CHILDREN as u32; 4];
+        }
         ((sums, counts), from_value::<R>(self.mean(sums, counts)))
     }
 
@@ -119,7 +112,8 @@ impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
             (value.block_sums(cells), counts)
         };
         let sum = |a: Self::Of, b: Self::Of| (V::add_block_sums(a.0, b.0), add(a.1, b.1));
-        fold(records, levels, &leaf, &|sums: &[Self::Of]| pairwise(sums, sum))
+        let (sums, counts) = fold(records, levels, &leaf, &|sums: &[Self::Of]| pairwise(sums, sum));
+        (sums, if self.of_all { [1 << (R::AXES * levels as usize); 4] } else { counts })
     }
 }
 

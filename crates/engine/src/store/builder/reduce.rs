@@ -30,12 +30,12 @@ impl Block {
         counts: &mut LevelCounts,
     ) -> Part {
         let (form, code) = (self.form, self.code);
-        let is_masked = form.value.channels > 1 && form.value.missing.is_some();
+        let is_masked = form.value.channels > 1 && form.value.is_masked();
         let layout = RecordLayout::new(form);
         let classes = match rule {
-            Rule::Mean if is_masked => {
+            Rule::Mean | Rule::Occupancy if is_masked => {
                 with_form_type!(form, V, R => if V::CHANNELS > 1 {
-                    reduce::<R, _>(&mut self, &mut MaskedMeans::<V>::new(form.value));
+                    reduce::<R, _>(&mut self, &mut MaskedMeans::<V>::new(form.value, rule == Rule::Occupancy));
                 });
                 None
             }

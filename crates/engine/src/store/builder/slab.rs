@@ -12,7 +12,7 @@ use crate::tree::CellBlock;
 use spinney_base::Form;
 use spinney_base::Result;
 use spinney_base::space::{Code, morton_encode};
-use spinney_base::value::{Native, Value};
+use spinney_base::value::{Mask, Native, Value};
 use spinney_container::{LEAF, VOID};
 
 /// A box of cells: x runs fastest, then y, then z; a cell's samples together, little-endian.
@@ -110,12 +110,23 @@ impl Slab {
                 return BlockContent::Uniform(valid.then_some(value));
             }
         }
-        if is_whole && in_rows && !with_form_type!(form, V, R => self.has_void::<V, R>(&part, nodata)) {
+        let has_void = || with_form_type!(form, V, R => self.has_void::<V, R>(&part, nodata));
+        if is_whole && in_rows && !self.has_transparent(form, &part) && !has_void() {
             let rows = self.rows(&part).map(|(_, _, row)| &self.bytes[row.start * width..row.end * width]);
             return BlockContent::Full(RowBlock::new(form, code, height, rows.collect::<Vec<_>>().concat()));
         }
         let (states, values) = with_form_type!(form, V, R => self.in_z_order::<V, R>(&part, height, nodata));
         BlockContent::Mixed(Block::from_cells(form, code, height, states, values))
+    }
+
+    /// Whether some cells of a block are transparent.
+    fn has_transparent(&self, form: Form, part: &BlockCells) -> bool {
+        let (mask, size, width) = (form.value.mask, form.value.sample.size(), form.width());
+        let is_transparent = |value: &[u8]| !mask.present(size, value)[0];
+        mask == Mask::Alpha
+            && self.rows(part).any(|(_, _, row)| {
+                self.bytes[row.start * width..row.end * width].chunks_exact(width).any(is_transparent)
+            })
     }
 
     /// Rows of a block: y and z in the block, and the range of the slab's cells.

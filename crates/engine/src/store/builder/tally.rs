@@ -15,8 +15,8 @@ pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tal
     let form = block.form();
     let mut tally = match &classes {
         Some(classes) if form.value.sample.has_exact_squares() => sum_of_classes(form.value, classes),
-        _ => with_form_type!(form, V, R => match form.value.missing {
-            Some(_) if V::CHANNELS > 1 => masked::tally::<V, R>(block),
+        _ => with_form_type!(form, V, R => match form.value.is_masked() {
+            true if V::CHANNELS > 1 => masked::tally::<V, R>(block),
             _ => of_leaves::<V, R>(block),
         }),
     };

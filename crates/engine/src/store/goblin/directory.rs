@@ -58,7 +58,7 @@ const fn channel_size(value_type: ValueType) -> usize {
 
 /// Bytes of one entry for values of a type: where samples can be missing, a count per channel stands at the end.
 pub(super) const fn entry_size(value_type: ValueType) -> usize {
-    let present = if value_type.missing.is_some() { size_of::<U64>() } else { 0 };
+    let present = if value_type.is_masked() { size_of::<U64>() } else { 0 };
     size_of::<RawEntry>() + value_type.channels as usize * (channel_size(value_type) + present)
 }
 
@@ -113,7 +113,7 @@ impl Entry {
             bytes.extend_from_slice(&sum.to_bytes(channel));
             bytes.extend_from_slice(&squares.to_bytes(channel));
         }
-        if value_type.missing.is_some() {
+        if value_type.is_masked() {
             let present = self.zone.present.iter().take(usize::from(value_type.channels));
             present.for_each(|cells| bytes.extend_from_slice(&cells.to_le_bytes()));
         }
@@ -138,7 +138,7 @@ impl Entry {
         let (channels, rest) = rest.split_at_checked(count * channel_size(form.value)).ok_or_else(short)?;
         let cells = raw.cells.get();
         let mut zone = Tally { cells, present: [cells; 4], ..Tally::void(form.value) };
-        if form.value.missing.is_some() {
+        if form.value.is_masked() {
             let present = <[U64]>::ref_from_bytes_with_elems(rest, count).map_err(|_| short())?;
             zone.present.iter_mut().zip(present).for_each(|(cells, raw)| *cells = raw.get());
             zone.present[count..].fill(cells);

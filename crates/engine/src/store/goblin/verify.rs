@@ -239,9 +239,9 @@ fn show_tally(tally: &Tally) -> String {
     let [sum, squares] = [sum, squares].map(|sums| show_sums(sums, value_type.channels));
     let class = |(value, cells): &(_, u64)| format!("({}, {cells})", value_type.show(*value));
     let classes = classes.iter().map(class).collect::<Vec<_>>().join(", ");
-    let present = match value_type.missing {
-        Some(_) => format!(", present: {:?}", &present[..usize::from(value_type.channels)]),
-        None => String::new(),
+    let present = match value_type.is_masked() {
+        true => format!(", present: {:?}", &present[..usize::from(value_type.channels)]),
+        false => String::new(),
     };
     format!(
         "Tally {{ cells: {cells}{present}, min: {min}, max: {max}, sum: {sum}, squares: {squares}, classes: [{classes}] }}"

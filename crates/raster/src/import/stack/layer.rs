@@ -7,7 +7,9 @@ use super::super::bands::select_channels;
 use super::super::build::{TargetGrid, bands_memory};
 use super::super::plan::{ImportOptions, RasterImport, kind, metadata, tell};
 use super::super::sidecar::Described;
-use super::super::{Band, Order, Raster, RasterInfo, RasterOptions, RasterSlabs, bands, open, spill};
+use super::super::{
+    Band, Order, Raster, RasterInfo, RasterOptions, RasterSlabs, Transparent, bands, open, spill,
+};
 use super::grid::Place;
 use super::raster::{Masked, OfTree, Repeated};
 use super::{Picture, StackOptions};
@@ -53,7 +55,7 @@ pub struct StackLayer {
     parts: Parts,
     /// Whether the file, or the page, makes others, too.
     pub(super) is_one_of_several: bool,
-    keeps_transparent: bool,
+    transparent: Transparent,
     /// The whole picture: columns, rows and channels.
     picture: [u64; 3],
     warping: Option<Warping>,
@@ -85,7 +87,7 @@ pub(super) fn divide(path: &Path, info: &RasterInfo, bands: Option<&[Band]>) -> 
     if is_colour(info) {
         return Ok(vec![Parts { channels: (0..info.channels).collect(), opacity: None }]);
     }
-    let opacity = info.alpha.filter(|_| !info.keeps_transparent);
+    let opacity = info.alpha.filter(|_| info.transparent != Transparent::Plain);
     let alone =
         |channel| Parts { channels: vec![channel], opacity: opacity.filter(|other| *other != channel) };
     Ok((0..info.channels).map(alone).collect())
@@ -125,7 +127,10 @@ impl StackLayer {
         }
         let value = bands::value_type(&picture.path, &info)?;
         let missing = info.nodata.filter(|_| info.alpha.is_none());
-        let value = missing.map_or(value, |nodata| value.with_missing(nodata));
+        let value = match info.transparent {
+            Transparent::Masked if info.channels > 1 => value.with_alpha(),
+            _ => missing.map_or(value, |nodata| value.with_missing(nodata)),
+        };
         let (kind, _) = kind(&info, import);
         let numbers = parts.channels.iter().map(|channel| Band::Number(channel + 1)).collect();
         let said = ImportOptions {
@@ -153,7 +158,7 @@ impl StackLayer {
             page: picture.page,
             parts: parts.clone(),
             is_one_of_several: several,
-            keeps_transparent: import.keep_transparent,
+            transparent: info.transparent,
             picture: [picture.info.width, picture.info.height, picture.info.channels as u64],
             warping: (place.repeat == 0).then(|| Warping {
                 frame: picture.info.frame.clone(),
@@ -196,7 +201,7 @@ impl StackLayer {
         let Parts { channels, opacity } = &self.parts;
         let raster = select_channels(raster, &[channels.as_slice(), opacity.as_slice()].concat());
         let mut info = raster.info().clone();
-        info.keeps_transparent = self.keeps_transparent;
+        info.transparent = self.transparent;
         info.alpha = info.alpha.filter(|_| info.channels > 1);
         let mut raster: Box<dyn Raster> = Box::new(Described { raster, info });
         if opacity.is_some() {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 use super::super::validity::Validity;
-use super::super::{Pixels, Raster, RasterInfo};
+use super::super::{Pixels, Raster, RasterInfo, Transparent};
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Region};
 use spinney_base::value::Number;
@@ -22,7 +22,7 @@ pub(super) struct Masked {
 impl Masked {
     pub(super) fn new(raster: Box<dyn Raster>) -> Masked {
         let last = raster.info().channels - 1;
-        let all = RasterInfo { alpha: Some(last), ..raster.info().clone() };
+        let all = RasterInfo { alpha: Some(last), transparent: Transparent::Void, ..raster.info().clone() };
         let rest: Vec<usize> = (0..last).collect();
         let info = RasterInfo { alpha: None, sample: all.sample, ..all.of_channels(&rest) };
         Masked { raster, opacity: Validity::by_opacity(&all), info, all: Pixels::default() }

@@ -20,7 +20,7 @@ use crate::store::records::{Record, RecordLayout, with_record_type};
 use crate::tree::Child;
 use spinney_base::Form;
 use spinney_base::space::Code;
-use spinney_base::value::{Rule, SampleType, Value, ValueType, with_native_type};
+use spinney_base::value::{Mask, Rule, SampleType, Value, ValueType, with_native_type};
 use spinney_container::{LevelCounts, Shape};
 
 /// A block without VOID.
@@ -53,11 +53,11 @@ impl RowLevel {
 }
 
 impl RowBlock {
-    /// Whether blocks without VOID can be built in rows by a rule.
+    /// Whether blocks without VOID and transparent cells can be built in rows by a rule.
     pub(super) fn supports(form: Form, rule: Rule, count_classes: bool) -> bool {
         match rule {
-            // (Without VOID occupancy is the mean.)
-            Rule::Mean | Rule::Occupancy => form.value.missing.is_none() && !count_classes,
+            // (Without VOID occupancy is the mean. And nothing is transparent.)
+            Rule::Mean | Rule::Occupancy => !matches!(form.value.mask, Mask::Missing(_)) && !count_classes,
             // (Whose bytes are in the order of the values.)
             Rule::Majority => form.value == ValueType::new(SampleType::U8, 1),
             Rule::Dominant | Rule::Min | Rule::Max | Rule::Nearest => false,
