@@ -97,7 +97,7 @@ class RasterioArray:
         self.shape = (dataset.count, dataset.height, dataset.width)
         self.dtype = np.dtype(dataset.dtypes[0])
         if len(set(dataset.dtypes)) > 1:
-            raise TypeError(f"bands of several types, {', '.join(dataset.dtypes)}: build a tree of each")
+            raise TypeError(f"bands of several types, {', '.join(dataset.dtypes)}: build from its path with stack=True for a layer of each")
 
         roles = [role.name.capitalize() for role in dataset.colorinterp]
         self.roles = roles
@@ -154,11 +154,11 @@ def one_array(dataset: Any) -> Any:
     first = dataset[names[0]]
     arrays = [dataset[name] for name in names]
     if any(array.dtype != first.dtype or array.dims != first.dims for array in arrays):
-        raise ValueError(f"variables of several types or axes, {', '.join(map(str, names))}: build a tree of each")
+        raise ValueError(f"variables of several types or axes, {', '.join(map(str, names))}: give stack=True for a layer of each")
     about = [{**array.encoding, **array.attrs} for array in arrays]
     for key in ("_FillValue", "missing_value", "nodata", "flag_values", "flag_meanings"):
         if any(str(other.get(key)) != str(about[0].get(key)) for other in about):
-            raise ValueError(f"variables that differ in {key}, {', '.join(map(str, names))}: build a tree of each")
+            raise ValueError(f"variables that differ in {key}, {', '.join(map(str, names))}: give stack=True for a layer of each")
     made = dataset[names].to_dataarray("band")
     # What all have alike is told of all, and what is told by band of each.
     by_band = {"units": "", "scale_factor": 1.0, "add_offset": 0.0}
