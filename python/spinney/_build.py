@@ -90,8 +90,8 @@ def build(
       Smaller ones have cells 2, 4, 8 ... times as large. `nodata`, `kind`, `rule`, `mask`, `units`, `categories` and the like are for all
       of them, or mappings of names to what each has; `transform` is that of the finest cells. With `stack`, arrays in a list and
       the bands of an array are layers, too.
-    - an open dataset of rasterio, whose bands, masks, place and names are those of the tree; a Dataset of xarray, whose variables
-      are the bands, or with `stack`, or an axis `time`, the layers.
+    - an open dataset of rasterio, whose bands, masks, place and names are those of the tree, or with `stack` of its layers; a Dataset of
+      xarray, whose variables are the bands, or with `stack`, or an axis `time`, the layers.
     - the path of a volume, an NPY file.
     - a mesh: one of trimesh, anything with `vertices` and `faces`, or a pair of arrays of these; see models.
     - paths of models of solids (PLY, OBJ, STL, OFF, CityJSON): `cells` along the longest side or the width of a `cell` or

@@ -13,7 +13,7 @@ from . import _native
 from ._blocks import Blocks, usual_dims
 from ._options import refuse
 from ._progress import working
-from ._sources import is_mesh, is_rasterio
+from ._sources import is_mesh, is_rasterio, rasterio_layers
 from ._times import short_of, text_of_time
 from ._told import array_options
 from ._types import Progress
@@ -70,7 +70,7 @@ def layers_of(source: Any, stack: bool, names: Sequence[str] | None, dims: str |
     elif not stack or isinstance(source, str | os.PathLike) or is_mesh(source):
         return None
     elif is_rasterio(source):
-        raise TypeError(f"stack: of a dataset of rasterio, build from its path: {source.name!r}")
+        found = [ArrayLayer(name, "", array) for name, array in rasterio_layers(source)]
     elif isinstance(source, list | tuple):
         if source and all(isinstance(part, str | os.PathLike) for part in source):
             return None
@@ -112,6 +112,10 @@ def _parts_of(name: str, array: Any, stack: bool) -> Iterator[ArrayLayer]:
         raise TypeError(f"{name}: is a tree; spinney.add_layer adds trees to a file, as they are")
     if isinstance(array, str | os.PathLike):
         raise TypeError(f"{name}: is a path among arrays; build a stack of paths, or of arrays")
+    if is_rasterio(array):
+        for band, part in rasterio_layers(array):
+            yield ArrayLayer(name if array.count == len(part.bands) else f"{name}_{band}", name, part)
+        return
     if not (hasattr(array, "dims") and hasattr(array, "coords")):
         yield ArrayLayer(name or USUAL, name, array if hasattr(array, "shape") else np.asarray(array))
         return

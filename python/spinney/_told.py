@@ -21,6 +21,7 @@ def array_options(source: Any, common: Mapping[str, Any], about: Mapping[str, An
         source = one_array(source)
     if is_rasterio(source):
         source = RasterioArray(source)
+    if isinstance(source, RasterioArray):
         told = source.told()
     elif hasattr(source, "dims") and hasattr(source, "coords"):
         from .xarray import described

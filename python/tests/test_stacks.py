@@ -155,9 +155,9 @@ def test_a_failure_of_a_later_layer_leaves_nothing(tmp_path: Path) -> None:
     assert told[-1] == (300 * 300 + 150 * 150,) * 2
 
 
-def tiff(path: Path, bands: np.ndarray, nodata: float | None = None, width: float = 10.0, names: list[str] | None = None, at: float = 500000.0) -> Path:
+def tiff(path: Path, bands: np.ndarray, nodata: float | None = None, width: float = 10.0, names: list[str] | None = None, at: float = 500000.0, **more: str) -> Path:
     rasterio = pytest.importorskip("rasterio")
-    about = {"driver": "GTiff", "height": bands.shape[1], "width": bands.shape[2], "count": len(bands), "dtype": bands.dtype, "nodata": nodata}
+    about = {"driver": "GTiff", "height": bands.shape[1], "width": bands.shape[2], "count": len(bands), "dtype": bands.dtype, "nodata": nodata, **more}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with rasterio.open(path, "w", crs="EPSG:32628", transform=rasterio.Affine(width, 0, at, 0, -width, 4e6), **about) as file:
@@ -192,6 +192,30 @@ def test_files_are_stacked_as_by_the_program(tmp_path: Path, program: str) -> No
     with spinney.open(mine) as ds:
         assert ds.names == ["B02", "B03", "B05"] and ds["B05"].depth == ds.depth - 1
         assert same(ds["B03"].read(masked=True)[0], np.ma.masked_equal(fine[1], 7))
+
+
+def test_datasets_of_rasterio_are_stacked_as_their_files(tmp_path: Path) -> None:
+    rasterio = pytest.importorskip("rasterio")
+    many = tiff(tmp_path / "many.tif", noise((5, 60, 70), "int16"), 9, names=["B1, blue", "B2", "B3", "", "B5"])
+    rgba = tiff(tmp_path / "rgba.tif", noise((4, 60, 70), "uint8", 2), photometric="RGB", alpha="YES")
+    opacity = (255 * (noise((60, 70), "uint16", 4) > 90)).astype("u2")
+    grey = tiff(tmp_path / "grey.tif", np.stack([noise((60, 70), "uint16", 3), opacity]), alpha="YES")
+    three = tiff(tmp_path / "three.tif", np.stack([*noise((2, 60, 70), "uint16", 3), opacity]), photometric="MINISBLACK", alpha="YES")
+    for path in (many, rgba, grey, three):
+        spinney.build(path, tmp_path / "file.goblin", stack=True)
+        with rasterio.open(path) as file:
+            spinney.build(file, tmp_path / "open.goblin", stack=True)
+        with spinney.open(tmp_path / "file.goblin") as one, spinney.open(tmp_path / "open.goblin") as other:
+            assert [name or path.stem for name in one.names] == other.names
+            for name in one.names:
+                first, second = one[name] if name else one, other[name or path.stem]
+                assert (first.kind, first.nodata, first.dtype, first.crs, first.transform) == (second.kind, second.nodata, second.dtype, second.crs, second.transform)
+                ours, theirs = first.read(masked=True), second.read(masked=True)
+                assert np.array_equal(np.ma.getmaskarray(ours), np.ma.getmaskarray(theirs)) and np.array_equal(ours.compressed(), theirs.compressed()), (path, name)
+    with rasterio.open(many) as file:
+        spinney.build({"x": file, "y": noise((30, 35), "uint8")}, tmp_path / "open.goblin")
+    with spinney.open(tmp_path / "open.goblin") as ds:
+        assert ds.names == ["x_B1", "x_B2", "x_B3", "x_many_4", "x_B5", "y"] and ds["y"].transform[0] == 20
 
 
 def test_pages_are_layers_or_planes(tmp_path: Path) -> None:
