@@ -35,12 +35,11 @@ impl<'py> FromPyObject<'_, 'py> for PyNumber {
     }
 }
 
-/// A number for Python: an int of integer samples, a float of others.
+/// A number for Python: an int of integer samples, if it is one (`1e3` in a file is), a float of others.
 pub(crate) fn told<'py>(py: Python<'py>, number: Number, sample: SampleType) -> PyResult<Bound<'py, PyAny>> {
-    Ok(match number {
-        Number::Unsigned(number) if !sample.is_float() => number.into_pyobject(py)?.into_any(),
-        Number::Signed(number) if !sample.is_float() => number.into_pyobject(py)?.into_any(),
-        number => number.to_f64().into_pyobject(py)?.into_any(),
+    Ok(match number.to_integer().filter(|_| !sample.is_float()) {
+        Some(number) => number.into_pyobject(py)?.into_any(),
+        None => number.to_f64().into_pyobject(py)?.into_any(),
     })
 }
 

@@ -105,6 +105,9 @@ def test_files_are_those_of_rasterio(tmp_path: Path, dtype: str) -> None:
     profile = {"driver": "GTiff", "height": 70, "width": 90, "count": 1, "dtype": dtype, "nodata": near}
     with rasterio.open(path, "w", **profile) as file:
         file.write(array, 1)
+    spinney.build(path, tmp_path / "near.goblin")
+    with spinney.open(tmp_path / "near.goblin") as ds:
+        assert ds.nodata == near and isinstance(ds.nodata, int)
     written = path.read_bytes()
     assert written.count(b"%d" % near) == 1
     path.write_bytes(written.replace(b"%d" % near, b"%d" % int(array[0, 0])))
@@ -125,6 +128,19 @@ def test_files_are_those_of_rasterio(tmp_path: Path, dtype: str) -> None:
     spinney.build(again, tmp_path / "x.goblin")
     with spinney.open(tmp_path / "x.goblin") as ds:
         assert ds.dtype == dtype and np.array_equal(ds[...], array) and ds.nodata == int(array[0, 0])
+
+
+def test_numbers_with_exponents_are_integers(tmp_path: Path) -> None:
+    # (Rasterio writes 2^63 as 9.2233720368547758e+18.)
+    array = np.full((4, 5), 2**63, "uint64")
+    array[1, 2] = 2**63 + 1
+    with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", height=4, width=5, count=1, dtype="uint64", nodata=2**63) as file:
+        file.write(array, 1)
+    assert b"e+18" in (tmp_path / "a.tif").read_bytes()
+    spinney.build(tmp_path / "a.tif", tmp_path / "a.goblin")
+    with spinney.open(tmp_path / "a.goblin") as ds:
+        assert ds.nodata == 2**63 and isinstance(ds.nodata, int) and isinstance(ds.fill_value, int)
+        assert ds.stats().cells == 1 and ds.stats().min == 2**63 + 1
 
 
 def test_octrees_and_numpy_files(tmp_path: Path) -> None:
