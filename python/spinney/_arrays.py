@@ -127,5 +127,6 @@ def of_layers(tree: Any, layers: Any, options: dict[str, Any]) -> Array:
         raise ValueError("layers: of cells of different sizes; give the window in other coordinates, such as 'world'")
     parts = [layer.read(**options) for layer in opened]
     parts = [part if part.ndim > tree.ndim else part[np.newaxis] for part in parts]
-    joined: Array = np.ma.concatenate(parts) if options.get("masked") else np.concatenate(parts)
+    join: Any = np.ma.concatenate if options.get("masked") else np.concatenate
+    joined: Array = join(parts)
     return joined

@@ -42,7 +42,7 @@ class Blocks:
         self.source = source
         self.mask = None if mask is np.ma.nomask else mask
         full = tuple(int(length) for length in source.shape)
-        self.dims = dims or _usual_dims(full)
+        self.dims = dims or usual_dims(full)
         if len(self.dims) != len(full) or self.dims not in ("yx", "byx", "yxb", "zyx", "bzyx", "zyxb"):
             raise ValueError(f"dims: {self.dims!r} does not fit an array of shape {full}")
         if self.in_order and self.dims not in ("yx", "yxb", "zyx", "zyxb"):
@@ -128,7 +128,7 @@ class Blocks:
             raise ValueError(
                 f"bands differ in where they have values: the cell at {place} has some and is masked or NaN in others, and a tree "
                 "has one mask for all bands. Give a number that no sample has as nodata=, which such samples then get; "
-                "or build a tree of each band"
+                "or give stack=True for a layer of each band"
             )
         array = np.where(lacking & partial[..., None], np.asarray(self.nodata).astype(array.dtype), array)
         return array, void
@@ -186,7 +186,7 @@ def _kept(given: np.dtype[Any]) -> np.dtype[Any]:
     return np.dtype(name)
 
 
-def _usual_dims(shape: tuple[int, ...]) -> str:
+def usual_dims(shape: tuple[int, ...]) -> str:
     usual: dict[int, str] = {2: "yx", 3: "byx", 4: "bzyx"}
     if len(shape) not in usual:
         raise ValueError(f"array of shape {shape}: expected 2, 3 or 4 axes")

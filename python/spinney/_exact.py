@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from . import _native
 from ._arrays import points_of, rows_of
-from ._build import crs_text
+from ._told import crs_text
 from ._sources import is_mesh, mesh_file, paths_of
 from ._files import MEMORY
 from ._progress import memory_of, working

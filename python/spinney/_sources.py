@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -90,35 +90,45 @@ def is_rasterio(source: Any) -> bool:
 
 
 class RasterioArray:
-    """The bands of a dataset of rasterio, to be read block by block; VOID is what its masks say."""
+    """Bands of a dataset of rasterio, to be read block by block: all of them, or some, by their numbers from 0. VOID is what its masks say."""
 
-    def __init__(self, dataset: Any) -> None:
+    def __init__(self, dataset: Any, bands: Sequence[int] | None = None) -> None:
         self.dataset = dataset
-        self.shape = (dataset.count, dataset.height, dataset.width)
-        self.dtype = np.dtype(dataset.dtypes[0])
-        if len(set(dataset.dtypes)) > 1:
-            raise TypeError(f"bands of several types, {', '.join(dataset.dtypes)}: build a tree of each")
-
-        roles = [role.name.capitalize() for role in dataset.colorinterp]
-        self.roles = roles
-        self.alpha = roles.index("Alpha") if "Alpha" in roles and len(roles) > 1 else None
+        self.bands = list(range(dataset.count) if bands is None else bands)
+        self.shape = (len(self.bands), dataset.height, dataset.width)
+        types = [str(dataset.dtypes[band]) for band in self.bands]
+        self.dtype = np.dtype(types[0])
+        if len(set(types)) > 1:
+            raise TypeError(f"bands of several types, {', '.join(types)}: give stack=True for a layer of each")
+        every = [role.name.capitalize() for role in dataset.colorinterp]
+        self.roles = [every[band] for band in self.bands]
+        self.alpha = self.roles.index("Alpha") if "Alpha" in self.roles and len(self.roles) > 1 else None
+        # The band that is the opacity of these, perhaps of none among them.
+        self.opacity = every.index("Alpha") if "Alpha" in every and self.roles != ["Alpha"] else None
 
     def __getitem__(self, key: tuple[slice, slice, slice]) -> Array:
         _, rows, columns = key
         window = ((rows.start, rows.stop), (columns.start, columns.stop))
-        if self.alpha is None:
-            found: Array = self.dataset.read(window=window, masked=True)
+        numbers = [band + 1 for band in self.bands]
+        if self.opacity is None:
+            masked = self.roles != ["Alpha"]
+            found: Array = self.dataset.read(numbers, window=window, masked=masked)
             return found
         # (Masks made of opacity leave opacity itself out.)
-        samples = self.dataset.read(window=window)
-        return np.ma.MaskedArray(samples, mask=np.broadcast_to(samples[self.alpha] == 0, samples.shape))
+        samples = self.dataset.read(numbers, window=window)
+        opacity = self.dataset.read(self.opacity + 1, window=window)
+        return np.ma.MaskedArray(samples, mask=np.broadcast_to(opacity == 0, samples.shape))
 
     def told(self) -> dict[str, Any]:
         """What the dataset tells about itself, as arguments of `spinney.build`."""
         dataset = self.dataset
         placed = dataset.crs is not None or not dataset.transform.is_identity
-        colours = dataset.colormap(1) if self.roles == ["Palette"] else None
-        scaled = set(dataset.scales) != {1.0} or set(dataset.offsets) != {0.0}
+        colours = dataset.colormap(self.bands[0] + 1) if self.roles == ["Palette"] else None
+        descriptions, units, scales, offsets, nodata = (
+            tuple(of[band] for band in self.bands)
+            for of in (dataset.descriptions, dataset.units, dataset.scales, dataset.offsets, dataset.nodatavals)
+        )
+        scaled = set(scales) != {1.0} or set(offsets) != {0.0}
         tags = {name: text for name, text in dataset.tags().items() if name != "AREA_OR_POINT"}
         usual = [["Red", "Green", "Blue", "Alpha"][: len(self.roles)], ["Gray", "Undefined", "Undefined", "Undefined"][: len(self.roles)]]
         if self.roles not in usual and not {"Gray", "Palette", "Undefined"}.issuperset(self.roles):
@@ -132,16 +142,28 @@ class RasterioArray:
             "rule": None,
             "transform": dataset.transform if placed else None,
             "crs": dataset.crs,
-            "nodata": dataset.nodata,
+            "nodata": nodata[0],
             "alpha": self.alpha,
             "categories": None,
             "colormap": colours,
-            "descriptions": dataset.descriptions if any(dataset.descriptions) else None,
-            "units": dataset.units if any(dataset.units) else None,
-            "scales": dataset.scales if scaled else None,
-            "offsets": dataset.offsets if scaled else None,
+            "descriptions": descriptions if any(descriptions) else None,
+            "units": units if any(units) else None,
+            "scales": scales if scaled else None,
+            "offsets": offsets if scaled else None,
             "tags": tags,
         }
+
+
+def rasterio_layers(dataset: Any) -> Iterator[tuple[str, RasterioArray]]:
+    """The layers of a dataset of rasterio with their names: each band, and a picture in colour as a whole."""
+    stem = os.path.splitext(os.path.basename(str(dataset.name)))[0] or "band"
+    roles = [role.name for role in dataset.colorinterp]
+    if roles in (["red", "green", "blue"], ["red", "green", "blue", "alpha"], ["gray", "alpha"]) and set(dataset.dtypes) in ({"uint8"}, {"uint16"}, {"float32"}):
+        yield stem, RasterioArray(dataset)
+        return
+    for band in range(dataset.count):
+        text = str(dataset.descriptions[band] or "").split(",")[0].strip()
+        yield stem if dataset.count == 1 else text or f"{stem}_{band + 1}", RasterioArray(dataset, [band])
 
 
 def one_array(dataset: Any) -> Any:
@@ -154,11 +176,11 @@ def one_array(dataset: Any) -> Any:
     first = dataset[names[0]]
     arrays = [dataset[name] for name in names]
     if any(array.dtype != first.dtype or array.dims != first.dims for array in arrays):
-        raise ValueError(f"variables of several types or axes, {', '.join(map(str, names))}: build a tree of each")
+        raise ValueError(f"variables of several types or axes, {', '.join(map(str, names))}: give stack=True for a layer of each")
     about = [{**array.encoding, **array.attrs} for array in arrays]
     for key in ("_FillValue", "missing_value", "nodata", "flag_values", "flag_meanings"):
         if any(str(other.get(key)) != str(about[0].get(key)) for other in about):
-            raise ValueError(f"variables that differ in {key}, {', '.join(map(str, names))}: build a tree of each")
+            raise ValueError(f"variables that differ in {key}, {', '.join(map(str, names))}: give stack=True for a layer of each")
     made = dataset[names].to_dataarray("band")
     # What all have alike is told of all, and what is told by band of each.
     by_band = {"units": "", "scale_factor": 1.0, "add_offset": 0.0}

@@ -4,6 +4,9 @@
 `band_data` with the axes `band`, (`z`,) `y` and `x`, as rioxarray's engine does: coordinates are those of cells' centres, the
 coordinate system is where rioxarray looks for it, `chunks={}` makes Dask arrays whose chunks are the file's segments. All
 levels at once are a tree of datasets: `open_levels(path)`, or `xarray.open_datatree(path, engine="spinney")`.
+
+Layers of a file are variables by their names. Those that tell their times, and are alike in all else, are one variable with an axis
+`time`; `layers="band"` puts all on an axis `band` with their names, `layers="variable"` leaves each alone. A layer is read when it is needed.
 """
 
 from __future__ import annotations
@@ -12,15 +15,17 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
-from xarray.backends import BackendArray, BackendEntrypoint
+from xarray.backends import BackendEntrypoint
 from xarray.core import indexing
 
+from ._cells import Cells, Void, void_of
 from ._dataset import Dataset, open
+from ._times import text_of_time, time_of_text
 from ._types import Path
 
 SEGMENT = {2: 1024, 3: 128}
@@ -39,6 +44,8 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         "view",
         "commit",
         "positioned",
+        "layer",
+        "layers",
         "mask_and_scale",
     )
     supports_groups = True
@@ -53,18 +60,32 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         commit: int | None = None,
         positioned: bool = False,
         layer: str | int | None = None,
+        layers: Literal["time", "band", "variable"] | None = None,
         mask_and_scale: bool | None = None,
     ) -> xr.Dataset:
         """The cells of a level. VOID becomes NaN and scales are applied if `mask_and_scale` is set, which by default it
-        is for amounts, and not for classes. Of a file of several layers each is a variable by its name; those of larger cells than
-        the first have axes of their own. One `layer` is `band_data`."""
+        is for amounts, and not for classes.
+
+        Of a file of several layers each is a variable by its name; those of larger cells than the finest have axes of their own. Layers
+        that tell their times, have the same type and size and, but for the time, the same name, are one variable with an axis `time`
+        (`"band_data"`, if they are named by their times alone). With `layers` "band" all are `band_data`, and their names the
+        coordinates of its axis `band`; with "variable" each is a variable, whatever its time; with "time" it is an error if
+        times do not make an axis. One `layer` is `band_data`."""
         tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned, layer=layer)
-        if len(tree.names) > 1 and layer is None and ":" not in os.path.basename(os.fspath(filename_or_obj)):
-            made = _dataset_of_layers(tree, level, mask_and_scale)
+        trees = {"": tree}
+        if layer is None and not _names_layer(filename_or_obj) and (layers is not None or len(tree.names) > 1):
+            from ._layers import dataset_of_layers, trees_of
+
+            layered = trees_of(tree)
+            trees |= layered
+            made = dataset_of_layers(layered, level, layers, mask_and_scale)
+        elif layers is not None:
+            raise ValueError("layers: is for files, not for one layer")
         else:
             made = _dataset_of(tree, tree.depth if level is None else level, void_of(tree), mask_and_scale)
-        made.set_close(tree.close)
-        return made.drop_vars(drop_variables or [], errors="ignore")
+        made = made.drop_vars(drop_variables or [], errors="ignore")
+        made.set_close(_closing(trees.values()))
+        return made
 
     def open_groups_as_dict(
         self,
@@ -74,15 +95,27 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         view: str | Sequence[str] = (),
         commit: int | None = None,
         positioned: bool = False,
+        layer: str | int | None = None,
+        layers: Literal["time", "band", "variable"] | None = None,
         mask_and_scale: bool | None = None,
     ) -> dict[str, xr.Dataset]:
-        """The levels as groups, named by their numbers."""
-        tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned)
-        root = xr.Dataset(attrs=_attributes(tree))
-        root.set_close(tree.close)
-        groups, void = {"/": root}, void_of(tree)
-        for level in range(tree.levels):
-            made = _dataset_of(tree, level, void, mask_and_scale)
+        """The levels as groups, named by their numbers; those of a file of several layers as `open_dataset` has them."""
+        tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned, layer=layer)
+        root, trees = xr.Dataset(attrs=_attributes(tree)), {"": tree}
+        groups = {"/": root}
+        if layer is None and not _names_layer(filename_or_obj) and (layers is not None or len(tree.names) > 1):
+            from ._layers import dataset_of_layers, trees_of
+
+            layered = trees_of(tree)
+            trees |= layered
+            made_of = [dataset_of_layers(layered, level, layers, mask_and_scale) for level in range(max(each.levels for each in layered.values()))]
+        elif layers is not None:
+            raise ValueError("layers: is for files, not for one layer")
+        else:
+            void = void_of(tree)
+            made_of = [_dataset_of(tree, level, void, mask_and_scale) for level in range(tree.levels)]
+        root.set_close(_closing(trees.values()))
+        for level, made in enumerate(made_of):
             groups[f"/{level}"] = made.drop_vars(drop_variables or [], errors="ignore")
         return groups
 
@@ -97,91 +130,30 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         return re.search(r"\.(goblin|autumn)(@\d+)?(:[^/]+)?$", str(os.fspath(filename_or_obj))) is not None
 
 
+def _closing(trees: Iterable[Dataset]) -> Callable[[], None]:
+    """What closes all of some trees."""
+    held = list(trees)
+
+    def close() -> None:
+        for tree in held:
+            tree.close()
+
+    return close
+
+
+def _names_layer(path: Any) -> bool:
+    """Whether a path names a layer."""
+    return ":" in os.path.basename(os.fspath(path)) and not os.path.exists(path)
+
+
 def open_levels(path: Path, **options: Any) -> xr.DataTree:
     """All levels of a tree, `"0"` (one cell) to the cells, as datasets; options are those of `open_dataset`."""
     return SpinneyBackendEntrypoint().open_datatree(path, **options)
 
 
-class _Cells(BackendArray):
-    """The cells of a level with an axis for bands, read when they are asked for."""
-
-    def __init__(self, tree: Dataset, level: int, void: Void) -> None:
-        self.tree = tree
-        self.level = level
-        self.shape = (tree.count, *tree._shape_at(level))
-        self.dtype = void.dtype
-        # The number for VOID, where it is not the one that trees fill arrays with.
-        self.fill = None if void.number is None or void.number == tree.fill_value else void.number
-
-    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._read)
-
-    def _read(self, key: tuple[Any, ...]) -> Any:
-        band, *cells = key
-        if self.fill is not None:
-            return self._filled(cells)[band]
-        found = np.asarray(self.tree._at_index(self.level, tuple(cells)))
-        return (found[np.newaxis] if self.tree.count == 1 else found)[band]
-
-    def _filled(self, key: Sequence[Any]) -> Any:
-        """Cells of all bands, with the number that was chosen for VOID."""
-        first, last, parts = [], [], []
-        for part, length in zip(key, self.shape[1:]):
-            places = range(length)[part]
-            if isinstance(places, int):
-                places, part = range(places, places + 1), 0
-            elif places:
-                ends = (places[0] - min(places), places[-1] - min(places))
-                stop = ends[1] + (1 if places.step > 0 else -1)
-                part = slice(ends[0], stop if stop >= 0 else None, places.step)
-            else:
-                places, part = range(1), slice(0, 0)
-            first.append(min(places))
-            last.append(max(places) + 1)
-            parts.append(part)
-        # (Windows are told in cells of the deepest level, x first.)
-        shift = self.tree.depth - self.level
-        low = [cell << shift for cell in first]
-        high = [min(cell << shift, length) for cell, length in zip(last, self.tree.shape)]
-        window = (*low[::-1], *(end - start for start, end in zip(low[::-1], high[::-1])))
-        read: Any = self.tree.read(window=window, level=self.level, masked=True)
-        filled: Any = np.where(np.ma.getmaskarray(read), self.dtype.type(self.fill), read.data.astype(self.dtype))
-        return filled[(slice(None), *parts)]
-
-
-class Void(NamedTuple):
-    """The number that stands for VOID, and a type of samples that holds it."""
-
-    number: float | None
-    dtype: np.dtype[Any]
-
-
-def void_of(tree: Dataset) -> Void:
-    """The number that stands for VOID and for nothing else; none where nothing is VOID, in solids, where 0 is empty, and
-    beside opacity, where VOID has none. Where every number is in use, it is one of a wider type."""
-    if tree.rule == "occupancy" or tree._facts()["alpha"] is not None:
-        return Void(None, tree.dtype)
-    facts = tree._statistics()
-    if tree.nodata is None and not facts["void_cells"]:
-        return Void(None, tree.dtype)
-    if tree.dtype.kind == "f":
-        return Void(tree.fill_value, tree.dtype)
-    limits = np.iinfo(tree.dtype)
-    if tree.nodata is not None and float(tree.nodata).is_integer() and limits.min <= tree.nodata <= limits.max:
-        return Void(tree.nodata, tree.dtype)
-    bands = [(low, high) for _, low, high, _, _ in facts["channels"]]
-    for number in (limits.min, limits.max):
-        if not facts["cells"] or all(number < low or number > high for low, high in bands):
-            return Void(number, tree.dtype)
-    if tree.dtype.itemsize == 8:
-        raise ValueError(f"{tree.path}: both ends of {tree.dtype} are samples, and no wider type has a number for VOID; read it with masked=True")
-    return Void(limits.min - 1, np.dtype({1: np.int16, 2: np.int32, 4: np.int64}[tree.dtype.itemsize]))
-
-
 def _dataset_of(tree: Dataset, level: int, void: Void, mask_and_scale: bool | None) -> xr.Dataset:
-    cells = _Cells(tree, level, void)
+    cells = Cells(tree, level, void)
     axes = ("band", "z", "y", "x") if tree.ndim == 3 else ("band", "y", "x")
-    facts = tree._facts()
     attrs = _attributes(tree) | _meaning(tree, level, void)
     side = SEGMENT[tree.ndim]
     chunks = {"band": tree.count} | {
@@ -192,42 +164,25 @@ def _dataset_of(tree: Dataset, level: int, void: Void, mask_and_scale: bool | No
     coordinates: dict[str, Any] = {"band": ("band", np.arange(1, tree.count + 1))}
     coordinates |= _centres(tree, level, cells.shape)
     coordinates["spatial_ref"] = ((), 0, _reference(tree, level))
+    seen = time_of_text(tree.time)
+    if seen is not None:
+        coordinates["time"] = ((), seen)
+    elif tree.time is not None:
+        attrs["time"] = tree.time
     made = xr.Dataset({"band_data": variable}, coordinates, _attributes(tree) | {"level": level})
+    return decoded(made) if masks_of(tree, void, mask_and_scale) else made
+
+
+def masks_of(tree: Dataset, void: Void, mask_and_scale: bool | None) -> bool:
+    """Whether VOID becomes NaN and scales are applied."""
     # (Masked, integers become floats, which do not have all those of 64 bits.)
     is_exact = void.dtype.kind == "f" or void.dtype.itemsize < 8
-    masks = facts["kind"] == "continuous" and is_exact if mask_and_scale is None else mask_and_scale
-    if masks:
-        made = xr.decode_cf(made, mask_and_scale=True, decode_times=False, decode_coords=False)
-    return made
+    return tree.kind == "continuous" and is_exact if mask_and_scale is None else mask_and_scale
 
 
-def _dataset_of_layers(first: Dataset, level: int | None, mask_and_scale: bool | None) -> xr.Dataset:
-    """All layers of a file as variables of one dataset."""
-    variables: dict[str, Any] = {}
-    coordinates: dict[str, Any] = {}
-    attributes: dict[str, Any] = {}
-    finest = max((first[name] for name in first.names), key=lambda tree: tree.depth)
-    wanted = finest.depth if level is None else level
-    for name in first.names:
-        tree = first[name]
-        own = min(wanted, tree.depth)
-        made = _dataset_of(tree, own, void_of(tree), mask_and_scale)
-        cells = made["band_data"]
-        if tree.count == 1:
-            cells = cells.isel(band=0, drop=True)
-        # (Cells of another size lie at other places.)
-        renamed = {axis: f"{axis}_{name}" for axis in ("z", "y", "x") if axis in cells.dims} if own != wanted else {}
-        if "band" in cells.dims and "band" in coordinates and coordinates["band"].size != cells.sizes["band"]:
-            renamed["band"] = f"band_{name}"
-        cells = cells.rename(renamed)
-        if tree.time is not None:
-            cells.attrs["time"] = tree.time
-        if not attributes:
-            attributes = dict(made.attrs)
-        for axis, values in cells.coords.items():
-            coordinates.setdefault(str(axis), values)
-        variables[name] = cells.variable
-    return xr.Dataset(variables, coordinates, attributes)
+def decoded(made: xr.Dataset) -> xr.Dataset:
+    """A dataset whose VOID is NaN, and whose scales are applied."""
+    return xr.decode_cf(made, mask_and_scale=True, decode_times=False, decode_coords=False)
 
 
 def _meaning(tree: Dataset, level: int, void: Void) -> dict[str, Any]:
@@ -322,9 +277,21 @@ def described(array: xr.DataArray) -> dict[str, Any]:
     texts = {name: value for name, value in attrs.items() if isinstance(value, str) and name not in _INTERPRETED}
     if len(bands) > 1 and isinstance(attrs.get("long_name"), str):
         texts["long_name"] = attrs["long_name"]
+    told["seen"] = _seen_of(array)
+    if told["seen"] is not None and texts.get("time") == told["seen"]:
+        del texts["time"]
     told["tags"] = {str(name): text for name, text in texts.items() if not str(name).startswith(("STATISTICS_", "spinney_"))}
     told["tags"] |= _texts_of(attrs, "spinney_tags")
     return told
+
+
+def _seen_of(array: xr.DataArray) -> str | None:
+    """The time of what is seen, which is told by a coordinate, or by an attribute."""
+    time = array.coords.get("time")
+    if time is not None and time.ndim == 0 and time.dtype.kind == "M" and not np.isnat(time.values):
+        return text_of_time(time.values)
+    text = array.attrs.get("time")
+    return text if isinstance(text, str) and time_of_text(text) is not None else None
 
 
 _DECODED = ("scale_factor", "add_offset", "scales", "offsets", "dtype", "_Unsigned", "calendar", "fill_value")

@@ -7,13 +7,13 @@ use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use spinney::import::mesh::{self, Resolution, SolidOptions};
-use spinney::import::raster::{self, Band, ImportOptions, TargetGrid};
+use spinney::import::raster::{self, Band, ImportOptions, StackOptions, TargetGrid};
 use spinney::import::volume::{self, VolumeOptions};
 use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::space::{Crs, Dimension, Frame};
 use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, depth_for};
 use spinney::tree::Form;
-use spinney::value::{Kind, Palette, Rule, SampleType, ValueType};
+use spinney::value::{Kind, Palette, Rule, SampleType, Value, ValueType};
 use spinney::{Result, dataset};
 
 use crate::error::{OrRaise, invalid};
@@ -53,9 +53,45 @@ pub(crate) struct ArrayOptions {
     scale_offset: Vec<(f64, f64)>,
     units: Vec<String>,
     tags: BTreeMap<String, String>,
+    /// Time of what is seen.
+    seen: Option<String>,
+}
+
+/// A tree that is planned of an array.
+pub(crate) struct ArrayTree {
+    pub(crate) form: Form,
+    /// The value that means VOID.
+    pub(crate) nodata: Option<Value>,
+    pub(crate) build: BuildOptions,
 }
 
 impl ArrayOptions {
+    /// Plans the tree of the array.
+    pub(crate) fn plan(&self) -> PyResult<ArrayTree> {
+        let value = self.value()?;
+        let nodata = match self.nodata.map(|number| number.0) {
+            Some(number) if !number.is_nan() => {
+                let stored = if value.sample.is_float() { value.sample.nearest(number) } else { number };
+                let found = value.splat(stored);
+                let none = || invalid(format!("nodata: {number} is none of the values of {value}"));
+                Some(found.ok_or_else(none)?)
+            }
+            _ => None,
+        };
+        let dimension = if self.octree { Dimension::Oct } else { Dimension::Quad };
+        Ok(ArrayTree { form: Form::new(dimension, value), nodata, build: self.options(value.sample)? })
+    }
+
+    /// The array's cells, which `read` hands out.
+    pub(crate) fn slabs<'w>(&self, read: Py<PyAny>, form: Form, work: &'w Work) -> ArraySlabs<'w> {
+        ArraySlabs::new(read, self, form.value, self.memory / 8, work)
+    }
+
+    /// Columns, rows and planes.
+    pub(crate) fn extent(&self) -> [u64; 3] {
+        self.extent
+    }
+
     fn value(&self) -> PyResult<ValueType> {
         let sample = sample_of(&self.dtype).ok_or_else(|| {
             PyTypeError::new_err(format!(
@@ -96,6 +132,7 @@ impl ArrayOptions {
             scale_offset: self.scale_offset.clone(),
             units: self.units.clone(),
             tags: self.tags.clone(),
+            time: self.seen.clone(),
             provenance: vec![format!("array of {} in Python", self.dtype)],
             ..Metadata::default()
         };
@@ -122,7 +159,7 @@ pub(crate) fn matrix_of(numbers: &[f64]) -> PyResult<[[f64; 4]; 3]> {
 }
 
 /// Cells of an array, block by block as Python has them.
-struct ArraySlabs<'w> {
+pub(crate) struct ArraySlabs<'w> {
     /// A function of a block's first cell and size, that gives the samples and perhaps flags.
     read: Py<PyAny>,
     extent: [u64; 3],
@@ -232,20 +269,9 @@ pub(crate) fn build_array(
     options: ArrayOptions,
     terms: Terms,
 ) -> PyResult<()> {
-    let value = options.value()?;
-    let build = options.options(value.sample)?;
-    let nodata = match options.nodata.map(|number| number.0) {
-        Some(number) if !number.is_nan() => {
-            let stored = if value.sample.is_float() { value.sample.nearest(number) } else { number };
-            let found = value.splat(stored);
-            Some(found.ok_or_else(|| invalid(format!("nodata: {number} is none of the values of {value}")))?)
-        }
-        _ => None,
-    };
-    let dimension = if options.octree { Dimension::Oct } else { Dimension::Quad };
-    let form = Form::new(dimension, value);
+    let ArrayTree { form, nodata, build } = options.plan()?;
     jobs::run(py, terms, |work| {
-        let mut slabs = ArraySlabs::new(read, &options, value, options.memory / 8, work);
+        let mut slabs = options.slabs(read, form, work);
         build_slabs(form, &mut slabs, nodata, &build, work.create_tree(&out)?, work)
     })
 }
@@ -266,6 +292,15 @@ impl BandName {
     }
 }
 
+/// Pages of a TIFF file.
+#[derive(FromPyObject)]
+enum Pages {
+    /// One, by its number from 0.
+    One(usize),
+    /// All: `layers` or `z`.
+    All(String),
+}
+
 /// Options of an import of files.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
@@ -278,7 +313,9 @@ pub(crate) struct FileOptions {
     crs: Option<String>,
     depth: Option<u8>,
     layer: Option<String>,
-    pages: Option<usize>,
+    pages: Option<Pages>,
+    stack: bool,
+    names: Option<Vec<String>>,
     keep_transparent: bool,
     memory: u64,
     share: bool,
@@ -310,20 +347,53 @@ impl FileOptions {
             Some(&[a, b, c, d, e, f]) => Some([a, b, c, d, e, f]),
             Some(_) => return Err(invalid("transform: pictures take six numbers")),
         };
-        (options.depth, options.layer, options.page) = (self.depth, self.layer.clone(), self.pages);
+        (options.depth, options.layer) = (self.depth, self.layer.clone());
+        if let Some(Pages::One(page)) = self.pages {
+            options.page = Some(page);
+        }
         (options.keep_transparent, options.share) = (self.keep_transparent, self.share);
         (options.memory, options.time) = (Some(self.memory), self.time);
         Ok(options)
     }
 
+    /// Whether all pages of a file are asked for, as `way`.
+    fn has_pages(&self, way: &str) -> bool {
+        matches!(&self.pages, Some(Pages::All(name)) if name == way)
+    }
+
+    /// All that is asked of a stack; nothing if none is.
+    fn stack(&self) -> PyResult<Option<StackOptions>> {
+        let every_page = self.has_pages("layers");
+        if !self.stack && !every_page {
+            return match self.names {
+                Some(_) => Err(invalid("names: is for stack=True")),
+                None => Ok(None),
+            };
+        }
+        if self.grid.is_some() || self.max_zoom.is_some() {
+            let text =
+                "stack: layers lie on the grid of the finest file; grid and max_zoom are for single pictures";
+            return Err(invalid(text));
+        }
+        let mut options = StackOptions::new();
+        options.import = self.pictures()?;
+        (options.names, options.every_page) = (self.names.clone(), every_page);
+        options.resampling = self.resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
+        options.allow_ballpark = self.allow_ballpark;
+        Ok(Some(options))
+    }
+
     fn volume(&self) -> PyResult<VolumeOptions> {
         if self.bands.is_some()
             || self.layer.is_some()
-            || self.pages.is_some()
+            || (self.pages.is_some() && !self.has_pages("z"))
             || self.keep_transparent
             || self.grid.is_some()
+            || self.stack
+            || self.names.is_some()
         {
-            return Err(invalid("bands, layer, pages, keep_transparent and grid are not for volumes"));
+            let text = "bands, layer, pages, stack, names, keep_transparent and grid are not for volumes, which are trees of their own";
+            return Err(invalid(text));
         }
         let mut options = VolumeOptions::new();
         options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
@@ -398,6 +468,11 @@ pub(crate) fn build_files(
     terms: Terms,
 ) -> PyResult<()> {
     check_output(&paths, &out)?;
+    if let Some(Pages::All(way)) = &options.pages
+        && !["layers", "z"].contains(&way.as_str())
+    {
+        return Err(invalid(format!("pages: {way:?}, expected \"layers\", \"z\" or a number from 0")));
+    }
     if paths.iter().any(|path| mesh::is_model(path)) {
         let mut solid = options.solids()?;
         return jobs::run(py, terms, |work| {
@@ -407,12 +482,22 @@ pub(crate) fn build_files(
             mesh::plan_models(models, &solid)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
-    if let [path] = &paths[..]
-        && volume::is_volume(path)
-    {
+    let in_pages = options.has_pages("z");
+    if in_pages || paths.iter().any(|path| volume::is_volume(path)) {
+        let [path] = &paths[..] else {
+            return Err(invalid(
+                "a volume (NPY, or pages=\"z\") makes a tree of its own: build one at a time",
+            ));
+        };
         let volume = options.volume()?;
+        let plan = if in_pages { volume::plan_pages } else { volume::plan };
         return jobs::run(py, terms, |work| {
-            volume::plan(path, &volume)?.build(work.create_tree(&out)?, work).map(drop)
+            plan(path, &volume)?.build(work.create_tree(&out)?, work).map(drop)
+        });
+    }
+    if let Some(stack) = options.stack()? {
+        return jobs::run(py, terms, |work| {
+            raster::write_stack(&raster::plan_stack(&paths, &stack)?, work.create_tree(&out)?, work)
         });
     }
     let (pictures, target) = (options.pictures()?, options.target()?);

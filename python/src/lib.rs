@@ -24,6 +24,7 @@ mod samples;
 mod save;
 mod sections;
 mod solids;
+mod stack;
 mod stored;
 mod tree;
 mod zonal;
@@ -45,6 +46,8 @@ mod _native {
     use super::model::{Model, build_brep};
     #[pymodule_export]
     use super::rebuild::is_tree;
+    #[pymodule_export]
+    use super::stack::build_layers;
     #[pymodule_export]
     use super::tree::Tree;
     use pyo3::prelude::*;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::PyFloat;
+use pyo3::types::{PyFloat, PyInt};
 use spinney::value::{Number, SampleType};
 
 /// A number that Python has given: an int (also one of NumPy), or a float.
@@ -16,7 +16,7 @@ impl<'py> FromPyObject<'_, 'py> for PyNumber {
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         if !object.is_instance_of::<PyFloat>() {
-            // (What has an index is an integer. One of more than 64 bits is as near as a float comes.)
+            // (What has an index is an integer.)
             if let Ok(number) = object.extract::<u64>() {
                 return Ok(PyNumber(number.into()));
             }
@@ -29,16 +29,17 @@ impl<'py> FromPyObject<'_, 'py> for PyNumber {
                 object.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
             PyTypeError::new_err(format!("expected a number, got {kind}"))
         })?;
-        Ok(PyNumber(number.into()))
+        // (An integer of more than 64 bits is as near as a float comes, but must not become one that fits: -2^63 - 1 is not -2^63.)
+        let is_wide = object.is_instance_of::<PyInt>();
+        Ok(PyNumber(if is_wide && number == i64::MIN as f64 { number.next_down() } else { number }.into()))
     }
 }
 
-/// A number for Python: an int of integer samples, a float of others.
+/// A number for Python: an int of integer samples, if it is one (`1e3` in a file is), a float of others.
 pub(crate) fn told<'py>(py: Python<'py>, number: Number, sample: SampleType) -> PyResult<Bound<'py, PyAny>> {
-    Ok(match number {
-        Number::Unsigned(number) if !sample.is_float() => number.into_pyobject(py)?.into_any(),
-        Number::Signed(number) if !sample.is_float() => number.into_pyobject(py)?.into_any(),
-        number => number.to_f64().into_pyobject(py)?.into_any(),
+    Ok(match number.to_integer().filter(|_| !sample.is_float()) {
+        Some(number) => number.into_pyobject(py)?.into_any(),
+        None => number.to_f64().into_pyobject(py)?.into_any(),
     })
 }
 

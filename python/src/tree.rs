@@ -108,7 +108,7 @@ impl Tree {
         let steps: Vec<String> = self.steps.iter().map(Step::to_string).collect();
         // (The commit that is read, so that all layers are of one state.)
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
-        this.get_type().call1((self.path.clone(), steps, commit, self.positioned, name))
+        this.get_type().call1((self.path.clone(), steps, commit, self.positioned, name, this))
     }
 
     /// Whether it is seen as it is in the file.
@@ -120,7 +120,12 @@ impl Tree {
         *self.opened.write().unwrap_or_else(PoisonError::into_inner) = opened;
     }
 
-    fn open(&self) -> spinney::Result<Arc<Opened>> {
+    /// Opens what is read; of a file that is open, perhaps, as it is.
+    fn open(&self, file: Option<&Opened>) -> spinney::Result<Arc<Opened>> {
+        if let (Some(file), Some(layer)) = (file, &self.layer) {
+            let tree = file.tree.layer(layer)?;
+            return Ok(Arc::new(Opened { tree, is_view: false, void: OnceLock::new() }));
+        }
         let mut options = OpenOptions::new();
         if self.positioned {
             let cache = options.cache;
@@ -149,7 +154,8 @@ impl Tree {
 #[pymethods]
 impl Tree {
     #[new]
-    #[pyo3(signature = (path, view, commit, positioned, layer))]
+    #[pyo3(signature = (path, view, commit, positioned, layer, beside=None))]
+    #[allow(clippy::too_many_arguments)] // those of the Python class
     fn new(
         py: Python<'_>,
         path: PathBuf,
@@ -157,6 +163,7 @@ impl Tree {
         commit: Option<u64>,
         positioned: bool,
         layer: Option<String>,
+        beside: Option<&Bound<'_, Tree>>,
     ) -> PyResult<Tree> {
         let FilePlace { file, commit: named, layer: layer_named } = FilePlace::of(&path);
         if layer_named.is_some() && layer.is_some() && layer_named != layer {
@@ -169,8 +176,10 @@ impl Tree {
         let (path, commit) = (file.into_owned(), commit.or(named));
         let steps = view.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
         let tree = Tree { opened: RwLock::new(None), path, steps, commit, positioned, layer };
-        let opened = py.detach(|| tree.open()).or_raise()?;
-        if let Some(remark) = opened.tree.remark() {
+        // (Layers of a file that is open share it: there may be thousands. A view knows its own layer alone.)
+        let file = beside.filter(|_| tree.is_file()).map(|beside| beside.get().get()).transpose()?;
+        let opened = py.detach(|| tree.open(file.as_deref())).or_raise()?;
+        if let Some(remark) = opened.tree.remark().filter(|_| beside.is_none()) {
             jobs::warn(py, &format!("{}: {remark}", tree.path.display()))?;
         }
         tree.set(Some(opened));
@@ -193,7 +202,7 @@ impl Tree {
         if before.is_none() || self.commit.is_some() {
             return Ok(false);
         }
-        let now = py.detach(|| self.open()).or_raise()?;
+        let now = py.detach(|| self.open(None)).or_raise()?;
         let is_newer = now.tree.commit().map(|commit| commit.number) != before;
         if is_newer {
             self.set(Some(now));
@@ -233,7 +242,7 @@ impl Tree {
                 let (opened, path, steps) = (RwLock::new(None), self.path.clone(), Vec::new());
                 let (commit, positioned) = (self.commit, self.positioned);
                 let file = Tree { opened, path, steps, commit, positioned, layer: None };
-                file.open().and_then(|file| file.tree.layers()).or_raise()?
+                file.open(None).and_then(|file| file.tree.layers()).or_raise()?
             }
         };
         Ok(layers.into_iter().map(|layer| layer.name).collect())

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rasterio
 import xarray
+from conftest import run
 
 import spinney
 
@@ -97,9 +99,18 @@ def test_edits_have_all_digits(tmp_path: Path, dtype: str) -> None:
 @pytest.mark.parametrize("dtype", ["uint64", "int64"])
 def test_files_are_those_of_rasterio(tmp_path: Path, dtype: str) -> None:
     array, path = cells(dtype), tmp_path / "a.tif"
-    profile = {"driver": "GTiff", "height": 70, "width": 90, "count": 1, "dtype": dtype, "nodata": int(array[0, 0])}
+    # (Rasterio writes the nodata number as a float has it; the last digit, which none has, is put in afterwards.)
+    near = -(2**53) if dtype == "int64" else 2**53
+    array[0, 0] = near + (near > 0) - (near < 0)
+    profile = {"driver": "GTiff", "height": 70, "width": 90, "count": 1, "dtype": dtype, "nodata": near}
     with rasterio.open(path, "w", **profile) as file:
         file.write(array, 1)
+    spinney.build(path, tmp_path / "near.goblin")
+    with spinney.open(tmp_path / "near.goblin") as ds:
+        assert ds.nodata == near and isinstance(ds.nodata, int)
+    written = path.read_bytes()
+    assert written.count(b"%d" % near) == 1
+    path.write_bytes(written.replace(b"%d" % near, b"%d" % int(array[0, 0])))
     spinney.build(path, tmp_path / "a.goblin")
     with spinney.open(tmp_path / "a.goblin") as ds:
         assert ds.dtype == dtype and np.array_equal(ds[...], array) and ds.nodata == int(array[0, 0])
@@ -119,6 +130,19 @@ def test_files_are_those_of_rasterio(tmp_path: Path, dtype: str) -> None:
         assert ds.dtype == dtype and np.array_equal(ds[...], array) and ds.nodata == int(array[0, 0])
 
 
+def test_numbers_with_exponents_are_integers(tmp_path: Path) -> None:
+    # (Rasterio writes 2^63 as 9.2233720368547758e+18.)
+    array = np.full((4, 5), 2**63, "uint64")
+    array[1, 2] = 2**63 + 1
+    with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", height=4, width=5, count=1, dtype="uint64", nodata=2**63) as file:
+        file.write(array, 1)
+    assert b"e+18" in (tmp_path / "a.tif").read_bytes()
+    spinney.build(tmp_path / "a.tif", tmp_path / "a.goblin")
+    with spinney.open(tmp_path / "a.goblin") as ds:
+        assert ds.nodata == 2**63 and isinstance(ds.nodata, int) and isinstance(ds.fill_value, int)
+        assert ds.stats().cells == 1 and ds.stats().min == 2**63 + 1
+
+
 def test_octrees_and_numpy_files(tmp_path: Path) -> None:
     array = cells("uint64", (20, 30, 40))
     np.save(tmp_path / "a.npy", array)
@@ -127,3 +151,84 @@ def test_octrees_and_numpy_files(tmp_path: Path) -> None:
         assert ds.dtype == "uint64" and ds.nodata == int(array[1, 2, 3])
         assert np.array_equal(ds.read(1, masked=True).mask, array == array[1, 2, 3])
         assert np.array_equal(ds[...], array)
+
+
+@pytest.mark.parametrize("dtype", ["uint64", "int64"])
+@pytest.mark.parametrize("ending", ["goblin", "autumn"])
+def test_every_door_has_all_digits(tmp_path: Path, program: str, dtype: str, ending: str) -> None:
+    """A layer of a stack, by all ways to its numbers: neighbours that no float tells apart, and VOID that is one of them."""
+    array, path = cells(dtype, (70, 90), 4), tmp_path / f"s.{ending}"
+    base, void = BASE[dtype], BASE[dtype] + 3
+    names = {base: "the one", base + 1: "its neighbour"}
+    spinney.build({"grey": array.astype("u1"), "id": array}, path, nodata={"id": void}, kind={"id": "categorical"}, categories={"id": names})
+    valid = array != array.dtype.type(void)
+    with spinney.open(path, layer="id") as ds:
+        assert ds.nodata == void and ds.fill_value == void and ds.categories == names
+        assert np.array_equal(ds[...], array) and np.array_equal(ds[5:60:7, ::-3], array[5:60:7, ::-3]) and int(ds[6, 7]) == int(array[6, 7])
+        out = np.zeros((1, 20, 30), dtype)
+        assert ds.read(window=(3, 4, 30, 20), out=out) is out and np.array_equal(out[0], array[4:24, 3:33])
+        assert np.array_equal(ds.read(1, window=(-2, -2, 5, 5), boundless=True, fill=void - 1)[2:, 2:], np.where(valid, array, np.array(void - 1, dtype))[:3, :3])
+        assert np.array_equal(np.from_dlpack(ds), array)
+        mapped = ds.mapped((0, 0, 64, 64))
+        assert mapped is None or np.array_equal(np.asarray(mapped)[..., :], array[:64, :64])
+        # Coarser cells are classes that are there.
+        coarse = ds.read(1, level=3, masked=True)
+        assert set(np.unique(coarse.compressed()).tolist()) <= set(np.unique(array[valid]).tolist())
+        ys, xs = np.divmod(np.arange(0, array.size, 37), array.shape[1])
+        places = np.stack([xs, ys], axis=1) + 0.5
+        assert np.array_equal(ds.sample(places, coordinates="cells", bands=1), array[ys, xs])
+        sampled = ds.sample(places, coordinates="cells", bands=1, masked=True)
+        assert np.array_equal(np.ma.getmaskarray(sampled), ~valid[ys, xs])
+        classes, counts = np.unique(array[valid], return_counts=True)
+        told = dict(zip(classes.tolist(), counts.tolist()))
+        stats = ds.stats((10, 20, 30, 40))
+        inside = array[20:60, 10:40][valid[20:60, 10:40]]
+        assert stats.classes == dict(zip(*(found.tolist() for found in np.unique(inside, return_counts=True)))) and stats.min == int(inside.min())
+        assert ds.stats().classes == told
+        zone = {"type": "Polygon", "coordinates": [[[10, 20], [40, 20], [40, 60], [10, 60], [10, 20]]]}
+        for edge in ("centre", "area"):
+            (found,) = ds.zonal(zone, edge=edge, crs="world")  # type: ignore[arg-type]
+            assert found.classes == stats.classes and (found.min, found.max) == (stats.min, stats.max)
+            assert all(isinstance(number, int) for number in found.classes)
+        (named,) = ds.zonal(zone, ["min", "max", "classes"], crs="world")
+        assert (named["min"], named["max"], named["classes"]) == (stats.min, stats.max, stats.classes)
+        blocks = ds.find(base + 1)
+        assert len(blocks) and set(blocks.values.compressed().tolist()) == {base + 1}
+        assert sum(int(width * height) for _, _, width, height in blocks.boxes) == told[base + 1]
+    # JSON, of the program and of Python.
+    said = json.loads(run(program, "stats", f"{path}:id", "--json"))
+    listed = {entry["value"]: entry["cells"] for entry in said["classes"]}
+    assert listed == told and all(isinstance(number, int) for number in listed)
+    assert json.loads(json.dumps(stats.classes)) == {str(number): cells_of for number, cells_of in stats.classes.items()}
+    assert run(program, "point", f"{path}:id", "--in", "cells", "7,6").strip() == (str(int(array[6, 7])) if valid[6, 7] else "void")
+    lines = [json.loads(line) for line in run(program, "find", f"{path}:id", "--class", base + 1, "--json").splitlines()]
+    assert len(lines) == len(blocks) and {line["value"] for line in lines} == {base + 1}
+    # From file to file.
+    copy = tmp_path / "copy.goblin"
+    spinney.convert(f"{path}:id", copy)
+    spinney.transform(f"{path}:id", ["window=10,20,30,40"], tmp_path / "part.goblin")
+    with spinney.open(copy) as ds, spinney.open(tmp_path / "part.goblin") as part:
+        assert np.array_equal(ds[...], array) and np.array_equal(part[...], array[20:60, 10:40])
+    spinney.combine("max", [copy, tmp_path / "part.goblin"], tmp_path / "most.goblin")
+    with spinney.open(tmp_path / "most.goblin") as ds:
+        # (Only where both have values.)
+        assert np.array_equal(ds.read(1, masked=True).compressed(), inside)
+    pairs = {(a[0], b[0]): count for a, b, count in spinney.cross(copy, copy) if a is not None and b is not None}
+    assert pairs == {(number, number): count for number, count in told.items()}
+    with xarray.open_dataset(path, engine="spinney") as ds:
+        assert ds.id.dtype == dtype and np.array_equal(ds.id, array) and int(ds.id.attrs["_FillValue"]) == void
+        assert ds.id.attrs["flag_values"].tolist() == list(names)
+    # An edit of one layer.
+    if ending == "autumn":
+        before = array.copy()
+        with spinney.edit(f"{path}:id") as edit:
+            edit.set([(7, 6), (8, 6)], [base, base + 2])
+            edit.fill(base + 1, window=(20, 30, 5, 5))
+            edit.fill(None, window=(50, 50, 2, 2))
+            edit[0:2, 0:2] = np.full((2, 2), base + 2, dtype)
+        before[6, 7:9] = [base, base + 2]
+        before[30:35, 20:25], before[50:52, 50:52], before[0:2, 0:2] = base + 1, void, base + 2
+        with spinney.open(path) as ds:
+            assert np.array_equal(ds["id"][...], before) and np.array_equal(ds["grey"][...], array.astype("u1"))
+        difference = spinney.diff(f"{path}@1:id", f"{path}:id")
+        assert difference.changed + difference.added + difference.removed == int((array != before).sum())

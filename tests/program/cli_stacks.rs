@@ -71,6 +71,8 @@ fn stacks_are_planned_from_files_bands_and_pages() {
     let shifted = place.write("B03.tif", file(&[placed(Ifd::grey(4, 4, vec![3; 16]), 5.0, 10.0)]));
     let text = complaint(&["build", &one, &shifted, "-o", &out, "--stack"], 1);
     assert!(text.contains("B03.tif") && text.contains("--resampling"), "{text}");
+    spinney(&["-q", "build", &one, &shifted, "-o", &out, "--stack", "--resampling", "nearest"]).success();
+    assert!(stdout(&["info", &out]).contains("B03"));
     let text = complaint(&["build", &one, &one, "-o", &out, "--stack"], 1);
     assert!(text.contains("`B02`") && text.contains("--names"), "{text}");
     let many = Ifd::grey(1, 1, vec![1, 2, 3, 4, 5]).short(258, &[8; 5]).short(277, &[5]);

@@ -185,9 +185,9 @@ impl PictureArgs {
             }
             return Ok(None);
         }
-        if common.grid.is_some() || self.of_warping().is_some() {
+        if common.grid.is_some() || self.max_zoom.is_some() {
             bail!(
-                "--stack: layers keep the grids of their files; --grid and its options are for single pictures"
+                "--stack: layers lie on the grid of the finest file; --grid and --max-zoom are for single pictures"
             )
         }
         let mut options = StackOptions::new();

@@ -1,14 +1,14 @@
 //! Writing of stacks.
 
-use super::Stack;
+use super::{Stack, StackLayer};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
-use spinney_base::{Form, Progress, Result};
+use spinney_base::{Form, PartOfWork, Progress, Result};
 use spinney_container::Metadata;
 use spinney_engine::store::{BuildOptions, TreeWriter};
 
-/// Writes a stack to a file, layer after layer, on the threads of the current rayon pool; progress counts cells. Each layer's file is open while
-/// it is its turn.
+/// Writes a stack to a file, layer after layer, on the threads of the current rayon pool; progress counts cells of all layers. Each layer's file is open
+/// while it is its turn.
 ///
 /// # Errors
 /// If a file cannot be read or has changed, or the output not be written, or on interruption; nothing is left behind then.
@@ -16,7 +16,11 @@ pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Re
     stack.remarks.iter().for_each(|(path, remark)| progress.warn(path, remark));
     let beside = folder(output.path()).to_path_buf();
     let mut file = TreeWriter::create(output, (Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
+    let cells =
+        |layer: &StackLayer| layer.extent.iter().fold(1u64, |cells, side| cells.saturating_mul(*side));
+    let total = stack.layers.iter().fold(0, |total: u64, layer| total.saturating_add(cells(layer)));
     for layer in &stack.layers {
+        let progress = &PartOfWork::new(progress, cells(layer), total);
         // (An only layer needs no name.)
         let name = if stack.layers.len() > 1 { layer.name.clone() } else { String::new() };
         let metadata = Metadata {

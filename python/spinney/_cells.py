@@ -1,0 +1,120 @@
+"""Cells of trees as lazy arrays of xarray."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from ._dataset import Dataset
+
+
+class Cells(BackendArray):
+    """The cells of a level with an axis for bands, read when they are asked for."""
+
+    def __init__(self, tree: Dataset, level: int, void: Void) -> None:
+        self.tree = tree
+        self.level = level
+        self.shape = (tree.count, *tree._shape_at(level))
+        self.dtype = void.dtype
+        # The number for VOID, where it is not the one that trees fill arrays with.
+        self.fill = None if void.number is None or _same(void.number, tree.fill_value) else void.number
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self.read)
+
+    def read(self, key: tuple[Any, ...]) -> Any:
+        """The cells at a basic index."""
+        band, *cells = key
+        if self.fill is not None:
+            return self._filled(cells)[band]
+        found = np.asarray(self.tree._at_index(self.level, tuple(cells)))
+        return (found[np.newaxis] if self.tree.count == 1 else found)[band]
+
+    def _filled(self, key: Sequence[Any]) -> Any:
+        """Cells of all bands, with the number that was chosen for VOID."""
+        first, last, parts = [], [], []
+        for part, length in zip(key, self.shape[1:]):
+            places = range(length)[part]
+            if isinstance(places, int):
+                places, part = range(places, places + 1), 0
+            elif places:
+                ends = (places[0] - min(places), places[-1] - min(places))
+                stop = ends[1] + (1 if places.step > 0 else -1)
+                part = slice(ends[0], stop if stop >= 0 else None, places.step)
+            else:
+                places, part = range(1), slice(0, 0)
+            first.append(min(places))
+            last.append(max(places) + 1)
+            parts.append(part)
+        # (Windows are told in cells of the deepest level, x first.)
+        shift = self.tree.depth - self.level
+        low = [cell << shift for cell in first]
+        high = [min(cell << shift, length) for cell, length in zip(last, self.tree.shape)]
+        window = (*low[::-1], *(end - start for start, end in zip(low[::-1], high[::-1])))
+        read: Any = self.tree.read(window=window, level=self.level, masked=True)
+        filled: Any = np.where(np.ma.getmaskarray(read), self.dtype.type(self.fill), read.data.astype(self.dtype))
+        return filled[(slice(None), *parts)]
+
+
+class Series(BackendArray):
+    """Cells of several layers, one behind the other along a first axis; each is read when it is asked for."""
+
+    def __init__(self, layers: Sequence[Cells]) -> None:
+        self.layers = list(layers)
+        # (A band that is the only one has no axis.)
+        self.key = (0,) if layers[0].shape[0] == 1 else ()
+        self.shape = (len(layers), *layers[0].shape[len(self.key) :])
+        self.dtype = layers[0].dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._read)
+
+    def _read(self, key: tuple[Any, ...]) -> Any:
+        at, *cells = key
+        if not isinstance(at, slice):
+            return self.layers[at].read((*self.key, *cells))
+        parts = [layer.read((*self.key, *cells)) for layer in self.layers[at]]
+        # (Of no layers, the shape tells.)
+        return np.stack(parts) if parts else np.empty((0, *self.shape[1:]), self.dtype)[(slice(None), *cells)]
+
+
+class Void(NamedTuple):
+    """The number that stands for VOID, and a type of samples that holds it."""
+
+    number: float | None
+    dtype: np.dtype[Any]
+
+
+def void_of(*trees: Dataset) -> Void:
+    """The number that stands for VOID and for nothing else in all of some trees of one type; none where nothing is VOID, in solids, where 0
+    is empty, and beside opacity, where VOID has none. Where every number is in use, it is one of a wider type."""
+    tree = trees[0]
+    if tree.rule == "occupancy" or tree._facts()["alpha"] is not None:
+        return Void(None, tree.dtype)
+    facts = [other._statistics() for other in trees]
+    if all(other.nodata is None and not about["void_cells"] for other, about in zip(trees, facts)):
+        return Void(None, tree.dtype)
+    if tree.dtype.kind == "f":
+        same = all(_same(other.fill_value, tree.fill_value) for other in trees)
+        return Void(tree.fill_value if same else np.nan, tree.dtype)
+    limits = np.iinfo(tree.dtype)
+    told = [other.nodata for other in trees if other.nodata is not None and float(other.nodata).is_integer() and limits.min <= other.nodata <= limits.max]
+    for number in (*dict.fromkeys(told), limits.min, limits.max):
+        if all(other.nodata == number or _is_free(number, about) for other, about in zip(trees, facts)):
+            return Void(number, tree.dtype)
+    if tree.dtype.itemsize == 8:
+        raise ValueError(f"{tree.path}: both ends of {tree.dtype} are samples, and no wider type has a number for VOID; read it with masked=True")
+    return Void(limits.min - 1, np.dtype({1: np.int16, 2: np.int32, 4: np.int64}[tree.dtype.itemsize]))
+
+
+def _is_free(number: float, facts: dict[str, Any]) -> bool:
+    """Whether no sample is a number."""
+    return not facts["cells"] or all(number < low or number > high for _, low, high, _, _ in facts["channels"])
+
+
+def _same(a: float, b: float) -> bool:
+    return a == b or (a != a and b != b)
