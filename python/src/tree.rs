@@ -120,13 +120,34 @@ impl Tree {
         *self.opened.write().unwrap_or_else(PoisonError::into_inner) = opened;
     }
 
+    /// Layers of the file by their names, each seen as this one is, of the state that is read.
+    pub(crate) fn open_layers(&self, names: &[String]) -> spinney::Result<Vec<Arc<Opened>>> {
+        let file = self.open_file(self.state())?;
+        names.iter().map(|name| self.seen(file.layer(name)?)).collect()
+    }
+
+    /// The commit that is read, if there are commits and the file is open.
+    fn state(&self) -> Option<u64> {
+        let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
+        opened.as_ref().and_then(|opened| opened.tree.commit()).map(|commit| commit.number)
+    }
+
     fn open(&self) -> spinney::Result<Arc<Opened>> {
+        let tree = self.open_file(self.commit)?;
+        self.seen(match &self.layer {
+            Some(layer) => tree.layer(layer)?,
+            None => tree,
+        })
+    }
+
+    /// Opens the file, or a commit of it: its first layer.
+    fn open_file(&self, commit: Option<u64>) -> spinney::Result<Dataset> {
         let mut options = OpenOptions::new();
         if self.positioned {
             let cache = options.cache;
             options = options.positioned(cache);
         }
-        let path = match self.commit {
+        let path = match commit {
             Some(number) => {
                 let mut name = self.path.clone().into_os_string();
                 name.push(format!("@{number}"));
@@ -134,13 +155,12 @@ impl Tree {
             }
             None => self.path.clone(),
         };
-        let mut tree = dataset::open(&path, &options)?;
-        if let Some(layer) = &self.layer {
-            tree = tree.layer(layer)?;
-        }
-        if !self.steps.is_empty() {
-            tree = tree.view(&self.steps)?;
-        }
+        dataset::open(&path, &options)
+    }
+
+    /// A layer through the steps.
+    fn seen(&self, layer: Dataset) -> spinney::Result<Arc<Opened>> {
+        let tree = if self.steps.is_empty() { layer } else { layer.view(&self.steps)? };
         let is_view = !self.is_file();
         Ok(Arc::new(Opened { tree, is_view, void: OnceLock::new() }))
     }

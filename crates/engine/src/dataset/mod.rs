@@ -7,6 +7,7 @@ mod rebuild;
 mod solids;
 mod texts;
 mod viewed;
+mod zonal;
 
 use std::fmt;
 use std::path::Path;
