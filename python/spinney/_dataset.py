@@ -48,7 +48,8 @@ def open(
     """Opens a tree file of either format, or a commit of one: `map.autumn@12`, or `commit=12`.
 
     Of a file of several layers the first is opened, or the one that `layer` names (or counts, from 0), as the path can:
-    `stack.goblin:B08`. `names` are those of all layers, and `ds["B08"]` is another one.
+    `stack.goblin:B08`. `names` are those of all layers, and `ds["B08"]` is another one; `ds[["B08", "B04", "B03"]]` has two to four as
+    its bands, whatever the sizes of their cells.
 
     `view` are steps of `spinney transform` through which the file is seen, such as `"rotate=30"` or
     `["window=0,0,512,512", "scale=0.5"]`; nothing is made beforehand. They can calculate, with bands and with other files:

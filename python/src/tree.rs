@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyString};
 use spinney::dataset::{self, Dataset};
 use spinney::export::void_number;
-use spinney::ops::Step;
+use spinney::ops::{Calculation, Step};
 use spinney::space::Crs;
 use spinney::store::{FilePlace, OpenOptions};
 use spinney::value::Number;
@@ -109,6 +109,24 @@ impl Tree {
         // (The commit that is read, so that all layers are of one state.)
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
         this.get_type().call1((self.path.clone(), steps, commit, self.positioned, name))
+    }
+
+    /// Layers of the file as the channels of one tree, on the smallest of their cells, opened in the same way: an object of the same class.
+    pub(crate) fn composite<'py>(
+        &self,
+        this: &Bound<'py, Tree>,
+        names: &[String],
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let composite = Step::Calculation(Box::new(Calculation::composite(names).or_raise()?));
+        let commit = self.get()?.tree.commit().map(|commit| commit.number);
+        let file = self.open_file(commit).or_raise()?;
+        // (A name that is no layer's may be that of a channel.)
+        let depth = |name: &&String| file.layer(name).map_or(0, |layer| layer.depth());
+        let deepest = names.iter().map(|name| depth(&name)).max();
+        let finest = names.iter().find(|name| Some(depth(name)) == deepest && file.layer(name).is_ok());
+        let steps: Vec<String> = [&composite].into_iter().chain(&self.steps).map(Step::to_string).collect();
+        let layer = finest.cloned();
+        this.get_type().call1((self.path.clone(), steps, commit, self.positioned, layer))
     }
 
     /// Whether it is seen as it is in the file.

@@ -194,3 +194,21 @@ def test_zones_of_layers_are_those_of_each() -> None:
             found = turned.zonal(districts, layers=["height", "cover"])
             alone = spinney.open(FIXTURES / "v1" / name, view="mirror=x", layer="height").zonal(districts)
             assert found["height"][0].mean == pytest.approx(alone[0].mean)
+
+
+def test_layers_are_bands_of_one_dataset() -> None:
+    for name in ("stack.goblin", "stack.autumn"):
+        with spinney.open(FIXTURES / "v1" / name) as stack, stack[["cover", "colour.b2", "cover"]] as bands:
+            assert (bands.count, bands.shape, bands.descriptions) == (3, stack.shape, ("cover", bands.descriptions[1], "cover"))
+            cover, colour = stack["cover"].read(1, masked=True), stack["colour"].read(2, masked=True)
+            colour = np.ma.masked_array(np.repeat(np.repeat(colour.data, 4, 0), 4, 1), np.repeat(np.repeat(np.ma.getmaskarray(colour), 4, 0), 4, 1))
+            found = bands.read(masked=True)
+            for band, expected in zip(found, (cover, colour, cover), strict=True):
+                assert np.array_equal(np.ma.getmaskarray(band), np.ma.getmaskarray(expected))
+                assert np.array_equal(band.compressed(), expected.compressed())
+            with spinney.open(FIXTURES / "v1" / name, view="composite=cover,colour.b2,cover") as view:
+                assert np.array_equal(view.read(), bands.read())
+            with pytest.raises(ValueError, match="one type"):
+                stack[["cover", "height"]]
+            with pytest.raises(ValueError, match="two to four"):
+                stack[["cover"]]

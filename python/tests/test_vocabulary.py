@@ -26,8 +26,8 @@ def help_of(program: str, *words: str) -> str:
 def commands(program: str) -> list[str]:
     """Names of all subcommands, from the program's own list."""
     listed = help_of(program).split("\nOptions:")[0]
-    names = [name for name in re.findall(r"^  ([a-z]+) {2,}\S", listed, re.MULTILINE) if name != "help"]
-    changes = re.findall(r"^  ([a-z]+) {2,}\S", help_of(program, "edit").split("Commands:")[1].split("\n\n")[0], re.MULTILINE)
+    names = [name for name in re.findall(r"^  ([a-z-]+) {2,}\S", listed, re.MULTILINE) if name != "help"]
+    changes = re.findall(r"^  ([a-z-]+) {2,}\S", help_of(program, "edit").split("Commands:")[1].split("\n\n")[0], re.MULTILINE)
     return sorted([*names, *(f"edit {name}" for name in changes if name != "help")])
 
 

@@ -1,5 +1,8 @@
 //! Layers of a file side by side, as the program shows them.
 
+use std::fs::File;
+use std::io::BufReader;
+
 use serde_json::Value as Json;
 use spinney::io::Output;
 use spinney::space::{Dimension, Frame};
@@ -206,4 +209,149 @@ fn points_tell_layers_and_times() {
         }
         assert_eq!(numbers.join(","), plain);
     }
+}
+
+/// Bands of 16 bits, of which the second has larger cells.
+fn bands() -> Vec<Layer> {
+    let layer = |name, seed, size, coarser| {
+        let cells = Cells::random(quad(SampleType::U16, 1), seed, [size, size, 1], 200, true);
+        Layer { name, time: None, cells, kind: Kind::Continuous, coarser }
+    };
+    vec![layer("B04", 4, 96, 0), layer("B05", 5, 48, 1), layer("B08", 8, 96, 0)]
+}
+
+/// Columns and pixels of a PNG file: red, green, blue and opacity.
+fn pixels(path: &str) -> (usize, Vec<[u8; 4]>) {
+    let mut decoder = png::Decoder::new(BufReader::new(File::open(path).unwrap()));
+    decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::ALPHA);
+    let mut reader = decoder.read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut bytes).unwrap();
+    let grey = |[grey, alpha]: &[u8; 2]| [*grey, *grey, *grey, *alpha];
+    let pixels = match info.color_type {
+        png::ColorType::GrayscaleAlpha => bytes.as_chunks().0.iter().map(grey).collect(),
+        png::ColorType::Rgba => bytes.as_chunks().0.to_vec(),
+        other => panic!("{other:?}"),
+    };
+    (info.width as usize, pixels)
+}
+
+#[test]
+fn pictures_have_layers_as_colours() {
+    for name in ["bands.goblin", "bands.autumn"] {
+        let (place, file) = Place::write(name, &bands());
+        let (out, names) = (place.name("rgb.png"), ["B08", "B05", "B04"]);
+        for more in [&["--range", "10,180"][..], &["--range", "10,180", "--level", "5"]] {
+            let get = |layer: &str, out: &str| {
+                spinney(&[&["-q", "get", &file, out, "--layer", layer], more].concat()).success();
+                pixels(out)
+            };
+            let (columns, found) = get(&names.join(","), &out);
+            let greys = names.map(|name| get(name, &place.name("grey.png")));
+            // (A layer of larger cells has fewer of them.)
+            let grey = |band: usize, index: usize| {
+                let (own, pixels) = &greys[band];
+                let [x, y] = [index % columns, index / columns].map(|at| at * own / columns);
+                pixels[y * own + x]
+            };
+            let mut parts = 0;
+            for (index, pixel) in found.iter().enumerate() {
+                let greys = [0, 1, 2].map(|band| grey(band, index));
+                let [red, green, blue] = greys.map(|[grey, _, _, alpha]| if alpha == 0 { 0 } else { grey });
+                let alpha = greys.iter().map(|grey| grey[3]).max().unwrap_or(0);
+                parts += u32::from(alpha > 0 && greys.iter().any(|grey| grey[3] == 0));
+                assert_eq!(*pixel, [red, green, blue, alpha], "{more:?} {index}");
+            }
+            assert!(parts > 0);
+        }
+    }
+}
+
+#[test]
+fn colours_of_16_bits_are_stretched_and_others_told() {
+    let (place, file) = Place::write("bands.goblin", &bands());
+    let out = place.name("rgb.png");
+    let run = spinney(&["get", &file, &out, "--layer", "B08,B05,B04"]).success();
+    let said = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+    assert!(said.contains(r#"{"draw":"rgb"}"#), "{said}");
+    // Each channel goes from black to white.
+    let (_, found) = pixels(&out);
+    for channel in 0..3 {
+        let of_channel = || found.iter().filter(|pixel| pixel[3] > 0).map(|pixel| pixel[channel]);
+        assert_eq!((of_channel().min(), of_channel().max()), (Some(0), Some(255)));
+    }
+    let drawn = |words: &[&str]| {
+        spinney(&[&["-q", "get", &file, &out], words].concat()).success();
+        pixels(&out).1
+    };
+    // By number, and of two layers the second is cyan.
+    assert_eq!(drawn(&["--layer", "2,1,0"]), found);
+    let two = drawn(&["--layer", "2,1"]);
+    assert!(two.iter().all(|pixel| pixel[1] == pixel[2]));
+    assert!(two.iter().zip(&found).all(|(two, three)| two[3] == 0 || two[..2] == three[..2]));
+    // Seen as a view, or written and drawn in other ways.
+    assert_eq!(drawn(&["--layer", "B08", "--view", "composite=B08,B05,B04", "--style", "rgb"]), found);
+    let legend = place.name("legend.json");
+    spinney(&["legend", &file, &legend, "--layer", "B08,B05,B04"]).success();
+    let legend = std::fs::read_to_string(legend).unwrap();
+    assert!(["B08", "B05", "B04"].iter().all(|name| legend.contains(name)), "{legend}");
+    assert!(!stdout(&["show", &file, "--layer", "B08,B05,B04"]).is_empty());
+    let cog = place.name("cog.tif");
+    spinney(&["-q", "export", &file, &cog, "--layer", "B08,B05,B04"]).success();
+    let back = place.name("back.goblin");
+    spinney(&["-q", "build", &cog, "-o", &back]).success();
+    spinney(&["-q", "get", &back, &out, "--style", "rgb"]).success();
+    assert_eq!(pixels(&out).1, found);
+    for (words, expected) in [
+        (&["--layer", "B08,B05,B04,B04,B04"][..], "two to four"),
+        (&["--layer", "B08,none"], "none"),
+        (&[], "--layer A,B,C"),
+    ] {
+        let text = complaint(&[&["get", &file, &out], words].concat(), 1);
+        assert!(text.contains(expected), "{text}");
+    }
+    let (_place, mixed) = Place::write("series.goblin", &series());
+    let text = complaint(&["get", &mixed, &out, "--layer", "june,cover"], 1);
+    assert!(text.contains("`june` of i16, `cover` of u8, expected layers of one type"), "{text}");
+}
+
+#[test]
+fn tiles_of_layers_are_those_of_a_tree_with_their_channels() {
+    let place = Place(tempfile::tempdir().unwrap());
+    let [stack, tree] = ["stack.goblin", "tree.goblin"].map(|name| place.name(name));
+    let classes = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
+    let elevation = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
+    let words = ["-q", "build", classes, elevation, classes, "-o", &stack, "--stack", "--names", "a,h,b"];
+    spinney(&words).success();
+    spinney(&["-q", "transform", &format!("{stack}:a"), "composite=a,b,a", "-o", &tree]).success();
+    let files = |tree: &str, folder: &str, more: &[&str]| {
+        let folder = place.name(folder);
+        let pattern = format!("{folder}/{{z}}/{{x}}/{{y}}.png");
+        spinney(&[&["-q", "export", tree, &pattern, "--zoom", "7..11"], more].concat()).success();
+        let mut found = Vec::new();
+        let mut pending = vec![std::path::PathBuf::from(&folder)];
+        while let Some(next) = pending.pop() {
+            for entry in std::fs::read_dir(next).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    pending.push(path);
+                } else if path.extension().is_some_and(|extension| extension == "png") {
+                    found.push((
+                        path.strip_prefix(&folder).unwrap().to_owned(),
+                        std::fs::read(&path).unwrap(),
+                    ));
+                }
+            }
+        }
+        found.sort();
+        found
+    };
+    let found = files(&stack, "stack", &["--layer", "a,b,a"]);
+    assert!(found.len() > 4);
+    assert!(found == files(&tree, "tree", &[]));
+    let update = ["export", &stack, &place.name("t.pmtiles"), "--layer", "a,b", "--update", &tree];
+    assert!(complaint(&update, 1).contains("several layers"));
+    // One type is wanted.
+    let text = complaint(&["export", &stack, &place.name("t.pmtiles"), "--layer", "a,h"], 1);
+    assert!(text.contains("`h` of f32") && text.contains("calc=b1,type=f32"), "{text}");
 }

@@ -9,8 +9,9 @@ use spinney::store::FilePlace;
 /// A layer of a file that has several, or some of them.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct LayerOption {
-    /// Layer of a file that has several, by its name or its number from 0; some with commas between. FILE:LAYER names one as well,
-    /// wherever a file is named [default: all, where that can be]
+    /// Layer of a file that has several, by its name or its number from 0; some with commas between, of which pictures have two to four
+    /// as colours (B04,B03,B02: red, green, blue). FILE:LAYER names one as well, wherever a file is named [default: all, where that
+    /// can be]
     #[arg(long = "layer", value_name = "LAYER,...")]
     names: Option<String>,
 }
@@ -40,6 +41,11 @@ impl LayerOption {
                 Ok(file.into())
             }
         }
+    }
+
+    /// The layers that are named, as they were given.
+    pub(crate) fn text(&self) -> Option<&str> {
+        self.names.as_deref()
     }
 
     /// Whether layers are named.

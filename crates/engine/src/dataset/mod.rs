@@ -142,6 +142,19 @@ impl Dataset {
         }
     }
 
+    /// The file, or what is calculated with files, if nothing is seen through further steps: for what reads levels, such as
+    /// [`Warped`](crate::ops::Warped).
+    pub fn whole_source(&self) -> Option<Arc<ViewSource>> {
+        match &self.tree {
+            Tree::View(viewed) => {
+                let source = viewed.view().source();
+                let is_calculated = matches!(**source, ViewSource::Calculated(_));
+                (is_calculated && viewed.view().is_whole()).then(|| source.clone())
+            }
+            _ => self.as_file().map(|file| Arc::new(file.into())),
+        }
+    }
+
     /// The file, also that behind a view: see [`ViewSource::file`].
     fn file(&self) -> Option<TreeFile> {
         match &self.tree {
