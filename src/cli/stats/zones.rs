@@ -9,14 +9,14 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::import::geojson::{PolygonFeature, PolygonLayer, read_polygons};
 use spinney::query::{ZoneChannel, ZoneStatistics};
-use spinney::space::{Coordinates, EdgeRule};
+use spinney::space::{Coordinates, EdgeRule, Places};
 use spinney::store::Metadata;
 use spinney::value::Number;
 
 use super::super::Global;
 use super::super::args::{Memory, places};
 use super::super::report::statistics::class_as_json;
-use super::super::report::{Work, print_json, print_text, printable_json, warn};
+use super::super::report::{Work, print_text, printable_json, warn};
 use super::{cell_area, class_name};
 
 /// Options for statistics of polygons.
@@ -72,8 +72,14 @@ pub(super) fn run(
     let same = Dataset::same_cells(&trees);
     let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
     let places = grids.iter().map(|grid| {
-        let tree = trees[*grid];
-        Ok((places(tree, coordinates.unwrap_or(&own))?, tree.header().extent))
+        let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
+        let coordinates = coordinates.unwrap_or(&own);
+        // (What is to be said of a system is said once.)
+        let places = match grid {
+            0 => places(trees[0], coordinates)?,
+            _ => Places::new(coordinates, frame, header.extent)?,
+        };
+        Ok((places, header.extent))
     });
     let polygons = layer
         .in_cells_of(&places.collect::<Result<Vec<_>>>()?)
@@ -81,22 +87,19 @@ pub(super) fn run(
     let of_grid = |first: &usize| &polygons[grids.binary_search(first).expect("a grid of the list")][..];
     let asked: Vec<_> = trees.iter().copied().zip(same.iter().map(of_grid)).collect();
     let mut report = Report { trees: &trees, options, format, layer: &layer, next: 0, text: String::new() };
-    if matches!(format, Format::Csv) {
-        report.text = report.csv_heading();
-    }
-    let mut found = Vec::with_capacity(layer.features.len());
-    Dataset::zonal_layers(&asked, options.edge, &Work::start(global, "polygons")?, &mut |zone| {
-        found.push(zone);
-        Ok(())
-    })?;
-    found.iter().try_for_each(|zone| report.add(zone))?;
-    match format {
-        Format::Json if layer.features.is_empty() => print_json(&json!({ "zones": [] })),
-        Format::Json => {
-            print_text(&printable_json(&format!("{{\n  \"zones\": [\n{}\n  ]\n}}\n", report.text)))
-        }
-        Format::Text | Format::Csv => print_text(&report.text),
-    }
+    report.begin();
+    let mut failure = None;
+    let work = Work::start(global, "polygons")?;
+    let walked = Dataset::zonal_layers(&asked, options.edge, &work, &mut |zone| {
+        report.add(&zone).map_err(|error| {
+            failure = Some(error);
+            spinney::Error::Interrupted
+        })
+    });
+    failure.map_or(Ok(()), Err)?;
+    walked?;
+    drop(work);
+    report.finish()
 }
 
 /// How statistics are printed.
@@ -115,11 +118,40 @@ struct Report<'a> {
     layer: &'a PolygonLayer,
     /// Number of the next feature.
     next: usize,
-    /// All of it; of JSON the elements of the list. (As text, which takes a tenth of what values of JSON would.)
+    /// What is not printed yet. (Of JSON, too, as text, which takes a tenth of what values would.)
     text: String,
 }
 
+/// Bytes of text that are held: more is printed before the end, so that memory does not grow with polygons times layers.
+const MOST_TEXT: usize = 32 << 20;
+
 impl Report<'_> {
+    /// What stands before all features.
+    fn begin(&mut self) {
+        match self.format {
+            Format::Json => self.text.push_str("{\n  \"zones\": ["),
+            Format::Csv => self.text = self.csv_heading(),
+            Format::Text => {}
+        }
+    }
+
+    /// Prints the rest.
+    fn finish(&mut self) -> Result<()> {
+        if matches!(self.format, Format::Json) {
+            self.text.push_str(if self.next > 0 { "\n  ]\n}\n" } else { "]\n}\n" });
+        }
+        self.print()
+    }
+
+    fn print(&mut self) -> Result<()> {
+        match self.format {
+            Format::Json => print_text(&printable_json(&self.text))?,
+            Format::Text | Format::Csv => print_text(&self.text)?,
+        }
+        self.text.clear();
+        Ok(())
+    }
+
     /// Adds the statistics of the next feature, of all layers.
     fn add(&mut self, zones: &[ZoneStatistics]) -> Result<()> {
         let feature = &self.layer.features[self.next];
@@ -142,7 +174,7 @@ impl Report<'_> {
                         json.insert("layers".into(), rows.collect());
                     }
                 }
-                let separator = if self.next > 1 { ",\n" } else { "" };
+                let separator = if self.next > 1 { ",\n" } else { "\n" };
                 let json = format!("{:#}", serde_json::Value::from(json));
                 // (Strings in JSON have no ends of lines.)
                 let lines: Vec<String> = json.lines().map(|line| format!("    {line}")).collect();
@@ -167,7 +199,7 @@ impl Report<'_> {
                 }
             }
         }
-        Ok(())
+        if self.text.len() > MOST_TEXT { self.print() } else { Ok(()) }
     }
 
     /// The first line of a table.
