@@ -36,6 +36,11 @@ impl LayerOption {
     pub(crate) fn path(&self, file: &Path) -> spinney::Result<PathBuf> {
         match &self.paths(file)?[..] {
             [path] => Ok(path.clone()),
+            _ if self.is_given() => Err(spinney::Error::unsupported(
+                file,
+                "several layers where one is read,",
+                "name one: --layer NAME",
+            )),
             _ => {
                 only_layer(file)?;
                 Ok(file.into())
