@@ -403,7 +403,7 @@ impl Tree {
         delivered(pixels.finish(py, opened, &bands)?, out)
     }
 
-    /// Cells by an index; a name is that of another layer of the file, as a dataset.
+    /// Cells by an index; a name is that of another layer of the file, as a dataset, and a list of names some as the channels of one.
     fn __getitem__<'py>(
         slf: &Bound<'py, Tree>,
         py: Python<'py>,
@@ -411,7 +411,10 @@ impl Tree {
     ) -> PyResult<Bound<'py, PyAny>> {
         match key.cast::<PyString>() {
             Ok(name) => slf.get().other_layer(slf, name),
-            Err(_) => slf.get().at_index(py, None, key),
+            Err(_) => match key.cast::<PyList>().ok().and_then(|names| names.extract::<Vec<String>>().ok()) {
+                Some(names) if !names.is_empty() => slf.get().composite(slf, &names),
+                _ => slf.get().at_index(py, None, key),
+            },
         }
     }
 

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyString};
 use spinney::dataset::{self, Dataset};
 use spinney::export::void_number;
-use spinney::ops::Step;
+use spinney::ops::{Calculation, Step};
 use spinney::space::Crs;
 use spinney::store::{FilePlace, OpenOptions};
 use spinney::value::{Mask, Number};
@@ -111,6 +111,24 @@ impl Tree {
         this.get_type().call1((self.path.clone(), steps, commit, self.positioned, name, this))
     }
 
+    /// Layers of the file as the channels of one tree, on the smallest of their cells, opened in the same way: an object of the same class.
+    pub(crate) fn composite<'py>(
+        &self,
+        this: &Bound<'py, Tree>,
+        names: &[String],
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let composite = Step::Calculation(Box::new(Calculation::composite(names).or_raise()?));
+        let commit = self.get()?.tree.commit().map(|commit| commit.number);
+        let file = self.open_file(commit).or_raise()?;
+        // (A name that is no layer's may be that of a channel.)
+        let depth = |name: &&String| file.layer(name).map_or(0, |layer| layer.depth());
+        let deepest = names.iter().map(|name| depth(&name)).max();
+        let finest = names.iter().find(|name| Some(depth(name)) == deepest && file.layer(name).is_ok());
+        let steps: Vec<String> = [&composite].into_iter().chain(&self.steps).map(Step::to_string).collect();
+        let layer = finest.cloned();
+        this.get_type().call1((self.path.clone(), steps, commit, self.positioned, layer))
+    }
+
     /// Whether it is seen as it is in the file.
     pub(crate) fn is_file(&self) -> bool {
         self.steps.is_empty()
@@ -120,18 +138,38 @@ impl Tree {
         *self.opened.write().unwrap_or_else(PoisonError::into_inner) = opened;
     }
 
+    /// Layers of the file by their names, each seen as this one is, of the state that is read.
+    pub(crate) fn open_layers(&self, names: &[String]) -> spinney::Result<Vec<Arc<Opened>>> {
+        let file = self.open_file(self.state())?;
+        names.iter().map(|name| self.seen(file.layer(name)?)).collect()
+    }
+
+    /// The commit that is read, if there are commits and the file is open.
+    fn state(&self) -> Option<u64> {
+        let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
+        opened.as_ref().and_then(|opened| opened.tree.commit()).map(|commit| commit.number)
+    }
+
     /// Opens what is read; of a file that is open, perhaps, as it is.
     fn open(&self, file: Option<&Opened>) -> spinney::Result<Arc<Opened>> {
         if let (Some(file), Some(layer)) = (file, &self.layer) {
-            let tree = file.tree.layer(layer)?;
-            return Ok(Arc::new(Opened { tree, is_view: false, void: OnceLock::new() }));
+            return self.seen(file.tree.layer(layer)?);
         }
+        let tree = self.open_file(self.commit)?;
+        self.seen(match &self.layer {
+            Some(layer) => tree.layer(layer)?,
+            None => tree,
+        })
+    }
+
+    /// Opens the file, or a commit of it: its first layer.
+    fn open_file(&self, commit: Option<u64>) -> spinney::Result<Dataset> {
         let mut options = OpenOptions::new();
         if self.positioned {
             let cache = options.cache;
             options = options.positioned(cache);
         }
-        let path = match self.commit {
+        let path = match commit {
             Some(number) => {
                 let mut name = self.path.clone().into_os_string();
                 name.push(format!("@{number}"));
@@ -139,13 +177,12 @@ impl Tree {
             }
             None => self.path.clone(),
         };
-        let mut tree = dataset::open(&path, &options)?;
-        if let Some(layer) = &self.layer {
-            tree = tree.layer(layer)?;
-        }
-        if !self.steps.is_empty() {
-            tree = tree.view(&self.steps)?;
-        }
+        dataset::open(&path, &options)
+    }
+
+    /// A layer through the steps.
+    fn seen(&self, layer: Dataset) -> spinney::Result<Arc<Opened>> {
+        let tree = if self.steps.is_empty() { layer } else { layer.view(&self.steps)? };
         let is_view = !self.is_file();
         Ok(Arc::new(Opened { tree, is_view, void: OnceLock::new() }))
     }

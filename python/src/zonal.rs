@@ -1,7 +1,10 @@
 //! Statistics of the cells in polygons.
 
+use std::sync::Arc;
+
 use pyo3::prelude::*;
 use spinney::Progress as _;
+use spinney::dataset::Dataset;
 use spinney::import::geojson::{PolygonLayer, parse_polygons};
 use spinney::query::ZoneStatistics;
 use spinney::space::{Coordinates, EdgeRule, Places, Polygon};
@@ -19,7 +22,8 @@ type ZoneNumbers<'py> = (f64, Bound<'py, PyAny>, Bound<'py, PyAny>, f64, f64);
 #[pymethods]
 impl Tree {
     /// Statistics of the cells in each polygon of some GeoJSON documents, each with the definition of its coordinate system: `world` is
-    /// the tree's own, and without one it is what the document says. Features are those that have all values of some attributes.
+    /// the tree's own, and without one it is what the document says. Features are those that have all values of some attributes. A list
+    /// for each of some layers, or for the one that is open.
     #[pyo3(name = "_zones")]
     fn zones<'py>(
         &self,
@@ -27,29 +31,46 @@ impl Tree {
         documents: Vec<(String, Option<String>)>,
         edge: &str,
         values: Vec<(String, String)>,
+        layers: Option<Vec<String>>,
         terms: Terms,
-    ) -> PyResult<Vec<Zone<'py>>> {
-        let opened = self.get()?;
+    ) -> PyResult<Vec<Vec<Zone<'py>>>> {
+        let opened = match layers {
+            Some(names) => py.detach(|| self.open_layers(&names)).or_raise()?,
+            None => vec![self.get()?],
+        };
         let rule: EdgeRule = edge.parse().or_raise()?;
         let zones = jobs::run(py, terms, |work| {
-            let (header, frame) = (opened.tree.header(), &opened.tree.metadata().frame);
-            let (coordinates, mut layers) = layers_of(&documents, frame.crs.is_some(), work)?;
+            let trees: Vec<&Dataset> = opened.iter().map(|opened| &opened.tree).collect();
+            let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
+            let (coordinates, mut layers) = layers_of(&documents, has_system, work)?;
             PolygonLayer::select(&mut layers, &values)?;
-            let mut polygons = Vec::new();
+            // The polygons are brought to each grid once, of which layers may share one.
+            let same = Dataset::same_cells(&trees);
+            let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
+            let mut polygons: Vec<Vec<Option<Polygon>>> = vec![Vec::new(); grids.len()];
             for (coordinates, layer) in coordinates.iter().zip(&layers) {
                 work.check()?;
-                let places = Places::new(coordinates, frame, header.extent)?;
-                polygons.extend(layer.in_cells(&places, header.extent)?);
+                let places = grids.iter().map(|grid| {
+                    let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
+                    Ok((Places::new(coordinates, frame, header.extent)?, header.extent))
+                });
+                let found = layer.in_cells_of(&places.collect::<spinney::Result<Vec<_>>>()?)?;
+                polygons.iter_mut().zip(found).for_each(|(all, found)| all.extend(found));
             }
-            // (Polygons that lie outside of the tree have no cells.)
-            let met: Vec<Polygon> = polygons.iter().flatten().cloned().collect();
-            let mut found = opened.tree.zonal(&met, rule, work)?.into_iter();
-            opened.tree.check_unchanged()?;
-            let zone_of =
-                |polygon: &Option<Polygon>| polygon.as_ref().and_then(|_| found.next()).unwrap_or_default();
-            Ok(polygons.iter().map(zone_of).collect::<Vec<_>>())
+            let of_grid = |first: &usize| &polygons[grids.binary_search(first).unwrap_or_default()][..];
+            let asked: Vec<_> = trees.iter().copied().zip(same.iter().map(of_grid)).collect();
+            let mut of_layers = vec![Vec::new(); trees.len()];
+            Dataset::zonal_layers(&asked, rule, work, &mut |zone| {
+                of_layers.iter_mut().zip(zone).for_each(|(zones, zone)| zones.push(zone));
+                Ok(())
+            })?;
+            trees.iter().try_for_each(|tree| tree.check_unchanged())?;
+            Ok(of_layers)
         })?;
-        zones.iter().map(|zone| told(py, &opened, zone)).collect()
+        let of_layer = |(opened, zones): (&Arc<Opened>, &Vec<ZoneStatistics>)| {
+            zones.iter().map(|zone| told(py, opened, zone)).collect()
+        };
+        opened.iter().zip(&zones).map(of_layer).collect()
     }
 }
 

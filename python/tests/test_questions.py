@@ -10,7 +10,7 @@ import pytest
 import rasterio
 import rasterio.features
 import shapely
-from conftest import TREES, noise, run
+from conftest import FIXTURES, TREES, noise, run
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -170,3 +170,45 @@ def test_blocks_are_those_of_the_program(island: str, program: str, words: tuple
                 assert all((ds.read(window=box) == 6).all() for box in found.boxes[:5])
     with spinney.open(island) as ds:
         assert len(ds.find(200)) == 0 and ds.find(200).boxes.shape == (0, 4)
+
+
+def test_zones_of_layers_are_those_of_each() -> None:
+    districts = json.loads((FIXTURES / "island_districts.geojson").read_text())
+    for name in ("stack.goblin", "stack.autumn"):
+        with spinney.open(FIXTURES / "v1" / name) as stack:
+            for edge in ("centre", "touch", "area"):
+                found = stack.zonal(districts, edge=edge, layers=stack.names)
+                assert list(found) == stack.names
+                for layer, zones in found.items():
+                    for zone, alone in zip(zones, stack[layer].zonal(districts, edge=edge), strict=True):
+                        assert zone.classes == pytest.approx(alone.classes)
+                        assert (zone.cells, zone.mean) == pytest.approx((alone.cells, alone.mean))
+            means = stack.zonal(districts, ["mean", "count"], layers=["height"])
+            assert means == {"height": stack["height"].zonal(districts, ["mean", "count"])}
+            assert stack.zonal(districts) == stack.zonal(districts, layers=stack.names[:1])[stack.names[0]]
+            with pytest.raises(TypeError, match=r"ds\.names"):
+                stack.zonal(districts, layers="height")
+            with pytest.raises((ValueError, OSError, KeyError), match="nothing"):
+                stack.zonal(districts, layers=["nothing"])
+        with spinney.open(FIXTURES / "v1" / name, view="mirror=x") as turned:
+            found = turned.zonal(districts, layers=["height", "cover"])
+            alone = spinney.open(FIXTURES / "v1" / name, view="mirror=x", layer="height").zonal(districts)
+            assert found["height"][0].mean == pytest.approx(alone[0].mean)
+
+
+def test_layers_are_bands_of_one_dataset() -> None:
+    for name in ("stack.goblin", "stack.autumn"):
+        with spinney.open(FIXTURES / "v1" / name) as stack, stack[["cover", "colour.b2", "cover"]] as bands:
+            assert (bands.count, bands.shape, bands.descriptions) == (3, stack.shape, ("cover", bands.descriptions[1], "cover"))
+            cover, colour = stack["cover"].read(1, masked=True), stack["colour"].read(2, masked=True)
+            colour = np.ma.masked_array(np.repeat(np.repeat(colour.data, 4, 0), 4, 1), np.repeat(np.repeat(np.ma.getmaskarray(colour), 4, 0), 4, 1))
+            found = bands.read(masked=True)
+            for band, expected in zip(found, (cover, colour, cover), strict=True):
+                assert np.array_equal(np.ma.getmaskarray(band), np.ma.getmaskarray(expected))
+                assert np.array_equal(band.compressed(), expected.compressed())
+            with spinney.open(FIXTURES / "v1" / name, view="composite=cover,colour.b2,cover") as view:
+                assert np.array_equal(view.read(), bands.read())
+            with pytest.raises(ValueError, match="one type"):
+                stack[["cover", "height"]]
+            with pytest.raises(ValueError, match="two to four"):
+                stack[["cover"]]

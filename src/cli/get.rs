@@ -27,13 +27,15 @@ const EXAMPLES: &str = "Examples:
   spinney get relief.goblin alps.png --in world --window 5,44,17,48 --style hillshade
   spinney get world.goblin part.npy --window 20000,5000,4096,4096 --level 12
   spinney get world.goblin - --format png --size 256x256 > tile.png
+  spinney get scene.goblin infrared.png --layer B08,B04,B03 --size 1000
   spinney get house.goblin cut.png --slice y=120 --size 800x600
   spinney get house.goblin floor.png --slice z=2.5 --in world
   spinney get house.goblin solid.npy --level 7
   spinney get house.goblin door.npy --window 100,40,0,64,64,32
 
 The output is a picture or an array, by its name: .png, .tif, .exr, .npy or .raw. Several layers are bands
-of a .tif, .npy or .raw file, on the grid of the one with the smallest cells.
+of a .tif, .npy or .raw file, on the grid of the one with the smallest cells; two to four that are named are
+the colours of a .png, or of whatever has a --style.
 
 A slice across x or y has columns along y or x, and rows along z: pictures have the highest at the
 top, arrays the lowest first. Its --window counts so, too. An octree without --slice is an array of
@@ -88,9 +90,14 @@ fn parse_range(text: &str) -> Result<[f64; 2], String> {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let trees = args.tree.open_all()?;
     let path = args.output.path();
-    let format = picture_format(path, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw")?;
+    let format = picture_format(path, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw");
+    // What is drawn has layers as colours; what has values has them as bands.
+    let is_drawn = args.style.is_some() || args.range.is_some() || args.slice.is_some();
+    let is_drawn = is_drawn || matches!(format, Ok(Format::Png | Format::Exr));
+    let is_composite = is_drawn && args.tree.is_composite()?;
+    let trees = if is_composite { vec![args.tree.open_drawn()?] } else { args.tree.open_all()? };
+    let format = format?;
     check_output([args.tree.file.as_path()], path)?;
     let tree = match <[Dataset; 1]>::try_from(trees) {
         Ok([tree]) => tree,
@@ -145,11 +152,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     (request.across, request.nodata) = (across, args.nodata);
     let progress = Work::start(global, "pixels")?;
     let fits = matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16);
-    if format == Format::Png && style.is_none() && !fits {
-        let default = Style::default_for(&tree);
+    let is_usual = format == Format::Png && style.is_none();
+    let default = (is_usual && (is_composite || !fits)).then(|| Style::default_for(&tree));
+    if let Some(default) = &default {
         global.report("style", format_args!("{}; see --style and --range", default.json()));
     }
-    request.style = style;
+    request.style = style.or(default.filter(|_| is_composite));
     global.report_approximate(&tree, request.level(&tree)?);
     let output = Output::create(path)?;
     export_window(&tree, &request, output, format, &progress)
@@ -167,7 +175,7 @@ fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, sta
     let path = args.output.path();
     ensure!(
         args.style.is_none() && args.range.is_none() && format != Format::Png,
-        "--style, --range and .png are for one layer (--layer NAME); several are written to .tif, .npy and .raw"
+        "--style, --range and .png are for one layer (--layer NAME), or two to four as colours (--layer A,B,C); all are written to .tif, .npy and .raw"
     );
     ensure!(args.slice.is_none(), "--slice: is for one layer (--layer NAME)");
     // All on the grid of the one with the smallest cells.

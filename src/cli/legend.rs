@@ -34,7 +34,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    let tree = args.tree.open()?;
+    let tree = args.tree.open_drawn()?;
     let path = args.output.path();
     check_output([args.tree.file.as_path()], path)?;
     let extension = path.extension().and_then(|extension| extension.to_str());

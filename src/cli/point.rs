@@ -5,13 +5,14 @@ use std::sync::Mutex;
 
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
+use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::PointSamples;
 use spinney::space::{Coordinates, Places};
 use spinney::value::{Number, SampleType};
 
 use super::args::{CoordinatesOption, ViewedTree, level_of};
-use super::report::warn;
+use super::report::{printable_json, warn};
 use super::{Global, exact};
 
 const EXAMPLES: &str = "Examples:
@@ -22,6 +23,7 @@ const EXAMPLES: &str = "Examples:
   spinney point relief.goblin < coordinates.csv > heights.txt
   spinney point house.goblin 3.5,2.25,1.1
   spinney point --in cells --level 6 house.goblin < voxels.csv
+  spinney point series.goblin 7.66,45.98 --json
 
 A line of the answer has a point's samples, those of all layers, `void` where nothing is there, or `outside` of the tree's picture; of exact models `inside`, `outside` or `boundary`. Lines of standard input are `X,Y` or `X Y`;
 octrees need X,Y,Z.";
@@ -40,6 +42,9 @@ pub(crate) struct Args {
     level: Option<u8>,
     #[command(flatten)]
     coordinates: CoordinatesOption,
+    /// Print JSON: a line for each point, with names and times of the layers
+    #[arg(long)]
+    json: bool,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -48,6 +53,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             ("--view", args.tree.is_viewed()),
             ("--level", args.level.is_some()),
             ("--in", args.coordinates.given().is_some()),
+            ("--json", args.json),
         ];
         exact::refuse(&args.tree.file, &given)?;
         return exact::points(&model, &args.points);
@@ -67,6 +73,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         places,
         from,
         outside: Mutex::default(),
+        headings: args.json.then(|| trees.iter().map(heading).collect()),
     };
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     if !args.points.is_empty() {
@@ -94,6 +101,14 @@ struct Points<'a> {
     outside: Mutex<OutsidePoints>,
     /// Name of what a point's number counts, for people.
     from: &'static str,
+    /// Of JSON the beginning of what each layer answers.
+    headings: Option<Vec<String>>,
+}
+
+/// The beginning of a layer's answer in JSON: its name and its time.
+fn heading(tree: &Dataset) -> String {
+    let (layer, time) = (json!(tree.metadata().name), json!(tree.metadata().time));
+    printable_json(&format!("{{\"layer\":{layer},\"time\":{time},\"samples\":")).into_owned()
 }
 
 /// Points that lie outside of the picture.
@@ -171,6 +186,10 @@ impl Points<'_> {
         let of_layers = of_layers.collect::<Result<Vec<_>>>()?;
         let mut answers = Vec::with_capacity(lines.len());
         for (index, cell) in cells.iter().enumerate() {
+            if let Some(headings) = &self.headings {
+                write_json(headings, (*cell, index), &of_layers, &mut answers);
+                continue;
+            }
             for (layer, (samples, is_double)) in of_layers.iter().enumerate() {
                 if layer > 0 {
                     answers.push(b',');
@@ -239,6 +258,39 @@ impl Points<'_> {
 
 /// The cell of points that are outside of the picture.
 const OUTSIDE: [u64; 3] = [u64::MAX; 3];
+
+/// Writes a point's answer as a line of JSON.
+fn write_json(
+    headings: &[String],
+    (cell, index): ([u64; 3], usize),
+    of_layers: &[(PointSamples, bool)],
+    text: &mut Vec<u8>,
+) {
+    let is_outside = if cell == OUTSIDE { "true" } else { "false" };
+    text.extend(format!("{{\"outside\":{is_outside},\"layers\":[").bytes());
+    for (layer, (heading, (samples, is_double))) in headings.iter().zip(of_layers).enumerate() {
+        if layer > 0 {
+            text.push(b',');
+        }
+        text.extend(heading.bytes());
+        match samples.get(index) {
+            Some(numbers) => {
+                for (channel, number) in numbers.iter().enumerate() {
+                    text.push(if channel > 0 { b',' } else { b'[' });
+                    // (JSON has no word for what is not finite.)
+                    if number.is_finite() {
+                        write_number(*number, *is_double, text);
+                    } else {
+                        text.extend(b"null");
+                    }
+                }
+                text.extend(b"]}");
+            }
+            None => text.extend(b"null}"),
+        }
+    }
+    text.extend(b"]}\n");
+}
 
 /// Writes a number; a whole one, as most are, without the detour over floating-point printing.
 fn write_number(number: Number, is_double: bool, text: &mut Vec<u8>) {

@@ -103,7 +103,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             exact::refuse(file, &[("--view", args.tree.is_viewed()), ("--level", args.level.is_some())])?;
             Scene::Model(Box::new(model))
         }
-        None => Scene::Cells(args.tree.open()?),
+        None => Scene::Cells(args.tree.open_drawn()?),
     };
     if let Scene::Cells(tree) = &scene {
         ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", file.display());

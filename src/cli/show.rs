@@ -93,7 +93,7 @@ fn drawn(args: &Args, room: [u64; 2], global: &Global) -> Result<Picture> {
         render_exact(&model, &request(room), Output::create(&path)?, Format::Raw, &work)?;
         room
     } else {
-        let tree = args.tree.open()?;
+        let tree = args.tree.open_drawn()?;
         if tree.header().form.axes() == 3 {
             ensure!(args.style.is_none(), "--style: {} is an octree, whose solid is drawn", file.display());
             render(&tree, &request(room), Output::create(&path)?, Format::Raw, &work)?;

@@ -40,7 +40,8 @@ fn tiles_of_other_grids_are_those_of_the_warped_tree() {
         let mut options = WarpOptions::default();
         options.resampling = Some(way);
         let frame = &native.metadata().frame;
-        let ours = WarpedTiles::new(native.as_file().unwrap(), frame, 256, Some(zoom), &options).unwrap();
+        let ours =
+            WarpedTiles::new(native.whole_source().unwrap(), frame, 256, Some(zoom), &options).unwrap();
         let expected = XyzTiles::new(&warped).unwrap();
         let range = TileRange::of_degrees(zoom, ours.degrees());
         let (mut drawn, mut detailed) = (0, 0);
@@ -72,7 +73,8 @@ fn blocks_of_other_grids_know_their_tiles() {
     let frame = &native.metadata().frame;
     let zoom = 13;
     let tiles =
-        WarpedTiles::new(native.as_file().unwrap(), frame, 256, Some(zoom), &WarpOptions::default()).unwrap();
+        WarpedTiles::new(native.whole_source().unwrap(), frame, 256, Some(zoom), &WarpOptions::default())
+            .unwrap();
     let projection = Projection::new(frame.crs.as_ref().unwrap(), false).unwrap();
     for cell in [[3u32, 5, 0], [100, 90, 0], [180, 60, 0]] {
         let block = Code::from_cell(Dimension::Quad, native.depth(), cell).unwrap();
@@ -125,7 +127,8 @@ fn archives_say_where_data_lie() {
     let frame = Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([0.05, 0.0, 175.0, 0.0, -0.05, -10.0]) };
     let pacific = write("pacific.goblin", frame.clone(), [200, 100, 1], &|[x, y, _]| x < 200 && y < 100);
     let tiles =
-        WarpedTiles::new(pacific.as_file().unwrap(), &frame, 256, Some(4), &WarpOptions::default()).unwrap();
+        WarpedTiles::new(pacific.whole_source().unwrap(), &frame, 256, Some(4), &WarpOptions::default())
+            .unwrap();
     let place = tiles.data_place().unwrap();
     assert_eq!((place.bounds[0], place.bounds[2]), (-180.0, 180.0));
     assert!(

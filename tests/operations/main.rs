@@ -7,6 +7,7 @@ mod blame;
 #[cfg(feature = "mesh")]
 mod brep_topology;
 mod calculations;
+mod composites;
 mod contours;
 mod coverage;
 mod crops;

@@ -10,7 +10,7 @@ use spinney::space::{Bounds, EdgeRule, Polygon};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType};
 
-use crate::common::{Cells, OCT, QUAD, Random, options, quad, write_cells};
+use crate::common::{Cells, OCT, QUAD, Random, dataset, options, quad, write_cells};
 
 /// A ring around a point; corners may be at centres and corners of cells.
 fn ring(random: &mut Random, [x, y]: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
@@ -155,7 +155,22 @@ fn zones(form: Form, seed: u64, size: [u64; 3], (rule, kind): (Rule, Kind)) {
     let mut random = Random(seed);
     let zones: Vec<_> = (0..12).map(|_| parts(&mut random, size)).collect();
     let polygons: Vec<Polygon> = zones.iter().map(|parts| Polygon::of_parts(parts).unwrap()).collect();
+    let some: Vec<Option<Polygon>> = polygons.iter().cloned().map(Some).collect();
     for edge in EdgeRule::ALL {
+        // All at once tell what each tells alone.
+        let layers: Vec<(&Dataset, &[Option<Polygon>])> =
+            files.iter().chain([&view]).map(|layer| (layer, &some[..])).collect();
+        let mut all: Vec<Vec<ZoneStatistics>> = vec![Vec::new(); layers.len()];
+        Dataset::zonal_layers(&layers, edge, &(), &mut |zone| {
+            all.iter_mut().zip(zone).for_each(|(all, zone)| all.push(zone));
+            Ok(())
+        })
+        .unwrap();
+        for (layer, found) in layers.iter().zip(&all) {
+            let alone = layer.0.zonal(&polygons, edge, &()).unwrap();
+            // (Sums of parts may come in another order.)
+            alone.iter().zip(found).for_each(|(alone, found)| assert_alike(found, alone, "all at once"));
+        }
         for (name, dataset) in ["goblin", "autumnal", "view"].iter().zip(files.iter().chain([&view])) {
             let found = dataset.zonal(&polygons, edge, &()).unwrap();
             for ((parts, polygon), found) in zones.iter().zip(&polygons).zip(&found) {
@@ -221,4 +236,35 @@ fn zones_of_nothing_and_everything() {
         assert!((found[3].cells - inside).abs() < 1e-9, "{:?}", found[3]);
     }
     assert_eq!(file.zonal(&[], EdgeRule::Area, &()).unwrap(), []);
+}
+
+#[test]
+fn zones_of_layers_with_cells_of_their_own() {
+    let (heights, mean) = (quad(SampleType::F32, 1), (Rule::Mean, Kind::Continuous));
+    let fine = Cells::random(heights, 1, [90, 80, 1], 9, true);
+    let coarse = Cells::random(quad(SampleType::U16, 1), 2, [45, 40, 1], 9, true);
+    let [fine, coarse] = [&fine, &coarse].map(|cells| dataset(cells, mean.0, mean.1));
+    let ring = |factor: f64| {
+        vec![[[3.0, 2.5], [77.0, 11.0], [40.3, 70.9]].iter().map(|at| at.map(|at| at * factor)).collect()]
+    };
+    let polygons = [1.0, 0.5].map(|factor| [Some(Polygon::new(&ring(factor)).unwrap()), None]);
+    let layers: [(&Dataset, &[Option<Polygon>]); 3] =
+        [(&fine, &polygons[0]), (&coarse, &polygons[1]), (&fine, &polygons[0])];
+    for edge in EdgeRule::ALL {
+        let mut zones = Vec::new();
+        let take = &mut |zone| {
+            zones.push(zone);
+            Ok(())
+        };
+        Dataset::zonal_layers(&layers, edge, &(), take).unwrap();
+        let alone = |layer: &Dataset, polygons: &[Option<Polygon>; 2]| {
+            layer.zonal(&[polygons[0].clone().unwrap()], edge, &()).unwrap().remove(0)
+        };
+        let (of_fine, of_coarse) = (alone(&fine, &polygons[0]), alone(&coarse, &polygons[1]));
+        assert!(of_fine.cells > 1000.0 && of_coarse.cells > 250.0);
+        assert_eq!(zones, [vec![of_fine.clone(), of_coarse, of_fine], vec![ZoneStatistics::default(); 3]]);
+    }
+    let uneven = [(&fine, &polygons[0][..]), (&coarse, &polygons[1][..1])];
+    let error = Dataset::zonal_layers(&uneven, EdgeRule::Centre, &(), &mut |_| Ok(())).unwrap_err();
+    assert!(error.to_string().contains("the same polygons"), "{error}");
 }

@@ -18,6 +18,8 @@ mod cli_gltf;
 mod cli_info;
 #[cfg(feature = "cli")]
 mod cli_isosurfaces;
+#[cfg(feature = "cli")]
+mod cli_layers;
 mod cli_meshes;
 mod cli_octree_combine;
 mod cli_octree_transform;

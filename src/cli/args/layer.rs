@@ -9,8 +9,9 @@ use spinney::store::FilePlace;
 /// A layer of a file that has several, or some of them.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct LayerOption {
-    /// Layer of a file that has several, by its name or its number from 0; some with commas between. FILE:LAYER names one as well,
-    /// wherever a file is named [default: all, where that can be]
+    /// Layer of a file that has several, by its name or its number from 0; some with commas between, of which pictures have two to four
+    /// as colours (B04,B03,B02: red, green, blue). FILE:LAYER names one as well, wherever a file is named [default: all, where that
+    /// can be]
     #[arg(long = "layer", value_name = "LAYER,...")]
     names: Option<String>,
 }
@@ -35,11 +36,21 @@ impl LayerOption {
     pub(crate) fn path(&self, file: &Path) -> spinney::Result<PathBuf> {
         match &self.paths(file)?[..] {
             [path] => Ok(path.clone()),
+            _ if self.is_given() => Err(spinney::Error::unsupported(
+                file,
+                "several layers where one is read,",
+                "name one: --layer NAME",
+            )),
             _ => {
                 only_layer(file)?;
                 Ok(file.into())
             }
         }
+    }
+
+    /// The layers that are named, as they were given.
+    pub(crate) fn text(&self) -> Option<&str> {
+        self.names.as_deref()
     }
 
     /// Whether layers are named.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use spinney::dataset::Dataset;
-use spinney::ops::{Step, WarpTarget};
+use spinney::ops::{Calculation, LayerInfo, Step, WarpTarget};
 use spinney::store::FilePlace;
 
 use super::super::open;
@@ -29,9 +29,12 @@ impl ViewedTree {
         !self.steps.is_empty()
     }
 
-    /// The steps as text: another one for other steps.
+    /// What is seen of the file as text: another one for other layers or steps.
     pub(crate) fn steps_text(&self) -> String {
-        if self.steps.is_empty() { String::new() } else { format!(", view {:?}", self.steps) }
+        let steps = if self.steps.is_empty() { String::new() } else { format!(", view {:?}", self.steps) };
+        let several = self.layer.text().filter(|names| names.contains(','));
+        let layer = several.map(|names| format!(", layers {names}"));
+        layer.unwrap_or_default() + &steps
     }
 
     /// Whether the steps make one tree of all layers.
@@ -43,6 +46,33 @@ impl ViewedTree {
     pub(crate) fn open(&self) -> anyhow::Result<Dataset> {
         let path = if self.is_calculated() { self.file.clone() } else { self.layer.path(&self.file)? };
         self.through(open(&path)?)
+    }
+
+    /// Whether several layers are named, which pictures have as channels.
+    pub(crate) fn is_composite(&self) -> spinney::Result<bool> {
+        Ok(self.layer.is_given() && self.layer.paths(&self.file)?.len() > 1)
+    }
+
+    /// Opens what is meant as one tree, to be drawn: the only layer, or two to four that are named as its channels.
+    pub(crate) fn open_drawn(&self) -> anyhow::Result<Dataset> {
+        if !self.is_composite()? {
+            return self.open();
+        }
+        let paths = self.layer.paths(&self.file)?;
+        let file = open(&paths[0])?;
+        let layers = file.layers()?;
+        let info = |path: &PathBuf| {
+            let number = FilePlace::of(path).layer_number(layers.iter().map(|layer| &*layer.name))?;
+            Ok(&layers[number])
+        };
+        let named: Vec<&LayerInfo> = paths.iter().map(info).collect::<spinney::Result<_>>()?;
+        let names: Vec<String> = named.iter().map(|layer| layer.name.clone()).collect();
+        // On the cells of the one that has the smallest.
+        let depth = named.iter().map(|layer| layer.header.depth()).max();
+        let finest = named.iter().find(|layer| Some(layer.header.depth()) == depth).map(|layer| &layer.name);
+        let composite = Step::Calculation(Box::new(Calculation::composite(&names)?));
+        let steps: Vec<Step> = [composite].into_iter().chain(self.steps.iter().cloned()).collect();
+        Ok(file.layer(finest.unwrap_or(&names[0]))?.view(&steps)?)
     }
 
     /// Opens all layers that are meant, each with or without steps.

@@ -48,7 +48,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     if exact::open(&args.tree.file)?.is_some() {
         exact::refuse(&args.tree.file, &[(".tif", true)])?;
     }
-    let tree = args.tree.open()?;
+    let tree = args.tree.open_drawn()?;
     global.report_overviews(&tree);
     check_output([args.tree.file.as_path()], args.output.path())?;
     let mut request = CogRequest::new();

@@ -20,7 +20,8 @@ use spinney::dataset::Dataset;
 
 pub(crate) use found::Found;
 pub(crate) use output::{report_built, report_output};
-use printable::{printable, printable_json};
+use printable::printable;
+pub(crate) use printable::printable_json;
 pub(crate) use progress::Work;
 
 use super::Global;

@@ -4,7 +4,7 @@ mod zones;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::Statistics;
@@ -23,6 +23,7 @@ const EXAMPLES: &str = "Examples:
   spinney stats house.goblin --surface
   spinney stats house.goblin --solid --level 7
   spinney stats landcover.goblin --zones districts.geojson --edge area --json
+  spinney stats series.goblin --zones fields.geojson --csv > series.csv
 
 Of exact models volume, centre of gravity, inertia and surface of the body are printed, and its topology: all
 are exact, and rounded once.
@@ -37,7 +38,8 @@ octrees cells that are not VOID are full.
 With --zones there are statistics of the cells in each polygon of a GeoJSON file, with its id and
 attributes. Its corners are longitude and latitude (RFC 7946), unless the document has a member crs or --in
 says otherwise (--in world: the tree's own system); they are brought to the tree's system. Only what
-the polygons' borders cut is read.
+the polygons' borders cut is read. Of a file of several layers there is a row for each polygon and layer, with the
+layer's name and time.
 
 Areas in square metres are printed for projected coordinate systems that count in metres, except Web
 Mercator. Cells of degrees differ in area.";
@@ -71,6 +73,9 @@ pub(crate) struct Args {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Print a table as CSV: a row for each zone, layer, and channel or class
+    #[arg(long, requires = "zones", conflicts_with = "json")]
+    csv: bool,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -105,15 +110,16 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Statistics of zones; of one layer.
+/// Statistics of zones.
 fn zones_of(args: &Args, trees: &[Dataset], global: &Global) -> Result<()> {
-    let [tree] = trees else {
-        spinney::ops::only_layer(&args.tree.file)?;
-        bail!("--zones: name one layer")
-    };
     if let Some(file) = &args.zones {
-        zones::run(tree, file, &args.zone_options, args.part.coordinates().given(), args.json, global)?;
-        tree.check_unchanged()?;
+        let format = match (args.json, args.csv) {
+            (true, _) => zones::Format::Json,
+            (_, true) => zones::Format::Csv,
+            _ => zones::Format::Text,
+        };
+        zones::run(trees, file, &args.zone_options, args.part.coordinates().given(), format, global)?;
+        trees.iter().try_for_each(Dataset::check_unchanged)?;
     }
     Ok(())
 }

@@ -7,6 +7,7 @@ mod rebuild;
 mod solids;
 mod texts;
 mod viewed;
+mod zonal;
 
 use std::fmt;
 use std::path::Path;
@@ -138,6 +139,19 @@ impl Dataset {
             Tree::Goblin(file) => Some(TreeFile::Goblin(file.clone())),
             Tree::Autumnal(file) => Some(TreeFile::Autumnal(file.clone())),
             Tree::View(_) => None,
+        }
+    }
+
+    /// The file, or what is calculated with files, if nothing is seen through further steps: for what reads levels, such as
+    /// [`Warped`](crate::ops::Warped).
+    pub fn whole_source(&self) -> Option<Arc<ViewSource>> {
+        match &self.tree {
+            Tree::View(viewed) => {
+                let source = viewed.view().source();
+                let is_calculated = matches!(**source, ViewSource::Calculated(_));
+                (is_calculated && viewed.view().is_whole()).then(|| source.clone())
+            }
+            _ => self.as_file().map(|file| Arc::new(file.into())),
         }
     }
 

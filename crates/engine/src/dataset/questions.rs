@@ -3,12 +3,12 @@
 use super::{Dataset, Tree};
 use crate::ops::TreeFile;
 use crate::query::{
-    Condition, FoundBlock, PointSamples, Statistics, StoredRows, ZoneStatistics, autumnal_histogram,
-    autumnal_statistics, check_level, source_find, source_histogram, source_statistics, source_zonal, zonal,
+    Condition, FoundBlock, PointSamples, Statistics, StoredRows, autumnal_histogram, autumnal_statistics,
+    check_level, source_find, source_histogram, source_statistics,
 };
 use crate::query::{PixelGrid, PixelSums};
 use crate::tree::{Child, Source, no_children};
-use spinney_base::space::{Bounds, Cell, Code, EdgeRule, Polygon};
+use spinney_base::space::{Bounds, Cell, Code};
 use spinney_base::value::{Number, Value};
 use spinney_base::{Progress, Result};
 use spinney_container::LevelCounts;
@@ -169,40 +169,6 @@ impl Dataset {
             Tree::Goblin(file) => file.statistics_with(Some(within), false, &()),
             Tree::Autumnal(file) => autumnal_statistics(file, &within, false, &()),
             Tree::View(viewed) => viewed.source().totals(bounds),
-        }
-    }
-
-    /// Zonal statistics: exact statistics of the cells in each of some polygons, whose corners are in cells of the deepest level
-    /// ([`Frame::to_cells`](spinney_crs::Frame::to_cells)). The tree is read only where borders cut it; all threads of the
-    /// current pool work. A polygon goes through all of an octree along z.
-    ///
-    /// ```
-    /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-    /// use spinney::space::EdgeRule;
-    /// use spinney::space::Polygon;
-    ///
-    /// let map = spinney::open("fixtures/v1/classes.goblin")?;
-    /// let triangle = Polygon::new(&[vec![[40.0, 40.0], [180.0, 60.0], [90.0, 170.0]]])?;
-    /// let zones = map.zonal(&[triangle], EdgeRule::Area, &())?;
-    /// let cells: f64 = zones[0].classes.iter().map(|(_, cells)| cells).sum();
-    /// assert!((cells - zones[0].cells).abs() < 1e-6);
-    /// # Ok::<(), spinney::Error>(())
-    /// ```
-    ///
-    /// # Errors
-    /// If the file is damaged there, or on interruption.
-    pub fn zonal(
-        &self,
-        polygons: &[Polygon],
-        rule: EdgeRule,
-        progress: &dyn Progress,
-    ) -> Result<Vec<ZoneStatistics>> {
-        let header = self.header();
-        let cells = (header.picture(), header.counts_classes());
-        match &self.tree {
-            Tree::Goblin(file) => zonal(file, polygons, rule, progress),
-            Tree::Autumnal(file) => source_zonal(&**file, cells, polygons, rule, progress),
-            Tree::View(viewed) => source_zonal(viewed.view(), cells, polygons, rule, progress),
         }
     }
 

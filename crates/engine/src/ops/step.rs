@@ -54,7 +54,7 @@ pub enum Step {
     /// `grid=xyz`, `grid=xyz,ZOOM`: onto the cells of web maps, with the world as the root; see [`WarpGrid::web_mercator`].
     WebMercator(Option<u8>),
     /// `calc=EXPRESSION`, `calc=EXPRESSION,a=FILE,type=u8`, `reduce=median`: one channel of what is calculated with the channels, and
-    /// with those of files on the same grid.
+    /// with those of files on the same grid. `composite=B08,B04,B03`: two to four of them as channels of one tree.
     Calculation(Box<Calculation>),
 }
 

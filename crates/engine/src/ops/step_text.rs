@@ -11,7 +11,7 @@ use spinney_crs::{Coordinates, Crs};
 
 /// All steps, for the message about an unknown one.
 const STEPS: &str = "window=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
-                     tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc= or reduce=";
+                     tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc=, reduce= or composite=";
 
 impl FromStr for Step {
     type Err = Error;
@@ -30,6 +30,10 @@ impl FromStr for Step {
         }
         if let Some(reduction) = text.strip_prefix("reduce=") {
             let calculation = Calculation::parse_reduction(reduction)?;
+            return Ok(Step::Calculation(Box::new(calculation)));
+        }
+        if let Some(names) = text.strip_prefix("composite=") {
+            let calculation = Calculation::parse_composite(names)?;
             return Ok(Step::Calculation(Box::new(calculation)));
         }
         if let Some((window, coordinates)) = text.split_once(",in=")
@@ -387,6 +391,7 @@ mod tests {
             "warp=EPSG:3035,cell=30,resampling=area",
             "calc=where((b2-b1)/(b2+b1)>0.5,1,0),a=x,in=y.goblin,type=u8",
             "reduce=median,a=x.goblin,type=u16",
+            "composite=B08,\"a,b\",B03",
         ] {
             let step: Step = text.parse().unwrap();
             assert_eq!(step.to_string(), text);
@@ -415,7 +420,7 @@ mod tests {
             assert!(
                 error.contains(text)
                     && error.contains(
-                        "tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc= or reduce="
+                        "tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc=, reduce= or composite="
                     ),
                 "{error}"
             );

@@ -127,7 +127,7 @@ impl ViewSource {
     /// Whether levels above the cells are calculated from the numbers of these levels, not from the cells.
     pub(crate) fn is_approximate(&self) -> bool {
         match self {
-            ViewSource::Calculated(_) => true,
+            ViewSource::Calculated(tree) => tree.is_approximate(),
             ViewSource::Warped(tree) => tree.source().is_approximate(),
             ViewSource::Opaque(tree) => tree.source().is_approximate(),
             ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,

@@ -47,8 +47,7 @@ pub use surface::SolidSurface;
 pub(crate) use surface::measure_surface;
 pub use window::Canvas;
 pub use window::StoredRows;
-pub(crate) use zonal::source_zonal;
-pub use zonal::zonal;
+pub(crate) use zonal::{ZonalGroup, ZonalTree, zonal};
 pub use zonal::{ZoneChannel, ZoneStatistics};
 
 use spinney_base::{Error, Result};

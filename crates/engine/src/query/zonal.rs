@@ -4,7 +4,9 @@
 //! the tree stores; what a border cuts is gone into, down to uniform blocks, whose part in the polygon is counted in rows,
 //! or measured.
 
+use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
 
 use super::classes::Classes;
 use super::count::{Count, counter_of};
@@ -19,6 +21,7 @@ use spinney_base::parallel;
 use spinney_base::space::{Bounds, Code, Cover, Crossings, EdgeRule, Polygon};
 use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Progress, Result};
+use spinney_container::Header;
 
 /// Statistics of the cells in a polygon.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -45,88 +48,190 @@ pub struct ZoneChannel {
     pub standard_deviation: f64,
 }
 
-/// Statistics of the cells in each of some polygons, whose corners are in cells; time goes with the nodes along their borders.
-///
-/// # Errors
-/// If the file is damaged there, or on interruption.
-pub fn zonal(
-    tree: &Goblin,
-    polygons: &[Polygon],
-    rule: EdgeRule,
-    progress: &dyn Progress,
-) -> Result<Vec<ZoneStatistics>> {
-    let header = tree.header();
-    let (form, counts_classes) = (header.form, header.counts_classes());
-    each_zone(
-        (form, header.depth(), counts_classes),
-        header.picture(),
-        polygons,
-        rule,
-        progress,
-        &|zone, gather| walk(tree, zone, gather),
-    )
-}
-
-/// [`zonal`] of any source; `picture` are the cells that can be other than VOID.
-pub(crate) fn source_zonal<S: Source>(
-    source: &S,
-    (picture, counts_classes): (Bounds, bool),
-    polygons: &[Polygon],
-    rule: EdgeRule,
-    progress: &dyn Progress,
-) -> Result<Vec<ZoneStatistics>> {
-    let tree = (source.form(), source.depth(), counts_classes);
-    each_zone(tree, picture, polygons, rule, progress, &|zone, gather| walk_source(source, zone, gather))
+/// A tree that is asked for the cells in polygons.
+pub(crate) struct ZonalTree<'a> {
+    form: Form,
+    depth: u8,
+    counts_classes: bool,
+    /// Cells that can be other than VOID.
+    picture: Bounds,
+    walk: Box<WalkZone<'a>>,
 }
 
 /// A walk over the cells of a zone.
 type WalkZone<'a> = dyn Fn(&ZoneCells<'_>, &mut Gather<'_>) -> Walked + Sync + 'a;
 
-/// Polygons that are worked on before somebody is told of it.
-const BATCH: usize = 64;
+impl<'a> ZonalTree<'a> {
+    /// A file in segments.
+    pub(crate) fn of_file(tree: &'a Goblin) -> ZonalTree<'a> {
+        ZonalTree::new(tree.header(), Box::new(|zone, gather| walk(tree, zone, gather)))
+    }
 
-fn each_zone(
-    (form, depth, counts_classes): (Form, u8, bool),
-    picture: Bounds,
-    polygons: &[Polygon],
+    /// Any other source, and the header that a file of it has.
+    pub(crate) fn of_source<S: Source>(source: &'a S, header: &Header) -> ZonalTree<'a> {
+        ZonalTree::new(header, Box::new(|zone, gather| walk_source(source, zone, gather)))
+    }
+
+    fn new(header: &Header, walk: Box<WalkZone<'a>>) -> ZonalTree<'a> {
+        let (depth, counts_classes) = (header.depth(), header.counts_classes());
+        ZonalTree { form: header.form, depth, counts_classes, picture: header.picture(), walk }
+    }
+}
+
+/// Trees of the same grid, by their numbers among all, with polygons in its cells; of those that lie outside there is none.
+pub(crate) struct ZonalGroup<'a> {
+    pub(crate) trees: Vec<(usize, ZonalTree<'a>)>,
+    pub(crate) polygons: &'a [Option<Polygon>],
+}
+
+/// Statistics of all trees in a polygon, in their order.
+type TakeZone<'a> = dyn FnMut(Vec<ZoneStatistics>) -> Result<()> + 'a;
+
+/// Polygons that are worked on before somebody is told of it, and answers that are held at most, unless there are more trees.
+const BATCH: usize = 64;
+const MOST_HELD: usize = 1 << 16;
+
+/// Hands out the statistics of the cells in each of some polygons, of all trees; time goes with the nodes along their borders. Which
+/// cells are in a polygon is found once for all trees of a grid.
+///
+/// # Errors
+/// If a file is damaged there, `take` fails, or on interruption.
+pub(crate) fn zonal(
+    groups: &[ZonalGroup<'_>],
     rule: EdgeRule,
     progress: &dyn Progress,
-    walk_zone: &WalkZone<'_>,
-) -> Result<Vec<ZoneStatistics>> {
-    let mut all = Vec::with_capacity(polygons.len());
-    for batch in polygons.chunks(BATCH) {
-        let found = parallel::map(batch, |polygon| {
-            let zone = ZoneCells { polygon, rule, picture };
-            let mut gather = Gather::new(form, depth, counts_classes, zone, progress);
-            ended(walk_zone(&zone, &mut gather))?;
-            Ok(gather.finish())
-        });
-        found.into_iter().try_for_each(|found: Result<ZoneStatistics>| found.map(|found| all.push(found)))?;
+    take: &mut TakeZone<'_>,
+) -> Result<()> {
+    let trees: usize = groups.iter().map(|group| group.trees.len()).sum();
+    let polygons = groups.iter().map(|group| group.polygons.len()).max().unwrap_or(0);
+    let numbers: Vec<usize> = (0..polygons).collect();
+    for batch in numbers.chunks((MOST_HELD / trees.max(1)).clamp(1, BATCH)) {
+        let zone_of = |number: &usize| {
+            let mut all = vec![ZoneStatistics::default(); trees];
+            groups.iter().try_for_each(|group| group.zone(*number, rule, progress, &mut all))?;
+            Ok(all)
+        };
+        let found: Vec<Result<Vec<ZoneStatistics>>> = parallel::map(batch, zone_of);
+        found.into_iter().try_for_each(|found| take(found?))?;
         progress.check()?;
-        progress.advance(batch.len() as u64, polygons.len() as u64);
+        progress.advance((batch.len() * trees) as u64, (polygons * trees) as u64);
     }
-    Ok(all)
+    Ok(())
+}
+
+impl ZonalGroup<'_> {
+    /// Statistics in a polygon, at the places of the group's trees.
+    fn zone(
+        &self,
+        number: usize,
+        rule: EdgeRule,
+        progress: &dyn Progress,
+        all: &mut [ZoneStatistics],
+    ) -> Result<()> {
+        let Some(Some(polygon)) = self.polygons.get(number) else { return Ok(()) };
+        let mut found = (self.trees.len() > 1).then(RefCell::<FoundCells>::default);
+        for (place, tree) in &self.trees {
+            let zone = ZoneCells { polygon, rule, picture: tree.picture, found: found.take() };
+            let mut gather = Gather::new(tree, &zone, progress);
+            ended((tree.walk)(&zone, &mut gather))?;
+            all[*place] = gather.finish();
+            found = zone.found;
+        }
+        Ok(())
+    }
 }
 
 /// The cells of a picture in a polygon.
-#[derive(Clone, Copy)]
 struct ZoneCells<'a> {
     polygon: &'a Polygon,
     rule: EdgeRule,
     picture: Bounds,
+    /// What was found of them for other trees of the grid, if there are any.
+    found: Option<RefCell<FoundCells>>,
+}
+
+/// What was found of the cells in a polygon, by first column and row, columns and rows of nodes.
+#[derive(Default)]
+struct FoundCells {
+    covers: HashMap<[u64; 4], Cover>,
+    measures: HashMap<[u64; 4], f64>,
+    spans: HashMap<[u64; 4], Vec<(u64, Range<u64>)>>,
+    /// Columns of all rows.
+    count: usize,
+}
+
+/// Entries of each kind that are remembered.
+const MOST_FOUND: usize = 1 << 16;
+
+/// A node's place among what was found.
+fn area_of(bounds: &Bounds) -> [u64; 4] {
+    let ([x, y, _], [columns, rows, _]) = (bounds.min, bounds.size());
+    [x, y, columns, rows]
 }
 
 impl ZoneCells<'_> {
+    /// What was found before; else it is found now.
+    fn find<T: Copy>(
+        &self,
+        bounds: &Bounds,
+        kind: fn(&mut FoundCells) -> &mut HashMap<[u64; 4], T>,
+        find: impl FnOnce() -> T,
+    ) -> T {
+        let Some(known) = &self.found else { return find() };
+        let area = area_of(bounds);
+        if let Some(found) = kind(&mut known.borrow_mut()).get(&area) {
+            return *found;
+        }
+        let found = find();
+        let (mut known, room) = (known.borrow_mut(), MOST_FOUND);
+        let of_kind = kind(&mut known);
+        if of_kind.len() < room {
+            of_kind.insert(area, found);
+        }
+        found
+    }
+
     /// Cells of a box that are inside.
     fn measure(&self, bounds: &Bounds, crossings: &mut Crossings) -> f64 {
         // (A polygon goes through all of an octree along z.)
         let layers = (bounds.max[2] - bounds.min[2]) as f64;
-        layers
-            * match self.rule {
-                EdgeRule::Centre => self.polygon.count_centres(bounds, crossings) as f64,
-                EdgeRule::Touch => self.polygon.count_touched(bounds, crossings) as f64,
-                EdgeRule::Area => self.polygon.area(bounds),
-            }
+        let measure = || match self.rule {
+            EdgeRule::Centre => self.polygon.count_centres(bounds, crossings) as f64,
+            EdgeRule::Touch => self.polygon.count_touched(bounds, crossings) as f64,
+            EdgeRule::Area => self.polygon.area(bounds),
+        };
+        layers * self.find(bounds, |found| &mut found.measures, measure)
+    }
+
+    /// Hands out the columns, row by row, of a box's cells that count.
+    fn spans(&self, bounds: &Bounds, crossings: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>)) {
+        let mut spans = |each: &mut dyn FnMut(u64, Range<u64>)| match self.rule {
+            EdgeRule::Touch => self.polygon.touched_spans(bounds, crossings, each),
+            EdgeRule::Centre | EdgeRule::Area => self.polygon.spans(bounds, crossings, each),
+        };
+        let Some(found) = &self.found else { return spans(each) };
+        let area = area_of(bounds);
+        let mut found = found.borrow_mut();
+        if let Some(known) = found.spans.get(&area) {
+            return known.iter().for_each(|(row, span)| each(*row, span.clone()));
+        }
+        if found.count >= MOST_FOUND {
+            return spans(each);
+        }
+        let mut list = Vec::new();
+        spans(&mut |row, span| {
+            each(row, span.clone());
+            list.push((row, span));
+        });
+        found.count += list.len();
+        found.spans.insert(area, list);
+    }
+
+    fn cover_of(&self, space: &Bounds) -> Cover {
+        match self.rule {
+            EdgeRule::Centre => self.polygon.cover_centres(space),
+            EdgeRule::Touch | EdgeRule::Area => self.polygon.cover_area(space),
+        }
     }
 }
 
@@ -136,10 +241,7 @@ impl Selection for ZoneCells<'_> {
         if self.picture.intersect(space).is_empty() {
             return Cover::Nothing;
         }
-        match self.rule {
-            EdgeRule::Centre => self.polygon.cover_centres(space),
-            EdgeRule::Touch | EdgeRule::Area => self.polygon.cover_area(space),
-        }
+        self.find(space, |found| &mut found.covers, || self.cover_of(space))
     }
 
     fn part(&self, space: &Bounds) -> Bounds {
@@ -149,7 +251,7 @@ impl Selection for ZoneCells<'_> {
 
 /// Statistics of a zone in the making.
 struct Gather<'a> {
-    zone: ZoneCells<'a>,
+    zone: &'a ZoneCells<'a>,
     depth: u8,
     value_type: ValueType,
     /// Whole cells.
@@ -162,25 +264,13 @@ struct Gather<'a> {
 }
 
 impl<'a> Gather<'a> {
-    fn new(
-        form: Form,
-        depth: u8,
-        counts_classes: bool,
-        zone: ZoneCells<'a>,
-        progress: &'a dyn Progress,
-    ) -> Gather<'a> {
+    fn new(tree: &ZonalTree<'_>, zone: &'a ZoneCells<'a>, progress: &'a dyn Progress) -> Gather<'a> {
+        let (form, counts_classes) = (tree.form, tree.counts_classes);
         let count = if counts_classes { Box::new(Classes::new(form)) } else { counter_of(form) };
         let parts =
             Parts { channels: [Moments::default(); 4], cells: 0.0, classes: HashMap::new(), counts_classes };
-        Gather {
-            zone,
-            depth,
-            value_type: form.value,
-            count,
-            parts,
-            crossings: Crossings::default(),
-            progress,
-        }
+        let (depth, value_type) = (tree.depth, form.value);
+        Gather { zone, depth, value_type, count, parts, crossings: Crossings::default(), progress }
     }
 
     fn finish(mut self) -> ZoneStatistics {
@@ -218,21 +308,17 @@ impl Visitor for Gather<'_> {
         if self.zone.rule == EdgeRule::Area {
             return false;
         }
-        let (polygon, count) = (self.zone.polygon, &mut self.count);
+        let count = &mut self.count;
         let origin = code.bounds(self.depth).min;
         let part = Bounds {
             min: [origin[0], origin[1], 0],
             max: [origin[0] + size[0] as u64, origin[1] + size[1] as u64, 1],
         };
-        let each = &mut |row: u64, span: std::ops::Range<u64>| {
+        self.zone.spans(&part, &mut self.crossings, &mut |row, span| {
             let from = [(span.start - origin[0]) as usize, (row - origin[1]) as usize];
             let at = [first[0] + from[0], first[1] + from[1], first[2]];
             count.dense(block, (at, [(span.end - span.start) as usize, 1, size[2]]));
-        };
-        match self.zone.rule {
-            EdgeRule::Touch => polygon.touched_spans(&part, &mut self.crossings, each),
-            _ => polygon.spans(&part, &mut self.crossings, each),
-        }
+        });
         true
     }
 

@@ -15,10 +15,19 @@ pub(super) fn style(tree: &Dataset) -> Style {
 pub(super) fn stretched(tree: &Dataset, range: [f64; 2]) -> Style {
     let document = match tree.header().form.value.channels {
         3.. => json!({ "draw": "rgb", "domain": range }),
+        2 if is_two_colours(tree) => json!({ "draw": "rgb", "bands": TWO_COLOURS, "domain": range }),
         _ => json!({ "draw": "ramp", "ramp": "grey", "domain": range }),
     };
     // (Numbers that are none are no JSON: they are null.)
     parse::of_value(&document).unwrap_or_else(|_| style(tree))
+}
+
+/// Channels, from 1, that are red, green and blue where there are two: the second is green and blue, which is cyan.
+const TWO_COLOURS: [u8; 3] = [1, 2, 2];
+
+/// Whether two channels are told to be red and cyan.
+fn is_two_colours(tree: &Dataset) -> bool {
+    tree.metadata().colour_roles() == ["Red", "Cyan"]
 }
 
 fn document(tree: &Dataset) -> Value {
@@ -26,6 +35,12 @@ fn document(tree: &Dataset) -> Value {
     let value = header.form.value;
     if tree.metadata().palette.is_some() {
         return json!({ "draw": "palette" });
+    }
+    if value.channels == 2 && is_two_colours(tree) {
+        return match value.sample {
+            SampleType::U8 => json!({ "draw": "rgb", "bands": TWO_COLOURS, "domain": [0, 255] }),
+            _ => json!({ "draw": "rgb", "bands": TWO_COLOURS }),
+        };
     }
     if value.channels >= 3 {
         return match value.sample {

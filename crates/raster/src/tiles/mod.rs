@@ -15,8 +15,8 @@
 //! # let path = folder.path().join("island.goblin");
 //! plan(&["fixtures/island_classes.tif".into()], &ImportOptions::default())?.build(Output::create(&path)?, &())?;
 //! let map = spinney::open(&path)?;
-//! let file = map.as_file().expect("it is no view");
-//! let tiles = WarpedTiles::new(file, &map.metadata().frame, 256, Some(9), &Default::default())?;
+//! let source = map.whole_source().expect("it is no view");
+//! let tiles = WarpedTiles::new(source, &map.metadata().frame, 256, Some(9), &Default::default())?;
 //! let painter = TilePainter::new(&Style::default_for(&map), &map, &())?;
 //! let archive = folder.path().join("island.pmtiles");
 //! export_tiles(&tiles, &painter, &TileRequest::new(&map)?, &TileTarget::Pmtiles(archive.clone()), &())?;

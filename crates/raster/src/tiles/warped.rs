@@ -10,7 +10,7 @@ use spinney_base::value::ValueType;
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::{Frame, Projection, WEB_MERCATOR_LATITUDE, web_mercator};
 use spinney_engine::dataset::Dataset;
-use spinney_engine::ops::{TreeFile, ViewSource, WarpGrid, WarpOptions, Warped};
+use spinney_engine::ops::{ViewSource, WarpGrid, WarpOptions, Warped};
 use spinney_engine::tree::Source as _;
 
 /// Tiles of a raster that lies on another grid than web mercator's.
@@ -32,19 +32,18 @@ pub struct WarpedTiles {
 }
 
 impl WarpedTiles {
-    /// The tiles of a file, of so many cells a side, down to a zoom: if none is given, to that whose cells are closest in size to the
+    /// The tiles of a raster, of so many cells a side, down to a zoom: if none is given, to that whose cells are closest in size to the
     /// raster's. `frame` is the place of the raster's cells in the world.
     ///
     /// # Errors
     /// Those of [`Warped::new`].
     pub fn new(
-        file: TreeFile,
+        source: Arc<ViewSource>,
         frame: &Frame,
         side: usize,
         max_zoom: Option<u8>,
         options: &WarpOptions,
     ) -> Result<WarpedTiles> {
-        let source = Arc::new(ViewSource::from(file));
         let header = source.header();
         let (source_depth, source_extent) = (header.depth(), header.extent);
         let levels = side.trailing_zeros() as u8;
@@ -171,7 +170,7 @@ pub fn tile_source<'a>(
             }
         };
     }
-    let Some(file) = tree.as_file() else {
+    let Some(source) = tree.whole_source() else {
         let expected =
             format!("a file of it: `spinney transform {} STEP ... -o OTHER` makes one", path.display());
         return Err(Error::invalid(
@@ -181,7 +180,7 @@ pub fn tile_source<'a>(
         ));
     };
     let last = request.zooms.as_ref().map(|zooms| *zooms.end());
-    let tiles = WarpedTiles::new(file, &tree.metadata().frame, request.side, last, options)?;
+    let tiles = WarpedTiles::new(source, &tree.metadata().frame, request.side, last, options)?;
     tiles.remarks().iter().for_each(|remark| progress.warn(path, remark));
     request.options.push_str(&tiles.signature());
     Ok(Box::new(tiles))

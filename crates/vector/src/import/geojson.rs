@@ -144,6 +144,26 @@ impl PolygonLayer {
     /// # Errors
     /// Those of [`PolygonFeature::in_cells`], with the feature's number; if there are polygons and all of them lie outside of the tree.
     pub fn in_cells(&self, places: &Places, extent: [u64; 3]) -> Result<Vec<Option<Polygon>>> {
+        let polygons = self.polygons(places)?;
+        if self.meets(&polygons, extent) { Ok(polygons) } else { Err(self.outside(places)) }
+    }
+
+    /// [`PolygonLayer::in_cells`] of several trees, such as the layers of a file.
+    ///
+    /// # Errors
+    /// Those of [`PolygonLayer::in_cells`]; polygons may lie outside of some of the trees, but not of all.
+    pub fn in_cells_of(&self, trees: &[(Places, [u64; 3])]) -> Result<Vec<Vec<Option<Polygon>>>> {
+        let all = trees.iter().map(|(places, _)| self.polygons(places)).collect::<Result<Vec<_>>>()?;
+        let mut pairs = trees.iter().zip(&all);
+        match trees.first() {
+            Some((places, _)) if !pairs.any(|((_, extent), polygons)| self.meets(polygons, *extent)) => {
+                Err(self.outside(places))
+            }
+            _ => Ok(all),
+        }
+    }
+
+    fn polygons(&self, places: &Places) -> Result<Vec<Option<Polygon>>> {
         let in_cells = |(index, feature): (usize, &PolygonFeature)| {
             feature.in_cells(places).map_err(|error| match error {
                 Error::Invalid { what, found, expected } => {
@@ -152,15 +172,22 @@ impl PolygonLayer {
                 other => other,
             })
         };
-        let polygons = self.features.iter().enumerate().map(in_cells).collect::<Result<Vec<_>>>()?;
+        self.features.iter().enumerate().map(in_cells).collect()
+    }
+
+    /// Whether some of the polygons reach into a picture of so many cells, or there are none.
+    fn meets(&self, polygons: &[Option<Polygon>], extent: [u64; 3]) -> bool {
         let is_met = |polygon: &Polygon| {
             let [low, high] = polygon.corners();
             (0..2).all(|axis| high[axis] > 0.0 && low[axis] < extent[axis] as f64)
         };
+        self.features.iter().all(|feature| feature.parts.iter().flatten().flatten().next().is_none())
+            || polygons.iter().flatten().any(is_met)
+    }
+
+    /// The error that all polygons lie outside of a tree.
+    fn outside(&self, places: &Places) -> Error {
         let corners = || self.features.iter().flat_map(|feature| feature.parts.iter().flatten().flatten());
-        if corners().next().is_none() || polygons.iter().flatten().any(is_met) {
-            return Ok(polygons);
-        }
         let least = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::INFINITY, f64::min);
         let most = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::NEG_INFINITY, f64::max);
         let system = self.crs.as_ref().map_or("the tree's own system".into(), Crs::to_string);
@@ -175,7 +202,7 @@ impl PolygonLayer {
             false => "a member \"crs\" or the option for coordinates says in which system they are",
         };
         let expected = format!("polygons that touch the tree, which is {} there; {advice}", places.picture());
-        Err(Error::invalid("extent of the polygons", found, expected))
+        Error::invalid("extent of the polygons", found, expected)
     }
 }
 

@@ -430,6 +430,25 @@ impl View {
         }
     }
 
+    /// Whether the view shows all of its source as it is.
+    pub(crate) fn is_whole(&self) -> bool {
+        let is_same = self.lookup.to_source == AffineMap::IDENTITY && self.depth == self.source.depth();
+        is_same && self.extent == self.source_extent && self.windows.is_empty() && self.crs.is_none()
+    }
+
+    /// Whether each of the view's cells shows cells of the source's picture, and nothing beyond it.
+    pub(crate) fn shows_all(&self) -> bool {
+        let Lookup { to_source, visible, shown, askew, .. } = &self.lookup;
+        let size = DVec3::from(self.extent.map(|cells| cells as f64));
+        let (low, high) = to_source.bounding_box(DVec3::ZERO, size);
+        let is_inside = |axis: usize| {
+            let (start, end) = (visible.0[axis] as f64, visible.1[axis] as f64);
+            let all = shown.0[axis] <= 0.0 && shown.1[axis] >= size[axis];
+            all && low[axis] >= start - TINY && high[axis] <= end + TINY
+        };
+        askew.is_empty() && (0..self.form.axes()).all(is_inside)
+    }
+
     /// The map from the view's cells to the source's cells at the same places of the world.
     fn placed_cells(&self, moves: bool) -> AffineMap {
         if moves { AffineMap::translation(self.origin.to_array()) } else { self.lookup.to_source }

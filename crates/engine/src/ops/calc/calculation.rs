@@ -1,9 +1,9 @@
-//! Calculations as steps of views: `calc=(b2-b1)/(b2+b1),type=f32`, `reduce=median,a=x.goblin`.
+//! Calculations as steps of views: `calc=(b2-b1)/(b2+b1),type=f32`, `reduce=median,a=x.goblin`, `composite=B08,B04,B03`.
 
 use std::fmt;
 use std::path::PathBuf;
 
-use super::expression::{Expression, Reducer};
+use super::expression::{Expression, Name, Reducer};
 use super::parse::{parse, quoted};
 use super::source::Calculated;
 use crate::ops::affine::View;
@@ -26,7 +26,12 @@ pub(super) enum Formula {
     Expression { expression: Expression, text: String },
     /// One number of all channels of all layers and files.
     Reduction(Reducer),
+    /// A channel of each of some layers, as they are.
+    Composite(Vec<Name>),
 }
+
+/// Channels that values can have.
+const MOST_CHANNELS: usize = 4;
 
 impl Calculation {
     /// Reads an expression with what follows it, as it stands behind `calc=`.
@@ -49,6 +54,49 @@ impl Calculation {
         let reducer = Reducer::named(name.trim());
         let reducer = reducer.ok_or_else(|| Error::invalid("reduce", format!("`{name}`"), names))?;
         Calculation::with_options(Formula::Reduction(reducer), rest)
+    }
+
+    /// The layers with these names, or channels by theirs, as channels of one tree, in this order.
+    ///
+    /// # Errors
+    /// If they are not two to four.
+    pub fn composite(names: &[String]) -> Result<Calculation> {
+        if !(2..=MOST_CHANNELS).contains(&names.len()) {
+            let found = format!("{} layers", names.len());
+            return Err(Error::invalid(
+                "composite",
+                found,
+                "two to four, such as those shown as red, green and blue",
+            ));
+        }
+        let name = |name: &String| Name { whole: name.clone(), channel: None };
+        let formula = Formula::Composite(names.iter().map(name).collect());
+        Ok(Calculation { formula, files: Vec::new(), sample: None })
+    }
+
+    /// Reads names with commas between them, those with commas between quotation marks, as they stand behind `composite=`.
+    ///
+    /// # Errors
+    /// If they are not two to four names.
+    pub(in crate::ops) fn parse_composite(text: &str) -> Result<Calculation> {
+        let (mut names, mut rest) = (Vec::new(), Some(text));
+        while let Some(text) = rest {
+            let expected = "two to four names of layers or channels, with commas between them";
+            let wrong = || Error::invalid("composite", format!("`{text}`"), expected);
+            let (name, behind) = argument(text).ok_or_else(wrong)?;
+            let name = if text.starts_with(['"', '\'']) { name } else { name.trim().into() };
+            if name.is_empty() {
+                return Err(wrong());
+            }
+            names.push(name);
+            rest = behind;
+        }
+        Calculation::composite(&names)
+    }
+
+    /// Whether it hands on channels as they are.
+    pub(super) fn is_composite(&self) -> bool {
+        matches!(self.formula, Formula::Composite(_))
     }
 
     fn with_options(formula: Formula, rest: Option<&str>) -> Result<Calculation> {
@@ -136,20 +184,26 @@ fn is_name(text: &str) -> bool {
         && !["and", "or", "not"].contains(&text)
 }
 
+/// An argument, between quotation marks where it would not be read as the same.
+fn written(argument: &str) -> String {
+    let is_plain =
+        !argument.contains(',') && !argument.starts_with(['"', '\'']) && argument.trim() == argument;
+    if is_plain { argument.into() } else { format!("\"{}\"", argument.replace('"', "\"\"")) }
+}
+
 /// The text of the step, which is read as the same.
 impl fmt::Display for Calculation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.formula {
             Formula::Expression { text, .. } => write!(f, "calc={text}")?,
             Formula::Reduction(reducer) => write!(f, "reduce={}", reducer.name())?,
+            Formula::Composite(names) => {
+                let names: Vec<String> = names.iter().map(|name| written(&name.whole)).collect();
+                write!(f, "composite={}", names.join(","))?;
+            }
         }
         for (name, path) in &self.files {
-            let path = path.display().to_string();
-            if path.contains(',') || path.starts_with(['"', '\'']) {
-                write!(f, ",{name}=\"{}\"", path.replace('"', "\"\""))?;
-            } else {
-                write!(f, ",{name}={path}")?;
-            }
+            write!(f, ",{name}={}", written(&path.display().to_string()))?;
         }
         self.sample.map_or(Ok(()), |sample| write!(f, ",type={}", sample.name()))
     }
@@ -176,6 +230,23 @@ mod tests {
         }
         let median = Calculation::parse_reduction("median,type=u16").unwrap();
         assert_eq!(median.to_string(), "reduce=median,type=u16");
+    }
+
+    #[test]
+    fn composites_are_two_to_four_names() {
+        for (text, usual) in [
+            ("B08, B04,B03", "composite=B08,B04,B03"),
+            ("\"July, late\",a \"b\"", "composite=\"July, late\",a \"b\""),
+            ("'it''s',\"\"\"x\"\"\",b1,b2", "composite=it's,\"\"\"x\"\"\",b1,b2"),
+        ] {
+            let composite = Calculation::parse_composite(text).unwrap();
+            assert_eq!(composite.to_string(), usual);
+            let again = usual.strip_prefix("composite=").unwrap();
+            assert_eq!(Calculation::parse_composite(again).unwrap(), composite);
+        }
+        for wrong in ["", "a", "a,,b", "a,b,", "a,b,c,d,e", "\"a,b", "\"a\"b,c"] {
+            assert!(Calculation::parse_composite(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

@@ -146,6 +146,11 @@ impl Expression {
         Expression::new(Vec::new(), ops)
     }
 
+    /// An operand as it is.
+    pub(super) fn operand(operand: usize) -> Expression {
+        Expression { names: Vec::new(), ops: vec![Op::Operand(operand)], stack: 1 }
+    }
+
     /// Names of the operands, each once, in the order of their numbers.
     pub(super) fn names(&self) -> &[Name] {
         &self.names

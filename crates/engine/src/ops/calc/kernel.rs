@@ -1,7 +1,7 @@
 //! The program over strips of cells, and conversions from values and to them: the one place that knows sample types.
 
 use super::expression::{Binary, Expression, Op, Reducer, Unary};
-use spinney_base::value::{Sample, SampleType, Value, ValueType, with_sample_type};
+use spinney_base::value::{MAX_VALUE_SIZE, Sample, SampleType, Value, ValueType, with_sample_type};
 
 /// Numbers of all strips of a machine, about: they stay in a cache.
 const STRIP_NUMBERS: usize = 1 << 14;
@@ -62,9 +62,9 @@ fn choose(condition: f64, a: f64, b: f64) -> f64 {
     unless_void(condition, condition, chosen)
 }
 
-/// Room for the strips of a program.
+/// Room for the strips of programs that share their operands.
 pub(super) struct Machine<'a> {
-    expression: &'a Expression,
+    expressions: &'a [Expression],
     /// Cells of a strip at most.
     length: usize,
     /// A strip for each operand.
@@ -77,14 +77,15 @@ pub(super) struct Machine<'a> {
 
 impl<'a> Machine<'a> {
     /// A machine for so many operands, of use for so many cells.
-    pub(super) fn new(expression: &'a Expression, operands: usize, cells: u64) -> Machine<'a> {
-        let strips = expression.stack() + operands + 2;
+    pub(super) fn new(expressions: &'a [Expression], operands: usize, cells: u64) -> Machine<'a> {
+        let stack = expressions.iter().map(Expression::stack).max().unwrap_or(0);
+        let strips = stack + operands + 2;
         let length = (STRIP_NUMBERS / strips).clamp(16, 1024).min(cells.max(1) as usize);
         Machine {
-            expression,
+            expressions,
             length,
             operands: (0..operands).map(|_| Vec::with_capacity(length)).collect(),
-            stack: vec![0.0; expression.stack() * length],
+            stack: vec![0.0; stack * length],
             counts: vec![0.0; length],
         }
     }
@@ -110,11 +111,11 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// The results of so many cells, no more than a strip has.
-    pub(super) fn run(&mut self, cells: usize) -> &[f64] {
+    /// The results that an expression has of so many cells, no more than a strip has.
+    pub(super) fn run(&mut self, expression: usize, cells: usize) -> &[f64] {
         let length = self.length;
         let mut height = 0;
-        for op in self.expression.ops() {
+        for op in self.expressions[expression].ops() {
             let first = height - op.takes();
             let (below, above) = self.stack.split_at_mut((first + 1) * length);
             let result = &mut below[first * length..][..cells];
@@ -291,16 +292,31 @@ pub(super) fn settle(expression: &Expression, operands: &[Option<f64>]) -> Optio
     stack.pop().flatten()
 }
 
-/// Writes results as samples of a type, and which of them are not VOID.
+/// Writes results as the samples of a channel, and which cells are not VOID: if samples can be missing those that have one in any channel,
+/// else those that have one in all. (Channels come in their order.)
 ///
 /// Whole numbers are the nearest ones, a half upwards as in means; numbers beyond the type become its least or largest, but for floating
 /// ones those that were infinite before.
-pub(super) fn store(sample: SampleType, numbers: &[f64], bytes: &mut [u8], valid: &mut [bool]) {
-    valid.iter_mut().zip(numbers).for_each(|(valid, number)| *valid = !number.is_nan());
+pub(super) fn store(
+    (value, channel): (ValueType, usize),
+    numbers: &[f64],
+    bytes: &mut [u8],
+    valid: &mut [bool],
+) {
+    for (valid, number) in valid.iter_mut().zip(numbers) {
+        let before = match channel {
+            0 => !value.is_masked(),
+            _ => *valid,
+        };
+        *valid = if value.is_masked() { before | !number.is_nan() } else { before & !number.is_nan() };
+    }
+    let sample = value.sample;
     with_sample_type!(sample, S => {
-        for (number, bytes) in numbers.iter().zip(bytes.chunks_exact_mut(size_of::<S>())) {
-            let number = if number.is_nan() { 0.0 } else { fitted(sample, *number) };
-            S::from_f64_lossy(number).write(bytes);
+        let none = value.all_missing().map_or(S::from_f64_lossy(0.0), |missing| S::read(&missing.to_bytes()));
+        let first = channel * size_of::<S>();
+        for (number, bytes) in numbers.iter().zip(bytes.chunks_exact_mut(value.size())) {
+            let sample = if number.is_nan() { none } else { S::from_f64_lossy(fitted(sample, *number)) };
+            sample.write(&mut bytes[first..first + size_of::<S>()]);
         }
     });
 }
@@ -318,10 +334,12 @@ fn fitted(sample: SampleType, number: f64) -> f64 {
     }
 }
 
-/// One result as a value; `None` is VOID.
-pub(super) fn value_of(sample: SampleType, number: f64) -> Option<Value> {
-    let (mut bytes, mut valid) = ([0; 8], [false]);
-    let bytes = &mut bytes[..sample.size()];
-    store(sample, &[number], bytes, &mut valid);
+/// One cell's results as a value; `None` is VOID.
+pub(super) fn value_of(value: ValueType, numbers: &[f64]) -> Option<Value> {
+    let (mut bytes, mut valid) = ([0; MAX_VALUE_SIZE], [false]);
+    let bytes = &mut bytes[..value.size()];
+    for (channel, number) in numbers.iter().enumerate() {
+        store((value, channel), &[*number], bytes, &mut valid);
+    }
     valid[0].then(|| Value::from_bytes(bytes))
 }

@@ -2,6 +2,7 @@
 
 mod block;
 mod calculation;
+mod composite;
 mod expression;
 mod kernel;
 mod operands;

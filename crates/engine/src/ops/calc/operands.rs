@@ -22,9 +22,10 @@ pub(super) struct Operand {
     pub(super) channel: usize,
 }
 
-/// An expression, and the trees that its operands are channels of, all of one grid and depth. The first is what the step is done to.
+/// Expressions, one for each channel of the result, and the trees that their operands are channels of, all of one grid and depth. The first
+/// is what the step is done to.
 pub(super) struct Operands {
-    pub(super) expression: Expression,
+    pub(super) expressions: Vec<Expression>,
     pub(super) operands: Vec<Operand>,
     pub(super) trees: Vec<View>,
 }
@@ -57,7 +58,7 @@ pub(super) fn resolve(calculation: &Calculation, view: &View) -> Result<Operands
     let files: Result<Vec<Named>> =
         calculation.files.iter().map(|(name, path)| open(name, path, view)).collect();
     let files = files?;
-    let (expression, operands) = match &calculation.formula {
+    let (expressions, operands) = match &calculation.formula {
         Formula::Expression { expression, .. } => {
             let find = |name: &Name| find(name, &base, &files);
             let operands = expression.names().iter().map(find).collect::<Result<Vec<Operand>>>()?;
@@ -71,7 +72,7 @@ pub(super) fn resolve(calculation: &Calculation, view: &View) -> Result<Operands
                     ));
                 }
             }
-            (expression.clone(), operands)
+            (vec![expression.clone()], operands)
         }
         Formula::Reduction(reducer) => {
             let mut operands = Vec::new();
@@ -81,11 +82,27 @@ pub(super) fn resolve(calculation: &Calculation, view: &View) -> Result<Operands
                 let channels = (0..channels(&named.view)).filter(|channel| Some(*channel) != alpha);
                 operands.extend(channels.map(|channel| Operand { tree, channel }));
             }
-            (Expression::reduction(*reducer, operands.len())?, operands)
+            (vec![Expression::reduction(*reducer, operands.len())?], operands)
+        }
+        Formula::Composite(names) => {
+            let find = |name: &Name| find_channel(&name.whole, &base);
+            let operands = names.iter().map(find).collect::<Result<Vec<Operand>>>()?;
+            ((0..operands.len()).map(Expression::operand).collect(), operands)
         }
     };
     let trees = aligned(base, files)?;
-    Ok(Operands { expression, operands, trees })
+    Ok(Operands { expressions, operands, trees })
+}
+
+/// The channel that a name alone stands for: of a layer of that name, or a channel of its own; else, with a point in it, a layer's channel.
+fn find_channel(name: &str, base: &[Named]) -> Result<Operand> {
+    let whole =
+        |name: &str, channel: Option<&str>| Name { whole: name.into(), channel: channel.map(Into::into) };
+    let is_layer = base.iter().any(|layer| layer.name == name);
+    let parts =
+        name.rsplit_once('.').filter(|(layer, _)| !is_layer && base.iter().any(|other| other.name == *layer));
+    let name = parts.map_or_else(|| whole(name, None), |(layer, channel)| whole(layer, Some(channel)));
+    find(&name, base, &[])
 }
 
 /// The view as files are seen: where several of its cells become one, that is made by the rule.
@@ -260,5 +277,15 @@ impl Operands {
     pub(super) fn channel(&self, operand: usize) -> (ValueType, usize) {
         let Operand { tree, channel } = self.operands[operand];
         (self.trees[tree].form().value, channel)
+    }
+
+    /// Whether a tree has operands: no other is read.
+    pub(super) fn is_read(&self, tree: usize) -> bool {
+        self.operands.iter().any(|operand| operand.tree == tree)
+    }
+
+    /// The operands' trees.
+    pub(super) fn read(&self) -> impl Iterator<Item = &View> {
+        self.operands.iter().map(|operand| &self.trees[operand.tree])
     }
 }

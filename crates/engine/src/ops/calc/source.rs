@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::block::{BLOCK_LEVELS, Blocks};
 use super::calculation::Calculation;
+use super::composite;
 use super::kernel::{Machine, settle, store, value_of};
 use super::operands::{Operands, resolve};
 use crate::ops::affine::{Sampling, View};
@@ -27,6 +28,8 @@ pub struct Calculated {
     header: Header,
     metadata: Metadata,
     remarks: Vec<String>,
+    /// Whether channels are those of layers as they are.
+    is_composite: bool,
     blocks: Blocks,
 }
 
@@ -50,18 +53,13 @@ impl Calculated {
         let operands = resolve(calculation, view)?;
         let first = &operands.trees[0];
         let source = first.source();
-        let used = || operands.operands.iter().map(|operand| &operands.trees[operand.tree]);
-        let sample = calculation.sample.unwrap_or(SampleType::F32);
-        // Whole numbers made of nothing but classes are classes.
-        let is_class = |view: &View| view.source().header().kind == Kind::Categorical;
-        let is_classes = !sample.is_float() && used().next().is_some() && used().all(is_class);
-        let kind = if is_classes { Kind::Categorical } else { Kind::Continuous };
-        let rule = match source.header().rule {
-            rule @ (Rule::Min | Rule::Max | Rule::Nearest) if !is_classes => rule,
-            _ => kind.default_rule(),
+        let is_composite = calculation.is_composite();
+        let (value, kind, rule) = match is_composite {
+            true => composite::values(&operands)?,
+            false => one_channel(calculation.sample, &operands),
         };
         let header = Header {
-            form: Form::new(first.form().dimension, ValueType::new(sample, 1)),
+            form: Form::new(first.form().dimension, value),
             rule,
             kind,
             codec: Codec::Plain,
@@ -69,18 +67,27 @@ impl Calculated {
             extent: first.extent(),
         };
         let own = first.metadata(false);
-        let remarks = left_out(&own);
+        let remarks = if is_composite { Vec::new() } else { left_out(&own) };
         let mut provenance = own.provenance;
         provenance.push(calculation.to_string());
         // What is said of the values is not said of what is made of them.
-        let metadata = Metadata {
+        let mut metadata = Metadata {
             frame: own.frame,
             control_points: own.control_points,
             tags: own.tags,
             provenance,
             ..Metadata::default()
         };
-        Ok(Calculated { operands, header, metadata, remarks, blocks: Blocks::default() })
+        if is_composite {
+            composite::describe(&operands, value, &mut metadata);
+        }
+        Ok(Calculated { operands, header, metadata, remarks, is_composite, blocks: Blocks::default() })
+    }
+
+    /// Whether levels above the cells have numbers that are made of the operands' numbers there, which is not what the cells' results would
+    /// make: not where channels are handed on as they are.
+    pub(in crate::ops) fn is_approximate(&self) -> bool {
+        !self.is_composite
     }
 
     /// A view of all of it, which does what the one that it was made of does.
@@ -147,12 +154,12 @@ impl Calculated {
         if inside.is_empty() {
             return Ok(());
         }
-        let each: u64 = self.operands.trees.iter().map(|tree| tree.form().width() as u64 + 1).sum();
-        let most = (PIECE_BYTES / each).clamp(PIECE_CELLS[1], PIECE_CELLS[0]);
+        let each: u64 = self.operands.read().map(|tree| tree.form().width() as u64 + 1).sum();
+        let most = (PIECE_BYTES / each.max(1)).clamp(PIECE_CELLS[1], PIECE_CELLS[0]);
         let mut painter = Painter {
             operands: &self.operands,
-            sample: self.header.form.value.sample,
-            machine: Machine::new(&self.operands.expression, self.operands.operands.len(), inside.volume()),
+            value: self.header.form.value,
+            machine: Machine::new(&self.operands.expressions, self.operands.operands.len(), inside.volume()),
             read: self.operands.trees.iter().map(|_| (Vec::new(), Vec::new())).collect(),
             level,
             bounds,
@@ -172,8 +179,12 @@ impl Calculated {
 
     /// The numbers of the operands at a node, where they are known: those of cells that are alike, and of VOID ones.
     fn known(&self, code: Code) -> Result<Vec<Option<f64>>> {
+        let uniform = |(number, tree): (usize, &View)| match self.operands.is_read(number) {
+            true => uniform(tree, code),
+            false => Ok(None),
+        };
         let nodes: Result<Vec<Option<Option<Value>>>> =
-            self.operands.trees.iter().map(|tree| uniform(tree, code)).collect();
+            self.operands.trees.iter().enumerate().map(uniform).collect();
         let nodes = nodes?;
         let number = |operand: usize| {
             let (value_type, channel) = self.operands.channel(operand);
@@ -190,15 +201,31 @@ impl Calculated {
         if cells.intersect(&picture).is_empty() {
             return Ok(Child::Void);
         }
-        match settle(&self.operands.expression, &self.known(code)?) {
-            Some(number) if number.is_nan() => Ok(Child::Void),
+        let known = self.known(code)?;
+        let settled = self.operands.expressions.iter().map(|expression| settle(expression, &known));
+        let value =
+            settled.collect::<Option<Vec<f64>>>().map(|numbers| value_of(self.header.form.value, &numbers));
+        match value {
+            Some(None) => Ok(Child::Void),
             // (Beyond the picture all is VOID.)
-            Some(number) if picture.contains(&cells) => {
-                Ok(Child::uniform(value_of(self.header.form.value.sample, number)))
-            }
+            Some(value) if picture.contains(&cells) => Ok(Child::uniform(value)),
             _ => Ok(Child::Inner { representative, node: code }),
         }
     }
+}
+
+/// The type, kind and rule of values of one channel that are calculated.
+fn one_channel(sample: Option<SampleType>, operands: &Operands) -> (ValueType, Kind, Rule) {
+    let sample = sample.unwrap_or(SampleType::F32);
+    // Whole numbers made of nothing but classes are classes.
+    let is_class = |view: &View| view.source().header().kind == Kind::Categorical;
+    let is_classes = !sample.is_float() && operands.read().next().is_some() && operands.read().all(is_class);
+    let kind = if is_classes { Kind::Categorical } else { Kind::Continuous };
+    let rule = match operands.trees[0].source().header().rule {
+        rule @ (Rule::Min | Rule::Max | Rule::Nearest) if !is_classes => rule,
+        _ => kind.default_rule(),
+    };
+    (ValueType::new(sample, 1), kind, rule)
 }
 
 /// What a tree has that its cells' results have not.
@@ -245,7 +272,7 @@ fn halves(bounds: &Bounds) -> [Bounds; 2] {
 /// Computes the cells of a box, piece by piece.
 struct Painter<'a> {
     operands: &'a Operands,
-    sample: SampleType,
+    value: ValueType,
     machine: Machine<'a>,
     /// Values of a piece, and which of them there are, of each tree.
     read: Vec<(Vec<u8>, Vec<bool>)>,
@@ -258,7 +285,11 @@ struct Painter<'a> {
 impl Painter<'_> {
     fn paint(&mut self, piece: &Bounds) -> Result<()> {
         let cells = piece.volume() as usize;
-        for (tree, (bytes, valid)) in self.operands.trees.iter().zip(&mut self.read) {
+        for (number, (bytes, valid)) in self.read.iter_mut().enumerate() {
+            if !self.operands.is_read(number) {
+                continue;
+            }
+            let tree = &self.operands.trees[number];
             bytes.resize(cells * tree.form().width(), 0);
             valid.resize(cells, false);
             tree.draw_at(self.level, piece, bytes, valid)?;
@@ -289,9 +320,12 @@ impl Painter<'_> {
             let bytes = &bytes[from * width..(from + count) * width];
             self.machine.load(operand, channel, bytes, &valid[from..from + count]);
         }
-        let size = self.sample.size();
+        let size = self.value.size();
         let values = &mut self.values[to * size..(to + count) * size];
-        store(self.sample, self.machine.run(count), values, &mut self.valid[to..to + count]);
+        for channel in 0..self.operands.expressions.len() {
+            let numbers = self.machine.run(channel, count);
+            store((self.value, channel), numbers, values, &mut self.valid[to..to + count]);
+        }
     }
 }
 

@@ -180,7 +180,7 @@ fn programs_do_what_the_model_does() {
             _ => 1,
         };
         let operands: Vec<usize> = expression.names().iter().map(which).collect();
-        let mut machine = Machine::new(&expression, operands.len(), cells as u64);
+        let mut machine = Machine::new(std::slice::from_ref(&expression), operands.len(), cells as u64);
         for (number, operand) in operands.iter().enumerate() {
             let value = ValueType::new(types[*operand], 1);
             let mut bytes = Vec::new();
@@ -191,7 +191,7 @@ fn programs_do_what_the_model_does() {
             let valid: Vec<bool> = columns[*operand].iter().map(Option::is_some).collect();
             machine.load(number, (value, 0), &bytes, &valid);
         }
-        let found = machine.run(cells).to_vec();
+        let found = machine.run(0, cells).to_vec();
         for cell in 0..cells {
             let here = [columns[0][cell], columns[1][cell], columns[2][cell]];
             let expected = model.value(&here);
@@ -218,7 +218,7 @@ fn medians_of_many_are_those_in_the_middle() {
     for count in 1..40 {
         let names: Vec<String> = (0..count).map(|number| format!("n{number}")).collect();
         let expression = parse(&format!("median({})", names.join(","))).unwrap();
-        let mut machine = Machine::new(&expression, count, 5);
+        let mut machine = Machine::new(std::slice::from_ref(&expression), count, 5);
         let value = ValueType::new(SampleType::U8, 1);
         let cells: Vec<Vec<u8>> =
             (0..count).map(|_| (0..5).map(|_| random.below(50) as u8).collect()).collect();
@@ -227,7 +227,7 @@ fn medians_of_many_are_those_in_the_middle() {
             let valid: Vec<bool> = cells.iter().map(|cell| *cell > 0).collect();
             machine.load(operand, (value, 0), cells, &valid);
         }
-        let found = machine.run(5).to_vec();
+        let found = machine.run(0, 5).to_vec();
         for cell in 0..5 {
             let mut there: Vec<u8> = cells.iter().map(|cells| cells[cell]).filter(|cell| *cell > 0).collect();
             there.sort_unstable();
@@ -255,8 +255,8 @@ fn results_are_fitted_to_types() {
         (SampleType::F32, f64::NEG_INFINITY, f64::NEG_INFINITY),
         (SampleType::F64, 1e300, 1e300),
     ] {
-        let value = value_of(sample, number).unwrap();
+        let value = value_of(ValueType::new(sample, 1), &[number]).unwrap();
         assert_eq!(ValueType::new(sample, 1).first_sample(value), expected, "{number} as {sample:?}");
     }
-    assert_eq!(value_of(SampleType::U8, f64::NAN), None);
+    assert_eq!(value_of(ValueType::new(SampleType::U8, 1), &[f64::NAN]), None);
 }

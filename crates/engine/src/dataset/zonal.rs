@@ -1,0 +1,104 @@
+//! Statistics of the cells in polygons: of a dataset, or of several layers at once.
+
+use super::{Dataset, Tree};
+use crate::query::{ZonalGroup, ZonalTree, ZoneStatistics, zonal};
+use spinney_base::space::{EdgeRule, Polygon};
+use spinney_base::{Error, Progress, Result};
+
+impl Dataset {
+    /// Zonal statistics: exact statistics of the cells in each of some polygons, whose corners are in cells of the deepest level
+    /// ([`Frame::to_cells`](spinney_crs::Frame::to_cells)). The tree is read only where borders cut it; all threads of the
+    /// current pool work. A polygon goes through all of an octree along z.
+    ///
+    /// ```
+    /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+    /// use spinney::space::EdgeRule;
+    /// use spinney::space::Polygon;
+    ///
+    /// let map = spinney::open("fixtures/v1/classes.goblin")?;
+    /// let triangle = Polygon::new(&[vec![[40.0, 40.0], [180.0, 60.0], [90.0, 170.0]]])?;
+    /// let zones = map.zonal(&[triangle], EdgeRule::Area, &())?;
+    /// let cells: f64 = zones[0].classes.iter().map(|(_, cells)| cells).sum();
+    /// assert!((cells - zones[0].cells).abs() < 1e-6);
+    /// # Ok::<(), spinney::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the file is damaged there, or on interruption.
+    pub fn zonal(
+        &self,
+        polygons: &[Polygon],
+        rule: EdgeRule,
+        progress: &dyn Progress,
+    ) -> Result<Vec<ZoneStatistics>> {
+        let polygons: Vec<Option<Polygon>> = polygons.iter().cloned().map(Some).collect();
+        let mut found = Vec::with_capacity(polygons.len());
+        let take = &mut |mut zone: Vec<ZoneStatistics>| {
+            found.append(&mut zone);
+            Ok(())
+        };
+        Dataset::zonal_layers(&[(self, &polygons)], rule, progress, take)?;
+        Ok(found)
+    }
+
+    /// Zonal statistics of several layers, each with the polygons in its own cells (`None` lies outside): hands out those of all layers, polygon
+    /// by polygon. Layers that share one list of polygons and are equally large share what is found of their cells, so that many
+    /// layers take little more than their values.
+    ///
+    /// # Errors
+    /// If layers have different numbers of polygons, a file is damaged there, `take` fails, or on interruption.
+    pub fn zonal_layers(
+        layers: &[(&Dataset, &[Option<Polygon>])],
+        rule: EdgeRule,
+        progress: &dyn Progress,
+        take: &mut dyn FnMut(Vec<ZoneStatistics>) -> Result<()>,
+    ) -> Result<()> {
+        let count = layers.first().map_or(0, |(_, polygons)| polygons.len());
+        let mut groups: Vec<([u64; 3], ZonalGroup<'_>)> = Vec::new();
+        for (number, (layer, polygons)) in layers.iter().enumerate() {
+            if polygons.len() != count {
+                let found = format!("{} polygons of a layer, {count} of another", polygons.len());
+                return Err(Error::invalid("zones", found, "the same polygons for all layers"));
+            }
+            let tree = (number, layer.zonal_tree());
+            let extent = layer.header().extent;
+            let is_same = |(other, group): &&mut ([u64; 3], ZonalGroup<'_>)| {
+                *other == extent && std::ptr::eq(group.polygons, *polygons)
+            };
+            match groups.iter_mut().find(is_same) {
+                Some((_, group)) => group.trees.push(tree),
+                None => groups.push((extent, ZonalGroup { trees: vec![tree], polygons })),
+            }
+        }
+        let groups: Vec<ZonalGroup<'_>> = groups.into_iter().map(|(_, group)| group).collect();
+        zonal(&groups, rule, progress, take)
+    }
+
+    /// For each of some layers the number of the first of them that has the same cells: which lie at the same places, and are as many.
+    pub fn same_cells(layers: &[&Dataset]) -> Vec<usize> {
+        let mut grids: Vec<usize> = Vec::new();
+        let is_same = |a: &Dataset, b: &Dataset| {
+            let (own, other) = (a.header(), b.header());
+            own.extent == other.extent
+                && own.depth() == other.depth()
+                && a.metadata().frame == b.metadata().frame
+        };
+        let mut firsts = Vec::with_capacity(layers.len());
+        for (number, layer) in layers.iter().enumerate() {
+            let known = grids.iter().copied().find(|grid| is_same(layers[*grid], layer));
+            if known.is_none() {
+                grids.push(number);
+            }
+            firsts.push(known.unwrap_or(number));
+        }
+        firsts
+    }
+
+    fn zonal_tree(&self) -> ZonalTree<'_> {
+        match &self.tree {
+            Tree::Goblin(file) => ZonalTree::of_file(file),
+            Tree::Autumnal(file) => ZonalTree::of_source(&**file, file.header()),
+            Tree::View(viewed) => ZonalTree::of_source(viewed.view(), viewed.header()),
+        }
+    }
+}

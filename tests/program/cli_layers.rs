@@ -1,0 +1,357 @@
+//! Layers of a file side by side, as the program shows them.
+
+use std::fs::File;
+use std::io::BufReader;
+
+use serde_json::Value as Json;
+use spinney::io::Output;
+use spinney::space::{Dimension, Frame};
+use spinney::store::{Metadata, TreeWriter};
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule, SampleType};
+
+use crate::common::command::{complaint, spinney, stdout};
+use crate::common::{Cells, QUAD, options, quad, value};
+
+/// A layer to be written, of cells 2^coarser as large as the finest.
+struct Layer {
+    name: &'static str,
+    time: Option<&'static str>,
+    cells: Cells,
+    kind: Kind,
+    coarser: u8,
+}
+
+/// A folder with a file of layers.
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn name(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().into()
+    }
+
+    fn write(name: &str, layers: &[Layer]) -> (Place, String) {
+        let place = Place(tempfile::tempdir().unwrap());
+        let path = place.name(name);
+        let output = Output::create(path.as_ref()).unwrap();
+        let mut file = TreeWriter::create(output, (Dimension::Quad, DEPTH), layers.len() as u32).unwrap();
+        for layer in layers {
+            let metadata = Metadata {
+                name: layer.name.into(),
+                time: layer.time.map(String::from),
+                frame: Frame::identity().coarser(layer.coarser),
+                ..Metadata::default()
+            };
+            let rule = if layer.kind == Kind::Categorical { Rule::Majority } else { Rule::Mean };
+            let options = options(rule, layer.kind, DEPTH - layer.coarser).metadata(metadata);
+            let nodata = value(layer.cells.form.value, 250);
+            let mut slabs = layer.cells.slabs(nodata);
+            file.slabs(layer.cells.form, &mut slabs, Some(nodata), &options, &()).unwrap();
+        }
+        file.finish().unwrap();
+        (place, path)
+    }
+}
+
+/// Levels of the files.
+const DEPTH: u8 = 7;
+
+fn cells(form: Form, seed: u64, size: u64) -> Cells {
+    Cells::random(form, seed, [size, size - 3, 1], 9, true)
+}
+
+/// Heights twice, the second of larger cells and of another type, and classes.
+fn series() -> Vec<Layer> {
+    let (heights, kind) = (quad(SampleType::I16, 1), Kind::Continuous);
+    let june = Some("2024-06-01T10:20:30Z");
+    vec![
+        Layer { name: "june", time: june, cells: cells(heights, 1, 90), kind, coarser: 0 },
+        Layer {
+            name: "July, late",
+            time: Some("2024-07-30"),
+            cells: cells(quad(SampleType::F32, 2), 2, 45),
+            kind,
+            coarser: 1,
+        },
+        Layer { name: "cover", time: None, cells: cells(QUAD, 3, 90), kind: Kind::Categorical, coarser: 0 },
+    ]
+}
+
+fn json(words: &[&str]) -> Json {
+    serde_json::from_str(&stdout(words)).unwrap()
+}
+
+/// A document of a square, a field that is named like nothing else, and one that lies elsewhere.
+fn zones(place: &Place) -> String {
+    let feature = |properties: &str, ring: &str| {
+        format!(
+            r#"{{"type":"Feature","id":7,"properties":{{{properties}}},"geometry":{{"type":"Polygon","coordinates":[{ring}]}}}}"#
+        )
+    };
+    let features = [
+        feature(r#""name":"square","crop":"rye""#, "[[4,4],[40,4],[40,40],[4,40]]"),
+        feature(r#""name":"a \"field\", or two","crop":null"#, "[[50.3,10.1],[80.7,20.9],[60.2,71.7]]"),
+        feature(r#""name":"elsewhere""#, "[[500,500],[510,500],[510,510]]"),
+    ];
+    let path = place.name("zones.geojson");
+    let document = format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, features.join(","));
+    std::fs::write(&path, document).unwrap();
+    path
+}
+
+#[test]
+fn zones_are_told_of_all_layers_with_their_times() {
+    for name in ["series.goblin", "series.autumn"] {
+        let (place, file) = Place::write(name, &series());
+        let zones = zones(&place);
+        for edge in ["centre", "touch", "area"] {
+            let words = ["stats", &file, "--zones", &zones, "--in", "world", "--edge", edge, "--json"];
+            let asked = |layers: &[&str]| json(&[&words[..], layers].concat());
+            let found = asked(&[]);
+            for (number, layer) in series().iter().enumerate() {
+                // Each layer tells what it tells alone.
+                let alone = asked(&["--layer", &number.to_string()]);
+                for (zone, expected) in
+                    found["zones"].as_array().unwrap().iter().zip(alone["zones"].as_array().unwrap())
+                {
+                    let mut row = zone["layers"][number].as_object().unwrap().clone();
+                    assert_eq!(row.shift_remove("layer").unwrap(), layer.name);
+                    assert_eq!(row.shift_remove("time").unwrap().as_str(), layer.time);
+                    let mut whole = expected.as_object().unwrap().clone();
+                    for told in ["id", "name", "properties"] {
+                        assert_eq!(whole.shift_remove(told).unwrap(), zone[told]);
+                    }
+                    assert_eq!(row, whole, "{edge}");
+                }
+            }
+            let some = asked(&["--layer", "cover,june"]);
+            assert_eq!(some["zones"][1]["layers"][1], found["zones"][1]["layers"][0]);
+            assert_eq!(some["zones"][1]["layers"].as_array().unwrap().len(), 2);
+        }
+    }
+}
+
+#[test]
+fn zones_of_layers_become_tables() {
+    let (place, file) = Place::write("series.goblin", &series());
+    let zones = zones(&place);
+    let words = ["stats", &file, "--zones", &zones, "--in", "world"];
+    let found = json(&[&words[..], &["--json"]].concat());
+    let table = stdout(&[&words[..], &["--csv", "--attribute", "crop"]].concat());
+    let mut lines = table.lines();
+    assert_eq!(
+        lines.next(),
+        Some(
+            "zone,id,crop,layer,time,channel,class,cells,void_cells,area_m2,min,max,mean,standard_deviation,class_name"
+        )
+    );
+    let lines: Vec<&str> = lines.collect();
+    let number = |number: &Json| number.to_string().trim_end_matches(".0").to_string();
+    // The first zone: a row for each channel, with what JSON has.
+    let layers = &found["zones"][0]["layers"];
+    let row = |layer: usize, (name, time): (&str, &str), channel: usize| {
+        let told = &layers[layer];
+        let c = &told["channels"][channel];
+        format!(
+            "square,7,rye,{name},{time},{},,{},{},,{},{},{},{},",
+            channel + 1,
+            number(&c["cells"]),
+            number(&told["void_cells"]),
+            number(&c["min"]),
+            number(&c["max"]),
+            number(&c["mean"]),
+            number(&c["standard_deviation"])
+        )
+    };
+    assert_eq!(lines[0], row(0, ("june", "2024-06-01T10:20:30Z"), 0));
+    assert_eq!(lines[1], row(1, ("\"July, late\"", "2024-07-30"), 0));
+    assert_eq!(lines[2], row(1, ("\"July, late\"", "2024-07-30"), 1));
+    for (line, class) in lines[3..].iter().zip(layers[2]["classes"].as_array().unwrap()) {
+        let cells = [number(&class["value"]), number(&class["cells"])].join(",");
+        assert!(line.starts_with(&format!("square,7,rye,cover,,,{cells},")), "{line}");
+    }
+    assert!(table.contains("\n\"a \"\"field\"\", or two\",7,,june,"), "{table}");
+    assert_eq!(table.lines().filter(|line| line.starts_with("elsewhere,7,,")).count(), 3);
+    assert!(table.contains("\nelsewhere,7,,june,2024-06-01T10:20:30Z,,,0,0,,,,,,\n"), "{table}");
+    // Text has a row for each zone and layer, too; of one layer it is what it was.
+    let text = stdout(&words);
+    assert!(text.contains("square  July, late  2024-07-30  ") && text.contains("square  cover  "), "{text}");
+    let alone = stdout(&[&words[..], &["--layer", "june"]].concat());
+    let rows = |text: &str| text.lines().filter(|line| line.starts_with("square")).count();
+    assert_eq!((rows(&text), rows(&alone)), (3, 1));
+    assert!(alone.starts_with("square  ") && !alone.contains("june"), "{alone}");
+    for more in [&["--csv", "--json"][..], &["--csv", "--layer", "none"]] {
+        let code = if more.contains(&"--json") { 2 } else { 1 };
+        complaint(&[&words[..], more].concat(), code);
+    }
+    complaint(&["stats", &file, "--csv"], 2);
+}
+
+#[test]
+fn points_tell_layers_and_times() {
+    let (_place, file) = Place::write("series.autumn", &series());
+    let points = ["9,9", "30,51", "88,1", "200,3"];
+    let words = [&["point", &file, "--in", "cells"], &points[..]].concat();
+    let text = spinney(&words).success();
+    let text = String::from_utf8(text.get_output().stdout.clone()).unwrap();
+    let lines = stdout(&[&words[..], &["--json"]].concat());
+    assert_eq!(lines.lines().count(), points.len());
+    for (plain, line) in text.lines().zip(lines.lines()) {
+        let told: Json = serde_json::from_str(line).unwrap();
+        assert_eq!(told["outside"], plain.starts_with("outside"));
+        let mut numbers = Vec::new();
+        for (row, layer) in told["layers"].as_array().unwrap().iter().zip(series()) {
+            assert_eq!((row["layer"].as_str(), row["time"].as_str()), (Some(layer.name), layer.time));
+            match row["samples"].as_array() {
+                Some(samples) => numbers.extend(samples.iter().map(Json::to_string)),
+                None => numbers.push(if told["outside"] == true { "outside" } else { "void" }.into()),
+            }
+        }
+        assert_eq!(numbers.join(","), plain);
+    }
+}
+
+/// Bands of 16 bits, of which the second has larger cells.
+fn bands() -> Vec<Layer> {
+    let layer = |name, seed, size, coarser| {
+        let cells = Cells::random(quad(SampleType::U16, 1), seed, [size, size, 1], 200, true);
+        Layer { name, time: None, cells, kind: Kind::Continuous, coarser }
+    };
+    vec![layer("B04", 4, 96, 0), layer("B05", 5, 48, 1), layer("B08", 8, 96, 0)]
+}
+
+/// Columns and pixels of a PNG file: red, green, blue and opacity.
+fn pixels(path: &str) -> (usize, Vec<[u8; 4]>) {
+    let mut decoder = png::Decoder::new(BufReader::new(File::open(path).unwrap()));
+    decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::ALPHA);
+    let mut reader = decoder.read_info().unwrap();
+    let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut bytes).unwrap();
+    let grey = |[grey, alpha]: &[u8; 2]| [*grey, *grey, *grey, *alpha];
+    let pixels = match info.color_type {
+        png::ColorType::GrayscaleAlpha => bytes.as_chunks().0.iter().map(grey).collect(),
+        png::ColorType::Rgba => bytes.as_chunks().0.to_vec(),
+        other => panic!("{other:?}"),
+    };
+    (info.width as usize, pixels)
+}
+
+#[test]
+fn pictures_have_layers_as_colours() {
+    for name in ["bands.goblin", "bands.autumn"] {
+        let (place, file) = Place::write(name, &bands());
+        let (out, names) = (place.name("rgb.png"), ["B08", "B05", "B04"]);
+        for more in [&["--range", "10,180"][..], &["--range", "10,180", "--level", "5"]] {
+            let get = |layer: &str, out: &str| {
+                spinney(&[&["-q", "get", &file, out, "--layer", layer], more].concat()).success();
+                pixels(out)
+            };
+            let (columns, found) = get(&names.join(","), &out);
+            let greys = names.map(|name| get(name, &place.name("grey.png")));
+            // (A layer of larger cells has fewer of them.)
+            let grey = |band: usize, index: usize| {
+                let (own, pixels) = &greys[band];
+                let [x, y] = [index % columns, index / columns].map(|at| at * own / columns);
+                pixels[y * own + x]
+            };
+            let mut parts = 0;
+            for (index, pixel) in found.iter().enumerate() {
+                let greys = [0, 1, 2].map(|band| grey(band, index));
+                let [red, green, blue] = greys.map(|[grey, _, _, alpha]| if alpha == 0 { 0 } else { grey });
+                let alpha = greys.iter().map(|grey| grey[3]).max().unwrap_or(0);
+                parts += u32::from(alpha > 0 && greys.iter().any(|grey| grey[3] == 0));
+                assert_eq!(*pixel, [red, green, blue, alpha], "{more:?} {index}");
+            }
+            assert!(parts > 0);
+        }
+    }
+}
+
+#[test]
+fn colours_of_16_bits_are_stretched_and_others_told() {
+    let (place, file) = Place::write("bands.goblin", &bands());
+    let out = place.name("rgb.png");
+    let run = spinney(&["get", &file, &out, "--layer", "B08,B05,B04"]).success();
+    let said = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
+    assert!(said.contains(r#"{"draw":"rgb"}"#), "{said}");
+    // Each channel goes from black to white.
+    let (_, found) = pixels(&out);
+    for channel in 0..3 {
+        let of_channel = || found.iter().filter(|pixel| pixel[3] > 0).map(|pixel| pixel[channel]);
+        assert_eq!((of_channel().min(), of_channel().max()), (Some(0), Some(255)));
+    }
+    let drawn = |words: &[&str]| {
+        spinney(&[&["-q", "get", &file, &out], words].concat()).success();
+        pixels(&out).1
+    };
+    // By number, and of two layers the second is cyan.
+    assert_eq!(drawn(&["--layer", "2,1,0"]), found);
+    let two = drawn(&["--layer", "2,1"]);
+    assert!(two.iter().all(|pixel| pixel[1] == pixel[2]));
+    assert!(two.iter().zip(&found).all(|(two, three)| two[3] == 0 || two[..2] == three[..2]));
+    // Seen as a view, or written and drawn in other ways.
+    assert_eq!(drawn(&["--layer", "B08", "--view", "composite=B08,B05,B04", "--style", "rgb"]), found);
+    let legend = place.name("legend.json");
+    spinney(&["legend", &file, &legend, "--layer", "B08,B05,B04"]).success();
+    let legend = std::fs::read_to_string(legend).unwrap();
+    assert!(["B08", "B05", "B04"].iter().all(|name| legend.contains(name)), "{legend}");
+    assert!(!stdout(&["show", &file, "--layer", "B08,B05,B04"]).is_empty());
+    let cog = place.name("cog.tif");
+    spinney(&["-q", "export", &file, &cog, "--layer", "B08,B05,B04"]).success();
+    let back = place.name("back.goblin");
+    spinney(&["-q", "build", &cog, "-o", &back]).success();
+    spinney(&["-q", "get", &back, &out, "--style", "rgb"]).success();
+    assert_eq!(pixels(&out).1, found);
+    for (words, expected) in [
+        (&["--layer", "B08,B05,B04,B04,B04"][..], "two to four"),
+        (&["--layer", "B08,none"], "none"),
+        (&[], "--layer A,B,C"),
+    ] {
+        let text = complaint(&[&["get", &file, &out], words].concat(), 1);
+        assert!(text.contains(expected), "{text}");
+    }
+    let (_place, mixed) = Place::write("series.goblin", &series());
+    let text = complaint(&["get", &mixed, &out, "--layer", "june,cover"], 1);
+    assert!(text.contains("`june` of i16, `cover` of u8, expected layers of one type"), "{text}");
+}
+
+#[test]
+fn tiles_of_layers_are_those_of_a_tree_with_their_channels() {
+    let place = Place(tempfile::tempdir().unwrap());
+    let [stack, tree] = ["stack.goblin", "tree.goblin"].map(|name| place.name(name));
+    let classes = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
+    let elevation = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
+    let words = ["-q", "build", classes, elevation, classes, "-o", &stack, "--stack", "--names", "a,h,b"];
+    spinney(&words).success();
+    spinney(&["-q", "transform", &format!("{stack}:a"), "composite=a,b,a", "-o", &tree]).success();
+    let files = |tree: &str, folder: &str, more: &[&str]| {
+        let folder = place.name(folder);
+        let pattern = format!("{folder}/{{z}}/{{x}}/{{y}}.png");
+        spinney(&[&["-q", "export", tree, &pattern, "--zoom", "7..11"], more].concat()).success();
+        let mut found = Vec::new();
+        let mut pending = vec![std::path::PathBuf::from(&folder)];
+        while let Some(next) = pending.pop() {
+            for entry in std::fs::read_dir(next).unwrap() {
+                let path = entry.unwrap().path();
+                if path.is_dir() {
+                    pending.push(path);
+                } else if path.extension().is_some_and(|extension| extension == "png") {
+                    found.push((
+                        path.strip_prefix(&folder).unwrap().to_owned(),
+                        std::fs::read(&path).unwrap(),
+                    ));
+                }
+            }
+        }
+        found.sort();
+        found
+    };
+    let found = files(&stack, "stack", &["--layer", "a,b,a"]);
+    assert!(found.len() > 4);
+    assert!(found == files(&tree, "tree", &[]));
+    let update = ["export", &stack, &place.name("t.pmtiles"), "--layer", "a,b", "--update", &tree];
+    assert!(complaint(&update, 1).contains("several layers"));
+    // One type is wanted.
+    let text = complaint(&["export", &stack, &place.name("t.pmtiles"), "--layer", "a,h"], 1);
+    assert!(text.contains("`h` of f32") && text.contains("calc=b1,type=f32"), "{text}");
+}
