@@ -7,6 +7,7 @@ pub mod disk;
 pub mod edits;
 mod files;
 mod importers;
+pub mod layers;
 pub mod models;
 pub mod seal;
 mod texts;
@@ -16,6 +17,7 @@ pub use edits::{autumnal_edit, autumnal_file};
 pub use importers::{
     cells, cityjson, exr, hgt, jpeg, npy, obj, off, ply, png, sidecar, stl, tiff, vrt, webp, world_file,
 };
+pub use layers::{autumnal_layers, goblin_layers};
 pub use models::model_read;
 pub use texts::{calculation_text, crs_text, df_text, step_text};
 pub use trees::{autumnal_read, goblin_read};
@@ -24,9 +26,10 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 25] = [
+pub const TARGETS: [(&str, Target); 27] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
+    ("autumnal_layers", autumnal_layers),
     ("autumnal_read", autumnal_read),
     ("calculation_text", calculation_text),
     ("cells", cells),
@@ -34,6 +37,7 @@ pub const TARGETS: [(&str, Target); 25] = [
     ("crs_text", crs_text),
     ("df_text", df_text),
     ("exr", exr),
+    ("goblin_layers", goblin_layers),
     ("goblin_read", goblin_read),
     ("hgt", hgt),
     ("jpeg", jpeg),

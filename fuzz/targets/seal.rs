@@ -105,19 +105,40 @@ pub fn entry_size(file: &[u8], layer: usize) -> usize {
     44 + (32 + 2 * sample + present) * channels
 }
 
-/// Pages of a layer's directory, as the top of an index of one level has them: the offset of the entry there, and where the page is in the file.
-pub fn pages(file: &[u8], layer: usize) -> Vec<(usize, std::ops::Range<usize>)> {
+/// A page that an entry of an index leads to: the offset of the entry, and where the page is in the file.
+pub type Indexed = (usize, std::ops::Range<usize>);
+
+/// Pages of a layer that are looked at, at most: those of a hostile index may be very many.
+const MOST_PAGES: usize = 1 << 14;
+
+/// What the levels of a layer's index lead to, the top first; the last are the pages of the directory.
+pub fn index(file: &[u8], layer: usize) -> Vec<Vec<Indexed>> {
     let (top, length) = (long(file, layer + 120), u64::from(short(file, layer + 128)));
     if part(file, top, length).is_none() {
         return Vec::new();
     }
-    let page = |number: usize| {
-        let at = top as usize + 24 * number;
-        let start = long(file, layer + 88).checked_add(long(file, at + 8))?;
+    let run = long(file, layer + 88);
+    let below = |at: usize| {
+        let start = run.checked_add(long(file, at + 8))?;
         let length = u64::from(short(file, at + 16));
         part(file, start, length).map(|_| (at, start as usize..start as usize + length as usize))
     };
-    (0..length as usize / 24).filter_map(page).collect()
+    let mut levels = vec![vec![(layer + 120, top as usize..(top + length) as usize)]];
+    let mut entries = long(file, layer + 72).div_ceil(128);
+    while entries > 0 && levels.len() < 8 {
+        let above = levels.last().into_iter().flatten();
+        let entry = above.flat_map(|(_, page)| page.clone().step_by(24).filter(|at| at + 24 <= page.end));
+        let level = entry.filter_map(below).take(MOST_PAGES).collect();
+        levels.push(level);
+        entries = if entries > 256 { entries.div_ceil(256) } else { 0 };
+    }
+    levels.remove(0);
+    levels
+}
+
+/// Pages of a layer's directory.
+pub fn pages(file: &[u8], layer: usize) -> Vec<Indexed> {
+    index(file, layer).pop().unwrap_or_default()
 }
 
 /// Offsets of the entries of a page, the copies among them.
@@ -136,15 +157,19 @@ pub fn goblin(file: &mut [u8]) {
     let end = file.len() - END;
     for layer in layers(file) {
         let (size, run) = (entry_size(file, layer), long(file, layer + 88));
-        for (index, page) in pages(file, layer) {
-            for entry in entries(file, &page, size) {
+        let levels = index(file, layer);
+        for (_, page) in levels.last().into_iter().flatten() {
+            for entry in entries(file, page, size) {
                 let start = run.saturating_add(long(file, entry + 8));
                 if let Some(segment) = part(file, start, long(file, entry + 16)) {
                     let checksum = crc32c::crc32c(segment);
                     set_short(file, entry + 32, checksum);
                 }
             }
-            seal(file, page.start, page.end, index + 20);
+        }
+        // (From the pages of the directory up to the top.)
+        for (entry, page) in levels.iter().rev().flatten() {
+            seal(file, page.start, page.end, entry + 20);
         }
         for place in [120, 136] {
             let (offset, length) = (long(file, layer + place), short(file, layer + place + 8));

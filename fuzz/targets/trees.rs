@@ -73,7 +73,7 @@ pub fn ask_autumnal(file: Vec<u8>) {
 }
 
 /// Records of trees of which everything is asked. Shared subtrees make a small file one that takes for ever.
-const MOST_RECORDS: u64 = 1 << 14;
+pub(super) const MOST_RECORDS: u64 = 1 << 14;
 /// Cells of a window along an axis.
 const SIDE: u64 = 24;
 
@@ -105,7 +105,7 @@ fn middle(size: [u64; 3], most: u64) -> Bounds {
 }
 
 /// Questions that are answered soon whatever the tree is; tells whether the answers fit together.
-fn questions(tree: &Dataset) -> Result<bool> {
+pub(super) fn questions(tree: &Dataset) -> Result<bool> {
     let header = tree.header();
     let (depth, width) = (tree.depth(), header.form.width());
     let (mut done, mut fits) = (Ok(()), true);
@@ -144,7 +144,7 @@ fn questions(tree: &Dataset) -> Result<bool> {
 }
 
 /// Questions that may look at every node; tells whether the answers fit together.
-fn long_questions(tree: &Dataset) -> Result<bool> {
+pub(super) fn long_questions(tree: &Dataset) -> Result<bool> {
     let all = Bounds::picture(tree.header().extent);
     let mut count = 0;
     tree.find(Condition::Above(1.0.into()), None, &(), &mut |_| {

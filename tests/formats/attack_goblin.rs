@@ -59,9 +59,9 @@ pub(super) fn changed(file: &[u8], field: &Field, each: &mut dyn FnMut(Vec<u8>, 
 /// Sizes of the fields of the file's header.
 pub(super) const HEADER_FIELDS: [usize; 8] = [8, 2, 2, 1, 1, 1, 1, 4];
 /// Sizes of the fields of a tree's header.
-const TREE_FIELDS: [usize; 15] = [1, 1, 1, 1, 1, 1, 1, 1, 4, 1, 3, 8, 8, 8, 8];
+pub(super) const TREE_FIELDS: [usize; 15] = [1, 1, 1, 1, 1, 1, 1, 1, 4, 1, 3, 8, 8, 8, 8];
 /// Sizes of those that follow in the table of layers.
-const LAYER_FIELDS: [usize; 17] = [1, 5, 2, 8, 8, 8, 8, 8, 8, 8, 8, 8, 4, 4, 8, 4, 4];
+pub(super) const LAYER_FIELDS: [usize; 17] = [1, 5, 2, 8, 8, 8, 8, 8, 8, 8, 8, 8, 4, 4, 8, 4, 4];
 
 /// All fields of a Goblin file but for those of the metadata, and the bytes of these.
 fn all_fields(file: &[u8], form: Form) -> Vec<Field> {

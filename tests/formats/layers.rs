@@ -348,3 +348,68 @@ fn a_hundred_layers() {
         assert_eq!(tree.value_at(code).unwrap(), layer.cells.get([7, 9, 0]));
     }
 }
+
+/// The shortest path that leads to a file counts, so that layers' names may have whatever paths and commits have.
+#[test]
+fn places_in_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    for name in ["s.goblin", "s.autumn", "odd@7", "odd@7:x"] {
+        std::fs::write(path(name), "").unwrap();
+    }
+    std::fs::create_dir(path("folder:1")).unwrap();
+    std::fs::write(path("folder:1/t.autumn"), "").unwrap();
+    for (text, file, commit, layer) in [
+        ("s.goblin", "s.goblin", None, None),
+        ("s.goblin:B08", "s.goblin", None, Some("B08")),
+        ("s.goblin:B08@12", "s.goblin", None, Some("B08@12")),
+        ("s.goblin:a:b@c/d@1", "s.goblin", None, Some("a:b@c/d@1")),
+        ("s.goblin:", "s.goblin", None, None),
+        ("s.autumn@12", "s.autumn", Some(12), None),
+        ("s.autumn@12:B08", "s.autumn", Some(12), Some("B08")),
+        ("s.autumn@12:B08@3", "s.autumn", Some(12), Some("B08@3")),
+        ("s.autumn:B08@3", "s.autumn", None, Some("B08@3")),
+        ("s.autumn:@3", "s.autumn", None, Some("@3")),
+        // What there is counts as it is.
+        ("odd@7", "odd@7", None, None),
+        ("odd@7:x", "odd@7:x", None, None),
+        ("odd@7:y@8", "odd@7", None, Some("y@8")),
+        ("folder:1/t.autumn@2:x", "folder:1/t.autumn", Some(2), Some("x")),
+        ("folder:1/t.autumn:x@2", "folder:1/t.autumn", None, Some("x@2")),
+        // Where there is nothing, a commit is looked for, but no layer.
+        ("gone.autumn@2", "gone.autumn", Some(2), None),
+        ("gone.autumn:x", "gone.autumn:x", None, None),
+        ("s.autumn@x", "s.autumn@x", None, None),
+        ("s.autumn@+1", "s.autumn@+1", None, None),
+    ] {
+        let whole = path(text);
+        let place = FilePlace::of(&whole);
+        let found = (place.file.to_path_buf(), place.commit, place.layer.as_deref());
+        assert_eq!(found, (path(file), commit, layer), "{text}");
+        // And back.
+        if let Some(layer) = layer {
+            assert_eq!(place.of_layer(layer), whole);
+        }
+    }
+}
+
+/// A layer whose name looks like a commit is found, and so are those of commits.
+#[test]
+fn layers_are_named_like_commits() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut layers = random_layers(3, 31);
+    for (layer, name) in layers.iter_mut().zip(["a", "a@1", "0"]) {
+        layer.name = name.into();
+    }
+    for name in ["s.goblin", "s.autumn"] {
+        let path = folder.path().join(name);
+        write(&layers, &path);
+        let open = |text: &str| spinney::open(format!("{}{text}", path.display())).unwrap();
+        for (number, name) in ["a", "a@1", "0"].into_iter().enumerate() {
+            assert_eq!(open(&format!(":{name}")).layer_number(), number);
+            if path.display().to_string().ends_with("autumn") {
+                assert_eq!(open(&format!("@1:{name}")).layer_number(), number);
+            }
+        }
+    }
+}

@@ -14,6 +14,7 @@ mod alpha;
 mod attack_autumnal;
 mod attack_exact_faces;
 mod attack_goblin;
+mod attack_layers;
 mod attack_model;
 mod autumnal;
 mod autumnal_crash;
@@ -40,6 +41,8 @@ mod hostile;
 #[cfg(unix)]
 mod kill;
 mod layers;
+mod layers_crash;
+mod layers_races;
 mod literature;
 mod missing;
 mod model_verify;

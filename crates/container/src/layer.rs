@@ -10,7 +10,7 @@ use super::file_header::{FileHeader, HEADER_SIZE};
 use super::header::{Header, TREE_HEADER_SIZE};
 use super::trailer::Section;
 use crate::INNER;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, sort};
 
 /// One tree of a file: what is known of it without reading anything else.
 ///
@@ -181,6 +181,22 @@ impl LayerTable {
                 format!("the name `{}`", layer.name),
                 "names that differ",
             ));
+        }
+        if !names.is_empty() {
+            let found = format!("{} bytes behind the names", names.len());
+            return Err(corrupt("table of layers", found, "none"));
+        }
+        // Else a small file could have very many layers of much to read.
+        let mut parts: Vec<Section> = layers
+            .iter()
+            .flat_map(|layer| [layer.run, layer.top, layer.metadata])
+            .filter(|part| part.length > 0)
+            .collect();
+        sort::by_key(&mut parts, |part| part.offset);
+        if let Some(pair) = parts.windows(2).find(|pair| pair[0].offset + pair[0].length > pair[1].offset) {
+            let [Section { offset, length, .. }, second] = [pair[0], pair[1]];
+            let found = format!("{length} bytes at {offset} and others at {}", second.offset);
+            return Err(corrupt("table of layers", found, "parts of layers that do not overlap"));
         }
         Ok(layers)
     }

@@ -54,6 +54,41 @@ impl Drop for LockedFile {
     }
 }
 
+/// The lock of a file that is read and then replaced by another one, until this is dropped. Only those who replace it know of the lock.
+pub struct ReplaceLock(File);
+
+impl ReplaceLock {
+    /// Takes the lock of the file that has a name now.
+    ///
+    /// # Errors
+    /// If another process has it, or the file cannot be opened.
+    pub fn take(path: &Path) -> Result<ReplaceLock> {
+        loop {
+            let file = File::open(path).map_err(Error::io(path, "open"))?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    return Err(Error::Locked { path: path.into(), holder: "another process".into() });
+                }
+                Err(TryLockError::Error(cause)) => return Err(Error::io(path, "lock")(cause)),
+            }
+            let lock = ReplaceLock(file);
+            // Whoever had the lock may have put another file in its place after this one was opened.
+            let own = FileId::of(&lock.0).map_err(Error::io(path, "look at"))?;
+            if FileId::at(path).is_ok_and(|there| there == own || there.is_unique()) {
+                return Ok(lock);
+            }
+        }
+    }
+}
+
+impl Drop for ReplaceLock {
+    /// Gives the lock back at once, as [`LockedFile`] does.
+    fn drop(&mut self) {
+        let _ = self.0.unlock();
+    }
+}
+
 impl WriteBackend for LockedFile {
     fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
         self.0.write(offset, bytes)

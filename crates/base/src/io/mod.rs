@@ -17,7 +17,7 @@ mod write;
 
 pub use faults::Faults;
 pub use file_id::FileId;
-pub use lock::LockedFile;
+pub use lock::{LockedFile, ReplaceLock};
 pub use lock_file::LockFile;
 pub use output::Output;
 pub use output::folder;

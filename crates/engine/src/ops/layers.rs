@@ -7,7 +7,7 @@ use super::tree_file::TreeFile;
 use crate::store::autumnal::{Commit, Editor, Note};
 use crate::store::{BuildOptions, TreeWriter};
 use crate::tree::Source;
-use spinney_base::io::Output;
+use spinney_base::io::{Output, ReplaceLock};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FilePlace, Header, Metadata, OpenOptions};
 use spinney_crs::Frame;
@@ -61,7 +61,7 @@ pub fn add_layer(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Option<Commit>> {
-    let file = TreeFile::open(path, &OpenOptions::default())?;
+    let (file, _lock) = open_to_change(path)?;
     let layers = file.layers()?;
     if name.is_empty() || layers.iter().any(|layer| layer.name == name) {
         return Err(Error::invalid("layer's name", format!("`{name}`"), "one that no other layer has"));
@@ -126,7 +126,7 @@ pub fn drop_layer(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Option<Commit>> {
-    let file = TreeFile::open(path, &OpenOptions::default())?;
+    let (file, _lock) = open_to_change(path)?;
     let layers = file.layers()?;
     let place = FilePlace { layer: Some(name.into()), ..FilePlace::of(path) };
     let dropped = place.layer_number(layers.iter().map(|layer| &*layer.name))?;
@@ -148,6 +148,18 @@ pub fn drop_layer(
             writer.finish()?;
             Ok(None)
         }
+    }
+}
+
+/// Opens a file whose layers are to change. A Goblin file, which is written anew, has a lock that is given back when what stands beside it is
+/// dropped: what others do to the file between reading and replacing it would be undone. (An Autumnal file is locked by its editor.)
+fn open_to_change(path: &Path) -> Result<(TreeFile, Option<ReplaceLock>)> {
+    match TreeFile::open(path, &OpenOptions::default())? {
+        TreeFile::Goblin(_) => {
+            let lock = ReplaceLock::take(&FilePlace::of(path).file)?;
+            Ok((TreeFile::open(path, &OpenOptions::default())?, Some(lock)))
+        }
+        file @ TreeFile::Autumnal(_) => Ok((file, None)),
     }
 }
 

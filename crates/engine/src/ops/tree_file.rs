@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::query::{Statistics, autumnal_statistics};
+use crate::query::{Statistics, autumnal_statistics, tally_of};
 use crate::store::autumnal::{Autumnal, AutumnalNode, Commit};
 use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::store::goblin::{Goblin, GoblinNode};
@@ -12,7 +12,7 @@ use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::space::Bounds;
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Error, Form, Progress, Result};
-use spinney_container::{FileHeader, FilePlace, Finding, Header, Layer, Metadata, OpenOptions, TreeFormat};
+use spinney_container::{FileHeader, FilePlace, Finding, Header, Layer, MAX_FINDINGS, Metadata, OpenOptions, TreeFormat};
 
 /// A tree file of either format, open for reading. A clone is the same open file.
 #[derive(Clone)]
@@ -233,15 +233,16 @@ impl TreeFile {
         }
     }
 
-    /// Checks everything: see [`Goblin::verify`] and [`Autumnal::verify`].
+    /// Checks everything: see [`Goblin::verify`] and [`Autumnal::verify`]; also that nothing lies outside of the pictures.
     ///
     /// # Errors
     /// If the file cannot be read, or on interruption.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        match self {
+        let findings = match self {
             TreeFile::Goblin(file) => file.verify(memory, progress),
             TreeFile::Autumnal(file) => file.verify(memory, progress),
-        }
+        };
+        self.verify_pictures(findings?, progress)
     }
 
     /// Checks everything but the trees of older commits.
@@ -249,10 +250,47 @@ impl TreeFile {
     /// # Errors
     /// If the file cannot be read, or on interruption.
     pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        match self {
+        let findings = match self {
             TreeFile::Goblin(file) => file.verify(memory, progress),
             TreeFile::Autumnal(file) => file.verify_quickly(memory, progress),
+        };
+        self.verify_pictures(findings?, progress)
+    }
+
+    /// Makes sure of a file with which nothing else is wrong that all cells outside of its layers' pictures are VOID.
+    fn verify_pictures(&self, mut findings: Vec<Finding>, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        if !findings.is_empty() {
+            return Ok(findings);
         }
+        for (number, layer) in self.layers()?.into_iter().enumerate() {
+            progress.check()?;
+            let cells = self.open_layer(number)?.cells_outside(progress)?;
+            if cells > 0 {
+                let place = if layer.name.is_empty() { "tree".into() } else { format!("layer `{}`", layer.name) };
+                let problem = format!("{cells} cells outside of the picture of {:?}", layer.header.extent);
+                findings.push(Finding { place, problem });
+            }
+        }
+        findings.truncate(MAX_FINDINGS);
+        Ok(findings)
+    }
+
+    /// The number of cells outside of the picture that are not VOID.
+    fn cells_outside(&self, progress: &dyn Progress) -> Result<u64> {
+        let header = self.header();
+        let mut rest = Bounds::space(header.form.dimension, header.depth());
+        let mut cells = 0;
+        for axis in 0..header.form.axes() {
+            let mut outside = rest;
+            (outside.min[axis], rest.max[axis]) = (header.extent[axis], header.extent[axis]);
+            if !outside.is_empty() {
+                cells += match self {
+                    TreeFile::Goblin(file) => tally_of(file, &outside)?.cells,
+                    TreeFile::Autumnal(file) => autumnal_statistics(file, &outside, false, progress)?.cells,
+                };
+            }
+        }
+        Ok(cells)
     }
 
     /// Exact statistics of a box of cells (of the deepest level).

@@ -42,7 +42,7 @@ pub use ray::{CellHit, Ray, Rays, SurfaceHit};
 pub use solid::SolidStatistics;
 pub(crate) use solid::measure;
 pub use stats::{ChannelStatistics, Statistics};
-pub(crate) use stats::{autumnal_statistics, source_statistics};
+pub(crate) use stats::{autumnal_statistics, source_statistics, tally_of};
 pub use surface::SolidSurface;
 pub(crate) use surface::measure_surface;
 pub use window::Canvas;

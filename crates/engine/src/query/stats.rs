@@ -164,7 +164,7 @@ pub(crate) fn autumnal_statistics(
 ///
 /// # Errors
 /// If the file is damaged there.
-pub(super) fn tally_of(file: &Goblin, bounds: &Bounds) -> Result<Tally> {
+pub(crate) fn tally_of(file: &Goblin, bounds: &Bounds) -> Result<Tally> {
     let mut gather = Gather::new(file.header().form, false, &());
     ended(walk(file, bounds, &mut gather))?;
     Ok(gather.count.finish())

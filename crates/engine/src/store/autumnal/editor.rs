@@ -179,7 +179,7 @@ impl Editor {
     ///
     /// # Errors
     /// If there is a layer of that name, or it does not fit into the file's space.
-    pub(crate) fn add_layer(&mut self, header: &Header, metadata: Metadata) -> Result<()> {
+    pub fn add_layer(&mut self, header: &Header, metadata: Metadata) -> Result<()> {
         let file = &self.draft.archive.header;
         let name = &metadata.name;
         if header.form.dimension != file.dimension || header.depth() > file.depth {
@@ -249,6 +249,9 @@ impl Editor {
     /// # Errors
     /// If there is none of that name, or no other.
     pub fn drop_layer(&mut self, name: &str) -> Result<()> {
+        if self.draft.commit.layer_named(name).is_none() {
+            return Err(Error::invalid("layer", format!("`{name}`"), "the name of one"));
+        }
         self.select(name)?;
         let mut commit = self.draft.commit.clone();
         if commit.layers.len() == 1 {
@@ -314,7 +317,8 @@ impl Editor {
 
     /// Makes the draft a tree of what is written so far.
     fn set_draft(&mut self, commit: Commit, metadata: Metadata) -> Result<()> {
-        let mut archive = self.draft.archive.clone();
+        // (What was committed meanwhile can be reverted to.)
+        let mut archive = Archive { meta: self.meta, ..self.draft.archive.clone() };
         let bytes = self.appender.backend.reader()?;
         // (Nothing may be written since the last commit.)
         let end = self.appender.position().min(bytes.len());

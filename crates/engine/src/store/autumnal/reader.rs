@@ -232,9 +232,16 @@ impl Autumnal {
             return Ok(false);
         }
         let name = &self.layer().name;
-        let place =
-            FilePlace { file: path.into(), commit: None, layer: (!name.is_empty()).then(|| name.clone()) };
-        let new = Autumnal::of_opened(&place, options.open_with_id(path)?, options)?;
+        let place = FilePlace { file: path.into(), commit: None, layer: None };
+        let mut new = Autumnal::of_opened(&place, options.open_with_id(path)?, options)?;
+        // (By its name alone: a name may look like the number of another layer.)
+        if !name.is_empty() {
+            let number = new.commit.layer_named(name).ok_or_else(|| {
+                let found = format!("no layer `{name}` any more");
+                Error::invalid(format!("{}: newest commit", path.display()), found, "one")
+            })?;
+            new = new.open_layer(number)?;
+        }
         let is_newer = !is_same(new.archive.meta, new.archive.file);
         if is_newer {
             *self = new;

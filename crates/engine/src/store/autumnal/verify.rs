@@ -73,6 +73,9 @@ impl Autumnal {
         progress: &dyn Progress,
     ) -> Result<()> {
         for (number, layer) in commit.layers.iter().enumerate() {
+            if findings.len() >= MAX_FINDINGS {
+                break;
+            }
             let tree = Autumnal::new(self.archive.clone(), commit.clone(), number)?;
             // Records mean what their layer's header says: what is right in one layer need not be so in another.
             let share = verified.memory / commit.layers.len() as u64;

@@ -202,17 +202,18 @@ impl Goblin {
         Ok(first_code(self.entry_bytes(index)?))
     }
 
-    /// The codes of the entries that a page begins with, if a segment's entry is the first of the page's own.
+    /// The numbers and bytes of the entries that a page begins with, if a segment's entry is the first of the page's own.
     ///
     /// # Errors
     /// If the page is damaged.
-    pub(super) fn page_copies(&self, index: usize) -> Result<Option<Vec<u64>>> {
+    pub(super) fn page_copies(&self, index: usize) -> Result<Option<Vec<(u64, &[u8])>>> {
         if !(index as u64).is_multiple_of(PAGE_ENTRIES) {
             return Ok(None);
         }
         let page = self.page(index as u64 / PAGE_ENTRIES)?;
         let size = self.directory.entry_size;
-        Ok(Some((0..page.copies).map(|copy| first_code(&page.entries[copy * size..])).collect()))
+        let numbers = page.numbers.chunks_exact(8).map(first_code);
+        Ok(Some(numbers.zip(page.entries.chunks_exact(size)).collect()))
     }
 
     /// The last page whose first code is not after a code; `None` if there is none.

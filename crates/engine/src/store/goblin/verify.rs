@@ -29,7 +29,10 @@ impl Goblin {
         }
         let mut findings = Vec::new();
         for number in 0..count {
-            let name = self.layers()[number].name.clone();
+            if findings.len() >= MAX_FINDINGS {
+                break;
+            }
+            let name = &self.layers()[number].name;
             let found = match self.open_layer(number).and_then(|layer| layer.verify_layer(memory, progress)) {
                 Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. } | Error::Unsupported { .. })) => {
                     vec![Finding { place: "layer".into(), problem: error.to_string() }]
@@ -118,7 +121,7 @@ impl Checker<'_> {
     fn directory(&mut self) -> Result<()> {
         let mut before = None;
         // Entries of the nodes above the next one, by level.
-        let mut open: Vec<Entry> = Vec::new();
+        let mut open: Vec<(usize, Entry)> = Vec::new();
         let crown_level = self.file.header().shape.crown_level();
         let mut places = [0, self.file.layer().crown];
         for index in 0..self.file.segments() {
@@ -127,19 +130,19 @@ impl Checker<'_> {
                 self.add(format!("directory entry {index}"), format!("code {} is out of order", entry.code));
             }
             before = Some(entry.code);
-            while let Some(done) = open.pop_if(|above| !above.code.contains(entry.code)) {
+            while let Some((_, done)) = open.pop_if(|(_, above)| !above.code.contains(entry.code)) {
                 self.place(&done, crown_level, &mut places);
             }
-            let copies: Vec<u64> = open.iter().map(|above| above.code.bits()).collect();
-            if let Some(found) = self.file.page_copies(index)?
-                && found != copies
-            {
-                let problem = format!("copies of {} entries, {} nodes are above", found.len(), copies.len());
-                self.add(format!("page of directory entry {index}"), problem);
+            if let Some(found) = self.file.page_copies(index)? {
+                let above = open.iter().map(|(number, _)| Ok((*number as u64, self.file.entry_bytes(*number)?)));
+                if found != above.collect::<Result<Vec<_>>>()? {
+                    let problem = format!("{} copies, which are not those of the nodes above", found.len());
+                    self.add(format!("page of directory entry {index}"), problem);
+                }
             }
-            open.push(entry);
+            open.push((index, entry));
         }
-        for done in open.iter().rev() {
+        for (_, done) in open.iter().rev() {
             self.place(done, crown_level, &mut places);
         }
         let layer = self.file.layer();

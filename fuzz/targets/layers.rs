@@ -1,0 +1,183 @@
+//! Files of several layers: each is asked everything, all are verified, converted, combined, edited and dropped together.
+
+use std::path::{Path, PathBuf};
+
+use spinney::dataset::{self, Dataset};
+use spinney::io::Output;
+use spinney::ops::{self, Chain, Edit, Operation, Universe, apply_edits};
+use spinney::space::Bounds;
+use spinney::store::autumnal::{Editor, History, Keep, Note, compact};
+use spinney::store::{FilePlace, Header, OpenOptions};
+use spinney::{Error, Result};
+
+use super::files::in_file;
+use super::seal;
+use super::trees::{MOST_RECORDS, is_good, long_questions, questions};
+
+/// Layers of files of which everything is asked.
+const MOST_LAYERS: usize = 8;
+const MEMORY: u64 = 1 << 20;
+
+/// A Goblin file of any number of layers whose checksums are made right.
+pub fn goblin_layers(bytes: &[u8]) {
+    let mut file = bytes.to_vec();
+    seal::goblin_end(&mut file);
+    seal::goblin(&mut file);
+    ask_goblin_layers(&file);
+}
+
+/// Asks everything of a Goblin file and its layers.
+pub fn ask_goblin_layers(file: &[u8]) {
+    in_file("layers.goblin", file, |path| ask(path, "converted.autumn"));
+}
+
+/// An Autumnal file of any number of layers, packed (see [`seal::packed`]), whose checksums are made right.
+pub fn autumnal_layers(bytes: &[u8]) {
+    if let Some(file) = seal::unpacked(bytes) {
+        ask_autumnal_layers(&file);
+    }
+}
+
+/// Asks everything of an Autumnal file and its layers, and edits them.
+pub fn ask_autumnal_layers(file: &[u8]) {
+    in_file("layers.autumn", file, |path| ask(path, "converted.goblin"));
+}
+
+fn open(path: &Path) -> Result<Dataset> {
+    dataset::open(path, &OpenOptions::new())
+}
+
+/// All layers of a file, the first few of them open.
+fn layers(tree: &Dataset) -> Result<(usize, Vec<Dataset>)> {
+    let layers = tree.layers()?;
+    let opened = layers.iter().take(MOST_LAYERS).map(|layer| tree.layer(&layer.name));
+    Ok((layers.len(), opened.collect::<Result<_>>()?))
+}
+
+/// Asks everything that can be asked of a file. If verification finds nothing, nothing may fail, and what is made of the file has the same cells.
+fn ask(path: &Path, converted: &str) {
+    let Ok(tree) = open(path) else { return };
+    let (count, trees) = match layers(&tree) {
+        Ok(layers) => layers,
+        Err(_) => {
+            // What is left of it.
+            (0..MOST_LAYERS).for_each(|number| {
+                if let Ok(layer) = tree.layer(&number.to_string()) {
+                    let _ = questions(&layer);
+                }
+            });
+            return;
+        }
+    };
+    let quick: Vec<Result<bool>> = trees.iter().map(questions).collect();
+    let is_small = |tree: &Dataset| {
+        matches!(tree.level_counts(MOST_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MOST_RECORDS
+    };
+    if count > MOST_LAYERS || !trees.iter().all(is_small) {
+        return;
+    }
+    let slow: Vec<Result<bool>> = trees.iter().map(long_questions).collect();
+    let was_good = is_good(&tree);
+    if was_good {
+        assert!(quick.into_iter().all(Result::unwrap), "a window and a point differ");
+        assert!(slow.into_iter().all(Result::unwrap), "statistics and counts differ");
+    }
+    let target = |name: &str| {
+        let target = path.with_file_name(name);
+        let _ = std::fs::remove_file(&target);
+        target
+    };
+    let other = target(converted);
+    let made = Output::create(&other).and_then(|output| ops::convert(path, false, output, MEMORY, &()));
+    if was_good {
+        made.unwrap();
+        same(&other, &trees, "conversion");
+    }
+    // (On what metadata tell of the frame it may be impossible.)
+    let (joined, files) = (target("combined.goblin"), [path, path].map(PathBuf::from));
+    let _ = Output::create(&joined).and_then(|output| {
+        ops::combine(Operation::Over, None, Universe::Usual, &files, output, MEMORY, &())
+    });
+    let has_changed = match converted.ends_with("goblin") {
+        true => change_autumnal(path, was_good, &trees),
+        false => change_goblin(path, &trees),
+    };
+    if was_good {
+        has_changed.unwrap();
+        assert!(is_good(&open(path).unwrap()), "a change has damaged a good file");
+    }
+}
+
+/// A file has the same cells as some layers, and is good.
+fn same(path: &Path, expected: &[Dataset], what: &str) {
+    let tree = open(path).unwrap();
+    assert!(is_good(&tree), "{what} has made a bad file");
+    let (count, found) = layers(&tree).unwrap();
+    assert_eq!(count, expected.len(), "{what}");
+    for (found, expected) in found.iter().zip(expected) {
+        // (How a tree is cut into segments is up to who writes it.)
+        let [a, b] = [found, expected].map(|tree| Header { shape: expected.header().shape, ..tree.header().clone() });
+        assert!(a == b && found.depth() == expected.depth(), "{what}");
+        let cells = |tree: &Dataset| {
+            let size = tree.header().extent.map(|cells| cells.min(64));
+            let bounds = Bounds::picture(size);
+            let mut bytes = vec![0; bounds.volume() as usize * tree.header().form.width()];
+            tree.window(tree.depth(), &bounds, 0.0, &mut bytes, None).unwrap();
+            let statistics = tree.statistics(None, &()).unwrap();
+            (bytes, statistics.cells, format!("{:?}", statistics.classes))
+        };
+        assert!(cells(found) == cells(expected), "{what} has made something else");
+    }
+}
+
+/// Drops a layer of a Goblin file, and adds it again.
+fn change_goblin(path: &Path, trees: &[Dataset]) -> Result<()> {
+    let name = trees[0].metadata().name.clone();
+    let copy = path.with_file_name("copy.goblin");
+    std::fs::copy(path, &copy).map_err(Error::io(path, "copy"))?;
+    if trees.len() > 1 {
+        ops::drop_layer(path, &name, Note::default(), MEMORY, &())?;
+    }
+    // (Frames need not fit.)
+    let chain = Chain::of(&FilePlace::of(&copy).of_layer(&name));
+    let _ = ops::add_layer(path, "again", &chain, Note::default(), MEMORY, &());
+    Ok(())
+}
+
+/// Edits all layers of an Autumnal file, drops one, goes back, and compacts.
+fn change_autumnal(path: &Path, was_good: bool, trees: &[Dataset]) -> Result<()> {
+    let history = History::open(path, &OpenOptions::new())?;
+    history.commits().take(100).for_each(drop);
+    let newest = trees[0].commit().map_or(0, |commit| commit.number);
+    drop(history);
+    // (There must be a next number.)
+    if newest > u64::MAX - 8 {
+        return Ok(());
+    }
+    let mut editor = Editor::open(path, MEMORY)?;
+    for layer in trees {
+        editor.select(&layer.metadata().name)?;
+        let set = Edit::Set(vec![([0; 3], Some(vec![7.into()]))]);
+        apply_edits(&mut editor, &mut [Ok(set)].into_iter(), &())?;
+    }
+    editor.commit(Note::default())?;
+    if trees.len() > 1 {
+        editor.drop_layer(&trees[0].metadata().name)?;
+        editor.commit(Note::default())?;
+    }
+    editor.revert(newest)?;
+    editor.commit(Note::default())?;
+    drop(editor);
+    let small = path.with_file_name("small.autumn");
+    let _ = std::fs::remove_file(&small);
+    for target in [path, &small] {
+        if was_good {
+            same(target, trees, "going back");
+        }
+        if target == path {
+            let output = Output::create(&small)?;
+            compact(path, &Keep::Last(2), true, output, MEMORY, &())?;
+        }
+    }
+    Ok(())
+}

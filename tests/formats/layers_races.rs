@@ -1,0 +1,305 @@
+//! Readers and writers that meet at files of several layers: what is opened is one commit of all layers, whatever others do meanwhile.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use spinney::Error;
+use spinney::dataset::{Dataset, open};
+use spinney::io::Output;
+use spinney::ops::{Chain, Edit, FillRegion, add_layer, apply_edits, drop_layer, edit};
+use spinney::space::{Bounds, Dimension, Frame};
+use spinney::store::autumnal::{Editor, Keep, Note, compact};
+use spinney::store::{FilePlace, Metadata, OpenOptions, TreeWriter};
+use spinney::tree::Form;
+use spinney::value::{Kind, Number, Rule, SampleType};
+use tempfile::TempDir;
+
+use crate::common::command::stdout;
+use crate::common::{Cells, QUAD, Random, made, options, quad, value, write_cells};
+
+const MEMORY: u64 = 1 << 22;
+const DEPTH: u8 = 7;
+const LAYERS: [(&str, Form, [u64; 3]); 3] = [
+    ("a", QUAD, [90, 100, 1]),
+    ("b", quad(SampleType::U16, 1), [45, 50, 1]),
+    ("c", quad(SampleType::F32, 1), [90, 70, 1]),
+];
+
+/// A file whose layers have the number 1 in all cells.
+fn file(name: &str) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    let output = Output::create(&path).unwrap();
+    let mut file = TreeWriter::create(output, (Dimension::Quad, DEPTH), LAYERS.len() as u32).unwrap();
+    for (name, form, size) in LAYERS {
+        let cells = made(form, size, |_| Some(form.value.nearest(|_| 1.0)));
+        let frame = Frame::identity().coarser(DEPTH - cells.depth());
+        let metadata = Metadata { name: name.into(), frame, ..Metadata::default() };
+        let options = options(Rule::Mean, Kind::Continuous, cells.depth()).metadata(metadata);
+        file.slabs(form, &mut cells.slabs(value(form.value, 250)), None, &options, &()).unwrap();
+    }
+    file.finish().unwrap();
+    (folder, path)
+}
+
+/// The number that all cells of a layer have.
+fn number_of(tree: &Dataset) -> f64 {
+    let statistics = tree.statistics(None, &()).unwrap();
+    let [width, height, _] = tree.header().extent;
+    assert_eq!((statistics.cells, statistics.void_cells), (width * height, 0));
+    let channel = &statistics.channels[0];
+    assert_eq!(channel.min, channel.max);
+    let mut value = [Number::default(); 4];
+    assert!(tree.point([width / 2, height - 1, 0], tree.depth(), &mut value).unwrap());
+    assert_eq!(value[0].to_f64(), channel.mean);
+    channel.mean
+}
+
+/// Gives all cells of all layers a number, and commits.
+fn fill_all(editor: &mut Editor, number: f64) {
+    for (name, _, size) in LAYERS {
+        editor.select(name).unwrap();
+        let fill = Edit::Fill(FillRegion::Box(Bounds::picture(size)), Some(vec![number.into()]));
+        apply_edits(editor, &mut [Ok(fill)].into_iter(), &()).unwrap();
+    }
+    editor.commit(Note::default()).unwrap().unwrap();
+}
+
+/// Threads and processes that look at all layers while they get numbers that are those of their commits.
+#[test]
+fn what_is_opened_is_one_commit_of_all_layers() {
+    const COMMITS: u64 = 120;
+    let (_folder, path) = file("s.autumn");
+    let (stop, looks) = (AtomicBool::new(false), AtomicU64::new(0));
+    thread::scope(|scope| {
+        for reader in 0..3 {
+            let (path, stop, looks) = (&path, &stop, &looks);
+            scope.spawn(move || {
+                let mut newest = 0;
+                let mut held: Option<Dataset> = None;
+                while !stop.load(Ordering::Relaxed) {
+                    if reader == 2 {
+                        // Another process, which opens the file once.
+                        let text = stdout(&["point", &path.display().to_string(), "--in", "cells", "44,44"]);
+                        let numbers: Vec<&str> = text.trim().split(',').collect();
+                        assert!(numbers.len() == 3 && numbers.iter().all(|n| *n == numbers[0]), "{text}");
+                        looks.fetch_add(1, Ordering::Relaxed);
+                        continue;
+                    }
+                    // Opened anew, or moved on.
+                    let tree = match held.take() {
+                        Some(mut tree) if reader == 1 => {
+                            tree.refresh().unwrap();
+                            tree
+                        }
+                        _ => open(path, &OpenOptions::new()).unwrap(),
+                    };
+                    let number = tree.commit().unwrap().number;
+                    assert!(number >= newest, "commit {number} after {newest}");
+                    newest = number;
+                    for (name, ..) in LAYERS {
+                        let layer = tree.layer(name).unwrap();
+                        assert_eq!(layer.commit().unwrap().number, number);
+                        assert_eq!(number_of(&layer), number as f64, "layer {name}");
+                    }
+                    held = Some(tree);
+                    looks.fetch_add(1, Ordering::Relaxed);
+                }
+            });
+        }
+        let mut editor = Editor::open(&path, MEMORY).unwrap();
+        for commit in 2..=COMMITS {
+            fill_all(&mut editor, commit as f64);
+            thread::sleep(Duration::from_millis(2));
+        }
+        // (On a busy machine readers come late.)
+        while looks.load(Ordering::Relaxed) < 30 {
+            thread::sleep(Duration::from_millis(5));
+        }
+        stop.store(true, Ordering::Relaxed);
+    });
+    let tree = open(&path, &OpenOptions::new()).unwrap();
+    assert_eq!(tree.verify(1 << 24, &()).unwrap(), []);
+    for number in [1, 2, COMMITS / 2, COMMITS] {
+        let old = PathBuf::from(format!("{}@{number}", path.display()));
+        for (name, ..) in LAYERS {
+            let layer = open(&FilePlace::of(&old).of_layer(name), &OpenOptions::new()).unwrap();
+            assert_eq!(number_of(&layer), number as f64);
+        }
+    }
+}
+
+#[test]
+fn who_edits_one_layer_edits_the_file() {
+    let (folder, path) = file("s.autumn");
+    let text = path.display().to_string();
+    let other = other(folder.path());
+    let editor = Editor::open(&FilePlace::of(&path).of_layer("a"), MEMORY).unwrap();
+    let second = Editor::open(&FilePlace::of(&path).of_layer("b"), MEMORY);
+    assert!(matches!(second, Err(Error::Locked { .. })));
+    let chain = Chain::of(&other);
+    assert!(matches!(
+        add_layer(&path, "d", &chain, Note::default(), MEMORY, &()),
+        Err(Error::Locked { .. })
+    ));
+    assert!(matches!(drop_layer(&path, "b", Note::default(), MEMORY, &()), Err(Error::Locked { .. })));
+    let (of_layer, other) = (format!("{text}:b"), other.display().to_string());
+    for arguments in [
+        &["edit", &of_layer, "fill", "--window", "0,0,9,9", "--value", "1"][..],
+        &["edit", &text, "add-layer", &other],
+        &["edit", &text, "drop-layer", "c"],
+        &["revert", &text, "1"],
+    ] {
+        let run = Command::new(env!("CARGO_BIN_EXE_spinney")).args(arguments).output().unwrap();
+        let text = String::from_utf8_lossy(&run.stderr);
+        assert_eq!(run.status.code(), Some(1), "{arguments:?}: {text}");
+        assert!(text.contains(&format!("is being edited by process {}", std::process::id())), "{text}");
+    }
+    drop(editor);
+    let tree = open(&path, &OpenOptions::new()).unwrap();
+    assert_eq!((tree.commit().unwrap().number, tree.layers().unwrap().len()), (1, 3));
+}
+
+/// A file of one layer that lies in the frame of the others.
+fn other(folder: &Path) -> PathBuf {
+    let path = folder.join("other.goblin");
+    let cells = Cells::random(QUAD, 4, [80, 70, 1], 7, true);
+    write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, DEPTH));
+    path
+}
+
+/// Several add layers to one file at the same time, and drop them: who is not told of a failure has done it.
+#[test]
+fn nobody_loses_a_layer_that_another_one_adds() {
+    for name in ["s.goblin", "s.autumn"] {
+        let (folder, path) = file(name);
+        let other = other(folder.path());
+        let refused = AtomicU64::new(0);
+        let until_done = |change: &dyn Fn() -> spinney::Result<()>| {
+            for _ in 0..2000 {
+                match change() {
+                    Ok(()) => return,
+                    Err(Error::Locked { .. } | Error::Moved { .. }) => {
+                        refused.fetch_add(1, Ordering::Relaxed);
+                        thread::sleep(Duration::from_millis(3));
+                    }
+                    Err(error) => panic!("{error}"),
+                }
+            }
+            panic!("always refused");
+        };
+        thread::scope(|scope| {
+            for thread in 0..4 {
+                let (path, chain, until_done) = (&path, Chain::of(&other), &until_done);
+                scope.spawn(move || {
+                    for round in 0..5 {
+                        let name = format!("layer {thread} {round}");
+                        until_done(&|| {
+                            add_layer(path, &name, &chain, Note::default(), MEMORY, &()).map(drop)
+                        });
+                        let file = open(path, &OpenOptions::new()).unwrap();
+                        assert!(file.layer(&name).is_ok(), "{name} is lost");
+                        if round % 2 == 0 {
+                            until_done(&|| drop_layer(path, &name, Note::default(), MEMORY, &()).map(drop));
+                        }
+                    }
+                });
+            }
+        });
+        let file = open(&path, &OpenOptions::new()).unwrap();
+        let mut names: Vec<String> = file.layers().unwrap().into_iter().map(|layer| layer.name).collect();
+        names.sort();
+        let mut expected: Vec<String> = LAYERS.iter().map(|(name, ..)| (*name).into()).collect();
+        expected.extend((0..4).flat_map(|thread| [1, 3].map(|round| format!("layer {thread} {round}"))));
+        assert_eq!(names, expected, "{name}");
+        assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+        println!("{name}: {} were told to wait", refused.into_inner());
+        // Nothing is left behind.
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2);
+    }
+}
+
+/// Old readers have all layers of their commit, whatever becomes of the file.
+#[test]
+fn readers_of_an_old_commit_go_on() {
+    let (folder, path) = file("s.autumn");
+    let other = other(folder.path());
+    let mut editor = Editor::open(&path, MEMORY).unwrap();
+    fill_all(&mut editor, 2.0);
+    drop(editor);
+    let mut old: Vec<Dataset> = LAYERS
+        .iter()
+        .map(|(name, ..)| open(&FilePlace::of(&path).of_layer(name), &OpenOptions::new()).unwrap())
+        .collect();
+    let first = open(&PathBuf::from(format!("{}@1", path.display())), &OpenOptions::new()).unwrap();
+    let check = |old: &[Dataset]| {
+        old.iter().for_each(|layer| assert_eq!(number_of(layer), 2.0));
+        let names: Vec<String> = old[0].layers().unwrap().into_iter().map(|layer| layer.name).collect();
+        assert_eq!(names, ["a", "b", "c"]);
+        for (name, ..) in LAYERS {
+            assert_eq!(number_of(&old[1].layer(name).unwrap()), 2.0);
+            assert_eq!(number_of(&first.layer(name).unwrap()), 1.0);
+        }
+    };
+    let mut random = Random(8);
+    for round in 0..12 {
+        match random.below(4) {
+            0 => {
+                let name = format!("other {round}");
+                add_layer(&path, &name, &Chain::of(&other), Note::default(), MEMORY, &()).unwrap();
+            }
+            1 => {
+                let layers = open(&path, &OpenOptions::new()).unwrap().layers().unwrap();
+                if let Some(layer) = layers.iter().find(|layer| layer.name.starts_with("other")) {
+                    drop_layer(&path, &layer.name, Note::default(), MEMORY, &()).unwrap();
+                }
+            }
+            2 => {
+                let small = folder.path().join("small.autumn");
+                let output = Output::create(&small).unwrap();
+                compact(&path, &Keep::Last(2), false, output, MEMORY, &()).unwrap();
+                std::fs::rename(&small, &path).unwrap();
+            }
+            _ => {
+                let fill = |(name, _, size): (&str, Form, [u64; 3])| {
+                    let region = FillRegion::Box(Bounds::picture(size));
+                    let number = 10 + round;
+                    let fill = Edit::Fill(region, Some(vec![Number::from(number)]));
+                    edit(&FilePlace::of(&path).of_layer(name), [Ok(fill)], Note::default(), MEMORY, &())
+                };
+                LAYERS.into_iter().for_each(|layer| assert!(fill(layer).unwrap().is_some()));
+            }
+        }
+        check(&old);
+        assert_eq!(open(&path, &OpenOptions::new()).unwrap().verify(1 << 24, &()).unwrap(), []);
+    }
+    // Who moves on is at the same layer of what is there now; where it is gone, it stays, and says so.
+    add_layer(&path, "before", &Chain::of(&other), Note::default(), MEMORY, &()).unwrap();
+    drop_layer(&path, "b", Note::default(), MEMORY, &()).unwrap();
+    let newest = open(&path, &OpenOptions::new()).unwrap();
+    for (layer, (name, ..)) in old.iter_mut().zip(LAYERS) {
+        if name == "b" {
+            assert!(layer.refresh().is_err());
+            assert_eq!(number_of(layer), 2.0);
+        } else {
+            assert!(layer.refresh().unwrap());
+            assert_eq!(number_of(layer), number_of(&newest.layer(name).unwrap()));
+        }
+    }
+}
+
+/// A reader of a layer whose name is a number does not come to another one that has this number in the list.
+#[test]
+fn moving_on_is_by_name() {
+    let (folder, path) = file("s.autumn");
+    let other = other(folder.path());
+    add_layer(&path, "1", &Chain::of(&other), Note::default(), MEMORY, &()).unwrap();
+    let mut layer = open(&FilePlace::of(&path).of_layer("1"), &OpenOptions::new()).unwrap();
+    assert_eq!(layer.layer_number(), 3);
+    drop_layer(&path, "1", Note::default(), MEMORY, &()).unwrap();
+    assert!(layer.refresh().is_err());
+    assert_eq!((layer.layer_number(), layer.metadata().name.as_str()), (3, "1"));
+}
