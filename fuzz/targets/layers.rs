@@ -95,9 +95,8 @@ fn ask(path: &Path, converted: &str) {
     }
     // (On what metadata tell of the frame it may be impossible.)
     let (joined, files) = (target("combined.goblin"), [path, path].map(PathBuf::from));
-    let _ = Output::create(&joined).and_then(|output| {
-        ops::combine(Operation::Over, None, Universe::Usual, &files, output, MEMORY, &())
-    });
+    let _ = Output::create(&joined)
+        .and_then(|output| ops::combine(Operation::Over, None, Universe::Usual, &files, output, MEMORY, &()));
     let has_changed = match converted.ends_with("goblin") {
         true => change_autumnal(path, was_good, &trees),
         false => change_goblin(path, &trees),
@@ -116,7 +115,8 @@ fn same(path: &Path, expected: &[Dataset], what: &str) {
     assert_eq!(count, expected.len(), "{what}");
     for (found, expected) in found.iter().zip(expected) {
         // (How a tree is cut into segments is up to who writes it.)
-        let [a, b] = [found, expected].map(|tree| Header { shape: expected.header().shape, ..tree.header().clone() });
+        let [a, b] =
+            [found, expected].map(|tree| Header { shape: expected.header().shape, ..tree.header().clone() });
         assert!(a == b && found.depth() == expected.depth(), "{what}");
         let cells = |tree: &Dataset| {
             let size = tree.header().extent.map(|cells| cells.min(64));

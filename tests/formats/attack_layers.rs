@@ -31,8 +31,7 @@ fn goblin(size: [u64; 3]) -> Vec<u8> {
     let cells = Cells::noise(QUAD, 3, size, 9);
     let file = reference::goblin(&cells.tree(Rule::Mean), size, CONTINUOUS, Cut::EVERYWHERE);
     std::fs::write(&path, file).unwrap();
-    let missing = Some([15, 0, 0, 0, 0, 0, 0, 0]);
-    let pairs = ValueType { missing, ..ValueType::new(SampleType::U16, 2) };
+    let pairs = ValueType::new(SampleType::U16, 2).with_missing(15);
     for (name, form, size, coarser, (rule, kind)) in [
         ("classes", QUAD, [13, 10, 1], 1, (Rule::Majority, Kind::Categorical)),
         ("pairs", Form::new(Dimension::Quad, pairs), [17, 19, 1], 0, CONTINUOUS),
@@ -230,7 +229,9 @@ fn commits_of_several_layers() {
 
 /// Whether somebody notices: opening fails, or verification finds something.
 fn is_noticed(file: Vec<u8>) -> bool {
-    Goblin::from_bytes(file).and_then(|file| file.verify(1 << 20, &())).map_or(true, |found| !found.is_empty())
+    Goblin::from_bytes(file)
+        .and_then(|file| file.verify(1 << 20, &()))
+        .map_or(true, |found| !found.is_empty())
 }
 
 #[test]

@@ -17,9 +17,7 @@ use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Result};
 
-use crate::common::{
-    Cells, QUAD, Random, assert_same, cells_of, goblin, options, quad, value, write_cells,
-};
+use crate::common::{Cells, QUAD, Random, assert_same, cells_of, goblin, options, quad, value, write_cells};
 use crate::targets::disk::{Disk, Event, put};
 
 const SECTOR: usize = 512;
@@ -225,10 +223,13 @@ fn every_crash_leaves_all_layers_of_one_commit() {
                 let image = image(&durable, &pending, attempt, &mut random);
                 images += 1;
                 let new = known.len();
-                let number = *known.entry(image).or_insert_with_key(|image| {
-                    found(image.clone(), &commits, new.is_multiple_of(8))
-                });
-                assert!(number == done || number == done + 1, "event {i}: commit {number}, {done} are durable");
+                let number = *known
+                    .entry(image)
+                    .or_insert_with_key(|image| found(image.clone(), &commits, new.is_multiple_of(8)));
+                assert!(
+                    number == done || number == done + 1,
+                    "event {i}: commit {number}, {done} are durable"
+                );
             }
         }
     }

@@ -141,10 +141,7 @@ fn who_edits_one_layer_edits_the_file() {
     let second = Editor::open(&FilePlace::of(&path).of_layer("b"), MEMORY);
     assert!(matches!(second, Err(Error::Locked { .. })));
     let chain = Chain::of(&other);
-    assert!(matches!(
-        add_layer(&path, "d", &chain, Note::default(), MEMORY, &()),
-        Err(Error::Locked { .. })
-    ));
+    assert!(matches!(add_layer(&path, "d", &chain, Note::default(), MEMORY, &()), Err(Error::Locked { .. })));
     assert!(matches!(drop_layer(&path, "b", Note::default(), MEMORY, &()), Err(Error::Locked { .. })));
     let (of_layer, other) = (format!("{text}:b"), other.display().to_string());
     for arguments in [

@@ -12,7 +12,9 @@ use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::space::Bounds;
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Error, Form, Progress, Result};
-use spinney_container::{FileHeader, FilePlace, Finding, Header, Layer, MAX_FINDINGS, Metadata, OpenOptions, TreeFormat};
+use spinney_container::{
+    FileHeader, FilePlace, Finding, Header, Layer, MAX_FINDINGS, Metadata, OpenOptions, TreeFormat,
+};
 
 /// A tree file of either format, open for reading. A clone is the same open file.
 #[derive(Clone)]
@@ -266,7 +268,8 @@ impl TreeFile {
             progress.check()?;
             let cells = self.open_layer(number)?.cells_outside(progress)?;
             if cells > 0 {
-                let place = if layer.name.is_empty() { "tree".into() } else { format!("layer `{}`", layer.name) };
+                let place =
+                    if layer.name.is_empty() { "tree".into() } else { format!("layer `{}`", layer.name) };
                 let problem = format!("{cells} cells outside of the picture of {:?}", layer.header.extent);
                 findings.push(Finding { place, problem });
             }
