@@ -7,7 +7,7 @@ use spinney::Result;
 use spinney::export::image::{ImageSpec, create, format_of};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, edit};
+use spinney::ops::{Chain, Edit, FillRegion, add_layer, edit};
 use spinney::space::{Bounds, Dimension, Frame};
 use spinney::store::autumnal::Note;
 use spinney::store::{BuildOptions, Metadata, build_tree, depth_for};
@@ -55,6 +55,7 @@ fn main() -> Result<()> {
     let project = root.join("..");
     goblins(&put, &project, folder.path())?;
     autumnals(&put, &project, folder.path())?;
+    layers(&put, folder.path())?;
     pictures(&put, &project, folder.path())?;
     meshes(&put);
     models(&put, folder.path())?;
@@ -138,6 +139,31 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         let script = [&script[..], &packed].concat();
         put("autumnal_edit", name, &script);
         put("autumnal_file", name, &script);
+    }
+    Ok(())
+}
+
+/// Files of several layers of different types, depths and cells.
+fn layers(put: Put<'_>, folder: &Path) -> Result<()> {
+    let continuous = (Rule::Mean, Kind::Continuous);
+    let pairs = form(Dimension::Quad, SampleType::U16, 2);
+    for (name, first, second, size) in
+        [("quadtrees", QUAD, pairs, [13, 10, 1]), ("octrees", OCT, OCT, [5, 4, 6])]
+    {
+        let other = folder.join("other.goblin");
+        build(&other, second, size, (Rule::Max, Kind::Continuous), false)?;
+        for extension in ["goblin", "autumn"] {
+            let path = folder.join(format!("layers.{extension}"));
+            build(&path, first, size, continuous, false)?;
+            for layer in ["b", "c"] {
+                add_layer(&path, layer, &Chain::of(&other), Note::default(), 1 << 20, &())?;
+            }
+            let file = fs::read(&path).unwrap();
+            match extension {
+                "goblin" => put("goblin_layers", name, &file),
+                _ => put("autumnal_layers", name, &seal::packed(&file)),
+            }
+        }
     }
     Ok(())
 }
@@ -356,7 +382,11 @@ fn texts(put: Put<'_>) {
     );
     put("step_text", "boxes", b"window=1,2,3,4\nwindow=0,0,5,5,in=world\ncrop\ndepth=4\n");
     put("step_text", "nodes", b"subtree=/03\nembed=/2\ntree-depth=5\nlike=a.goblin\n");
-    put("step_text", "calculations", b"calc=where(b1>2,b1/2,-b1),type=u8\nreduce=median\nscale=2\ncalc=abs(b1)\n");
+    put(
+        "step_text",
+        "calculations",
+        b"calc=where(b1>2,b1/2,-b1),type=u8\nreduce=median\nscale=2\ncalc=abs(b1)\n",
+    );
     for (name, text) in [
         ("index", "'(b1-2)/(b1+2)'"),
         ("conditions", "where(b1>=2 and not b1==3|!(b1<1.5e0),min(b1,7),\"b1\"),type=i16"),

@@ -125,7 +125,7 @@ fn nodata_of_one_band_is_missing_there_alone() {
     // Beside opacity nothing is missing, nor where there is one band.
     let with_opacity = picture.short(277, &[4]).short(258, &[8; 4]).short(338, &[2]);
     let (_, trip) = Trip::of(&file(&[with_opacity.short(256, &[3])]), None, &ImportOptions::new());
-    assert_eq!(trip.tree.header().form.value.mask, Mask::None);
+    assert_eq!(trip.tree.header().form.value.mask, Mask::Alpha);
 }
 
 #[test]

@@ -21,7 +21,9 @@ fn pixels_of(raster: &mut dyn Raster) -> Result<(Vec<u8>, Vec<bool>)> {
     let size = info.sample.size();
     let valid = pixels.bytes.chunks_exact(size * info.channels).map(|pixel| {
         let numbers: Vec<Number> = pixel.chunks_exact(size).map(|sample| number(sample, &info)).collect();
-        let transparent = info.alpha.is_some_and(|alpha| numbers[alpha].with_plain_zero() == 0.0);
+        // (Where the last of several channels is opacity, transparent cells keep their colours.)
+        let alpha = info.alpha.filter(|alpha| info.channels == 1 || alpha + 1 < info.channels);
+        let transparent = alpha.is_some_and(|alpha| numbers[alpha].with_plain_zero() == 0.0);
         let nodata = info.nodata.is_some_and(|nodata| numbers.iter().all(|number| *number == nodata));
         !transparent && !nodata && !numbers.iter().any(|number| number.is_nan())
     });

@@ -10,7 +10,7 @@ use spinney::import::volume::{self, VolumeOptions};
 use spinney::io::Output;
 use spinney::ops::Resampling;
 use spinney::store::{Slab, Slabs};
-use spinney::value::{Kind, Number, SampleType};
+use spinney::value::{Kind, Mask, Number, SampleType};
 
 use crate::common::tiff_file::{Ifd, Values, file};
 use crate::common::{Random, with};
@@ -271,7 +271,8 @@ fn pictures_in_colour_are_one_layer() {
     let colour = place.write("colour.tif", std::slice::from_ref(&rgba));
     let stack = plan_stack(std::slice::from_ref(&colour), &StackOptions::new()).unwrap();
     assert_eq!((names(&stack), stack.layers[0].value.channels), (vec!["colour"], 4));
-    assert_eq!(place.cells(&stack.layers[0]), [None, Some(vec![4, 5, 6, 9])]);
+    assert_eq!(stack.layers[0].value.mask, Mask::Alpha);
+    assert_eq!(place.cells(&stack.layers[0]), [Some(vec![1, 2, 3, 0]), Some(vec![4, 5, 6, 9])]);
     // Bands that are asked for are layers of their own.
     let options = place.options(|it| it.import.bands = Some(vec![3.into(), 4.into()]));
     let stack = plan_stack(&[colour], &options).unwrap();

@@ -204,7 +204,7 @@ fn nodata_of_one_band_counts_nowhere() {
 }
 
 #[test]
-fn colours_below_opacity_are_kept_on_demand() {
+fn colours_below_opacity_are_kept_unless_steps_say_else() {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     // Transparent red, black and no colour at all; half blue.
@@ -216,17 +216,19 @@ fn colours_below_opacity_are_kept_on_demand() {
     let mut writer = create(Output::create(picture.as_ref()).unwrap(), Format::Png, &spec).unwrap();
     writer.write_rows(&cells.concat(), None).unwrap();
     writer.finish().unwrap();
-    let built = |options: &[&str]| {
+    let built = |options: &[&str], view: &[&str]| {
         command(&[&["-q", "build", &picture, "-o", &name("t.goblin")], options].concat()).assert().success();
         let outputs = ["out.tif", "out.png"].map(name);
         outputs.map(|out| {
-            command(&["-q", "get", &name("t.goblin"), &out]).assert().success();
+            command(&[&["-q", "get", &name("t.goblin"), &out], view].concat()).assert().success();
             samples(&out)
         })
     };
     let void = [[0; 4], [0; 4], [0; 4], cells[3]].concat();
-    assert_eq!(built(&[]), [void.clone(), void]);
-    assert_eq!(built(&["--keep-transparent"]), [cells.concat(), cells.concat()]);
+    assert_eq!(built(&[], &["--view", "opaque"]), [void.clone(), void]);
+    for options in [&[][..], &["--keep-transparent"]] {
+        assert_eq!(built(options, &[]), [cells.concat(), cells.concat()]);
+    }
     let raster = raster::open(name("out.tif").as_ref(), &Default::default()).unwrap();
     assert_eq!((raster.info().nodata, raster.info().alpha), (None, Some(3)));
 }

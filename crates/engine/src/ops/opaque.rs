@@ -9,7 +9,7 @@ use spinney_base::Result;
 use spinney_base::value::{Mask, ValueType};
 
 /// A source whose transparent cells are VOID. Levels above the cells are what they are: nothing that is transparent is in them.
-pub struct Opaque {
+pub(super) struct Opaque {
     source: Arc<ViewSource>,
     value_type: ValueType,
 }
