@@ -40,6 +40,7 @@ pub use diff::{Difference, Differences, FdRange, diff, diff_files, diff_nodes, d
 pub use edit::{CellValue, Edit, apply_edits, edit};
 pub use files::{Chain, Outcome, PairOfSamples, combine, crosstab_files, transform};
 pub use layers::{add_layer, drop_layer, layer_paths, only_layer};
+pub use opaque::Opaque;
 pub use operation::{Operation, Prefer};
 pub use patch::{CellPatch, Change, FillPatch, FillRegion, Patch};
 pub use patched::{Patched, PatchedNode};

@@ -9,7 +9,7 @@ use spinney_base::Result;
 use spinney_base::value::{Mask, ValueType};
 
 /// A source whose transparent cells are VOID. Levels above the cells are what they are: nothing that is transparent is in them.
-pub(super) struct Opaque {
+pub struct Opaque {
     source: Arc<ViewSource>,
     value_type: ValueType,
 }
@@ -31,7 +31,7 @@ impl Opaque {
     ) -> Result<()> {
         self.source.children(node, children)?;
         for child in children.iter_mut() {
-            *child = self.seen(child.clone());
+            *child = self.seen(*child);
         }
         Ok(())
     }

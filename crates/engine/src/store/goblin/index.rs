@@ -73,6 +73,9 @@ struct Page<'a> {
     copies: usize,
 }
 
+/// Entries of the nodes above a page's own: their numbers, and their bytes.
+pub(super) type Copies<'a> = Vec<(u64, &'a [u8])>;
+
 impl Goblin {
     /// The error for a page of the directory or its index that is not what it should be.
     #[cold]
@@ -206,7 +209,7 @@ impl Goblin {
     ///
     /// # Errors
     /// If the page is damaged.
-    pub(super) fn page_copies(&self, index: usize) -> Result<Option<Vec<(u64, &[u8])>>> {
+    pub(super) fn page_copies(&self, index: usize) -> Result<Option<Copies<'_>>> {
         if !(index as u64).is_multiple_of(PAGE_ENTRIES) {
             return Ok(None);
         }
