@@ -29,7 +29,9 @@ fn cells(value_type: ValueType, seed: u64) -> Cells {
     let mut cells = Vec::new();
     for y in 0..SIZE[1] {
         for x in 0..SIZE[0] {
-            let kind = kinds[(y / 16 * 20 + x / 16) as usize];
+            // (In a part all cells are opaque.)
+            let is_opaque = (128..256).contains(&x) && y < 128;
+            let kind = if is_opaque { 3 } else { kinds[(y / 16 * 20 + x / 16) as usize] };
             let colours: [f64; 4] = std::array::from_fn(|_| 1.0 + random.below(200) as f64);
             let alpha = match (kind, random.below(3)) {
                 (0, _) | (1, 0) => 0.0,

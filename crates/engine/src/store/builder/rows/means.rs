@@ -87,7 +87,7 @@ fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> Tally {
         pairwise_squares::<V>(block)
     };
     Tally {
-        value_type: V::TYPE,
+        value_type: block.form.value,
         cells,
         present: [cells; 4],
         min: erase(min),
