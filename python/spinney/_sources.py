@@ -103,15 +103,15 @@ class RasterioArray:
         every = [role.name.capitalize() for role in dataset.colorinterp]
         self.roles = [every[band] for band in self.bands]
         self.alpha = self.roles.index("Alpha") if "Alpha" in self.roles and len(self.roles) > 1 else None
-        # The band that is the opacity of these, perhaps of none among them.
-        self.opacity = every.index("Alpha") if "Alpha" in every and self.roles != ["Alpha"] else None
+        # The band that is the opacity of these, if it is none of them: as the last of them it is kept with the colours below it.
+        self.opacity = every.index("Alpha") if "Alpha" in every and self.roles[-1] != "Alpha" else None
 
     def __getitem__(self, key: tuple[slice, slice, slice]) -> Array:
         _, rows, columns = key
         window = ((rows.start, rows.stop), (columns.start, columns.stop))
         numbers = [band + 1 for band in self.bands]
         if self.opacity is None:
-            masked = self.roles != ["Alpha"]
+            masked = self.roles[-1] != "Alpha"
             found: Array = self.dataset.read(numbers, window=window, masked=masked)
             return found
         # (Masks made of opacity leave opacity itself out.)

@@ -104,6 +104,9 @@ impl ArrayOptions {
             let text = "1 to 4 bands of uint8, uint16 or float32, or 1 band of another type can be kept";
             return Err(PyTypeError::new_err(format!("{} bands of {}: {text}", self.channels, self.dtype)));
         }
+        if self.channels > 1 && self.alpha == Some(self.channels - 1) {
+            return Ok(value.with_alpha());
+        }
         Ok(self.nodata.map_or(value, |nodata| value.with_missing(nodata.0)))
     }
 

@@ -25,7 +25,8 @@ fn pixels_of(raster: &mut dyn Raster) -> Result<(Vec<u8>, Vec<bool>)> {
         let alpha = info.alpha.filter(|alpha| info.channels == 1 || alpha + 1 < info.channels);
         let transparent = alpha.is_some_and(|alpha| numbers[alpha].with_plain_zero() == 0.0);
         let nodata = info.nodata.is_some_and(|nodata| numbers.iter().all(|number| *number == nodata));
-        !transparent && !nodata && !numbers.iter().any(|number| number.is_nan())
+        let is_zero = info.alpha.is_some() && pixel.iter().all(|byte| *byte == 0);
+        !transparent && !is_zero && !nodata && !numbers.iter().any(|number| number.is_nan())
     });
     let valid = match &pixels.valid {
         Some(mask) => valid.zip(mask).map(|(valid, mask)| valid && *mask).collect(),

@@ -50,7 +50,7 @@ pub enum Transparent {
     /// VOID.
     #[default]
     Void,
-    /// Cells with their colours, which count for nothing: see `Mask::Alpha`.
+    /// Cells with their colours, which count for nothing: see `Mask::Alpha`. Those of zeros alone are VOID.
     Masked,
     /// Cells like all others.
     Plain,

@@ -8,6 +8,8 @@ pub(super) struct Validity {
     sample: SampleType,
     channels: usize,
     alpha: Option<usize>,
+    /// Whether a pixel of zeros, which has neither colour nor opacity, is VOID.
+    zero: bool,
     /// A pixel whose channels all have the nodata number.
     nodata: Option<Vec<u8>>,
     /// Whether a sample that is not a number makes a pixel VOID.
@@ -18,8 +20,9 @@ impl Validity {
     /// By opacity alone: for what leaves nodata and NaN to others.
     pub(super) fn by_opacity(info: &RasterInfo) -> Validity {
         let RasterInfo { sample, channels, alpha, transparent, .. } = *info;
+        let zero = alpha.is_some() && transparent == Transparent::Masked;
         let alpha = alpha.filter(|_| transparent == Transparent::Void);
-        Validity { sample, channels, alpha, nodata: None, nan: false }
+        Validity { sample, channels, alpha, zero, nodata: None, nan: false }
     }
 
     /// By opacity, the nodata number and NaN.
@@ -31,7 +34,7 @@ impl Validity {
 
     /// Adds what the samples say to the flags; there are none afterwards only if no pixel is VOID.
     pub(super) fn apply(&self, pixels: &mut Pixels) {
-        if self.alpha.is_none() && self.nodata.is_none() && !self.nan {
+        if self.alpha.is_none() && !self.zero && self.nodata.is_none() && !self.nan {
             return;
         }
         let size = self.channels * self.sample.size();
@@ -46,6 +49,7 @@ impl Validity {
     fn is_void(&self, pixel: &[u8]) -> bool {
         let size = self.sample.size();
         self.alpha.is_some_and(|alpha| self.is_zero(&pixel[alpha * size..][..size]))
+            || self.zero && pixel.iter().all(|byte| *byte == 0)
             || self.nodata.as_ref().is_some_and(|nodata| nodata == pixel)
             || self.nan && pixel.chunks_exact(size).any(|sample| self.is_nan(sample))
     }
