@@ -15,7 +15,7 @@ use spinney::{Error, Result};
 use super::island::{self, Island};
 
 /// Names of the Goblin files, without `.goblin`.
-pub(crate) const FILES: [&str; 6] = ["classic", "classes", "elevation", "rgb", "ball", "segments"];
+pub(crate) const FILES: [&str; 7] = ["classic", "classes", "elevation", "rgb", "rgba", "ball", "segments"];
 
 /// The picture behind the survey's two ten-record tables.
 pub(crate) const CLASSIC: [[u8; 8]; 8] = [
@@ -100,6 +100,17 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
                 coarse(cell).map(|i| Value::from(picture[i]))
             })
         }
+        // The sea is transparent below its colour, and the snow half.
+        "rgba" => {
+            let picture = island.picture();
+            let band_names = ["red", "green", "blue", "opacity"].map(String::from).to_vec();
+            let metadata =
+                Metadata { frame: frame().coarser(2), band_names, alpha: Some(3), ..Metadata::default() };
+            let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 4).with_alpha());
+            file(path, small, (form, Rule::Mean, Kind::Continuous, metadata), &|cell| {
+                coarse(cell).map(|i| rgba(island.cover[i], picture[i]))
+            })
+        }
         "ball" => {
             let form = Form::new(Dimension::Oct, BYTE);
             file(path, [32; 3], (form, Rule::Mean, Kind::Continuous, Metadata::default()), &|cell| {
@@ -118,6 +129,16 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
         }
         other => panic!("no frozen file is called {other}"),
     }
+}
+
+/// The value of a pixel of the picture with opacity.
+pub(crate) fn rgba(cover: island::Cover, [red, green, blue]: [u8; 3]) -> Value {
+    let opacity = match cover {
+        island::Cover::Unknown | island::Cover::ShallowSea => 0,
+        island::Cover::Snow => 128,
+        _ => 255,
+    };
+    Value::from([red, green, blue, opacity])
 }
 
 /// What is known of a file before its cells.

@@ -10,7 +10,7 @@ use spinney::store::autumnal::{Autumnal, History};
 use spinney::store::goblin::Goblin;
 use spinney::store::{Header, OpenOptions};
 use spinney::tree::{Form, MemTree};
-use spinney::value::{DoubleDouble, Kind, Rule, SampleType, Sums, Value};
+use spinney::value::{DoubleDouble, Kind, Rule, SampleType, Sums, Value, ValueType};
 
 use crate::common::{OCT, QUAD, byte, quad};
 use crate::frozen_files as frozen;
@@ -197,6 +197,35 @@ fn rgb() {
     assert_eq!(cell(&file, 6, [25, 18, 0]), colour([255, 255, 255]));
     assert_eq!(cell(&file, 6, [45, 20, 0]), colour([139, 170, 85]));
     assert_eq!(cell(&file, 6, [63, 50, 0]), None);
+}
+
+#[test]
+fn rgba() {
+    let file = open("rgba");
+    let value_type = ValueType::new(SampleType::U8, 4).with_alpha();
+    let form = Form { value: value_type, ..quad(SampleType::U8, 4) };
+    let expected = (form, Rule::Mean, Kind::Continuous, [6, 8, 2, 4096], [64, 50, 1]);
+    assert_eq!(numbers(file.header()), expected);
+    assert_eq!(file.metadata().alpha, Some(3));
+    let island = island::make();
+    let picture = island.picture();
+    let mut sums = [0; 4];
+    let mut seen = 0;
+    for (y, x) in (0..50).flat_map(|y| (0..64).map(move |x| (y, x))) {
+        let index = y * frozen::STEP * island::WIDTH + x * frozen::STEP;
+        let value = frozen::rgba(island.cover[index], picture[index]);
+        assert_eq!(cell(&file, 6, [x as u32, y as u32, 0]), Some(value), "{x}, {y}");
+        let samples: [u8; 4] = value.to_bytes()[..4].try_into().unwrap();
+        if samples[3] > 0 {
+            seen += 1;
+            sums.iter_mut().zip(samples).for_each(|(sum, sample)| *sum += i128::from(sample));
+        }
+    }
+    let zone = file.zone(0).unwrap();
+    assert!(seen < zone.cells);
+    assert_eq!((zone.cells, zone.present, zone.sum), (3200, [seen; 4], Sums::Exact(sums)));
+    let mean = sums.map(|sum| ((2 * sum + i128::from(seen)) / (2 * i128::from(seen))) as u8);
+    assert_eq!(cell(&file, 0, [0; 3]), Some(Value::from(mean)));
 }
 
 #[test]
