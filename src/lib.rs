@@ -27,7 +27,7 @@
 //! // Exact statistics of any part, without looking at its cells.
 //! let statistics = map.statistics(None, &())?;
 //! assert_eq!(statistics.classes.iter().map(|(_, cells)| cells).sum::<u64>(), statistics.channels[0].cells);
-//! # assert!(classes.iter().all(|class| statistics.classes.iter().any(|(known, _)| *known == (*class).into())));
+//! # assert!(classes.iter().all(|class| statistics.classes.iter().any(|(known, _)| *known == spinney::value::Number::from(*class))));
 //! # Ok(())
 //! # }
 //! # #[cfg(not(feature = "raster"))]
