@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -329,7 +329,16 @@ LONG: dict[str, Work] = {
 }
 
 
+@pytest.fixture
+def heeded_interruption() -> Iterator[None]:
+    """Interruption by Ctrl-C, which shells have ignored of what they start in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
+@pytest.mark.usefixtures("heeded_interruption")
 @pytest.mark.parametrize("name", LONG)
 def test_ctrl_c_ends_work(place: Path, tmp_path: Path, name: str) -> None:
     first, second = tmp_path / "first", tmp_path / "second"

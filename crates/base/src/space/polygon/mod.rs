@@ -1,9 +1,13 @@
 //! Polygons on a plane of cells: which cells' centres they have inside, and how much of cells.
 
+mod rows;
+
 use std::ops::Range;
 
+pub use rows::Crossings;
+
 use super::bounds::Bounds;
-use crate::{Error, Result, sort};
+use crate::{Error, Result};
 
 /// A polygon of rings: what an odd number of them is around is inside.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,19 +31,6 @@ const BANDS: usize = 1024;
 /// Bands in which an edge stands, at most, on average. Where edges are long there are fewer bands; so each row meets at most about
 /// so many times as many edges as cross it, and memory goes with the edges alone.
 const BANDS_EACH: usize = 4;
-
-/// Room to work in for [`Polygon::spans`].
-#[derive(Default)]
-pub struct Crossings {
-    /// Numbers of edges that may cross the box.
-    near: Vec<u32>,
-    /// Whether, for each row, the number of edges left of the box is odd if it was even in the row before.
-    before: Vec<bool>,
-    /// Columns at which edges cross a row: the first whose centres are not left of them.
-    at: Vec<u64>,
-    /// Whether an odd number of edges crosses the row at each column.
-    is_odd: Vec<bool>,
-}
 
 /// How a polygon has a box of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -201,164 +192,6 @@ impl Polygon {
         edges.filter_map(|edge| crossing(edge, y)).filter(|at| x < *at).count() % 2 == 1
     }
 
-    /// Hands out the columns, row by row, of a box's cells whose centres are inside; `work` is room to work in.
-    ///
-    /// Edges beside the box are looked at once for all rows of a band, not for each row.
-    pub fn spans(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>)) {
-        let columns = bounds.min[0]..bounds.max[0];
-        let last = bounds.max[1].min(self.high.max(0.0) as u64 + 1);
-        let mut row = bounds.min[1].max(self.low.max(0.0) as u64);
-        // The first column whose centre is not left of a crossing. (What is negative, or too large, becomes the nearest number.)
-        let column = |at: f64| {
-            let next = (at + 0.5) as u64;
-            let is_on = next as f64 - 0.5 >= at;
-            next.saturating_sub(u64::from(is_on)).clamp(columns.start, columns.end)
-        };
-        while row < last {
-            let rows = row..self.end_of_band(row).min(last);
-            self.gather(rows.clone(), columns.clone(), work);
-            // (Where very many edges cross the box, it is faster to go through its columns than to sort.)
-            let is_crowded = columns.end - columns.start <= 4 * work.near.len() as u64;
-            work.is_odd
-                .resize(if is_crowded { (columns.end - columns.start) as usize + 1 } else { 0 }, false);
-            let mut is_inside = false;
-            for (row, crosses_before) in rows.clone().zip(&work.before) {
-                is_inside ^= crosses_before;
-                let y = centre(row);
-                let edges = work.near.iter().map(|number| &self.edges[*number as usize]);
-                let crossings = edges.filter_map(|edge| crossing(edge, y)).map(column);
-                work.at.clear();
-                if is_crowded {
-                    // Columns at which an odd number of edges crosses the row; all others cancel each other.
-                    work.is_odd.fill(false);
-                    crossings.for_each(|column| work.is_odd[(column - columns.start) as usize] ^= true);
-                    let odd = columns.clone().zip(&work.is_odd).filter(|(_, is_odd)| **is_odd);
-                    work.at.extend(odd.map(|(column, _)| column));
-                } else {
-                    work.at.extend(crossings);
-                    sort::numbers64(&mut work.at);
-                }
-                let (mut is_inside, mut start) = (is_inside, columns.start);
-                for end in work.at.iter().copied().chain([columns.end]) {
-                    if is_inside && start < end {
-                        each(row, start..end);
-                    }
-                    (is_inside, start) = (!is_inside, end);
-                }
-            }
-            row = rows.end;
-        }
-    }
-
-    /// The first row behind the band that a row's centre is in.
-    fn end_of_band(&self, row: u64) -> u64 {
-        let bands = self.ends.len();
-        let band = self.bands(centre(row), centre(row)).start;
-        let end = self.low + (self.high - self.low) / bands as f64 * (band + 1) as f64;
-        if band + 1 == bands { u64::MAX } else { ((end - 0.5).ceil().max(0.0) as u64).max(row + 1) }
-    }
-
-    /// Collects, for some rows, the edges that may cross them within some columns, and which rows are crossed by an odd number of edges
-    /// more than the row before, on the left of these columns.
-    fn gather(&self, rows: Range<u64>, columns: Range<u64>, work: &mut Crossings) {
-        let [low, high] = [centre(rows.start), centre(rows.end - 1)];
-        let (left, right) = (columns.start as f64 + 0.5, columns.end as f64);
-        work.near.clear();
-        work.before.clear();
-        work.before.resize((rows.end - rows.start) as usize + 1, false);
-        let bands = self.bands(low, high);
-        for band in bands.clone() {
-            for number in self.numbers_in(band..band + 1) {
-                let [a, b] = &self.edges[*number as usize];
-                let (from, to) = (a[1].min(b[1]), a[1].max(b[1]));
-                // (One that stands in several bands counts in the first of them.)
-                let is_again = band > bands.start && self.bands(from, from).start < band;
-                if is_again || to <= low || from > high || a[0].min(b[0]) > right {
-                    continue;
-                }
-                if a[0].max(b[0]) > left {
-                    work.near.push(*number);
-                    continue;
-                }
-                // Rows whose centres are not below the one end, and below the other.
-                let step = |y: f64| {
-                    let row = (y - 0.5).ceil().clamp(rows.start as f64, rows.end as f64) as u64;
-                    (row - rows.start) as usize
-                };
-                work.before[step(from)] ^= true;
-                work.before[step(to)] ^= true;
-            }
-        }
-    }
-
-    /// Number of cells of a box whose centres are inside.
-    pub fn count_centres(&self, bounds: &Bounds, work: &mut Crossings) -> u64 {
-        let mut cells = 0;
-        self.spans(bounds, work, &mut |_, span| cells += span.end - span.start);
-        cells
-    }
-
-    /// Hands out the columns, row by row, of a box's cells of which some part is inside: those with edges, and those between them.
-    pub fn touched_spans(
-        &self,
-        bounds: &Bounds,
-        work: &mut Crossings,
-        each: &mut dyn FnMut(u64, Range<u64>),
-    ) {
-        /// Rows whose spans are held at a time.
-        const ROWS: u64 = 256;
-        let last = bounds.max[1].min(self.high.max(0.0).ceil() as u64);
-        let mut first = bounds.min[1].max(self.low.max(0.0) as u64);
-        while first < last {
-            let end = last.min(first + ROWS);
-            let (mut part, columns) = (*bounds, bounds.min[0]..bounds.max[0]);
-            (part.min[1], part.max[1]) = (first, end);
-            self.touched_rows(&part, columns, work, each);
-            first = end;
-        }
-    }
-
-    fn touched_rows(
-        &self,
-        part: &Bounds,
-        columns: Range<u64>,
-        work: &mut Crossings,
-        each: &mut dyn FnMut(u64, Range<u64>),
-    ) {
-        let mut spans = Vec::new();
-        self.spans(part, work, &mut |row, span| spans.push((row, span.start, span.end)));
-        for row in part.min[1]..part.max[1] {
-            let (low, high) = (row as f64, row as f64 + 1.0);
-            for edge in self.edges_in(self.bands(low, high)) {
-                if let Some([left, right]) = within_row(edge, low, high) {
-                    // (What is negative becomes 0.)
-                    let span =
-                        (left.floor() as u64).max(columns.start)..(right.ceil() as u64).min(columns.end);
-                    if span.start < span.end {
-                        spans.push((row, span.start, span.end));
-                    }
-                }
-            }
-        }
-        // Invariant: a cell of which a part is inside has an edge in it, or is inside as a whole, its centre too: the two kinds of
-        // spans are all. They lie on each other, and are merged in the order of their beginnings.
-        spans.sort_unstable();
-        let mut spans = spans.into_iter().peekable();
-        while let Some((row, start, mut end)) = spans.next() {
-            while let Some((_, _, other)) = spans.next_if(|(next, from, _)| *next == row && *from <= end) {
-                end = end.max(other);
-            }
-            each(row, start..end);
-        }
-    }
-
-    /// Number of cells of a box of which some part is inside.
-    pub fn count_touched(&self, bounds: &Bounds, work: &mut Crossings) -> u64 {
-        let mut cells = 0;
-        self.touched_spans(bounds, work, &mut |_, span| cells += span.end - span.start);
-        cells
-    }
-
     /// Area of a box of cells that is inside, in cells. Exact but for rounding, if rings do not cross each other.
     pub fn area(&self, bounds: &Bounds) -> f64 {
         let [left, right] = [bounds.min[0] as f64, bounds.max[0] as f64];
@@ -379,22 +212,6 @@ impl Polygon {
         }
         sum.abs().min((right - left) * (high - low))
     }
-}
-
-/// The columns from which and to which an edge goes within a row; `None` if it is not in it, or along its border.
-fn within_row([a, b]: &Edge, low: f64, high: f64) -> Option<[f64; 2]> {
-    let (from, to) = (a[1].min(b[1]), a[1].max(b[1]));
-    if from >= high || to <= low {
-        return None;
-    }
-    let at = |y: f64| a[0] + (b[0] - a[0]) * ((y - a[1]) / (b[1] - a[1]));
-    let end = |corner: &[f64; 2]| match corner[1] {
-        y if y < low => at(low),
-        y if y > high => at(high),
-        _ => corner[0],
-    };
-    let (one, other) = (end(a), end(b));
-    Some([one.min(other), one.max(other)])
 }
 
 /// The centre of a cell along an axis.
@@ -576,6 +393,41 @@ mod tests {
             if middle.iter().all(|at| *at > radius) {
                 let exact = (signed_area(&rings[0]).abs() - signed_area(&rings[1]).abs()) / 2.0;
                 assert!((sum - exact).abs() < 1e-9 * exact, "{sum}, not {exact}");
+            }
+        }
+    }
+
+    #[test]
+    fn shares_of_rows_are_the_areas_of_their_cells() {
+        let mut state = 3;
+        let mut crossings = Crossings::default();
+        // (Corners in the middle of cells, on their corners, and anywhere.)
+        for step in [0.5, 1.0, 1e-9] {
+            for _ in 0..60 {
+                let middle = [random(&mut state, 40.0), random(&mut state, 40.0)];
+                let radius = 1.0 + random(&mut state, 30.0);
+                let mut rings = star(&mut state, middle, radius);
+                for at in rings.iter_mut().flatten().flatten() {
+                    *at = (*at / step).round() * step;
+                }
+                let polygon = Polygon::of_parts(std::slice::from_ref(&rings)).unwrap();
+                let min = [random(&mut state, 40.0) as u64, random(&mut state, 40.0) as u64, 0];
+                let size = [1 + random(&mut state, 30.0) as u64, 1 + random(&mut state, 30.0) as u64];
+                let bounds = Bounds { min, max: [min[0] + size[0], min[1] + size[1], 1] };
+                let mut shares = std::collections::BTreeMap::new();
+                polygon.shares(&bounds, &mut crossings, &mut |row, columns, share| {
+                    for column in columns {
+                        assert!(shares.insert([column, row], share).is_none());
+                    }
+                });
+                for y in min[1]..bounds.max[1] {
+                    for x in min[0]..bounds.max[0] {
+                        let area = polygon.area(&Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] });
+                        let share = shares.remove(&[x, y]).unwrap_or(0.0);
+                        assert!((share - area).abs() < 1e-9, "{share}, not {area}, at {x}, {y}");
+                    }
+                }
+                assert!(shares.is_empty());
             }
         }
     }
