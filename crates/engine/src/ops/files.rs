@@ -123,7 +123,7 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
         let shrinks = is_known.then(|| view.to_source().determinant().abs());
         // (Of a part of a file nobody knows how many nodes it has.)
         let least = if view.has_windows() { 0 } else { expected_records(&view)? };
-        let before = view.source().totals(None)?.cells as f64;
+        let before = view.source().cells_before()? as f64;
         expected = expected.zip(shrinks).map(|(sum, volume)| sum + before / volume);
         derivations.push(Derivation {
             least,

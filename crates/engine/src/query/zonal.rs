@@ -155,10 +155,13 @@ struct ZoneCells<'a> {
 struct FoundCells {
     covers: HashMap<[u64; 4], Cover>,
     measures: HashMap<[u64; 4], f64>,
-    spans: HashMap<[u64; 4], Vec<(u64, Range<u64>)>>,
-    /// Columns of all rows.
+    spans: HashMap<[u64; 4], Vec<Span>>,
+    /// Spans of all of them.
     count: usize,
 }
+
+/// Cells of a row, and the share of each that counts.
+type Span = (u64, Range<u64>, f64);
 
 /// Entries of each kind that are remembered.
 const MOST_FOUND: usize = 1 << 16;
@@ -203,25 +206,28 @@ impl ZoneCells<'_> {
         layers * self.find(bounds, |found| &mut found.measures, measure)
     }
 
-    /// Hands out the columns, row by row, of a box's cells that count.
-    fn spans(&self, bounds: &Bounds, crossings: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>)) {
-        let mut spans = |each: &mut dyn FnMut(u64, Range<u64>)| match self.rule {
-            EdgeRule::Touch => self.polygon.touched_spans(bounds, crossings, each),
-            EdgeRule::Centre | EdgeRule::Area => self.polygon.spans(bounds, crossings, each),
+    /// Hands out the columns, row by row, of a box's cells that count, and the share of each that does.
+    fn spans(&self, bounds: &Bounds, crossings: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>, f64)) {
+        let mut spans = |each: &mut dyn FnMut(u64, Range<u64>, f64)| match self.rule {
+            EdgeRule::Centre => self.polygon.spans(bounds, crossings, &mut |row, span| each(row, span, 1.0)),
+            EdgeRule::Touch => {
+                self.polygon.touched_spans(bounds, crossings, &mut |row, span| each(row, span, 1.0));
+            }
+            EdgeRule::Area => self.polygon.shares(bounds, crossings, each),
         };
         let Some(found) = &self.found else { return spans(each) };
         let area = area_of(bounds);
         let mut found = found.borrow_mut();
         if let Some(known) = found.spans.get(&area) {
-            return known.iter().for_each(|(row, span)| each(*row, span.clone()));
+            return known.iter().for_each(|(row, span, share)| each(*row, span.clone(), *share));
         }
         if found.count >= MOST_FOUND {
             return spans(each);
         }
         let mut list = Vec::new();
-        spans(&mut |row, span| {
-            each(row, span.clone());
-            list.push((row, span));
+        spans(&mut |row, span, share| {
+            each(row, span.clone(), share);
+            list.push((row, span, share));
         });
         found.count += list.len();
         found.spans.insert(area, list);
@@ -305,19 +311,20 @@ impl Visitor for Gather<'_> {
     }
 
     fn dense(&mut self, code: Code, block: &DenseBlock<'_>, (first, size): ([usize; 3], [usize; 3])) -> bool {
-        if self.zone.rule == EdgeRule::Area {
-            return false;
-        }
-        let count = &mut self.count;
+        let (count, parts, value_type) = (&mut self.count, &mut self.parts, self.value_type);
         let origin = code.bounds(self.depth).min;
         let part = Bounds {
             min: [origin[0], origin[1], 0],
             max: [origin[0] + size[0] as u64, origin[1] + size[1] as u64, 1],
         };
-        self.zone.spans(&part, &mut self.crossings, &mut |row, span| {
+        self.zone.spans(&part, &mut self.crossings, &mut |row, span, share| {
             let from = [(span.start - origin[0]) as usize, (row - origin[1]) as usize];
             let at = [first[0] + from[0], first[1] + from[1], first[2]];
-            count.dense(block, (at, [(span.end - span.start) as usize, 1, size[2]]));
+            let part = (at, [(span.end - span.start) as usize, 1, size[2]]);
+            match share {
+                1.0 => count.dense(block, part),
+                share => block.each_leaf(part, &mut |value| parts.add(value_type, value, share)),
+            }
         });
         true
     }
@@ -354,6 +361,16 @@ impl Default for Moments {
 }
 
 impl Moments {
+    /// Adds a number to the mean and the spread.
+    #[inline]
+    fn add_number(&mut self, number: f64, weight: f64) {
+        self.weight += weight;
+        let away = number - self.mean;
+        let step = away * (weight / self.weight);
+        self.squares += weight * away * (away - step);
+        self.mean += step;
+    }
+
     fn add(&mut self, other: Moments) {
         let weight = self.weight + other.weight;
         if weight <= 0.0 {
@@ -384,16 +401,14 @@ impl Parts {
         if self.counts_classes {
             *self.classes.entry(value).or_default() += weight;
         }
-        let (numbers, present) = (value_type.numbers(value), value_type.present(value));
-        for ((channel, number), is_present) in self.channels.iter_mut().zip(numbers.iter()).zip(present) {
-            if is_present {
-                channel.add(Moments {
-                    weight,
-                    mean: number.to_f64(),
-                    squares: 0.0,
-                    min: *number,
-                    max: *number,
-                });
+        let (samples, present) = (value_type.samples(value), value_type.present(value));
+        for (index, number) in samples.iter().enumerate().filter(|(index, _)| present[*index]) {
+            let channel = &mut self.channels[index];
+            channel.add_number(*number, weight);
+            // (Extremes are exact, which few cells need to be compared for.)
+            if *number <= channel.min.to_f64() || *number >= channel.max.to_f64() {
+                let number = value_type.numbers(value)[index];
+                (channel.min, channel.max) = (channel.min.min(number), channel.max.max(number));
             }
         }
     }

@@ -168,7 +168,8 @@ impl Sampler<'_> {
     /// occupancy, whatever that is relative to.)
     fn base(&self) -> Result<Value> {
         let header = self.tree.header();
-        if header.form.value.sample.has_exact_squares() || header.rule == Rule::Occupancy {
+        let sample = header.form.value.sample;
+        if sample.is_float() || sample.has_exact_squares() || header.rule == Rule::Occupancy {
             return Ok(Value::ZERO);
         }
         let least = self.tree.exact_bounds()?.first().map_or(Number::default(), |(least, _)| *least);
