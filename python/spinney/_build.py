@@ -15,6 +15,7 @@ from ._options import refuse, time_of
 from ._progress import memory_of, working
 from ._sources import is_mesh, mesh_file, paths_of
 from ._stack import build_stack, layers_of
+from ._times import text_of_time
 from ._told import array_options, check_bands, colours_of, crs_text, numbers_of, pairs_of, texts_of
 from ._types import Path, Progress, Resampling
 
@@ -54,6 +55,7 @@ def build(
     pages: int | Literal["layers", "z"] | None = None,
     stack: bool = False,
     names: Sequence[str] | None = None,
+    times: Sequence[Any] | None = None,
     keep_transparent: bool = False,
     cells: int | None = None,
     cell: float | None = None,
@@ -84,12 +86,12 @@ def build(
     - an iterator of arrays, one below the other, which together have `shape` and `dtype`.
     - the path of a picture file, or several of one grid (the last lies on top); `bands` (by number or name), `layer` (of OpenEXR),
       `pages` (of TIFF, the number of one from 0) and `keep_transparent` are for these, and `grid`: "xyz" (with `max_zoom`) or a tree file, to whose cells they are warped (`resampling`, `allow_ballpark`).
-    - with `stack`, paths whose bands become layers beside each other, as `spinney build --stack` has them: `names` are theirs, and those on
+    - with `stack`, paths whose bands become layers beside each other, as `spinney build --stack` has them: `names` and `times` are theirs, and those on
       other grids are warped (`resampling`, `allow_ballpark`). `pages="layers"` makes a layer of each page, `pages="z"` a volume.
     - a mapping of names to arrays (or DataArrays, or all to paths), each of which becomes a layer with a type and a mask of its own.
       Smaller ones have cells 2, 4, 8 ... times as large. `nodata`, `kind`, `rule`, `mask`, `units`, `categories` and the like are for all
       of them, or mappings of names to what each has; `transform` is that of the finest cells. With `stack`, arrays in a list and
-      the bands of an array are layers, too.
+      the bands of an array are layers, too. `times`, as datetime64 or as ISO 8601 writes them, are those of what they show.
     - an open dataset of rasterio, whose bands, masks, place and names are those of the tree, or with `stack` of its layers; a Dataset of
       xarray, whose variables are the bands, or with `stack`, or an axis `time`, the layers.
     - the path of a volume, an NPY file.
@@ -124,7 +126,8 @@ def build(
         "up": up,
         "unit": unit,
     }
-    of_stacks = {"stack": stack or None, "names": names}
+    seen = None if times is None else [time if isinstance(time, str) else text_of_time(time) for time in times]
+    of_stacks = {"stack": stack or None, "names": names, "times": times}
     for_arrays = {
         "dims": dims,
         "shape": shape,
@@ -138,7 +141,7 @@ def build(
         "units": units,
         "tags": tags,
     }
-    layers = layers_of(source, stack, names, dims, descriptions)
+    layers = layers_of(source, stack, (names, seen), dims, descriptions)
     if layers is not None:
         refuse("files", for_files)
         about = for_arrays | {"transform": transform}
@@ -181,14 +184,14 @@ def build(
         refuse("arrays", for_arrays)
         numbers = None if transform is None else numbers_of(transform)
         for_import = common | for_files | {"transform": numbers, "keep_transparent": keep_transparent, "shell": shell, "allow_ballpark": allow_ballpark}
-        for_import |= {"stack": stack, "names": None if names is None else [str(name) for name in names]}
+        for_import |= {"stack": stack, "names": None if names is None else [str(name) for name in names], "times": seen}
         for_import["bands"] = None if bands is None else list(bands)
         with working(progress, threads, max_bytes) as terms:
             return _native.build_files(paths, os.fspath(out), for_import, terms)
     if isinstance(source, list | tuple) and any(isinstance(part, Dataset) for part in source):
         raise TypeError("a tree as a source is the only one; spinney.combine lays trees over each other")
     refuse("files", for_files)
-    refuse("stacks", {"names": names})
+    refuse("stacks", {"names": names, "times": times})
     array, options = array_options(source, common, for_arrays | {"transform": transform})
     with working(progress, threads, max_bytes) as terms:
         _native.build_array(array.read, os.fspath(out), options, terms)

@@ -50,9 +50,11 @@ class _OneBand:
         return self.source[(*key[: self.axis], self.band, *key[self.axis :])]
 
 
-def layers_of(source: Any, stack: bool, names: Sequence[str] | None, dims: str | None, descriptions: Any) -> list[ArrayLayer] | None:
+def layers_of(
+    source: Any, stack: bool, told: tuple[Sequence[str] | None, Sequence[str] | None], dims: str | None, descriptions: Any
+) -> list[ArrayLayer] | None:
     """The layers that a source in memory is: of a mapping of names, arrays in a list, bands, variables, times. `None` if it is something
-    else: one tree, or files."""
+    else: one tree, or files. `told` are names and times of all layers."""
     if hasattr(source, "data_vars"):
         variables = {str(name): array for name, array in source.data_vars.items() if array.ndim >= 2}
         if not stack and not any(map(_time_axis, variables.values())):
@@ -81,10 +83,14 @@ def layers_of(source: Any, stack: bool, names: Sequence[str] | None, dims: str |
         raise TypeError(f"stack: expected paths, arrays by their names, or an array with bands, got {source!r}")
     if not found:
         raise ValueError("a stack needs at least one layer")
+    for what, texts in zip(("names", "times"), told):
+        if texts is not None and len(texts) != len(found):
+            raise ValueError(f"{what}: {len(texts)} given, there are {len(found)} layers")
+    names, times = told
     if names is not None:
-        if len(names) != len(found):
-            raise ValueError(f"names: {len(names)} given, there are {len(found)} layers")
         found = [layer._replace(name=str(name)) for layer, name in zip(found, names)]
+    if times is not None:
+        found = [layer._replace(seen=time) for layer, time in zip(found, times)]
     known: set[str] = set()
     for layer in found:
         if not layer.name.strip() or layer.name in known:

@@ -319,6 +319,7 @@ pub(crate) struct FileOptions {
     pages: Option<Pages>,
     stack: bool,
     names: Option<Vec<String>>,
+    times: Option<Vec<String>>,
     keep_transparent: bool,
     memory: u64,
     share: bool,
@@ -368,9 +369,9 @@ impl FileOptions {
     fn stack(&self) -> PyResult<Option<StackOptions>> {
         let every_page = self.has_pages("layers");
         if !self.stack && !every_page {
-            return match self.names {
-                Some(_) => Err(invalid("names: is for stack=True")),
-                None => Ok(None),
+            return match self.names.is_some() || self.times.is_some() {
+                true => Err(invalid("names, times: are for stack=True")),
+                false => Ok(None),
             };
         }
         if self.grid.is_some() || self.max_zoom.is_some() {
@@ -380,7 +381,8 @@ impl FileOptions {
         }
         let mut options = StackOptions::new();
         options.import = self.pictures()?;
-        (options.names, options.every_page) = (self.names.clone(), every_page);
+        (options.names, options.times) = (self.names.clone(), self.times.clone());
+        options.every_page = every_page;
         options.resampling = self.resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
         options.allow_ballpark = self.allow_ballpark;
         Ok(Some(options))
@@ -394,8 +396,9 @@ impl FileOptions {
             || self.grid.is_some()
             || self.stack
             || self.names.is_some()
+            || self.times.is_some()
         {
-            let text = "bands, layer, pages, stack, names, keep_transparent and grid are not for volumes, which are trees of their own";
+            let text = "bands, layer, pages, stack, names, times, keep_transparent and grid are not for volumes, which are trees of their own";
             return Err(invalid(text));
         }
         let mut options = VolumeOptions::new();

@@ -81,8 +81,9 @@ def test_bands_of_arrays_have_masks_of_their_own(tmp_path: Path) -> None:
     spinney.build(array, path, stack=True, descriptions=["B1, blue", "B2", "B3", "B4", None, "B6"], units=["a", "b", "c", "d", "e", "f"])
     with spinney.open(path) as ds:
         assert ds.names == ["B1", "B2", "B3", "B4", "band_5", "B6"] and ds["B4"].units == ("d",) and ds["B1"].descriptions == ("B1, blue",)
-    spinney.build(array, path, stack=True, names=list("abcdef"))
+    spinney.build(array, path, stack=True, names=list("abcdef"), times=[f"2024-0{month}" for month in range(1, 7)])
     with spinney.open(path) as ds:
+        assert ds["f"].time == "2024-06"
         assert ds.names == list("abcdef") and same(ds["f"].read(masked=True)[0], array[5])
 
 
@@ -112,6 +113,8 @@ def test_volumes_and_lazy_arrays(tmp_path: Path) -> None:
         (FIXTURES / "island_classes.tif", {"pages": "all"}, "layers"),
         ([FIXTURES / "island_classes.tif"], {"stack": True, "grid": "xyz"}, "grid"),
         ([FIXTURES / "island_classes.tif"], {"stack": True, "names": ["x", "y"]}, "as many"),
+        ([FIXTURES / "island_classes.tif"], {"stack": True, "times": ["in May"]}, "ISO 8601"),
+        ({"a": np.ones((4, 4))}, {"times": ["2024", "2025"]}, "2 given"),
     ],
 )
 def test_refusals(tmp_path: Path, source: object, options: dict[str, object], text: str) -> None:
@@ -175,6 +178,7 @@ def test_files_are_stacked_as_by_the_program(tmp_path: Path, program: str) -> No
     for inputs, options, words in [
         (paths, {}, []),
         (paths, {"names": ["a", "b", "c"]}, ["--names", "a,b,c"]),
+        (paths, {"times": ["2024-05-01", "2024-06-01T10:30:00Z"]}, ["--times", "2024-05-01,2024-06-01T10:30:00Z"]),
         (paths[:1], {"bands": ["B03"]}, ["--band", "B03"]),
         (paths[:1], {"bands": ["B03", 1], "names": ["g", "b"], "kind": "categorical"}, ["--band", "B03,1", "--names", "g,b", "--kind", "categorical"]),
         ([*paths, moved], {"resampling": "nearest"}, ["--resampling", "nearest"]),
@@ -183,6 +187,9 @@ def test_files_are_stacked_as_by_the_program(tmp_path: Path, program: str) -> No
         spinney.build(inputs, mine, stack=True, **options)  # type: ignore[arg-type]
         run(program, "-q", "build", *inputs, "-o", theirs, "--stack", *words)
         assert mine.read_bytes() == theirs.read_bytes(), words
+    spinney.build(paths, mine, stack=True, times=np.array(["2024-05-01", "2024-06-01"], "M8[D]"))
+    with spinney.open(mine) as ds:
+        assert [ds[name].time for name in ds.names] == ["2024-05-01T00:00:00Z"] * 2 + ["2024-06-01T00:00:00Z"]
     spinney.build({"x": paths[1], "y": moved}, mine, resampling="nearest")
     with spinney.open(mine) as ds:
         assert ds.names == ["x", "y"]

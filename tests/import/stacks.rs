@@ -111,6 +111,22 @@ fn resolutions_are_levels_and_repetitions() {
             .map(|i| pixels[(i / wide / repeat) as usize * side + (i % wide / repeat) as usize]);
         assert!(bytes(place.cells(layer)).into_iter().eq(expected), "{}", layer.name);
     }
+    // Times are those of layers, or of files.
+    let day = |day: usize| format!("2024-05-{day:02}");
+    let with_times = |times: Vec<String>| {
+        let mut options = StackOptions::new();
+        options.times = Some(times);
+        plan_stack(&inputs, &options)
+    };
+    let timed = with_times((1..=5).map(day).collect()).unwrap();
+    let times = timed.layers.iter().map(|layer| layer.metadata.time.clone());
+    assert!(times.eq((1..=5).map(|number| Some(day(number)))));
+    for (text, about) in
+        [("May", "`May`"), ("2024-05-01T1", "ISO 8601"), ("2024", "one for each of 5 layers or 5 files")]
+    {
+        let refusal = with_times(vec![text.into()]).unwrap_err().to_string();
+        assert!(refusal.contains(about), "{refusal}");
+    }
     let lines: Vec<_> = stack.description().iter().filter(|(heading, _)| *heading == "layer").collect();
     assert!(lines[2].1.contains("6 times as wide: 3 x 3 cells each"), "{lines:?}");
     // Whoever comes from the top down alone is repeated, too.

@@ -46,6 +46,9 @@ pub(super) struct PictureArgs {
     /// Names of the layers of a stack [default: those of the files; of files with several bands those of the bands]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     names: Option<Vec<String>>,
+    /// Times of what the layers of a stack show, as in 2024-05-31 or 2024-05-31T10:30:00Z: of each layer, or of each file
+    #[arg(long, value_name = "TIME,...", value_delimiter = ',')]
+    times: Option<Vec<String>>,
     /// Keep pixels of opacity 0 as cells with their colours, which coarser cells then average like all others
     /// [default: they are VOID]
     #[arg(long)]
@@ -120,6 +123,7 @@ impl PictureArgs {
             ("--stack", self.stack),
             ("--pages layers", self.pages == Some(Pages::Layers)),
             ("--names", self.names.is_some()),
+            ("--times", self.times.is_some()),
         ];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
@@ -180,8 +184,8 @@ impl PictureArgs {
     pub(super) fn stack_options(&self, common: &Common) -> Result<Option<StackOptions>> {
         let every_page = self.pages == Some(Pages::Layers);
         if !self.stack && !every_page {
-            if self.names.is_some() {
-                bail!("--names is for --stack")
+            if self.names.is_some() || self.times.is_some() {
+                bail!("--names and --times are for --stack")
             }
             return Ok(None);
         }
@@ -192,7 +196,8 @@ impl PictureArgs {
         }
         let mut options = StackOptions::new();
         options.import = self.import_options(common)?;
-        (options.names, options.every_page) = (self.names.clone(), every_page);
+        (options.names, options.times) = (self.names.clone(), self.times.clone());
+        options.every_page = every_page;
         (options.resampling, options.allow_ballpark) = (self.resampling, self.allow_ballpark);
         Ok(Some(options))
     }

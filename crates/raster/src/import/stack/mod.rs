@@ -4,6 +4,7 @@ mod grid;
 mod layer;
 mod name;
 mod raster;
+mod time;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -27,6 +28,8 @@ pub struct StackOptions {
     pub import: ImportOptions,
     /// Names of the layers; the files decide if there are none.
     pub names: Option<Vec<String>>,
+    /// Times of what the layers show, as ISO 8601 writes them: of each layer, or of each file.
+    pub times: Option<Vec<String>>,
     /// Whether each page of a TIFF file makes layers.
     pub every_page: bool,
     /// The way to the grid for files that lie on another one, which are refused otherwise.
@@ -130,6 +133,9 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
         }
     }
     name::give(&mut layers, options.names.as_deref())?;
+    if let Some(times) = &options.times {
+        time::give(&mut layers, inputs, times)?;
+    }
     let description = describe(inputs, &pictures, &layers, &size, depth, &frame, overruled);
     let (share, time) = (import.share, import.time);
     Ok(Stack { frame, extent, depth, layers, share, time, memory, remarks, description })
