@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -333,7 +334,10 @@ LONG: dict[str, Work] = {
 def heeded_interruption() -> Iterator[None]:
     """Interruption by Ctrl-C, which shells have ignored of what they start in the background."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    # (What is raised while callbacks of the collector run is lost.)
+    gc.disable()
     yield
+    gc.enable()
     signal.signal(signal.SIGINT, before)
 
 
