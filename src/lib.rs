@@ -248,10 +248,15 @@ pub mod import {
         pub use spinney_raster::cells::CellList;
     }
 
-    /// Polygons of GeoJSON files.
+    /// Features: points, lines and polygons with attributes.
     #[cfg(feature = "vector")]
-    pub mod geojson {
-        pub use spinney_vector::import::geojson::{
+    pub mod feature {
+        pub use spinney_vector::import::feature::{
+            Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+            open_features,
+        };
+        pub use spinney_vector::import::filter::{Condition, FeatureFilter, Relation};
+        pub use spinney_vector::import::zones::{
             PolygonFeature, PolygonLayer, parse_polygons, read_polygons,
         };
     }

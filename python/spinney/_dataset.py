@@ -213,7 +213,7 @@ class Dataset(Writers):
         *,
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
-        where: Mapping[str, Any] | None = None,
+        where: Mapping[str, Any] | str | None = None,
         layers: None = None,
         threads: int | None = None,
         progress: Progress = None,
@@ -227,7 +227,7 @@ class Dataset(Writers):
         *,
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
-        where: Mapping[str, Any] | None = None,
+        where: Mapping[str, Any] | str | None = None,
         layers: None = None,
         threads: int | None = None,
         progress: Progress = None,
@@ -241,7 +241,7 @@ class Dataset(Writers):
         *,
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
-        where: Mapping[str, Any] | None = None,
+        where: Mapping[str, Any] | str | None = None,
         layers: Sequence[str],
         threads: int | None = None,
         progress: Progress = None,
@@ -255,7 +255,7 @@ class Dataset(Writers):
         *,
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
-        where: Mapping[str, Any] | None = None,
+        where: Mapping[str, Any] | str | None = None,
         layers: Sequence[str],
         threads: int | None = None,
         progress: Progress = None,
@@ -268,7 +268,7 @@ class Dataset(Writers):
         *,
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
-        where: Mapping[str, Any] | None = None,
+        where: Mapping[str, Any] | str | None = None,
         layers: Sequence[str] | None = None,
         threads: int | None = None,
         progress: Progress = None,
@@ -276,12 +276,14 @@ class Dataset(Writers):
         """Statistics of the cells in each of many polygons, of which the tree is read only where an edge cuts it.
 
         Geometries are polygons (with holes, or of several parts): anything with a `__geo_interface__` (of shapely, a
-        GeoDataFrame, ...), GeoJSON as dictionaries, or a list of such. They are brought to the tree's coordinate system
-        from that which they have themselves (a GeoDataFrame's `crs`; features of GeoJSON are in degrees unless a member
-        `crs` says otherwise; geometries alone are in the tree's own), or from `crs`, if given: "EPSG:4326", WKT, a system
+        GeoDataFrame, ...), GeoJSON as dictionaries, the path of a file of features (GeoJSON, GeoPackage, also `x.gpkg:LAYER`,
+        FlatGeobuf, shapefile, CSV), or a list of such. They are brought to the tree's coordinate system
+        from that which they have themselves (a GeoDataFrame's `crs`, a file's own; features of GeoJSON are in degrees unless a
+        member `crs` says otherwise; geometries alone are in the tree's own), or from `crs`, if given: "EPSG:4326", WKT, a system
         of pyproj, or "world" for the tree's own. Polygons that all lie outside of the tree are an error. At edges,
         cells count whole if their `"centre"` is inside or if they `"touch"` the polygon, or by the part of their `"area"` that is
-        inside, exactly. `where` takes only the features that have these values of attributes: `{"kind": "lake", "lod": 2}`. With the
+        inside, exactly. `where` takes only the features that have these values of attributes: `{"kind": "lake", "lod": 2}`,
+        or for which all of this holds: `"kind!=lake,lod>=2"`. With the
         names of some `stats` ("count", "void", "sum", "min", "max", "mean", "std", "classes") there is a dictionary of these
         for each polygon, of the first band.
 
@@ -292,7 +294,8 @@ class Dataset(Writers):
             raise TypeError("layers: expected a list of names, such as ds.names")
         with working(progress, threads) as terms:
             documents = documents_of(geometries, None if crs is None else definition_of(crs))
-            found = self._zones(documents, edge, values_of(where), None if layers is None else list(layers), terms)
+            conditions, values = (where, None) if isinstance(where, str) else (None, where)
+            found = self._zones(documents, edge, values_of(values), conditions, None if layers is None else list(layers), terms)
         of_layers = [
             [
                 ZoneStatistics(cells, void, tuple(BandStatistics(*band) for band in bands), dict(classes))  # type: ignore[arg-type]

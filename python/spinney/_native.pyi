@@ -125,9 +125,10 @@ class Tree:
     def _mapped(self, window: Any = None, coordinates: Any = None, level: int | None = None) -> Array | None: ...
     def _zones(
         self,
-        documents: list[tuple[str, str | None]],
+        documents: list[tuple[str, str | None, bool]],
         edge: str,
         values: list[tuple[str, str]],
+        conditions: str | None,
         layers: list[str] | None,
         terms: _Terms,
     ) -> list[list[tuple[float, float, list[tuple[float, float, float, float, float]], list[tuple[float, float]]]]]: ...

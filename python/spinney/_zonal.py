@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -23,11 +24,13 @@ STATISTICS: dict[str, Callable[[ZoneStatistics, BandStatistics], Any]] = {
 NOTHING = BandStatistics(0, float("nan"), float("nan"), float("nan"), float("nan"))
 
 
-def documents_of(geometries: Any, crs: str | None = None) -> list[tuple[str, str | None]]:
-    """GeoJSON documents of whatever has geometries, one or several polygons each, and their coordinate systems.
+def documents_of(geometries: Any, crs: str | None = None) -> list[tuple[str, str | None, bool]]:
+    """Documents of whatever has geometries, one or several polygons each, their coordinate systems, and whether they are files.
 
     `world` is the system of the tree; nothing is what the document says.
     """
+    if isinstance(geometries, (str, os.PathLike)):
+        return [(os.fspath(geometries), crs, True)]
     own = getattr(geometries, "crs", None)
     if crs is None and own is not None:
         crs = definition_of(own)
@@ -39,10 +42,10 @@ def documents_of(geometries: Any, crs: str | None = None) -> list[tuple[str, str
         if crs is None and document is not geometries:
             crs = "world"
         # (shapely and others have tuples where GeoJSON has arrays, which JSON does not tell apart.)
-        return [(json.dumps(document, default=str), crs)]
-    if isinstance(document, (str, bytes)) or not isinstance(document, Iterable):
+        return [(json.dumps(document, default=str), crs, False)]
+    if isinstance(document, bytes) or not isinstance(document, Iterable):
         kind = type(geometries).__name__
-        raise TypeError(f"geometries: got {kind}, expected polygons with a __geo_interface__, GeoJSON, or a list of these")
+        raise TypeError(f"geometries: got {kind}, expected polygons with a __geo_interface__, GeoJSON, a path, or a list of these")
     return [part for geometry in document for part in documents_of(geometry, crs)]
 
 

@@ -1,11 +1,14 @@
 //! Statistics of the cells in polygons.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use pyo3::prelude::*;
 use spinney::Progress as _;
 use spinney::dataset::Dataset;
-use spinney::import::geojson::{PolygonLayer, parse_polygons};
+use spinney::import::feature::{
+    Condition, FeatureFilter, FeatureOptions, PolygonLayer, Relation, parse_polygons, read_polygons,
+};
 use spinney::query::ZoneStatistics;
 use spinney::space::{Coordinates, EdgeRule, Places, Polygon};
 
@@ -21,16 +24,17 @@ type ZoneNumbers<'py> = (f64, Bound<'py, PyAny>, Bound<'py, PyAny>, f64, f64);
 
 #[pymethods]
 impl Tree {
-    /// Statistics of the cells in each polygon of some GeoJSON documents, each with the definition of its coordinate system: `world` is
-    /// the tree's own, and without one it is what the document says. Features are those that have all values of some attributes. A list
-    /// for each of some layers, or for the one that is open.
+    /// Statistics of the cells in each polygon of some documents, each with the definition of its coordinate system: `world` is
+    /// the tree's own, and without one it is what the document says. Features are those that have all values of some attributes, and for
+    /// which some conditions hold, as in `code>=3`. A list for each of some layers, or for the one that is open.
     #[pyo3(name = "_zones")]
     fn zones<'py>(
         &self,
         py: Python<'py>,
-        documents: Vec<(String, Option<String>)>,
+        documents: Vec<Document>,
         edge: &str,
         values: Vec<(String, String)>,
+        conditions: Option<&str>,
         layers: Option<Vec<String>>,
         terms: Terms,
     ) -> PyResult<Vec<Vec<Zone<'py>>>> {
@@ -39,11 +43,14 @@ impl Tree {
             None => vec![self.get()?],
         };
         let rule: EdgeRule = edge.parse().or_raise()?;
+        let mut filter: FeatureFilter =
+            conditions.map(str::parse).transpose().or_raise()?.unwrap_or_default();
+        let equal = |(name, value)| Condition { name, relation: Relation::Equal, value };
+        filter.conditions.extend(values.into_iter().map(equal));
         let zones = jobs::run(py, terms, |work| {
             let trees: Vec<&Dataset> = opened.iter().map(|opened| &opened.tree).collect();
             let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
-            let (coordinates, mut layers) = layers_of(&documents, has_system, work)?;
-            PolygonLayer::select(&mut layers, &values)?;
+            let (coordinates, layers) = layers_of(&documents, &filter, has_system, work)?;
             // The polygons are brought to each grid once, of which layers may share one.
             let same = Dataset::same_cells(&trees);
             let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
@@ -74,23 +81,36 @@ impl Tree {
     }
 }
 
-/// The features of documents, and their coordinates. Those of one system after each other are one layer: all of it must lie outside of
-/// the tree for that to be an error.
+/// A text of GeoJSON, or the path of a file of features; the definition of its coordinate system; whether it is a path.
+type Document = (String, Option<String>, bool);
+
+/// Bytes of memory that the features of a file may need.
+const MOST_MEMORY: u64 = 1 << 32;
+
+/// The features of documents for which a filter's conditions hold, and their coordinates. Those of one system after each other are one
+/// layer: all of it must lie outside of the tree for that to be an error.
 fn layers_of(
-    documents: &[(String, Option<String>)],
+    documents: &[Document],
+    filter: &FeatureFilter,
     has_system: bool,
     work: &Work,
 ) -> spinney::Result<(Vec<Coordinates>, Vec<PolygonLayer>)> {
-    let (mut systems, mut layers): (Vec<Coordinates>, Vec<PolygonLayer>) = (Vec::new(), Vec::new());
-    for (document, crs) in documents {
+    let options = FeatureOptions { memory: MOST_MEMORY, ..FeatureOptions::default() };
+    let read = |(document, _, is_path): &Document| {
         work.check()?;
-        let layer = parse_polygons(document)?;
+        if *is_path { read_polygons(Path::new(document), &options) } else { parse_polygons(document) }
+    };
+    let mut all = documents.iter().map(read).collect::<spinney::Result<Vec<_>>>()?;
+    PolygonLayer::select(&mut all, filter)?;
+    let (mut systems, mut layers): (Vec<Coordinates>, Vec<PolygonLayer>) = (Vec::new(), Vec::new());
+    for ((_, crs, _), layer) in documents.iter().zip(all) {
         let coordinates = match crs {
             Some(crs) => crs.parse()?,
             None if !has_system => Coordinates::World,
             None => layer.coordinates(),
         };
         match layers.last_mut() {
+            // (Nobody asks for their attributes any more.)
             Some(last) if systems.last() == Some(&coordinates) => last.features.extend(layer.features),
             _ => {
                 systems.push(coordinates);

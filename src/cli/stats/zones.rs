@@ -2,12 +2,13 @@
 
 use std::fmt::Write;
 use std::path::Path;
-use std::slice;
 
 use anyhow::{Context, Result};
 use serde_json::json;
 use spinney::dataset::Dataset;
-use spinney::import::geojson::{PolygonFeature, PolygonLayer, read_polygons};
+use spinney::import::feature::{
+    Condition, FeatureFilter, FeatureOptions, PolygonFeature, PolygonLayer, read_polygons,
+};
 use spinney::query::{ZoneChannel, ZoneStatistics};
 use spinney::space::{Coordinates, EdgeRule, Places};
 use spinney::store::Metadata;
@@ -26,10 +27,9 @@ pub(super) struct ZoneOptions {
     /// inside, exactly)
     #[arg(long, value_name = "RULE", default_value_t, requires = "zones")]
     edge: EdgeRule,
-    /// Features with these values of attributes alone, as in 'type=Building,lod=2.2'
-    #[arg(long = "where", value_name = "NAME=VALUE,...", value_delimiter = ',', value_parser = parse_equality)]
-    #[arg(requires = "zones")]
-    equalities: Vec<(String, String)>,
+    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value
+    #[arg(long = "where", value_name = "CONDITION,...", value_delimiter = ',', requires = "zones")]
+    conditions: Vec<Condition>,
     /// Attributes of features that --json and --csv tell, as in name,code [default: all; with --csv none]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "zones")]
     attribute: Option<Vec<String>>,
@@ -37,20 +37,21 @@ pub(super) struct ZoneOptions {
     memory: Memory,
 }
 
-/// Reads an attribute's name and its value.
-fn parse_equality(text: &str) -> Result<(String, String), String> {
-    let (name, value) = text.split_once('=').ok_or("expected NAME=VALUE, as in type=Building")?;
-    Ok((name.trim().into(), value.trim().into()))
+/// What is read of the features: attributes only where they are told.
+fn reading(options: &ZoneOptions, format: Format) -> FeatureOptions {
+    let attributes = match (&options.attribute, format) {
+        (None, Format::Json) => None,
+        (chosen, _) => Some(chosen.clone().unwrap_or_default()),
+    };
+    FeatureOptions {
+        memory: options.memory.bytes,
+        filter: FeatureFilter { conditions: options.conditions.clone() },
+        attributes,
+        ..FeatureOptions::default()
+    }
 }
 
-/// Keeps the features that are asked for; fails if attributes are asked for that there are not.
-fn select(layer: &mut PolygonLayer, options: &ZoneOptions) -> spinney::Result<()> {
-    let names: Vec<&str> = options.attribute.iter().flatten().map(String::as_str).collect();
-    PolygonLayer::check_attributes(slice::from_ref(layer), &names)?;
-    PolygonLayer::select(slice::from_mut(layer), &options.equalities)
-}
-
-/// Prints the statistics of each polygon of a GeoJSON file, of each of some layers.
+/// Prints the statistics of each polygon of a file, of each of some layers.
 pub(super) fn run(
     trees: &[Dataset],
     file: &Path,
@@ -59,8 +60,13 @@ pub(super) fn run(
     format: Format,
     global: &Global,
 ) -> Result<()> {
-    let mut layer = read_polygons(file, options.memory.bytes)?;
-    select(&mut layer, options).with_context(|| file.display().to_string())?;
+    let layer = read_polygons(file, &reading(options, format)).map_err(|error| match error {
+        // (All others name the file.)
+        error @ spinney::Error::Invalid { .. } => {
+            anyhow::Error::from(error).context(file.display().to_string())
+        }
+        error => error.into(),
+    })?;
     let mut own = layer.coordinates();
     let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
     if !has_system && coordinates.is_none() && own != Coordinates::World {
@@ -156,11 +162,11 @@ impl Report<'_> {
     fn add(&mut self, zones: &[ZoneStatistics]) -> Result<()> {
         let feature = &self.layer.features[self.next];
         self.next += 1;
-        let name = feature.name().unwrap_or_else(|| format!("#{}", self.next));
+        let name = self.layer.name(feature).unwrap_or_else(|| format!("#{}", self.next));
         let layers = || self.trees.iter().copied().zip(zones);
         match self.format {
             Format::Json => {
-                let mut json = feature_json(feature, self.options);
+                let mut json = feature_json(self.layer, feature, self.options);
                 match zones {
                     [zone] => json.extend(zone_json(self.trees[0], zone)),
                     _ => {
@@ -190,7 +196,7 @@ impl Report<'_> {
                 }
             }
             Format::Csv => {
-                let attribute = |name: &String| feature.properties.get(name).map(text_of).unwrap_or_default();
+                let attribute = |name: &String| self.layer.value(feature, name).to_text();
                 let attributes = self.options.attribute.iter().flatten().map(attribute);
                 let id = feature.id.as_ref().map(text_of).unwrap_or_default();
                 let first: Vec<String> = [name, id].into_iter().chain(attributes).collect();
@@ -271,25 +277,21 @@ fn row_of(fields: &[&str]) -> String {
     fields.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n"
 }
 
-/// A value of an attribute as text.
+/// An id as text.
 fn text_of(value: &serde_json::Value) -> String {
-    match value {
-        serde_json::Value::Null => String::new(),
-        serde_json::Value::String(text) => text.clone(),
-        value => value.to_string(),
-    }
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
 /// Members of a JSON object.
 type Members = serde_json::Map<String, serde_json::Value>;
 
 /// What a feature tells of itself.
-fn feature_json(feature: &PolygonFeature, options: &ZoneOptions) -> Members {
+fn feature_json(layer: &PolygonLayer, feature: &PolygonFeature, options: &ZoneOptions) -> Members {
     let is_wanted = |name: &String| options.attribute.as_ref().is_none_or(|wanted| wanted.contains(name));
-    let properties = feature.properties.iter().filter(|(name, _)| is_wanted(name));
-    let properties: Members = properties.map(|(name, value)| (name.clone(), value.clone())).collect();
+    let values = layer.attributes.iter().zip(&feature.attributes).filter(|((name, _), _)| is_wanted(name));
+    let properties: Members = values.map(|((name, _), value)| (name.clone(), value.to_json())).collect();
     let members =
-        [("id", json!(feature.id)), ("name", json!(feature.name())), ("properties", properties.into())];
+        [("id", json!(feature.id)), ("name", json!(layer.name(feature))), ("properties", properties.into())];
     members.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
 }
 

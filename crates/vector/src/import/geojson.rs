@@ -1,292 +1,240 @@
-//! Polygons of GeoJSON documents (RFC 7946), as far as questions about trees need them.
+//! `GeoJSON`: collections of features, features alone or one after the other (RFC 7946, RFC 8142), and bare geometries.
+//!
+//! A file is read twice: for names and kinds of all attributes, and the coordinate system, which may stand behind the features; then feature
+//! by feature.
 
-use std::borrow::Cow;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::HashMap;
 use std::fmt;
-use std::fs::File;
-use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use serde::de::{self, Deserialize, Deserializer, SeqAccess, Visitor};
+use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
+use serde_json::Value;
 use serde_json::value::RawValue;
-use serde_json::{Map, Value};
 
-use spinney_base::space::Polygon;
+use super::feature::{
+    Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted,
+};
+use super::scanner::{Input, List, Record, Scanner, Step};
+use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
-use spinney_container::OtherFormat;
-use spinney_crs::{Coordinates, Crs, Places, PolygonParts, corners_text};
+use spinney_crs::Crs;
 
-/// Polygons with the coordinate system that they are in.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PolygonLayer {
-    /// The coordinate system of the corners: longitude and latitude in WGS 84 (RFC 7946), unless a member `crs` says another one;
-    /// `None` where that is `null`.
-    pub crs: Option<Crs>,
-    /// The features, in the document's order.
-    pub features: Vec<PolygonFeature>,
+/// Names of attributes: a feature has a value of each.
+const MOST_NAMES: usize = 4096;
+
+/// Geometries in each other.
+const MOST_DEPTH: usize = 16;
+
+pub(super) struct GeoJson {
+    scanner: Scanner,
+    path: PathBuf,
+    schema: FeatureSchema,
+    columns: Columns,
+    /// Number of the next feature, from 1.
+    number: u64,
 }
 
-/// A feature that is a polygon, or several.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PolygonFeature {
-    /// Its id: a text or a number.
-    pub id: Option<Value>,
-    /// Its attributes.
-    pub properties: Map<String, Value>,
-    /// Parts, each an outer ring and its holes, of corners x, y; none if it has no geometry.
-    pub parts: PolygonParts,
-}
-
-impl PolygonFeature {
-    /// Its name: the property `name`, else the id.
-    pub fn name(&self) -> Option<String> {
-        let text = |value: &Value| match value {
-            Value::String(text) => Some(text.clone()),
-            Value::Number(number) => Some(number.to_string()),
-            _ => None,
+impl GeoJson {
+    pub(super) fn open(
+        input: Box<dyn Input>,
+        path: &Path,
+        options: &FeatureOptions,
+        wanted: &mut Wanted,
+    ) -> Result<GeoJson> {
+        let mut scanner = Scanner::new(input, path, options.memory);
+        let mut sketch = Sketch::default();
+        let (mut record, mut number) = (Record::default(), 1);
+        while let Some(step) = scanner.step(&mut record)? {
+            let is_feature = sketch.add(step, &record, wanted).map_err(|found| wrong(path, number, found))?;
+            number += u64::from(is_feature);
+            scanner.set_number(number);
+        }
+        let Some(crs) = sketch.crs else {
+            return Err(Error::corrupt(path, "GeoJSON", "nothing", "features"));
         };
-        self.properties.get("name").and_then(text).or_else(|| self.id.as_ref().and_then(text))
-    }
-
-    /// Whether an attribute has a value that is written so; numbers are what they are, however they are written, and nothing is what it
-    /// does not have.
-    fn has_value(&self, name: &str, value: &str) -> bool {
-        match self.properties.get(name) {
-            Some(Value::String(text)) => text == value,
-            Some(Value::Number(number)) => number.as_f64() == value.parse().ok(),
-            Some(Value::Bool(is)) => value == is.to_string(),
-            Some(Value::Null) | None => value.is_empty(),
-            Some(_) => false,
+        scanner.rewind()?;
+        let own = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        let schema = FeatureSchema {
+            name: sketch.name.or(own).unwrap_or_default(),
+            crs,
+            attributes: sketch.columns.attributes(),
+            kind: sketch.kind.flatten(),
+            count: Some(number - 1),
+        };
+        if let Some(layer) = &options.layer
+            && *layer != schema.name
+        {
+            return Err(Error::invalid("layer", layer, format!("{}, the only one of the file", schema.name)));
         }
-    }
-
-    /// The polygon in cells of a tree; `None` if it lies outside of it, or has no parts.
-    ///
-    /// # Errors
-    /// If a ring has too few corners, or one that is nowhere.
-    pub fn in_cells(&self, places: &Places) -> Result<Option<Polygon>> {
-        if self.parts.is_empty() {
-            return Ok(None);
-        }
-        // (What is wrong with the corners as they came is found before they are brought elsewhere.)
-        Polygon::of_parts(&self.parts)?;
-        let parts = places.parts(&self.parts);
-        if parts.is_empty() { Ok(None) } else { Polygon::of_parts(&parts).map(Some) }
+        Ok(GeoJson { scanner, path: path.into(), schema, columns: sketch.columns, number: 1 })
     }
 }
 
-impl PolygonLayer {
-    /// Fails if no feature of some layers has an attribute with one of these names.
-    ///
-    /// # Errors
-    /// If there is none, with the names that there are.
-    pub fn check_attributes(layers: &[PolygonLayer], names: &[&str]) -> Result<()> {
-        let features = layers.iter().flat_map(|layer| &layer.features);
-        let known: BTreeSet<&str> =
-            features.flat_map(|feature| feature.properties.keys().map(String::as_str)).collect();
-        match names.iter().find(|name| !known.contains(*name)) {
-            None => Ok(()),
-            Some(name) => {
-                let known = known.into_iter().collect::<Vec<_>>().join(", ");
-                let expected = format!("the name of one that a feature has: {known}");
-                Err(Error::invalid("attribute", format!("{name}, which no feature has"), expected))
+fn wrong(path: &Path, number: u64, found: String) -> Error {
+    Error::corrupt(
+        path,
+        format!("feature {number}"),
+        found,
+        "GeoJSON (RFC 7946) of points, lines and polygons",
+    )
+}
+
+impl FeatureReader for GeoJson {
+    fn schema(&self) -> &FeatureSchema {
+        &self.schema
+    }
+
+    fn next(&mut self) -> Result<Option<Feature>> {
+        let mut record = Record::default();
+        self.scanner.set_number(self.number);
+        while let Some(step) = self.scanner.step(&mut record)? {
+            if matches!(step, Step::Document(Some(_))) {
+                continue;
             }
-        }
-    }
-
-    /// Keeps the features of some layers that have all of these values of attributes, each a name and the value as text: of numbers
-    /// however they are written, `true` or `false`, and nothing for what a feature does not have.
-    ///
-    /// ```
-    /// use spinney::import::geojson::{PolygonLayer, parse_polygons};
-    ///
-    /// let ring = "[[[0, 0], [1, 0], [1, 1], [0, 0]]]";
-    /// let feature = |kind: &str| {
-    ///     let geometry = format!(r#"{{"type": "Polygon", "coordinates": {ring}}}"#);
-    ///     format!(r#"{{"type": "Feature", "properties": {{"kind": "{kind}"}}, "geometry": {geometry}}}"#)
-    /// };
-    /// let text = format!(r#"{{"type": "FeatureCollection", "features": [{}, {}]}}"#, feature("wood"), feature("lake"));
-    /// let mut layers = [parse_polygons(&text)?];
-    /// PolygonLayer::select(&mut layers, &[("kind".into(), "lake".into())])?;
-    /// assert_eq!(layers[0].features.len(), 1);
-    /// # Ok::<(), spinney::Error>(())
-    /// ```
-    ///
-    /// # Errors
-    /// If no feature has such an attribute, or none all of the values.
-    pub fn select(layers: &mut [PolygonLayer], values: &[(String, String)]) -> Result<()> {
-        if values.is_empty() {
-            return Ok(());
-        }
-        let names: Vec<&str> = values.iter().map(|(name, _)| name.as_str()).collect();
-        PolygonLayer::check_attributes(layers, &names)?;
-        let is_meant =
-            |feature: &PolygonFeature| values.iter().all(|(name, value)| feature.has_value(name, value));
-        layers.iter_mut().for_each(|layer| layer.features.retain(is_meant));
-        if layers.iter().any(|layer| !layer.features.is_empty()) {
-            return Ok(());
-        }
-        let found: Vec<String> = values.iter().map(|(name, value)| format!("{name}={value}")).collect();
-        Err(Error::invalid(
-            "features",
-            format!("none with {}", found.join(", ")),
-            "values that a feature has",
-        ))
-    }
-
-    /// The coordinates that corners are in: those of [`PolygonLayer::crs`], or the tree's own where that is not known.
-    pub fn coordinates(&self) -> Coordinates {
-        self.crs.clone().map_or(Coordinates::World, Coordinates::System)
-    }
-
-    /// The polygons in cells of a tree with a picture of so many cells along each axis; `None` of those that lie outside of it.
-    ///
-    /// # Errors
-    /// Those of [`PolygonFeature::in_cells`], with the feature's number; if there are polygons and all of them lie outside of the tree.
-    pub fn in_cells(&self, places: &Places, extent: [u64; 3]) -> Result<Vec<Option<Polygon>>> {
-        let polygons = self.polygons(places)?;
-        if self.meets(&polygons, extent) { Ok(polygons) } else { Err(self.outside(places)) }
-    }
-
-    /// [`PolygonLayer::in_cells`] of several trees, such as the layers of a file.
-    ///
-    /// # Errors
-    /// Those of [`PolygonLayer::in_cells`]; polygons may lie outside of some of the trees, but not of all.
-    pub fn in_cells_of(&self, trees: &[(Places, [u64; 3])]) -> Result<Vec<Vec<Option<Polygon>>>> {
-        let all = trees.iter().map(|(places, _)| self.polygons(places)).collect::<Result<Vec<_>>>()?;
-        let mut pairs = trees.iter().zip(&all);
-        match trees.first() {
-            Some((places, _)) if !pairs.any(|((_, extent), polygons)| self.meets(polygons, *extent)) => {
-                Err(self.outside(places))
+            let found = feature(step, &record, &self.columns);
+            let feature = found.map_err(|found| wrong(&self.path, self.number, found))?;
+            self.number += 1;
+            if Some(self.number - 1) > self.schema.count {
+                break;
             }
-            _ => Ok(all),
+            return Ok(Some(feature));
+        }
+        match Some(self.number - 1) == self.schema.count {
+            true => Ok(None),
+            false => Err(Error::Changed { path: self.path.clone(), what: "was overwritten" }),
         }
     }
-
-    fn polygons(&self, places: &Places) -> Result<Vec<Option<Polygon>>> {
-        let in_cells = |(index, feature): (usize, &PolygonFeature)| {
-            feature.in_cells(places).map_err(|error| match error {
-                Error::Invalid { what, found, expected } => {
-                    Error::invalid(format!("feature {}: {what}", index + 1), found, expected)
-                }
-                other => other,
-            })
-        };
-        self.features.iter().enumerate().map(in_cells).collect()
-    }
-
-    /// Whether some of the polygons reach into a picture of so many cells, or there are none.
-    fn meets(&self, polygons: &[Option<Polygon>], extent: [u64; 3]) -> bool {
-        let is_met = |polygon: &Polygon| {
-            let [low, high] = polygon.corners();
-            (0..2).all(|axis| high[axis] > 0.0 && low[axis] < extent[axis] as f64)
-        };
-        self.features.iter().all(|feature| feature.parts.iter().flatten().flatten().next().is_none())
-            || polygons.iter().flatten().any(is_met)
-    }
-
-    /// The error that all polygons lie outside of a tree.
-    fn outside(&self, places: &Places) -> Error {
-        let corners = || self.features.iter().flat_map(|feature| feature.parts.iter().flatten().flatten());
-        let least = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::INFINITY, f64::min);
-        let most = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::NEG_INFINITY, f64::max);
-        let system = self.crs.as_ref().map_or("the tree's own system".into(), Crs::to_string);
-        let found = format!(
-            "{} in {system}, all outside of the tree",
-            corners_text([least(0), least(1)], [most(0), most(1)])
-        );
-        let swapped =
-            corners().filter_map(|[x, y]| places.cell([*y, *x, 0.0])).any(|cell| places.is_inside(cell));
-        let advice = match swapped {
-            true => "x and y of the corners seem to be swapped",
-            false => "a member \"crs\" or the option for coordinates says in which system they are",
-        };
-        let expected = format!("polygons that touch the tree, which is {} there; {advice}", places.picture());
-        Error::invalid("extent of the polygons", found, expected)
-    }
-}
-
-/// Reads the polygons of a GeoJSON file: of a FeatureCollection, a Feature, or a geometry. With `memory` bytes they must fit: about six
-/// times the file's.
-///
-/// # Errors
-/// If it cannot be read, is no GeoJSON, needs more memory, or has anything but polygons.
-pub fn read_polygons(path: &Path, memory: u64) -> Result<PolygonLayer> {
-    let too_large = |needed: u64| Error::TooLarge {
-        path: path.into(),
-        what: "a GeoJSON document".into(),
-        needed,
-        limit: memory,
-        advice: "allow more, or give the polygons in several files".into(),
-    };
-    let mut bytes = Vec::new();
-    let file = File::open(path).map_err(Error::io(path, "open"))?;
-    let read = file.take(memory / 2 + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))? as u64;
-    if read > memory / 2 {
-        return Err(too_large(2 * read));
-    }
-    // What stands between two commas or colons becomes half a corner, or a part of an attribute.
-    let parts = bytes.iter().filter(|byte| matches!(byte, b',' | b':')).count() as u64;
-    let needed = 2 * read + parts * BYTES_EACH;
-    if needed > memory {
-        return Err(too_large(needed));
-    }
-    let wrong = |found: String| {
-        let damaged = || Error::corrupt(path, "GeoJSON", found, "Polygon and MultiPolygon geometries");
-        OtherFormat::refuse_unread(path, &bytes).unwrap_or_else(damaged)
-    };
-    let text = std::str::from_utf8(&bytes).map_err(|error| wrong(error.to_string()))?;
-    parse(text).map_err(wrong)
-}
-
-/// Bytes of memory for half a corner, as it was read, in cells, and as an edge; or for a part of an attribute.
-const BYTES_EACH: u64 = 64;
-
-/// Reads the polygons of a GeoJSON text.
-///
-/// # Errors
-/// If it is no GeoJSON, or has anything but polygons.
-pub fn parse_polygons(text: &str) -> Result<PolygonLayer> {
-    parse(text).map_err(|found| Error::invalid("GeoJSON", found, "Polygon and MultiPolygon geometries"))
 }
 
 type Parsed<T> = std::result::Result<T, String>;
-
-/// An object's members, each as the text that it has: only what is looked at is parsed.
-type Members<'t> = HashMap<Cow<'t, str>, &'t RawValue>;
-
-/// The polygons, or what was found instead.
-fn parse(text: &str) -> Parsed<PolygonLayer> {
-    let document: Members = parsed(text.trim_start_matches('\u{feff}'))?;
-    let bare = |parts: PolygonParts| PolygonFeature { id: None, properties: Map::new(), parts };
-    let list = |name: &str| -> Parsed<Vec<&RawValue>> {
-        let found = document.get(name).ok_or_else(|| format!("no array `{name}`"))?;
-        parsed(found.get())
-    };
-    let features = match kind(&document)?.as_str() {
-        "FeatureCollection" => list("features")?
-            .into_iter()
-            .map(|found| feature(&parsed(found.get())?))
-            .collect::<Parsed<_>>()?,
-        "GeometryCollection" => list("geometries")?
-            .into_iter()
-            .map(|found| geometry(&parsed(found.get())?).map(bare))
-            .collect::<Parsed<_>>()?,
-        "Feature" => vec![feature(&document)?],
-        _ => vec![bare(geometry(&document)?)],
-    };
-    Ok(PolygonLayer { crs: system(&document)?, features })
-}
 
 fn parsed<'t, T: Deserialize<'t>>(text: &'t str) -> Parsed<T> {
     serde_json::from_str(text).map_err(|error| error.to_string())
 }
 
+/// What the first pass finds.
+#[derive(Default)]
+struct Sketch {
+    columns: Columns,
+    /// The coordinate system of all documents, of which some have none that is known; nothing before the first.
+    crs: Option<Option<Crs>>,
+    name: Option<String>,
+    /// Kind of the features, some of which are of several; nothing before the first.
+    kind: Option<Option<GeometryKind>>,
+}
+
+impl Sketch {
+    /// Adds what was found; whether it is a feature.
+    fn add(&mut self, step: Step, record: &Record, wanted: &mut Wanted) -> Parsed<bool> {
+        if let Step::Document(list) = step {
+            let kind = record.kind()?;
+            let expected = match kind.as_str() {
+                "FeatureCollection" => Some(List::Features),
+                "GeometryCollection" => Some(List::Geometries),
+                _ => None,
+            };
+            match (expected, list) {
+                (Some(List::Features), None) => return Err("no array `features`".into()),
+                (Some(List::Geometries), None) => return Err("no array `geometries`".into()),
+                (expected, list) if expected != list => {
+                    return Err(format!("a list of features in a `{kind}`"));
+                }
+                _ => {}
+            }
+            let crs = system(record.get("crs"))?;
+            if self.crs.get_or_insert_with(|| crs.clone()) != &crs {
+                return Err("another coordinate system than before".into());
+            }
+            if let (Some(_), Some(name)) = (list, record.get("name")) {
+                self.name = parsed(name).ok();
+                return Ok(false);
+            } else if list.is_some() {
+                return Ok(false);
+            }
+        }
+        let kind = if is_bare(step, record)? { record.get("type") } else { record.get("geometry") };
+        // (A feature without a geometry is told of in the second pass, and one that is null is of no kind.)
+        if let Some(kind) = kind.filter(|kind| *kind != "null") {
+            let kind = geometry_kind(&parsed::<String>(kind)?)?;
+            if *self.kind.get_or_insert(kind) != kind {
+                self.kind = Some(None);
+            }
+        }
+        if let Some(properties) = record.get("properties") {
+            for (name, value) in parsed::<Option<Pairs>>(properties)?.into_iter().flat_map(|pairs| pairs.0) {
+                self.columns.see(&name, kind_of(value.get()), wanted)?;
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// Whether what was found is a geometry alone.
+fn is_bare(step: Step, record: &Record) -> Parsed<bool> {
+    match step {
+        Step::Element(list) => Ok(list == List::Geometries),
+        Step::Document(_) => Ok(record.kind()? != "Feature"),
+    }
+}
+
+fn geometry_kind(name: &str) -> Parsed<Option<GeometryKind>> {
+    match name {
+        "Point" | "MultiPoint" => Ok(Some(GeometryKind::Point)),
+        "LineString" | "MultiLineString" => Ok(Some(GeometryKind::Line)),
+        "Polygon" | "MultiPolygon" => Ok(Some(GeometryKind::Polygon)),
+        "GeometryCollection" => Ok(None),
+        other => Err(format!("a geometry of type `{other}`")),
+    }
+}
+
+/// The attributes that features have, as they are found.
+#[derive(Default)]
+struct Columns {
+    /// Places of those that are wanted, and the others, as far as there are not too many.
+    places: HashMap<String, Option<usize>>,
+    attributes: Vec<(String, Option<AttributeKind>)>,
+}
+
+impl Columns {
+    /// Takes note of a value.
+    fn see(&mut self, name: &str, kind: Option<AttributeKind>, wanted: &mut Wanted) -> Parsed<()> {
+        let place = match self.places.get(name) {
+            Some(place) => *place,
+            None => {
+                let place = wanted.takes(name).then_some(self.attributes.len());
+                if place.is_some() {
+                    if self.attributes.len() == MOST_NAMES {
+                        return Err(format!(
+                            "more than {MOST_NAMES} names of attributes, of which some can be chosen"
+                        ));
+                    }
+                    self.attributes.push((name.into(), None));
+                }
+                if place.is_some() || self.places.len() < 2 * MOST_NAMES {
+                    self.places.insert(name.into(), place);
+                }
+                place
+            }
+        };
+        if let (Some(place), Some(kind)) = (place, kind) {
+            let known = &mut self.attributes[place].1;
+            *known = Some(known.map_or(kind, |known| known.with(kind)));
+        }
+        Ok(())
+    }
+
+    /// Names and kinds. (What has no values is as good as text.)
+    fn attributes(&self) -> Vec<(String, AttributeKind)> {
+        let all = self.attributes.iter();
+        all.map(|(name, kind)| (name.clone(), kind.unwrap_or(AttributeKind::Text))).collect()
+    }
+}
+
 /// The coordinate system that a document says it has, by a name; what has no member `crs` is in degrees.
-fn system(document: &Members) -> Parsed<Option<Crs>> {
+fn system(crs: Option<&str>) -> Parsed<Option<Crs>> {
     let degrees = Crs::epsg(4326);
-    let Some(crs) = document.get("crs") else { return Ok(Some(degrees)) };
-    let crs: Value = parsed(crs.get())?;
+    let Some(crs) = crs else { return Ok(Some(degrees)) };
+    let crs: Value = parsed(crs)?;
     if crs.is_null() {
         return Ok(None);
     }
@@ -298,152 +246,155 @@ fn system(document: &Members) -> Parsed<Option<Crs>> {
     Crs::parse(name).map(Some).map_err(|error| format!("a member `crs` of another kind: {error}"))
 }
 
-fn kind(object: &Members) -> Parsed<String> {
-    let kind = object.get("type").and_then(|kind| parsed(kind.get()).ok());
-    kind.ok_or_else(|| "an object without a type".into())
+fn feature(step: Step, record: &Record, columns: &Columns) -> Parsed<Feature> {
+    let mut attributes = vec![Attribute::None; columns.attributes.len()];
+    if is_bare(step, record)? {
+        let geometry = geometry(&record.kind()?, record.get("coordinates"), record.get("geometries"), 0)?;
+        return Ok(Feature { id: None, attributes, geometry: Some(geometry.checked()?) });
+    }
+    let geometry = match record.get("geometry") {
+        None => return Err("a feature without a member `geometry`".into()),
+        Some("null") => None,
+        Some(text) => Some(geometry_of(text, 0)?.checked()?),
+    };
+    if let Some(properties) = record.get("properties") {
+        for (name, value) in parsed::<Option<Pairs>>(properties)?.into_iter().flat_map(|pairs| pairs.0) {
+            if let Some(Some(place)) = columns.places.get(&name) {
+                attributes[*place] = attribute(value.get())?;
+            }
+        }
+    }
+    let id: Option<Value> = record.get("id").map(parsed).transpose()?;
+    Ok(Feature { id: id.filter(|id| id.is_string() || id.is_number()), attributes, geometry })
 }
 
-fn feature(object: &Members) -> Parsed<PolygonFeature> {
-    let parts = match object.get("geometry") {
-        None => return Err("a feature without a member `geometry`".into()),
-        Some(found) if found.get() == "null" => Vec::new(),
-        Some(found) => geometry(&parsed(found.get())?)?,
-    };
-    let id: Option<Value> = object.get("id").map(|id| parsed(id.get())).transpose()?;
-    let properties = object.get("properties").map(|found| parsed::<Option<_>>(found.get())).transpose()?;
-    Ok(PolygonFeature {
-        id: id.filter(|id| id.is_string() || id.is_number()),
-        properties: properties.flatten().unwrap_or_default(),
-        parts,
+/// The kind of a value that is written so.
+fn kind_of(text: &str) -> Option<AttributeKind> {
+    match text.as_bytes().first()? {
+        b'n' => None,
+        b't' | b'f' => Some(AttributeKind::Boolean),
+        b'"' => Some(AttributeKind::Text),
+        b'{' | b'[' => Some(AttributeKind::Json),
+        _ => number(text).kind(),
+    }
+}
+
+fn attribute(text: &str) -> Parsed<Attribute> {
+    Ok(match text.as_bytes().first() {
+        None | Some(b'n') => Attribute::None,
+        Some(b't' | b'f') => Attribute::Boolean(text == "true"),
+        Some(b'"') => Attribute::Text(parsed(text)?),
+        Some(b'{' | b'[') => Attribute::Json(text.into()),
+        _ => number(text),
     })
 }
 
-fn geometry(object: &Members) -> Parsed<PolygonParts> {
-    let kind = kind(object)?;
-    let coordinates = object.get("coordinates").map(|found| found.get());
+/// A number; a whole one stays one, and one beyond what numbers can be stays text.
+fn number(text: &str) -> Attribute {
+    let is_whole = !text.contains(['.', 'e', 'E']);
+    match (text.parse().ok().filter(|_| is_whole), text.parse::<f64>()) {
+        (Some(number), _) => Attribute::Integer(number),
+        (None, Ok(number)) if !is_whole && number.is_finite() => Attribute::Number(number),
+        _ => Attribute::Json(text.into()),
+    }
+}
+
+fn geometry_of(text: &str, depth: usize) -> Parsed<FeatureGeometry> {
+    let pairs = parsed::<Pairs>(text)?.0;
+    let member = |name: &str| pairs.iter().rev().find(|(own, _)| own == name).map(|(_, value)| value.get());
+    let kind = member("type").and_then(|kind| parsed::<String>(kind).ok());
+    let kind = kind.ok_or("an object without a type")?;
+    geometry(&kind, member("coordinates"), member("geometries"), depth)
+}
+
+fn geometry(
+    kind: &str,
+    coordinates: Option<&str>,
+    geometries: Option<&str>,
+    depth: usize,
+) -> Parsed<FeatureGeometry> {
     let coordinates = || coordinates.ok_or_else(|| "a geometry without coordinates".to_owned());
-    let parts: Vec<Vec<Vec<Corner>>> = match kind.as_str() {
-        "Polygon" => vec![parsed(coordinates()?)?],
-        "MultiPolygon" => parsed(coordinates()?)?,
-        other => return Err(format!("a geometry of type `{other}`")),
-    };
-    let ring = |ring: Vec<Corner>| ring.into_iter().map(|Corner(corner)| corner).collect();
-    Ok(parts.into_iter().map(|part| part.into_iter().map(ring).collect()).collect())
+    match kind {
+        "Point" if coordinates()? == "[]" => Ok(FeatureGeometry::Points(Vec::new())),
+        "Point" => Ok(FeatureGeometry::Points(vec![parsed::<Position>(coordinates()?)?.0])),
+        "MultiPoint" => Ok(FeatureGeometry::Points(positions(parsed(coordinates()?)?))),
+        "LineString" => Ok(FeatureGeometry::Lines(vec![positions(parsed(coordinates()?)?)])),
+        "MultiLineString" => Ok(FeatureGeometry::Lines(lines(parsed(coordinates()?)?))),
+        "Polygon" => Ok(FeatureGeometry::Polygons(vec![lines(parsed(coordinates()?)?)])),
+        "MultiPolygon" => {
+            let parts: Vec<Vec<Vec<Position>>> = parsed(coordinates()?)?;
+            Ok(FeatureGeometry::Polygons(parts.into_iter().map(lines).collect()))
+        }
+        "GeometryCollection" if depth == MOST_DEPTH => Err(format!("geometries in each other, {depth} deep")),
+        "GeometryCollection" => {
+            let members: Vec<&RawValue> = parsed(geometries.ok_or("no array `geometries`")?)?;
+            let members = members.into_iter().map(|member| geometry_of(member.get(), depth + 1));
+            members.collect::<Parsed<_>>().map(FeatureGeometry::Collection)
+        }
+        other => Err(format!("a geometry of type `{other}`")),
+    }
+}
+
+fn positions(positions: Vec<Position>) -> Vec<[f64; 2]> {
+    positions.into_iter().map(|Position(position)| position).collect()
+}
+
+fn lines(lines: Vec<Vec<Position>>) -> Vec<Vec<[f64; 2]>> {
+    lines.into_iter().map(positions).collect()
+}
+
+/// Members of an object, whose values are looked at later, if at all.
+struct Pairs<'t>(Vec<(String, &'t RawValue)>);
+
+impl<'de> Deserialize<'de> for Pairs<'de> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Pairs<'de>, D::Error> {
+        struct Members;
+
+        impl<'de> Visitor<'de> for Members {
+            type Value = Pairs<'de>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("an object")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> std::result::Result<Pairs<'de>, A::Error> {
+                let mut pairs = Vec::new();
+                while let Some(pair) = map.next_entry()? {
+                    pairs.push(pair);
+                }
+                Ok(Pairs(pairs))
+            }
+        }
+
+        deserializer.deserialize_map(Members)
+    }
 }
 
 /// A position, of which the first two numbers count.
-struct Corner([f64; 2]);
+struct Position([f64; 2]);
 
-impl<'de> Deserialize<'de> for Corner {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Corner, D::Error> {
-        struct Position;
+impl<'de> Deserialize<'de> for Position {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Position, D::Error> {
+        struct Numbers;
 
-        impl<'de> Visitor<'de> for Position {
-            type Value = Corner;
+        impl<'de> Visitor<'de> for Numbers {
+            type Value = Position;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("a position of two numbers or more")
             }
 
-            fn visit_seq<A: SeqAccess<'de>>(self, mut numbers: A) -> std::result::Result<Corner, A::Error> {
-                let mut corner = [0.0; 2];
-                for (index, number) in corner.iter_mut().enumerate() {
+            fn visit_seq<A: SeqAccess<'de>>(self, mut numbers: A) -> std::result::Result<Position, A::Error> {
+                let mut position = [0.0; 2];
+                for (index, number) in position.iter_mut().enumerate() {
                     let found = numbers.next_element()?;
                     *number = found.ok_or_else(|| de::Error::invalid_length(index, &self))?;
                 }
-                while numbers.next_element::<f64>()?.is_some() {}
-                Ok(Corner(corner))
+                while numbers.next_element::<de::IgnoredAny>()?.is_some() {}
+                Ok(Position(position))
             }
         }
 
-        deserializer.deserialize_seq(Position)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use spinney_crs::Frame;
-
-    fn square(at: f64) -> String {
-        let end = at + 4.0;
-        format!("[[{at},{at}],[{end},{at}],[{end},{end}],[{at},{end}],[{at},{at}]]")
-    }
-
-    #[test]
-    fn polygons_of_all_kinds_of_documents() {
-        let square = square(0.0);
-        let polygon = format!(r#"{{"type":"Polygon","coordinates":[{square}]}}"#);
-        let found = parse_polygons(&polygon).unwrap();
-        let first = &found.features[0];
-        assert_eq!((found.features.len(), first.parts.len(), first.name()), (1, 1, None));
-        assert_eq!(found.coordinates(), Coordinates::LONLAT);
-        let multi = format!(r#"{{"type":"MultiPolygon","coordinates":[[{square}],[{square},{square}]]}}"#);
-        let feature = |properties: &str, geometry: &str| {
-            format!(r#"{{"type":"Feature","id":7,"properties":{properties},"geometry":{geometry}}}"#)
-        };
-        let [first, second, third] =
-            [feature(r#"{"name":"A","area":1.5}"#, &multi), feature("null", &polygon), feature("{}", "null")];
-        let all = format!(r#"{{"type":"FeatureCollection","features":[{first},{second},{third}]}}"#);
-        let found = parse_polygons(&format!("\u{feff}{all}")).unwrap().features;
-        let told = found.iter().map(|feature| (feature.name(), feature.parts.len()));
-        let seven = || Some("7".into());
-        assert_eq!(told.collect::<Vec<_>>(), [(Some("A".into()), 2), (seven(), 1), (seven(), 0)]);
-        assert_eq!((&found[0].properties["area"], &found[0].id), (&Value::from(1.5), &Some(7.into())));
-        assert_eq!(found[0].parts[1].len(), 2);
-        let frame = Frame::planar([2.0, 0.0, 100.0, 0.0, -2.0, 50.0]);
-        let places = Places::new(&Coordinates::World, &frame, [10, 10, 1]).unwrap();
-        let cells = found[1].in_cells(&places).unwrap().unwrap();
-        assert_eq!(cells.corners(), [[-50.0, 23.0], [-48.0, 25.0]]);
-        assert!(found[2].in_cells(&places).unwrap().is_none());
-        for wrong in [
-            "",
-            "{}",
-            "[1]",
-            r#"{"type":"Point","coordinates":[1,2]}"#,
-            r#"{"type":"Polygon"}"#,
-            r#"{"type":"Polygon","coordinates":[[[1,2],[3]]]}"#,
-            r#"{"type":"Polygon","coordinates":[[["a","b"]]]}"#,
-            r#"{"type":"Polygon","coordinates":[],"crs":{"type":"link","properties":{"href":"x"}}}"#,
-            r#"{"type":"Polygon","coordinates":[],"crs":{"type":"name","properties":{"name":"elsewhere"}}}"#,
-            r#"{"type":"FeatureCollection","features":[{"type":"Feature"}]}"#,
-        ] {
-            assert!(parse_polygons(wrong).is_err(), "{wrong}");
-        }
-        let flat = parse_polygons(r#"{"type":"Polygon","coordinates":[[[1,2],[3,4]]]}"#).unwrap();
-        assert!(flat.features[0].in_cells(&places).is_err());
-    }
-
-    #[test]
-    fn systems_are_those_that_documents_name() {
-        let with = |crs: &str| {
-            let text = format!(r#"{{"type":"Polygon","coordinates":[{}],"crs":{crs}}}"#, square(1.0));
-            parse_polygons(&text).unwrap().crs
-        };
-        let named = |name: &str| with(&format!(r#"{{"type":"name","properties":{{"name":"{name}"}}}}"#));
-        assert_eq!(named("urn:ogc:def:crs:OGC:1.3:CRS84"), Some(Crs::epsg(4326)));
-        assert_eq!(named("urn:ogc:def:crs:EPSG::25832"), Some(Crs::epsg(25832)));
-        assert_eq!(named("EPSG:3857"), Some(Crs::epsg(3857)));
-        assert_eq!(with("null"), None);
-    }
-
-    #[test]
-    fn a_layer_that_touches_nothing_is_told() {
-        let frame = Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([1.0, 0.0, 40.0, 0.0, -1.0, 5.0]) };
-        let extent = [10, 10, 1];
-        let places = Places::new(&Coordinates::LONLAT, &frame, extent).unwrap();
-        let layer = |text: &str| {
-            parse_polygons(&format!(r#"{{"type":"Polygon","coordinates":[{text}]}}"#))
-                .unwrap()
-                .in_cells(&places, extent)
-        };
-        let told = layer(&square(60.0)).unwrap_err().to_string();
-        assert!(
-            told.contains("60,60,64,64 in EPSG:4326") && told.contains("40,-5,50,5") && told.contains("crs"),
-            "{told}"
-        );
-        let told = layer("[[0,41],[1,41],[1,42]]").unwrap_err().to_string();
-        assert!(told.contains("swapped"), "{told}");
-        assert!(layer("[[41,0],[42,0],[42,1]]").unwrap()[0].is_some());
+        deserializer.deserialize_seq(Numbers)
     }
 }

@@ -1,3 +1,8 @@
 //! Readers of features.
 
-pub mod geojson;
+pub mod feature;
+pub mod filter;
+mod formats;
+mod geojson;
+mod scanner;
+pub mod zones;

@@ -1,0 +1,355 @@
+//! Features as they come out of files of other programs: points, lines and polygons with attributes, one after the other.
+//!
+//! ```
+//! use std::path::Path;
+//! use spinney::import::feature::{Attribute, FeatureGeometry, FeatureOptions, open_features};
+//!
+//! # let folder = tempfile::tempdir().unwrap();
+//! # let path = folder.path().join("places.geojson");
+//! let point = r#"{"type":"Feature","id":7,"properties":{"code":3,"kind":"spring"},"geometry":{"type":"Point","coordinates":[9.5,47]}}"#;
+//! std::fs::write(&path, format!(r#"{{"type":"FeatureCollection","features":[{point}]}}"#)).unwrap();
+//! let options = FeatureOptions { filter: "code>=3".parse()?, ..FeatureOptions::default() };
+//! let mut reader = open_features(&path, &options)?;
+//! assert_eq!(reader.schema().attributes[0].0, "code");
+//! let feature = reader.next()?.unwrap();
+//! assert_eq!(feature.attributes, [Attribute::Integer(3), Attribute::Text("spring".into())]);
+//! assert_eq!(feature.geometry, Some(FeatureGeometry::Points(vec![[9.5, 47.0]])));
+//! assert!(reader.next()?.is_none());
+//! # Ok::<(), spinney::Error>(())
+//! ```
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use serde_json::Value;
+
+use super::filter::FeatureFilter;
+use super::formats;
+use crate::export::GeometryKind;
+use spinney_base::{Error, Result};
+use spinney_crs::{Crs, PolygonParts};
+
+/// A feature.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Feature {
+    /// Its id, a text or a number, where the format has ids.
+    pub id: Option<Value>,
+    /// Its attributes, as many as the schema has, in the same order.
+    pub attributes: Vec<Attribute>,
+    /// Its geometry; `None` if it has none.
+    pub geometry: Option<FeatureGeometry>,
+}
+
+/// The geometry of a feature: x and y (z and m are read over). One without parts is empty.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FeatureGeometry {
+    /// Points.
+    Points(Vec<[f64; 2]>),
+    /// Lines of two points or more.
+    Lines(Vec<Vec<[f64; 2]>>),
+    /// Parts of polygons, each an outer ring and its holes, of three corners or more; the last may repeat the first.
+    Polygons(PolygonParts),
+    /// Geometries of several kinds.
+    Collection(Vec<FeatureGeometry>),
+}
+
+impl FeatureGeometry {
+    /// The kind; `None` of a collection.
+    pub fn kind(&self) -> Option<GeometryKind> {
+        match self {
+            FeatureGeometry::Points(_) => Some(GeometryKind::Point),
+            FeatureGeometry::Lines(_) => Some(GeometryKind::Line),
+            FeatureGeometry::Polygons(_) => Some(GeometryKind::Polygon),
+            FeatureGeometry::Collection(_) => None,
+        }
+    }
+
+    /// The geometry without parts that are empty, or what is wrong with it.
+    pub(super) fn checked(mut self) -> Result<FeatureGeometry, String> {
+        let all_finite = |points: &[[f64; 2]]| points.iter().flatten().all(|number| number.is_finite());
+        let is_finite = match &mut self {
+            FeatureGeometry::Points(points) => all_finite(points),
+            FeatureGeometry::Lines(lines) => {
+                lines.retain(|line| !line.is_empty());
+                if lines.iter().any(|line| line.len() < 2) {
+                    return Err("a line of one point".into());
+                }
+                lines.iter().all(|line| all_finite(line))
+            }
+            FeatureGeometry::Polygons(parts) => {
+                parts.retain(|part| part.iter().any(|ring| !ring.is_empty()));
+                let mut rings = parts.iter().flatten();
+                if let Some(ring) = rings.clone().find(|ring| ring.len() < 3) {
+                    return Err(format!("a ring of {} corners", ring.len()));
+                }
+                rings.all(|ring| all_finite(ring))
+            }
+            FeatureGeometry::Collection(members) => {
+                let members = std::mem::take(members).into_iter().map(FeatureGeometry::checked);
+                return members.collect::<Result<_, _>>().map(FeatureGeometry::Collection);
+            }
+        };
+        if is_finite { Ok(self) } else { Err("a coordinate that is no number".into()) }
+    }
+}
+
+/// A value of an attribute.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Attribute {
+    /// Nothing.
+    None,
+    /// A whole number.
+    Integer(i64),
+    /// A number.
+    Number(f64),
+    /// A text; a date or time as it is written, bytes in hexadecimal digits.
+    Text(String),
+    /// Yes or no.
+    Boolean(bool),
+    /// A list, an object, or a number beyond 64 bits, as JSON.
+    Json(String),
+}
+
+impl Attribute {
+    /// The value as JSON.
+    pub fn to_json(&self) -> Value {
+        match self {
+            Attribute::None => Value::Null,
+            Attribute::Integer(number) => Value::from(*number),
+            Attribute::Number(number) => Value::from(*number),
+            Attribute::Text(text) => Value::from(text.as_str()),
+            Attribute::Boolean(is) => Value::from(*is),
+            Attribute::Json(text) => {
+                serde_json::from_str(text).unwrap_or_else(|_| Value::from(text.as_str()))
+            }
+        }
+    }
+
+    /// The value as text; nothing for none.
+    pub fn to_text(&self) -> String {
+        match self {
+            Attribute::None => String::new(),
+            Attribute::Integer(number) => number.to_string(),
+            Attribute::Number(number) => Value::from(*number).to_string(),
+            Attribute::Text(text) | Attribute::Json(text) => text.clone(),
+            Attribute::Boolean(is) => is.to_string(),
+        }
+    }
+
+    /// What kind of attribute has it; `None` if any has.
+    pub(super) fn kind(&self) -> Option<AttributeKind> {
+        match self {
+            Attribute::None => None,
+            Attribute::Integer(_) => Some(AttributeKind::Integer),
+            Attribute::Number(_) => Some(AttributeKind::Number),
+            Attribute::Text(_) => Some(AttributeKind::Text),
+            Attribute::Boolean(_) => Some(AttributeKind::Boolean),
+            Attribute::Json(_) => Some(AttributeKind::Json),
+        }
+    }
+}
+
+/// Kind of an attribute's values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AttributeKind {
+    /// Whole numbers.
+    Integer,
+    /// Numbers, of which some may be whole.
+    Number,
+    /// Texts.
+    Text,
+    /// Yes or no.
+    Boolean,
+    /// JSON.
+    Json,
+    /// Values of several kinds.
+    Mixed,
+}
+
+impl AttributeKind {
+    /// The kind that has values of both.
+    pub(super) fn with(self, other: AttributeKind) -> AttributeKind {
+        use AttributeKind::{Integer, Mixed, Number};
+        match (self, other) {
+            (one, same) if one == same => one,
+            (Integer, Number) | (Number, Integer) => Number,
+            _ => Mixed,
+        }
+    }
+}
+
+/// Description of a layer of features.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FeatureSchema {
+    /// Its name.
+    pub name: String,
+    /// The coordinate system, where known.
+    pub crs: Option<Crs>,
+    /// Names and kinds of the attributes.
+    pub attributes: Vec<(String, AttributeKind)>,
+    /// Kind of all features; `None` if they are of several kinds, or that is not known.
+    pub kind: Option<GeometryKind>,
+    /// Number of features in the file, whatever is asked for; `None` if it is not known.
+    pub count: Option<u64>,
+}
+
+impl FeatureSchema {
+    /// The place of an attribute among all.
+    pub fn position(&self, name: &str) -> Option<usize> {
+        self.attributes.iter().position(|(own, _)| own == name)
+    }
+}
+
+/// A layer that is being read, feature by feature.
+pub trait FeatureReader {
+    /// Description of the layer.
+    fn schema(&self) -> &FeatureSchema;
+
+    /// The next feature; `None` behind the last.
+    ///
+    /// # Errors
+    /// If the file cannot be read, breaks the rules of its format, or the feature needs more memory than there may be, or has a geometry that
+    /// cannot be used; all of them with the feature's number, from 1.
+    fn next(&mut self) -> Result<Option<Feature>>;
+}
+
+/// Options of reading features.
+#[derive(Clone, Debug)]
+pub struct FeatureOptions {
+    /// Bytes of memory that a feature may take.
+    pub memory: u64,
+    /// Name of the layer, of files that may have several.
+    pub layer: Option<String>,
+    /// What holds for the features that are asked for.
+    pub filter: FeatureFilter,
+    /// Names of the attributes that are asked for, in this order; `None` for all.
+    pub attributes: Option<Vec<String>>,
+}
+
+impl Default for FeatureOptions {
+    fn default() -> FeatureOptions {
+        FeatureOptions { memory: 256 << 20, layer: None, filter: FeatureFilter::default(), attributes: None }
+    }
+}
+
+/// Opens a file of features: GeoJSON, also one feature per line or record (RFC 8142); tables of comma-separated values with geometries in
+/// well-known text or binary (in a column `wkt`, `wkb`, `geometry`, `geom` or `the_geom`) or points (in `x` and `y`, or `lon` and `lat`);
+/// shapefiles; `GeoPackage` (feature `mbtiles`; `x.gpkg:NAME` is one layer of several) and `FlatGeobuf` (feature `flatgeobuf`).
+///
+/// # Errors
+/// If it cannot be read, or is of another format; if it has several layers, and none or another one is named; if no feature has an attribute
+/// that is asked for.
+pub fn open_features(path: &Path, options: &FeatureOptions) -> Result<Box<dyn FeatureReader>> {
+    open_with(path, options, None)
+}
+
+/// Opens a file, with one more attribute than those that are asked for, if there is such.
+pub(super) fn open_with(
+    path: &Path,
+    options: &FeatureOptions,
+    more: Option<&str>,
+) -> Result<Box<dyn FeatureReader>> {
+    let mut wanted = Wanted::new(options, more);
+    let reader = formats::open(path, options, &mut wanted)?;
+    Selected::of(reader, options, &wanted, more)
+}
+
+/// The names of attributes that are read, and those that there are.
+pub(super) struct Wanted {
+    /// Those that are asked for, or decide; `None` for all.
+    names: Option<BTreeSet<String>>,
+    /// Those that features have: the first of them.
+    known: BTreeSet<String>,
+}
+
+/// Names that are told to somebody who asked for another one.
+const MOST_KNOWN: usize = 200;
+
+impl Wanted {
+    pub(super) fn new(options: &FeatureOptions, more: Option<&str>) -> Wanted {
+        let names = options.attributes.as_ref().map(|chosen| {
+            let others = options.filter.names().chain(more).map(str::to_owned);
+            others.chain(chosen.iter().cloned()).collect()
+        });
+        Wanted { names, known: BTreeSet::new() }
+    }
+
+    /// Whether an attribute that features have is to be read.
+    pub(super) fn takes(&mut self, name: &str) -> bool {
+        if self.known.len() < MOST_KNOWN && !self.known.contains(name) {
+            self.known.insert(name.chars().take(100).collect());
+        }
+        self.names.as_ref().is_none_or(|names| names.contains(name))
+    }
+
+    fn known(&self) -> String {
+        self.known.iter().map(String::as_str).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// The error that an attribute was asked for that no feature has.
+pub(super) fn unknown_attribute(name: &str, known: &str) -> Error {
+    let expected = format!("the name of one that a feature has: {known}");
+    Error::invalid("attribute", format!("{name}, which no feature has"), expected)
+}
+
+/// Features and attributes that are asked for, of all that a file has.
+struct Selected {
+    reader: Box<dyn FeatureReader>,
+    filter: FeatureFilter,
+    /// Places of the attributes that the filter asks for.
+    asked: Vec<usize>,
+    /// Places of those that are handed out; `None` for all.
+    chosen: Option<Vec<usize>>,
+    schema: FeatureSchema,
+}
+
+impl Selected {
+    fn of(
+        reader: Box<dyn FeatureReader>,
+        options: &FeatureOptions,
+        wanted: &Wanted,
+        more: Option<&str>,
+    ) -> Result<Box<dyn FeatureReader>> {
+        let mut schema = reader.schema().clone();
+        let place =
+            |name: &str| schema.position(name).ok_or_else(|| unknown_attribute(name, &wanted.known()));
+        let asked = options.filter.names().map(place).collect::<Result<Vec<_>>>()?;
+        let chosen = match &options.attributes {
+            Some(names) => {
+                let more = more.filter(|more| !names.iter().any(|name| name == more));
+                let more = more.and_then(|more| schema.position(more)).map(Ok);
+                let chosen = names.iter().map(|name| place(name)).chain(more);
+                Some(chosen.collect::<Result<Vec<_>>>()?)
+            }
+            None => None,
+        };
+        if asked.is_empty() && chosen.is_none() {
+            return Ok(reader);
+        }
+        if let Some(chosen) = &chosen {
+            schema.attributes = chosen.iter().map(|place| schema.attributes[*place].clone()).collect();
+        }
+        Ok(Box::new(Selected { reader, filter: options.filter.clone(), asked, chosen, schema }))
+    }
+}
+
+impl FeatureReader for Selected {
+    fn schema(&self) -> &FeatureSchema {
+        &self.schema
+    }
+
+    fn next(&mut self) -> Result<Option<Feature>> {
+        while let Some(mut feature) = self.reader.next()? {
+            if self.filter.holds(|condition| feature.attributes.get(self.asked[condition])) {
+                if let Some(chosen) = &self.chosen {
+                    let value =
+                        |place: &usize| feature.attributes.get(*place).cloned().unwrap_or(Attribute::None);
+                    feature.attributes = chosen.iter().map(value).collect();
+                }
+                return Ok(Some(feature));
+            }
+        }
+        Ok(None)
+    }
+}

@@ -1,0 +1,187 @@
+//! What must hold for features that are asked for: comparisons of attributes with values.
+
+use std::cmp::Ordering;
+use std::fmt;
+use std::str::FromStr;
+
+use super::feature::Attribute;
+use spinney_base::{Error, Result};
+
+/// Comparisons of attributes, all of which must hold.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FeatureFilter {
+    /// The comparisons.
+    pub conditions: Vec<Condition>,
+}
+
+/// A comparison of an attribute with a value.
+///
+/// Numbers compare as numbers, however they are written, and texts as texts. Nothing is equal to the empty text alone, and in no order with
+/// anything.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Condition {
+    /// The attribute's name.
+    pub name: String,
+    /// How it compares.
+    pub relation: Relation,
+    /// The value, as text.
+    pub value: String,
+}
+
+/// How a value compares with another one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Relation {
+    /// `=`.
+    Equal,
+    /// `!=`: whenever `=` does not hold.
+    Unequal,
+    /// `<`.
+    Less,
+    /// `<=`.
+    AtMost,
+    /// `>`.
+    Greater,
+    /// `>=`.
+    AtLeast,
+}
+
+/// Signs of relations, the longer ones first.
+const SIGNS: [(&str, Relation); 6] = [
+    ("!=", Relation::Unequal),
+    ("<=", Relation::AtMost),
+    (">=", Relation::AtLeast),
+    ("=", Relation::Equal),
+    ("<", Relation::Less),
+    (">", Relation::Greater),
+];
+
+impl FromStr for Condition {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Condition> {
+        let wrong = || {
+            Error::invalid("condition", text, "NAME=VALUE, as in type=Building, or with !=, <, <=, > or >=")
+        };
+        let at = text.find(['!', '<', '>', '=']).ok_or_else(wrong)?;
+        let (name, rest) = (text[..at].trim(), &text[at..]);
+        let found = SIGNS.iter().find_map(|(sign, relation)| Some((*relation, rest.strip_prefix(sign)?)));
+        let (relation, value) = found.filter(|_| !name.is_empty()).ok_or_else(wrong)?;
+        Ok(Condition { name: name.into(), relation, value: value.trim().into() })
+    }
+}
+
+impl fmt::Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let sign =
+            SIGNS.iter().find(|(_, relation)| *relation == self.relation).map_or("=", |(sign, _)| sign);
+        write!(f, "{}{sign}{}", self.name, self.value)
+    }
+}
+
+impl Condition {
+    /// Whether it holds for a value of the attribute.
+    pub fn holds(&self, value: &Attribute) -> bool {
+        let order = self.order(value);
+        match self.relation {
+            Relation::Equal => order == Some(Ordering::Equal),
+            Relation::Unequal => order != Some(Ordering::Equal),
+            // (What has no order but is equal is nothing, a truth or JSON.)
+            _ if !matches!(value, Attribute::Integer(_) | Attribute::Number(_) | Attribute::Text(_)) => false,
+            Relation::Less => order == Some(Ordering::Less),
+            Relation::AtMost => matches!(order, Some(Ordering::Less | Ordering::Equal)),
+            Relation::Greater => order == Some(Ordering::Greater),
+            Relation::AtLeast => matches!(order, Some(Ordering::Greater | Ordering::Equal)),
+        }
+    }
+
+    /// How a value compares with the condition's.
+    fn order(&self, value: &Attribute) -> Option<Ordering> {
+        let equal = |is: bool| is.then_some(Ordering::Equal);
+        match value {
+            Attribute::None => equal(self.value.is_empty()),
+            Attribute::Integer(number) => match self.value.parse::<i64>() {
+                Ok(other) => Some(number.cmp(&other)),
+                Err(_) => (*number as f64).partial_cmp(&self.value.parse().ok()?),
+            },
+            Attribute::Number(number) => number.partial_cmp(&self.value.parse().ok()?),
+            Attribute::Text(text) => Some(text.as_str().cmp(&self.value)),
+            Attribute::Boolean(is) => equal(self.value == is.to_string()),
+            Attribute::Json(text) => equal(*text == self.value),
+        }
+    }
+}
+
+impl FromStr for FeatureFilter {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<FeatureFilter> {
+        text.split(',')
+            .map(str::parse)
+            .collect::<Result<Vec<_>>>()
+            .map(|conditions| FeatureFilter { conditions })
+    }
+}
+
+impl fmt::Display for FeatureFilter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let all: Vec<String> = self.conditions.iter().map(Condition::to_string).collect();
+        f.write_str(&all.join(", "))
+    }
+}
+
+impl FeatureFilter {
+    /// Names of the attributes that decide, one for each condition.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.conditions.iter().map(|condition| condition.name.as_str())
+    }
+
+    /// Whether all conditions hold for the values that a feature has for them, by their number.
+    pub(super) fn holds<'a>(&self, value: impl Fn(usize) -> Option<&'a Attribute>) -> bool {
+        let holds = |(index, condition): (usize, &Condition)| {
+            condition.holds(value(index).unwrap_or(&Attribute::None))
+        };
+        self.conditions.iter().enumerate().all(holds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_compare_as_numbers_and_texts_as_texts() {
+        let holds = |text: &str, value: &Attribute| text.parse::<Condition>().unwrap().holds(value);
+        let (ten, half) = (Attribute::Integer(10), Attribute::Number(0.5));
+        let text = |text: &str| Attribute::Text(text.into());
+        for (condition, value, expected) in [
+            ("a=10", &ten, true),
+            ("a = 10.0", &ten, true),
+            ("a!=10", &ten, false),
+            ("a<9", &ten, false),
+            ("a>9", &ten, true),
+            ("a>=1e1", &ten, true),
+            ("a<=x", &ten, false),
+            ("a=.5", &half, true),
+            ("a<1", &half, true),
+            ("a<9", &text("10"), true),
+            ("a=10.0", &text("10"), false),
+            ("a>=b", &text("b"), true),
+            ("a=", &Attribute::None, true),
+            ("a!=3", &Attribute::None, true),
+            ("a<3", &Attribute::None, false),
+            ("a<=", &Attribute::None, false),
+            ("a=true", &Attribute::Boolean(true), true),
+            ("a>=true", &Attribute::Boolean(true), false),
+            ("a=x=y", &text("x=y"), true),
+        ] {
+            assert_eq!(holds(condition, value), expected, "{condition} {value:?}");
+        }
+        // (Beyond 2^53, too.)
+        assert!(!holds("a=9007199254740993", &Attribute::Integer(9_007_199_254_740_992)));
+        for wrong in ["", "a", "=3", "a!3", " <3"] {
+            assert!(wrong.parse::<Condition>().is_err(), "{wrong}");
+        }
+        let both: FeatureFilter = "code >= 3,kind!=lake".parse().unwrap();
+        assert_eq!((both.conditions.len(), both.to_string()), (2, "code>=3, kind!=lake".into()));
+    }
+}
