@@ -281,6 +281,15 @@ pub mod import {
         };
     }
 
+    /// Rasterization: quadtrees of features.
+    #[cfg(feature = "vector")]
+    pub mod rasterize {
+        pub use spinney_vector::import::rasterize::{
+            FeatureGrid, FeatureImport, FeatureValue, Overlaps, RasterizeOptions, is_feature_file,
+            plan_features,
+        };
+    }
+
     /// Volumes.
     #[cfg(feature = "raster")]
     pub mod volume {

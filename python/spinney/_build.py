@@ -1,4 +1,4 @@
-"""Trees of arrays, picture files and models of solids."""
+"""Trees of arrays, picture files, models of solids and features."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ._dataset import Dataset, Level
 from ._files import MEMORY
 from ._options import refuse, time_of
 from ._progress import memory_of, working
-from ._sources import is_mesh, mesh_file, paths_of
+from ._sources import feature_file, is_mesh, mesh_file, paths_of
 from ._stack import build_stack, layers_of
 from ._times import text_of_time
 from ._told import array_options, check_bands, colours_of, crs_text, numbers_of, pairs_of, texts_of
@@ -68,6 +68,10 @@ def build(
     shell: bool = False,
     up: Literal["y", "z"] | None = None,
     unit: str | None = None,
+    value: float | str | None = None,
+    overlaps: Literal["last", "first", "min", "max", "sum", "count", "mean"] | None = None,
+    fractions: bool = False,
+    where: str | None = None,
 ) -> None:
     """Makes a tree, `out`: a .goblin file, compact and read-only, or an .autumn file, which can be edited.
 
@@ -96,6 +100,10 @@ def build(
       xarray, whose variables are the bands, or with `stack`, or an axis `time`, the layers.
     - the path of a volume, an NPY file.
     - a mesh: one of trimesh, anything with `vertices` and `faces`, or a pair of arrays of these; see models.
+    - paths of files of features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV), or anything with a `__geo_interface__` (a GeoDataFrame,
+      shapely): points, lines and polygons become the cells that they have, of the width `cell` in units of their coordinates, `cells` along
+      the longer side, or those of a `grid`; with `value` (a number, or the name of an attribute), `overlaps`, `edge`, `fractions`, `where`
+      (`"code=3,area>100"`) and `layer` as `spinney build` has them.
     - paths of models of solids (PLY, OBJ, STL, OFF, CityJSON): `cells` along the longest side or the width of a `cell` or
       those of another octree (`grid`), and `edge`, `attribute`, `shell`, `up` and `unit` as `spinney build` has them.
 
@@ -125,6 +133,10 @@ def build(
         "attribute": attribute,
         "up": up,
         "unit": unit,
+        "value": None if value is None else str(value),
+        "overlaps": overlaps,
+        "where": where,
+        "fractions": fractions or None,
     }
     seen = None if times is None else [time if isinstance(time, str) else text_of_time(time) for time in times]
     of_stacks = {"stack": stack or None, "names": names, "times": times}
@@ -156,6 +168,11 @@ def build(
         if len(paths) > 1:
             raise ValueError("a tree as a source is the only one; spinney.combine lays trees over each other, spinney.add_layer adds one to a file")
         source = Dataset(paths[0], [], None, False, None)
+    if hasattr(source, "__geo_interface__") and not is_mesh(source):
+        refuse("arrays", for_arrays | {"transform": transform})
+        with feature_file(source, out) as (path, own):
+            said = {name: given for name, given in for_files.items() if name != "pages"} | {"value": value, "fractions": fractions}
+            return build(path, out, kind=kind, rule=rule, crs=own if crs is None else crs, depth=depth, memory=memory, share=share, time=time, max_bytes=max_bytes, threads=threads, progress=progress, **said)
     if isinstance(source, Level):
         source = source._as_tree()
     if isinstance(source, Dataset):
@@ -183,7 +200,7 @@ def build(
     if paths is not None:
         refuse("arrays", for_arrays)
         numbers = None if transform is None else numbers_of(transform)
-        for_import = common | for_files | {"transform": numbers, "keep_transparent": keep_transparent, "shell": shell, "allow_ballpark": allow_ballpark}
+        for_import = common | for_files | {"transform": numbers, "keep_transparent": keep_transparent, "shell": shell, "allow_ballpark": allow_ballpark, "fractions": fractions}
         for_import |= {"stack": stack, "names": None if names is None else [str(name) for name in names], "times": seen}
         for_import["bands"] = None if bands is None else list(bands)
         with working(progress, threads, max_bytes) as terms:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ._types import Array, Path
+from ._zonal import documents_of
 
 
 def paths_of(source: Any) -> list[str] | None:
@@ -195,3 +196,14 @@ def one_array(dataset: Any) -> Any:
         warnings.warn(f"attributes that are not those of all variables are left out: {', '.join(lost)}", stacklevel=3)
     made.encoding = {key: value for key, value in first.encoding.items() if key not in by_band}
     return made
+
+
+@contextmanager
+def feature_file(source: Any, out: Path) -> Iterator[tuple[str, str | None]]:
+    """A GeoJSON file of features, beside the output for as long as it is needed, and the definition of their coordinate system, if they tell it."""
+    (document, crs), *_ = documents_of(source)
+    folder = os.path.dirname(os.path.abspath(os.fspath(out)))
+    with tempfile.NamedTemporaryFile("w", encoding="utf-8", suffix=".geojson", dir=folder) as file:
+        file.write(document)
+        file.flush()
+        yield file.name, None if crs == "world" else crs

@@ -8,6 +8,7 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use spinney::import::mesh::{self, Resolution, SolidOptions};
 use spinney::import::raster::{self, Band, ImportOptions, StackOptions, TargetGrid};
+use spinney::import::rasterize;
 use spinney::import::volume::{self, VolumeOptions};
 use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::space::{Crs, Dimension, Frame};
@@ -281,7 +282,7 @@ pub(crate) fn build_array(
 
 /// A channel by its number or its name.
 #[derive(FromPyObject)]
-enum BandName {
+pub(crate) enum BandName {
     Number(usize),
     Name(String),
 }
@@ -297,7 +298,7 @@ impl BandName {
 
 /// Pages of a TIFF file.
 #[derive(FromPyObject)]
-enum Pages {
+pub(crate) enum Pages {
     /// One, by its number from 0.
     One(usize),
     /// All: `layers` or `z`.
@@ -308,34 +309,40 @@ enum Pages {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct FileOptions {
-    kind: Option<String>,
-    rule: Option<String>,
-    bands: Option<Vec<BandName>>,
-    nodata: Option<PyNumber>,
-    transform: Option<Vec<f64>>,
-    crs: Option<String>,
-    depth: Option<u8>,
-    layer: Option<String>,
-    pages: Option<Pages>,
-    stack: bool,
-    names: Option<Vec<String>>,
-    times: Option<Vec<String>>,
-    keep_transparent: bool,
-    memory: u64,
-    share: bool,
+    pub(crate) kind: Option<String>,
+    pub(crate) rule: Option<String>,
+    pub(crate) bands: Option<Vec<BandName>>,
+    pub(crate) nodata: Option<PyNumber>,
+    pub(crate) transform: Option<Vec<f64>>,
+    pub(crate) crs: Option<String>,
+    pub(crate) depth: Option<u8>,
+    pub(crate) layer: Option<String>,
+    pub(crate) pages: Option<Pages>,
+    pub(crate) stack: bool,
+    pub(crate) names: Option<Vec<String>>,
+    pub(crate) times: Option<Vec<String>>,
+    pub(crate) keep_transparent: bool,
+    /// Value of features: a number or the name of an attribute.
+    pub(crate) value: Option<String>,
+    pub(crate) overlaps: Option<String>,
+    pub(crate) fractions: bool,
+    #[pyo3(item("where"))]
+    pub(crate) filter: Option<String>,
+    pub(crate) memory: u64,
+    pub(crate) share: bool,
     /// Time of an Autumnal file's first commit.
-    time: Option<i64>,
-    cells: Option<u64>,
-    cell: Option<f64>,
-    grid: Option<PathBuf>,
-    max_zoom: Option<u8>,
-    resampling: Option<String>,
-    allow_ballpark: bool,
-    edge: Option<String>,
-    attribute: Option<String>,
-    shell: bool,
-    up: Option<String>,
-    unit: Option<String>,
+    pub(crate) time: Option<i64>,
+    pub(crate) cells: Option<u64>,
+    pub(crate) cell: Option<f64>,
+    pub(crate) grid: Option<PathBuf>,
+    pub(crate) max_zoom: Option<u8>,
+    pub(crate) resampling: Option<String>,
+    pub(crate) allow_ballpark: bool,
+    pub(crate) edge: Option<String>,
+    pub(crate) attribute: Option<String>,
+    pub(crate) shell: bool,
+    pub(crate) up: Option<String>,
+    pub(crate) unit: Option<String>,
 }
 
 impl FileOptions {
@@ -413,7 +420,7 @@ impl FileOptions {
     }
 
     /// The grid that pictures are warped to, if not their own.
-    fn target(&self) -> PyResult<Option<TargetGrid>> {
+    pub(crate) fn target(&self) -> PyResult<Option<TargetGrid>> {
         let Some(path) = &self.grid else {
             return match self.max_zoom.is_some() || self.resampling.is_some() || self.allow_ballpark {
                 true => Err(invalid("max_zoom, resampling and allow_ballpark: are for another grid")),
@@ -463,7 +470,7 @@ impl FileOptions {
     }
 }
 
-/// Builds a tree of picture files (of several, the last lies on top), or of models of solids.
+/// Builds a tree of picture files (of several, the last lies on top), of models of solids, or of features.
 #[pyfunction]
 #[pyo3(signature = (paths, out, options, terms))]
 pub(crate) fn build_files(
@@ -478,6 +485,15 @@ pub(crate) fn build_files(
         && !["layers", "z"].contains(&way.as_str())
     {
         return Err(invalid(format!("pages: {way:?}, expected \"layers\", \"z\" or a number from 0")));
+    }
+    if paths.iter().any(|path| rasterize::is_feature_file(path)) {
+        let features = options.features()?;
+        return jobs::run(py, terms, |work| {
+            rasterize::plan_features(&paths, &features)?.build(work.create_tree(&out)?, work)
+        });
+    }
+    if options.has_feature_options() {
+        return Err(invalid("value, overlaps, fractions and where are for features"));
     }
     if paths.iter().any(|path| mesh::is_model(path)) {
         let mut solid = options.solids()?;

@@ -10,6 +10,7 @@ mod contours;
 mod edit;
 mod error;
 mod export;
+mod features;
 mod files;
 mod index;
 mod jobs;

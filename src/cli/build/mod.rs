@@ -1,6 +1,7 @@
 //! `spinney build`: trees of pictures, of volumes and of solids.
 
 mod exact;
+mod features;
 mod pictures;
 mod solids;
 mod tree;
@@ -14,6 +15,7 @@ use spinney::Progress;
 use spinney::dataset::Dataset;
 use spinney::import::mesh::{self, SolidImport};
 use spinney::import::raster::{self, TargetGrid};
+use spinney::import::rasterize::FeatureImport;
 use spinney::import::volume;
 use spinney::io::Output;
 use spinney::ops::{WarpGrid, WarpOptions};
@@ -21,6 +23,7 @@ use spinney::space::Crs;
 use spinney::store::{check_tree_name, file_is_tree};
 
 use self::exact::ExactImport;
+use self::features::FeatureArgs;
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use self::tree::TreeImport;
@@ -28,7 +31,7 @@ use super::args::{Memory, OutputLimit, check_output, expand_lists, parse_crs};
 use super::report::{Work, report_built};
 use super::{Global, open};
 
-/// Make a tree of a picture, or of several on one grid, of a volume, or of models of solids.
+/// Make a tree of a picture, or of several on one grid, of a volume, of models of solids, or of features.
 ///
 /// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one file that
 /// holds them at every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can
@@ -43,6 +46,9 @@ use super::{Global, open};
 /// its winding field, to 0.01, where it is not. Several models become one solid. With --brep the faces themselves are
 /// kept, which must bound a body.
 ///
+/// Reads features, too: points, lines and polygons of GeoJSON, FlatGeobuf, GeoPackage (x.gpkg:NAME is one layer of several), shapefiles and
+/// CSV with geometries. They become the cells that they have, exactly and without a raster between, with the value of an attribute.
+///
 /// Takes a tree, too, and keeps what it tells about its cells, such as kind, rule, coordinate system and names, unless options
 /// say something else: with another --rule, coarser levels are made anew.
 ///
@@ -50,7 +56,7 @@ use super::{Global, open};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Raster files (of several, the last lies on top), a volume, models, or a tree; @FILE stands for the paths in a file, one a line
+    /// Raster files (of several, the last lies on top), a volume, models, files of features, or a tree; @FILE stands for the paths in a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// File to write; - is standard output
@@ -63,6 +69,8 @@ pub(crate) struct Args {
     pictures: PictureArgs,
     #[command(flatten)]
     solids: SolidArgs,
+    #[command(flatten)]
+    features: FeatureArgs,
 }
 
 /// Options for pictures, volumes and solids.
@@ -121,6 +129,7 @@ Examples:
   spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --edge area
   spinney build part.stl -o exact.goblin --brep
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
+  spinney build zones.gpkg -o zones.goblin --cell 10 --value code
   spinney build landcover.tif -o landcover.autumn --share
   spinney build heights.goblin -o highest.goblin --rule max
   spinney build landcover.tif -o tiles.goblin --grid xyz
@@ -140,6 +149,7 @@ enum Import {
     Volume(Box<volume::VolumeImport>),
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
+    Features(Box<FeatureImport>),
     Tree(Box<TreeImport>),
 }
 
@@ -163,6 +173,7 @@ impl Import {
             Import::Volume(import) => import.description(),
             Import::Solid(import) => import.description(),
             Import::Exact(import) => import.description(),
+            Import::Features(import) => import.description(),
             Import::Tree(import) => import.description(),
         }
     }
@@ -194,6 +205,10 @@ impl Import {
             }
             Import::Solid(import) => Ok(solids.lines(&import.build(output, progress)?)),
             Import::Exact(import) => import.build(output, solids.stats, progress),
+            Import::Features(import) => {
+                import.build(output, progress)?;
+                Ok(Lines::new())
+            }
             Import::Tree(import) => {
                 import.build(output, progress)?;
                 Ok(Lines::new())
@@ -205,9 +220,19 @@ impl Import {
 impl Args {
     /// Opens the inputs, and plans what is made of them.
     fn plan(&self) -> Result<Import> {
-        let Args { inputs, output, pictures, common, solids } = self;
+        let Args { inputs, output, pictures, common, solids, features } = self;
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
         check_tree_name(output)?;
+        if FeatureArgs::are_features(inputs) {
+            let import = features.plan(inputs, output, (common, pictures, solids))?;
+            return Ok(Import::Features(Box::new(import)));
+        }
+        if let Some(option) = features.given() {
+            bail!(
+                "{option} is for features (GeoJSON, FlatGeobuf, GeoPackage, shapefiles, CSV), {} has none",
+                inputs[0].display()
+            );
+        }
         if let Some(tree) = inputs.iter().find(|input| file_is_tree(input)) {
             if solids.are_given() {
                 bail!("{}: is a tree of cells; the options for solids are for models", tree.display());

@@ -33,9 +33,9 @@ pub(super) struct PictureArgs {
     /// along x, y and z, or a 3 x 4 matrix, row by row [default: 1,1,1]
     #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform)]
     pub(super) transform: Option<Transform>,
-    /// Layer of a file that has several: of an OpenEXR file, by its name [default: the first]
+    /// Layer of a file that has several: of an OpenEXR file [default: the first], or of a GeoPackage
     #[arg(long, value_name = "NAME")]
-    layer: Option<String>,
+    pub(super) layer: Option<String>,
     /// Pages of a TIFF file that has several: the one of a number from 0, or all of them, as layers of a stack or as planes of a volume
     #[arg(long, value_name = "layers|z|N")]
     pages: Option<Pages>,
@@ -138,6 +138,26 @@ impl PictureArgs {
             ("--keep-transparent", self.keep_transparent),
         ];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
+
+    /// An option that was given and is not for features.
+    pub(super) fn not_of_features(&self) -> Option<&'static str> {
+        let given = [
+            ("--band", self.band.is_some()),
+            ("--nodata", self.nodata.is_some()),
+            ("--transform", self.transform.is_some()),
+            ("--pages", self.pages.is_some()),
+            ("--keep-transparent", self.keep_transparent),
+            ("--resampling", self.resampling.is_some()),
+            ("--allow-ballpark", self.allow_ballpark),
+        ];
+        let given = given.into_iter().find(|(_, given)| *given).map(|(name, _)| name);
+        given.or(self.of_stacks())
+    }
+
+    /// Kind of the values and rule for coarser cells, where they are said.
+    pub(super) fn kind_and_rule(&self) -> (Option<Kind>, Option<Rule>) {
+        (self.kind, self.rule)
     }
 
     /// An option that was given and is for another grid than the picture's own.

@@ -14,19 +14,21 @@ use super::{Common, Grid, Lines, grid_of};
 
 /// Options for models only.
 #[derive(clap::Args, Debug)]
-#[command(next_help_heading = "Solids (PLY, OBJ, STL, OFF, CityJSON)")]
+#[command(
+    next_help_heading = "Solids (PLY, OBJ, STL, OFF, CityJSON); --cells, --cell and --edge are for features, too"
+)]
 pub(super) struct SolidArgs {
-    /// Cells along the model's longest side [default: 256]
+    /// Cells along the longest side of the model, or of the box around features [default: 256 of models]
     #[arg(long, value_name = "N", conflicts_with_all = ["depth", "grid"])]
     cells: Option<u64>,
-    /// Width of a cell, such as 0.5 or 0.5mm; models built with the same width fit together
+    /// Width of a cell, such as 0.5 or 0.5mm; what is built with the same width fits together
     #[arg(long, value_name = "WIDTH", conflicts_with_all = ["cells", "depth", "grid"], value_parser = parse_width)]
     cell: Option<Width>,
     /// No more than the cells that the surface cuts, instead of all that it encloses
     #[arg(long)]
     shell: bool,
-    /// Cells at the edge, which the surface cuts: centre (those whose centre is inside), touch (all of them) or area (each as far as
-    /// it is inside) [default: centre]
+    /// Cells at the edge, which the surface or a polygon's side cuts: centre (those whose centre is inside), touch (all of them) or area (each as
+    /// far as it is inside; of features the value that has the largest share of it) [default: centre]
     #[arg(long, value_name = "RULE")]
     edge: Option<EdgeRule>,
     /// Attribute that cells have: occupancy (255 is full), colour, or part (the number of an object, group or
@@ -110,6 +112,32 @@ impl SolidArgs {
             || unit.is_some()
             || *stats
             || *brep
+    }
+
+    /// What is for features, too: cells along the longer side, their width, and the rule for edges.
+    ///
+    /// # Errors
+    /// If something else was given.
+    pub(super) fn of_features(&self) -> Result<(Option<u64>, Option<f64>, Option<EdgeRule>)> {
+        let cell = match &self.cell {
+            Some(Width(_, Some(unit))) => {
+                bail!(
+                    "--cell: features' coordinates have the units of their system; say the width without {unit}"
+                )
+            }
+            Some(Width(width, None)) => Some(*width),
+            None => None,
+        };
+        if self.shell
+            || self.attribute.is_some()
+            || self.up.is_some()
+            || self.unit.is_some()
+            || self.stats
+            || self.brep
+        {
+            bail!("--shell, --attribute, --up, --unit, --stats and --brep are for solids, not for features");
+        }
+        Ok((self.cells, cell, self.edge))
     }
 
     /// An option that was given and is for exact models alone.

@@ -1,0 +1,124 @@
+//! How much of each cell of a block a polygon has.
+
+use super::edge::{Edge, PARTS, Point, centre};
+
+/// Share of a cell that rounding alone may leave, or take away.
+const ROUNDING: f64 = 1e-9;
+
+/// Shares of the cells of a square, row after row, with room to work in.
+pub(super) struct Coverage {
+    side: usize,
+    /// What the share of each cell is more than that of the one before it, while edges are added; then the shares.
+    pub(super) shares: Vec<f64>,
+    /// Parts of each row that are inside along the block's left side.
+    left: Vec<f64>,
+    /// The change, from a row on, of what is inside along the left side.
+    steps: Vec<f64>,
+}
+
+impl Coverage {
+    pub(super) fn new(side: usize) -> Coverage {
+        let row = || vec![0.0; side + 1];
+        Coverage { side, shares: vec![0.0; (side + 1) * side], left: row(), steps: row() }
+    }
+
+    /// Measures a polygon by the edges that it has in a block, the block's first cell, and how many times the polygon winds round the centre of
+    /// that. Exact but for rounding, if rings do not cross each other.
+    ///
+    /// The left side is gone up first, on which each edge that is met changes what is inside; then each edge changes what is on its right.
+    pub(super) fn measure<'a>(
+        &mut self,
+        edges: impl Iterator<Item = &'a Edge> + Clone,
+        cell: Point,
+        winding: i32,
+    ) {
+        let (side, origin) = (self.side, cell.map(|cell| cell * PARTS));
+        self.shares.fill(0.0);
+        self.left.fill(0.0);
+        self.steps.fill(0.0);
+        // From the first centre to the left side.
+        let on_side = [origin[0], centre(cell[1])];
+        let way: i32 = edges.clone().map(|edge| edge.on_the_way_right(on_side, centre(cell[0]))).sum();
+        self.steps[0] = f64::from(winding - way);
+        for edge in edges {
+            let local =
+                [edge.a, edge.b].map(|at| [0, 1].map(|axis| (at[axis] - origin[axis]) as f64 / PARTS as f64));
+            let crossing = edge.passes(0, origin[0]).then(|| {
+                let [[x, y], [to_x, to_y]] = local;
+                y + (to_y - y) * (-x / (to_x - x))
+            });
+            if let Some(y) = crossing {
+                self.cross_left_side(y, f64::from(edge.direction(0)), edge.is_above(on_side));
+            }
+            self.add_edge(local, crossing);
+        }
+        let mut sum = 0.0;
+        for row in 0..side {
+            sum += self.steps[row];
+            let mut share = sum + self.left[row];
+            for column in 0..side {
+                share += self.shares[row * (side + 1) + column];
+                // (Cells move to where they stay; those that are to be read yet stand behind.)
+                self.shares[row * side + column] = match share.abs() {
+                    share if share < ROUNDING => 0.0,
+                    share if share > 1.0 - ROUNDING => 1.0,
+                    share => share,
+                };
+            }
+        }
+    }
+
+    /// Takes an edge into account that crosses the left side at some height, above the first row's centre or below it.
+    fn cross_left_side(&mut self, y: f64, direction: f64, is_above: bool) {
+        let side = self.side as f64;
+        let y = if is_above { y.clamp(0.5, side) } else { y.clamp(0.0, 0.5) };
+        let row = (y as usize).min(self.side - 1);
+        let above = (row + 1) as f64 - y;
+        if is_above {
+            self.left[row] += direction * above;
+            self.steps[row + 1] += direction;
+        } else {
+            // (What is below it is the first row's.)
+            self.left[row] -= direction * (1.0 - above);
+        }
+    }
+
+    /// Adds what an edge changes on its right, within the block.
+    fn add_edge(&mut self, [[ax, ay], [bx, by]]: [[f64; 2]; 2], crossing: Option<f64>) {
+        let side = self.side as f64;
+        // (Down it is the other way round.)
+        let (sign, [ax, ay], [bx, by]) =
+            if ay <= by { (-1.0, [ax, ay], [bx, by]) } else { (1.0, [bx, by], [ax, ay]) };
+        let (mut low, mut high) = (ay.max(0.0), by.min(side));
+        if low >= high || (ax <= 0.0 && bx <= 0.0) {
+            return;
+        }
+        // What lies left of the block is no more than its crossing of the side.
+        if let Some(y) = crossing {
+            if ax <= 0.0 { low = low.max(y) } else { high = high.min(y) }
+        }
+        let at = |y: f64| (ax + (bx - ax) * ((y - ay) / (by - ay))).max(0.0);
+        let mut row = low as usize;
+        while row < self.side && (row as f64) < high {
+            let (from, to) = (low.max(row as f64), high.min((row + 1) as f64));
+            if from < to {
+                self.add_in_row(row, [at(from), at(to)], sign * (to - from));
+            }
+            row += 1;
+        }
+    }
+
+    /// Adds a piece of an edge within a row: its ends, and how much of the row it passes, with a sign.
+    fn add_in_row(&mut self, row: usize, [start, end]: [f64; 2], height: f64) {
+        let changes = &mut self.shares[row * (self.side + 1)..(row + 1) * (self.side + 1)];
+        let (least, most) = (start.min(end), start.max(end));
+        let (first, last) = (least as usize, (most.ceil() as usize).max(least as usize + 1));
+        for column in first..last.min(self.side) {
+            let (from, to) = (least.max(column as f64), most.min((column + 1) as f64));
+            let part = if most > least { height * (to - from) / (most - least) } else { height };
+            let middle = (from + to) / 2.0 - column as f64;
+            changes[column] += part * (1.0 - middle);
+            changes[column + 1] += part * middle;
+        }
+    }
+}

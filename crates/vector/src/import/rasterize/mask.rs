@@ -1,0 +1,166 @@
+//! Which cells of a block a shape has: by their centres, or all that it touches, as bits in rows.
+
+use super::edge::{Edge, PARTS, Point, centre};
+
+/// Bits of a square of cells, row after row.
+pub(super) struct Mask {
+    /// Cells along a side.
+    side: usize,
+    /// Words of a row.
+    words: usize,
+    bits: Vec<u64>,
+}
+
+impl Mask {
+    /// No cells of a square.
+    pub(super) fn new(side: usize) -> Mask {
+        let words = side.div_ceil(64);
+        Mask { side, words, bits: vec![0; words * side] }
+    }
+
+    /// Takes all cells out, or in.
+    pub(super) fn fill(&mut self, is_in: bool) {
+        self.bits.fill(if is_in { !0 } else { 0 });
+    }
+
+    /// Takes some cells of a row in.
+    fn insert(&mut self, row: usize, columns: std::ops::Range<usize>) {
+        let row = &mut self.bits[row * self.words..(row + 1) * self.words];
+        for column in columns {
+            row[column / 64] |= 1 << (column % 64);
+        }
+    }
+
+    /// Shows the numbers of the cells that are in, row after row.
+    pub(super) fn each(&self, mut show: impl FnMut(usize)) {
+        for (row, words) in self.bits.chunks_exact(self.words).enumerate() {
+            for (word, bits) in words.iter().enumerate() {
+                let mut bits = match self.side - word * 64 {
+                    rest @ ..64 => *bits & ((1 << rest) - 1),
+                    _ => *bits,
+                };
+                while bits != 0 {
+                    show(row * self.side + word * 64 + bits.trailing_zeros() as usize);
+                    bits &= bits - 1;
+                }
+            }
+        }
+    }
+
+    /// The cells of a block whose centres a polygon has inside, by the edges that it has there, the block's first cell, and whether the
+    /// centre of that is inside.
+    pub(super) fn centres<'a>(
+        &mut self,
+        edges: impl Iterator<Item = &'a Edge>,
+        cell: Point,
+        is_inside: bool,
+    ) {
+        self.fill(false);
+        let side = self.side as i64;
+        let first = cell.map(centre);
+        // Bits of the first column tell whether a row begins inside unless the row before did, those of others whether it is another way than the
+        // column before.
+        if is_inside {
+            self.flip(0, 0);
+        }
+        for edge in edges {
+            let [left, right] = edge.range(0);
+            if left <= first[0] && first[0] < right && edge.is_above(first) {
+                let row = first_row_above(edge, first, side);
+                if row < side {
+                    self.flip(row, 0);
+                }
+            }
+            let [low, high] = edge.range(1);
+            let row_at = |y: i64| (y - first[1] + PARTS - 1).div_euclid(PARTS).clamp(0, side);
+            for row in row_at(low)..row_at(high) {
+                let column = edge.column([first[0], first[1] + row * PARTS], side);
+                if column > 0 && column < side {
+                    self.flip(row, column);
+                }
+            }
+        }
+        let mut is_inside = false;
+        for row in self.bits.chunks_exact_mut(self.words) {
+            is_inside ^= row[0] & 1 == 1;
+            row[0] = row[0] & !1 | u64::from(is_inside);
+            let mut before = 0;
+            for word in row {
+                // Each bit becomes the parity of all up to it.
+                for shift in [1, 2, 4, 8, 16, 32] {
+                    *word ^= *word << shift;
+                }
+                *word ^= before;
+                before = if *word >> 63 == 1 { !0 } else { 0 };
+            }
+        }
+    }
+
+    fn flip(&mut self, row: i64, column: i64) {
+        self.bits[row as usize * self.words + column as usize / 64] ^= 1 << (column % 64);
+    }
+
+    /// Adds the cells of a block of which edges have something inside: of lines the cells that their points are in.
+    pub(super) fn touch<'a>(&mut self, edges: impl Iterator<Item = &'a Edge>, cell: Point, is_line: bool) {
+        let side = self.side as i64;
+        let origin = cell.map(|cell| cell * PARTS);
+        let clamp = |cell: i64| cell.clamp(0, side);
+        // (What ends on the side of a cell has nothing of it, unless it is a point.)
+        let end =
+            |at: i64, is_in: bool| if is_in { at.div_euclid(PARTS) + 1 } else { -(-at).div_euclid(PARTS) };
+        for edge in edges {
+            let [low, high] = edge.range(1).map(|y| y - origin[1]);
+            for row in clamp(low.div_euclid(PARTS))..clamp(end(high, is_line)) {
+                let [least, most] = within_row(edge, origin[1] + row * PARTS).map(|x| x - origin[0]);
+                // A cell has the points on its left and upper sides. What goes on in the next row, or ends there, has its last point there.
+                let goes_on = high >= (row + 1) * PARTS && edge.leads_right_and_up() && least < most;
+                let columns = clamp(least.div_euclid(PARTS))..clamp(end(most, is_line && !goes_on));
+                self.insert(row as usize, columns.start as usize..columns.end as usize);
+            }
+        }
+    }
+
+    /// Takes in the cell of each point that lies in the block.
+    pub(super) fn points<'a>(&mut self, points: impl Iterator<Item = &'a Edge>, cell: Point) {
+        let side = self.side;
+        for at in points.filter_map(|point| index_of(point.a, cell, side)) {
+            self.insert(at / side, at % side..at % side + 1);
+        }
+    }
+}
+
+/// The number of the cell of a block that a point lies in.
+pub(super) fn index_of(point: Point, cell: Point, side: usize) -> Option<usize> {
+    let [x, y] = [0, 1].map(|axis| point[axis].div_euclid(PARTS) - cell[axis]);
+    let is_inside = |at: i64| (0..side as i64).contains(&at);
+    (is_inside(x) && is_inside(y)).then(|| y as usize * side + x as usize)
+}
+
+/// The first of some rows whose centre, in the column of a point, an edge that is above the point is not above.
+fn first_row_above(edge: &Edge, first: Point, rows: i64) -> i64 {
+    let is_above = |row: i64| edge.is_above([first[0], first[1] + row * PARTS]);
+    // (Rows are few: halves are found fast, without rounding.)
+    let (mut low, mut high) = (0, rows);
+    while low + 1 < high {
+        let middle = (low + high) / 2;
+        if is_above(middle) { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// Least and greatest x of an edge in the row of cells that begins at some height, rounded outwards.
+fn within_row(edge: &Edge, low: i64) -> [i64; 2] {
+    let (high, Edge { a, b }) = (low + PARTS, edge.rising(1));
+    let (dx, dy) = (i128::from(b[0] - a[0]), i128::from(b[1] - a[1]));
+    let at = |y: i64| {
+        let run = i128::from(y - a[1]) * dx;
+        [run.div_euclid(dy), -(-run).div_euclid(dy)].map(|x| a[0] + x as i64)
+    };
+    let ends = [a, b].map(|corner| match corner[1] {
+        y if y < low => at(low),
+        y if y > high => at(high),
+        _ => [corner[0]; 2],
+    });
+    let [[a, b], [c, d]] = ends;
+    [a.min(b).min(c).min(d), a.max(b).max(c).max(d)]
+}

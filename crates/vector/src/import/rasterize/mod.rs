@@ -1,0 +1,15 @@
+//! Rasterization: features become quadtrees, without a raster between. Shapes are clipped to nodes from the root down, by their edges.
+
+mod coverage;
+mod edge;
+mod mask;
+mod options;
+mod plan;
+mod shapes;
+mod source;
+#[cfg(test)]
+mod tests;
+mod values;
+
+pub use self::options::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions};
+pub use self::plan::{FeatureImport, is_feature_file, plan_features};

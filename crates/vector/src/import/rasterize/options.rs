@@ -1,0 +1,178 @@
+//! What is asked of a tree of features.
+
+use std::fmt;
+use std::str::FromStr;
+
+use spinney_base::space::EdgeRule;
+use spinney_base::value::{Kind, Number, Rule};
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+use spinney_engine::ops::WarpGrid;
+
+use crate::import::feature::FeatureOptions;
+
+/// Bytes of memory used if nothing is said.
+const DEFAULT_MEMORY: u64 = 256 << 20;
+
+/// What cells are given by a feature.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FeatureValue {
+    /// A number, of all features.
+    Number(Number),
+    /// The value of an attribute. Texts become classes, numbered from 1 in the order of the alphabet, with names.
+    Attribute(String),
+}
+
+impl Default for FeatureValue {
+    fn default() -> FeatureValue {
+        FeatureValue::Number(Number::Unsigned(1))
+    }
+}
+
+impl FromStr for FeatureValue {
+    type Err = Error;
+
+    /// Reads a number, or the name of an attribute.
+    fn from_str(text: &str) -> Result<FeatureValue> {
+        if text.is_empty() {
+            return Err(Error::invalid("value", "nothing", "a number, or the name of an attribute"));
+        }
+        Ok(text.parse().map_or_else(|_| FeatureValue::Attribute(text.into()), FeatureValue::Number))
+    }
+}
+
+/// What cells have where features lie on top of each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Overlaps {
+    /// The value of the last one in the file.
+    #[default]
+    Last,
+    /// That of the first one.
+    First,
+    /// The least.
+    Min,
+    /// The greatest.
+    Max,
+    /// The sum of all.
+    Sum,
+    /// The number of features; of points each counts.
+    Count,
+    /// The mean of all.
+    Mean,
+}
+
+impl Overlaps {
+    const ALL: [(&'static str, Overlaps); 7] = [
+        ("last", Overlaps::Last),
+        ("first", Overlaps::First),
+        ("min", Overlaps::Min),
+        ("max", Overlaps::Max),
+        ("sum", Overlaps::Sum),
+        ("count", Overlaps::Count),
+        ("mean", Overlaps::Mean),
+    ];
+
+    /// Whether numbers are computed of all features over a cell.
+    pub(super) fn is_computed(self) -> bool {
+        matches!(self, Overlaps::Sum | Overlaps::Count | Overlaps::Mean)
+    }
+}
+
+impl fmt::Display for Overlaps {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = Overlaps::ALL.iter().find(|(_, own)| own == self).map_or("", |(name, _)| name);
+        f.write_str(name)
+    }
+}
+
+impl FromStr for Overlaps {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Overlaps> {
+        let found = Overlaps::ALL.iter().find(|(name, _)| *name == text).map(|(_, overlaps)| *overlaps);
+        found.ok_or_else(|| Error::invalid("overlaps", text, "last, first, min, max, sum, count or mean"))
+    }
+}
+
+/// The cells of a tree of features.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FeatureGrid {
+    /// So many cells along the longer side of the box around all features.
+    Cells(u64),
+    /// Cells of this width, in units of the features' system; sides of cells lie at its multiples, so that all trees of one width fit
+    /// together.
+    Cell(f64),
+    /// The cells of another tree, wherever the features lie.
+    Like(WarpGrid),
+}
+
+/// Options for a tree of features.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct RasterizeOptions {
+    /// What cells are given.
+    pub value: FeatureValue,
+    /// What they have where features lie on top of each other.
+    pub overlaps: Overlaps,
+    /// Rule for cells at the edges of polygons. [`EdgeRule::Area`] gives each cell the value that has the largest share of it, nothing being one of
+    /// them. (Lines are in all cells that their points are in.)
+    pub edge: EdgeRule,
+    /// Cells get the share of them that features have, from 0 to 1, instead of a value.
+    pub fractions: bool,
+    /// The cells.
+    pub grid: FeatureGrid,
+    /// Kind of the values; whole numbers and texts are classes if nothing is said.
+    pub kind: Option<Kind>,
+    /// Rule for coarser cells; the kind's if nothing is said.
+    pub rule: Option<Rule>,
+    /// Levels of the tree; as few as hold the cells if nothing is said.
+    pub depth: Option<u8>,
+    /// The system of the features' coordinates; otherwise the files'.
+    pub crs: Option<Crs>,
+    /// Which features of the files count.
+    pub features: FeatureOptions,
+    /// Bytes of memory for everything.
+    pub memory: u64,
+    /// Whether equal subtrees are stored once, in Autumnal files.
+    pub share: bool,
+    /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    pub time: Option<i64>,
+}
+
+impl RasterizeOptions {
+    /// Ones where features are, of cells by their centres.
+    pub fn new(grid: FeatureGrid) -> RasterizeOptions {
+        RasterizeOptions {
+            value: FeatureValue::default(),
+            overlaps: Overlaps::default(),
+            edge: EdgeRule::default(),
+            fractions: false,
+            grid,
+            kind: None,
+            rule: None,
+            depth: None,
+            crs: None,
+            features: FeatureOptions::default(),
+            memory: DEFAULT_MEMORY,
+            share: false,
+            time: None,
+        }
+    }
+
+    /// Fails if options contradict each other.
+    pub(super) fn check(&self) -> Result<()> {
+        if (self.fractions || self.edge == EdgeRule::Area) && self.overlaps != Overlaps::Last {
+            let expected = "nothing: the value with the largest share of a cell wins, and shares of all features are added up";
+            let found = format!("{}, with shares of cells", self.overlaps);
+            return Err(Error::invalid("overlaps", found, expected));
+        }
+        if self.fractions && self.value != FeatureValue::default() {
+            return Err(Error::invalid(
+                "value",
+                "one, with fractions",
+                "nothing: cells get the share of them that features have",
+            ));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,489 @@
+//! Plans of trees of features: a first pass finds the box around them and their values, a second one reads their shapes.
+
+use std::cmp::Ordering;
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use spinney_base::io::Output;
+use spinney_base::space::{Dimension, EdgeRule};
+use spinney_base::value::{Kind, Number, ValueType};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{FIRST_BYTES, Metadata};
+use spinney_crs::{Coordinates, Crs, Frame, Places};
+use spinney_engine::store::builder::BuildOptions;
+use spinney_engine::store::{build, depth_for};
+
+use super::edge::{Edge, MOST_CELLS, PARTS, Point};
+use super::options::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions};
+use super::shapes::{ShapeKind, Shapes};
+use super::source::{Paint, ShapeTree};
+use super::values::Values;
+use crate::import::feature::{
+    Attribute, Feature, FeatureGeometry, FeatureOptions, FeatureReader, open_features,
+};
+
+/// Features that were looked at once, ready to become a tree: see [`FeatureImport::build`].
+pub struct FeatureImport {
+    inputs: Vec<PathBuf>,
+    options: RasterizeOptions,
+    frame: Frame,
+    extent: [u64; 3],
+    depth: u8,
+    /// The system of the features' coordinates.
+    crs: Option<Crs>,
+    values: Values,
+    value_type: ValueType,
+    kind: Kind,
+    survey: Survey,
+    description: Vec<(&'static str, String)>,
+}
+
+/// What a first pass over features finds.
+#[derive(Debug)]
+struct Survey {
+    bounds: [[f64; 2]; 2],
+    features: u64,
+    /// Features without a geometry, and without a value.
+    empty: u64,
+    valueless: u64,
+    corners: u64,
+}
+
+/// Bytes for a corner: its edge, and numbers of it in nodes.
+const BYTES_EACH: u64 = 96;
+
+/// Looks at files of features, of which those of the last lie on top.
+///
+/// # Errors
+/// If the options contradict each other, a file cannot be read, has no feature with a geometry and a value, or they do not fit the cells or the
+/// memory.
+pub fn plan_features(inputs: &[PathBuf], options: &RasterizeOptions) -> Result<FeatureImport> {
+    options.check()?;
+    let (mut values, mut crs) = (Values::default(), options.crs.clone());
+    let mut survey = Survey {
+        bounds: [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]],
+        features: 0,
+        empty: 0,
+        valueless: 0,
+        corners: 0,
+    };
+    let mut first: Option<&Path> = None;
+    for input in inputs {
+        let mut reader = open_features(input, &feature_options(options))?;
+        if options.crs.is_none() {
+            let found = &reader.schema().crs;
+            match first {
+                None => crs.clone_from(found),
+                Some(first) => Crs::check_same(
+                    (&first.display().to_string(), crs.as_ref()),
+                    (&input.display().to_string(), found.as_ref()),
+                )?,
+            }
+            first = first.or(Some(input));
+        }
+        while let Some(feature) = reader.next()? {
+            survey.add(&feature, &mut values, options)?;
+        }
+    }
+    if let FeatureValue::Attribute(name) = &options.value {
+        values.finish(name)?;
+    }
+    let name = inputs.first().cloned().unwrap_or_default();
+    if survey.features == 0 || !survey.bounds[0][0].is_finite() {
+        return Err(Error::corrupt(name, "features", "none with a geometry and a value", "at least one"));
+    }
+    let needed = survey.corners * BYTES_EACH;
+    if needed > options.memory / 4 * 3 {
+        return Err(Error::TooLarge {
+            path: name,
+            what: format!("the edges of {} corners", survey.corners),
+            needed: needed / 3 * 4,
+            limit: options.memory,
+            advice: "allow more, or choose features with --where and combine the trees".into(),
+        });
+    }
+    let (frame, extent, depth) = fit(&survey, options)?;
+    let frame = match options.grid {
+        FeatureGrid::Like(_) => frame,
+        _ => Frame { crs: crs.clone(), ..frame },
+    };
+    let (value_type, kind) = values.form(options);
+    let mut import = FeatureImport {
+        inputs: inputs.to_vec(),
+        options: options.clone(),
+        frame,
+        extent,
+        depth,
+        crs,
+        values,
+        value_type,
+        kind,
+        survey,
+        description: Vec::new(),
+    };
+    import.description = import.describe();
+    Ok(import)
+}
+
+/// What is read of each file.
+fn feature_options(options: &RasterizeOptions) -> FeatureOptions {
+    let attributes = match &options.value {
+        FeatureValue::Number(_) => Vec::new(),
+        FeatureValue::Attribute(name) => vec![name.clone()],
+    };
+    FeatureOptions { attributes: Some(attributes), memory: options.memory / 4, ..options.features.clone() }
+}
+
+impl Survey {
+    fn add(&mut self, feature: &Feature, values: &mut Values, options: &RasterizeOptions) -> Result<()> {
+        let corners = feature.geometry.as_ref().map_or(0, |geometry| self.widen(geometry));
+        if corners == 0 {
+            self.empty += 1;
+            return Ok(());
+        }
+        if let FeatureValue::Attribute(_) = options.value {
+            let attribute = feature.attributes.first().unwrap_or(&Attribute::None);
+            if matches!(attribute, Attribute::None) {
+                self.valueless += 1;
+                return Ok(());
+            }
+            values.add(attribute)?;
+        }
+        (self.features, self.corners) = (self.features + 1, self.corners + corners);
+        Ok(())
+    }
+
+    /// Takes in the corners of a geometry, and counts them.
+    fn widen(&mut self, geometry: &FeatureGeometry) -> u64 {
+        let mut count = 0;
+        let mut add = |corners: &[[f64; 2]]| {
+            count += corners.len() as u64;
+            for corner in corners {
+                for (axis, at) in corner.iter().enumerate() {
+                    self.bounds[0][axis] = self.bounds[0][axis].min(*at);
+                    self.bounds[1][axis] = self.bounds[1][axis].max(*at);
+                }
+            }
+        };
+        match geometry {
+            FeatureGeometry::Points(points) => add(points),
+            FeatureGeometry::Lines(lines) => lines.iter().for_each(|line| add(line)),
+            FeatureGeometry::Polygons(parts) => parts.iter().flatten().for_each(|ring| add(ring)),
+            FeatureGeometry::Collection(members) => {
+                return members.iter().map(|member| self.widen(member)).sum();
+            }
+        }
+        count
+    }
+}
+
+/// Lays cells over the box around features.
+fn fit(survey: &Survey, options: &RasterizeOptions) -> Result<(Frame, [u64; 3], u8)> {
+    let [min, max] = survey.bounds;
+    let size = [max[0] - min[0], max[1] - min[1]];
+    let most = 1u64 << Dimension::Quad.max_depth();
+    // (What reaches into a cell by less than this part of it is rounding.)
+    const TOUCH: f64 = 1e-6;
+    let (cell, origin) = match &options.grid {
+        FeatureGrid::Like(grid) => {
+            let depth = options.depth.unwrap_or(depth_for(grid.extent).max(1));
+            return Ok((grid.frame.clone(), grid.extent, depth));
+        }
+        FeatureGrid::Cells(cells) => {
+            if !(1..=most).contains(cells) {
+                let expected = format!("1 to {most} (2^29)");
+                return Err(Error::invalid("cells along the longer side", cells.to_string(), expected));
+            }
+            // (One point has no size: it gets a cell of size 1.)
+            let longest = size[0].max(size[1]);
+            let cell = if longest > 0.0 { longest / *cells as f64 } else { 1.0 };
+            (cell, [min[0], max[1]])
+        }
+        FeatureGrid::Cell(cell) => {
+            if !(cell.is_finite() && *cell > 0.0) {
+                return Err(Error::invalid("cell", cell.to_string(), "a width above zero"));
+            }
+            (*cell, [(min[0] / cell + TOUCH).floor() * cell, (max[1] / cell - TOUCH).ceil() * cell])
+        }
+    };
+    let reach = [max[0] - origin[0], origin[1] - min[1]];
+    let extent = reach.map(|reach| (reach / cell - TOUCH).ceil().clamp(1.0, 1e18) as u64);
+    if let Some(cells) = extent.iter().find(|cells| **cells > most) {
+        let found = format!("{cell:e}, which makes {cells} cells along a side");
+        return Err(Error::invalid(
+            "width of a cell",
+            found,
+            format!("one that makes at most {most} (2^29)"),
+        ));
+    }
+    // (A point on the right or lower side lies in a cell of its own.)
+    let frame = Frame::planar([cell, 0.0, origin[0], 0.0, -cell, origin[1]]);
+    let extent = [extent[0], extent[1], 1];
+    Ok((frame, extent, options.depth.unwrap_or(depth_for(extent).max(1))))
+}
+
+impl FeatureImport {
+    /// Description of the plan: pairs of a heading and its text.
+    pub fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    fn describe(&self) -> Vec<(&'static str, String)> {
+        let Survey { features, empty, valueless, corners, .. } = &self.survey;
+        let mut lines: Vec<(&'static str, String)> =
+            self.inputs.iter().take(20).map(|input| ("input", input.display().to_string())).collect();
+        lines.push(("features", format!("{features} of {corners} corners")));
+        for (count, what) in [(empty, "no geometry"), (valueless, "no value")] {
+            if *count > 0 {
+                lines.push(("left out", format!("{count} features with {what}")));
+            }
+        }
+        let [width, height, _] = self.extent;
+        lines.push(("size", format!("{width} x {height} cells in a tree of depth {}", self.depth)));
+        lines.push(("CRS", self.frame.crs.as_ref().map_or("none".into(), Crs::to_string)));
+        lines.push(("values", format!("{} ({})", self.value_type, self.kind)));
+        let edge = match self.options.edge {
+            _ if self.options.fractions => "shares of cells",
+            EdgeRule::Centre => "cells whose centre is inside",
+            EdgeRule::Touch => "cells of which something is inside",
+            EdgeRule::Area => "cells by the largest share",
+        };
+        lines.push(("fill", edge.into()));
+        lines
+    }
+
+    /// Builds the tree.
+    ///
+    /// # Errors
+    /// If a file cannot be read or has changed, the output not be written, or on interruption; nothing is left behind then.
+    pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
+        let depth = self.depth;
+        if self.extent.iter().any(|cells| *cells > 1 << depth) {
+            let expected = format!("at least {}, which holds the cells", depth_for(self.extent));
+            return Err(Error::invalid("depth", depth.to_string(), expected));
+        }
+        let tree = self.load(progress)?;
+        let metadata = Metadata {
+            frame: self.frame.clone(),
+            class_names: self.values.class_names().collect(),
+            provenance: self.inputs.iter().map(|input| self.provenance(input)).collect(),
+            ..Metadata::default()
+        };
+        let RasterizeOptions { rule, memory, share, time, .. } = &self.options;
+        let used = self.survey.corners * BYTES_EACH;
+        let options = BuildOptions::new(self.kind, depth)
+            .rule(rule.unwrap_or(self.kind.default_rule()))
+            .memory(memory.saturating_sub(used).max(memory / 4))
+            .metadata(metadata)
+            .share(*share)
+            .time(*time);
+        build(&tree, self.extent, &options, output, progress).map(|_| ())
+    }
+
+    fn provenance(&self, input: &Path) -> String {
+        let value = match &self.options.value {
+            _ if self.options.fractions => "shares of cells".into(),
+            FeatureValue::Number(number) => number.to_string(),
+            FeatureValue::Attribute(name) => format!("`{name}`"),
+        };
+        format!("features of {}: {value}, {}, {}", input.display(), self.options.edge, self.options.overlaps)
+    }
+
+    /// Reads all shapes.
+    fn load(&self, progress: &dyn Progress) -> Result<ShapeTree> {
+        let coordinates = self.crs.clone().map_or(Coordinates::World, Coordinates::System);
+        let coordinates = if self.frame.crs.is_none() { Coordinates::World } else { coordinates };
+        let places = Places::new(&coordinates, &self.frame, self.extent)?;
+        places.remarks().iter().for_each(|remark| progress.warn(&self.inputs[0], remark));
+        let mut loader =
+            Loader { places, shapes: Shapes::default(), values: Vec::new(), corners: 0, lost: 0 };
+        for input in &self.inputs {
+            let mut reader = open_features(input, &feature_options(&self.options))?;
+            self.load_file(input, &mut *reader, &mut loader, progress)?;
+        }
+        if loader.lost > 0 {
+            progress.warn(
+                &self.inputs[0],
+                &format!("{} points of features lie nowhere in the tree's coordinate system", loader.lost),
+            );
+        }
+        let Loader { mut shapes, values, .. } = loader;
+        self.sort(&mut shapes, &values);
+        let paint = match self.options.overlaps {
+            _ if self.options.fractions => Paint::Share,
+            _ if self.options.edge == EdgeRule::Area => Paint::LargestShare,
+            Overlaps::Sum => Paint::Sum,
+            Overlaps::Count => Paint::Count,
+            Overlaps::Mean => Paint::Mean,
+            Overlaps::Last | Overlaps::First | Overlaps::Min | Overlaps::Max => Paint::Top,
+        };
+        let (value_type, extent, depth) = (self.value_type, self.extent, self.depth);
+        Ok(ShapeTree { shapes, values, value_type, paint, edge: self.options.edge, extent, depth })
+    }
+
+    fn load_file(
+        &self,
+        input: &Path,
+        reader: &mut dyn FeatureReader,
+        loader: &mut Loader,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let mut number = 0u64;
+        while let Some(feature) = reader.next()? {
+            number += 1;
+            if number % 256 == 0 {
+                progress.check()?;
+            }
+            let Some(geometry) = &feature.geometry else { continue };
+            let value = match &self.options.value {
+                FeatureValue::Number(number) => Some(*number),
+                FeatureValue::Attribute(_) => {
+                    let attribute = feature.attributes.first().unwrap_or(&Attribute::None);
+                    let found = self.values.number(attribute);
+                    if found.is_none() && matches!(attribute, Attribute::Text(_) | Attribute::Json(_)) {
+                        return Err(Error::Changed { path: input.into(), what: "was overwritten" });
+                    }
+                    found
+                }
+            };
+            let Some(value) = value else { continue };
+            loader.values.push(value);
+            loader.add(geometry).map_err(|found| {
+                Error::corrupt(input, format!("feature {number}"), found, "coordinates near the cells")
+            })?;
+            if loader.corners > 2 * self.survey.corners + (1 << 20)
+                && !matches!(self.options.grid, FeatureGrid::Like(_))
+            {
+                return Err(Error::Changed { path: input.into(), what: "was overwritten" });
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts shapes in order: the last one is on top.
+    fn sort(&self, shapes: &mut Shapes, values: &[Number]) {
+        let by_value = |shapes: &mut Shapes, is_rising: bool| {
+            shapes.shapes.sort_by(|a, b| {
+                let order = values[a.value as usize].cmp(&values[b.value as usize]);
+                if is_rising { order } else { order.reverse() }
+            });
+        };
+        match self.options.overlaps {
+            _ if self.options.edge == EdgeRule::Area && !self.options.fractions => by_value(shapes, true),
+            Overlaps::First => shapes.shapes.reverse(),
+            Overlaps::Min => by_value(shapes, false),
+            Overlaps::Max => by_value(shapes, true),
+            Overlaps::Last | Overlaps::Sum | Overlaps::Count | Overlaps::Mean => {}
+        }
+    }
+}
+
+/// Shapes as they are read.
+struct Loader {
+    places: Places,
+    shapes: Shapes,
+    values: Vec<Number>,
+    corners: u64,
+    /// Points that the tree's system does not have.
+    lost: u64,
+}
+
+impl Loader {
+    /// Adds the shapes of a geometry, which have the last value; or tells what is wrong with it.
+    fn add(&mut self, geometry: &FeatureGeometry) -> Result<(), String> {
+        let value = self.values.len() as u32 - 1;
+        let mut edges = Vec::new();
+        let kind = match geometry {
+            FeatureGeometry::Points(points) => {
+                for point in points {
+                    if let Some(point) = self.point(*point)? {
+                        edges.push(Edge { a: point, b: point });
+                    }
+                }
+                ShapeKind::Points
+            }
+            FeatureGeometry::Lines(lines) => {
+                for line in lines {
+                    let points =
+                        line.iter().map(|point| self.point(*point)).collect::<Result<Vec<_>, _>>()?;
+                    // (A line is not drawn through what the tree's system does not have.)
+                    edges
+                        .extend(points.windows(2).filter_map(|ends| Some(Edge { a: ends[0]?, b: ends[1]? })));
+                }
+                ShapeKind::Line
+            }
+            FeatureGeometry::Polygons(parts) => {
+                for part in self.places.parts(parts) {
+                    for (index, ring) in part.iter().enumerate() {
+                        add_ring(ring, index > 0, &mut edges)?;
+                    }
+                }
+                ShapeKind::Polygon
+            }
+            FeatureGeometry::Collection(members) => {
+                return members.iter().try_for_each(|member| self.add(member));
+            }
+        };
+        self.corners += edges.len() as u64;
+        if self.shapes.edges.len() + edges.len() > u32::MAX as usize {
+            return Err("more than 2^32 edges".into());
+        }
+        if !edges.is_empty() {
+            self.shapes.add(kind, value, edges.into_iter());
+        }
+        Ok(())
+    }
+
+    /// A point in parts of cells; `None` if the tree's system does not have it.
+    fn point(&mut self, [x, y]: [f64; 2]) -> Result<Option<Point>, String> {
+        let Some([x, y, _]) = self.places.cell([x, y, 0.0]) else {
+            self.lost += 1;
+            return Ok(None);
+        };
+        rounded([x, y]).map(Some)
+    }
+}
+
+/// A point on the grid of parts of cells.
+fn rounded(cell: [f64; 2]) -> Result<Point, String> {
+    match cell.iter().find(|at| at.abs() > MOST_CELLS) {
+        Some(at) => Err(format!("a corner {at:e} cells from the tree's")),
+        None => Ok(cell.map(|at| (at * PARTS as f64).round() as i64)),
+    }
+}
+
+/// Adds the edges of a ring, turned so that what is inside lies on the same side of all rings.
+fn add_ring(ring: &[[f64; 2]], is_hole: bool, edges: &mut Vec<Edge>) -> Result<(), String> {
+    let corners = ring.iter().map(|corner| rounded(*corner)).collect::<Result<Vec<_>, _>>()?;
+    let next = corners.iter().cycle().skip(1);
+    let start = edges.len();
+    edges.extend(corners.iter().zip(next).filter(|(a, b)| a != b).map(|(a, b)| Edge { a: *a, b: *b }));
+    let [x, y] = corners.first().copied().unwrap_or_default();
+    // (Relative to a corner, so that no digits are lost far away; only the sign counts.)
+    let turn = |Edge { a, b }: &Edge| {
+        i128::from(a[0] - x) * i128::from(b[1] - y) - i128::from(a[1] - y) * i128::from(b[0] - x)
+    };
+    let area = edges[start..].iter().fold(0i128, |sum, edge| sum.saturating_add(turn(edge)));
+    if (area.cmp(&0) == Ordering::Less) != is_hole {
+        edges[start..].iter_mut().for_each(|edge| *edge = Edge { a: edge.b, b: edge.a });
+    }
+    Ok(())
+}
+
+/// Whether a file is one of features, by its name; of `.json`, which models of cities have, too, by how it begins.
+pub fn is_feature_file(path: &Path) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let ends =
+        [".geojson", ".geojsonl", ".geojsons", ".geojsonseq", ".ndjson", ".fgb", ".gpkg", ".shp", ".csv"];
+    if ends.iter().any(|end| name.ends_with(end)) || name.contains(".gpkg:") {
+        return true;
+    }
+    if !name.ends_with(".json") {
+        return false;
+    }
+    let mut first = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(FIRST_BYTES as u64).read_to_end(&mut first));
+    let text = String::from_utf8_lossy(&first);
+    read.is_ok() && !text.contains("CityJSON") && text.contains("\"Feature")
+}

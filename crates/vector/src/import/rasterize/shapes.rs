@@ -1,0 +1,161 @@
+//! Shapes in cells of a tree, and what nodes have of them.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use spinney_base::space::{Bounds, Code};
+
+use super::edge::{Edge, PARTS, Point, centre};
+
+/// What a shape is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ShapeKind {
+    /// What an odd number of its edges is around is inside.
+    Polygon,
+    /// Edges alone.
+    Line,
+    /// Points, each an edge without a length.
+    Points,
+}
+
+/// A shape with a value.
+#[derive(Clone, Debug)]
+pub(super) struct Shape {
+    pub(super) kind: ShapeKind,
+    /// Number of its value.
+    pub(super) value: u32,
+    /// Its edges among all.
+    pub(super) edges: Range<usize>,
+}
+
+/// Shapes, those behind others on top of them.
+#[derive(Debug, Default)]
+pub(super) struct Shapes {
+    pub(super) edges: Vec<Edge>,
+    pub(super) shapes: Vec<Shape>,
+}
+
+/// What a node has of a shape.
+#[derive(Clone, Debug)]
+pub(super) struct Part {
+    /// Number of the shape.
+    pub(super) shape: u32,
+    /// How many times a polygon winds round the centre of the node's first cell.
+    pub(super) winding: i32,
+    /// The edges that may meet the node, among those of all parts; nothing if the shape has all of it.
+    pub(super) edges: Range<usize>,
+}
+
+impl Part {
+    /// Whether the shape has all of the node.
+    pub(super) fn is_whole(&self) -> bool {
+        self.edges.is_empty()
+    }
+
+    /// Whether the node's first centre is inside.
+    pub(super) fn is_inside(&self) -> bool {
+        self.winding % 2 != 0
+    }
+}
+
+/// What a node has of all shapes, in their order.
+#[derive(Debug, Default)]
+pub(super) struct Parts {
+    pub(super) parts: Vec<Part>,
+    edges: Vec<u32>,
+}
+
+/// A node.
+#[derive(Clone, Debug)]
+pub(super) struct Node {
+    pub(super) code: Code,
+    pub(super) parts: Arc<Parts>,
+}
+
+/// The centre of a node's first cell.
+pub(super) fn first_centre(bounds: &Bounds) -> Point {
+    [centre(bounds.min[0] as i64), centre(bounds.min[1] as i64)]
+}
+
+impl Shapes {
+    /// Adds a shape of edges.
+    pub(super) fn add(&mut self, kind: ShapeKind, value: u32, edges: impl Iterator<Item = Edge>) {
+        let start = self.edges.len();
+        self.edges.extend(edges);
+        self.shapes.push(Shape { kind, value, edges: start..self.edges.len() });
+    }
+
+    /// What a tree with such a space has of all shapes.
+    pub(super) fn root(&self, space: &Bounds) -> Parts {
+        let (first, mut root) = (first_centre(space), Parts::default());
+        for (number, shape) in self.shapes.iter().enumerate() {
+            let edges = shape.edges.clone();
+            let winding = match shape.kind {
+                ShapeKind::Polygon => self.edges[edges.clone()].iter().map(|edge| edge.winding(first)).sum(),
+                ShapeKind::Line | ShapeKind::Points => 0,
+            };
+            self.add_part(&mut root, (number as u32, winding), edges.map(|edge| edge as u32), space);
+        }
+        root
+    }
+
+    /// What the four children of a node have of the shapes, given the node's space.
+    pub(super) fn children(&self, parts: &Parts, space: &Bounds, children: &[Bounds; 4]) -> [Parts; 4] {
+        let mut found: [Parts; 4] = Default::default();
+        let [first, last] = [first_centre(space), first_centre(&children[3])];
+        for part in &parts.parts {
+            let mut windings = [part.winding; 4];
+            if self.shapes[part.shape as usize].kind == ShapeKind::Polygon {
+                for edge in self.edges_of(parts, part) {
+                    let up = edge.on_the_way_up(first, last[1]);
+                    windings[1] += edge.on_the_way_right(first, last[0]);
+                    windings[2] += up;
+                    windings[3] += up + edge.on_the_way_right([first[0], last[1]], last[0]);
+                }
+            }
+            for ((found, winding), space) in found.iter_mut().zip(windings).zip(children) {
+                let edges = parts.edges[part.edges.clone()].iter().copied();
+                self.add_part(found, (part.shape, winding), edges, space);
+            }
+        }
+        found
+    }
+
+    /// Adds what a node has of a shape, by the edges that it may have there.
+    fn add_part(
+        &self,
+        parts: &mut Parts,
+        (shape, winding): (u32, i32),
+        edges: impl Iterator<Item = u32>,
+        space: &Bounds,
+    ) {
+        let low = [space.min[0] as i64 * PARTS, space.min[1] as i64 * PARTS];
+        let high = [space.max[0] as i64 * PARTS, space.max[1] as i64 * PARTS];
+        let start = parts.edges.len();
+        parts.edges.extend(edges.filter(|edge| self.edges[*edge as usize].may_meet(low, high)));
+        let part = Part { shape, winding, edges: start..parts.edges.len() };
+        let is_polygon = self.shapes[shape as usize].kind == ShapeKind::Polygon;
+        if !part.is_whole() || (is_polygon && part.is_inside()) {
+            parts.parts.push(part);
+        }
+    }
+
+    /// The edges of a part.
+    pub(super) fn edges_of<'a>(
+        &'a self,
+        parts: &'a Parts,
+        part: &Part,
+    ) -> impl Iterator<Item = &'a Edge> + Clone {
+        parts.edges[part.edges.clone()].iter().map(|edge| &self.edges[*edge as usize])
+    }
+}
+
+impl Parts {
+    /// Leaves out what lies below the last shape that has all of the node, which hides it.
+    pub(super) fn uncovered(mut self) -> Parts {
+        if let Some(top) = self.parts.iter().rposition(Part::is_whole) {
+            self.parts.drain(..top);
+        }
+        self
+    }
+}

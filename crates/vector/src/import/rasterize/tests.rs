@@ -1,0 +1,269 @@
+//! Trees of random shapes against every cell, one by one.
+
+use spinney_base::space::{Bounds, Code, Dimension, EdgeRule, Polygon};
+use spinney_base::value::{Number, SampleType, Value, ValueType};
+use spinney_engine::tree::{Child, Source, no_children};
+
+use super::edge::{Edge, PARTS};
+use super::shapes::{ShapeKind, Shapes};
+use super::source::{Paint, ShapeTree};
+
+/// Numbers that look random, the same ones every time.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, end: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) * end >> 31
+    }
+}
+
+/// A ring of corners in parts of cells.
+type Ring = Vec<[i64; 2]>;
+
+fn edges(rings: &[Ring]) -> Vec<Edge> {
+    let of_ring = |ring: &Ring| {
+        let next = ring.iter().cycle().skip(1);
+        ring.iter().zip(next).map(|(a, b)| Edge { a: *a, b: *b }).collect::<Vec<_>>()
+    };
+    rings.iter().flat_map(of_ring).collect()
+}
+
+/// A star round a point, which goes round it once against the clock: corners on a grid of so many parts.
+fn star(random: &mut Random, middle: [f64; 2], radius: f64, grid: i64) -> Ring {
+    let count = 3 + random.below(20);
+    let corner = |number: u64| {
+        let angle = number as f64 / count as f64 * std::f64::consts::TAU;
+        let away = radius * (0.5 + random.below(500) as f64 / 1000.0);
+        let at = [middle[0] + away * angle.cos(), middle[1] + away * angle.sin()];
+        at.map(|at| (at * PARTS as f64 / grid as f64).round() as i64 * grid)
+    };
+    (0..count).map(corner).collect()
+}
+
+fn tree(
+    shapes: Shapes,
+    values: &[u64],
+    (paint, edge): (Paint, EdgeRule),
+    extent: [u64; 2],
+    depth: u8,
+) -> ShapeTree {
+    let sample = if paint == Paint::Share { SampleType::F64 } else { SampleType::U32 };
+    ShapeTree {
+        shapes,
+        values: values.iter().map(|value| Number::from(*value)).collect(),
+        value_type: ValueType::new(sample, 1),
+        paint,
+        edge,
+        extent: [extent[0], extent[1], 1],
+        depth,
+    }
+}
+
+/// All cells of a tree, walked down to a level below which blocks are asked for.
+fn cells(tree: &ShapeTree, block_levels: u8) -> Vec<Option<Value>> {
+    let side = 1usize << tree.depth;
+    let mut cells = vec![None; side * side];
+    let mut pending = vec![(Code::root(Dimension::Quad), tree.root().unwrap())];
+    let width = tree.value_type.size();
+    while let Some((code, child)) = pending.pop() {
+        let bounds = code.bounds(tree.depth);
+        let size = bounds.size()[0] as usize;
+        let mut put = |x: usize, y: usize, value: Option<Value>| {
+            cells[(bounds.min[1] as usize + y) * side + bounds.min[0] as usize + x] = value;
+        };
+        match child {
+            Child::Inner { node, .. } if code.level() + block_levels == tree.depth => {
+                let block = tree.cells(&node, block_levels).unwrap().unwrap();
+                for at in 0..size * size {
+                    let value = Value::from_bytes(&block.values[at * width..(at + 1) * width]);
+                    put(at % size, at / size, block.present[at].then_some(value));
+                }
+            }
+            Child::Inner { node, .. } => {
+                let mut children = no_children();
+                tree.children(&node, &mut children).unwrap();
+                pending.extend(
+                    children.into_iter().take(4).enumerate().map(|(step, child)| (code.child(step), child)),
+                );
+            }
+            child => {
+                let value = child.value();
+                (0..size * size).for_each(|at| put(at % size, at / size, value));
+            }
+        }
+    }
+    cells
+}
+
+/// Whether a cell's centre is inside of rings; `None` if that is close.
+fn has_centre(rings: &[Ring], [x, y]: [usize; 2]) -> Option<bool> {
+    let [x, y] = [x, y].map(|at| at as f64 + 0.5);
+    let mut is_inside = false;
+    for Edge { a, b } in edges(rings) {
+        let [[ax, ay], [bx, by]] = [a, b].map(|at| at.map(|at| at as f64 / PARTS as f64));
+        if (y - ay).abs() < 1e-6 || (y - by).abs() < 1e-6 {
+            return None;
+        }
+        if (ay > y) != (by > y) {
+            let at = ax + (y - ay) / (by - ay) * (bx - ax);
+            if (at - x).abs() < 1e-6 {
+                return None;
+            }
+            is_inside ^= at > x;
+        }
+    }
+    Some(is_inside)
+}
+
+#[test]
+fn the_last_shape_has_the_cells_whose_centres_are_inside() {
+    let mut random = Random(1);
+    for round in 0..60 {
+        let (mut shapes, mut all) = (Shapes::default(), Vec::new());
+        let count = 1 + random.below(6);
+        for number in 0..count {
+            let middle = [random.below(70) as f64 - 3.0, random.below(70) as f64 - 3.0];
+            let radius = 2.0 + random.below(40) as f64;
+            let rings =
+                vec![star(&mut random, middle, radius, 1), star(&mut random, middle, radius / 4.0, 1)];
+            shapes.add(ShapeKind::Polygon, number as u32, edges(&rings).into_iter());
+            all.push(rings);
+        }
+        let values: Vec<u64> = (0..count).map(|number| number + 10).collect();
+        let tree = tree(shapes, &values, (Paint::Top, EdgeRule::Centre), [61, 57], 6);
+        let found = cells(&tree, [0, 2, 5, 6][round % 4]);
+        for y in 0..64 {
+            for x in 0..64 {
+                let inside: Option<Vec<bool>> = all.iter().map(|rings| has_centre(rings, [x, y])).collect();
+                let Some(inside) = inside else { continue };
+                let top = inside.iter().rposition(|is_inside| *is_inside).filter(|_| x < 61 && y < 57);
+                let expected = top.map(|top| Value::from([10 + top as u32]));
+                assert_eq!(found[y * 64 + x], expected, "{x}, {y} of round {round}");
+            }
+        }
+    }
+}
+
+/// Triangles that divide a square: every point on a border is on that of two.
+fn triangles(random: &mut Random, side: i64, count: usize, grid: i64) -> Vec<[[i64; 2]; 3]> {
+    let end = side * PARTS;
+    let mut triangles = vec![[[0, 0], [end, 0], [end, end]], [[0, 0], [end, end], [0, end]]];
+    for _ in 0..count {
+        let number = random.below(triangles.len() as u64) as usize;
+        let [a, b, c] = triangles[number];
+        // A corner of the grid in the middle of a triangle, if there is one strictly inside.
+        let mean = |axis: usize| ((a[axis] + b[axis] + c[axis]) / 3 + grid / 2).div_euclid(grid) * grid;
+        let middle = [mean(0), mean(1)];
+        let turn = |a: [i64; 2], b: [i64; 2]| {
+            i128::from(b[0] - a[0]) * i128::from(middle[1] - a[1])
+                - i128::from(b[1] - a[1]) * i128::from(middle[0] - a[0])
+        };
+        let turns = [turn(a, b), turn(b, c), turn(c, a)];
+        if turns.iter().all(|turn| *turn > 0) || turns.iter().all(|turn| *turn < 0) {
+            triangles[number] = [a, b, middle];
+            triangles.extend([[b, c, middle], [c, a, middle]]);
+        }
+    }
+    triangles
+}
+
+#[test]
+fn shared_borders_have_no_gap_and_nothing_twice() {
+    let mut random = Random(2);
+    // (Corners anywhere, on centres and corners of cells, and on corners of cells alone.)
+    for (round, grid) in [1, PARTS / 2, PARTS, 3 * PARTS / 2].into_iter().cycle().take(24).enumerate() {
+        let triangles = triangles(&mut random, 64, 80, grid);
+        let mut shapes = Shapes::default();
+        for (number, corners) in triangles.iter().enumerate() {
+            let mut ring = corners.to_vec();
+            if random.below(2) == 0 {
+                ring.reverse();
+            }
+            shapes.add(ShapeKind::Polygon, number as u32, edges(&[ring]).into_iter());
+        }
+        let values: Vec<u64> = (0..triangles.len() as u64).collect();
+        let tree = tree(shapes, &values, (Paint::Count, EdgeRule::Centre), [64, 64], 6);
+        let found = cells(&tree, [0, 3, 6][round % 3]);
+        assert!(found.iter().all(|value| *value == Some(Value::from([1u32]))), "round {round}");
+    }
+}
+
+#[test]
+fn shares_are_areas() {
+    let mut random = Random(3);
+    for (round, grid) in [1, PARTS / 2, PARTS].into_iter().cycle().take(60).enumerate() {
+        let middle = [random.below(40) as f64 - 4.0, random.below(40) as f64 - 4.0];
+        let radius = 2.0 + random.below(30) as f64;
+        let ring = star(&mut random, middle, radius, grid);
+        let floats = ring.iter().map(|at| at.map(|at| at as f64 / PARTS as f64)).collect::<Vec<_>>();
+        let polygon = Polygon::of_parts(&[vec![floats]]).unwrap();
+        let mut shapes = Shapes::default();
+        shapes.add(ShapeKind::Polygon, 0, edges(&[ring]).into_iter());
+        let tree = tree(shapes, &[7], (Paint::Share, EdgeRule::Area), [32, 32], 5);
+        let found = cells(&tree, [0, 2, 4, 5][round % 4]);
+        for (at, value) in found.iter().enumerate() {
+            let (x, y) = (at as u64 % 32, at as u64 / 32);
+            let area = polygon.area(&Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] });
+            let share = f64::from_le_bytes(value.unwrap().to_bytes()[..8].try_into().unwrap());
+            assert!((area - share).abs() < 1e-6, "{share}, not {area}, at {x}, {y} of round {round}");
+        }
+    }
+}
+
+#[test]
+fn what_is_touched_has_some_of_the_shape() {
+    let mut random = Random(4);
+    for (round, grid) in [1, PARTS / 4, PARTS].into_iter().cycle().take(60).enumerate() {
+        let middle = [random.below(40) as f64 - 4.0, random.below(40) as f64 - 4.0];
+        let radius = 2.0 + random.below(30) as f64;
+        let ring = star(&mut random, middle, radius, grid);
+        let floats = ring.iter().map(|at| at.map(|at| at as f64 / PARTS as f64)).collect::<Vec<_>>();
+        let polygon = Polygon::of_parts(&[vec![floats]]).unwrap();
+        let mut shapes = Shapes::default();
+        shapes.add(ShapeKind::Polygon, 0, edges(&[ring]).into_iter());
+        let tree = tree(shapes, &[7], (Paint::Top, EdgeRule::Touch), [32, 32], 5);
+        let found = cells(&tree, [0, 2, 4, 5][round % 4]);
+        for (at, value) in found.iter().enumerate() {
+            let (x, y) = (at as u64 % 32, at as u64 / 32);
+            let area = polygon.area(&Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] });
+            // (Of what is less than parts of cells can tell either may be.)
+            if !(1e-15..1e-7).contains(&area) {
+                assert_eq!(value.is_some(), area > 0.0, "{area} at {x}, {y} of round {round}");
+            }
+        }
+    }
+}
+
+#[test]
+fn lines_and_points_are_in_the_cells_that_they_meet() {
+    let mut shapes = Shapes::default();
+    let at = |x: f64, y: f64| [(x * PARTS as f64) as i64, (y * PARTS as f64) as i64];
+    let line = |a: [i64; 2], b: [i64; 2]| std::iter::once(Edge { a, b });
+    shapes.add(ShapeKind::Line, 0, line(at(0.5, 0.5), at(3.5, 0.5)));
+    shapes.add(ShapeKind::Line, 1, line(at(1.0, 2.0), at(1.0, 4.5)));
+    shapes.add(ShapeKind::Line, 2, line(at(4.5, 4.5), at(7.5, 7.5)));
+    let points = [at(6.2, 0.1), at(6.9, 0.9), at(9.0, 3.0), at(7.0, 1.0)];
+    shapes.add(ShapeKind::Points, 3, points.into_iter().map(|point| Edge { a: point, b: point }));
+    for levels in 0..=3 {
+        let counted = tree(
+            Shapes { edges: shapes.edges.clone(), shapes: shapes.shapes.clone() },
+            &[1, 2, 3, 4],
+            (Paint::Count, EdgeRule::Centre),
+            [8, 8],
+            3,
+        );
+        let found = cells(&counted, levels);
+        let counts: Vec<u128> = found
+            .iter()
+            .map(|value| {
+                value.map_or(0, |value| u32::from_le_bytes(value.to_bytes()[..4].try_into().unwrap()).into())
+            })
+            .collect();
+        let rows: Vec<String> =
+            counts.chunks(8).map(|row| row.iter().map(u128::to_string).collect()).collect();
+        let expected =
+            ["11110020", "00000001", "01000000", "01000000", "01001000", "00000100", "00000010", "00000001"];
+        assert_eq!(rows, expected, "{levels} levels");
+    }
+}

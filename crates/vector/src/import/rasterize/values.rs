@@ -1,0 +1,130 @@
+//! The values that features give their cells: found in a first pass, numbered in a second.
+
+use std::collections::BTreeMap;
+
+use spinney_base::value::{Kind, Number, SampleType, ValueType};
+use spinney_base::{Error, Result};
+
+use super::options::{FeatureValue, Overlaps, RasterizeOptions};
+use crate::import::feature::Attribute;
+
+/// What is known of the values of all features.
+#[derive(Debug, Default)]
+pub(super) struct Values {
+    /// Whether numbers are there that are not whole, and whether all of them are numbers of single precision.
+    has_fractions: bool,
+    has_doubles: bool,
+    /// Least and greatest whole number.
+    range: Option<[i128; 2]>,
+    /// Texts, and their classes once all are known.
+    texts: BTreeMap<String, u32>,
+    has_numbers: bool,
+}
+
+/// Classes with names, at most: as many as metadata have room for.
+const MOST_CLASSES: usize = 1 << 18;
+
+impl Values {
+    /// Takes the value of an attribute into account. Texts beside numbers are classes, numbers too.
+    ///
+    /// # Errors
+    /// If there are too many different texts.
+    pub(super) fn add(&mut self, attribute: &Attribute) -> Result<()> {
+        match attribute {
+            Attribute::None => {}
+            Attribute::Number(number) if number.is_nan() => {}
+            Attribute::Integer(number) => self.add_integer((*number).into()),
+            Attribute::Boolean(is) => self.add_integer((*is).into()),
+            Attribute::Number(number) if number.fract() == 0.0 && number.abs() < 9e15 => {
+                self.add_integer(*number as i128);
+            }
+            Attribute::Number(number) => {
+                (self.has_fractions, self.has_numbers) = (true, true);
+                self.has_doubles |= f64::from(*number as f32) != *number;
+            }
+            Attribute::Text(text) | Attribute::Json(text) => {
+                if !self.texts.contains_key(text) {
+                    self.texts.insert(text.clone(), 0);
+                }
+                if self.texts.len() > MOST_CLASSES {
+                    let found = format!("more than {MOST_CLASSES} different texts");
+                    return Err(Error::invalid("value", found, "an attribute with fewer, or with numbers"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn add_integer(&mut self, number: i128) {
+        self.has_numbers = true;
+        self.has_doubles |= (number as f32) as i128 != number;
+        let [low, high] = self.range.unwrap_or([number; 2]);
+        self.range = Some([low.min(number), high.max(number)]);
+    }
+
+    /// Numbers the texts, in the order of the alphabet.
+    ///
+    /// # Errors
+    /// If there are numbers beside them.
+    pub(super) fn finish(&mut self, name: &str) -> Result<()> {
+        if self.has_numbers && !self.texts.is_empty() {
+            let text = self.texts.keys().next().cloned().unwrap_or_default();
+            let found = format!("`{name}`, which has numbers and texts, such as `{text}`");
+            return Err(Error::invalid("value", found, "an attribute that is one of both"));
+        }
+        for (class, number) in self.texts.values_mut().zip(1..) {
+            *class = number;
+        }
+        Ok(())
+    }
+
+    /// The number that cells of an attribute have; `None` if it has no value.
+    pub(super) fn number(&self, attribute: &Attribute) -> Option<Number> {
+        Some(match attribute {
+            Attribute::None => return None,
+            Attribute::Number(number) if number.is_nan() => return None,
+            Attribute::Integer(number) => (*number).into(),
+            Attribute::Boolean(is) => u64::from(*is).into(),
+            Attribute::Number(number) if number.fract() == 0.0 && number.abs() < 9e15 => {
+                (*number as i64).into()
+            }
+            Attribute::Number(number) => (*number).into(),
+            Attribute::Text(text) | Attribute::Json(text) => (*self.texts.get(text)?).into(),
+        })
+    }
+
+    /// Names of the classes that texts have become.
+    pub(super) fn class_names(&self) -> impl Iterator<Item = (Number, String)> {
+        self.texts.iter().map(|(text, class)| (Number::from(*class), text.clone()))
+    }
+
+    /// Type and kind of the cells.
+    pub(super) fn form(&self, options: &RasterizeOptions) -> (ValueType, Kind) {
+        let (sample, kind) = match options {
+            options if options.fractions => (SampleType::F32, Kind::Continuous),
+            options if options.overlaps == Overlaps::Count => (SampleType::U32, Kind::Continuous),
+            options if options.overlaps.is_computed() => (SampleType::F64, Kind::Continuous),
+            RasterizeOptions { value: FeatureValue::Number(number), .. } => match number.to_integer() {
+                Some(number) => (of_range([number; 2]), Kind::Categorical),
+                None => (float(f64::from(number.to_f64() as f32) != number.to_f64()), Kind::Continuous),
+            },
+            _ if !self.texts.is_empty() => (of_range([0, self.texts.len() as i128]), Kind::Categorical),
+            _ if self.has_fractions => (float(self.has_doubles), Kind::Continuous),
+            _ => (of_range(self.range.unwrap_or_default()), Kind::Categorical),
+        };
+        (ValueType::new(sample, 1), options.kind.unwrap_or(kind))
+    }
+}
+
+fn float(needs_doubles: bool) -> SampleType {
+    if needs_doubles { SampleType::F64 } else { SampleType::F32 }
+}
+
+/// The smallest type that has all whole numbers of a range.
+fn of_range([low, high]: [i128; 2]) -> SampleType {
+    use SampleType::{I8, I16, I32, I64, U8, U16, U32, U64};
+    let types = if low < 0 { [I8, I16, I32, I64] } else { [U8, U16, U32, U64] };
+    let signs = i128::from(low < 0);
+    let fits = |bits: i128| low >= -(1 << (bits - 1)) * signs && high < 1 << (bits - signs);
+    [8, 16, 32].iter().position(|bits| fits(*bits)).map_or(types[3], |place| types[place])
+}

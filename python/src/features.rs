@@ -1,0 +1,77 @@
+//! Options of trees of features.
+
+use pyo3::prelude::*;
+use spinney::import::raster::TargetGrid;
+use spinney::import::rasterize::{FeatureGrid, RasterizeOptions};
+use spinney::ops::WarpGrid;
+use spinney::space::{Crs, web_mercator};
+
+use crate::build::FileOptions;
+use crate::error::{OrRaise, invalid};
+
+impl FileOptions {
+    /// All that is asked of features.
+    pub(crate) fn features(&self) -> PyResult<RasterizeOptions> {
+        if self.bands.is_some()
+            || self.nodata.is_some()
+            || self.transform.is_some()
+            || self.pages.is_some()
+            || self.stack
+            || self.names.is_some()
+            || self.times.is_some()
+            || self.keep_transparent
+            || self.resampling.is_some()
+            || self.allow_ballpark
+            || self.shell
+            || self.attribute.is_some()
+            || self.up.is_some()
+            || self.unit.is_some()
+        {
+            let text = "bands, nodata, transform, pages, stack, names, times, keep_transparent, resampling, allow_ballpark, shell, attribute, up and unit are not for features";
+            return Err(invalid(text));
+        }
+        let grid = match (&self.grid, self.cells, self.cell) {
+            (Some(path), None, None) if path.as_os_str() == "xyz" => {
+                let Some(zoom) = self.max_zoom.filter(|zoom| *zoom <= 21) else {
+                    return Err(invalid(
+                        "grid=\"xyz\": of features say the deepest zoom, max_zoom=, 0 to 21",
+                    ));
+                };
+                let depth = zoom + 8;
+                let frame = web_mercator(depth);
+                FeatureGrid::Like(WarpGrid { frame, extent: [1 << depth, 1 << depth, 1] })
+            }
+            (_, None, None) if self.max_zoom.is_some() => {
+                return Err(invalid("max_zoom is for grid=\"xyz\""));
+            }
+            (Some(_), None, None) => match self.target()? {
+                Some(TargetGrid::Cells(cells)) => FeatureGrid::Like(*cells),
+                _ => return Err(invalid("grid: \"xyz\" or a tree file")),
+            },
+            (None, Some(cells), None) => FeatureGrid::Cells(cells),
+            (None, None, Some(cell)) => FeatureGrid::Cell(cell),
+            _ => return Err(invalid("features need cells: give one of cell=, cells= and grid=")),
+        };
+        let mut options = RasterizeOptions::new(grid);
+        options.value =
+            self.value.as_ref().map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
+        let overlaps = self.overlaps.as_ref().map(|text| text.parse()).transpose().or_raise()?;
+        options.overlaps = overlaps.unwrap_or_default();
+        let edge = self.edge.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        (options.edge, options.fractions) = (edge.unwrap_or_default(), self.fractions);
+        options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        options.rule = self.rule.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
+        options.features.layer.clone_from(&self.layer);
+        options.features.filter =
+            self.filter.as_ref().map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
+        (options.depth, options.memory, options.share) = (self.depth, self.memory, self.share);
+        options.time = self.time;
+        Ok(options)
+    }
+
+    /// Whether something is asked that is for features alone.
+    pub(crate) fn has_feature_options(&self) -> bool {
+        self.value.is_some() || self.overlaps.is_some() || self.fractions || self.filter.is_some()
+    }
+}

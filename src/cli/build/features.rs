@@ -1,0 +1,103 @@
+//! Options of `spinney build` for files of features.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::import::rasterize::{
+    FeatureGrid, FeatureImport, FeatureValue, Overlaps, RasterizeOptions, is_feature_file, plan_features,
+};
+use spinney::ops::WarpGrid;
+use spinney::space::web_mercator;
+
+use super::super::{args::check_output, open};
+use super::pictures::PictureArgs;
+use super::solids::SolidArgs;
+use super::{Common, Grid, grid_of};
+
+/// Options for features only.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "Features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV)")]
+pub(super) struct FeatureArgs {
+    /// Value that features give their cells: a number, or that of an attribute, whose texts become classes with names [default: 1]
+    #[arg(long, value_name = "NUMBER|ATTRIBUTE", allow_hyphen_values = true)]
+    value: Option<FeatureValue>,
+    /// Value of cells where features lie on top of each other: last, first, min, max, sum, count or mean [default: last]
+    #[arg(long, value_name = "RULE")]
+    overlaps: Option<Overlaps>,
+    /// Give each cell the share of it that features have, from 0 to 1
+    #[arg(long)]
+    fractions: bool,
+    /// Features with these values of attributes alone, as in 'type=Building,lod>=2.2'
+    #[arg(long = "where", value_name = "CONDITION,...")]
+    filter: Option<FeatureFilter>,
+}
+
+impl FeatureArgs {
+    /// An option that was given, which makes no sense for other inputs.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let given = [
+            ("--value", self.value.is_some()),
+            ("--overlaps", self.overlaps.is_some()),
+            ("--fractions", self.fractions),
+            ("--where", self.filter.is_some()),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
+
+    /// Whether some inputs are files of features.
+    pub(super) fn are_features(inputs: &[PathBuf]) -> bool {
+        inputs.iter().any(|input| is_feature_file(input))
+    }
+
+    /// Looks at the features, and plans what is made of them.
+    pub(super) fn plan(
+        &self,
+        inputs: &[PathBuf],
+        output: &Path,
+        (common, pictures, solids): (&Common, &PictureArgs, &SolidArgs),
+    ) -> Result<FeatureImport> {
+        if let Some(option) = pictures.not_of_features() {
+            bail!("{option} is for pictures, not for features");
+        }
+        let Common { depth, crs, memory, share, time, grid, .. } = common;
+        let (cells, cell, edge) = solids.of_features()?;
+        let grid = match (grid, cells, cell) {
+            (Some(Grid::Xyz), ..) => {
+                let Some(zoom) = pictures.max_zoom.filter(|zoom| *zoom <= 21) else {
+                    bail!("--grid xyz: of features say the deepest zoom, with --max-zoom (0 to 21)");
+                };
+                let depth = zoom + 8;
+                FeatureGrid::Like(WarpGrid {
+                    frame: web_mercator(depth),
+                    extent: [1 << depth, 1 << depth, 1],
+                })
+            }
+            (Some(Grid::Like(path)), ..) => {
+                check_output([path.as_path()], output)?;
+                FeatureGrid::Like(grid_of(&open(path)?, 2, path)?)
+            }
+            (None, _, Some(cell)) => FeatureGrid::Cell(cell),
+            (None, Some(cells), None) => FeatureGrid::Cells(cells),
+            (None, None, None) => bail!(
+                "features need cells: say their width with --cell, in units of the features' coordinates, their number along the longer side with --cells, or another tree's with --grid"
+            ),
+        };
+        if !matches!(grid, FeatureGrid::Like(_)) && pictures.max_zoom.is_some() {
+            bail!("--max-zoom is for --grid xyz");
+        }
+        let mut options = RasterizeOptions::new(grid);
+        options.value = self.value.clone().unwrap_or_default();
+        options.overlaps = self.overlaps.unwrap_or_default();
+        (options.edge, options.fractions) = (edge.unwrap_or_default(), self.fractions);
+        (options.kind, options.rule) = pictures.kind_and_rule();
+        (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);
+        options.memory = memory.bytes;
+        options.features = FeatureOptions {
+            layer: pictures.layer.clone(),
+            filter: self.filter.clone().unwrap_or_default(),
+            ..FeatureOptions::default()
+        };
+        Ok(plan_features(inputs, &options)?)
+    }
+}
