@@ -4,7 +4,9 @@ use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use flatgeobuf::{ColumnType, Geometry, GeometryType, root_as_feature, root_as_header};
+use flatgeobuf::{
+    ColumnType, Geometry, GeometryType, size_prefixed_root_as_feature, size_prefixed_root_as_header,
+};
 
 use super::feature::{
     Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted,
@@ -61,9 +63,11 @@ impl FlatGeobuf {
         if bytes > MOST_HEADER || bytes > length - 12 || bytes < 8 {
             return Err(wrong(format!("a header of {bytes} bytes in a file of {length}")));
         }
-        let mut head = vec![0; bytes as usize];
-        input.read_exact(&mut head).map_err(Error::io(path, "read the header"))?;
-        let header = root_as_header(&head).map_err(|error| wrong(error.to_string()))?;
+        // (Numbers are aligned from the size on.)
+        let mut head = head[8..].to_vec();
+        head.resize(4 + bytes as usize, 0);
+        input.read_exact(&mut head[4..]).map_err(Error::io(path, "read the header"))?;
+        let header = size_prefixed_root_as_header(&head).map_err(|error| wrong(error.to_string()))?;
         let count = header.features_count();
         let index = index_bytes(count, header.index_node_size());
         let index = index.filter(|index| *index <= length - 12 - bytes);
@@ -126,8 +130,10 @@ impl FlatGeobuf {
             });
         }
         self.left -= size;
-        self.bytes.resize(size as usize, 0);
-        self.input.read_exact(&mut self.bytes).map_err(Error::io(&self.path, "read"))?;
+        self.bytes.clear();
+        self.bytes.extend_from_slice(&(size as u32).to_le_bytes());
+        self.bytes.resize(4 + size as usize, 0);
+        self.input.read_exact(&mut self.bytes[4..]).map_err(Error::io(&self.path, "read"))?;
         Ok(true)
     }
 
@@ -137,7 +143,7 @@ impl FlatGeobuf {
     }
 
     fn feature(&self) -> Parsed<Feature> {
-        let feature = root_as_feature(&self.bytes).map_err(|error| error.to_string())?;
+        let feature = size_prefixed_root_as_feature(&self.bytes).map_err(|error| error.to_string())?;
         if feature.columns().is_some_and(|columns| !columns.is_empty()) {
             return Err("columns of its own".into());
         }

@@ -7,26 +7,26 @@ type Ring = Vec<[f64; 2]>;
 /// Steps that a shape may take: boxes and edges that are looked at.
 const MOST_STEPS: u64 = 1 << 30;
 
-/// Parts of rings in any order. Outer rings go clockwise, holes the other way (Esri, 1998); where holes do not follow the ring around them, or all
-/// rings go the wrong way round, it counts which lie in each other.
+/// Parts of rings in any order. Outer rings go clockwise, holes the other way, each behind the ring around it (Esri, 1998); where that does not seem
+/// to be so, it counts which lie in each other.
 ///
 /// # Errors
-/// If that takes too long.
+/// If that would take too long, and directions do not tell.
 pub(super) fn parts_of(rings: Vec<Ring>) -> Result<PolygonParts, String> {
     let rings: Vec<Ring> = rings.into_iter().filter(|ring| !ring.is_empty()).collect();
-    match in_order(&rings) {
-        Some(outer) => {
-            let mut parts = PolygonParts::new();
-            for (ring, is_outer) in rings.into_iter().zip(outer) {
-                match parts.last_mut() {
-                    Some(last) if !is_outer => last.push(ring),
-                    _ => parts.push(vec![ring]),
-                }
-            }
-            Ok(parts)
-        }
-        None => nested(rings),
+    let (outer, is_sure) = in_order(&rings);
+    if !is_sure && let Some(parts) = nested(&rings) {
+        return Ok(parts);
     }
+    let outer = outer.ok_or_else(|| format!("{} rings that do not say which are holes", rings.len()))?;
+    let mut parts = PolygonParts::new();
+    for (ring, is_outer) in rings.into_iter().zip(outer) {
+        match parts.last_mut() {
+            Some(last) if !is_outer => last.push(ring),
+            _ => parts.push(vec![ring]),
+        }
+    }
+    Ok(parts)
 }
 
 /// Twice the area, which is negative of what goes clockwise (where y goes up).
@@ -36,26 +36,30 @@ fn area(ring: &Ring) -> f64 {
     ends.map(|([ax, ay], [bx, by])| (ax - ox) * (by - oy) - (bx - ox) * (ay - oy)).sum()
 }
 
-/// Which rings are outer ones, if each is followed by its holes. (Of very many holes the boxes alone are looked at, from some point on.)
-fn in_order(rings: &[Ring]) -> Option<Vec<bool>> {
+/// Which rings are outer ones by their directions, if each is followed by its holes; and whether nothing speaks against it. (Of very many holes the
+/// boxes alone are looked at, from some point on.)
+fn in_order(rings: &[Ring]) -> (Option<Vec<bool>>, bool) {
     let mut around: Option<(&Ring, [f64; 4])> = None;
-    let mut steps = 0;
+    let (mut steps, mut is_sure) = (0, true);
     let mut outer = Vec::with_capacity(rings.len());
     for ring in rings {
-        let is_outer = area(ring) <= 0.0;
-        match around {
-            _ if is_outer => around = Some((ring, extent(ring))),
-            Some((own, extent_of)) if has(extent_of, extent(ring)) => {
-                steps += own.len() as u64;
-                if steps < MOST_STEPS / 4 && !is_within(ring, own) {
-                    return None;
-                }
+        let (is_outer, own) = (area(ring) <= 0.0, extent(ring));
+        let is_in_box = around.is_some_and(|(_, extent)| has(extent, own));
+        if is_outer {
+            // (An island in a hole, or a hole the wrong way round.)
+            is_sure &= !is_in_box;
+            around = Some((ring, own));
+        } else if let Some((other, _)) = around.filter(|_| is_in_box) {
+            steps += other.len() as u64;
+            if steps < MOST_STEPS / 4 && !is_within(ring, other) {
+                return (None, false);
             }
-            _ => return None,
+        } else {
+            return (None, false);
         }
         outer.push(is_outer);
     }
-    Some(outer)
+    (Some(outer), is_sure)
 }
 
 /// Least and greatest x and y.
@@ -91,47 +95,45 @@ fn contains(ring: &Ring, [x, y]: [f64; 2]) -> Option<bool> {
     Some(is_inside)
 }
 
-/// Parts by which rings lie in each other: those in an even number of others are outer ones, the others holes of the smallest around them.
-fn nested(rings: Vec<Ring>) -> Result<PolygonParts, String> {
-    let mut rings: Vec<(f64, [f64; 4], Ring)> =
-        rings.into_iter().map(|ring| (area(&ring).abs(), extent(&ring), ring)).collect();
+/// Parts by which rings lie in each other: those in an even number of others are outer ones, the others holes of the smallest around them. `None`
+/// if that takes too long.
+fn nested(rings: &[Ring]) -> Option<PolygonParts> {
+    let sized = rings.iter().map(|ring| (area(ring).abs(), extent(ring), ring));
+    let mut sized: Vec<(f64, [f64; 4], &Ring)> = sized.collect();
     // The largest first, so that what is around a ring comes before it.
-    spinney_base::sort::by(&mut rings, &mut |a, b| b.0.total_cmp(&a.0));
+    spinney_base::sort::by(&mut sized, &mut |a, b| b.0.total_cmp(&a.0));
     let mut steps = 0u64;
     // Depth of each ring, and the part that it is in or makes.
     let mut placed: Vec<(usize, usize)> = Vec::with_capacity(rings.len());
     let mut parts = PolygonParts::new();
-    for index in 0..rings.len() {
-        let (_, own, ring) = &rings[index];
+    for (index, (_, own, ring)) in sized.iter().enumerate() {
         let mut around = None;
-        for before in (0..index).rev() {
-            let (_, extent, other) = &rings[before];
+        for (before, (_, extent, other)) in sized[..index].iter().enumerate().rev() {
             steps += 1;
             if has(*extent, *own) {
-                steps += 8 * other.len() as u64;
+                steps += other.len() as u64;
                 if is_within(ring, other) {
                     around = Some(placed[before]);
                     break;
                 }
             }
             if steps > MOST_STEPS {
-                return Err(format!("{} rings that do not say which are holes", rings.len()));
+                return None;
             }
         }
-        let ring = ring.clone();
         match around {
             // (What is around it is an outer ring: a hole of that.)
             Some((depth, part)) if depth % 2 == 0 => {
-                parts[part].push(ring);
+                parts[part].push((*ring).clone());
                 placed.push((depth + 1, part));
             }
             around => {
                 placed.push((around.map_or(0, |(depth, _)| depth + 1), parts.len()));
-                parts.push(vec![ring]);
+                parts.push(vec![(*ring).clone()]);
             }
         }
     }
-    Ok(parts)
+    Some(parts)
 }
 
 #[cfg(test)]
@@ -161,6 +163,7 @@ mod tests {
         // All the wrong way round.
         let turned = |ring: &Ring| ring.iter().rev().copied().collect::<Ring>();
         assert_eq!(lengths([&outer, &hole, &island].map(turned).to_vec()), [2, 1]);
+        assert_eq!(lengths(vec![outer.clone(), turned(&hole), island.clone()]), [2, 1]);
         // A hole that touches its ring in a corner.
         assert_eq!(lengths(vec![outer, square([0.0, 0.0], 3.0, false)]), [2]);
         assert_eq!(lengths(vec![]), [] as [usize; 0]);

@@ -30,8 +30,8 @@ pub(super) struct Shapefile {
     at: u64,
 }
 
-/// Bytes of memory for each byte of a shape: as it is read, as points, as rings.
-const BYTES_FOR_BYTE: u64 = 4;
+/// Bytes of memory for each byte of a shape: as it is read, as points, as rings and polygons.
+const BYTES_FOR_BYTE: u64 = 5;
 
 /// Whether a file begins as shapes do.
 pub(super) fn is_one(first: &[u8]) -> bool {
