@@ -1,4 +1,4 @@
-//! Pictures and meshes: what is read from files of other programs, what becomes of it, and what is written.
+//! Pictures, meshes and features: what is read from files of other programs, what becomes of it, and what is written.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -19,6 +19,10 @@ mod exact_repair;
 mod exact_round_trips;
 #[cfg(feature = "mesh")]
 mod exact_searches;
+#[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]
+mod features;
+#[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]
+mod features_hostile;
 mod gltf;
 mod import;
 #[cfg(feature = "mesh")]

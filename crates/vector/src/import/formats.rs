@@ -2,10 +2,14 @@
 
 use std::fs::File;
 use std::io::{Read, Seek};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::feature::{FeatureOptions, FeatureReader, Wanted};
-use super::geojson;
+#[cfg(feature = "flatgeobuf")]
+use super::flatgeobuf;
+#[cfg(feature = "geopackage")]
+use super::geopackage;
+use super::{csv, geojson, shapefile};
 use spinney_base::{Error, Result};
 use spinney_container::{FIRST_BYTES, OtherFormat};
 
@@ -15,18 +19,108 @@ pub(super) fn open(
     options: &FeatureOptions,
     wanted: &mut Wanted,
 ) -> Result<Box<dyn FeatureReader>> {
-    let mut file = regular(path)?;
+    let (path, layer) = divided(path);
+    let layer = layer.or_else(|| options.layer.clone());
+    let mut file = regular(&path)?;
     let mut first = Vec::new();
-    (&mut file).take(FIRST_BYTES as u64).read_to_end(&mut first).map_err(Error::io(path, "read"))?;
-    file.rewind().map_err(Error::io(path, "read"))?;
-    let begin = first.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&first).iter();
-    match begin.copied().find(|byte| !byte.is_ascii_whitespace() && *byte != 0x1e) {
-        Some(b'{') => Ok(Box::new(geojson::GeoJson::open(Box::new(file), path, options, wanted)?)),
-        _ => {
-            let other = || Error::corrupt(path, "first bytes", "another format", "GeoJSON");
-            Err(OtherFormat::refuse_unread(path, &first).unwrap_or_else(other))
-        }
+    (&mut file).take(FIRST_BYTES as u64).read_to_end(&mut first).map_err(Error::io(&path, "read"))?;
+    file.rewind().map_err(Error::io(&path, "read"))?;
+    if is_geopackage(&first) {
+        return open_geopackage(&path, layer.as_deref(), options, wanted);
     }
+    let reader: Box<dyn FeatureReader> = if shapefile::is_one(&first) {
+        Box::new(shapefile::Shapefile::open(file, &path, options, wanted)?)
+    } else if first.starts_with(b"fgb") {
+        open_flatgeobuf(file, &first, &path, options, wanted)?
+    } else if first_sign(&first) == Some(b'{') {
+        Box::new(geojson::GeoJson::open(Box::new(file), &path, options, wanted)?)
+    } else if is_table(&path) {
+        Box::new(csv::Csv::open(file, &path, options, wanted)?)
+    } else {
+        let read = "features in GeoJSON, GeoPackage, FlatGeobuf, a shapefile (.shp) or a table (.csv)";
+        let found = if first.is_empty() { "nothing" } else { "another format" };
+        let other = || Error::corrupt(&path, "first bytes", found, read);
+        return Err(OtherFormat::refuse_unread(&path, &first).unwrap_or_else(other));
+    };
+    match layer {
+        Some(layer) if layer != reader.schema().name => {
+            let expected = format!("{}, the only one of the file", reader.schema().name);
+            Err(Error::invalid("layer", layer, expected))
+        }
+        _ => Ok(reader),
+    }
+}
+
+/// A path, and the name of a layer behind it: of what is no file itself.
+fn divided(path: &Path) -> (PathBuf, Option<String>) {
+    let text = path.to_str().filter(|_| !path.exists());
+    let Some(at) = text.and_then(|text| text.to_ascii_lowercase().rfind(".gpkg:")) else {
+        return (path.into(), None);
+    };
+    let text = text.unwrap_or_default();
+    let end = at + ".gpkg".len();
+    (text[..end].into(), Some(text[end + 1..].into()))
+}
+
+/// The first byte that is no blank, in texts.
+fn first_sign(first: &[u8]) -> Option<u8> {
+    let begin = first.strip_prefix(b"\xef\xbb\xbf").unwrap_or(first).iter();
+    begin.copied().find(|byte| !byte.is_ascii_whitespace() && *byte != 0x1e)
+}
+
+fn is_table(path: &Path) -> bool {
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+    ["csv", "tsv", "tab", "psv", "txt"].iter().any(|own| own.eq_ignore_ascii_case(ending))
+}
+
+fn is_geopackage(first: &[u8]) -> bool {
+    first.starts_with(b"SQLite format 3\0")
+}
+
+#[cfg(feature = "geopackage")]
+fn open_geopackage(
+    path: &Path,
+    layer: Option<&str>,
+    options: &FeatureOptions,
+    wanted: &mut Wanted,
+) -> Result<Box<dyn FeatureReader>> {
+    Ok(Box::new(geopackage::GeoPackage::open(path, layer, options, wanted)?))
+}
+
+#[cfg(not(feature = "geopackage"))]
+fn open_geopackage(
+    path: &Path,
+    _: Option<&str>,
+    _: &FeatureOptions,
+    _: &mut Wanted,
+) -> Result<Box<dyn FeatureReader>> {
+    Err(Error::unsupported(path, "reading GeoPackage", "build the library with the feature mbtiles"))
+}
+
+#[cfg(feature = "flatgeobuf")]
+fn open_flatgeobuf(
+    file: File,
+    first: &[u8],
+    path: &Path,
+    options: &FeatureOptions,
+    wanted: &mut Wanted,
+) -> Result<Box<dyn FeatureReader>> {
+    if !flatgeobuf::is_one(first) {
+        let advice = "write it anew with a newer program (ogr2ogr new.fgb old.fgb)";
+        return Err(Error::unsupported(path, "FlatGeobuf of another version than 3", advice));
+    }
+    Ok(Box::new(flatgeobuf::FlatGeobuf::open(file, path, options, wanted)?))
+}
+
+#[cfg(not(feature = "flatgeobuf"))]
+fn open_flatgeobuf(
+    _: File,
+    _: &[u8],
+    path: &Path,
+    _: &FeatureOptions,
+    _: &mut Wanted,
+) -> Result<Box<dyn FeatureReader>> {
+    Err(Error::unsupported(path, "reading FlatGeobuf", "build the library with the feature flatgeobuf"))
 }
 
 /// A file that can be read more than once: what a stream has goes to a temporary one.

@@ -61,11 +61,6 @@ impl GeoJson {
             kind: sketch.kind.flatten(),
             count: Some(number - 1),
         };
-        if let Some(layer) = &options.layer
-            && *layer != schema.name
-        {
-            return Err(Error::invalid("layer", layer, format!("{}, the only one of the file", schema.name)));
-        }
         Ok(GeoJson { scanner, path: path.into(), schema, columns: sketch.columns, number: 1 })
     }
 }

@@ -1,9 +1,22 @@
 //! Readers of features.
 
+mod beside;
+mod csv;
+mod dbf;
+mod encoding;
 pub mod feature;
 pub mod filter;
+#[cfg(feature = "flatgeobuf")]
+mod flatgeobuf;
 mod formats;
 mod geojson;
 pub mod rasterize;
+#[cfg(feature = "geopackage")]
+mod geopackage;
+mod rings;
+mod rows;
 mod scanner;
+mod shapefile;
+mod wkb;
+mod wkt;
 pub mod zones;

@@ -1,0 +1,247 @@
+//! Tables of comma-separated values, with geometries in well-known text or binary, or points in two columns.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use super::feature::{
+    Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted,
+};
+use super::rows::Rows;
+use super::{wkb, wkt};
+use crate::export::GeometryKind;
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+
+/// Names of columns of geometries, and of pairs of coordinates; whatever the case of their letters.
+const GEOMETRIES: [&str; 6] = ["wkt", "wkb", "geometry", "geom", "the_geom", "wkb_geometry"];
+const DEGREES: [[&str; 2]; 4] = [["lon", "lat"], ["longitude", "latitude"], ["lng", "lat"], ["long", "lat"]];
+const PLANE: [&str; 2] = ["x", "y"];
+
+/// Columns of a table.
+const MOST_COLUMNS: usize = 4096;
+
+/// Where geometries are.
+#[derive(Clone, Copy)]
+enum Place {
+    Geometry(usize),
+    Point { columns: [usize; 2] },
+}
+
+pub(super) struct Csv {
+    rows: Rows,
+    path: PathBuf,
+    schema: FeatureSchema,
+    place: Place,
+    /// The columns of the attributes.
+    columns: Vec<usize>,
+    /// Columns of all.
+    width: usize,
+    number: u64,
+}
+
+impl Csv {
+    pub(super) fn open(
+        file: File,
+        path: &Path,
+        options: &FeatureOptions,
+        wanted: &mut Wanted,
+    ) -> Result<Csv> {
+        let mut rows = Rows::open(file, path, options.memory)?;
+        rows.step(1)?;
+        let width = rows.len();
+        if width > MOST_COLUMNS {
+            return Err(Error::unsupported(path, format!("a table of {width} columns"), "leave some out"));
+        }
+        let heading = |index: usize| rows.field(index).0.trim_start_matches('\u{feff}').trim().to_owned();
+        let names: Vec<String> = (0..width).map(heading).collect();
+        let (place, degrees) = place_of(&names).ok_or_else(|| {
+            let found = format!("the columns {}", names.join(", ").chars().take(400).collect::<String>());
+            let expected = "a geometry in a column wkt, wkb, geometry, geom or the_geom, or a point in x and y or lon and lat";
+            Error::corrupt(path, "first row", found, expected)
+        })?;
+        let is_attribute = |index: &usize| !matches!(place, Place::Geometry(own) if own == *index);
+        let columns: Vec<usize> =
+            (0..width).filter(is_attribute).filter(|index| wanted.takes(&names[*index])).collect();
+        // What is in the columns, and the coordinate system that geometries may name.
+        let mut kinds: Vec<Option<AttributeKind>> = vec![None; columns.len()];
+        let (mut number, mut system) = (1, None);
+        while rows.step(number)? {
+            for (kind, column) in kinds.iter_mut().zip(&columns) {
+                let (text, is_quoted) = rows.field(*column);
+                if *kind != Some(AttributeKind::Text) && (is_quoted || !text.is_empty()) {
+                    *kind = Some(kind.map_or(kind_of(&text), |known| joined(known, kind_of(&text))));
+                }
+            }
+            if let Place::Geometry(column) = place {
+                let own = system_of(&rows.field(column).0).map_err(|found| wrong(path, number, found))?;
+                if number > 1 && own != system {
+                    return Err(wrong(path, number, "another coordinate system than before".into()));
+                }
+                system = own;
+            }
+            number += 1;
+        }
+        rows.rewind()?;
+        rows.step(1)?;
+        let crs = match (system, degrees) {
+            (Some(number), _) => Some(Crs::epsg(number)),
+            (None, true) => Some(Crs::epsg(4326)),
+            (None, false) => super::beside::definition(path)?,
+        };
+        let attributes = columns.iter().zip(kinds);
+        let schema = FeatureSchema {
+            name: path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
+            crs,
+            attributes: attributes
+                .map(|(column, kind)| (names[*column].clone(), kind.unwrap_or(AttributeKind::Text)))
+                .collect(),
+            kind: matches!(place, Place::Point { .. }).then_some(GeometryKind::Point),
+            count: Some(number - 1),
+        };
+        Ok(Csv { rows, path: path.into(), schema, place, columns, width, number: 1 })
+    }
+
+    fn geometry(&self) -> std::result::Result<Option<FeatureGeometry>, String> {
+        match self.place {
+            Place::Geometry(column) => {
+                let text = self.rows.field(column).0;
+                match text.trim() {
+                    "" => Ok(None),
+                    text => match wkb::bytes_of_digits(text) {
+                        Some(bytes) => wkb::parse(&bytes)?.0.checked().map(Some),
+                        None => wkt::parse(text)?.0.checked().map(Some),
+                    },
+                }
+            }
+            Place::Point { columns } => {
+                let [x, y] = columns.map(|column| self.rows.field(column).0);
+                if x.trim().is_empty() && y.trim().is_empty() {
+                    return Ok(None);
+                }
+                let number =
+                    |text: &str| text.trim().parse::<f64>().map_err(|_| format!("`{text}` as a coordinate"));
+                FeatureGeometry::Points(vec![[number(&x)?, number(&y)?]]).checked().map(Some)
+            }
+        }
+    }
+}
+
+fn wrong(path: &Path, number: u64, found: String) -> Error {
+    Error::corrupt(
+        path,
+        format!("feature {number}"),
+        found,
+        "geometries in well-known text or binary, or points",
+    )
+}
+
+/// Where a table has geometries, and whether they are in degrees.
+fn place_of(names: &[String]) -> Option<(Place, bool)> {
+    let column = |wanted: &str| names.iter().position(|name| name.eq_ignore_ascii_case(wanted));
+    let pair = |[x, y]: [&str; 2]| Some(Place::Point { columns: [column(x)?, column(y)?] });
+    let geometry =
+        GEOMETRIES.iter().find_map(|name| column(name)).map(|column| (Place::Geometry(column), false));
+    let degrees = || DEGREES.into_iter().find_map(pair).map(|place| (place, true));
+    geometry.or_else(|| pair(PLANE).map(|place| (place, false))).or_else(degrees)
+}
+
+/// The number of the coordinate system that a geometry names.
+fn system_of(text: &str) -> std::result::Result<Option<u32>, String> {
+    let text = text.trim();
+    // (Of binary the head is enough.)
+    match text.get(..18).and_then(wkb::bytes_of_digits).as_deref() {
+        Some(&[1, _, _, _, marks, a, b, c, d]) if marks & 0x20 != 0 => {
+            Ok(Some(u32::from_le_bytes([a, b, c, d])))
+        }
+        Some(&[0, marks, _, _, _, a, b, c, d]) if marks & 0x20 != 0 => {
+            Ok(Some(u32::from_be_bytes([a, b, c, d])))
+        }
+        Some(_) => Ok(None),
+        None => Ok(wkt::system_of(text)?.0),
+    }
+}
+
+/// The kind of a value that is written so: what begins with a zero that counts is a code, not a number.
+fn kind_of(text: &str) -> AttributeKind {
+    let digits = text.strip_prefix('-').unwrap_or(text);
+    let is_number = digits.bytes().all(|byte| byte.is_ascii_digit() || b".eE+-".contains(&byte))
+        && digits.starts_with(|first: char| first.is_ascii_digit() || first == '.')
+        && !(digits.len() > 1 && digits.starts_with('0') && digits.as_bytes()[1].is_ascii_digit());
+    match is_number {
+        true if text.parse::<i64>().is_ok() => AttributeKind::Integer,
+        // (Digits beyond 64 bits are no number that could be computed with.)
+        true if digits.bytes().all(|byte| byte.is_ascii_digit()) => AttributeKind::Text,
+        true if text.parse::<f64>().is_ok_and(f64::is_finite) => AttributeKind::Number,
+        _ => AttributeKind::Text,
+    }
+}
+
+fn joined(one: AttributeKind, other: AttributeKind) -> AttributeKind {
+    match one.with(other) {
+        AttributeKind::Mixed => AttributeKind::Text,
+        kind => kind,
+    }
+}
+
+impl FeatureReader for Csv {
+    fn schema(&self) -> &FeatureSchema {
+        &self.schema
+    }
+
+    fn next(&mut self) -> Result<Option<Feature>> {
+        if !self.rows.step(self.number)? {
+            return Ok(None);
+        }
+        if self.rows.len() > self.width {
+            let found = format!("{} fields, and {} columns", self.rows.len(), self.width);
+            return Err(wrong(&self.path, self.number, found));
+        }
+        let geometry = self.geometry().map_err(|found| wrong(&self.path, self.number, found))?;
+        let value = |(column, (_, kind)): (&usize, &(String, AttributeKind))| {
+            let (text, is_quoted) = self.rows.field(*column);
+            if text.is_empty() && !(is_quoted && *kind == AttributeKind::Text) {
+                return Ok(Attribute::None);
+            }
+            match kind {
+                AttributeKind::Integer => text.parse().map(Attribute::Integer).map_err(|_| ()),
+                AttributeKind::Number => text.parse().map(Attribute::Number).map_err(|_| ()),
+                _ => Ok(Attribute::Text(text.into_owned())),
+            }
+        };
+        let values = self.columns.iter().zip(&self.schema.attributes).map(value).collect::<Result<_, ()>>();
+        // (The first pass has seen other values.)
+        let changed = |()| Error::Changed { path: self.path.clone(), what: "was overwritten" };
+        let attributes = values.map_err(changed)?;
+        self.number += 1;
+        Ok(Some(Feature { id: None, attributes, geometry }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_have_the_kind_of_all_their_values() {
+        use AttributeKind::{Integer, Number, Text};
+        for (text, kind) in [
+            ("1", Integer),
+            ("-12", Integer),
+            ("0", Integer),
+            ("0.5", Number),
+            ("-1e3", Number),
+            (".5", Number),
+            ("007", Text),
+            ("+5", Text),
+            ("1-2", Text),
+            ("99999999999999999999", Text),
+            ("1e999", Text),
+            ("nan", Text),
+            ("1,5", Text),
+            ("-", Text),
+        ] {
+            assert_eq!(kind_of(text), kind, "{text}");
+        }
+        assert_eq!((joined(Integer, Number), joined(Integer, Text)), (Number, Text));
+    }
+}

@@ -1,0 +1,120 @@
+//! Texts of tables in encodings that are told beside them, or not at all.
+
+use std::borrow::Cow;
+
+use encoding_rs::{Encoding, UTF_8, WINDOWS_1252};
+
+/// How texts are encoded.
+#[derive(Clone, Debug)]
+pub(super) enum TextEncoding {
+    /// Nobody said: UTF-8 where it is that, else Western European (Windows-1252).
+    Unknown,
+    /// One of those that browsers know.
+    Known(&'static Encoding),
+    /// Another one, of which ASCII alone is read.
+    Other(String),
+}
+
+impl TextEncoding {
+    /// The encoding that a `.cpg` file names.
+    pub(super) fn named(text: &str) -> TextEncoding {
+        let name = text.trim_matches(|c: char| c.is_whitespace() || c == '\0' || c == '\u{feff}');
+        // (Esri writes numbers of code pages in several ways.)
+        let lower = name.to_ascii_lowercase();
+        let number = ["windows-", "windows", "ansi ", "cp", "oem ", "ms", ""]
+            .iter()
+            .find_map(|before| lower.strip_prefix(before)?.parse().ok());
+        let by_number = number.and_then(TextEncoding::numbered);
+        let latin =
+            lower.strip_prefix("88591").or(lower.strip_prefix("8859-1")).filter(|rest| rest.is_empty());
+        match (Encoding::for_label(name.as_bytes()), by_number) {
+            _ if latin.is_some() => TextEncoding::Known(WINDOWS_1252),
+            _ if name.is_empty() => TextEncoding::Unknown,
+            (Some(encoding), _) => TextEncoding::Known(encoding),
+            (None, Some(known)) => known,
+            (None, None) => TextEncoding::Other(name.chars().take(40).collect()),
+        }
+    }
+
+    /// The encoding of a code page of Windows.
+    fn numbered(number: u32) -> Option<TextEncoding> {
+        let label = match number {
+            65001 => "utf-8".into(),
+            932 => "shift_jis".into(),
+            936 => "gbk".into(),
+            949 => "euc-kr".into(),
+            950 => "big5".into(),
+            866 | 874 => format!("{}{number}", if number == 866 { "ibm" } else { "windows-" }),
+            1250..=1258 => format!("windows-{number}"),
+            20866 => "koi8-r".into(),
+            28591..=28606 => format!("iso-8859-{}", number - 28590),
+            _ => return None,
+        };
+        Encoding::for_label(label.as_bytes()).map(TextEncoding::Known)
+    }
+
+    /// The encoding that a table of dBASE names by a number in its header.
+    pub(super) fn of_dbase(language: u8) -> TextEncoding {
+        let page = match language {
+            0x00 | 0x57 => return TextEncoding::Unknown,
+            0x03 | 0x58 | 0x59 => 1252,
+            0x13 | 0x7b => 932,
+            0x4d | 0x7a => 936,
+            0x4e | 0x79 => 949,
+            0x4f | 0x78 => 950,
+            0x26 | 0x65 => 866,
+            0x50 | 0x7c => 874,
+            0xc8 => 1250,
+            0xc9 => 1251,
+            0xca => 1254,
+            0xcb => 1253,
+            0xcc => 1257,
+            other => return TextEncoding::Other(format!("number {other} of dBASE's languages")),
+        };
+        TextEncoding::numbered(page).unwrap_or(TextEncoding::Unknown)
+    }
+
+    /// A text of these bytes, or why there is none. What is no text in the encoding becomes U+FFFD.
+    pub(super) fn decode<'b>(&self, bytes: &'b [u8]) -> Result<Cow<'b, str>, String> {
+        match (self, std::str::from_utf8(bytes)) {
+            (TextEncoding::Known(encoding), _) => Ok(encoding.decode_without_bom_handling(bytes).0),
+            (TextEncoding::Unknown, Ok(text)) => Ok(text.into()),
+            (TextEncoding::Unknown, Err(error)) => {
+                // (A field may end within a letter.)
+                let encoding = if error.error_len().is_none() { UTF_8 } else { WINDOWS_1252 };
+                Ok(encoding.decode_without_bom_handling(bytes).0)
+            }
+            (TextEncoding::Other(_), Ok(text)) if text.is_ascii() => Ok(text.into()),
+            (TextEncoding::Other(name), _) => {
+                Err(format!("text in the encoding {name}, which is not known here"))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn encodings_are_known_by_their_names() {
+        let read = |name: &str, bytes: &[u8]| TextEncoding::named(name).decode(bytes).map(Cow::into_owned);
+        for (name, bytes, text) in [
+            ("UTF-8", "Zürich".as_bytes(), "Zürich"),
+            ("65001", "Zürich".as_bytes(), "Zürich"),
+            ("", "Zürich".as_bytes(), "Zürich"),
+            ("", b"Z\xfcrich", "Zürich"),
+            ("ISO-8859-1", b"Z\xfcrich", "Zürich"),
+            ("88591", b"Z\xfcrich", "Zürich"),
+            ("1252\r\n", b"\x80", "€"),
+            ("ANSI 1251", b"\xcc\xee\xf1\xea\xe2\xe0", "Москва"),
+            ("CP936", b"\xb1\xb1\xbe\xa9", "北京"),
+            ("Shift_JIS", b"\x93\x8c\x8b\x9e", "東京"),
+            ("CP850", b"plain", "plain"),
+        ] {
+            assert_eq!(read(name, bytes).as_deref(), Ok(text), "{name}");
+        }
+        assert!(read("CP850", b"Z\x81rich").is_err_and(|error| error.contains("CP850")));
+        assert_eq!(TextEncoding::of_dbase(0xc9).decode(b"\xcc").unwrap(), "М");
+    }
+}

@@ -1,0 +1,333 @@
+//! `FlatGeobuf`: features one behind the other, behind an index that is not needed to read all.
+
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use flatgeobuf::{
+    ColumnType, Geometry, GeometryType, size_prefixed_root_as_feature, size_prefixed_root_as_header,
+};
+
+use super::feature::{
+    Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted,
+};
+use super::wkb::MOST_DEPTH;
+use crate::export::GeometryKind;
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+
+/// Bytes of a header.
+const MOST_HEADER: u64 = 10 << 20;
+
+/// Bytes of a node of the index: a box and a place.
+const NODE: u64 = 40;
+
+pub(super) struct FlatGeobuf {
+    input: BufReader<File>,
+    path: PathBuf,
+    schema: FeatureSchema,
+    /// Types of all columns, and their places among the attributes that are wanted.
+    columns: Vec<(ColumnType, Option<usize>)>,
+    /// The type of all geometries, or none.
+    kind: GeometryType,
+    /// Bytes that are not read yet.
+    left: u64,
+    memory: u64,
+    number: u64,
+    bytes: Vec<u8>,
+}
+
+/// Bytes of memory for each byte of a feature: as it is read, as points, as values.
+const BYTES_FOR_BYTE: u64 = 4;
+
+type Parsed<T> = std::result::Result<T, String>;
+
+/// Whether a file begins as such files of version 3 do.
+pub(super) fn is_one(first: &[u8]) -> bool {
+    first.starts_with(b"fgb\x03fgb")
+}
+
+impl FlatGeobuf {
+    pub(super) fn open(
+        file: File,
+        path: &Path,
+        options: &FeatureOptions,
+        wanted: &mut Wanted,
+    ) -> Result<FlatGeobuf> {
+        let length = file.metadata().map_err(Error::io(path, "read"))?.len();
+        let mut input = BufReader::with_capacity(1 << 16, file);
+        let wrong = |found: String| Error::corrupt(path, "header", found, "that of a FlatGeobuf file");
+        let mut head = [0; 12];
+        input.read_exact(&mut head).map_err(Error::io(path, "read the header"))?;
+        let bytes = u64::from(u32::from_le_bytes([head[8], head[9], head[10], head[11]]));
+        if bytes > MOST_HEADER || bytes > length - 12 || bytes < 8 {
+            return Err(wrong(format!("a header of {bytes} bytes in a file of {length}")));
+        }
+        // (Numbers are aligned from the size on.)
+        let mut head = head[8..].to_vec();
+        head.resize(4 + bytes as usize, 0);
+        input.read_exact(&mut head[4..]).map_err(Error::io(path, "read the header"))?;
+        let header = size_prefixed_root_as_header(&head).map_err(|error| wrong(error.to_string()))?;
+        let count = header.features_count();
+        let index = index_bytes(count, header.index_node_size());
+        let index = index.filter(|index| *index <= length - 12 - bytes);
+        let index = index.ok_or_else(|| wrong(format!("{count} features in a file of {length} bytes")))?;
+        input.seek_relative(index as i64).map_err(Error::io(path, "read"))?;
+        let (mut columns, mut attributes) = (Vec::new(), Vec::new());
+        for column in header.columns().iter().flatten() {
+            let place = wanted.takes(column.name()).then_some(attributes.len());
+            if place.is_some() {
+                attributes.push((column.name().to_owned(), kind_of(column.type_())));
+            }
+            columns.push((column.type_(), place));
+        }
+        let own = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        let name =
+            header.name().filter(|name| !name.is_empty()).map(str::to_owned).or(own).unwrap_or_default();
+        let kind = header.geometry_type();
+        let schema = FeatureSchema {
+            name,
+            crs: system(header.crs()).map_err(wrong)?,
+            attributes,
+            kind: match kind {
+                GeometryType::Point | GeometryType::MultiPoint => Some(GeometryKind::Point),
+                GeometryType::LineString | GeometryType::MultiLineString => Some(GeometryKind::Line),
+                GeometryType::Polygon | GeometryType::MultiPolygon => Some(GeometryKind::Polygon),
+                _ => None,
+            },
+            // (Those that were written as they came do not know how many there are.)
+            count: (count > 0).then_some(count),
+        };
+        let left = length - 12 - bytes - index;
+        let (memory, bytes) = (options.memory, Vec::new());
+        Ok(FlatGeobuf { input, path: path.into(), schema, columns, kind, left, memory, number: 1, bytes })
+    }
+
+    /// Reads the bytes of the next feature; whether there is one.
+    fn step(&mut self) -> Result<bool> {
+        match self.schema.count {
+            Some(count) if self.number > count => return Ok(false),
+            None if self.left == 0 => return Ok(false),
+            _ => {}
+        }
+        let mut size = [0; 4];
+        if self.left < 4 {
+            return Err(self.wrong(format!("{} bytes at the end of the file", self.left)));
+        }
+        self.input.read_exact(&mut size).map_err(Error::io(&self.path, "read"))?;
+        let size = u64::from(u32::from_le_bytes(size));
+        self.left -= 4;
+        if size > self.left {
+            return Err(self.wrong(format!("{size} bytes, and {} in the rest of the file", self.left)));
+        }
+        if size.saturating_mul(BYTES_FOR_BYTE) > self.memory {
+            return Err(Error::TooLarge {
+                path: self.path.clone(),
+                what: format!("feature {}", self.number),
+                needed: size.saturating_mul(BYTES_FOR_BYTE),
+                limit: self.memory,
+                advice: "allow more, or divide the feature".into(),
+            });
+        }
+        self.left -= size;
+        self.bytes.clear();
+        self.bytes.extend_from_slice(&(size as u32).to_le_bytes());
+        self.bytes.resize(4 + size as usize, 0);
+        self.input.read_exact(&mut self.bytes[4..]).map_err(Error::io(&self.path, "read"))?;
+        Ok(true)
+    }
+
+    fn wrong(&self, found: String) -> Error {
+        let place = format!("feature {}", self.number);
+        Error::corrupt(&self.path, place, found, "a feature of points, lines or polygons in FlatGeobuf")
+    }
+
+    fn feature(&self) -> Parsed<Feature> {
+        let feature = size_prefixed_root_as_feature(&self.bytes).map_err(|error| error.to_string())?;
+        if feature.columns().is_some_and(|columns| !columns.is_empty()) {
+            return Err("columns of its own".into());
+        }
+        // (Parts may be told of more than once.)
+        let mut left = self.bytes.len() / 8 + 1;
+        let geometry = feature.geometry();
+        let geometry = geometry.map(|own| geometry_of(&own, self.kind, &mut left, 0)).transpose()?.flatten();
+        let mut attributes = vec![Attribute::None; self.schema.attributes.len()];
+        let mut bytes = feature.properties().map(|own| own.bytes()).unwrap_or_default();
+        while !bytes.is_empty() {
+            let column = usize::from(u16::from_le_bytes(take(&mut bytes)?));
+            let (kind, place) = *self.columns.get(column).ok_or_else(|| format!("a column {column}"))?;
+            let value = value(kind, &mut bytes)?;
+            if let Some(place) = place {
+                attributes[place] = value;
+            }
+        }
+        let geometry = geometry.map(FeatureGeometry::checked).transpose()?;
+        Ok(Feature { id: None, attributes, geometry })
+    }
+}
+
+impl FeatureReader for FlatGeobuf {
+    fn schema(&self) -> &FeatureSchema {
+        &self.schema
+    }
+
+    fn next(&mut self) -> Result<Option<Feature>> {
+        if !self.step()? {
+            return Ok(None);
+        }
+        let feature = self.feature().map_err(|found| self.wrong(found))?;
+        self.number += 1;
+        Ok(Some(feature))
+    }
+}
+
+/// Bytes of the index over so many features; `None` if there are too many.
+fn index_bytes(count: u64, node: u16) -> Option<u64> {
+    if count == 0 || node == 0 {
+        return Some(0);
+    }
+    if node == 1 {
+        return None;
+    }
+    let (mut level, mut nodes) = (count, count);
+    while level > 1 {
+        level = level.div_ceil(u64::from(node));
+        nodes = nodes.checked_add(level)?;
+    }
+    // (A single feature has a node above it, too.)
+    nodes.checked_add(u64::from(count == 1))?.checked_mul(NODE)
+}
+
+fn system(crs: Option<flatgeobuf::Crs<'_>>) -> Parsed<Option<Crs>> {
+    let Some(crs) = crs else { return Ok(None) };
+    let is_epsg = crs.org().is_none_or(|org| org.eq_ignore_ascii_case("EPSG"));
+    match (u32::try_from(crs.code()), crs.wkt()) {
+        (Ok(code @ 1..), _) if is_epsg => Ok(Some(Crs::epsg(code))),
+        (_, Some(text)) if !text.is_empty() => Crs::parse(text).map(Some).map_err(|error| error.to_string()),
+        (_, _) => match crs.code_string() {
+            Some(text) if !text.is_empty() => Crs::parse(text).map(Some).map_err(|error| error.to_string()),
+            _ => Ok(None),
+        },
+    }
+}
+
+fn kind_of(kind: ColumnType) -> AttributeKind {
+    match kind {
+        ColumnType::Bool => AttributeKind::Boolean,
+        ColumnType::Float | ColumnType::Double => AttributeKind::Number,
+        ColumnType::String | ColumnType::DateTime | ColumnType::Binary => AttributeKind::Text,
+        ColumnType::Json => AttributeKind::Json,
+        _ => AttributeKind::Integer,
+    }
+}
+
+fn take<const BYTES: usize>(bytes: &mut &[u8]) -> Parsed<[u8; BYTES]> {
+    let (taken, rest) = bytes.split_first_chunk().ok_or("fewer bytes than its attributes have")?;
+    *bytes = rest;
+    Ok(*taken)
+}
+
+fn value(kind: ColumnType, bytes: &mut &[u8]) -> Parsed<Attribute> {
+    let whole = |number: i64| Ok(Attribute::Integer(number));
+    match kind {
+        ColumnType::Byte => whole(i8::from_le_bytes(take(bytes)?).into()),
+        ColumnType::UByte => whole(u8::from_le_bytes(take(bytes)?).into()),
+        ColumnType::Bool => Ok(Attribute::Boolean(take::<1>(bytes)? != [0])),
+        ColumnType::Short => whole(i16::from_le_bytes(take(bytes)?).into()),
+        ColumnType::UShort => whole(u16::from_le_bytes(take(bytes)?).into()),
+        ColumnType::Int => whole(i32::from_le_bytes(take(bytes)?).into()),
+        ColumnType::UInt => whole(u32::from_le_bytes(take(bytes)?).into()),
+        ColumnType::Long => whole(i64::from_le_bytes(take(bytes)?)),
+        ColumnType::ULong => {
+            let number = u64::from_le_bytes(take(bytes)?);
+            Ok(i64::try_from(number).map_or_else(|_| Attribute::Json(number.to_string()), Attribute::Integer))
+        }
+        ColumnType::Float => Ok(Attribute::Number(f32::from_le_bytes(take(bytes)?).into())),
+        ColumnType::Double => Ok(Attribute::Number(f64::from_le_bytes(take(bytes)?))),
+        ColumnType::String | ColumnType::Json | ColumnType::DateTime | ColumnType::Binary => {
+            let size = u32::from_le_bytes(take(bytes)?) as usize;
+            let (own, rest) = bytes.split_at_checked(size).ok_or("fewer bytes than its texts have")?;
+            *bytes = rest;
+            match kind {
+                ColumnType::Binary => {
+                    Ok(Attribute::Text(own.iter().map(|byte| format!("{byte:02x}")).collect()))
+                }
+                ColumnType::Json => Ok(Attribute::Json(String::from_utf8_lossy(own).into_owned())),
+                _ => Ok(Attribute::Text(String::from_utf8_lossy(own).into_owned())),
+            }
+        }
+        other => Err(format!("an attribute of type {}", other.0)),
+    }
+}
+
+/// The geometry, of no more points and parts than are left; `None` if there is none.
+fn geometry_of(
+    own: &Geometry<'_>,
+    kind: GeometryType,
+    left: &mut usize,
+    depth: usize,
+) -> Parsed<Option<FeatureGeometry>> {
+    let kind = if own.type_() == GeometryType::Unknown { kind } else { own.type_() };
+    let members = || own.parts().into_iter().flatten();
+    if own.parts().is_some() && depth == MOST_DEPTH {
+        return Err(format!("geometries in each other, {depth} deep"));
+    }
+    let mut take = |count: usize| {
+        *left = left.checked_sub(count).ok_or("points that are told more than once")?;
+        Ok::<(), String>(())
+    };
+    match kind {
+        GeometryType::Unknown => Ok(None),
+        GeometryType::Point | GeometryType::MultiPoint => {
+            Ok(Some(FeatureGeometry::Points(points(own, &mut take)?)))
+        }
+        GeometryType::LineString => Ok(Some(FeatureGeometry::Lines(vec![points(own, &mut take)?]))),
+        GeometryType::MultiLineString => Ok(Some(FeatureGeometry::Lines(rings(own, &mut take)?))),
+        GeometryType::Polygon | GeometryType::Triangle => {
+            Ok(Some(FeatureGeometry::Polygons(vec![rings(own, &mut take)?])))
+        }
+        GeometryType::MultiPolygon => {
+            let mut parts = Vec::new();
+            for part in members() {
+                take(1)?;
+                parts.push(rings(&part, &mut take)?);
+            }
+            Ok(Some(FeatureGeometry::Polygons(parts)))
+        }
+        GeometryType::GeometryCollection => {
+            let mut found = Vec::new();
+            take(members().count())?;
+            for member in members() {
+                found.extend(geometry_of(&member, GeometryType::Unknown, left, depth + 1)?);
+            }
+            Ok(Some(FeatureGeometry::Collection(found)))
+        }
+        GeometryType::PolyhedralSurface | GeometryType::TIN => Err("a surface of faces in space".into()),
+        GeometryType(8..=14) => Err("a curve (ogr2ogr -nlt CONVERT_TO_LINEAR makes lines of curves)".into()),
+        GeometryType(other) => Err(format!("a geometry of type {other}")),
+    }
+}
+
+fn points(own: &Geometry<'_>, take: &mut dyn FnMut(usize) -> Parsed<()>) -> Parsed<Vec<[f64; 2]>> {
+    let Some(numbers) = own.xy() else { return Ok(Vec::new()) };
+    take(numbers.len() / 2)?;
+    if numbers.len() % 2 == 1 {
+        return Err("a point of one number".into());
+    }
+    Ok((0..numbers.len() / 2).map(|index| [numbers.get(2 * index), numbers.get(2 * index + 1)]).collect())
+}
+
+/// Points, divided where parts end.
+fn rings(own: &Geometry<'_>, take: &mut dyn FnMut(usize) -> Parsed<()>) -> Parsed<Vec<Vec<[f64; 2]>>> {
+    let points = points(own, take)?;
+    let Some(ends) = own.ends().filter(|ends| !ends.is_empty()) else { return Ok(vec![points]) };
+    take(ends.len())?;
+    let mut begin = 0;
+    let ring = |end: u32| {
+        let ring = points.get(begin..end as usize).map(<[_]>::to_vec);
+        begin = end as usize;
+        ring.ok_or_else(|| format!("a ring that ends at point {end} of {}", points.len()))
+    };
+    let rings: Vec<_> = ends.iter().map(ring).collect::<Parsed<_>>()?;
+    if begin < points.len() { Err("points behind the last ring".into()) } else { Ok(rings) }
+}

@@ -1,0 +1,229 @@
+//! Shapefiles (ESRI, 1998): shapes, where they are in the file, and a table of their attributes.
+
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use super::beside;
+use super::dbf::Table;
+use super::feature::{Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted};
+use super::rings;
+use crate::export::GeometryKind;
+use spinney_base::{Error, Result};
+
+/// Bytes of a file's header.
+const HEADER: u64 = 100;
+
+pub(super) struct Shapefile {
+    shapes: BufReader<File>,
+    path: PathBuf,
+    length: u64,
+    /// Where shapes are; without it they follow each other.
+    places: Option<(BufReader<File>, PathBuf)>,
+    table: Option<Table>,
+    schema: FeatureSchema,
+    /// Number of features in the file, where it is known.
+    count: Option<u64>,
+    memory: u64,
+    number: u64,
+    /// The place of the next shape.
+    at: u64,
+}
+
+/// Bytes of memory for each byte of a shape: as it is read, as points, as rings and polygons.
+const BYTES_FOR_BYTE: u64 = 5;
+
+/// Whether a file begins as shapes do.
+pub(super) fn is_one(first: &[u8]) -> bool {
+    first.len() >= 36 && first.starts_with(&9994u32.to_be_bytes()) && first[28..32] == 1000u32.to_le_bytes()
+}
+
+impl Shapefile {
+    pub(super) fn open(
+        file: File,
+        path: &Path,
+        options: &FeatureOptions,
+        wanted: &mut Wanted,
+    ) -> Result<Shapefile> {
+        let length = file.metadata().map_err(Error::io(path, "read"))?.len();
+        let mut shapes = BufReader::with_capacity(1 << 16, file);
+        let mut head = [0; HEADER as usize];
+        shapes.read_exact(&mut head).map_err(Error::io(path, "read the header"))?;
+        let kind = match u32::from_le_bytes([head[32], head[33], head[34], head[35]]) {
+            1 | 11 | 21 | 8 | 18 | 28 => Some(GeometryKind::Point),
+            3 | 13 | 23 => Some(GeometryKind::Line),
+            5 | 15 | 25 => Some(GeometryKind::Polygon),
+            _ => None,
+        };
+        let mut count = None;
+        let mut places = None;
+        if let Some((file, path)) = beside::open(path, "shx")? {
+            let length = file.metadata().map_err(Error::io(&path, "read"))?.len();
+            let mut input = BufReader::with_capacity(1 << 16, file);
+            input.seek(SeekFrom::Start(HEADER)).map_err(Error::io(&path, "read"))?;
+            count = Some(length.saturating_sub(HEADER) / 8);
+            places = Some((input, path));
+        }
+        let table = Table::beside(path, wanted)?;
+        if let (Some(count), Some(table)) = (count, &table)
+            && table.rows != count
+        {
+            let found = format!("{count} shapes, and {} rows in the table", table.rows);
+            return Err(Error::corrupt(path, "files beside it", found, "as many of both"));
+        }
+        let count = count.or(table.as_ref().map(|table| table.rows));
+        let schema = FeatureSchema {
+            name: path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
+            crs: beside::definition(path)?,
+            attributes: table.as_ref().map(Table::attributes).unwrap_or_default(),
+            kind,
+            count,
+        };
+        let memory = options.memory;
+        Ok(Shapefile {
+            shapes,
+            path: path.into(),
+            length,
+            places,
+            table,
+            schema,
+            count,
+            memory,
+            number: 1,
+            at: HEADER,
+        })
+    }
+
+    fn wrong(&self, found: impl Into<String>, expected: &str) -> Error {
+        Error::corrupt(&self.path, format!("feature {}", self.number), found, expected)
+    }
+
+    /// The bytes of the next shape; `None` if there is none.
+    fn shape(&mut self) -> Result<Option<Vec<u8>>> {
+        if self.count.is_some_and(|count| self.number > count) {
+            return Ok(None);
+        }
+        match &mut self.places {
+            None if self.at >= self.length => {
+                return match self.count {
+                    Some(count) => Err(self.wrong("the end of the file", &format!("{count} shapes"))),
+                    None => Ok(None),
+                };
+            }
+            None => {}
+            Some((input, path)) => {
+                let mut place = [0; 8];
+                input.read_exact(&mut place).map_err(Error::io(&*path, "read"))?;
+                self.at = 2 * u64::from(u32::from_be_bytes([place[0], place[1], place[2], place[3]]));
+            }
+        }
+        if self.at < HEADER || self.length.saturating_sub(self.at) < 8 {
+            return Err(
+                self.wrong(format!("a shape at byte {} of {}", self.at, self.length), "one in the file")
+            );
+        }
+        // (Within what is buffered nothing is read anew.)
+        let before = self.shapes.stream_position().map_err(Error::io(&self.path, "read"))?;
+        let step = self.at as i64 - before as i64;
+        self.shapes.seek_relative(step).map_err(Error::io(&self.path, "read"))?;
+        let mut head = [0; 8];
+        self.shapes.read_exact(&mut head).map_err(Error::io(&self.path, "read"))?;
+        let bytes = 2 * u64::from(u32::from_be_bytes([head[4], head[5], head[6], head[7]]));
+        if bytes > self.length - self.at - 8 {
+            let found = format!("a shape of {bytes} bytes at byte {} of {}", self.at, self.length);
+            return Err(self.wrong(found, "one in the file"));
+        }
+        if bytes.saturating_mul(BYTES_FOR_BYTE) > self.memory {
+            return Err(Error::TooLarge {
+                path: self.path.clone(),
+                what: format!("feature {}", self.number),
+                needed: bytes.saturating_mul(BYTES_FOR_BYTE),
+                limit: self.memory,
+                advice: "allow more, or divide the feature".into(),
+            });
+        }
+        let mut shape = vec![0; bytes as usize];
+        self.shapes.read_exact(&mut shape).map_err(Error::io(&self.path, "read"))?;
+        self.at += 8 + bytes;
+        Ok(Some(shape))
+    }
+}
+
+impl FeatureReader for Shapefile {
+    fn schema(&self) -> &FeatureSchema {
+        &self.schema
+    }
+
+    fn next(&mut self) -> Result<Option<Feature>> {
+        while let Some(shape) = self.shape()? {
+            let attributes = match &mut self.table {
+                Some(table) => table.step(self.number)?,
+                None => Some(Vec::new()),
+            };
+            // (What is deleted stands in the files until somebody packs them.)
+            if let Some(attributes) = attributes {
+                let geometry =
+                    geometry(&shape).and_then(|geometry| geometry.map(FeatureGeometry::checked).transpose());
+                let geometry =
+                    geometry.map_err(|found| self.wrong(found, "a shape of points, lines or polygons"))?;
+                self.number += 1;
+                return Ok(Some(Feature { id: None, attributes, geometry }));
+            }
+            self.number += 1;
+        }
+        Ok(None)
+    }
+}
+
+/// The geometry of a shape's bytes; `None` of an empty shape.
+fn geometry(shape: &[u8]) -> std::result::Result<Option<FeatureGeometry>, String> {
+    let number = |at: usize| -> std::result::Result<usize, String> {
+        let bytes = shape.get(at..).and_then(|rest| rest.first_chunk());
+        bytes
+            .map(|bytes| u32::from_le_bytes(*bytes) as usize)
+            .ok_or_else(|| "fewer bytes than the shape has".into())
+    };
+    let points = |at: usize, count: usize| -> std::result::Result<Vec<[f64; 2]>, String> {
+        let bytes = shape.get(at..).and_then(|rest| rest.get(..count.checked_mul(16)?));
+        let bytes = bytes.ok_or_else(|| format!("{count} points in {} bytes", shape.len()))?;
+        let point = |[x, y]: &[[u8; 8]; 2]| [f64::from_le_bytes(*x), f64::from_le_bytes(*y)];
+        Ok(bytes.as_chunks::<8>().0.as_chunks::<2>().0.iter().map(point).collect())
+    };
+    match number(0)? {
+        0 => Ok(None),
+        1 | 11 | 21 => Ok(Some(FeatureGeometry::Points(points(4, 1)?))),
+        8 | 18 | 28 => Ok(Some(FeatureGeometry::Points(points(40, number(36)?)?))),
+        kind @ (3 | 13 | 23 | 5 | 15 | 25) => {
+            let (parts, count) = (number(36)?, number(40)?);
+            let begin = parts.checked_mul(4).and_then(|bytes| bytes.checked_add(44));
+            let begin = begin.filter(|begin| *begin <= shape.len());
+            let begin = begin.ok_or_else(|| format!("{parts} parts in {} bytes", shape.len()))?;
+            let all = points(begin, count)?;
+            let mut lines = Vec::with_capacity(parts);
+            for part in 0..parts {
+                let first = number(44 + 4 * part)?;
+                let next = if part + 1 < parts { number(48 + 4 * part)? } else { count };
+                let line = all
+                    .get(first..next)
+                    .ok_or_else(|| format!("a part of points {first} to {next} of {count}"))?;
+                lines.push(line.to_vec());
+            }
+            match kind {
+                3 | 13 | 23 => Ok(Some(FeatureGeometry::Lines(lines))),
+                _ => {
+                    if let Some(ring) =
+                        lines.iter().find(|ring| ring.iter().flatten().any(|number| !number.is_finite()))
+                    {
+                        return Err(format!(
+                            "a ring of {} corners, of which some are no numbers",
+                            ring.len()
+                        ));
+                    }
+                    Ok(Some(FeatureGeometry::Polygons(rings::parts_of(lines)?)))
+                }
+            }
+        }
+        31 => Err("a surface of faces in space (type 31, multipatch)".into()),
+        other => Err(format!("a shape of type {other}")),
+    }
+}

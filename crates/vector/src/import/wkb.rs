@@ -1,0 +1,189 @@
+//! Geometries in well-known binary: ISO's (13249-3), with the marks of PostGIS or without, as `GeoPackage` and tables have them.
+
+use super::feature::FeatureGeometry;
+
+/// Geometries in each other.
+pub(super) const MOST_DEPTH: usize = 16;
+
+type Parsed<T> = Result<T, String>;
+
+/// Reads a geometry, and the number of its coordinate system if it has one.
+pub(super) fn parse(bytes: &[u8]) -> Parsed<(FeatureGeometry, Option<u32>)> {
+    let mut reader = Reader { bytes, is_little: true };
+    let mut system = None;
+    let geometry = reader.geometry(&mut system, 0)?;
+    match reader.bytes.len() {
+        0 => Ok((geometry, system)),
+        more => Err(format!("{more} bytes behind the geometry")),
+    }
+}
+
+/// Reads the bytes of hexadecimal digits; `None` if they are none.
+pub(super) fn bytes_of_digits(text: &str) -> Option<Vec<u8>> {
+    let digit = |byte: u8| (byte as char).to_digit(16).map(|digit| digit as u8);
+    let (pairs, rest) = text.as_bytes().as_chunks::<2>();
+    let pair = |&[high, low]: &[u8; 2]| Some(digit(high)? << 4 | digit(low)?);
+    if rest.is_empty() && !pairs.is_empty() { pairs.iter().map(pair).collect() } else { None }
+}
+
+struct Reader<'b> {
+    /// What is not read yet.
+    bytes: &'b [u8],
+    is_little: bool,
+}
+
+/// A geometry's head.
+struct Head {
+    /// The kind, without marks.
+    code: u32,
+    /// Coordinates of a point.
+    axes: usize,
+}
+
+impl Reader<'_> {
+    fn take<const BYTES: usize>(&mut self) -> Parsed<[u8; BYTES]> {
+        let (taken, rest) = self.bytes.split_first_chunk().ok_or("fewer bytes than the geometry has")?;
+        self.bytes = rest;
+        Ok(*taken)
+    }
+
+    fn number(&mut self) -> Parsed<u32> {
+        let bytes = self.take()?;
+        Ok(if self.is_little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) })
+    }
+
+    fn head(&mut self, system: &mut Option<u32>) -> Parsed<Head> {
+        self.is_little = match self.take::<1>()? {
+            [0] => false,
+            [1] => true,
+            [other] => return Err(format!("an order of bytes {other}")),
+        };
+        let number = self.number()?;
+        let (plain, marks) = (number & 0x1fff_ffff, number >> 29);
+        if marks & 1 != 0 {
+            *system = Some(self.number()?);
+        }
+        let (thousands, code) = (plain / 1000, plain % 1000);
+        if thousands > 3 {
+            return Err(format!("a geometry of type {plain}"));
+        }
+        let has =
+            |mark: u32, also: u32| usize::from(marks & mark != 0 || thousands == also || thousands == 3);
+        Ok(Head { code, axes: 2 + has(4, 1) + has(2, 2) })
+    }
+
+    /// A number of things of which each has so many bytes at least.
+    fn count(&mut self, each: usize) -> Parsed<usize> {
+        let count = self.number()? as usize;
+        match count <= self.bytes.len() / each {
+            true => Ok(count),
+            false => Err(format!("{count} points or parts in {} bytes", self.bytes.len())),
+        }
+    }
+
+    fn point(&mut self, axes: usize) -> Parsed<[f64; 2]> {
+        let mut point = [0.0; 2];
+        for axis in 0..axes {
+            let bytes = self.take()?;
+            let number = if self.is_little { f64::from_le_bytes(bytes) } else { f64::from_be_bytes(bytes) };
+            if let Some(own) = point.get_mut(axis) {
+                *own = number;
+            }
+        }
+        Ok(point)
+    }
+
+    fn points(&mut self, axes: usize) -> Parsed<Vec<[f64; 2]>> {
+        let count = self.count(8 * axes)?;
+        (0..count).map(|_| self.point(axes)).collect()
+    }
+
+    fn rings(&mut self, axes: usize) -> Parsed<Vec<Vec<[f64; 2]>>> {
+        let count = self.count(4)?;
+        (0..count).map(|_| self.points(axes)).collect()
+    }
+
+    /// Geometries of one kind, each with a head of its own.
+    fn members<T>(
+        &mut self,
+        kind: u32,
+        mut member: impl FnMut(&mut Self, usize) -> Parsed<T>,
+    ) -> Parsed<Vec<T>> {
+        let count = self.count(9)?;
+        let each = |_| {
+            let head = self.head(&mut None)?;
+            match head.code == kind || (kind, head.code) == (3, 17) {
+                true => member(self, head.axes),
+                false => Err(format!("a geometry of type {} among those of type {kind}", head.code)),
+            }
+        };
+        (0..count).map(each).collect()
+    }
+
+    fn geometry(&mut self, system: &mut Option<u32>, depth: usize) -> Parsed<FeatureGeometry> {
+        let Head { code, axes } = self.head(system)?;
+        match code {
+            1 => {
+                // (A point without numbers is an empty one.)
+                let point = self.point(axes)?;
+                let is_empty = point.iter().all(|number| number.is_nan());
+                Ok(FeatureGeometry::Points(if is_empty { Vec::new() } else { vec![point] }))
+            }
+            2 => Ok(FeatureGeometry::Lines(vec![self.points(axes)?])),
+            3 | 17 => Ok(FeatureGeometry::Polygons(vec![self.rings(axes)?])),
+            4 => {
+                let points = self.members(1, Reader::point)?;
+                let is_there = |point: &[f64; 2]| !point.iter().all(|number| number.is_nan());
+                Ok(FeatureGeometry::Points(points.into_iter().filter(is_there).collect()))
+            }
+            5 => Ok(FeatureGeometry::Lines(self.members(2, Reader::points)?)),
+            6 => Ok(FeatureGeometry::Polygons(self.members(3, Reader::rings)?)),
+            7 if depth == MOST_DEPTH => Err(format!("geometries in each other, {depth} deep")),
+            7 => {
+                let count = self.count(9)?;
+                let members = (0..count).map(|_| self.geometry(&mut None, depth + 1));
+                members.collect::<Parsed<_>>().map(FeatureGeometry::Collection)
+            }
+            8..=14 => Err("a curve (ogr2ogr -nlt CONVERT_TO_LINEAR makes lines of curves)".into()),
+            15 | 16 => Err("a surface of faces in space (type 15 or 16)".into()),
+            other => Err(format!("a geometry of type {other}")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn geometries_of_all_writings() {
+        let read = |digits: &str| parse(&bytes_of_digits(digits).unwrap());
+        let point = FeatureGeometry::Points(vec![[1.0, 2.0]]);
+        // Little- and big-endian; ISO's and PostGIS's marks of a third coordinate; with a coordinate system.
+        for (digits, system) in [
+            ("0101000000000000000000F03F0000000000000040", None),
+            ("00000000013FF00000000000004000000000000000", None),
+            ("01E9030000000000000000F03F00000000000000400000000000000840", None),
+            ("0101000080000000000000F03F00000000000000400000000000000840", None),
+            ("0101000020E6100000000000000000F03F0000000000000040", Some(4326)),
+        ] {
+            assert_eq!(read(digits), Ok((point.clone(), system)), "{digits}");
+        }
+        assert_eq!(
+            read("0101000000000000000000F87F000000000000F87F").unwrap().0,
+            FeatureGeometry::Points(vec![])
+        );
+        for wrong in
+            ["01", "0201000000", "0101000000", "010200000000FFFFFF", "01FF000000", "010900000000000000"]
+        {
+            assert!(read(wrong).is_err(), "{wrong}");
+        }
+        let deep = format!("{}{}", "010700000001000000".repeat(40), "010700000000000000");
+        assert!(read(&deep).is_err_and(|error| error.contains("deep")));
+        assert!(
+            bytes_of_digits("0g").is_none()
+                && bytes_of_digits("012").is_none()
+                && bytes_of_digits("").is_none()
+        );
+    }
+}
