@@ -43,6 +43,8 @@ mod mesh_solids;
 mod pictures;
 mod raster_tiff;
 mod raster_tiff_hostile;
+#[cfg(feature = "vector")]
+mod rasterize;
 mod real_rasters;
 #[cfg(feature = "raster")]
 mod sidecars;

@@ -10,9 +10,9 @@ pub mod filter;
 mod flatgeobuf;
 mod formats;
 mod geojson;
-pub mod rasterize;
 #[cfg(feature = "geopackage")]
 mod geopackage;
+pub mod rasterize;
 mod rings;
 mod rows;
 mod scanner;

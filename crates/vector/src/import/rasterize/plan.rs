@@ -94,11 +94,11 @@ pub fn plan_features(inputs: &[PathBuf], options: &RasterizeOptions) -> Result<F
         return Err(Error::corrupt(name, "features", "none with a geometry and a value", "at least one"));
     }
     let needed = survey.corners * BYTES_EACH;
-    if needed > options.memory / 4 * 3 {
+    if needed > options.memory / 2 {
         return Err(Error::TooLarge {
             path: name,
             what: format!("the edges of {} corners", survey.corners),
-            needed: needed / 3 * 4,
+            needed: 2 * needed,
             limit: options.memory,
             advice: "allow more, or choose features with --where and combine the trees".into(),
         });
@@ -132,7 +132,7 @@ fn feature_options(options: &RasterizeOptions) -> FeatureOptions {
         FeatureValue::Number(_) => Vec::new(),
         FeatureValue::Attribute(name) => vec![name.clone()],
     };
-    FeatureOptions { attributes: Some(attributes), memory: options.memory / 4, ..options.features.clone() }
+    FeatureOptions { attributes: Some(attributes), memory: options.memory / 2, ..options.features.clone() }
 }
 
 impl Survey {
