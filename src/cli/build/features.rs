@@ -28,7 +28,7 @@ pub(super) struct FeatureArgs {
     /// Give each cell the share of it that features have, from 0 to 1
     #[arg(long)]
     fractions: bool,
-    /// Features with these values of attributes alone, as in 'type=Building,lod>=2.2'
+    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value
     #[arg(long = "where", value_name = "CONDITION,...")]
     filter: Option<FeatureFilter>,
 }
