@@ -239,3 +239,58 @@ fn systems_without_a_number_go_into_files_or_are_told() {
     let esri = fs::read_to_string(folder.path().join("a.prj")).unwrap();
     assert!(esri.starts_with("PROJCS[\"WGS_84_UTM_zone_32N\",GEOGCS[\"GCS_WGS_1984\","), "{esri}");
 }
+
+#[test]
+fn areas_between_contours_are_zones_from_files_of_any_format() {
+    let (folder, file) = hill(Some(Crs::epsg(32632)));
+    let zones = |ending: &str, more: &[&str]| -> Value {
+        let out = folder.path().join(format!("areas.{ending}"));
+        let out = out.to_str().unwrap();
+        if !Path::new(out).exists() {
+            spinney(&["contours", &file, "--at", "20,60", "--filled", "-o", out]).success();
+        }
+        // (Tables of text have no coordinate system.)
+        let own = if ending == "csv" { &["--in", "world"][..] } else { &[] };
+        let words = ["stats", &file, "--zones", out, "--edge", "area", "--json"];
+        serde_json::from_str(&stdout(&[&words[..], own, more].concat())).unwrap()
+    };
+    let of = |found: &Value| {
+        let mut told: Vec<(u64, f64)> = found["zones"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|zone| {
+                let mean = zone["channels"][0]["mean"].as_f64().unwrap_or_default();
+                // (To a millionth: of coordinates in another system, and in text.)
+                ((zone["cells"].as_f64().unwrap() * 1e3).round() as u64, (mean * 1e3).round())
+            })
+            .collect();
+        told.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        told
+    };
+    let expected = zones("geojson", &[]);
+    assert!(expected["zones"].as_array().unwrap().len() >= 3);
+    let attributes: Vec<String> =
+        expected["zones"][0]["properties"].as_object().unwrap().keys().cloned().collect();
+    for ending in ["gpkg", "fgb", "shp", "csv"] {
+        let found = zones(ending, &[]);
+        assert_eq!(of(&found), of(&expected), "{ending}");
+        let own = found["zones"][0]["properties"].as_object().unwrap();
+        assert!(attributes.iter().all(|name| own.contains_key(name)), "{ending}: {own:?}");
+        // Those above a height, and what there is not.
+        let condition = format!("{}>=60", attributes[0]);
+        let high = zones(ending, &["--where", &condition, "--attribute", &attributes[0]]);
+        let high = high["zones"].as_array().unwrap();
+        assert!(!high.is_empty() && high.len() < of(&expected).len(), "{ending}");
+        let lows = high.iter().map(|zone| zone["properties"][&attributes[0]].as_f64().unwrap());
+        assert!(lows.into_iter().all(|low| low >= 60.0), "{ending}");
+        let out = folder.path().join(format!("areas.{ending}"));
+        let told = complaint(&["stats", &file, "--zones", out.to_str().unwrap(), "--where", "nothing=1"], 1);
+        assert!(told.contains("nothing, which no feature has") && told.contains(&attributes[0]), "{told}");
+    }
+    // Lines are no zones.
+    let lines = folder.path().join("lines.fgb");
+    spinney(&["contours", &file, "--at", "20", "-o", lines.to_str().unwrap()]).success();
+    let told = complaint(&["stats", &file, "--zones", lines.to_str().unwrap()], 1);
+    assert!(told.contains("`LineString`") && told.contains("zones are polygons"), "{told}");
+}

@@ -154,7 +154,7 @@ fn what_is_no_tree_is_told_with_what_to_do() {
     for (name, bytes, found, advice) in [
         ("a.obj", "v 0 0 0", "an OBJ model", "spinney build"),
         ("a.geojson", "{}", "a GeoJSON document", "--zones"),
-        ("a.bin", "SQLite format 3\0", "a GeoPackage", "ogr2ogr"),
+        ("a.bin", "SQLite format 3\0", "a GeoPackage", "--zones"),
         ("a.zip", "PK\x03\x04", "a ZIP archive", "unpack"),
     ] {
         let text = complaint(&["info", &place.write(name, bytes)], 1);
@@ -192,9 +192,13 @@ fn refused_formats_get_advice_that_fits() {
         assert!(!text.contains("IN "), "{text}");
     }
     // Polygons for statistics, and GeoJSON where a model is expected.
-    for (name, bytes) in [("z.gpkg", &b"SQLite format 3\0\xff\xfe"[..]), ("z.shp", b"?")] {
+    for (name, bytes, told) in [
+        ("z.kml", &b"<kml>"[..], "ogr2ogr zones.geojson"),
+        ("z.gpkg", b"SQLite format 3\0\xff\xfe", "z.gpkg"),
+        ("z.shp", b"?", "expected features in GeoJSON, GeoPackage, FlatGeobuf, a shapefile"),
+    ] {
         let text = complaint(&["stats", CLASSES, "--zones", &place.write(name, bytes)], 1);
-        assert!(text.contains("ogr2ogr zones.geojson"), "{text}");
+        assert!(text.contains(told), "{text}");
     }
     let polygons = place.write("p.json", r#"{"type": "FeatureCollection", "features": []}"#);
     for more in [&[][..], &["--brep"]] {

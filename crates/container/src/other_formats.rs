@@ -45,6 +45,8 @@ pub const FIRST_BYTES: usize = 512;
 
 const DRAW: &str = "it has no cells: draw it as a picture first (`gdal_rasterize -a FIELD -tr 10 10 -ot Byte IN OUT.tif`), or, to ask for statistics of its polygons, \
     convert it to GeoJSON (`ogr2ogr zones.geojson IN`) for `spinney stats TREE --zones zones.geojson`";
+const FEATURES: &str = "it has no cells: draw it as a picture first (`gdal_rasterize -a FIELD -tr 10 10 -ot Byte FILE OUT.tif`); its polygons are zones for \
+    `spinney stats TREE --zones FILE`";
 const TRANSLATE: &str = "convert it to GeoTIFF first (`gdal_translate IN OUT.tif`)";
 const VARIABLES: &str = "convert the variable that is meant to GeoTIFF first (`gdalinfo IN` lists them; `gdal_translate 'NETCDF:\"IN\":NAME' OUT.tif`, or HDF5: for NETCDF:); \
     in Python, open it with xarray, and give the DataArray to spinney.build";
@@ -95,11 +97,11 @@ static FORMATS: &[OtherFormat] = &[
     format("a point cloud (LAS or LAZ)", &["las", "laz"], &[At(0, b"LASF")], Refused(POINTS)),
     format("a point cloud (E57)", &["e57"], &[At(0, b"ASTM-E57")], Refused(POINTS)),
     format("a point cloud (PCD)", &["pcd"], &[At(0, b"# .PCD")], Refused(POINTS)),
-    format("a GeoPackage", &["gpkg"], &[At(0, b"SQLite format 3\0")], Refused(DRAW)),
+    format("a GeoPackage", &["gpkg"], &[At(0, b"SQLite format 3\0")], Read(FEATURES)),
     format("an MBTiles archive", &["mbtiles"], &[At(0, b"SQLite format 3\0")], Refused(TILES)),
     format("a PMTiles archive", &["pmtiles"], &[At(0, b"PMTiles")], Refused(TILES)),
-    format("a shapefile", &["shp", "shx", "dbf"], &[At(0, b"\0\0\x27\x0a\0\0\0\0")], Refused(DRAW)),
-    format("a FlatGeobuf file", &["fgb"], &[At(0, b"fgb\x03")], Refused(DRAW)),
+    format("a shapefile", &["shp", "shx", "dbf"], &[At(0, b"\0\0\x27\x0a\0\0\0\0")], Read(FEATURES)),
+    format("a FlatGeobuf file", &["fgb"], &[At(0, b"fgb\x03")], Read(FEATURES)),
     format("a KML document", &["kml", "kmz"], &[Within("<kml")], Refused(DRAW)),
     format("a GML document", &["gml"], &[Within("<gml:")], Refused(DRAW)),
     format("a GPX document", &["gpx"], &[Within("<gpx")], Refused(DRAW)),

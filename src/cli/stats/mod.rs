@@ -23,6 +23,7 @@ const EXAMPLES: &str = "Examples:
   spinney stats house.goblin --surface
   spinney stats house.goblin --solid --level 7
   spinney stats landcover.goblin --zones districts.geojson --edge area --json
+  spinney stats landcover.goblin --zones survey.gpkg:parcels --where 'code>=3,kind!=water' --csv
   spinney stats series.goblin --zones fields.geojson --csv > series.csv
 
 Of exact models volume, centre of gravity, inertia and surface of the body are printed, and its topology: all
@@ -35,10 +36,11 @@ smooth surface they stand for, each face weighted by the surface's normal there.
 going through all cells around the surface, which takes seconds where there are many. In other
 octrees cells that are not VOID are full.
 
-With --zones there are statistics of the cells in each polygon of a GeoJSON file, with its id and
-attributes. Its corners are longitude and latitude (RFC 7946), unless the document has a member crs or --in
-says otherwise (--in world: the tree's own system); they are brought to the tree's system. Only what
-the polygons' borders cut is read. Of a file of several layers there is a row for each polygon and layer, with the
+With --zones there are statistics of the cells in each polygon of a file, with its id and attributes: of
+GeoJSON (also a feature per line), GeoPackage (x.gpkg:NAME for one layer of several), FlatGeobuf, a
+shapefile, or a table (.csv) with geometries in a column wkt, wkb, geometry, geom or the_geom. Corners are in the
+file's own system (in GeoJSON longitude and latitude unless it has a member crs), or in that which --in names
+(--in world: the tree's own); they are brought to the tree's system. Only what the polygons' borders cut is read. Of a file of several layers there is a row for each polygon and layer, with the
 layer's name and time.
 
 Areas in square metres are printed for projected coordinate systems that count in metres, except Web
@@ -65,8 +67,9 @@ pub(crate) struct Args {
     /// Level of detail at which a solid is measured [default: the deepest]
     #[arg(long, value_name = "LEVEL")]
     level: Option<u8>,
-    /// Polygons in a GeoJSON file: statistics of the cells in each
-    #[arg(long, value_name = "GEOJSON", conflicts_with_all = ["window", "solid", "surface", "level"])]
+    /// Polygons in a file of features, as GeoJSON, GeoPackage (x.gpkg:NAME is one layer of several), FlatGeobuf, shapefile or CSV: statistics
+    /// of the cells in each
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["window", "solid", "surface", "level"])]
     zones: Option<PathBuf>,
     #[command(flatten)]
     zone_options: zones::ZoneOptions,
