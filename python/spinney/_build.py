@@ -18,6 +18,7 @@ from ._stack import build_stack, layers_of
 from ._times import text_of_time
 from ._told import array_options, check_bands, colours_of, crs_text, numbers_of, pairs_of, texts_of
 from ._types import Path, Progress, Resampling
+from ._zonal import values_of
 
 Dims = Literal["yx", "byx", "yxb", "zyx", "bzyx", "zyxb"]
 """Axes of an array, in order: bands, planes, rows, columns."""
@@ -71,7 +72,7 @@ def build(
     value: float | str | None = None,
     overlaps: Literal["last", "first", "min", "max", "sum", "count", "mean"] | None = None,
     fractions: bool = False,
-    where: str | None = None,
+    where: Mapping[str, Any] | str | None = None,
 ) -> None:
     """Makes a tree, `out`: a .goblin file, compact and read-only, or an .autumn file, which can be edited.
 
@@ -119,6 +120,7 @@ def build(
     if depth is not None and not 0 <= depth <= 64:
         raise ValueError(f"depth: {depth}, expected a number of levels")
     system = crs_text(crs)
+    conditions = where if isinstance(where, str | None) else ",".join(f"{name}={text}" for name, text in values_of(where))
     common: dict[str, Any] = {"kind": kind, "rule": rule, "nodata": nodata, "crs": system, "depth": depth, "memory": size, "share": share, "time": time_of(time)}
     for_files = {
         "bands": bands,
@@ -135,7 +137,7 @@ def build(
         "unit": unit,
         "value": None if value is None else str(value),
         "overlaps": overlaps,
-        "where": where,
+        "where": conditions,
         "fractions": fractions or None,
     }
     seen = None if times is None else [time if isinstance(time, str) else text_of_time(time) for time in times]
@@ -171,7 +173,7 @@ def build(
     if hasattr(source, "__geo_interface__") and not is_mesh(source):
         refuse("arrays", for_arrays | {"transform": transform})
         with feature_file(source, out) as (path, own):
-            said = {name: given for name, given in for_files.items() if name != "pages"} | {"value": value, "fractions": fractions}
+            said: dict[str, Any] = {name: given for name, given in for_files.items() if name != "pages"} | {"value": value, "fractions": fractions}
             return build(path, out, kind=kind, rule=rule, crs=own if crs is None else crs, depth=depth, memory=memory, share=share, time=time, max_bytes=max_bytes, threads=threads, progress=progress, **said)
     if isinstance(source, Level):
         source = source._as_tree()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 import warnings
@@ -201,7 +202,10 @@ def one_array(dataset: Any) -> Any:
 @contextmanager
 def feature_file(source: Any, out: Path) -> Iterator[tuple[str, str | None]]:
     """A GeoJSON file of features, beside the output for as long as it is needed, and the definition of their coordinate system, if they tell it."""
-    (document, crs), *_ = documents_of(source)
+    (document, crs, _), *_ = documents_of(source)
+    if crs == "world":
+        # (What tells no system is not in degrees.)
+        document = json.dumps({**json.loads(document), "crs": None})
     folder = os.path.dirname(os.path.abspath(os.fspath(out)))
     with tempfile.NamedTemporaryFile("w", encoding="utf-8", suffix=".geojson", dir=folder) as file:
         file.write(document)
