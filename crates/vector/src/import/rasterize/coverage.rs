@@ -5,11 +5,11 @@ use super::edge::{Edge, PARTS, Point, centre};
 /// Share of a cell that rounding alone may leave, or take away.
 const ROUNDING: f64 = 1e-9;
 
-/// Shares of the cells of a square, row after row, with room to work in.
+/// Room to measure polygons in a square of cells.
 pub(super) struct Coverage {
     side: usize,
-    /// What the share of each cell is more than that of the one before it, while edges are added; then the shares.
-    pub(super) shares: Vec<f64>,
+    /// What the share of each cell is more than that of the one before it, in rows of one more; nothing but zeros between measurements.
+    changes: Vec<f64>,
     /// Parts of each row that are inside along the block's left side.
     left: Vec<f64>,
     /// The change, from a row on, of what is inside along the left side.
@@ -19,11 +19,11 @@ pub(super) struct Coverage {
 impl Coverage {
     pub(super) fn new(side: usize) -> Coverage {
         let row = || vec![0.0; side + 1];
-        Coverage { side, shares: vec![0.0; (side + 1) * side], left: row(), steps: row() }
+        Coverage { side, changes: vec![0.0; (side + 1) * side], left: row(), steps: row() }
     }
 
-    /// Measures a polygon by the edges that it has in a block, the block's first cell, and how many times the polygon winds round the centre of
-    /// that. Exact but for rounding, if rings do not cross each other.
+    /// Adds the shares that a polygon has of the cells of a block, row after row, by the edges that it has there, the block's first cell, and how
+    /// many times the polygon winds round the centre of that. Exact but for rounding, if rings do not cross each other.
     ///
     /// The left side is gone up first, on which each edge that is met changes what is inside; then each edge changes what is on its right.
     pub(super) fn measure<'a>(
@@ -31,18 +31,25 @@ impl Coverage {
         edges: impl Iterator<Item = &'a Edge> + Clone,
         cell: Point,
         winding: i32,
+        shares: &mut [f64],
     ) {
         let (side, origin) = (self.side, cell.map(|cell| cell * PARTS));
-        self.shares.fill(0.0);
         self.left.fill(0.0);
         self.steps.fill(0.0);
         // From the first centre to the left side.
         let on_side = [origin[0], centre(cell[1])];
         let way: i32 = edges.clone().map(|edge| edge.on_the_way_right(on_side, centre(cell[0]))).sum();
         self.steps[0] = f64::from(winding - way);
+        // Columns and rows that edges reach, from and to.
+        let mut reached = [[side as f64, 0.0]; 2];
         for edge in edges {
             let local =
                 [edge.a, edge.b].map(|at| [0, 1].map(|axis| (at[axis] - origin[axis]) as f64 / PARTS as f64));
+            for corner in local {
+                for (reached, at) in reached.iter_mut().zip(corner) {
+                    *reached = [reached[0].min(at), reached[1].max(at)];
+                }
+            }
             let crossing = edge.passes(0, origin[0]).then(|| {
                 let [[x, y], [to_x, to_y]] = local;
                 y + (to_y - y) * (-x / (to_x - x))
@@ -52,19 +59,29 @@ impl Coverage {
             }
             self.add_edge(local, crossing);
         }
+        let cells = |at: [f64; 2]| {
+            let [from, to] = at.map(|at| at.clamp(0.0, side as f64));
+            from as usize..(to.ceil() as usize).max(from as usize)
+        };
+        // (An edge changes the cell behind those that it passes through, too.)
+        let (columns, rows) = (cells(reached[0]), cells(reached[1]));
+        let columns = columns.start..(columns.end + 1).min(side);
         let mut sum = 0.0;
-        for row in 0..side {
+        for (row, shares) in shares.chunks_exact_mut(side).enumerate() {
             sum += self.steps[row];
             let mut share = sum + self.left[row];
-            for column in 0..side {
-                share += self.shares[row * (side + 1) + column];
-                // (Cells move to where they stay; those that are to be read yet stand behind.)
-                self.shares[row * side + column] = match share.abs() {
-                    share if share < ROUNDING => 0.0,
-                    share if share > 1.0 - ROUNDING => 1.0,
-                    share => share,
-                };
+            if !rows.contains(&row) {
+                add(share, shares);
+                continue;
             }
+            add(share, &mut shares[..columns.start]);
+            let changes = &mut self.changes[row * (side + 1)..(row + 1) * (side + 1)];
+            for column in columns.clone() {
+                share += changes[column];
+                add(share, &mut shares[column..=column]);
+            }
+            add(share, &mut shares[columns.end..]);
+            changes[columns.start..].fill(0.0);
         }
     }
 
@@ -110,7 +127,7 @@ impl Coverage {
 
     /// Adds a piece of an edge within a row: its ends, and how much of the row it passes, with a sign.
     fn add_in_row(&mut self, row: usize, [start, end]: [f64; 2], height: f64) {
-        let changes = &mut self.shares[row * (self.side + 1)..(row + 1) * (self.side + 1)];
+        let changes = &mut self.changes[row * (self.side + 1)..(row + 1) * (self.side + 1)];
         let (least, most) = (start.min(end), start.max(end));
         let (first, last) = (least as usize, (most.ceil() as usize).max(least as usize + 1));
         for column in first..last.min(self.side) {
@@ -121,4 +138,15 @@ impl Coverage {
             changes[column + 1] += part * middle;
         }
     }
+}
+
+/// Adds a share to those of some cells.
+#[inline]
+fn add(share: f64, shares: &mut [f64]) {
+    let share = match share.abs() {
+        share if share < ROUNDING => return,
+        share if share > 1.0 - ROUNDING => 1.0,
+        share => share,
+    };
+    shares.iter_mut().for_each(|sum| *sum += share);
 }

@@ -49,9 +49,9 @@ pub(super) struct ShapeTree {
 enum Painted {
     /// Numbers of values, from 1; 0 is VOID.
     Tops(Vec<u32>),
-    /// Sums and counts.
+    /// Sums and counts, of which values of 8 and 4 bytes are made.
     Sums(Vec<f64>, Vec<u32>),
-    /// Shares.
+    /// Shares, of which values of 4 bytes are made.
     Shares(Vec<f64>),
 }
 
@@ -195,8 +195,7 @@ impl ShapeTree {
         if part.is_whole() {
             shares.iter_mut().for_each(|share| *share += 1.0);
         } else if self.kind(part) == ShapeKind::Polygon {
-            coverage.measure(edges(), cell, part.winding);
-            shares.iter_mut().zip(&coverage.shares).for_each(|(share, own)| *share += own);
+            coverage.measure(edges(), cell, part.winding, shares);
         } else {
             self.mask(mask, parts, part, cell);
             mask.each(|at| shares[at] += 1.0);
@@ -246,28 +245,31 @@ impl ShapeTree {
         let width = self.value_type.size();
         let mut block = CellBlock::void(side * side, width);
         let inside = |axis: usize| (self.extent[axis].saturating_sub(bounds.min[axis]) as usize).min(side);
-        let mut last = (0, Value::ZERO);
+        let mut last = (0, [0; 16]);
         for row in 0..inside(1) {
             for at in row * side..row * side + inside(0) {
-                let value = match painted {
-                    Painted::Tops(tops) => match tops[at] {
-                        0 => continue,
-                        top if top == last.0 => last.1,
-                        top => {
-                            last = (top, self.value_of(self.values[top as usize - 1]));
-                            last.1
+                let value = &mut block.values[at * width..(at + 1) * width];
+                match painted {
+                    Painted::Tops(tops) if tops[at] == 0 => continue,
+                    Painted::Tops(tops) => {
+                        if tops[at] != last.0 {
+                            last = (tops[at], self.value_of(self.values[tops[at] as usize - 1]).to_bytes());
                         }
-                    },
+                        value.copy_from_slice(&last.1[..width]);
+                    }
                     Painted::Sums(_, counts) if counts[at] == 0 => continue,
-                    Painted::Sums(sums, counts) => self.value_of(match self.paint {
-                        Paint::Count => counts[at].into(),
-                        Paint::Mean => (sums[at] / f64::from(counts[at])).into(),
-                        _ => sums[at].into(),
-                    }),
-                    Painted::Shares(shares) => self.value_of(shares[at].min(1.0).into()),
-                };
+                    Painted::Sums(sums, counts) => match self.paint {
+                        Paint::Count => value.copy_from_slice(&counts[at].to_le_bytes()),
+                        Paint::Mean => {
+                            value.copy_from_slice(&(sums[at] / f64::from(counts[at])).to_le_bytes())
+                        }
+                        _ => value.copy_from_slice(&sums[at].to_le_bytes()),
+                    },
+                    Painted::Shares(shares) => {
+                        value.copy_from_slice(&(shares[at].min(1.0) as f32).to_le_bytes())
+                    }
+                }
                 block.present[at] = true;
-                block.values[at * width..(at + 1) * width].copy_from_slice(&value.to_bytes()[..width]);
             }
         }
         block

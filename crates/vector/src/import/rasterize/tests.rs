@@ -48,7 +48,7 @@ fn tree(
     extent: [u64; 2],
     depth: u8,
 ) -> ShapeTree {
-    let sample = if paint == Paint::Share { SampleType::F64 } else { SampleType::U32 };
+    let sample = if paint == Paint::Share { SampleType::F32 } else { SampleType::U32 };
     ShapeTree {
         shapes,
         values: values.iter().map(|value| Number::from(*value)).collect(),
@@ -205,7 +205,7 @@ fn shares_are_areas() {
         for (at, value) in found.iter().enumerate() {
             let (x, y) = (at as u64 % 32, at as u64 / 32);
             let area = polygon.area(&Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] });
-            let share = f64::from_le_bytes(value.unwrap().to_bytes()[..8].try_into().unwrap());
+            let share = f64::from(f32::from_le_bytes(value.unwrap().to_bytes()[..4].try_into().unwrap()));
             assert!((area - share).abs() < 1e-6, "{share}, not {area}, at {x}, {y} of round {round}");
         }
     }
