@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 
 use spinney::Result;
 use spinney::export::image::{ImageSpec, create, format_of};
+use spinney::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorLayer, VectorWriter};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, add_layer, edit};
-use spinney::space::{Bounds, Dimension, Frame};
+use spinney::space::{Bounds, Crs, Dimension, Frame};
 use spinney::store::autumnal::Note;
 use spinney::store::{BuildOptions, Metadata, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
@@ -58,6 +59,7 @@ fn main() -> Result<()> {
     layers(&put, folder.path())?;
     pictures(&put, &project, folder.path())?;
     meshes(&put);
+    features(&put, folder.path())?;
     models(&put, folder.path())?;
     texts(&put);
     Ok(())
@@ -247,6 +249,51 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         <ColorTable><Entry c1=\"1\" c2=\"2\" c3=\"3\"/></ColorTable></VRTRasterBand></VRTDataset>";
     put("vrt", "all", vrt.as_bytes());
     put("world_file", "turned", b"0.5\n0.1\n-0.1\n-0.25\n10.25\n49.875\n");
+    Ok(())
+}
+
+fn features(put: Put<'_>, folder: &Path) -> Result<()> {
+    let geometries = [
+        r#"{"type":"Polygon","coordinates":[[[0,0],[9,0],[9,9],[0,0]],[[4,1],[5,1],[5,2],[4,1]]]}"#,
+        r#"{"type":"MultiLineString","coordinates":[[[1,2,3],[4,5.5e1]],[]]}"#,
+        r#"{"type":"GeometryCollection","geometries":[{"type":"MultiPoint","coordinates":[[1,2]]}]}"#,
+        "null",
+    ];
+    let feature = |(index, geometry): (usize, &&str)| {
+        let properties = format!(r#"{{"n":{index},"t":"\u00fc\n","x":[1,{{"a":null}}],"b":true,"f":-1.5}}"#);
+        format!(r#"{{"type":"Feature","id":"{index}","properties":{properties},"geometry":{geometry}}}"#)
+    };
+    let all: Vec<String> = geometries.iter().enumerate().map(feature).collect();
+    let crs = r#""crs":{"type":"name","properties":{"name":"urn:ogc:def:crs:EPSG::25832"}}"#;
+    let collection = format!(r#"{{"type":"FeatureCollection","features":[{}],{crs}}}"#, all.join(",\n"));
+    put("geojson", "collection", collection.as_bytes());
+    put("geojson", "sequence", format!("\u{1e}{}\n", all.join("\n\u{1e}")).as_bytes());
+    let rows = "n;t;the_geom\r\n1;\"a \"\"b\"\"\";\"SRID=25832;MULTIPOLYGON Z (((0 0 1,9 0 1,9 9 1)),EMPTY)\"\r\n\
+        007;;0101000020E8640000000000000000F03F0000000000000040\r\n";
+    put("feature_table", "text", rows.as_bytes());
+    put("feature_table", "points", b"lon,lat,name\n1,2.5,a\n,,\n");
+    for (ending, target) in [("fgb", "flatgeobuf"), ("shp", "shapefile")] {
+        let layer = VectorLayer {
+            name: "n".into(),
+            kind: Some(GeometryKind::Polygon),
+            has_z: false,
+            attributes: vec![("a".into(), AttributeType::Number), ("t".into(), AttributeType::Text)],
+            crs: Some(Crs::epsg(25832)),
+            bounds: [[0.0, 0.0], [9.0, 9.0]],
+        };
+        let path = folder.join(format!("a.{ending}"));
+        let mut writer = VectorWriter::create(Output::create(&path)?, ending.parse()?, layer)?;
+        let ring = |at: f64| vec![[at, 1.0, 0.0], [at + 5.0, 1.0, 0.0], [at, 6.0, 0.0], [at, 1.0, 0.0]];
+        let hole = vec![[1.0, 2.0, 0.0], [1.0, 3.0, 0.0], [2.0, 2.0, 0.0], [1.0, 2.0, 0.0]];
+        writer.write(&[ring(0.0), hole], &[AttributeValue::Number(0.5), AttributeValue::Text("t")])?;
+        writer.write(&[ring(9.0)], &[AttributeValue::None, AttributeValue::None])?;
+        writer.finish()?;
+        put(target, "polygons", &fs::read(&path).unwrap());
+    }
+    // (As long as the only shape of the target: one row.)
+    let mut table = fs::read(folder.join("a.dbf")).unwrap();
+    table[4] = 1;
+    put("shapefile_table", "row", &table);
     Ok(())
 }
 

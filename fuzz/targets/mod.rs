@@ -5,6 +5,7 @@
 
 pub mod disk;
 pub mod edits;
+mod features;
 mod files;
 mod importers;
 pub mod layers;
@@ -14,6 +15,7 @@ mod texts;
 pub mod trees;
 
 pub use edits::{autumnal_edit, autumnal_file};
+pub use features::{feature_table, flatgeobuf, geojson, shapefile, shapefile_table};
 pub use importers::{
     cells, cityjson, exr, hgt, jpeg, npy, obj, off, ply, png, sidecar, stl, tiff, vrt, webp, world_file,
 };
@@ -26,7 +28,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 27] = [
+pub const TARGETS: [(&str, Target); 32] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_layers", autumnal_layers),
@@ -37,6 +39,9 @@ pub const TARGETS: [(&str, Target); 27] = [
     ("crs_text", crs_text),
     ("df_text", df_text),
     ("exr", exr),
+    ("feature_table", feature_table),
+    ("flatgeobuf", flatgeobuf),
+    ("geojson", geojson),
     ("goblin_layers", goblin_layers),
     ("goblin_read", goblin_read),
     ("hgt", hgt),
@@ -47,6 +52,8 @@ pub const TARGETS: [(&str, Target); 27] = [
     ("off", off),
     ("ply", ply),
     ("png", png),
+    ("shapefile", shapefile),
+    ("shapefile_table", shapefile_table),
     ("sidecar", sidecar),
     ("step_text", step_text),
     ("stl", stl),

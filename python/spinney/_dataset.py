@@ -294,8 +294,8 @@ class Dataset(Writers):
             raise TypeError("layers: expected a list of names, such as ds.names")
         with working(progress, threads) as terms:
             documents = documents_of(geometries, None if crs is None else definition_of(crs))
-            conditions, values = (where, None) if isinstance(where, str) else (None, where)
-            found = self._zones(documents, edge, values_of(values), conditions, None if layers is None else list(layers), terms)
+            chosen = where if isinstance(where, str) else values_of(where)
+            found = self._zones(documents, edge, chosen, None if layers is None else list(layers), terms)
         of_layers = [
             [
                 ZoneStatistics(cells, void, tuple(BandStatistics(*band) for band in bands), dict(classes))  # type: ignore[arg-type]

@@ -127,8 +127,7 @@ class Tree:
         self,
         documents: list[tuple[str, str | None, bool]],
         edge: str,
-        values: list[tuple[str, str]],
-        conditions: str | None,
+        chosen: str | list[tuple[str, str]],
         layers: list[str] | None,
         terms: _Terms,
     ) -> list[list[tuple[float, float, list[tuple[float, float, float, float, float]], list[tuple[float, float]]]]]: ...

@@ -25,16 +25,15 @@ type ZoneNumbers<'py> = (f64, Bound<'py, PyAny>, Bound<'py, PyAny>, f64, f64);
 #[pymethods]
 impl Tree {
     /// Statistics of the cells in each polygon of some documents, each with the definition of its coordinate system: `world` is
-    /// the tree's own, and without one it is what the document says. Features are those that have all values of some attributes, and for
-    /// which some conditions hold, as in `code>=3`. A list for each of some layers, or for the one that is open.
+    /// the tree's own, and without one it is what the document says. Features are those that are chosen. A list for
+    /// each of some layers, or for the one that is open.
     #[pyo3(name = "_zones")]
     fn zones<'py>(
         &self,
         py: Python<'py>,
         documents: Vec<Document>,
         edge: &str,
-        values: Vec<(String, String)>,
-        conditions: Option<&str>,
+        chosen: Chosen,
         layers: Option<Vec<String>>,
         terms: Terms,
     ) -> PyResult<Vec<Vec<Zone<'py>>>> {
@@ -43,10 +42,13 @@ impl Tree {
             None => vec![self.get()?],
         };
         let rule: EdgeRule = edge.parse().or_raise()?;
-        let mut filter: FeatureFilter =
-            conditions.map(str::parse).transpose().or_raise()?.unwrap_or_default();
-        let equal = |(name, value)| Condition { name, relation: Relation::Equal, value };
-        filter.conditions.extend(values.into_iter().map(equal));
+        let filter = match chosen {
+            Chosen::Conditions(text) => text.parse().or_raise()?,
+            Chosen::Values(values) => {
+                let equal = |(name, value)| Condition { name, relation: Relation::Equal, value };
+                FeatureFilter { conditions: values.into_iter().map(equal).collect() }
+            }
+        };
         let zones = jobs::run(py, terms, |work| {
             let trees: Vec<&Dataset> = opened.iter().map(|opened| &opened.tree).collect();
             let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
@@ -79,6 +81,15 @@ impl Tree {
         };
         opened.iter().zip(&zones).map(of_layer).collect()
     }
+}
+
+/// Features that are asked for.
+#[derive(FromPyObject)]
+enum Chosen {
+    /// Those for which all of this holds, as in `code>=3,kind!=lake`.
+    Conditions(String),
+    /// Those with these values of attributes.
+    Values(Vec<(String, String)>),
 }
 
 /// A text of GeoJSON, or the path of a file of features; the definition of its coordinate system; whether it is a path.

@@ -12,10 +12,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from conftest import BOX, FIXTURES, noise, run
 
 import spinney
@@ -238,6 +240,33 @@ def test_features_are_chosen_by_values(program: str, island: str) -> None:
         number = next(number for number, name in enumerate(names) if "," not in name)
         told = json.loads(run(program, "stats", island, "--zones", path, "--json", "--where", f"name={names[number]}"))
         assert [zone["cells"] for zone in told["zones"]] == [every[number].cells]
+        assert ds.zonal(document, where="number>=1") == every[1:] and ds.zonal(document, where="number<1,even=true") == every[:1]
+        with pytest.raises(ValueError, match="as in type=Building"):
+            ds.zonal(document, where="number")
+
+
+def test_zones_are_read_from_files(tmp_path: Path, island: str) -> None:
+    path = FIXTURES / "island_districts.geojson"
+    document = json.loads(path.read_text())
+    lines = tmp_path / "lines.geojsonl"
+    lines.write_text("\n".join(json.dumps(feature | {"crs": document["crs"]}) for feature in document["features"]))
+    table = tmp_path / "table.csv"
+    shapes = [shapely.geometry.shape(feature["geometry"]) for feature in document["features"]]
+    table.write_text("name,wkb\n" + "".join(f"{number},{shape.wkb_hex}\n" for number, shape in enumerate(shapes)))
+    with spinney.open(island) as ds:
+        every = ds.zonal(document)
+        assert ds.zonal(path) == ds.zonal(str(path)) == ds.zonal(lines) == every
+        assert ds.zonal(table) == ds.zonal(table, crs="EPSG:32628") == every
+        assert ds.zonal([path, document]) == every * 2
+        assert ds.zonal(path, ["count"], where={"name": document["features"][1]["properties"]["name"]}) == [{"count": every[1].cells}]
+        with pytest.raises(FileNotFoundError):
+            ds.zonal(tmp_path / "none.gpkg:layer")
+        (tmp_path / "points.csv").write_text("x,y\n1,2\n")
+        with pytest.raises(Exception, match="zones are polygons"):
+            ds.zonal(tmp_path / "points.csv")
+        # A frame of features has its coordinate system beside them.
+        features = {"type": "FeatureCollection", "features": document["features"]}
+        assert ds.zonal(SimpleNamespace(crs="EPSG:32628", __geo_interface__=features)) == every
 
 
 # Ctrl-C
