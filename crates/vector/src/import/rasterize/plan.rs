@@ -332,7 +332,7 @@ impl FeatureImport {
         let mut number = 0u64;
         while let Some(feature) = reader.next()? {
             number += 1;
-            if number % 256 == 0 {
+            if number.is_multiple_of(256) {
                 progress.check()?;
             }
             let Some(geometry) = &feature.geometry else { continue };
