@@ -178,12 +178,12 @@ pub mod query {
 pub mod ops {
     pub use spinney_engine::ops::{
         AffineMap, Alignment, Around, Axis, Calculated, Calculation, CellPatch, CellValue, Chain, Change,
-        Combined, CombinedNode, Difference, Differences, Edit, FdRange, FillPatch, FillRegion, LayerInfo,
-        MAX_ZOOM, MemoryTree, Opaque, Operation, Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode,
-        Prefer, Resampling, Sampling, Step, TreeFile, TreeFileNode, Turn, Universe, View, ViewNode,
-        ViewSource, ViewSourceNode, WarpGrid, WarpOptions, WarpTarget, Warped, add_layer, align, apply_edits,
-        blame, build, combine, convert, crosstab, crosstab_files, data_box, diff, diff_files, differences,
-        drop_layer, edit, layer_paths, only_layer, transform, warp,
+        Combined, CombinedNode, Connectivity, Difference, Differences, Edit, FdRange, FillPatch, FillRegion,
+        LayerInfo, MAX_ZOOM, MemoryTree, Opaque, Operation, Outcome, Pair, PairOfSamples, Patch, Patched,
+        PatchedNode, Prefer, Regions, Resampling, Sampling, Sieve, Step, TreeFile, TreeFileNode, Turn,
+        Universe, View, ViewNode, ViewSource, ViewSourceNode, WarpGrid, WarpOptions, WarpTarget, Warped,
+        add_layer, align, apply_edits, blame, build, combine, convert, crosstab, crosstab_files, data_box,
+        diff, diff_files, differences, drop_layer, edit, layer_paths, only_layer, transform, warp,
     };
 }
 

@@ -80,6 +80,11 @@ Steps:
                            where(condition, then, else), abs, sqrt, and of any count min, max, mean, median, count
   reduce=WAY[,a=FILE ...][,type=T]
                            the median, mean, min, max or count of all channels, and those of files
+  components=4|8           numbers the components of cells of equal value (of occupancy: of cells at least half full) from 1 on, by
+                           their first cells in FD order; cells hang together with 4 or 8 neighbours, of octrees 6 or 26
+  sieve=CELLS[,connect=8]  gives components of fewer cells to their largest neighbours, the smallest first; those in VOID stay
+  sieve=AREAm2             the same with square metres, where the coordinate system tells them
+                           (components= and sieve= go through all cells first, and are not for --view)
 
 Examples:
   spinney transform world.goblin window=20000,5000,4096,4096 -o part.goblin
@@ -94,7 +99,9 @@ Examples:
   spinney transform utm.goblin warp=EPSG:3035,cell=30 -o europe.goblin
   spinney transform scene.goblin 'calc=(b4-b3)/(b4+b3)' -o ndvi.goblin
   spinney transform B04.goblin 'calc=(nir-b1)/(nir+b1),nir=B08.goblin' -o ndvi.goblin
-  spinney transform may.goblin reduce=median,june=june.goblin,july=july.goblin -o summer.goblin";
+  spinney transform may.goblin reduce=median,june=june.goblin,july=july.goblin -o summer.goblin
+  spinney transform landcover.goblin components=4 -o labels.goblin
+  spinney transform landcover.goblin sieve=100 -o clean.goblin";
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();

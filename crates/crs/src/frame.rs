@@ -82,6 +82,25 @@ impl Frame {
         Some(std::array::from_fn(|c| (0..3).map(|r| minor(r, c) * d[r]).sum::<f64>() / det))
     }
 
+    /// Square metres of a cell, in projected systems that count in metres and keep areas nearly true.
+    ///
+    /// # Errors
+    /// The reason why they are not known.
+    pub fn cell_square_metres(&self) -> Result<f64, &'static str> {
+        let crs = self.crs.as_ref();
+        let epsg = crs.and_then(Crs::numbers).ok_or("no EPSG number tells how large a cell is")?;
+        match crs.and_then(Crs::unit) {
+            _ if epsg.horizontal == 3857 => return Err("Web Mercator does not keep areas"),
+            Some("degrees") => {
+                return Err("cells of degrees differ in area; build from a raster in a projected system");
+            }
+            Some("m") => {}
+            _ => return Err("the coordinate system does not count in metres"),
+        }
+        let [a, b, _, d, e, _] = self.affine();
+        Ok((a * e - b * d).abs())
+    }
+
     /// Least and greatest coordinates in the world of a box of cells.
     pub fn world_box(&self, cells: &Bounds) -> [[f64; 3]; 2] {
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);

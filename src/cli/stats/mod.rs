@@ -8,7 +8,7 @@ use anyhow::{Result, ensure};
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::Statistics;
-use spinney::space::{Bounds, Crs};
+use spinney::space::Bounds;
 use spinney::value::{Number, Rule};
 
 use super::args::{PartOptions, ViewedTree, level_of};
@@ -198,22 +198,9 @@ fn histogram(tree: &Dataset, boxes: &[Bounds], stats: &Statistics, bins: u32) ->
     }
 }
 
-/// Square metres of a cell, in projected systems that count in metres and keep areas nearly true; otherwise
-/// the reason why they are not known.
+/// Square metres of a cell, or the reason why they are not known.
 fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
-    let frame = &tree.metadata().frame;
-    let crs = frame.crs.as_ref();
-    let epsg = crs.and_then(Crs::numbers).ok_or("no EPSG number tells how large a cell is")?;
-    match crs.and_then(Crs::unit) {
-        _ if epsg.horizontal == 3857 => return Err("Web Mercator does not keep areas"),
-        Some("degrees") => {
-            return Err("cells of degrees differ in area; build from a raster in a projected system");
-        }
-        Some("m") => {}
-        _ => return Err("the coordinate system does not count in metres"),
-    }
-    let [a, b, _, d, e, _] = frame.affine();
-    Ok((a * e - b * d).abs())
+    tree.metadata().frame.cell_square_metres()
 }
 
 /// The name of a class; nothing if it has none.

@@ -7,6 +7,7 @@ use super::combine::Combined;
 use super::crosstab::crosstab;
 use super::layers::layer_paths;
 use super::operation::Operation;
+use super::regions::Passes;
 use super::step::Step;
 use super::tree_file::TreeFile;
 use super::universe::Universe;
@@ -14,10 +15,10 @@ use super::view_source::check_form;
 use super::warp::{Resampling, WarpOptions};
 use crate::store::{BuildOptions, TreeWriter, check_room};
 use crate::tree::Source;
-use spinney_base::io::Output;
+use spinney_base::io::{Output, folder};
 use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Value};
-use spinney_base::{Error, Form, Progress, Result};
+use spinney_base::{Error, Form, PartOfWork, Progress, Result};
 use spinney_container::{FilePlace, Header, Metadata, OpenOptions};
 
 /// A file and the steps to apply to it.
@@ -52,6 +53,9 @@ pub struct Outcome {
     pub universe: Option<Bounds>,
 }
 
+/// Units of a pass over all cells, for the progress.
+const WHOLE: u64 = 1 << 32;
+
 /// A pair of values and the cells in which they meet: the first tree's, the second's (`None` is VOID), by
 /// channel.
 pub type PairOfSamples = (Option<Vec<Number>>, Option<Vec<Number>>, u64);
@@ -67,6 +71,10 @@ impl Chain {
     /// # Errors
     /// If the file cannot be read, or a step cannot be done.
     pub fn open(&self) -> Result<View> {
+        self.open_with(&mut |view, step| step.apply(view))
+    }
+
+    fn open_with(&self, apply: &mut dyn FnMut(View, &Step) -> Result<View>) -> Result<View> {
         let file = TreeFile::open(&self.path, &OpenOptions::default())?;
         let is_grid = |step: &Step| matches!(step, Step::Like(_) | Step::Warp(_) | Step::WebMercator(_));
         let is_nearest = self.warp.resampling == Some(Resampling::Nearest);
@@ -76,7 +84,7 @@ impl Chain {
                 "nearest, or steps with a grid (like=, warp=, grid=): others go by the file's rule";
             return Err(Error::invalid("resampling", way.name(), expected));
         }
-        let view = View::whole(file.into())?.warping(self.warp).through(&self.steps)?;
+        let view = self.steps.iter().try_fold(View::whole(file.into())?.warping(self.warp), apply)?;
         // (What is calculated may have another rule than the file.)
         let rule = view.source().header().rule;
         if is_nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
@@ -114,9 +122,17 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
     // (What is calculated with the layers of a file is one tree.)
     let is_calculated = chain.steps.iter().any(|step| matches!(step, Step::Calculation(_)));
     let paths = if is_calculated { vec![chain.path.clone()] } else { layer_paths(&chain.path)? };
+    let passes = 1 + chain.steps.iter().map(Step::passes).sum::<u64>();
+    let total = WHOLE * passes * paths.len() as u64;
+    let layers = paths.len() as u64;
     for path in paths {
         let chain = Chain { path, ..chain.clone() };
-        let view = chain.open()?;
+        let view = chain.open_with(&mut |view, step| {
+            let part = PartOfWork::new(progress, WHOLE * step.passes(), total);
+            // (What it finds out stays in memory until all is written.)
+            let memory = memory / layers;
+            step.apply_whole(view, &Passes { memory, folder: folder(output.path()), progress: &part })
+        })?;
         // How many cells there are to be, unless some were left out.
         // (On the grid of another coordinate system cells have no one size, and what is calculated may be VOID anywhere.)
         let is_known = !view.has_windows() && !view.source().is_computed();
@@ -135,6 +151,8 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
             provenance: chain.provenance(),
         });
     }
+    let part = PartOfWork::new(progress, WHOLE * layers, total);
+    let progress = if passes > 1 { &part as &dyn Progress } else { progress };
     Ok(Outcome { expected, ..store_all(derivations, output, memory, progress)? })
 }
 

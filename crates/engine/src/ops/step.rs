@@ -7,6 +7,7 @@ use glam::DVec3;
 use super::affine::{AffineMap, Axis, View};
 use super::calc::Calculation;
 use super::data_box::data_box;
+use super::regions::{Connectivity, Passes, Regions, Sieve};
 use super::tree_file::TreeFile;
 use super::warp::{WarpGrid, WarpTarget};
 use crate::tree::Source;
@@ -56,6 +57,11 @@ pub enum Step {
     /// `calc=EXPRESSION`, `calc=EXPRESSION,a=FILE,type=u8`, `reduce=median`: one channel of what is calculated with the channels, and
     /// with those of files on the same grid. `composite=B08,B04,B03`: two to four of them as channels of one tree.
     Calculation(Box<Calculation>),
+    /// `components=4|8`, of octrees `6|26`: labels of the components of cells of equal value, numbered by their first cells in FD order.
+    /// Not in views: see [`transform`](super::transform).
+    Components(Connectivity),
+    /// `sieve=CELLS`, `sieve=AREAm2,connect=8`: gives components that are smaller to their largest neighbours. Not in views.
+    Sieve(Sieve),
 }
 
 /// Axis of a rotation.
@@ -106,6 +112,32 @@ impl Step {
                 view.warped(&grid)
             }
             Step::Calculation(calculation) => calculation.apply(view),
+            Step::Components(_) | Step::Sieve(_) => Err(Error::unsupported(
+                view.source().name(),
+                format!("{self} in a view"),
+                "it goes through all cells before it has the first: make a file of it with `spinney transform`",
+            )),
+        }
+    }
+
+    /// Applies the step to a view, also if that takes going through all of its cells.
+    ///
+    /// # Errors
+    /// As [`Step::apply`]; also if a temporary file cannot be used, or on interruption.
+    pub(super) fn apply_whole(&self, view: View, passes: &Passes<'_>) -> Result<View> {
+        match self {
+            Step::Components(connect) => Regions::components(&view, *connect, passes)?.into_view(&view),
+            Step::Sieve(sieve) => Regions::sieved(&view, sieve, passes)?.into_view(&view),
+            _ => self.apply(view),
+        }
+    }
+
+    /// Times that the step goes through all cells before the first is handed out.
+    pub(super) fn passes(&self) -> u64 {
+        match self {
+            Step::Components(_) => 1,
+            Step::Sieve(_) => 2,
+            _ => 0,
         }
     }
 

@@ -11,7 +11,8 @@ use spinney_crs::{Coordinates, Crs};
 
 /// All steps, for the message about an unknown one.
 const STEPS: &str = "window=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
-                     tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc=, reduce= or composite=";
+                     tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc=, reduce=, \
+                     composite=, components= or sieve=";
 
 impl FromStr for Step {
     type Err = Error;
@@ -35,6 +36,12 @@ impl FromStr for Step {
         if let Some(names) = text.strip_prefix("composite=") {
             let calculation = Calculation::parse_composite(names)?;
             return Ok(Step::Calculation(Box::new(calculation)));
+        }
+        if let Some(neighbours) = text.strip_prefix("components=") {
+            return neighbours.parse().map(Step::Components);
+        }
+        if let Some(sieve) = text.strip_prefix("sieve=") {
+            return sieve.parse().map(Step::Sieve);
         }
         if let Some((window, coordinates)) = text.split_once(",in=")
             && window.starts_with("window=")
@@ -286,6 +293,8 @@ impl fmt::Display for Step {
             Step::WebMercator(None) => write!(f, "grid=xyz"),
             Step::WebMercator(Some(zoom)) => write!(f, "grid=xyz,{zoom}"),
             Step::Calculation(calculation) => calculation.fmt(f),
+            Step::Components(connect) => write!(f, "components={connect}"),
+            Step::Sieve(sieve) => sieve.fmt(f),
         }
     }
 }
@@ -356,6 +365,9 @@ mod tests {
     fn steps_are_written_as_they_are_read() {
         for text in [
             "window=0,0,512,512",
+            "components=8",
+            "sieve=100",
+            "sieve=12.5m2,connect=26",
             "window=-3,4,5,6,7,8",
             "crs=EPSG:4326+5773",
             "crs=LOCAL_CS[\"a, b@c=d\",UNIT[\"m\",1]]",

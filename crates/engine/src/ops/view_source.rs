@@ -8,6 +8,7 @@ use std::sync::Arc;
 use super::calc::Calculated;
 use super::opaque::Opaque;
 use super::patched::{Patched, PatchedNode};
+use super::regions::Regions;
 use super::tree_file::{TreeFile, TreeFileNode, other_node};
 use super::warp::Warped;
 use crate::query::{Canvas, Statistics, source_statistics};
@@ -35,6 +36,8 @@ pub enum ViewSource {
     Calculated(Box<Calculated>),
     /// Another source without its transparent cells, by whose nodes it goes.
     Opaque(Box<Opaque>),
+    /// Components of the cells of another.
+    Regions(Box<Regions>),
 }
 
 /// An INNER node of a [`ViewSource`].
@@ -50,6 +53,8 @@ pub enum ViewSourceNode {
     Warped(Code),
     /// Of a calculated one.
     Calculated(Code),
+    /// Of components.
+    Regions(Code),
 }
 
 /// A tree in memory with the header and metadata that a file of it would have.
@@ -94,6 +99,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.source().path(),
             ViewSource::Calculated(tree) => tree.source().path(),
             ViewSource::Opaque(tree) => tree.source().path(),
+            ViewSource::Regions(tree) => tree.source().path(),
             ViewSource::Memory(_) => None,
         }
     }
@@ -111,14 +117,15 @@ impl ViewSource {
             ViewSource::Memory(_)
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
-            | ViewSource::Opaque(_) => None,
+            | ViewSource::Opaque(_)
+            | ViewSource::Regions(_) => None,
         }
     }
 
     /// Whether cells are computed, which takes longer than to look them up.
     pub(crate) fn is_computed(&self) -> bool {
         match self {
-            ViewSource::Warped(_) | ViewSource::Calculated(_) => true,
+            ViewSource::Warped(_) | ViewSource::Calculated(_) | ViewSource::Regions(_) => true,
             ViewSource::Opaque(tree) => tree.source().is_computed(),
             ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,
         }
@@ -130,6 +137,8 @@ impl ViewSource {
             ViewSource::Calculated(tree) => tree.is_approximate(),
             ViewSource::Warped(tree) => tree.source().is_approximate(),
             ViewSource::Opaque(tree) => tree.source().is_approximate(),
+            // (Levels are made by whoever builds them.)
+            ViewSource::Regions(_) => true,
             ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,
         }
     }
@@ -142,6 +151,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.source().remark(),
             ViewSource::Calculated(tree) => tree.source().remark(),
             ViewSource::Opaque(tree) => tree.source().remark(),
+            ViewSource::Regions(tree) => tree.source().remark(),
             ViewSource::Memory(_) => None,
         }
     }
@@ -149,6 +159,9 @@ impl ViewSource {
     /// Hands the remark on the file, if there is one, to whoever waits for the work.
     pub(super) fn tell_remark(&self, progress: &dyn Progress) {
         if let ViewSource::Opaque(tree) = self {
+            return tree.source().tell_remark(progress);
+        }
+        if let ViewSource::Regions(tree) = self {
             return tree.source().tell_remark(progress);
         }
         if let ViewSource::Calculated(tree) = self {
@@ -172,6 +185,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.header(),
             ViewSource::Calculated(tree) => tree.header(),
             ViewSource::Opaque(tree) => tree.source().header(),
+            ViewSource::Regions(tree) => tree.header(),
         }
     }
 
@@ -184,6 +198,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.metadata(),
             ViewSource::Calculated(tree) => tree.metadata(),
             ViewSource::Opaque(tree) => tree.source().metadata(),
+            ViewSource::Regions(tree) => tree.metadata(),
         }
     }
 
@@ -195,7 +210,8 @@ impl ViewSource {
             ViewSource::Memory(_)
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
-            | ViewSource::Opaque(_) => None,
+            | ViewSource::Opaque(_)
+            | ViewSource::Regions(_) => None,
         }
     }
 
@@ -205,7 +221,10 @@ impl ViewSource {
             ViewSource::File(file) => file.shared_records(),
             ViewSource::Patched(tree) => tree.file().claimed_records(),
             ViewSource::Opaque(tree) => tree.source().shared_records(),
-            ViewSource::Memory(_) | ViewSource::Warped(_) | ViewSource::Calculated(_) => Ok(0),
+            ViewSource::Memory(_)
+            | ViewSource::Warped(_)
+            | ViewSource::Calculated(_)
+            | ViewSource::Regions(_) => Ok(0),
         }
     }
 
@@ -214,6 +233,7 @@ impl ViewSource {
         match self {
             ViewSource::Calculated(tree) => tree.cells_before(),
             ViewSource::Opaque(tree) => tree.source().cells_before(),
+            ViewSource::Regions(tree) => tree.source().cells_before(),
             _ => self.totals(None).map(|totals| totals.cells),
         }
     }
@@ -275,6 +295,12 @@ impl ViewSource {
                 hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Calculated(node)));
                 Ok(())
             }
+            (ViewSource::Regions(tree), ViewSourceNode::Regions(node)) => {
+                let mut found = no_children();
+                tree.children(node, &mut found)?;
+                hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Regions(node)));
+                Ok(())
+            }
             _ => Err(other_node(self.name())),
         }
     }
@@ -293,6 +319,7 @@ impl ViewSource {
         match self {
             ViewSource::File(file) => file.draw_at(level, bounds, values, valid),
             ViewSource::Calculated(tree) => tree.draw_at(level, bounds, values, valid),
+            ViewSource::Regions(tree) if level == tree.depth() => tree.draw_cells(bounds, values, valid),
             _ => Canvas::new(self.form(), bounds, Value::ZERO, values, Some(valid))?.draw(
                 self,
                 self.root()?,
@@ -374,6 +401,12 @@ impl From<Calculated> for ViewSource {
     }
 }
 
+impl From<Regions> for ViewSource {
+    fn from(tree: Regions) -> ViewSource {
+        ViewSource::Regions(Box::new(tree))
+    }
+}
+
 impl fmt::Debug for ViewSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("ViewSource").field(&self.name()).finish()
@@ -398,6 +431,7 @@ impl Source for ViewSource {
             ViewSource::Memory(memory) => memory.tree.root()?.map_node(ViewSourceNode::Memory),
             ViewSource::Warped(tree) => tree.root()?.map_node(ViewSourceNode::Warped),
             ViewSource::Calculated(tree) => tree.root()?.map_node(ViewSourceNode::Calculated),
+            ViewSource::Regions(tree) => tree.root()?.map_node(ViewSourceNode::Regions),
             ViewSource::Opaque(tree) => tree.root()?,
         })
     }
@@ -411,6 +445,7 @@ impl Source for ViewSource {
             ViewSource::File(file) => file.draw(bounds, values, valid),
             ViewSource::Warped(tree) => tree.draw(bounds, values, valid),
             ViewSource::Calculated(tree) => tree.draw(bounds, values, valid),
+            ViewSource::Regions(tree) => tree.draw(bounds, values, valid),
             ViewSource::Patched(_) | ViewSource::Memory(_) | ViewSource::Opaque(_) => Ok(false),
         }
     }
@@ -421,6 +456,7 @@ impl Source for ViewSource {
             (ViewSource::Patched(tree), ViewSourceNode::Patched(node)) => tree.cells(node, levels),
             (ViewSource::Warped(tree), ViewSourceNode::Warped(node)) => tree.cells(node, levels),
             (ViewSource::Calculated(tree), ViewSourceNode::Calculated(node)) => tree.cells(node, levels),
+            (ViewSource::Regions(tree), ViewSourceNode::Regions(node)) => tree.cells(node, levels),
             _ => Ok(None),
         }
     }
@@ -432,6 +468,7 @@ impl Source for ViewSource {
             ViewSource::Warped(tree) => tree.check_unchanged(),
             ViewSource::Calculated(tree) => tree.check_unchanged(),
             ViewSource::Opaque(tree) => tree.source().check_unchanged(),
+            ViewSource::Regions(tree) => tree.check_unchanged(),
             ViewSource::Memory(_) => Ok(()),
         }
     }

@@ -34,7 +34,7 @@ pub use field::Field;
 pub(crate) use find::source_find;
 pub use find::{Condition, FoundBlock};
 pub(crate) use histogram::{autumnal_histogram, source_histogram};
-pub(crate) use occupancy::{Filling, OccupancyLevel};
+pub(crate) use occupancy::{Filling, HALF, OccupancyLevel};
 pub use pixels::PixelGrid;
 pub(crate) use pixels::PixelSums;
 pub use points::PointSamples;

@@ -16,7 +16,7 @@ pub(super) const SIDE: i64 = 1 << BRICK;
 pub(super) const BRICK_CELLS: usize = 1 << (3 * BRICK);
 
 /// Cells that are at least this full belong to the solid.
-pub(super) const HALF: u8 = 128;
+pub(crate) const HALF: u8 = 128;
 
 /// Meaning of values for the occupancy of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,0 +1,351 @@
+//! The trees that `components=` and `sieve=` make: blocks are looked at again as they are asked for.
+
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::labels::{Labels, Standing};
+use super::sieve::Sieved;
+use super::step::{Connectivity, Sieve};
+use super::sweep::Cells;
+use crate::ops::affine::{Sampling, View};
+use crate::ops::view_source::ViewSource;
+use crate::store::depth_for;
+use crate::tree::{CellBlock, Child, Children, Source};
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney_base::{Form, PartOfWork, Progress, Result};
+use spinney_container::{Codec, Header, Metadata, Shape};
+
+/// Blocks that are kept for those who go through nodes.
+const KEPT: usize = 16;
+
+/// Labels that are u32; what has more has labels of u64. (The greatest is left free.)
+const MOST_NARROW: u64 = u32::MAX as u64 - 1;
+
+/// Units of one of two passes, for the progress.
+const PASS: u64 = 1 << 32;
+
+/// What steps need that go through all cells before the first is handed out.
+#[derive(Clone, Copy)]
+pub(in crate::ops) struct Passes<'a> {
+    /// Bytes that may be used, about.
+    pub(in crate::ops) memory: u64,
+    /// Folder for temporary files.
+    pub(in crate::ops) folder: &'a Path,
+    pub(in crate::ops) progress: &'a dyn Progress,
+}
+
+/// Components of cells of equal value: their labels, or the tree without the small ones.
+pub struct Regions {
+    cells: Cells,
+    labels: Labels,
+    /// What components become, if they become no labels.
+    sieved: Option<Sieved>,
+    header: Header,
+    metadata: Metadata,
+    kept: Mutex<Vec<(Code, Arc<CellBlock>)>>,
+}
+
+impl Regions {
+    /// Labels of the components of a view's cells, numbered by their first cells in FD order. Of solids of occupancy cells hang together
+    /// that are at least half full.
+    ///
+    /// # Errors
+    /// If cells of such trees have not so many neighbours, the tree is damaged, a temporary file cannot be used, or on interruption.
+    pub(in crate::ops) fn components(
+        view: &View,
+        connect: Connectivity,
+        passes: &Passes<'_>,
+    ) -> Result<Regions> {
+        let cells = Cells::bodies(view.clone(), connect.reach(view.form().dimension)?);
+        Regions::labelled(cells, MOST_NARROW, passes)
+    }
+
+    /// Labels of some cells, of u64 if there are more than a number of them.
+    pub(super) fn labelled(cells: Cells, most_narrow: u64, passes: &Passes<'_>) -> Result<Regions> {
+        let view = &cells.view;
+        let labels = Labels::of(&cells, false, (passes.folder, passes.memory), passes.progress)?;
+        let sample = if labels.count > most_narrow { SampleType::U64 } else { SampleType::U32 };
+        let own = view.metadata(false);
+        let metadata = Metadata {
+            frame: own.frame,
+            control_points: own.control_points,
+            tags: own.tags,
+            name: own.name,
+            provenance: own.provenance,
+            ..Metadata::default()
+        };
+        let header = Header {
+            form: Form::new(view.form().dimension, ValueType::new(sample, 1)),
+            rule: Rule::Nearest,
+            kind: Kind::Categorical,
+            ..header_of(view)
+        };
+        Ok(Regions { cells, labels, sieved: None, header, metadata, kept: Mutex::default() })
+    }
+
+    /// A view's cells, those of small components with the values of their largest neighbours.
+    ///
+    /// # Errors
+    /// As [`Regions::components`]; also if there are more components than memory has room for.
+    pub(in crate::ops) fn sieved(view: &View, sieve: &Sieve, passes: &Passes<'_>) -> Result<Regions> {
+        let dimension = view.form().dimension;
+        let cells = Cells::values(view.clone(), sieve.reach(dimension)?);
+        let least = sieve.cells(dimension, &view.frame(false))?;
+        Regions::sieved_cells(cells, least, passes)
+    }
+
+    /// Some cells without components of fewer cells than `least`.
+    pub(super) fn sieved_cells(cells: Cells, least: u64, passes: &Passes<'_>) -> Result<Regions> {
+        let part = || PartOfWork::new(passes.progress, PASS, 2 * PASS);
+        let labels = Labels::of(&cells, true, (passes.folder, passes.memory), &part())?;
+        let sieved = Sieved::of(&cells, &labels, least, passes.memory, &part())?;
+        let (metadata, header) = (cells.view.metadata(false), header_of(&cells.view));
+        Ok(Regions { cells, labels, sieved: Some(sieved), header, metadata, kept: Mutex::default() })
+    }
+
+    /// A view of all of it, which does what the one that it was made of does.
+    ///
+    /// # Errors
+    /// None in practice: as [`View::new`].
+    pub(in crate::ops) fn into_view(self, of: &View) -> Result<View> {
+        let (rule, sampling) = (self.header.rule, of.sampling());
+        let (extent, depth) = (self.header.extent, self.header.depth());
+        let view = View::new(Arc::new(self.into()), extent)?.warping(of.warp());
+        let view = if depth > depth_for(extent) { view.deepened(depth)? } else { view };
+        match sampling {
+            Sampling::Centre => Ok(view),
+            Sampling::Area(_) => view.sampled(Sampling::Area(rule)),
+        }
+    }
+
+    /// The tree whose components these are.
+    pub fn source(&self) -> &ViewSource {
+        self.cells.view.source()
+    }
+
+    /// The header of a file of the tree.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The metadata of a file of the tree.
+    pub fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// The value of a component's cells.
+    fn value(&self, label: u64) -> Value {
+        match &self.sieved {
+            Some(sieved) => sieved.value(label),
+            None if self.header.form.value.sample == SampleType::U32 => Value::from([label as u32]),
+            None => Value::from([label]),
+        }
+    }
+
+    /// The cells of a block, which is given by its number.
+    fn block(&self, code: Code, number: usize) -> Result<CellBlock> {
+        let local = self.cells.local(code)?;
+        let labels = self.labels.of_block(number, &local)?;
+        let values: Vec<Value> = labels.into_iter().map(|label| self.value(label)).collect();
+        let width = self.header.form.width();
+        let mut block = CellBlock::void(code.bounds(self.header.depth()).volume() as usize, width);
+        local.each_run(|cells, component| {
+            block.present[cells.clone()].fill(true);
+            let value = values[component].to_bytes();
+            for cell in block.values[cells.start * width..cells.end * width].chunks_exact_mut(width) {
+                cell.copy_from_slice(&value[..width]);
+            }
+        });
+        Ok(block)
+    }
+
+    fn kept_block(&self, code: Code, number: usize) -> Result<Arc<CellBlock>> {
+        let lock = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, block)) = lock().iter().find(|(other, _)| *other == code) {
+            return Ok(block.clone());
+        }
+        // (Without the lock: others may go on, and at worst two look at the same.)
+        let block = Arc::new(self.block(code, number)?);
+        let mut kept = lock();
+        if kept.len() >= KEPT {
+            kept.remove(0);
+        }
+        kept.push((code, block.clone()));
+        Ok(block)
+    }
+
+    /// A node: INNER ones stand for all that may have more below.
+    fn node(&self, code: Code) -> Result<Child<Code>> {
+        let inner = Child::Inner { representative: Value::ZERO, node: code };
+        match self.labels.at(code) {
+            Standing::Void => Ok(Child::Void),
+            Standing::Uniform(label) => Ok(Child::Leaf(self.value(label))),
+            Standing::Above => Ok(inner),
+            Standing::Block(number) => {
+                let (level, depth) = (self.cells.block_level(), self.header.depth());
+                let block = code.ancestor(level);
+                let cells = self.kept_block(block, number)?;
+                let bounds = code.bounds(depth).within(&block.bounds(depth));
+                Ok(node_of(&cells, &bounds, 1 << (depth - level), self.header.form.width(), code))
+            }
+        }
+    }
+
+    /// Draws a box of cells inside the tree's space as [`Source::draw`] does.
+    ///
+    /// # Errors
+    /// If the tree is damaged there.
+    pub(in crate::ops) fn draw_cells(
+        &self,
+        bounds: &Bounds,
+        values: &mut [u8],
+        valid: &mut [bool],
+    ) -> Result<()> {
+        valid.fill(false);
+        let (level, depth, form) = (self.cells.block_level(), self.header.depth(), self.header.form);
+        let height = depth - level;
+        let inside = bounds.intersect(&Bounds::picture(self.header.extent));
+        if inside.is_empty() {
+            return Ok(());
+        }
+        let blocks = |axis: usize| match axis < form.axes() {
+            true => inside.min[axis] >> height..((inside.max[axis] - 1) >> height) + 1,
+            false => 0..1,
+        };
+        for z in blocks(2) {
+            for y in blocks(1) {
+                for x in blocks(0) {
+                    let cell = [x, y, z].map(|cell| cell as u32);
+                    let Some(code) = Code::from_cell(form.dimension, level, cell) else { continue };
+                    match self.labels.at(code) {
+                        Standing::Void | Standing::Above => {}
+                        Standing::Uniform(label) => {
+                            let value = self.value(label);
+                            paint((bounds, code.bounds(depth)), form.width(), (values, valid), |_| {
+                                Some(value)
+                            });
+                        }
+                        Standing::Block(number) => {
+                            let block = self.kept_block(code, number)?;
+                            let width = form.width();
+                            paint((bounds, code.bounds(depth)), width, (values, valid), |cell| {
+                                let value = || Value::from_bytes(&block.values[cell * width..][..width]);
+                                block.present[cell].then(value)
+                            });
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The header of a file of a view.
+fn header_of(view: &View) -> Header {
+    let header = view.source().header();
+    Header {
+        form: view.form(),
+        rule: header.rule,
+        kind: header.kind,
+        codec: Codec::Plain,
+        shape: Shape { depth: view.depth(), ..header.shape },
+        extent: view.extent(),
+    }
+}
+
+/// Paints the part of a box that lies in a block, whose cells are given by their place in its rows.
+fn paint(
+    (bounds, block): (&Bounds, Bounds),
+    width: usize,
+    (values, valid): (&mut [u8], &mut [bool]),
+    value: impl Fn(usize) -> Option<Value>,
+) {
+    let both = bounds.intersect(&block);
+    let index = |cell: [u64; 3], bounds: &Bounds| {
+        let [columns, rows, _] = bounds.size();
+        let [x, y, z] = [0, 1, 2].map(|axis| cell[axis] - bounds.min[axis]);
+        ((z * rows + y) * columns + x) as usize
+    };
+    for z in both.min[2]..both.max[2] {
+        for y in both.min[1]..both.max[1] {
+            for x in both.min[0]..both.max[0] {
+                if let Some(value) = value(index([x, y, z], &block)) {
+                    let to = index([x, y, z], bounds);
+                    valid[to] = true;
+                    value.write(&mut values[to * width..(to + 1) * width]);
+                }
+            }
+        }
+    }
+}
+
+/// The node of some cells of a block with so many along an edge.
+fn node_of(block: &CellBlock, bounds: &Bounds, side: u64, width: usize, code: Code) -> Child<Code> {
+    let index = |x: u64, y: u64, z: u64| ((z * side + y) * side + x) as usize;
+    let value = |cell: usize| block.present[cell].then(|| &block.values[cell * width..][..width]);
+    let first = value(index(bounds.min[0], bounds.min[1], bounds.min[2]));
+    for z in bounds.min[2]..bounds.max[2] {
+        for y in bounds.min[1]..bounds.max[1] {
+            for cell in index(bounds.min[0], y, z)..index(bounds.max[0], y, z) {
+                let value = value(cell);
+                if value != first {
+                    let some = value.or(first).map_or(Value::ZERO, Value::from_bytes);
+                    return Child::Inner { representative: some, node: code };
+                }
+            }
+        }
+    }
+    Child::uniform(first.map(Value::from_bytes))
+}
+
+impl Source for Regions {
+    type Node = Code;
+
+    fn form(&self) -> Form {
+        self.header.form
+    }
+
+    fn depth(&self) -> u8 {
+        self.header.depth()
+    }
+
+    fn root(&self) -> Result<Child<Code>> {
+        self.node(Code::root(self.header.form.dimension))
+    }
+
+    fn children(&self, node: &Code, children: &mut Children<Code>) -> Result<()> {
+        for (step, child) in children[..self.header.form.children()].iter_mut().enumerate() {
+            *child = match node.level() < self.cells.block_level() {
+                // (Whether a block is of one value does not matter to who builds it.)
+                true => match self.labels.at(node.child(step)) {
+                    Standing::Block(_) => {
+                        Child::Inner { representative: Value::ZERO, node: node.child(step) }
+                    }
+                    _ => self.node(node.child(step))?,
+                },
+                false => self.node(node.child(step))?,
+            };
+        }
+        Ok(())
+    }
+
+    fn cells(&self, node: &Code, _: u8) -> Result<Option<CellBlock>> {
+        match self.labels.at(*node) {
+            Standing::Block(number) if node.level() == self.cells.block_level() => {
+                self.block(*node, number).map(Some)
+            }
+            _ => Ok(None),
+        }
+    }
+
+    fn draw(&self, bounds: &Bounds, values: &mut [u8], valid: &mut [bool]) -> Result<bool> {
+        self.draw_cells(bounds, values, valid)?;
+        Ok(true)
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        self.cells.view.check_unchanged()
+    }
+}

@@ -1,0 +1,145 @@
+//! The steps `components=4`, `sieve=100`, `sieve=5000m2,connect=8`.
+
+use std::fmt;
+use std::str::FromStr;
+
+use spinney_base::space::Dimension;
+use spinney_base::{Error, Result};
+use spinney_crs::Frame;
+
+/// The neighbours that a cell hangs together with: the 4 of a quadtree's cell and the 6 of an octree's that it shares an edge or a face
+/// with, or all 8 or 26 around it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Connectivity(u8);
+
+impl Connectivity {
+    /// Those in a tree of this dimension: with `across`, also across corners (and edges).
+    pub fn of(dimension: Dimension, across: bool) -> Connectivity {
+        Connectivity(match (dimension, across) {
+            (Dimension::Quad, false) => 4,
+            (Dimension::Quad, true) => 8,
+            (Dimension::Oct, false) => 6,
+            (Dimension::Oct, true) => 26,
+        })
+    }
+
+    /// Number of neighbours.
+    pub fn neighbours(self) -> u8 {
+        self.0
+    }
+
+    /// Cells along the other axes that neighbours may be away.
+    ///
+    /// # Errors
+    /// If cells of trees of this dimension have not so many neighbours.
+    pub(super) fn reach(self, dimension: Dimension) -> Result<u32> {
+        let numbers = [false, true].map(|across| Connectivity::of(dimension, across));
+        let reach = numbers.iter().position(|number| *number == self);
+        reach.map(|reach| reach as u32).ok_or_else(|| {
+            let expected = format!("{} or {} in {}s", numbers[0], numbers[1], dimension.tree_name());
+            Error::invalid("number of neighbours", self.to_string(), expected)
+        })
+    }
+}
+
+impl FromStr for Connectivity {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Connectivity> {
+        let number = text.trim().parse().ok().filter(|number| [4, 8, 6, 26].contains(number));
+        number.map(Connectivity).ok_or_else(|| {
+            let expected = "4 or 8, of octrees 6 or 26";
+            Error::invalid("number of neighbours", format!("`{text}`"), expected)
+        })
+    }
+}
+
+impl fmt::Display for Connectivity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// The size below which components go to a neighbour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Least {
+    Cells(u64),
+    SquareMetres(f64),
+}
+
+/// A sieve: components that are smaller than a size go to their largest neighbour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sieve {
+    least: Least,
+    connect: Option<Connectivity>,
+}
+
+impl Sieve {
+    /// The neighbours that cells hang together with: those that they share an edge or a face with, unless others are asked for.
+    pub(super) fn reach(&self, dimension: Dimension) -> Result<u32> {
+        self.connect.map_or(Ok(0), |connect| connect.reach(dimension))
+    }
+
+    /// Cells that a component needs in order to stay.
+    ///
+    /// # Errors
+    /// If square metres are asked for and the frame does not tell those of a cell.
+    pub(super) fn cells(&self, dimension: Dimension, frame: &Frame) -> Result<u64> {
+        let metres = match self.least {
+            Least::Cells(cells) => return Ok(cells),
+            Least::SquareMetres(metres) => metres,
+        };
+        let area = match dimension {
+            Dimension::Quad => frame.cell_square_metres(),
+            Dimension::Oct => Err("cells of octrees have volumes"),
+        };
+        let area = area.map_err(|reason| {
+            let expected = format!("a number of cells, as in sieve=100 ({reason})");
+            Error::invalid("sieve", "square metres", expected)
+        })?;
+        Ok((metres / area).ceil() as u64)
+    }
+}
+
+impl FromStr for Sieve {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Sieve> {
+        let wrong = || {
+            let expected = "sieve=CELLS or sieve=AREAm2, then ,connect=8 if wanted: a size below which components go to a neighbour";
+            Error::invalid("step", format!("`sieve={text}`"), expected)
+        };
+        let (size, connect) = match text.split_once(',') {
+            None => (text, None),
+            Some((size, more)) => {
+                (size, Some(more.trim().strip_prefix("connect=").ok_or_else(wrong)?.parse()?))
+            }
+        };
+        let size = size.trim();
+        let least = match size.strip_suffix("m2") {
+            Some(metres) => metres
+                .parse()
+                .ok()
+                .filter(|metres: &f64| metres.is_finite() && *metres > 0.0)
+                .map(Least::SquareMetres),
+            None => size
+                .strip_suffix("cells")
+                .unwrap_or(size)
+                .parse()
+                .ok()
+                .filter(|cells| *cells > 0)
+                .map(Least::Cells),
+        };
+        Ok(Sieve { least: least.ok_or_else(wrong)?, connect })
+    }
+}
+
+impl fmt::Display for Sieve {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.least {
+            Least::Cells(cells) => write!(f, "sieve={cells}")?,
+            Least::SquareMetres(metres) => write!(f, "sieve={metres}m2")?,
+        }
+        self.connect.map_or(Ok(()), |connect| write!(f, ",connect={connect}"))
+    }
+}
