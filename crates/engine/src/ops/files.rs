@@ -125,13 +125,21 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
     let passes = 1 + chain.steps.iter().map(Step::passes).sum::<u64>();
     let total = WHOLE * passes * paths.len() as u64;
     let layers = paths.len() as u64;
+    let temporary = match output.is_file() {
+        true => folder(output.path()).to_path_buf(),
+        false => std::env::temp_dir(),
+    };
     for path in paths {
         let chain = Chain { path, ..chain.clone() };
         let view = chain.open_with(&mut |view, step| {
             let part = PartOfWork::new(progress, WHOLE * step.passes(), total);
             // (What it finds out stays in memory until all is written.)
             let memory = memory / layers;
-            step.apply_whole(view, &Passes { memory, folder: folder(output.path()), progress: &part })
+            // (Labels differ wherever values do, so that there are no fewer nodes of them.)
+            if matches!(step, Step::Components(_)) && !view.has_windows() {
+                check_room(&output, view.form(), false, expected_records(&view)?)?;
+            }
+            step.apply_whole(view, &Passes { memory, folder: &temporary, progress: &part })
         })?;
         // How many cells there are to be, unless some were left out.
         // (On the grid of another coordinate system cells have no one size, and what is calculated may be VOID anywhere.)

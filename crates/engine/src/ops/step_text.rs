@@ -432,7 +432,7 @@ mod tests {
             assert!(
                 error.contains(text)
                     && error.contains(
-                        "tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc=, reduce= or composite="
+                        "tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, calc=, reduce=, composite=, components= or sieve="
                     ),
                 "{error}"
             );
