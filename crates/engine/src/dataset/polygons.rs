@@ -32,7 +32,7 @@ impl Dataset {
     ///     cells += region.cells();
     ///     Ok(())
     /// })?;
-    /// assert_eq!(cells, map.statistics(&map.header().picture())?.cells);
+    /// assert_eq!(cells, map.statistics(None, &())?.cells);
     /// assert!(found.rings >= found.count);
     /// # Ok::<(), spinney::Error>(())
     /// ```

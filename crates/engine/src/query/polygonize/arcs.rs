@@ -297,7 +297,7 @@ impl Arcs {
     /// Twice the area that a half sweeps, as part of a ring.
     pub(super) fn swept(&self, half: u32) -> i128 {
         let swept = self.arc(half / 2).swept;
-        if half % 2 == 0 { swept } else { -swept }
+        if half.is_multiple_of(2) { swept } else { -swept }
     }
 
     /// Whether a half goes on where another one has ended without a turn.

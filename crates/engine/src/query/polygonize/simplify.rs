@@ -70,10 +70,10 @@ impl<'a> Simplifier<'a> {
         if is_short && is_ring {
             let far = farthest(&part, |at| self.distance(at, [part[0]; 2]));
             let ends = [part[0], part[far]];
-            fixed = vec![far, farthest(&part, |at| self.from_line(at, ends))];
+            fixed = vec![far, farthest(&part, |at| self.line_distance(at, ends))];
         } else if is_short {
             let ends = [part[0], part[part.len() - 1]];
-            fixed = vec![farthest(&part, |at| self.from_line(at, ends))];
+            fixed = vec![farthest(&part, |at| self.line_distance(at, ends))];
         }
         self.part(&part, &mut fixed, &mut kept)?;
         arcs.replace(number, &kept);
@@ -125,7 +125,7 @@ impl<'a> Simplifier<'a> {
     }
 
     /// The distance of a point from the line through two others, times that of these.
-    fn from_line(&self, at: Point, [start, end]: [Point; 2]) -> f64 {
+    fn line_distance(&self, at: Point, [start, end]: [Point; 2]) -> f64 {
         let [a, b] = [at, end].map(|to| [0, 1].map(|axis| i64::from(to[axis]) - i64::from(start[axis])));
         (a[0] * b[1] - a[1] * b[0]).unsigned_abs() as f64
     }
