@@ -2,6 +2,7 @@
 //! line and for bindings.
 
 mod contours;
+mod polygons;
 mod questions;
 mod rebuild;
 mod solids;

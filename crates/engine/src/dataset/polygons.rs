@@ -1,0 +1,115 @@
+//! Polygons of the classes of any dataset.
+
+use super::Dataset;
+use crate::query::{
+    ClassCells, ClassGround, PolygonRequest, PolygonSummary, TakeRegion, check_level, find_regions,
+};
+use crate::tree::Child;
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::Kind;
+use spinney_base::{Error, Progress, Result};
+
+impl Dataset {
+    /// Hands out the regions of a quadtree of classes, at any level of detail, as polygons: cells of one class that hang together, by their
+    /// edges or also by their corners. VOID cells are in none, and each other one is in one region.
+    ///
+    /// Borders are those of cells, without points in line with their neighbours. Rings are simple: where a region touches itself in a corner, an outer ring
+    /// and a hole touch there, or two holes. Outer rings are counterclockwise, holes clockwise. A region of cells that hang together by corners alone has
+    /// several polygons, which touch there. If borders are [simplified](PolygonRequest::simplify), two regions still have the same border:
+    /// arcs between junctions, where three or four borders meet, are simplified once, and junctions stay where they are, like the picture's corners.
+    ///
+    /// Nodes that are alike are not gone through, and rows like those above them neither. The order of the regions, in which they end from the first row
+    /// on, depends on the tree alone. Besides `request.memory`, memory goes with the borders that cross a row of the picture, and with the number of
+    /// arcs of regions that are not whole yet: about 150 bytes for each.
+    ///
+    /// ```
+    /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+    /// use spinney::query::PolygonRequest;
+    ///
+    /// let map = spinney::open("fixtures/v1/classes.goblin")?;
+    /// let mut cells = 0;
+    /// let found = map.polygons(&PolygonRequest::new(), &(), &mut |region| {
+    ///     cells += region.cells();
+    ///     Ok(())
+    /// })?;
+    /// assert_eq!(cells, map.statistics(None, &())?.cells);
+    /// assert!(found.rings >= found.count);
+    /// # Ok::<(), spinney::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the tree is an octree, not of classes, or damaged, there is no such level, a class or a distance is none, a temporary file cannot be written,
+    /// `each` fails, or on interruption.
+    pub fn polygons(
+        &self,
+        request: &PolygonRequest,
+        progress: &dyn Progress,
+        each: &mut TakeRegion<'_>,
+    ) -> Result<PolygonSummary> {
+        self.check_polygons()?;
+        let level = request.level.unwrap_or(self.depth());
+        check_level(level, self.depth())?;
+        let [columns, rows, _] = self.extent_at(level).max;
+        let cells = LevelClasses { tree: self, level };
+        let value = self.header().form.value;
+        let mut ground = ClassGround {
+            cells: &cells,
+            level,
+            size: [columns, rows],
+            frame: self.metadata().frame.coarser(self.depth() - level),
+            value,
+            width: value.size(),
+            classes: None,
+        };
+        let summary = find_regions(&mut ground, request, progress, each)?;
+        self.check_unchanged()?;
+        Ok(summary)
+    }
+
+    /// Refuses a tree whose regions are no polygons.
+    ///
+    /// # Errors
+    /// If it is one.
+    fn check_polygons(&self) -> Result<()> {
+        let (form, tree) = (self.header().form, self.name().display());
+        let refuse = |found: &str, advice: String| Err(Error::unsupported(self.name(), found, advice));
+        if form.axes() != 2 {
+            let advice = format!(
+                "surfaces of solids: `spinney export {tree} surface.ply`; or cut a layer: --view slice=z:N"
+            );
+            return refuse("polygons of an octree", advice);
+        }
+        if self.header().kind != Kind::Categorical {
+            let advice = format!(
+                "areas between some values: `spinney contours {tree} --at V,... --filled -o areas.gpkg`. If the values are classes: \
+                 `spinney build {tree} --kind categorical -o CLASSES.goblin`"
+            );
+            return refuse("polygons of a tree of amounts", advice);
+        }
+        if form.value.channels != 1 {
+            let advice = "classes are one number a cell: build a tree of one channel, or --view calc='b1 * 65536 + b2 * 256 + b3'";
+            return refuse("polygons of several channels", advice.into());
+        }
+        Ok(())
+    }
+}
+
+/// The cells of a level.
+struct LevelClasses<'a> {
+    tree: &'a Dataset,
+    level: u8,
+}
+
+impl ClassCells for LevelClasses<'_> {
+    fn node(&self, code: Code) -> Result<Child<()>> {
+        self.tree.node(code)
+    }
+
+    fn window(&self, bounds: &Bounds) -> Result<(Vec<u8>, Vec<bool>)> {
+        let cells = bounds.volume() as usize;
+        let mut bytes = vec![0; cells * self.tree.header().form.value.size()];
+        let mut valid = vec![false; cells];
+        self.tree.window(self.level, bounds, 0.0, &mut bytes, Some(&mut valid))?;
+        Ok((bytes, valid))
+    }
+}

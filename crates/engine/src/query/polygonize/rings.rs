@@ -1,0 +1,153 @@
+//! Regions that are whole, as polygons: borders of their parts in rings, the outer one first.
+
+use std::collections::{BTreeMap, HashMap};
+
+use super::arcs::Arcs;
+use super::labels::Labels;
+use super::points::{NONE, Point};
+use spinney_base::Result;
+use spinney_base::sort;
+
+/// A ring: halves of arcs, one behind the other.
+#[derive(Default)]
+pub(super) struct Ring {
+    halves: Vec<u32>,
+    /// Number of points, the last of which is the first again.
+    pub(super) count: u64,
+}
+
+/// How rings are made.
+#[derive(Clone, Copy)]
+pub(super) struct RingRules {
+    /// Whether rings go around the other way.
+    pub(super) is_reversed: bool,
+    /// Whether points in line with their neighbours stay where arcs end.
+    pub(super) keeps_junctions: bool,
+}
+
+impl Ring {
+    fn new(mut halves: Vec<u32>, arcs: &Arcs, rules: RingRules) -> Ring {
+        if rules.is_reversed {
+            // (The other half of each.)
+            halves.reverse();
+            halves.iter_mut().for_each(|half| *half ^= 1);
+        }
+        let mut count = 1;
+        for (index, half) in halves.iter().enumerate() {
+            count += arcs.arc(half / 2).count - 1;
+            count -= u64::from(Ring::is_dropped(&halves, index, arcs, rules));
+        }
+        Ring { halves, count }
+    }
+
+    /// Whether the point that a half begins in is left out.
+    fn is_dropped(halves: &[u32], index: usize, arcs: &Arcs, rules: RingRules) -> bool {
+        let before = halves[index.checked_sub(1).unwrap_or(halves.len() - 1)];
+        !rules.keeps_junctions && arcs.is_straight(before, halves[index])
+    }
+
+    /// Hands out the points, many at a time.
+    pub(super) fn points(
+        &self,
+        arcs: &Arcs,
+        rules: RingRules,
+        each: &mut dyn FnMut(&[Point]) -> Result<()>,
+    ) -> Result<()> {
+        let mut first: Option<Point> = None;
+        for (index, half) in self.halves.iter().enumerate() {
+            let arc = arcs.arc(half / 2);
+            // The last point is the first of the next half.
+            let mut left = arc.count - 1;
+            let mut skipped = usize::from(Ring::is_dropped(&self.halves, index, arcs, rules));
+            arcs.points.each(arc.chain, half % 2 == 1, &mut |points| {
+                let points = &points[..points.len().min(usize::try_from(left).unwrap_or(usize::MAX))];
+                left -= points.len() as u64;
+                let skip = skipped.min(points.len());
+                skipped -= skip;
+                let points = &points[skip..];
+                if let Some(point) = points.first() {
+                    first.get_or_insert(*point);
+                    each(points)?;
+                }
+                Ok(())
+            })?;
+        }
+        first.map_or(Ok(()), |first| each(&[first]))
+    }
+}
+
+/// The polygons of a region.
+pub(super) struct RegionRings {
+    /// Rings of all polygons, one polygon behind the other, the outer ring of each first.
+    pub(super) rings: Vec<Ring>,
+    /// Number of rings of each polygon.
+    pub(super) polygons: Vec<usize>,
+    /// Arcs, as often as the region has halves of them.
+    arcs: Vec<u32>,
+}
+
+impl RegionRings {
+    /// Puts the borders of a region together.
+    pub(super) fn new(first: u32, arcs: &mut Arcs, labels: &mut Labels, rules: RingRules) -> RegionRings {
+        let mut all = Vec::new();
+        let mut parts: BTreeMap<u32, Vec<(i128, Ring)>> = BTreeMap::new();
+        let mut listed = first;
+        while listed != NONE {
+            all.push(listed / 2);
+            let start = listed;
+            listed = arcs.listed_after(listed);
+            let mut half = start;
+            let mut walk = Vec::new();
+            while arcs.see(half) {
+                walk.push(half);
+                // (An end is a half that begins there by number, too.)
+                half = arcs.half_after(half);
+            }
+            if walk.is_empty() {
+                continue;
+            }
+            let label = arcs.arc(start / 2).labels[(start % 2) as usize];
+            let part = parts.entry(labels.find_part(label)).or_default();
+            for halves in simple_rings(walk, arcs) {
+                let area: i128 = halves.iter().map(|half| arcs.swept(*half)).sum();
+                part.push((area, Ring::new(halves, arcs, rules)));
+            }
+        }
+        let mut made = RegionRings { rings: Vec::new(), polygons: Vec::new(), arcs: all };
+        for (_, mut rings) in parts {
+            // The region is on the left, so that the outer ring goes against the clock, where rows go down: its area is negative.
+            sort::by_key(&mut rings, |(area, _)| u64::from(*area >= 0));
+            made.polygons.push(rings.len());
+            made.rings.extend(rings.into_iter().map(|(_, ring)| ring));
+        }
+        made
+    }
+
+    /// Lets go of the region's arcs.
+    pub(super) fn release(self, arcs: &mut Arcs) {
+        self.arcs.into_iter().for_each(|arc| arcs.release(arc));
+    }
+}
+
+/// Parts a closed way where it comes through a point twice, so that rings touch there, themselves or each other, instead of crossing.
+fn simple_rings(walk: Vec<u32>, arcs: &Arcs) -> Vec<Vec<u32>> {
+    let mut rings = Vec::new();
+    let mut way: Vec<u32> = Vec::new();
+    let mut passed: HashMap<Point, usize> = HashMap::new();
+    for half in walk {
+        if let (point, true) = arcs.start(half) {
+            if let Some(height) = passed.get(&point).copied() {
+                let ring = way.split_off(height);
+                for half in &ring[1..] {
+                    passed.remove(&arcs.start(*half).0);
+                }
+                rings.push(ring);
+            } else {
+                passed.insert(point, way.len());
+            }
+        }
+        way.push(half);
+    }
+    rings.push(way);
+    rings
+}

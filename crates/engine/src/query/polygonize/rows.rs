@@ -1,0 +1,231 @@
+//! Rows of cells as runs of one class, from nodes of the tree that are alike all over, and from windows of the others.
+
+use super::ClassGround;
+use crate::tree::Child;
+use spinney_base::space::{Bounds, Code, Dimension};
+use spinney_base::{Result, parallel};
+
+/// A class, by the bytes of its value as a number. What is VOID comes before all others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(super) struct Class {
+    pub(super) is_valid: bool,
+    pub(super) bits: u64,
+}
+
+impl Class {
+    pub(super) const VOID: Class = Class { is_valid: false, bits: 0 };
+}
+
+/// Neighbouring cells of a class, up to but without a column.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Run {
+    bits: u64,
+    pub(super) end: u32,
+    is_valid: bool,
+}
+
+impl Run {
+    pub(super) fn new(class: Class, end: u32) -> Run {
+        Run { bits: class.bits, end, is_valid: class.is_valid }
+    }
+
+    pub(super) fn class(&self) -> Class {
+        Class { is_valid: self.is_valid, bits: self.bits }
+    }
+}
+
+/// Adds a run to a row.
+fn push(row: &mut Vec<Run>, class: Class, end: u32) {
+    match row.last_mut() {
+        Some(last) if last.class() == class => last.end = end,
+        _ => row.push(Run::new(class, end)),
+    }
+}
+
+/// Columns of a tile as a power of two, and rows at most.
+pub(super) const TILE: u8 = 8;
+
+/// Cells of some rows, and columns up to but without `end`.
+struct Tile {
+    end: u32,
+    cells: TileCells,
+}
+
+enum TileCells {
+    Same(Class),
+    Rows {
+        runs: Vec<Run>,
+        /// Where each row begins in `runs`: rows that are like the one above are not there again.
+        starts: Vec<(u32, u32)>,
+    },
+}
+
+/// Some rows of tiles.
+pub(super) struct Strip {
+    tiles: Vec<Tile>,
+    pub(super) rows: u32,
+}
+
+impl Strip {
+    /// Whether a row is like the one above it in the strip.
+    pub(super) fn is_repeated(&self, row: u32) -> bool {
+        row > 0
+            && self.tiles.iter().all(|tile| match &tile.cells {
+                TileCells::Same(_) => true,
+                TileCells::Rows { starts, .. } => starts[row as usize] == starts[row as usize - 1],
+            })
+    }
+
+    /// The runs of a row.
+    pub(super) fn row(&self, row: u32, runs: &mut Vec<Run>) {
+        runs.clear();
+        for tile in &self.tiles {
+            match &tile.cells {
+                TileCells::Same(class) => push(runs, *class, tile.end),
+                TileCells::Rows { runs: all, starts } => {
+                    let (first, end) = starts[row as usize];
+                    for run in &all[first as usize..end as usize] {
+                        push(runs, run.class(), run.end);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Bytes of memory that a cell may take in a strip, where no two neighbours are alike.
+const CELL_BYTES: u64 = size_of::<Run>() as u64 + 8;
+
+/// Rows that are read at a time.
+pub(super) fn strip_rows(columns: u64, memory: u64) -> u32 {
+    let rows = memory / columns.saturating_mul(CELL_BYTES).max(1);
+    let most = 1u64 << TILE;
+    // (A power of two, so that strips do not cross tiles.)
+    1 << rows.clamp(1, most).ilog2()
+}
+
+/// Reads so many rows from one on, which do not cross a border of tiles.
+pub(super) fn read_strip(ground: &ClassGround<'_>, first: u32, rows: u32) -> Result<Strip> {
+    let level = ground.level.saturating_sub(TILE);
+    let mut nodes = Vec::new();
+    let row = u64::from(first) >> (ground.level - level);
+    visit(ground, level, Code::root(Dimension::Quad), row, &mut nodes)?;
+    let width = 1u64 << (ground.level - level);
+    let columns = ground.size[0];
+    let all: Vec<(u64, u64, Option<Class>)> = nodes
+        .iter()
+        .enumerate()
+        .map(|(index, (column, class))| {
+            let end = nodes.get(index + 1).map_or(columns, |(next, _)| (next * width).min(columns));
+            (column * width, end, *class)
+        })
+        .collect();
+    let tiles = parallel::map(&all, |(start, end, class)| {
+        let cells = match class {
+            Some(class) => TileCells::Same(*class),
+            None => {
+                let min = [*start, u64::from(first), 0];
+                read_tile(ground, &Bounds { min, max: [*end, u64::from(first + rows), 1] })?
+            }
+        };
+        Ok(Tile { end: *end as u32, cells })
+    });
+    Ok(Strip { tiles: tiles.into_iter().collect::<Result<_>>()?, rows })
+}
+
+/// Adds the tiles of a row below a node: the first column of each, and the class if all are of one.
+fn visit(
+    ground: &ClassGround<'_>,
+    level: u8,
+    code: Code,
+    row: u64,
+    tiles: &mut Vec<(u64, Option<Class>)>,
+) -> Result<()> {
+    let below = level - code.level();
+    let first = u64::from(code.cell()[0]) << below;
+    if first << (ground.level - level) >= ground.size[0] {
+        return Ok(());
+    }
+    match ground.cells.node(code)? {
+        Child::Inner { .. } if code.level() == ground.level => tiles.push((first, None)),
+        Child::Inner { .. } if below > 0 => {
+            let lower = (row >> (below - 1) & 1) as usize;
+            visit(ground, level, code.child(2 * lower), row, tiles)?;
+            visit(ground, level, code.child(2 * lower + 1), row, tiles)?;
+        }
+        Child::Inner { .. } => tiles.push((first, None)),
+        uniform => {
+            let class = uniform.value().map_or(Class::VOID, |value| {
+                ground.class(Class { is_valid: true, bits: ClassGround::bits(value) })
+            });
+            tiles.push((first, Some(class)));
+        }
+    }
+    Ok(())
+}
+
+/// Reads the cells of a tile.
+fn read_tile(ground: &ClassGround<'_>, bounds: &Bounds) -> Result<TileCells> {
+    let (bytes, valid) = ground.cells.window(bounds)?;
+    Ok(match ground.width {
+        1 => scan::<1>(ground, &bytes, &valid, bounds),
+        2 => scan::<2>(ground, &bytes, &valid, bounds),
+        4 => scan::<4>(ground, &bytes, &valid, bounds),
+        _ => scan::<8>(ground, &bytes, &valid, bounds),
+    })
+}
+
+/// Makes runs of cells in rows, whose values have so many bytes.
+fn scan<const WIDTH: usize>(
+    ground: &ClassGround<'_>,
+    bytes: &[u8],
+    valid: &[bool],
+    bounds: &Bounds,
+) -> TileCells {
+    let columns = bounds.size()[0] as usize;
+    let first = bounds.min[0] as u32;
+    let values = bytes.as_chunks::<WIDTH>().0;
+    let mut runs: Vec<Run> = Vec::new();
+    let mut starts: Vec<(u32, u32)> = Vec::new();
+    let mut above: Option<(&[[u8; WIDTH]], &[bool])> = None;
+    for row in values.chunks_exact(columns).zip(valid.chunks_exact(columns)) {
+        if let Some(last) = starts.last().copied()
+            && above == Some(row)
+        {
+            starts.push(last);
+            continue;
+        }
+        above = Some(row);
+        let start = runs.len();
+        let (values, valid) = row;
+        let mut column = 0;
+        while column < columns {
+            let (value, is_valid) = (values[column], valid[column]);
+            let mut end = column + 1;
+            if is_valid {
+                while end < columns && values[end] == value && valid[end] {
+                    end += 1;
+                }
+            } else {
+                while end < columns && !valid[end] {
+                    end += 1;
+                }
+            }
+            let class = if is_valid {
+                let mut bits = [0; 8];
+                bits[..WIDTH].copy_from_slice(&value);
+                ground.class(Class { is_valid: true, bits: u64::from_le_bytes(bits) })
+            } else {
+                Class::VOID
+            };
+            // (Classes that nobody wants are alike.)
+            match runs[start..].last_mut() {
+                Some(last) if last.class() == class => last.end = first + end as u32,
+                _ => runs.push(Run::new(class, first + end as u32)),
+            }
+            column = end;
+        }
+        starts.push((start as u32, runs.len() as u32));
+    }
+    TileCells::Rows { runs, starts }
+}

@@ -1,0 +1,245 @@
+//! Borders of regions, line by line between rows of cells.
+//!
+//! Where two borders meet in a corner of cells, one arc goes on; where three or four do, arcs end and begin. The border of a region goes on from the one that it
+//! has come along to the next one clockwise: what lies between the two is the region. So regions are parted where they touch at corners.
+
+use super::arcs::Arcs;
+use super::labels::Labels;
+use super::points::NONE;
+use super::rows::{Class, Run};
+use super::simplify::Simplifier;
+use spinney_base::Result;
+
+/// A run of a row, and the label of its cells; [`NONE`] if they are VOID.
+#[derive(Clone, Copy)]
+struct LabelledRun {
+    run: Run,
+    label: u32,
+}
+
+/// The row above, and the borders that go down from it.
+pub(super) struct Sweep {
+    pub(super) arcs: Arcs,
+    pub(super) labels: Labels,
+    columns: u32,
+    /// Whether cells that touch at corners hang together.
+    has_corners: bool,
+    row: Vec<LabelledRun>,
+    /// Rows like it that were passed.
+    height: u64,
+    /// Columns and tips of arcs that go down.
+    downward: Vec<(u32, u32)>,
+    /// Number of the line below the row.
+    line: u32,
+}
+
+/// A cell beside a corner: its class and its label.
+type Cell = (Class, u32);
+
+const OUTSIDE: Cell = (Class::VOID, NONE);
+
+impl Sweep {
+    /// Begins above the first row of a picture with so many columns.
+    pub(super) fn new(columns: u32, has_corners: bool, arcs: Arcs) -> Sweep {
+        let row = vec![LabelledRun { run: Run::new(Class::VOID, columns), label: NONE }];
+        let labels = Labels::default();
+        Sweep { arcs, labels, columns, has_corners, row, height: 0, downward: Vec::new(), line: 0 }
+    }
+
+    /// Passes a row that is like the one above it.
+    pub(super) fn repeat(&mut self) {
+        self.line += 1;
+        self.height += 1;
+    }
+
+    /// Passes a row; hands out roots and classes of regions that have come to their end.
+    ///
+    /// # Errors
+    /// If the tree or a temporary file cannot be read where arcs are simplified.
+    pub(super) fn next(
+        &mut self,
+        runs: &[Run],
+        simplifier: &mut Option<Simplifier<'_>>,
+    ) -> Result<Vec<(u32, Class)>> {
+        if self.row.iter().map(|labelled| &labelled.run).eq(runs) {
+            self.repeat();
+            return Ok(Vec::new());
+        }
+        let below = self.label(runs);
+        self.borders(&below);
+        for number in self.arcs.take_finished() {
+            if let Some(simplifier) = simplifier {
+                simplifier.simplify(&mut self.arcs, number)?;
+            }
+            self.arcs.list(number, &mut self.labels);
+        }
+        // What is not below has ended.
+        let line = u64::from(self.line) * 2 + 1;
+        let above = std::mem::replace(&mut self.row, below);
+        for LabelledRun { label, .. } in self.row.iter().filter(|run| run.label != NONE) {
+            self.labels.note(*label, line);
+        }
+        let mut ended = Vec::new();
+        for LabelledRun { run, label } in above.iter().filter(|run| run.label != NONE) {
+            let root = self.labels.find(*label);
+            if self.labels.note(root, line) {
+                ended.push((root, run.class()));
+            }
+        }
+        (self.line, self.height) = (self.line + 1, 1);
+        Ok(ended)
+    }
+
+    /// Labels the runs of the next row, by those of the row above, whose cells it counts.
+    fn label(&mut self, runs: &[Run]) -> Vec<LabelledRun> {
+        let mut start = 0;
+        for LabelledRun { run, label } in &self.row {
+            if *label != NONE {
+                self.labels.count(*label, u64::from(run.end - start) * self.height);
+            }
+            start = run.end;
+        }
+        let mut below: Vec<LabelledRun> = Vec::with_capacity(runs.len());
+        let Sweep { labels, arcs, row, has_corners, .. } = self;
+        let (mut first, mut start) = (0, 0);
+        for run in runs {
+            let class = run.class();
+            if !class.is_valid {
+                below.push(LabelledRun { run: *run, label: NONE });
+                start = run.end;
+                continue;
+            }
+            while row[first].run.end < start {
+                first += 1;
+            }
+            let mut label = NONE;
+            let mut corners = [NONE; 2];
+            let mut above_start = if first == 0 { 0 } else { row[first - 1].run.end };
+            for above in &row[first..] {
+                if above_start > run.end {
+                    break;
+                }
+                if above.run.class() == class {
+                    if above.run.end == start {
+                        corners[0] = above.label;
+                    } else if above_start == run.end {
+                        corners[1] = above.label;
+                    } else if label == NONE {
+                        label = above.label;
+                    } else {
+                        labels.join(label, above.label, true, |last, half| arcs.link_halves(last, half));
+                    }
+                }
+                above_start = above.run.end;
+            }
+            if label == NONE {
+                label = labels.add();
+            }
+            for corner in corners {
+                if *has_corners && corner != NONE {
+                    labels.join(label, corner, false, |last, half| arcs.link_halves(last, half));
+                }
+            }
+            below.push(LabelledRun { run: *run, label });
+            start = run.end;
+        }
+        below
+    }
+
+    /// Takes borders on from the row above to the one below.
+    fn borders(&mut self, below: &[LabelledRun]) {
+        let y = self.line;
+        let mut downward = Vec::with_capacity(below.len() + 1);
+        let mut upper = self.downward.iter().peekable();
+        let cell = |row: &[LabelledRun], index: usize| {
+            row.get(index).map_or(OUTSIDE, |labelled| (labelled.run.class(), labelled.label))
+        };
+        // The cells to the right of the corner, and their runs.
+        let (mut above_run, mut below_run) = (0, 0);
+        let (mut north_west, mut south_west) = (OUTSIDE, OUTSIDE);
+        let mut x = 0;
+        // The border that comes along the line from the left.
+        let mut west = NONE;
+        loop {
+            let (north_east, south_east) = if x == self.columns {
+                (OUTSIDE, OUTSIDE)
+            } else {
+                (cell(&self.row, above_run), cell(below, below_run))
+            };
+            let north = upper.next_if(|(column, _)| *column == x).map_or(NONE, |(_, tip)| *tip);
+            let has_south = south_west.0 != south_east.0;
+            let has_east = north_east.0 != south_east.0;
+            let edges = [north != NONE, has_east, has_south, west != NONE];
+            let at = [x, y];
+            // The lesser class is on the left.
+            let goes_south = south_east.0 < south_west.0;
+            let goes_east = north_east.0 < south_east.0;
+            let south_labels =
+                if goes_south { [south_east.1, south_west.1] } else { [south_west.1, south_east.1] };
+            let east_labels =
+                if goes_east { [north_east.1, south_east.1] } else { [south_east.1, north_east.1] };
+            match edges {
+                [false, false, false, false] => {}
+                [true, false, true, false] => downward.push((x, north)),
+                [false, true, false, true] => {}
+                [true, true, false, false] => {
+                    self.arcs.push(north, at);
+                    west = north;
+                }
+                [false, false, true, true] => {
+                    self.arcs.push(west, at);
+                    downward.push((x, west));
+                    west = NONE;
+                }
+                [true, false, false, true] => {
+                    self.arcs.meet([north, west], at);
+                    west = NONE;
+                }
+                [false, true, true, false] => {
+                    let [start, end] = self.arcs.begin(at, south_labels);
+                    let (south, east) = if goes_south { (end, start) } else { (start, end) };
+                    downward.push((x, south));
+                    west = east;
+                }
+                _ => {
+                    let is_pinched =
+                        edges == [true; 4] && (north_west.0 == south_east.0 || north_east.0 == south_west.0);
+                    let mut ends = [NONE; 4];
+                    if north != NONE {
+                        ends[0] = self.arcs.end(north, at, is_pinched);
+                    }
+                    if west != NONE {
+                        ends[3] = self.arcs.end(west, at, is_pinched);
+                    }
+                    west = NONE;
+                    if has_east {
+                        let side = u8::from(!goes_east);
+                        (ends[1], west) = self.arcs.begin_at_junction(at, side, east_labels, is_pinched);
+                    }
+                    if has_south {
+                        let side = u8::from(!goes_south);
+                        let (end, tip) = self.arcs.begin_at_junction(at, side, south_labels, is_pinched);
+                        ends[2] = end;
+                        downward.push((x, tip));
+                    }
+                    let (mut last, first) = (NONE, ends.iter().copied().find(|end| *end != NONE));
+                    for end in ends.into_iter().chain(first).filter(|end| *end != NONE) {
+                        if last != NONE {
+                            self.arcs.link(last, end);
+                        }
+                        last = end;
+                    }
+                }
+            }
+            if x == self.columns {
+                break;
+            }
+            (north_west, south_west) = (north_east, south_east);
+            let (above_end, below_end) = (self.row[above_run].run.end, below[below_run].run.end);
+            x = above_end.min(below_end);
+            above_run += usize::from(above_end == x);
+            below_run += usize::from(below_end == x);
+        }
+        self.downward = downward;
+    }
+}
