@@ -342,7 +342,7 @@ pub mod export {
         pub use spinney_vector::export::{
             AttributeType, AttributeValue, ContourFeatures, Geometry, GeometryKind, IntersectionSummary,
             SectionPlanes, SectionSummary, Smoothed, VectorFormat, VectorLayer, VectorWriter,
-            export_contours, export_intersection, export_section,
+            export_contours, export_intersection, export_polygons, export_section,
         };
     }
 }

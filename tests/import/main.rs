@@ -41,6 +41,8 @@ mod mesh_real;
 mod mesh_solids;
 #[cfg(feature = "raster")]
 mod pictures;
+#[cfg(feature = "vector")]
+mod polygons;
 mod raster_tiff;
 mod raster_tiff_hostile;
 #[cfg(feature = "vector")]

@@ -170,8 +170,8 @@ fn refused_formats_get_advice_that_fits() {
     for (name, bytes, advice) in [
         ("a.laz", "LASF", "point clouds are not read"),
         ("a", "LASF", "pdal translate"),
-        ("a.gpkg", "SQLite format 3\0", "gdal_rasterize"),
-        ("a.shp", "\0\0\x27\x0a", "gdal_rasterize"),
+        ("a.gpkg", "SQLite format 3\0", "--cell"),
+        ("a.shp", "\0\0\x27\x0a", "--cell"),
         ("a.nc", "CDF\x01", "NETCDF:"),
         ("a.h5", "\u{89}HDF", "gdal_translate"),
         ("a.jp2", "....jP", "gdal_translate"),
@@ -191,7 +191,7 @@ fn refused_formats_get_advice_that_fits() {
         // A name is shown where it belongs into a command.
         assert!(!text.contains("IN "), "{text}");
     }
-    // Polygons for statistics, and GeoJSON where a model is expected.
+    // Polygons for statistics, and features where cells are not said.
     for (name, bytes, told) in [
         ("z.kml", &b"<kml>"[..], "ogr2ogr zones.geojson"),
         ("z.gpkg", b"SQLite format 3\0\xff\xfe", "z.gpkg"),
@@ -201,9 +201,10 @@ fn refused_formats_get_advice_that_fits() {
         assert!(text.contains(told), "{text}");
     }
     let polygons = place.write("p.json", r#"{"type": "FeatureCollection", "features": []}"#);
-    for more in [&[][..], &["--brep"]] {
+    for (more, told) in [(&[][..], "features need cells"), (&["--brep"], "are for solids, not for features")]
+    {
         let text = complaint(&[&["build", &polygons, "-o", &place.name("o.goblin")], more].concat(), 1);
-        assert!(text.contains("a GeoJSON document") && text.contains("--zones"), "{text}");
+        assert!(text.contains(told), "{text}");
     }
     fs::create_dir(place.name("a.zarr")).unwrap();
     assert!(

@@ -80,7 +80,8 @@ impl FeatureArgs {
             (None, _, Some(cell)) => FeatureGrid::Cell(cell),
             (None, Some(cells), None) => FeatureGrid::Cells(cells),
             (None, None, None) => bail!(
-                "features need cells: say their width with --cell, in units of the features' coordinates, their number along the longer side with --cells, or another tree's with --grid"
+                "{}: features need cells: say their width with --cell, in units of the features' coordinates, their number along the longer side with --cells, or another tree's with --grid",
+                inputs[0].display()
             ),
         };
         if !matches!(grid, FeatureGrid::Like(_)) && pictures.max_zoom.is_some() {

@@ -4,6 +4,7 @@
 mod cog;
 mod gltf;
 mod mesh;
+mod polygons;
 mod tiles;
 
 use std::path::Path;
@@ -16,7 +17,7 @@ use spinney::export::tiles::TileTarget;
 use super::Global;
 use super::args::{OutputFile, PartOptions, ViewedTree};
 
-/// Write a tree as a file of other programs: tiles or a cloud-optimized GeoTIFF of a picture, a mesh of a solid
+/// Write a tree as a file of other programs: tiles or a cloud-optimized GeoTIFF of a picture, polygons of classes, a mesh of a solid
 ///
 /// The output's name says what is written, or else --format: .tif, .pmtiles, .mbtiles or a pattern such as 'map/{z}/{x}/{y}.png' of
 /// pictures; .ply, .obj, .stl, .off, .glb or 'x/tileset.json' (3D Tiles) of solids, of exact models .city.json, too.
@@ -27,6 +28,9 @@ use super::args::{OutputFile, PartOptions, ViewedTree};
 /// Tiles are squares of the world in web mercator, zoom by zoom: an archive (.pmtiles, .mbtiles), or a folder with a file
 /// for each, by a pattern with {z}, {x} and {y}. Empty tiles are left out, and equal ones are stored once. Memory does not grow with
 /// their number. An interrupted export leaves nothing, or, with --resume, what the next one goes on with.
+///
+/// With --polygons the regions of a tree of classes become polygons (.geojson, .gpkg, .fgb, .shp, .csv or .svg), exactly along the sides of cells, with holes:
+/// one for each region whose cells have edges in common, of any level and view.
 ///
 /// A mesh of an octree is closed, its faces are counterclockwise seen from outside, and its coordinates are those of
 /// the world. By default it has the outer faces of the cells, merged to rectangles; where rectangles of different
@@ -62,6 +66,8 @@ pub(crate) struct Args {
     mesh: mesh::MeshOptions,
     #[command(flatten)]
     gltf: gltf::GltfArgs,
+    #[command(flatten)]
+    polygons: polygons::PolygonOptions,
 }
 
 /// Options of all pictures in tiles.
@@ -95,6 +101,8 @@ const EXAMPLES: &str = "Examples:
   spinney export world.goblin world.pmtiles --attribution '(c) Survey'
   spinney export world.goblin alps.mbtiles --zoom 4..12 --in lonlat --window 5.9,45.8,10.5,47.8 --tile-format webp
   spinney export dem.goblin 'map/{z}/{x}/{y}.png' --style hillshade
+  spinney export landcover.goblin regions.gpkg --polygons
+  spinney export landcover.goblin woods.geojson --polygons --class 3,4 --simplify 20
   spinney export bunny.goblin bunny.ply
   spinney export bunny.goblin small.obj --level 6
   spinney export bunny.goblin print.stl --smooth
@@ -137,6 +145,16 @@ impl FromStr for Target {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    if args.polygons.polygons {
+        let others = [args.tiles.given(), args.archive.given(), args.cog.given(), args.gltf.given()];
+        let of_part = args.part.is_given().then_some("--window");
+        let of_mesh = args.mesh.given().filter(|option| *option != "--level");
+        let format = args.format.map(|_| "--format");
+        if let Some(option) = others.into_iter().chain([of_part, of_mesh, format]).flatten().next() {
+            bail!("{option} is not for --polygons; a window is a step: --view window=...");
+        }
+        return polygons::run(args, global);
+    }
     let tiles = if args.format.is_none() { TileTarget::of(args.output.path())? } else { None };
     let target = args.format.or_else(|| Target::of(args.output.path()));
     if tiles.is_none() && target.is_none() {

@@ -36,6 +36,7 @@ mod geopackage;
 mod intersection;
 mod obj;
 mod ply;
+mod polygons;
 mod sections;
 mod shapefile;
 mod smooth;
@@ -47,6 +48,7 @@ use std::str::FromStr;
 
 pub use self::contours::{ContourFeatures, export_contours};
 pub use self::intersection::{IntersectionSummary, export_intersection};
+pub use self::polygons::export_polygons;
 pub use self::sections::{SectionPlanes, SectionSummary, export_section};
 pub use self::smooth::Smoothed;
 

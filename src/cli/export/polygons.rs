@@ -1,0 +1,53 @@
+//! Regions of a tree of classes as polygons.
+
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use spinney::export::vector::export_polygons;
+use spinney::io::Output;
+use spinney::query::PolygonRequest;
+use spinney::value::Number;
+
+use super::super::args::{check_output, level_of, vector_format};
+use super::super::report::{Work, report_output};
+use super::super::{Global, exact};
+use super::Args;
+
+/// Options of polygons.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Polygons of classes (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV, SVG)")]
+pub(super) struct PolygonOptions {
+    /// Regions of cells of one class that have edges in common, a polygon each, with class, name, colour and number of cells
+    #[arg(long)]
+    pub(super) polygons: bool,
+    /// Values equal to these alone, as in 3,4
+    #[arg(long = "class", value_name = "VALUE,...", value_delimiter = ',', requires = "polygons")]
+    classes: Option<Vec<Number>>,
+    /// Distance that borders may be moved by to have fewer corners, in units of the tree's coordinates; neighbours keep the same border
+    #[arg(long, value_name = "DISTANCE", requires = "polygons")]
+    simplify: Option<f64>,
+}
+
+/// Writes the polygons.
+pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    if exact::open(&args.tree.file)?.is_some() {
+        exact::refuse(&args.tree.file, &[("--polygons", true)])?;
+    }
+    let tree = args.tree.open()?;
+    check_output([args.tree.file.as_path()], args.output.path())?;
+    let format = vector_format(None, args.output.path())?;
+    let mut request = PolygonRequest::new();
+    request.classes.clone_from(&args.polygons.classes);
+    request.simplify = args.polygons.simplify;
+    request.level = Some(level_of(&tree, args.mesh.level)?);
+    let work = Work::start(global, "cells")?;
+    let output = Output::create(args.output.path())?;
+    let summary = export_polygons(&tree, &request, output, format, &work)
+        .with_context(|| format!("cannot write {}", args.output.path().display()))?;
+    work.finish();
+    let (count, rings, points) = (summary.count, summary.rings, summary.points);
+    global.report("polygons", format_args!("{count} of {rings} rings and {points} points"));
+    report_output(global, args.output.path(), start);
+    Ok(())
+}

@@ -1,0 +1,142 @@
+//! Regions of trees as polygons, which become the same trees again.
+
+use std::fs;
+use std::path::Path;
+
+use spinney::dataset::Dataset;
+use spinney::export::vector::{VectorFormat, export_polygons};
+use spinney::import::rasterize::{FeatureGrid, FeatureValue, RasterizeOptions, plan_features};
+use spinney::io::Output;
+use spinney::ops::WarpGrid;
+use spinney::query::PolygonRequest;
+use spinney::space::Dimension;
+use spinney::space::{Crs, Frame};
+use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs};
+use spinney::tree::Form;
+use spinney::value::{Kind, SampleType, Value, ValueType};
+
+use crate::common::Random;
+
+/// A picture of classes of two bytes.
+struct Classes {
+    size: [u64; 2],
+    cells: Vec<u16>,
+}
+
+impl Slabs for Classes {
+    fn extent(&self) -> [u64; 3] {
+        [self.size[0], self.size[1], 1]
+    }
+
+    fn next(&mut self, slab: &mut Slab) -> spinney::Result<bool> {
+        let first = slab.bytes.is_empty() && !self.cells.is_empty();
+        let bytes = self.cells.drain(..).flat_map(u16::to_le_bytes).collect();
+        *slab = Slab { origin: [0; 3], size: self.extent(), bytes, valid: None };
+        Ok(first)
+    }
+}
+
+/// A tree of classes, of which 0 is VOID.
+fn tree(path: &Path, size: [u64; 2], cells: Vec<u16>, frame: Frame) -> Dataset {
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U16, 1));
+    let depth = spinney::store::depth_for([size[0], size[1], 1]).max(1);
+    let options =
+        BuildOptions::new(Kind::Categorical, depth).metadata(Metadata { frame, ..Metadata::default() });
+    let output = Output::create(path).unwrap();
+    build_slabs(form, &mut Classes { size, cells }, Some(Value::from([0u16])), &options, output, &())
+        .unwrap();
+    spinney::open(path).unwrap()
+}
+
+/// Fails unless the polygons of a level of a tree are the cells of that level, read as features again.
+fn comes_back(folder: &Path, map: &Dataset, level: u8) {
+    let (path, again) = (folder.join("regions.geojson"), folder.join("again.goblin"));
+    let mut request = PolygonRequest::new();
+    request.level = Some(level);
+    let made =
+        export_polygons(map, &request, Output::create(&path).unwrap(), VectorFormat::GeoJson, &()).unwrap();
+    if made.count == 0 {
+        assert_eq!(map.statistics(None, &()).unwrap().cells, 0);
+        return;
+    }
+    let [width, height, _] = map.extent_at(level).max;
+    let frame = map.metadata().frame.coarser(map.depth() - level);
+    let mut options =
+        RasterizeOptions::new(FeatureGrid::Like(WarpGrid { frame, extent: [width, height, 1] }));
+    options.value = FeatureValue::Attribute("class".into());
+    options.depth = Some(level.max(1));
+    plan_features(&[path], &options).unwrap().build(Output::create(&again).unwrap(), &()).unwrap();
+    let read = spinney::open(&again).unwrap();
+    let mut cells = 0;
+    for y in 0..height {
+        for x in 0..width {
+            let (mut one, mut other) = (Default::default(), Default::default());
+            let is_there = map.point([x, y, 0], level, &mut one).unwrap();
+            let is_again = read.point([x, y, 0], read.depth(), &mut other).unwrap();
+            assert_eq!(
+                (is_there, one[0].to_f64()),
+                (is_again, other[0].to_f64()),
+                "{x}, {y} of level {level}"
+            );
+            cells += u64::from(is_there);
+        }
+    }
+    assert_eq!(made.cells, cells);
+}
+
+#[test]
+fn fixtures_become_polygons_and_the_same_cells_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = spinney::open("fixtures/v1/classes.goblin").unwrap();
+    for level in [8, 7, 5, 2] {
+        comes_back(folder.path(), &map, level);
+    }
+}
+
+#[test]
+fn random_maps_become_polygons_and_the_same_cells_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut random = Random(11);
+    for round in 0..24 {
+        // (Some reach over several tiles; patches of a few sizes, of few and of many classes.)
+        let size = [[37, 21], [280, 60], [513, 20], [64, 64]][round % 4];
+        let [patch, classes] = [[1, 2], [3, 4], [17, 900], [40, 3]][round / 4 % 4];
+        let across = size[0] / patch + 1;
+        let patches: Vec<u16> =
+            (0..across * (size[1] / patch + 1)).map(|_| random.below(classes + 1) as u16).collect();
+        let cells = (0..size[0] * size[1])
+            .map(|at| patches[(at / size[0] / patch * across + at % size[0] / patch) as usize])
+            .collect();
+        // (In the plane, upside down, and turned.)
+        let matrix = [
+            [1.0, 0.0, 0.0, 0.0, -1.0, 600.0],
+            [2.0, 0.0, 9.0, 0.0, 2.0, 3.0],
+            [3.0, -4.0, 0.0, 4.0, 3.0, 0.0],
+        ];
+        let frame = Frame { crs: Some(Crs::epsg(32633)), ..Frame::planar(matrix[round % 3]) };
+        let map = tree(&folder.path().join("map.goblin"), size, cells, frame);
+        comes_back(folder.path(), &map, map.depth());
+        comes_back(folder.path(), &map, map.depth() - 2);
+    }
+}
+
+#[test]
+fn classes_are_chosen_and_what_has_no_regions_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = spinney::open("fixtures/v1/classes.goblin").unwrap();
+    let statistics = map.statistics(None, &()).unwrap();
+    let (class, cells) = statistics.classes[1];
+    let mut request = PolygonRequest::new();
+    request.classes = Some(vec![class]);
+    let path = folder.path().join("one.csv");
+    let made =
+        export_polygons(&map, &request, Output::create(&path).unwrap(), VectorFormat::Csv, &()).unwrap();
+    assert_eq!(made.cells, cells);
+    assert_eq!(fs::read_to_string(&path).unwrap().lines().count() as u64, made.count + 1);
+    let heights = spinney::open("fixtures/v1/elevation.goblin").unwrap();
+    let output = Output::create(&folder.path().join("no.csv")).unwrap();
+    let refusal =
+        export_polygons(&heights, &PolygonRequest::new(), output, VectorFormat::Csv, &()).unwrap_err();
+    assert!(refusal.to_string().contains("contours"), "{refusal}");
+    assert!(!folder.path().join("no.csv").exists());
+}
