@@ -15,6 +15,7 @@ import sys
 
 try:
     import numpy as np
+    from PIL import Image
     from scipy import ndimage
 except ImportError as missing:
     print(f"skipped: {missing}")
@@ -53,8 +54,9 @@ def expected_labels(cells, neighbours):
 
 
 def made(cells, *steps, options=()):
-    source, tree, result, back = (folder / name for name in ("cells.npy", "cells.goblin", "result.goblin", "back.npy"))
-    np.save(source, cells)
+    tree, result, back = (folder / name for name in ("cells.goblin", "result.goblin", "back.npy"))
+    source = folder / ("cells.png" if cells.ndim == 2 else "cells.npy")
+    Image.fromarray(cells).save(source) if cells.ndim == 2 else np.save(source, cells)
     spinney("build", source, "-o", tree, "--nodata", "0", "--kind", "categorical")
     spinney("transform", tree, *steps, "-o", result, *options)
     spinney("get", result, back)

@@ -243,7 +243,8 @@ fn simplified_borders_are_shared_and_never_cross() {
         request.simplify = Some([0.6, 1.0, 2.0, 9.0][seed as usize % 4]);
         let found = find(&picture, &request);
         assert_eq!(found.len(), exact.len());
-        let mut segments: HashMap<[[u64; 2]; 2], (u32, [[f64; 2]; 2])> = HashMap::new();
+        type Seen = (u32, [[f64; 2]; 2]);
+        let mut segments: HashMap<[[u64; 2]; 2], Seen> = HashMap::new();
         let mut total = 0.0;
         for (region, exact) in found.iter().zip(&exact) {
             assert_eq!((region.class, region.cells), (exact.class, exact.cells));
