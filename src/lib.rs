@@ -161,10 +161,10 @@ pub mod store {
 /// Questions to trees: what is asked, and what is answered.
 pub mod query {
     pub use spinney_engine::query::{
-        CellHit, ChannelStatistics, ClassRegion, Condition, Connectivity, Contour, ContourEnds,
-        ContourLevels, ContourRequest, ContourSummary, FoundBlock, PointSamples, PolygonRequest,
-        PolygonSummary, Ray, Rays, SolidStatistics, SolidSurface, Statistics, StoredRows, SurfaceHit,
-        TakeContour, TakeRegion, ZoneChannel, ZoneStatistics,
+        CellHit, ChannelStatistics, ClassRegion, Condition, Contour, ContourEnds, ContourLevels,
+        ContourRequest, ContourSummary, FoundBlock, PointSamples, PolygonRequest, PolygonSummary, Ray, Rays,
+        SolidStatistics, SolidSurface, Statistics, StoredRows, SurfaceHit, TakeContour, TakeRegion,
+        ZoneChannel, ZoneStatistics,
     };
 
     /// Cells of a level, block by block, with those around them.

@@ -40,7 +40,7 @@ pub use pixels::PixelGrid;
 pub(crate) use pixels::PixelSums;
 pub use points::PointSamples;
 pub(crate) use polygonize::{ClassCells, ClassGround, find_regions};
-pub use polygonize::{ClassRegion, Connectivity, PolygonRequest, PolygonSummary, TakeRegion};
+pub use polygonize::{ClassRegion, PolygonRequest, PolygonSummary, TakeRegion};
 pub use ray::{CellHit, Ray, Rays, SurfaceHit};
 pub use solid::SolidStatistics;
 pub(crate) use solid::measure;

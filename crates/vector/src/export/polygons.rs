@@ -7,7 +7,7 @@ use spinney_base::io::Output;
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
-use spinney_engine::query::{ClassRegion, Connectivity, PolygonRequest, PolygonSummary};
+use spinney_engine::query::{ClassRegion, PolygonRequest, PolygonSummary};
 
 impl Geometry for ClassRegion<'_> {
     fn parts(&self) -> usize {
@@ -51,7 +51,7 @@ pub fn export_polygons(
     format: VectorFormat,
     progress: &dyn Progress,
 ) -> Result<PolygonSummary> {
-    if request.connectivity != Connectivity::Edges {
+    if request.across_corners {
         let advice = "take regions by edges: those that touch in corners are features of their own";
         return Err(Error::unsupported(output.path(), "features of several polygons", advice));
     }

@@ -30,22 +30,12 @@ use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::Frame;
 
-/// Cells that hang together.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Connectivity {
-    /// Those with a common edge.
-    #[default]
-    Edges,
-    /// Those with a common corner, too.
-    Corners,
-}
-
 /// Polygons of classes that are wanted.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct PolygonRequest {
-    /// Which cells of a class hang together.
-    pub connectivity: Connectivity,
+    /// Whether cells of a class with no more than a common corner hang together, too.
+    pub across_corners: bool,
     /// The classes; all if they are not given.
     pub classes: Option<Vec<Number>>,
     /// Distance that borders may be moved by, in units of the tree's coordinates; none if it is not given.
@@ -62,7 +52,7 @@ impl PolygonRequest {
     /// Exact polygons of all classes at the deepest level, of cells with a common edge, with 64 MiB of memory.
     pub fn new() -> PolygonRequest {
         PolygonRequest {
-            connectivity: Connectivity::Edges,
+            across_corners: false,
             classes: None,
             simplify: None,
             level: None,
@@ -237,7 +227,7 @@ pub(crate) fn find_regions(
     let arcs = Arcs::new(Points::new(request.memory / 4, folder));
     let mut tracer = Tracer {
         ground,
-        sweep: Sweep::new(columns, request.connectivity == Connectivity::Corners, arcs),
+        sweep: Sweep::new(columns, request.across_corners, arcs),
         simplifier: tolerance.map(|tolerance| Simplifier::new(ground, tolerance, request.memory / 8)),
         wanted,
         rules,
