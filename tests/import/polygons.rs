@@ -11,9 +11,9 @@ use spinney::ops::WarpGrid;
 use spinney::query::PolygonRequest;
 use spinney::space::Dimension;
 use spinney::space::{Crs, Frame};
-use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs};
-use spinney::tree::Form;
-use spinney::value::{Kind, SampleType, Value, ValueType};
+use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, build_tree};
+use spinney::tree::{Form, MemTree};
+use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
 use crate::common::Random;
 
@@ -133,6 +133,19 @@ fn classes_are_chosen_and_what_has_no_regions_is_refused() {
         export_polygons(&map, &request, Output::create(&path).unwrap(), VectorFormat::Csv, &()).unwrap();
     assert_eq!(made.cells, cells);
     assert_eq!(fs::read_to_string(&path).unwrap().lines().count() as u64, made.count + 1);
+    // Classes of 64 bits lose nothing.
+    let wide = [9_007_199_254_740_993u64, 9_007_199_254_740_992, u64::MAX, 1];
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
+    let cell = |at: [u32; 3]| Some(Value::from([wide[(at[0] + 2 * at[1]) as usize]]));
+    let leaves = MemTree::from_cells(form, 1, Rule::Majority, &cell);
+    let options = BuildOptions::new(Kind::Categorical, 1);
+    let path = folder.path().join("wide.goblin");
+    build_tree(&leaves, [2, 2, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
+    let (wide_map, csv) = (spinney::open(&path).unwrap(), folder.path().join("wide.csv"));
+    let output = Output::create(&csv).unwrap();
+    export_polygons(&wide_map, &PolygonRequest::new(), output, VectorFormat::Csv, &()).unwrap();
+    let text = fs::read_to_string(&csv).unwrap();
+    assert!(wide.iter().all(|class| text.contains(&class.to_string())), "{text}");
     let heights = spinney::open("fixtures/v1/elevation.goblin").unwrap();
     let output = Output::create(&folder.path().join("no.csv")).unwrap();
     let refusal =

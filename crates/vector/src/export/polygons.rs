@@ -23,7 +23,7 @@ impl Geometry for ClassRegion<'_> {
     }
 }
 
-/// Writes the regions of a quadtree of classes, one polygon each, with the attributes `class`, `cells`, and where the tree has them `name` and
+/// Writes the regions of a quadtree of classes, one polygon each, with the attributes `class` (of integers of 64 bits as text), `cells`, and where the tree has them `name` and
 /// `color` (`#rrggbb`).
 ///
 /// ```
@@ -65,8 +65,12 @@ pub fn export_polygons(
     let metadata = tree.metadata();
     let [low, high] = metadata.frame.world_box(&tree.header().picture());
     let (has_names, has_colours) = (!metadata.class_names.is_empty(), metadata.palette.is_some());
+    // (Numbers of files are double precision: integers of 64 bits are texts, which lose nothing.)
+    let sample = tree.header().form.value.sample;
+    let is_wide = !sample.is_float() && sample.size() > 4;
     let attributes = [
-        (true, "class", AttributeType::Number),
+        (!is_wide, "class", AttributeType::Number),
+        (is_wide, "class", AttributeType::Text),
         (true, "cells", AttributeType::Number),
         (has_names, "name", AttributeType::Text),
         (has_colours, "color", AttributeType::Text),
@@ -87,8 +91,12 @@ pub fn export_polygons(
         let class = region.class();
         let name = metadata.class_names.get(&class);
         let colour = colour_of(tree, class);
-        let mut values =
-            vec![AttributeValue::Number(class.to_f64()), AttributeValue::Number(region.cells() as f64)];
+        let digits = class.to_string();
+        let number = match is_wide {
+            true => AttributeValue::Text(&digits),
+            false => AttributeValue::Number(class.to_f64()),
+        };
+        let mut values = vec![number, AttributeValue::Number(region.cells() as f64)];
         if has_names {
             values.push(name.map_or(AttributeValue::None, |name| AttributeValue::Text(name)));
         }
