@@ -218,7 +218,7 @@ fn contours_are_of_amounts() {
     let place = Place::new();
     let out = place.name("o.geojson");
     let text = complaint(&["contours", CLASSES, "--every", "1", "-o", &out], 1);
-    for advice in ["classes", "spinney stats", "gdal_polygonize", "--kind continuous"] {
+    for advice in ["classes", "spinney stats", "--polygons", "--kind continuous"] {
         assert!(text.contains(advice), "{text}");
     }
     let amounts = place.name("a.goblin");

@@ -43,9 +43,9 @@ use Role::{Read, Refused, Source};
 /// Bytes of a file's start that formats are told by.
 pub const FIRST_BYTES: usize = 512;
 
-const DRAW: &str = "it has no cells: draw it as a picture first (`gdal_rasterize -a FIELD -tr 10 10 -ot Byte IN OUT.tif`), or, to ask for statistics of its polygons, \
-    convert it to GeoJSON (`ogr2ogr zones.geojson IN`) for `spinney stats TREE --zones zones.geojson`";
-const FEATURES: &str = "it has no cells: draw it as a picture first (`gdal_rasterize -a FIELD -tr 10 10 -ot Byte FILE OUT.tif`); its polygons are zones for \
+const DRAW: &str = "convert it to GeoJSON first (`ogr2ogr zones.geojson IN`): `spinney build zones.geojson --cell 10 --value FIELD -o OUT.goblin` makes cells of features, \
+    and polygons are zones for `spinney stats TREE --zones zones.geojson`";
+const FEATURES: &str = "it has no cells: `spinney build FILE --cell 10 --value FIELD -o OUT.goblin` makes cells of its features; its polygons are zones for \
     `spinney stats TREE --zones FILE`";
 const TRANSLATE: &str = "convert it to GeoTIFF first (`gdal_translate IN OUT.tif`)";
 const VARIABLES: &str = "convert the variable that is meant to GeoTIFF first (`gdalinfo IN` lists them; `gdal_translate 'NETCDF:\"IN\":NAME' OUT.tif`, or HDF5: for NETCDF:); \

@@ -115,7 +115,7 @@ impl Dataset {
         let advice = if self.header().form.axes() == 2 {
             format!(
                 "numbers of classes have no order. Areas of classes: `spinney stats {tree}`; blocks of one: `spinney find {tree} --class N`; \
-                 polygons: `spinney get {tree} map.tif`, and gdal_polygonize of that. If the values are amounts: `spinney build {tree} --kind \
+                 polygons: `spinney export {tree} regions.gpkg --polygons`. If the values are amounts: `spinney build {tree} --kind \
                  continuous -o AMOUNTS.goblin`"
             )
         } else {
