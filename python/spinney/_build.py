@@ -202,7 +202,7 @@ def build(
     if paths is not None:
         refuse("arrays", for_arrays)
         numbers = None if transform is None else numbers_of(transform)
-        for_import = common | for_files | {"transform": numbers, "keep_transparent": keep_transparent, "shell": shell, "allow_ballpark": allow_ballpark, "fractions": fractions}
+        for_import = common | for_files | {"transform": numbers, "keep_transparent": keep_transparent, "shell": shell, "allow_ballpark": allow_ballpark, "fractions": bool(fractions)}
         for_import |= {"stack": stack, "names": None if names is None else [str(name) for name in names], "times": seen}
         for_import["bands"] = None if bands is None else list(bands)
         with working(progress, threads, max_bytes) as terms:
