@@ -2,8 +2,8 @@
 
 use super::dispatch::with_native_type;
 use super::erased::Value;
+use super::native::Native;
 use super::rule::Rule;
-use super::sample::Native;
 use super::sums::Sums;
 use super::value_type::ValueType;
 

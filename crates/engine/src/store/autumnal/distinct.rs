@@ -9,7 +9,8 @@
 use std::env::temp_dir;
 use std::mem;
 
-use super::reader::{Autumnal, AutumnalNode};
+use super::node::AutumnalNode;
+use super::reader::Autumnal;
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Result;
 use spinney_base::io::Sorter;

@@ -1,7 +1,8 @@
 //! Nodes per level, which nobody keeps up to date in a file that is edited: they are counted.
 
 use super::distinct::Occurring;
-use super::reader::{Autumnal, AutumnalNode};
+use super::node::AutumnalNode;
+use super::reader::Autumnal;
 use crate::tree::{Child, NodeState, Source, no_children};
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;

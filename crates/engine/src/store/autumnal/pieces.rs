@@ -1,7 +1,8 @@
 //! Hands out what is in a box of cells: uniform blocks, and runs of records.
 
 use super::extents::ByteAccess;
-use super::reader::{Autumnal, AutumnalNode};
+use super::node::AutumnalNode;
+use super::reader::Autumnal;
 use crate::store::records::{RunChildren, RunNode};
 use crate::tree::Child;
 use spinney_base::space::Bounds;

@@ -11,42 +11,16 @@ use super::extents::{ByteAccess, ExtentKind, Extents};
 use super::layout::{BadRecord, Heights, PointeredLayout, RecordParts};
 use super::meta::slots;
 use super::newest::whole;
+use super::node::AutumnalNode;
 use super::pages::FIRST_EXTENT;
 use super::zone::{BadZone, Zone, records};
-use crate::store::records::{Descent, RunNode};
+use crate::store::records::Descent;
 use crate::tree::{Child, Source};
 use spinney_base::io::FileId;
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 use spinney_container::{FilePlace, Header, INNER, LEAF, Metadata, OpenOptions, VOID};
-
-/// An INNER node of an open file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct AutumnalNode {
-    /// Offset in the file of the record that has it.
-    pub(super) address: u64,
-    /// Levels below it.
-    pub(super) height: u8,
-    /// The way to it from the record's own node: the numbers of children, one after the other as digits.
-    pub(super) path: u8,
-    /// Its place in the record's run.
-    pub(super) place: RunNode,
-}
-
-impl AutumnalNode {
-    /// The node whose own record is at an address.
-    #[inline]
-    pub(super) fn new(address: u64, height: u8) -> AutumnalNode {
-        AutumnalNode { address, height, path: 0, place: RunNode::default() }
-    }
-
-    /// Whether the node has a record of its own.
-    #[inline]
-    pub(crate) fn has_record(&self) -> bool {
-        self.place == RunNode::default()
-    }
-}
 
 /// A layer in one commit of an Autumnal file, open for reading; may be shared by any number of threads.
 ///

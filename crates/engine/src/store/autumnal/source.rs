@@ -4,7 +4,8 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::extents::ByteAccess;
-use super::reader::{Autumnal, AutumnalNode, MAX_RECORDS, PointeredRecord};
+use super::node::AutumnalNode;
+use super::reader::{Autumnal, MAX_RECORDS, PointeredRecord};
 use crate::store::builder::{RecordRef, ReusableSource, RunFile, StoredNode, Subtree};
 use crate::store::records::RunChildren;
 use crate::tree::{CellBlock, Child, Children, Source};

@@ -2,7 +2,8 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use super::reader::{Autumnal, AutumnalNode};
+use super::node::AutumnalNode;
+use super::reader::Autumnal;
 use super::remembered::Remembered;
 use crate::store::builder::{RecordRef, ReusableSource};
 use crate::tree::{CellBlock, Child, Children, Source};

@@ -1,0 +1,270 @@
+//! Values whose type is known at compile time: one to four samples of one type.
+
+use std::cmp::Ordering;
+use std::fmt::Debug;
+
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+use super::sample::{Arithmetic, Sample, TotalSum};
+use super::sums::Sums;
+use super::value_type::ValueType;
+
+/// A value whose type is known at compile time: one to four samples of one type. Only kernels know such
+/// types; they are chosen once per block or file by [`with_native_type`](super::with_native_type).
+pub trait Native: Copy + Debug + Default + Send + Sync + 'static {
+    /// Type of each sample.
+    type Sample: Arithmetic;
+    /// Number of samples.
+    const CHANNELS: usize;
+    /// Form on disk.
+    type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
+    /// Sums of at most 2^15 cells, one per channel.
+    type NarrowSums: Copy + Debug + Default + Send + Sync;
+    /// Sums of squares of at most 2^15 cells, one per channel.
+    type NarrowSquares: Copy + Debug + Default + Send + Sync;
+    /// Sums of a block, one per channel.
+    type BlockSums: Copy + Debug + Default + Send + Sync;
+    /// Sums of squares of a block, one per channel.
+    type BlockSquares: Copy + Debug + Default + Send + Sync;
+    /// Sums of any number of cells, one per channel.
+    type TotalSums: Copy + Debug + Default + Send + Sync;
+    /// Sums of squares of any number of cells, one per channel.
+    type TotalSquares: Copy + Debug + Default + Send + Sync;
+
+    /// The type as a run-time value.
+    const TYPE: ValueType = ValueType::new(Self::Sample::TYPE, Self::CHANNELS as u8);
+
+    /// From disk.
+    fn from_wire(wire: Self::Wire) -> Self;
+    /// To disk.
+    fn to_wire(self) -> Self::Wire;
+    /// Sums of one cell of this value.
+    fn narrow_sums(self) -> Self::NarrowSums;
+    /// Adds channel by channel.
+    fn add_narrow_sums(a: Self::NarrowSums, b: Self::NarrowSums) -> Self::NarrowSums;
+    /// Squares of the samples of one cell.
+    fn narrow_squares(self) -> Self::NarrowSquares;
+    /// Adds channel by channel.
+    fn add_narrow_squares(a: Self::NarrowSquares, b: Self::NarrowSquares) -> Self::NarrowSquares;
+    /// Sums of squares of a few cells as those of a block.
+    fn widen_narrow_squares(squares: Self::NarrowSquares) -> Self::BlockSquares;
+    /// Means of 2^`bits` cells (at most 2^15), rounded to the type.
+    fn narrow_mean(sums: Self::NarrowSums, bits: u32) -> Self;
+    /// The sums of a few cells as sums of a block.
+    fn widen_narrow(sums: Self::NarrowSums) -> Self::BlockSums;
+    /// Sums of `cells` cells of this value (at most 2^24).
+    fn block_sums(self, cells: u32) -> Self::BlockSums;
+    /// Adds channel by channel.
+    fn add_block_sums(a: Self::BlockSums, b: Self::BlockSums) -> Self::BlockSums;
+    /// Sums of the squares of `cells` cells of this value (at most 2^24).
+    fn block_squares(self, cells: u32) -> Self::BlockSquares;
+    /// Adds channel by channel.
+    fn add_block_squares(a: Self::BlockSquares, b: Self::BlockSquares) -> Self::BlockSquares;
+    /// The sums of a block as sums of any number of cells.
+    fn widen(sums: Self::BlockSums) -> Self::TotalSums;
+    /// Sums of squares of a block as sums of any number of cells.
+    fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSquares;
+    /// Means of at most 2^24 cells, rounded to the type.
+    fn block_mean(sums: Self::BlockSums, cells: u32) -> Self;
+    /// Sums of any number of cells of this value.
+    fn total_sums(self, cells: u64) -> Self::TotalSums;
+    /// Sums of the squares of any number of cells of this value.
+    fn total_squares(self, cells: u64) -> Self::TotalSquares;
+    /// Adds channel by channel.
+    fn add_sums(a: Self::TotalSums, b: Self::TotalSums) -> Self::TotalSums;
+    /// Adds channel by channel.
+    fn add_squares(a: Self::TotalSquares, b: Self::TotalSquares) -> Self::TotalSquares;
+    /// The sums with their type known at run time.
+    fn erase(sums: Self::TotalSums) -> Sums;
+    /// The sums of squares with their type known at run time.
+    fn erase_squares(squares: Self::TotalSquares) -> Sums;
+    /// The inverse of [`Native::erase`].
+    fn typed_sums(sums: &Sums) -> Self::TotalSums;
+    /// The inverse of [`Native::erase_squares`].
+    fn typed_squares(squares: &Sums) -> Self::TotalSquares;
+    /// Means of any number of cells, rounded to the type.
+    fn mean(sums: &Sums, cells: u64) -> Self;
+    /// A total order: channel after channel.
+    fn order(self, other: Self) -> Ordering;
+    /// The smaller sample of each channel.
+    fn min(self, other: Self) -> Self;
+    /// The larger sample of each channel.
+    fn max(self, other: Self) -> Self;
+    /// Whether both are equal in every bit.
+    fn same(self, other: Self) -> bool;
+    /// Adds channel by channel, and keeps the results within what the type can hold.
+    fn plus(self, other: Self) -> Self;
+    /// Subtracts channel by channel, and keeps the results within what the type can hold.
+    fn minus(self, other: Self) -> Self;
+    /// Whether any sample is not a number; such a value is VOID.
+    fn is_nan(self) -> bool;
+}
+
+macro_rules! native_values {
+    ($($channels:literal)*) => { $(
+        impl<S: Arithmetic> Native for [S; $channels] {
+            type Sample = S;
+            const CHANNELS: usize = $channels;
+            type Wire = [S::Wire; $channels];
+            type NarrowSums = [S::NarrowSum; $channels];
+            type NarrowSquares = [S::NarrowSquare; $channels];
+            type BlockSums = [S::BlockSum; $channels];
+            type BlockSquares = [S::BlockSquare; $channels];
+            type TotalSums = [S::TotalSum; $channels];
+            type TotalSquares = [S::TotalSquare; $channels];
+
+            #[inline]
+            fn from_wire(wire: Self::Wire) -> Self {
+                wire.map(S::from_wire)
+            }
+            #[inline]
+            fn to_wire(self) -> Self::Wire {
+                self.map(S::to_wire)
+            }
+            #[inline]
+            fn narrow_sums(self) -> Self::NarrowSums {
+                self.map(S::narrow_sum)
+            }
+            #[inline]
+            fn add_narrow_sums(a: Self::NarrowSums, b: Self::NarrowSums) -> Self::NarrowSums {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
+            #[inline]
+            fn narrow_squares(self) -> Self::NarrowSquares {
+                self.map(S::narrow_square)
+            }
+            #[inline]
+            fn add_narrow_squares(a: Self::NarrowSquares, b: Self::NarrowSquares) -> Self::NarrowSquares {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
+            #[inline]
+            fn widen_narrow_squares(squares: Self::NarrowSquares) -> Self::BlockSquares {
+                squares.map(Into::into)
+            }
+            #[inline]
+            fn narrow_mean(sums: Self::NarrowSums, bits: u32) -> Self {
+                sums.map(|sum| S::narrow_mean(sum, bits))
+            }
+            #[inline]
+            fn widen_narrow(sums: Self::NarrowSums) -> Self::BlockSums {
+                sums.map(Into::into)
+            }
+            #[inline]
+            fn block_sums(self, cells: u32) -> Self::BlockSums {
+                self.map(|sample| sample.block_sum(cells))
+            }
+            #[inline]
+            fn add_block_sums(a: Self::BlockSums, b: Self::BlockSums) -> Self::BlockSums {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
+            #[inline]
+            fn block_squares(self, cells: u32) -> Self::BlockSquares {
+                self.map(|sample| sample.block_square(cells))
+            }
+            #[inline]
+            fn add_block_squares(a: Self::BlockSquares, b: Self::BlockSquares) -> Self::BlockSquares {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
+            #[inline]
+            fn widen(sums: Self::BlockSums) -> Self::TotalSums {
+                sums.map(Into::into)
+            }
+            #[inline]
+            fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSquares {
+                squares.map(Into::into)
+            }
+            #[inline]
+            fn block_mean(sums: Self::BlockSums, cells: u32) -> Self {
+                sums.map(|sum| S::block_mean(sum, cells))
+            }
+            #[inline]
+            fn total_sums(self, cells: u64) -> Self::TotalSums {
+                self.map(|sample| sample.total_sum(cells))
+            }
+            #[inline]
+            fn total_squares(self, cells: u64) -> Self::TotalSquares {
+                self.map(|sample| sample.total_square(cells))
+            }
+            #[inline]
+            fn add_sums(a: Self::TotalSums, b: Self::TotalSums) -> Self::TotalSums {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
+            #[inline]
+            fn add_squares(a: Self::TotalSquares, b: Self::TotalSquares) -> Self::TotalSquares {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
+            fn erase(sums: Self::TotalSums) -> Sums {
+                S::TotalSum::to_sums(&sums)
+            }
+            fn erase_squares(squares: Self::TotalSquares) -> Sums {
+                S::TotalSquare::to_sums(&squares)
+            }
+            fn typed_sums(sums: &Sums) -> Self::TotalSums {
+                let sums = S::TotalSum::from_sums(sums);
+                std::array::from_fn(|channel| sums[channel])
+            }
+            fn typed_squares(squares: &Sums) -> Self::TotalSquares {
+                let squares = S::TotalSquare::from_sums(squares);
+                std::array::from_fn(|channel| squares[channel])
+            }
+            fn mean(sums: &Sums, cells: u64) -> Self {
+                let sums = S::TotalSum::from_sums(sums);
+                std::array::from_fn(|channel| S::mean(sums[channel], cells))
+            }
+            #[inline]
+            fn order(self, other: Self) -> Ordering {
+                (0..$channels).map(|c| self[c].order(other[c])).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
+            }
+            #[inline]
+            fn min(self, other: Self) -> Self {
+                std::array::from_fn(|c| if other[c].order(self[c]).is_lt() { other[c] } else { self[c] })
+            }
+            #[inline]
+            fn max(self, other: Self) -> Self {
+                std::array::from_fn(|c| if other[c].order(self[c]).is_gt() { other[c] } else { self[c] })
+            }
+            #[inline]
+            fn same(self, other: Self) -> bool {
+                self.to_wire().as_bytes() == other.to_wire().as_bytes()
+            }
+            #[inline]
+            fn plus(self, other: Self) -> Self {
+                std::array::from_fn(|c| self[c].plus(other[c]))
+            }
+            #[inline]
+            fn minus(self, other: Self) -> Self {
+                std::array::from_fn(|c| self[c].minus(other[c]))
+            }
+            #[inline]
+            fn is_nan(self) -> bool {
+                self.iter().any(|sample| sample.is_nan())
+            }
+        }
+    )* };
+}
+
+native_values!(1 2 3 4);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sum and mean of the largest block that a header allows, all cells alike.
+    fn mean_of_largest<S: Arithmetic>(sample: S) -> S {
+        let half = 1 << 23;
+        let _ = sample.block_square(half) + sample.block_square(half);
+        S::block_mean(sample.block_sum(half) + sample.block_sum(half), 2 * half)
+    }
+
+    #[test]
+    fn sums_of_the_largest_blocks_fit() {
+        assert_eq!(mean_of_largest(u8::MAX), u8::MAX);
+        assert_eq!(mean_of_largest(u16::MAX), u16::MAX);
+        assert_eq!(mean_of_largest(i16::MIN), i16::MIN);
+        assert_eq!(mean_of_largest(u32::MAX), u32::MAX);
+        assert_eq!(mean_of_largest(i32::MIN), i32::MIN);
+        assert_eq!(mean_of_largest(i8::MIN), i8::MIN);
+        assert_eq!(mean_of_largest(u64::MAX), u64::MAX);
+        assert_eq!(mean_of_largest(i64::MIN), i64::MIN);
+    }
+}
