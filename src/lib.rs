@@ -253,10 +253,10 @@ pub mod import {
     #[cfg(feature = "vector")]
     pub mod feature {
         pub use spinney_vector::import::feature::{
-            Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
-            open_features,
+            AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader,
+            FeatureSchema, is_feature_file, open_features,
         };
-        pub use spinney_vector::import::filter::{Condition, FeatureFilter, Relation};
+        pub use spinney_vector::import::filter::{AttributeCondition, FeatureFilter, Relation};
         pub use spinney_vector::import::zones::{
             PolygonFeature, PolygonLayer, parse_polygons, read_polygons,
         };
@@ -286,8 +286,7 @@ pub mod import {
     #[cfg(feature = "vector")]
     pub mod rasterize {
         pub use spinney_vector::import::rasterize::{
-            FeatureGrid, FeatureImport, FeatureValue, Overlaps, RasterizeOptions, is_feature_file,
-            plan_features,
+            FeatureGrid, FeatureImport, FeatureValue, Overlaps, RasterizeOptions, plan_features,
         };
     }
 

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ._arrays import points_of, rows_of
-from ._files import log
-from ._progress import working
+from ._files import MEMORY, log
+from ._progress import memory_of, working
 from ._types import (
     Array,
     BandStatistics,
@@ -214,6 +214,7 @@ class Dataset(Writers):
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
         layers: None = None,
         threads: int | None = None,
         progress: Progress = None,
@@ -228,6 +229,7 @@ class Dataset(Writers):
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
         layers: None = None,
         threads: int | None = None,
         progress: Progress = None,
@@ -242,6 +244,7 @@ class Dataset(Writers):
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
         layers: Sequence[str],
         threads: int | None = None,
         progress: Progress = None,
@@ -256,6 +259,7 @@ class Dataset(Writers):
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
         layers: Sequence[str],
         threads: int | None = None,
         progress: Progress = None,
@@ -269,6 +273,7 @@ class Dataset(Writers):
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
         layers: Sequence[str] | None = None,
         threads: int | None = None,
         progress: Progress = None,
@@ -283,7 +288,7 @@ class Dataset(Writers):
         of pyproj, or "world" for the tree's own. Polygons that all lie outside of the tree are an error. At edges,
         cells count whole if their `"centre"` is inside or if they `"touch"` the polygon, or by the part of their `"area"` that is
         inside, exactly. `where` takes only the features that have these values of attributes: `{"kind": "lake", "lod": 2}`,
-        or for which all of this holds: `"kind!=lake,lod>=2"`. With the
+        or for which all of this holds: `"kind!=lake,lod>=2"`. The features of a file must fit into `memory`. With the
         names of some `stats` ("count", "void", "sum", "min", "max", "mean", "std", "classes") there is a dictionary of these
         for each polygon, of the first band.
 
@@ -295,7 +300,7 @@ class Dataset(Writers):
         with working(progress, threads) as terms:
             documents = documents_of(geometries, None if crs is None else definition_of(crs))
             chosen = where if isinstance(where, str) else values_of(where)
-            found = self._zones(documents, edge, chosen, None if layers is None else list(layers), terms)
+            found = self._zones(documents, edge, (chosen, memory_of(memory)), None if layers is None else list(layers), terms)
         of_layers = [
             [
                 ZoneStatistics(cells, void, tuple(BandStatistics(*band) for band in bands), dict(classes))  # type: ignore[arg-type]

@@ -127,7 +127,7 @@ class Tree:
         self,
         documents: list[tuple[str, str | None, bool]],
         edge: str,
-        chosen: str | list[tuple[str, str]],
+        asked: tuple[str | list[tuple[str, str]], int],
         layers: list[str] | None,
         terms: _Terms,
     ) -> list[list[tuple[float, float, list[tuple[float, float, float, float, float]], list[tuple[float, float]]]]]: ...

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use spinney::import::feature::is_feature_file;
 use spinney::import::mesh::{self, Resolution, SolidOptions};
 use spinney::import::raster::{self, Band, ImportOptions, StackOptions, TargetGrid};
 use spinney::import::rasterize;
@@ -486,10 +487,10 @@ pub(crate) fn build_files(
     {
         return Err(invalid(format!("pages: {way:?}, expected \"layers\", \"z\" or a number from 0")));
     }
-    if paths.iter().any(|path| rasterize::is_feature_file(path)) {
+    if paths.iter().any(|path| is_feature_file(path)) {
         let features = options.features()?;
         return jobs::run(py, terms, |work| {
-            rasterize::plan_features(&paths, &features)?.build(work.create_tree(&out)?, work)
+            rasterize::plan_features(&paths, &features, work)?.build(work.create_tree(&out)?, work)
         });
     }
     if options.has_feature_options() {

@@ -3,8 +3,7 @@
 use pyo3::prelude::*;
 use spinney::import::raster::TargetGrid;
 use spinney::import::rasterize::{FeatureGrid, RasterizeOptions};
-use spinney::ops::WarpGrid;
-use spinney::space::{Crs, web_mercator};
+use spinney::space::Crs;
 
 use crate::build::FileOptions;
 use crate::error::{OrRaise, invalid};
@@ -32,14 +31,10 @@ impl FileOptions {
         }
         let grid = match (&self.grid, self.cells, self.cell) {
             (Some(path), None, None) if path.as_os_str() == "xyz" => {
-                let Some(zoom) = self.max_zoom.filter(|zoom| *zoom <= 21) else {
-                    return Err(invalid(
-                        "grid=\"xyz\": of features say the deepest zoom, max_zoom=, 0 to 21",
-                    ));
+                let Some(zoom) = self.max_zoom else {
+                    return Err(invalid("grid=\"xyz\": of features say the deepest zoom, max_zoom="));
                 };
-                let depth = zoom + 8;
-                let frame = web_mercator(depth);
-                FeatureGrid::Like(WarpGrid { frame, extent: [1 << depth, 1 << depth, 1] })
+                FeatureGrid::web_mercator(zoom).or_raise()?
             }
             (_, None, None) if self.max_zoom.is_some() => {
                 return Err(invalid("max_zoom is for grid=\"xyz\""));

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use spinney::Progress as _;
 use spinney::dataset::Dataset;
 use spinney::import::feature::{
-    Condition, FeatureFilter, FeatureOptions, PolygonLayer, Relation, parse_polygons, read_polygons,
+    AttributeCondition, FeatureFilter, FeatureOptions, PolygonLayer, Relation, parse_polygons, read_polygons,
 };
 use spinney::query::ZoneStatistics;
 use spinney::space::{Coordinates, EdgeRule, Places, Polygon};
@@ -33,7 +33,7 @@ impl Tree {
         py: Python<'py>,
         documents: Vec<Document>,
         edge: &str,
-        chosen: Chosen,
+        asked: (Chosen, u64),
         layers: Option<Vec<String>>,
         terms: Terms,
     ) -> PyResult<Vec<Vec<Zone<'py>>>> {
@@ -42,17 +42,18 @@ impl Tree {
             None => vec![self.get()?],
         };
         let rule: EdgeRule = edge.parse().or_raise()?;
+        let (chosen, memory) = asked;
         let filter = match chosen {
             Chosen::Conditions(text) => text.parse().or_raise()?,
             Chosen::Values(values) => {
-                let equal = |(name, value)| Condition { name, relation: Relation::Equal, value };
+                let equal = |(name, value)| AttributeCondition { name, relation: Relation::Equal, value };
                 FeatureFilter { conditions: values.into_iter().map(equal).collect() }
             }
         };
         let zones = jobs::run(py, terms, |work| {
             let trees: Vec<&Dataset> = opened.iter().map(|opened| &opened.tree).collect();
             let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
-            let (coordinates, layers) = layers_of(&documents, &filter, has_system, work)?;
+            let (coordinates, layers) = layers_of(&documents, (&filter, memory), has_system, work)?;
             // The polygons are brought to each grid once, of which layers may share one.
             let same = Dataset::same_cells(&trees);
             let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
@@ -95,18 +96,15 @@ enum Chosen {
 /// A text of GeoJSON, or the path of a file of features; the definition of its coordinate system; whether it is a path.
 type Document = (String, Option<String>, bool);
 
-/// Bytes of memory that the features of a file may need.
-const MOST_MEMORY: u64 = 1 << 32;
-
-/// The features of documents for which a filter's conditions hold, and their coordinates. Those of one system after each other are one
+/// The features of documents for which a filter's conditions hold, and their coordinates; those of a file must fit into so many bytes of memory. Those of one system after each other are one
 /// layer: all of it must lie outside of the tree for that to be an error.
 fn layers_of(
     documents: &[Document],
-    filter: &FeatureFilter,
+    (filter, memory): (&FeatureFilter, u64),
     has_system: bool,
     work: &Work,
 ) -> spinney::Result<(Vec<Coordinates>, Vec<PolygonLayer>)> {
-    let options = FeatureOptions { memory: MOST_MEMORY, ..FeatureOptions::default() };
+    let options = FeatureOptions { memory, ..FeatureOptions::default() };
     let read = |(document, _, is_path): &Document| {
         work.check()?;
         if *is_path { read_polygons(Path::new(document), &options) } else { parse_polygons(document) }

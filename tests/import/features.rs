@@ -7,7 +7,7 @@ use spinney::export::vector::{
     AttributeType, AttributeValue, Geometry, GeometryKind, VectorFormat, VectorLayer, VectorWriter,
 };
 use spinney::import::feature::{
-    Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureSchema, open_features,
+    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureSchema, open_features,
     read_polygons,
 };
 use spinney::io::Output;
@@ -128,7 +128,7 @@ fn what_our_writers_write_is_read_again() {
                 writer.finish().unwrap();
                 let (schema, mut features) = read(&path);
                 // (An index puts features into another order.)
-                features.sort_by_key(|feature| feature.attributes[0] == Attribute::None);
+                features.sort_by_key(|feature| feature.attributes[0] == FeatureAttribute::None);
                 let told = format!("{ending} {kind:?} {has_z}");
                 let kinds = [("size".into(), AttributeKind::Number), ("name".into(), AttributeKind::Text)];
                 assert_eq!(schema.attributes, kinds, "{told}");
@@ -147,9 +147,17 @@ fn what_our_writers_write_is_read_again() {
                     };
                     assert_eq!(plain(&feature.geometry), plain(&Some(expected)), "{told}");
                 }
-                assert_eq!(features[0].attributes[0], Attribute::Number(0.1), "{told}");
-                assert_eq!(features[0].attributes[1], Attribute::Text("Zürich, \"東京\"".into()), "{told}");
-                assert_eq!(features[1].attributes, [Attribute::None, Attribute::None], "{told}");
+                assert_eq!(features[0].attributes[0], FeatureAttribute::Number(0.1), "{told}");
+                assert_eq!(
+                    features[0].attributes[1],
+                    FeatureAttribute::Text("Zürich, \"東京\"".into()),
+                    "{told}"
+                );
+                assert_eq!(
+                    features[1].attributes,
+                    [FeatureAttribute::None, FeatureAttribute::None],
+                    "{told}"
+                );
             }
         }
     }
@@ -198,13 +206,19 @@ fn source(kind: GeometryKind, crs: &str) -> String {
 }
 
 /// A value as all formats can have it.
-fn common(value: &Attribute) -> Attribute {
+fn common(value: &FeatureAttribute) -> FeatureAttribute {
     match value {
-        Attribute::Boolean(is) => Attribute::Integer((*is).into()),
-        Attribute::Text(text) if text.ends_with("T00:00:00") => Attribute::Text(text[..10].into()),
-        Attribute::Text(text) if text.get(4..5) == Some("/") => Attribute::Text(text.replace('/', "-")),
-        Attribute::Json(text) => Attribute::Text(text.replace(' ', "")),
-        Attribute::Text(text) if text.starts_with('{') => Attribute::Text(text.replace(' ', "")),
+        FeatureAttribute::Boolean(is) => FeatureAttribute::Integer((*is).into()),
+        FeatureAttribute::Text(text) if text.ends_with("T00:00:00") => {
+            FeatureAttribute::Text(text[..10].into())
+        }
+        FeatureAttribute::Text(text) if text.get(4..5) == Some("/") => {
+            FeatureAttribute::Text(text.replace('/', "-"))
+        }
+        FeatureAttribute::Json(text) => FeatureAttribute::Text(text.replace(' ', "")),
+        FeatureAttribute::Text(text) if text.starts_with('{') => {
+            FeatureAttribute::Text(text.replace(' ', ""))
+        }
         other => other.clone(),
     }
 }
@@ -219,9 +233,9 @@ fn what_gdal_writes_is_read_alike() {
         let (schema, expected) = read(&own);
         assert_eq!((schema.name.as_str(), schema.count, schema.kind), ("things", Some(3), Some(kind)));
         assert_eq!(schema.crs, Some(Crs::epsg(25832)));
-        assert_eq!(expected[0].attributes[1], Attribute::Integer(9_007_199_254_740_993));
+        assert_eq!(expected[0].attributes[1], FeatureAttribute::Integer(9_007_199_254_740_993));
         assert_eq!((&expected[2].geometry, &expected[2].id), (&None, &Some(13.into())));
-        assert_eq!(expected[1].attributes[1..], vec![Attribute::None; 6]);
+        assert_eq!(expected[1].attributes[1..], vec![FeatureAttribute::None; 6]);
         let has_ids = |name: &str| name.starts_with("GeoJSON") || name == "GPKG";
         for (number, (driver, ending, more)) in [
             ("GeoJSON", "geojson", &[][..]),
@@ -356,7 +370,7 @@ fn documents_of_all_kinds_are_features() {
     let kinds: Vec<_> = schema.attributes.iter().map(|(name, kind)| (name.as_str(), *kind)).collect();
     let json = AttributeKind::Json;
     assert_eq!(kinds, [("a", AttributeKind::Integer), ("b", AttributeKind::Mixed), ("c", json), ("e", json)]);
-    assert_eq!(features[1].attributes, vec![Attribute::None; 4]);
+    assert_eq!(features[1].attributes, vec![FeatureAttribute::None; 4]);
     assert_eq!(features[2].attributes[2].to_json(), serde_json::json!([1, {"d": 2}]));
     assert_eq!(features[2].attributes[3].to_json(), serde_json::json!(u64::MAX));
 }
@@ -375,9 +389,12 @@ fn tables_have_geometries_in_many_ways() {
         schema.attributes,
         [("code".into(), AttributeKind::Text), ("note".into(), AttributeKind::Text)]
     );
-    assert_eq!(features[0].attributes, ["007", "a;\r\n\"b\""].map(|text| Attribute::Text(text.into())));
+    assert_eq!(
+        features[0].attributes,
+        ["007", "a;\r\n\"b\""].map(|text| FeatureAttribute::Text(text.into()))
+    );
     assert_eq!((&features[0].geometry, &features[1].geometry), (&point(1.0, 2.0), &None));
-    assert_eq!(features[1].attributes[1], Attribute::None);
+    assert_eq!(features[1].attributes[1], FeatureAttribute::None);
     // Points, of which two columns tell where they are; degrees by their names.
     let (schema, features) = read(&written(&folder, "b.csv", "id,Lon,Lat\n1,9.5,47\n2,,\n3,-1e1,0"));
     assert_eq!(
@@ -388,7 +405,7 @@ fn tables_have_geometries_in_many_ways() {
     assert_eq!(geometries, [point(9.5, 47.0), None, point(-10.0, 0.0)]);
     assert_eq!(
         features[2].attributes,
-        [Attribute::Integer(3), Attribute::Number(-10.0), Attribute::Integer(0)]
+        [FeatureAttribute::Integer(3), FeatureAttribute::Number(-10.0), FeatureAttribute::Integer(0)]
     );
     let (schema, features) = read(&written(&folder, "c.tsv", "x\ty\tv\n1\t2\t0.5\n"));
     assert_eq!((schema.crs, &features[0].geometry), (None, &point(1.0, 2.0)));
@@ -419,8 +436,8 @@ fn features_and_attributes_are_chosen() {
     assert_eq!((count("kind<m"), count("x<=3"), count("kind=nothing")), (1, 2, 0));
     let (schema, features) = chosen("kind=wood", Some(&["code", "x"])).unwrap();
     assert_eq!(schema.attributes.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["code", "x"]);
-    assert_eq!(features[0].attributes, [Attribute::Integer(3), Attribute::Integer(1)]);
-    assert_eq!(features[1].attributes, [Attribute::None, Attribute::Integer(5)]);
+    assert_eq!(features[0].attributes, [FeatureAttribute::Integer(3), FeatureAttribute::Integer(1)]);
+    assert_eq!(features[1].attributes, [FeatureAttribute::None, FeatureAttribute::Integer(5)]);
     assert!(chosen("", Some(&[])).unwrap().1[0].attributes.is_empty());
     for (filter, attributes) in [("height>3", None), ("", Some(&["height"][..]))] {
         let told = chosen(filter, attributes).unwrap_err().to_string();

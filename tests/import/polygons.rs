@@ -65,7 +65,7 @@ fn comes_back(folder: &Path, map: &Dataset, level: u8) {
         RasterizeOptions::new(FeatureGrid::Like(WarpGrid { frame, extent: [width, height, 1] }));
     options.value = FeatureValue::Attribute("class".into());
     options.depth = Some(level.max(1));
-    plan_features(&[path], &options).unwrap().build(Output::create(&again).unwrap(), &()).unwrap();
+    plan_features(&[path], &options, &()).unwrap().build(Output::create(&again).unwrap(), &()).unwrap();
     let read = spinney::open(&again).unwrap();
     let mut cells = 0;
     for y in 0..height {

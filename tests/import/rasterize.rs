@@ -4,9 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use spinney::dataset::Dataset;
-use spinney::import::rasterize::{
-    FeatureGrid, FeatureValue, Overlaps, RasterizeOptions, is_feature_file, plan_features,
-};
+use spinney::import::feature::is_feature_file;
+use spinney::import::rasterize::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions, plan_features};
 use spinney::io::Output;
 use spinney::ops::WarpGrid;
 use spinney::space::{Crs, EdgeRule, Frame};
@@ -52,7 +51,10 @@ fn changed(mut options: RasterizeOptions, change: impl FnOnce(&mut RasterizeOpti
 
 fn built(path: &Path, options: &RasterizeOptions) -> Dataset {
     let output = path.with_extension("goblin");
-    plan_features(&[path.into()], options).unwrap().build(Output::create(&output).unwrap(), &()).unwrap();
+    plan_features(&[path.into()], options, &())
+        .unwrap()
+        .build(Output::create(&output).unwrap(), &())
+        .unwrap();
     let tree = spinney::open(&output).unwrap();
     assert!(tree.verify(64 << 20, &()).unwrap().is_empty());
     tree
@@ -129,7 +131,7 @@ fn texts_are_classes_and_what_is_left_out_is_told() {
         feature(r#"{"v":"wood"}"#, "null"),
     ];
     let path = document(folder.path(), &features);
-    let plan = plan_features(std::slice::from_ref(&path), &metres()).unwrap();
+    let plan = plan_features(std::slice::from_ref(&path), &metres(), &()).unwrap();
     let told: Vec<&str> = plan
         .description()
         .iter()
@@ -169,7 +171,8 @@ fn texts_are_classes_and_what_is_left_out_is_told() {
     }
     let mixed =
         ["1", "\"a\""].map(|value| feature(&format!(r#"{{"v":{value}}}"#), &square(0.0, 0.0, 4.0, 4.0)));
-    let refusal = plan_features(&[document(folder.path(), &mixed)], &metres()).err().unwrap().to_string();
+    let refusal =
+        plan_features(&[document(folder.path(), &mixed)], &metres(), &()).err().unwrap().to_string();
     assert!(refusal.contains("numbers and texts"), "{refusal}");
 }
 
@@ -306,6 +309,7 @@ fn bytes_do_not_depend_on_memory_and_threads() {
             &changed(options.clone(), |options| {
                 options.memory = memory;
             }),
+            &(),
         )
         .unwrap();
         let build = || plan.build(Output::create(&output).unwrap(), &());
@@ -321,7 +325,7 @@ fn contradictions_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = document(folder.path(), &[feature(r#"{"v":1}"#, &square(0.0, 0.0, 4.0, 4.0))]);
     let refused = |options: RasterizeOptions, about: &str| {
-        let refusal = plan_features(std::slice::from_ref(&path), &options).err().unwrap().to_string();
+        let refusal = plan_features(std::slice::from_ref(&path), &options, &()).err().unwrap().to_string();
         assert!(refusal.contains(about), "{refusal}");
     };
     refused(
@@ -368,10 +372,12 @@ fn contradictions_are_refused() {
         "allow more",
     );
     let none = document(folder.path(), &[feature(r#"{"v":1}"#, "null")]);
-    assert!(plan_features(&[none], &metres()).err().unwrap().to_string().contains("none with a geometry"));
+    assert!(
+        plan_features(&[none], &metres(), &()).err().unwrap().to_string().contains("none with a geometry")
+    );
     let far = document(folder.path(), &[feature(r#"{"v":1}"#, &square(0.0, 0.0, 1e15, 4.0))]);
     let output = Output::create(&folder.path().join("far.goblin")).unwrap();
-    let refusal = plan_features(&[far], &metres()).unwrap().build(output, &()).unwrap_err().to_string();
+    let refusal = plan_features(&[far], &metres(), &()).unwrap().build(output, &()).unwrap_err().to_string();
     assert!(refusal.contains("feature 1") && refusal.contains("cells from"), "{refusal}");
     assert!(!folder.path().join("far.goblin").exists());
     fs::write(folder.path().join("city.json"), r#"{"type":"CityJSON","version":"2.0"}"#).unwrap();

@@ -3,12 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spinney::import::feature::{FeatureFilter, FeatureOptions};
+use spinney::import::feature::{FeatureFilter, FeatureOptions, is_feature_file};
 use spinney::import::rasterize::{
-    FeatureGrid, FeatureImport, FeatureValue, Overlaps, RasterizeOptions, is_feature_file, plan_features,
+    FeatureGrid, FeatureImport, FeatureValue, Overlaps, RasterizeOptions, plan_features,
 };
-use spinney::ops::WarpGrid;
-use spinney::space::web_mercator;
 
 use super::super::{args::check_output, open};
 use super::pictures::PictureArgs;
@@ -64,14 +62,10 @@ impl FeatureArgs {
         let (cells, cell, edge) = solids.of_features()?;
         let grid = match (grid, cells, cell) {
             (Some(Grid::Xyz), ..) => {
-                let Some(zoom) = pictures.max_zoom.filter(|zoom| *zoom <= 21) else {
-                    bail!("--grid xyz: of features say the deepest zoom, with --max-zoom (0 to 21)");
+                let Some(zoom) = pictures.max_zoom else {
+                    bail!("--grid xyz: of features say the deepest zoom, with --max-zoom");
                 };
-                let depth = zoom + 8;
-                FeatureGrid::Like(WarpGrid {
-                    frame: web_mercator(depth),
-                    extent: [1 << depth, 1 << depth, 1],
-                })
+                FeatureGrid::web_mercator(zoom)?
             }
             (Some(Grid::Like(path)), ..) => {
                 check_output([path.as_path()], output)?;
@@ -99,6 +93,6 @@ impl FeatureArgs {
             filter: self.filter.clone().unwrap_or_default(),
             ..FeatureOptions::default()
         };
-        Ok(plan_features(inputs, &options)?)
+        Ok(plan_features(inputs, &options, &())?)
     }
 }

@@ -114,7 +114,7 @@ impl SolidArgs {
             || *brep
     }
 
-    /// What is for features, too: cells along the longer side, their width, and the rule for edges.
+    /// Options that are for features, too: cells along the longer side, their width, and the rule for edges.
     ///
     /// # Errors
     /// If something else was given.

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::import::feature::{
-    Condition, FeatureFilter, FeatureOptions, PolygonFeature, PolygonLayer, read_polygons,
+    AttributeCondition, FeatureFilter, FeatureOptions, PolygonFeature, PolygonLayer, read_polygons,
 };
 use spinney::query::{ZoneChannel, ZoneStatistics};
 use spinney::space::{Coordinates, EdgeRule, Places};
@@ -29,7 +29,7 @@ pub(super) struct ZoneOptions {
     edge: EdgeRule,
     /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value
     #[arg(long = "where", value_name = "CONDITION,...", value_delimiter = ',', requires = "zones")]
-    conditions: Vec<Condition>,
+    conditions: Vec<AttributeCondition>,
     /// Attributes of features that --json and --csv tell, as in name,code [default: all; with --csv none]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "zones")]
     attribute: Option<Vec<String>>,
@@ -37,7 +37,7 @@ pub(super) struct ZoneOptions {
     memory: Memory,
 }
 
-/// What is read of the features: attributes only where they are told.
+/// Options for reading the features: attributes only where they are told.
 fn reading(options: &ZoneOptions, format: Format) -> FeatureOptions {
     let attributes = match (&options.attribute, format) {
         (None, Format::Json) => None,
@@ -124,7 +124,7 @@ struct Report<'a> {
     layer: &'a PolygonLayer,
     /// Number of the next feature.
     next: usize,
-    /// What is not printed yet. (Of JSON, too, as text, which takes a tenth of what values would.)
+    /// Text that is not printed yet. (Of JSON, too, as text, which takes a tenth of what values would.)
     text: String,
 }
 
@@ -132,7 +132,7 @@ struct Report<'a> {
 const MOST_TEXT: usize = 32 << 20;
 
 impl Report<'_> {
-    /// What stands before all features.
+    /// Begins the text before all features.
     fn begin(&mut self) {
         match self.format {
             Format::Json => self.text.push_str("{\n  \"zones\": ["),
@@ -285,7 +285,7 @@ fn text_of(value: &serde_json::Value) -> String {
 /// Members of a JSON object.
 type Members = serde_json::Map<String, serde_json::Value>;
 
-/// What a feature tells of itself.
+/// Id, name and attributes of a feature.
 fn feature_json(layer: &PolygonLayer, feature: &PolygonFeature, options: &ZoneOptions) -> Members {
     let is_wanted = |name: &String| options.attribute.as_ref().is_none_or(|wanted| wanted.contains(name));
     let values = layer.attributes.iter().zip(&feature.attributes).filter(|((name, _), _)| is_wanted(name));
@@ -295,7 +295,7 @@ fn feature_json(layer: &PolygonLayer, feature: &PolygonFeature, options: &ZoneOp
     members.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
 }
 
-/// What is told of a zone's cells.
+/// Statistics of a zone's cells.
 fn zone_json(tree: &Dataset, zone: &ZoneStatistics) -> Members {
     let area = cell_area(tree).ok();
     let channel = |channel: &ZoneChannel| {

@@ -146,11 +146,11 @@ struct ZoneCells<'a> {
     polygon: &'a Polygon,
     rule: EdgeRule,
     picture: Bounds,
-    /// What was found of them for other trees of the grid, if there are any.
+    /// Findings for other trees of the grid, if there are any.
     found: Option<RefCell<FoundCells>>,
 }
 
-/// What was found of the cells in a polygon, by first column and row, columns and rows of nodes.
+/// Findings about the cells in a polygon, by first column and row, columns and rows of nodes.
 #[derive(Default)]
 struct FoundCells {
     covers: HashMap<[u64; 4], Cover>,
@@ -173,7 +173,7 @@ fn area_of(bounds: &Bounds) -> [u64; 4] {
 }
 
 impl ZoneCells<'_> {
-    /// What was found before; else it is found now.
+    /// A finding of before; else it is found now.
     fn find<T: Copy>(
         &self,
         bounds: &Bounds,
@@ -448,6 +448,7 @@ impl Parts {
         ZoneStatistics {
             cells,
             // (What rounding leaves of nothing is nothing.)
+            // (Sums of as many shares as a zone has cells at its border are off by less than that.)
             void_cells: if all - cells > 1e-9 * all { all - cells } else { 0.0 },
             channels: self.channels[..channels].iter().map(channel).collect(),
             classes: classes.into_iter().collect(),

@@ -4,7 +4,8 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use super::feature::{
-    Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted,
+    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    Wanted,
 };
 use super::rows::Rows;
 use super::{wkb, wkt};
@@ -200,12 +201,12 @@ impl FeatureReader for Csv {
         let value = |(column, (_, kind)): (&usize, &(String, AttributeKind))| {
             let (text, is_quoted) = self.rows.field(*column);
             if text.is_empty() && !(is_quoted && *kind == AttributeKind::Text) {
-                return Ok(Attribute::None);
+                return Ok(FeatureAttribute::None);
             }
             match kind {
-                AttributeKind::Integer => text.parse().map(Attribute::Integer).map_err(|_| ()),
-                AttributeKind::Number => text.parse().map(Attribute::Number).map_err(|_| ()),
-                _ => Ok(Attribute::Text(text.into_owned())),
+                AttributeKind::Integer => text.parse().map(FeatureAttribute::Integer).map_err(|_| ()),
+                AttributeKind::Number => text.parse().map(FeatureAttribute::Number).map_err(|_| ()),
+                _ => Ok(FeatureAttribute::Text(text.into_owned())),
             }
         };
         let values = self.columns.iter().zip(&self.schema.attributes).map(value).collect::<Result<_, ()>>();

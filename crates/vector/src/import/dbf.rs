@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::beside;
 use super::encoding::TextEncoding;
-use super::feature::{Attribute, AttributeKind, Wanted};
+use super::feature::{AttributeKind, FeatureAttribute, Wanted};
 use spinney_base::{Error, Result};
 
 /// A table, of which rows are read in order.
@@ -104,7 +104,7 @@ impl Table {
     }
 
     /// The values of the next row; `None` if it is deleted. The number is the feature's, for messages.
-    pub(super) fn step(&mut self, number: u64) -> Result<Option<Vec<Attribute>>> {
+    pub(super) fn step(&mut self, number: u64) -> Result<Option<Vec<FeatureAttribute>>> {
         self.input.read_exact(&mut self.row).map_err(|cause| match cause.kind() {
             std::io::ErrorKind::UnexpectedEof => {
                 Error::corrupt(&self.path, format!("feature {number}"), "the end of the file", "its row")
@@ -118,7 +118,9 @@ impl Table {
             let bytes = &self.row[column.begin..column.end];
             let value = value(column.letter, bytes, &self.encoding);
             let value = value.map(|value| match (value, column.kind) {
-                (Attribute::Integer(number), AttributeKind::Number) => Attribute::Number(number as f64),
+                (FeatureAttribute::Integer(number), AttributeKind::Number) => {
+                    FeatureAttribute::Number(number as f64)
+                }
                 (value, _) => value,
             });
             value.map_err(|found| {
@@ -131,11 +133,13 @@ impl Table {
 }
 
 /// A value by the letter of its column's type.
-fn value(letter: u8, bytes: &[u8], encoding: &TextEncoding) -> Result<Attribute, String> {
+fn value(letter: u8, bytes: &[u8], encoding: &TextEncoding) -> Result<FeatureAttribute, String> {
     match (letter, bytes) {
-        (b'I', &[a, b, c, d]) => return Ok(Attribute::Integer(i32::from_le_bytes([a, b, c, d]).into())),
+        (b'I', &[a, b, c, d]) => {
+            return Ok(FeatureAttribute::Integer(i32::from_le_bytes([a, b, c, d]).into()));
+        }
         (b'O' | b'B', &[a, b, c, d, e, f, g, h]) => {
-            return Ok(Attribute::Number(f64::from_le_bytes([a, b, c, d, e, f, g, h])));
+            return Ok(FeatureAttribute::Number(f64::from_le_bytes([a, b, c, d, e, f, g, h])));
         }
         _ => {}
     }
@@ -144,29 +148,33 @@ fn value(letter: u8, bytes: &[u8], encoding: &TextEncoding) -> Result<Attribute,
     let bytes = &bytes[..end];
     if letter == b'C' {
         let text = encoding.decode(bytes)?;
-        return Ok(if text.is_empty() { Attribute::None } else { Attribute::Text(text.into_owned()) });
+        return Ok(if text.is_empty() {
+            FeatureAttribute::None
+        } else {
+            FeatureAttribute::Text(text.into_owned())
+        });
     }
     let text = String::from_utf8_lossy(bytes);
     let text = text.trim();
     let wrong = || Err(format!("`{}`", text.chars().take(30).collect::<String>()));
     match letter {
-        _ if text.is_empty() => Ok(Attribute::None),
+        _ if text.is_empty() => Ok(FeatureAttribute::None),
         b'L' => Ok(match text {
-            "T" | "t" | "Y" | "y" => Attribute::Boolean(true),
-            "F" | "f" | "N" | "n" => Attribute::Boolean(false),
-            "?" => Attribute::None,
+            "T" | "t" | "Y" | "y" => FeatureAttribute::Boolean(true),
+            "F" | "f" | "N" | "n" => FeatureAttribute::Boolean(false),
+            "?" => FeatureAttribute::None,
             _ => return wrong(),
         }),
         b'D' => Ok(match (text.len(), text.is_ascii()) {
-            _ if text.bytes().all(|byte| byte == b'0') => Attribute::None,
-            (8, true) => Attribute::Text(format!("{}-{}-{}", &text[..4], &text[4..6], &text[6..])),
+            _ if text.bytes().all(|byte| byte == b'0') => FeatureAttribute::None,
+            (8, true) => FeatureAttribute::Text(format!("{}-{}-{}", &text[..4], &text[4..6], &text[6..])),
             _ => return wrong(),
         }),
         // (Stars are written where a number has no room.)
-        _ if text.bytes().all(|byte| byte == b'*') => Ok(Attribute::None),
+        _ if text.bytes().all(|byte| byte == b'*') => Ok(FeatureAttribute::None),
         _ => match (text.parse(), text.parse::<f64>()) {
-            (Ok(number), _) if !text.contains('.') && letter == b'N' => Ok(Attribute::Integer(number)),
-            (_, Ok(number)) if number.is_finite() => Ok(Attribute::Number(number)),
+            (Ok(number), _) if !text.contains('.') && letter == b'N' => Ok(FeatureAttribute::Integer(number)),
+            (_, Ok(number)) if number.is_finite() => Ok(FeatureAttribute::Number(number)),
             _ => wrong(),
         },
     }

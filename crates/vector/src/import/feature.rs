@@ -2,7 +2,7 @@
 //!
 //! ```
 //! use std::path::Path;
-//! use spinney::import::feature::{Attribute, FeatureGeometry, FeatureOptions, open_features};
+//! use spinney::import::feature::{FeatureAttribute, FeatureGeometry, FeatureOptions, open_features};
 //!
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let path = folder.path().join("places.geojson");
@@ -12,7 +12,7 @@
 //! let mut reader = open_features(&path, &options)?;
 //! assert_eq!(reader.schema().attributes[0].0, "code");
 //! let feature = reader.next()?.unwrap();
-//! assert_eq!(feature.attributes, [Attribute::Integer(3), Attribute::Text("spring".into())]);
+//! assert_eq!(feature.attributes, [FeatureAttribute::Integer(3), FeatureAttribute::Text("spring".into())]);
 //! assert_eq!(feature.geometry, Some(FeatureGeometry::Points(vec![[9.5, 47.0]])));
 //! assert!(reader.next()?.is_none());
 //! # Ok::<(), spinney::Error>(())
@@ -25,6 +25,7 @@ use serde_json::Value;
 
 use super::filter::FeatureFilter;
 use super::formats;
+pub use super::formats::is_feature_file;
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, PolygonParts};
@@ -35,7 +36,7 @@ pub struct Feature {
     /// Its id, a text or a number, where the format has ids.
     pub id: Option<Value>,
     /// Its attributes, as many as the schema has, in the same order.
-    pub attributes: Vec<Attribute>,
+    pub attributes: Vec<FeatureAttribute>,
     /// Its geometry; `None` if it has none.
     pub geometry: Option<FeatureGeometry>,
 }
@@ -95,7 +96,7 @@ impl FeatureGeometry {
 
 /// A value of an attribute.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Attribute {
+pub enum FeatureAttribute {
     /// Nothing.
     None,
     /// A whole number.
@@ -110,16 +111,16 @@ pub enum Attribute {
     Json(String),
 }
 
-impl Attribute {
+impl FeatureAttribute {
     /// The value as JSON.
     pub fn to_json(&self) -> Value {
         match self {
-            Attribute::None => Value::Null,
-            Attribute::Integer(number) => Value::from(*number),
-            Attribute::Number(number) => Value::from(*number),
-            Attribute::Text(text) => Value::from(text.as_str()),
-            Attribute::Boolean(is) => Value::from(*is),
-            Attribute::Json(text) => {
+            FeatureAttribute::None => Value::Null,
+            FeatureAttribute::Integer(number) => Value::from(*number),
+            FeatureAttribute::Number(number) => Value::from(*number),
+            FeatureAttribute::Text(text) => Value::from(text.as_str()),
+            FeatureAttribute::Boolean(is) => Value::from(*is),
+            FeatureAttribute::Json(text) => {
                 serde_json::from_str(text).unwrap_or_else(|_| Value::from(text.as_str()))
             }
         }
@@ -128,23 +129,23 @@ impl Attribute {
     /// The value as text; nothing for none.
     pub fn to_text(&self) -> String {
         match self {
-            Attribute::None => String::new(),
-            Attribute::Integer(number) => number.to_string(),
-            Attribute::Number(number) => Value::from(*number).to_string(),
-            Attribute::Text(text) | Attribute::Json(text) => text.clone(),
-            Attribute::Boolean(is) => is.to_string(),
+            FeatureAttribute::None => String::new(),
+            FeatureAttribute::Integer(number) => number.to_string(),
+            FeatureAttribute::Number(number) => Value::from(*number).to_string(),
+            FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => text.clone(),
+            FeatureAttribute::Boolean(is) => is.to_string(),
         }
     }
 
-    /// What kind of attribute has it; `None` if any has.
+    /// Kind of the attributes that have it; `None` if all have.
     pub(super) fn kind(&self) -> Option<AttributeKind> {
         match self {
-            Attribute::None => None,
-            Attribute::Integer(_) => Some(AttributeKind::Integer),
-            Attribute::Number(_) => Some(AttributeKind::Number),
-            Attribute::Text(_) => Some(AttributeKind::Text),
-            Attribute::Boolean(_) => Some(AttributeKind::Boolean),
-            Attribute::Json(_) => Some(AttributeKind::Json),
+            FeatureAttribute::None => None,
+            FeatureAttribute::Integer(_) => Some(AttributeKind::Integer),
+            FeatureAttribute::Number(_) => Some(AttributeKind::Number),
+            FeatureAttribute::Text(_) => Some(AttributeKind::Text),
+            FeatureAttribute::Boolean(_) => Some(AttributeKind::Boolean),
+            FeatureAttribute::Json(_) => Some(AttributeKind::Json),
         }
     }
 }
@@ -220,7 +221,7 @@ pub struct FeatureOptions {
     pub memory: u64,
     /// Name of the layer, of files that may have several.
     pub layer: Option<String>,
-    /// What holds for the features that are asked for.
+    /// Conditions that hold for the features that are asked for.
     pub filter: FeatureFilter,
     /// Names of the attributes that are asked for, in this order; `None` for all.
     pub attributes: Option<Vec<String>>,
@@ -343,8 +344,9 @@ impl FeatureReader for Selected {
         while let Some(mut feature) = self.reader.next()? {
             if self.filter.holds(|condition| feature.attributes.get(self.asked[condition])) {
                 if let Some(chosen) = &self.chosen {
-                    let value =
-                        |place: &usize| feature.attributes.get(*place).cloned().unwrap_or(Attribute::None);
+                    let value = |place: &usize| {
+                        feature.attributes.get(*place).cloned().unwrap_or(FeatureAttribute::None)
+                    };
                     feature.attributes = chosen.iter().map(value).collect();
                 }
                 return Ok(Some(feature));

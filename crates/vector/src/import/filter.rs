@@ -1,17 +1,17 @@
-//! What must hold for features that are asked for: comparisons of attributes with values.
+//! Conditions on features: comparisons of attributes with values.
 
 use std::cmp::Ordering;
 use std::fmt;
 use std::str::FromStr;
 
-use super::feature::Attribute;
+use super::feature::FeatureAttribute;
 use spinney_base::{Error, Result};
 
 /// Comparisons of attributes, all of which must hold.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FeatureFilter {
     /// The comparisons.
-    pub conditions: Vec<Condition>,
+    pub conditions: Vec<AttributeCondition>,
 }
 
 /// A comparison of an attribute with a value.
@@ -19,7 +19,7 @@ pub struct FeatureFilter {
 /// Numbers compare as numbers, however they are written, and texts as texts. Nothing is equal to the empty text alone, and in no order with
 /// anything.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Condition {
+pub struct AttributeCondition {
     /// The attribute's name.
     pub name: String,
     /// How it compares.
@@ -55,10 +55,10 @@ const SIGNS: [(&str, Relation); 6] = [
     (">", Relation::Greater),
 ];
 
-impl FromStr for Condition {
+impl FromStr for AttributeCondition {
     type Err = Error;
 
-    fn from_str(text: &str) -> Result<Condition> {
+    fn from_str(text: &str) -> Result<AttributeCondition> {
         let wrong = || {
             Error::invalid("condition", text, "NAME=VALUE, as in type=Building, or with !=, <, <=, > or >=")
         };
@@ -66,11 +66,11 @@ impl FromStr for Condition {
         let (name, rest) = (text[..at].trim(), &text[at..]);
         let found = SIGNS.iter().find_map(|(sign, relation)| Some((*relation, rest.strip_prefix(sign)?)));
         let (relation, value) = found.filter(|_| !name.is_empty()).ok_or_else(wrong)?;
-        Ok(Condition { name: name.into(), relation, value: value.trim().into() })
+        Ok(AttributeCondition { name: name.into(), relation, value: value.trim().into() })
     }
 }
 
-impl fmt::Display for Condition {
+impl fmt::Display for AttributeCondition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let sign =
             SIGNS.iter().find(|(_, relation)| *relation == self.relation).map_or("=", |(sign, _)| sign);
@@ -78,15 +78,21 @@ impl fmt::Display for Condition {
     }
 }
 
-impl Condition {
+impl AttributeCondition {
     /// Whether it holds for a value of the attribute.
-    pub fn holds(&self, value: &Attribute) -> bool {
+    pub fn holds(&self, value: &FeatureAttribute) -> bool {
         let order = self.order(value);
         match self.relation {
             Relation::Equal => order == Some(Ordering::Equal),
             Relation::Unequal => order != Some(Ordering::Equal),
             // (What has no order but is equal is nothing, a truth or JSON.)
-            _ if !matches!(value, Attribute::Integer(_) | Attribute::Number(_) | Attribute::Text(_)) => false,
+            _ if !matches!(
+                value,
+                FeatureAttribute::Integer(_) | FeatureAttribute::Number(_) | FeatureAttribute::Text(_)
+            ) =>
+            {
+                false
+            }
             Relation::Less => order == Some(Ordering::Less),
             Relation::AtMost => matches!(order, Some(Ordering::Less | Ordering::Equal)),
             Relation::Greater => order == Some(Ordering::Greater),
@@ -95,18 +101,18 @@ impl Condition {
     }
 
     /// How a value compares with the condition's.
-    fn order(&self, value: &Attribute) -> Option<Ordering> {
+    fn order(&self, value: &FeatureAttribute) -> Option<Ordering> {
         let equal = |is: bool| is.then_some(Ordering::Equal);
         match value {
-            Attribute::None => equal(self.value.is_empty()),
-            Attribute::Integer(number) => match self.value.parse::<i64>() {
+            FeatureAttribute::None => equal(self.value.is_empty()),
+            FeatureAttribute::Integer(number) => match self.value.parse::<i64>() {
                 Ok(other) => Some(number.cmp(&other)),
                 Err(_) => (*number as f64).partial_cmp(&self.value.parse().ok()?),
             },
-            Attribute::Number(number) => number.partial_cmp(&self.value.parse().ok()?),
-            Attribute::Text(text) => Some(text.as_str().cmp(&self.value)),
-            Attribute::Boolean(is) => equal(self.value == is.to_string()),
-            Attribute::Json(text) => equal(*text == self.value),
+            FeatureAttribute::Number(number) => number.partial_cmp(&self.value.parse().ok()?),
+            FeatureAttribute::Text(text) => Some(text.as_str().cmp(&self.value)),
+            FeatureAttribute::Boolean(is) => equal(self.value == is.to_string()),
+            FeatureAttribute::Json(text) => equal(*text == self.value),
         }
     }
 }
@@ -124,7 +130,7 @@ impl FromStr for FeatureFilter {
 
 impl fmt::Display for FeatureFilter {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let all: Vec<String> = self.conditions.iter().map(Condition::to_string).collect();
+        let all: Vec<String> = self.conditions.iter().map(AttributeCondition::to_string).collect();
         f.write_str(&all.join(", "))
     }
 }
@@ -136,9 +142,9 @@ impl FeatureFilter {
     }
 
     /// Whether all conditions hold for the values that a feature has for them, by their number.
-    pub(super) fn holds<'a>(&self, value: impl Fn(usize) -> Option<&'a Attribute>) -> bool {
-        let holds = |(index, condition): (usize, &Condition)| {
-            condition.holds(value(index).unwrap_or(&Attribute::None))
+    pub(super) fn holds<'a>(&self, value: impl Fn(usize) -> Option<&'a FeatureAttribute>) -> bool {
+        let holds = |(index, condition): (usize, &AttributeCondition)| {
+            condition.holds(value(index).unwrap_or(&FeatureAttribute::None))
         };
         self.conditions.iter().enumerate().all(holds)
     }
@@ -150,9 +156,10 @@ mod tests {
 
     #[test]
     fn numbers_compare_as_numbers_and_texts_as_texts() {
-        let holds = |text: &str, value: &Attribute| text.parse::<Condition>().unwrap().holds(value);
-        let (ten, half) = (Attribute::Integer(10), Attribute::Number(0.5));
-        let text = |text: &str| Attribute::Text(text.into());
+        let holds =
+            |text: &str, value: &FeatureAttribute| text.parse::<AttributeCondition>().unwrap().holds(value);
+        let (ten, half) = (FeatureAttribute::Integer(10), FeatureAttribute::Number(0.5));
+        let text = |text: &str| FeatureAttribute::Text(text.into());
         for (condition, value, expected) in [
             ("a=10", &ten, true),
             ("a = 10.0", &ten, true),
@@ -166,20 +173,20 @@ mod tests {
             ("a<9", &text("10"), true),
             ("a=10.0", &text("10"), false),
             ("a>=b", &text("b"), true),
-            ("a=", &Attribute::None, true),
-            ("a!=3", &Attribute::None, true),
-            ("a<3", &Attribute::None, false),
-            ("a<=", &Attribute::None, false),
-            ("a=true", &Attribute::Boolean(true), true),
-            ("a>=true", &Attribute::Boolean(true), false),
+            ("a=", &FeatureAttribute::None, true),
+            ("a!=3", &FeatureAttribute::None, true),
+            ("a<3", &FeatureAttribute::None, false),
+            ("a<=", &FeatureAttribute::None, false),
+            ("a=true", &FeatureAttribute::Boolean(true), true),
+            ("a>=true", &FeatureAttribute::Boolean(true), false),
             ("a=x=y", &text("x=y"), true),
         ] {
             assert_eq!(holds(condition, value), expected, "{condition} {value:?}");
         }
         // (Beyond 2^53, too.)
-        assert!(!holds("a=9007199254740993", &Attribute::Integer(9_007_199_254_740_992)));
+        assert!(!holds("a=9007199254740993", &FeatureAttribute::Integer(9_007_199_254_740_992)));
         for wrong in ["", "a", "=3", "a!3", " <3"] {
-            assert!(wrong.parse::<Condition>().is_err(), "{wrong}");
+            assert!(wrong.parse::<AttributeCondition>().is_err(), "{wrong}");
         }
         let both: FeatureFilter = "code >= 3,kind!=lake".parse().unwrap();
         assert_eq!((both.conditions.len(), both.to_string()), (2, "code>=3, kind!=lake".into()));

@@ -9,7 +9,8 @@ use flatgeobuf::{
 };
 
 use super::feature::{
-    Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted,
+    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    Wanted,
 };
 use super::wkb::MOST_DEPTH;
 use crate::export::GeometryKind;
@@ -151,7 +152,7 @@ impl FlatGeobuf {
         let mut left = self.bytes.len() / 8 + 1;
         let geometry = feature.geometry();
         let geometry = geometry.map(|own| geometry_of(&own, self.kind, &mut left, 0)).transpose()?.flatten();
-        let mut attributes = vec![Attribute::None; self.schema.attributes.len()];
+        let mut attributes = vec![FeatureAttribute::None; self.schema.attributes.len()];
         let mut bytes = feature.properties().map(|own| own.bytes()).unwrap_or_default();
         while !bytes.is_empty() {
             let column = usize::from(u16::from_le_bytes(take(&mut bytes)?));
@@ -227,12 +228,12 @@ fn take<const BYTES: usize>(bytes: &mut &[u8]) -> Parsed<[u8; BYTES]> {
     Ok(*taken)
 }
 
-fn value(kind: ColumnType, bytes: &mut &[u8]) -> Parsed<Attribute> {
-    let whole = |number: i64| Ok(Attribute::Integer(number));
+fn value(kind: ColumnType, bytes: &mut &[u8]) -> Parsed<FeatureAttribute> {
+    let whole = |number: i64| Ok(FeatureAttribute::Integer(number));
     match kind {
         ColumnType::Byte => whole(i8::from_le_bytes(take(bytes)?).into()),
         ColumnType::UByte => whole(u8::from_le_bytes(take(bytes)?).into()),
-        ColumnType::Bool => Ok(Attribute::Boolean(take::<1>(bytes)? != [0])),
+        ColumnType::Bool => Ok(FeatureAttribute::Boolean(take::<1>(bytes)? != [0])),
         ColumnType::Short => whole(i16::from_le_bytes(take(bytes)?).into()),
         ColumnType::UShort => whole(u16::from_le_bytes(take(bytes)?).into()),
         ColumnType::Int => whole(i32::from_le_bytes(take(bytes)?).into()),
@@ -240,20 +241,21 @@ fn value(kind: ColumnType, bytes: &mut &[u8]) -> Parsed<Attribute> {
         ColumnType::Long => whole(i64::from_le_bytes(take(bytes)?)),
         ColumnType::ULong => {
             let number = u64::from_le_bytes(take(bytes)?);
-            Ok(i64::try_from(number).map_or_else(|_| Attribute::Json(number.to_string()), Attribute::Integer))
+            Ok(i64::try_from(number)
+                .map_or_else(|_| FeatureAttribute::Json(number.to_string()), FeatureAttribute::Integer))
         }
-        ColumnType::Float => Ok(Attribute::Number(f32::from_le_bytes(take(bytes)?).into())),
-        ColumnType::Double => Ok(Attribute::Number(f64::from_le_bytes(take(bytes)?))),
+        ColumnType::Float => Ok(FeatureAttribute::Number(f32::from_le_bytes(take(bytes)?).into())),
+        ColumnType::Double => Ok(FeatureAttribute::Number(f64::from_le_bytes(take(bytes)?))),
         ColumnType::String | ColumnType::Json | ColumnType::DateTime | ColumnType::Binary => {
             let size = u32::from_le_bytes(take(bytes)?) as usize;
             let (own, rest) = bytes.split_at_checked(size).ok_or("fewer bytes than its texts have")?;
             *bytes = rest;
             match kind {
                 ColumnType::Binary => {
-                    Ok(Attribute::Text(own.iter().map(|byte| format!("{byte:02x}")).collect()))
+                    Ok(FeatureAttribute::Text(own.iter().map(|byte| format!("{byte:02x}")).collect()))
                 }
-                ColumnType::Json => Ok(Attribute::Json(String::from_utf8_lossy(own).into_owned())),
-                _ => Ok(Attribute::Text(String::from_utf8_lossy(own).into_owned())),
+                ColumnType::Json => Ok(FeatureAttribute::Json(String::from_utf8_lossy(own).into_owned())),
+                _ => Ok(FeatureAttribute::Text(String::from_utf8_lossy(own).into_owned())),
             }
         }
         other => Err(format!("an attribute of type {}", other.0)),

@@ -51,6 +51,25 @@ pub(super) fn open(
     }
 }
 
+/// Whether a file is one of features, by its name; of `.json`, which models of cities have, too, by how it begins. (A text may have anything: only
+/// [`open_features`](super::feature::open_features) takes one for a table.)
+pub fn is_feature_file(path: &Path) -> bool {
+    let (path, layer) = divided(path);
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
+    match ending.as_str() {
+        "geojson" | "geojsonl" | "geojsons" | "geojsonseq" | "ndjson" | "fgb" | "gpkg" | "shp" | "csv"
+        | "tsv" => true,
+        "json" => {
+            let mut first = Vec::new();
+            let read =
+                File::open(path).and_then(|file| file.take(FIRST_BYTES as u64).read_to_end(&mut first));
+            let text = String::from_utf8_lossy(&first);
+            read.is_ok() && !text.contains("CityJSON") && text.contains("\"Feature")
+        }
+        _ => layer.is_some(),
+    }
+}
+
 /// A path, and the name of a layer behind it: of what is no file itself.
 fn divided(path: &Path) -> (PathBuf, Option<String>) {
     let text = path.to_str().filter(|_| !path.exists());

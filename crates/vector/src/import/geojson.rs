@@ -12,7 +12,8 @@ use serde_json::Value;
 use serde_json::value::RawValue;
 
 use super::feature::{
-    Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted,
+    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    Wanted,
 };
 use super::scanner::{Input, List, Record, Scanner, Step};
 use crate::export::GeometryKind;
@@ -242,7 +243,7 @@ fn system(crs: Option<&str>) -> Parsed<Option<Crs>> {
 }
 
 fn feature(step: Step, record: &Record, columns: &Columns) -> Parsed<Feature> {
-    let mut attributes = vec![Attribute::None; columns.attributes.len()];
+    let mut attributes = vec![FeatureAttribute::None; columns.attributes.len()];
     if is_bare(step, record)? {
         let geometry = geometry(&record.kind()?, record.get("coordinates"), record.get("geometries"), 0)?;
         return Ok(Feature { id: None, attributes, geometry: Some(geometry.checked()?) });
@@ -274,23 +275,23 @@ fn kind_of(text: &str) -> Option<AttributeKind> {
     }
 }
 
-fn attribute(text: &str) -> Parsed<Attribute> {
+fn attribute(text: &str) -> Parsed<FeatureAttribute> {
     Ok(match text.as_bytes().first() {
-        None | Some(b'n') => Attribute::None,
-        Some(b't' | b'f') => Attribute::Boolean(text == "true"),
-        Some(b'"') => Attribute::Text(parsed(text)?),
-        Some(b'{' | b'[') => Attribute::Json(text.into()),
+        None | Some(b'n') => FeatureAttribute::None,
+        Some(b't' | b'f') => FeatureAttribute::Boolean(text == "true"),
+        Some(b'"') => FeatureAttribute::Text(parsed(text)?),
+        Some(b'{' | b'[') => FeatureAttribute::Json(text.into()),
         _ => number(text),
     })
 }
 
 /// A number; a whole one stays one, and one beyond what numbers can be stays text.
-fn number(text: &str) -> Attribute {
+fn number(text: &str) -> FeatureAttribute {
     let is_whole = !text.contains(['.', 'e', 'E']);
     match (text.parse().ok().filter(|_| is_whole), text.parse::<f64>()) {
-        (Some(number), _) => Attribute::Integer(number),
-        (None, Ok(number)) if !is_whole && number.is_finite() => Attribute::Number(number),
-        _ => Attribute::Json(text.into()),
+        (Some(number), _) => FeatureAttribute::Integer(number),
+        (None, Ok(number)) if !is_whole && number.is_finite() => FeatureAttribute::Number(number),
+        _ => FeatureAttribute::Json(text.into()),
     }
 }
 

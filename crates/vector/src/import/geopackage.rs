@@ -7,7 +7,8 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Row};
 
 use super::feature::{
-    Attribute, AttributeKind, Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted,
+    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    Wanted,
 };
 use super::wkb;
 use crate::export::GeometryKind;
@@ -218,15 +219,17 @@ fn kind_of(declared: &str) -> AttributeKind {
     }
 }
 
-fn value_of(value: ValueRef<'_>, kind: AttributeKind) -> Attribute {
+fn value_of(value: ValueRef<'_>, kind: AttributeKind) -> FeatureAttribute {
     match value {
-        ValueRef::Null => Attribute::None,
-        ValueRef::Integer(number) if kind == AttributeKind::Boolean => Attribute::Boolean(number != 0),
-        ValueRef::Integer(number) if kind == AttributeKind::Number => Attribute::Number(number as f64),
-        ValueRef::Integer(number) => Attribute::Integer(number),
-        ValueRef::Real(number) => Attribute::Number(number),
-        ValueRef::Text(text) => Attribute::Text(String::from_utf8_lossy(text).into_owned()),
-        ValueRef::Blob(bytes) => Attribute::Text(bytes.iter().map(|byte| format!("{byte:02x}")).collect()),
+        ValueRef::Null => FeatureAttribute::None,
+        ValueRef::Integer(number) if kind == AttributeKind::Boolean => FeatureAttribute::Boolean(number != 0),
+        ValueRef::Integer(number) if kind == AttributeKind::Number => FeatureAttribute::Number(number as f64),
+        ValueRef::Integer(number) => FeatureAttribute::Integer(number),
+        ValueRef::Real(number) => FeatureAttribute::Number(number),
+        ValueRef::Text(text) => FeatureAttribute::Text(String::from_utf8_lossy(text).into_owned()),
+        ValueRef::Blob(bytes) => {
+            FeatureAttribute::Text(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+        }
     }
 }
 

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::feature::{
-    Attribute, AttributeKind, FeatureGeometry, FeatureOptions, FeatureReader, Wanted, open_with,
+    AttributeKind, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, Wanted, open_with,
     unknown_attribute,
 };
 use super::filter::FeatureFilter;
@@ -32,7 +32,7 @@ pub struct PolygonFeature {
     /// Its id: a text or a number.
     pub id: Option<Value>,
     /// Its attributes, in the layer's order.
-    pub attributes: Vec<Attribute>,
+    pub attributes: Vec<FeatureAttribute>,
     /// Parts, each an outer ring and its holes, of corners x, y; none if it has no geometry.
     pub parts: PolygonParts,
 }
@@ -60,16 +60,16 @@ impl PolygonLayer {
     }
 
     /// A feature's value of an attribute; nothing if there is no such attribute.
-    pub fn value<'a>(&self, feature: &'a PolygonFeature, name: &str) -> &'a Attribute {
+    pub fn value<'a>(&self, feature: &'a PolygonFeature, name: &str) -> &'a FeatureAttribute {
         let value = self.position(name).and_then(|place| feature.attributes.get(place));
-        value.unwrap_or(&Attribute::None)
+        value.unwrap_or(&FeatureAttribute::None)
     }
 
     /// A feature's name: the attribute `name`, else the id.
     pub fn name(&self, feature: &PolygonFeature) -> Option<String> {
         match self.value(feature, "name") {
-            Attribute::Text(text) => Some(text.clone()),
-            number @ (Attribute::Integer(_) | Attribute::Number(_)) => Some(number.to_text()),
+            FeatureAttribute::Text(text) => Some(text.clone()),
+            number @ (FeatureAttribute::Integer(_) | FeatureAttribute::Number(_)) => Some(number.to_text()),
             _ => match &feature.id {
                 Some(Value::String(text)) => Some(text.clone()),
                 id => id.as_ref().map(Value::to_string),
@@ -251,7 +251,7 @@ fn collect(reader: &mut dyn FeatureReader, path: &Path, memory: u64) -> Result<P
         }
         let rings = || parts.iter().flatten();
         let texts = feature.attributes.iter().map(|value| match value {
-            Attribute::Text(text) | Attribute::Json(text) => text.capacity() as u64,
+            FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => text.capacity() as u64,
             _ => 0,
         });
         needed += BYTES_OF_FEATURE
@@ -318,7 +318,7 @@ mod tests {
         assert_eq!(told.collect::<Vec<_>>(), [(Some("A".into()), 2), (seven(), 1), (seven(), 0)]);
         assert_eq!(
             (layer.value(&found[0], "area"), &found[0].id),
-            (&Attribute::Number(1.5), &Some(7.into()))
+            (&FeatureAttribute::Number(1.5), &Some(7.into()))
         );
         assert_eq!(found[0].parts[1].len(), 2);
         let frame = Frame::planar([2.0, 0.0, 100.0, 0.0, -2.0, 50.0]);

@@ -19,11 +19,11 @@ pub struct Crossings {
     is_odd: Vec<bool>,
     /// The share of each row that edges right of the box have on their left, less those that lead the other way.
     beyond: Vec<f64>,
-    /// What edges do to the shares of a row.
+    /// Changes of shares in a row, by the edges that cause them.
     changes: Vec<Change>,
 }
 
-/// What an edge does to the shares of cells in a row, from a column on.
+/// A change of the shares of cells in a row, from a column on, by an edge.
 #[derive(Clone, Copy)]
 struct Change {
     column: u64,
@@ -36,7 +36,7 @@ struct Change {
 /// Rows of which something is held at a time.
 const ROWS: u64 = 256;
 
-/// Share of a cell that rounding alone may leave, or take away.
+/// Share of a cell that rounding alone may leave, or take away: ends of edges thousands of cells away are off by 2^-40 of a cell.
 const ROUNDING: f64 = 1e-12;
 
 impl Polygon {
@@ -199,7 +199,7 @@ impl Polygon {
     /// Hands out the columns, row by row, of a box's cells of which some part is inside, and the share of each that is;
     /// neighbours through which no edge passes come together. Exact but for rounding, if rings do not cross each other.
     ///
-    /// What lies left of an edge counts, with the sign of its direction: all of the cells before it, and a part of those that it
+    /// An edge adds the area on its left, with the sign of its direction: all of the cells before it, and a part of those that it
     /// passes through, as coverage is accumulated where fonts are drawn.
     pub fn shares(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>, f64)) {
         let last = bounds.max[1].min(self.high.max(0.0).ceil() as u64);

@@ -2,13 +2,14 @@
 
 use super::edge::{Edge, PARTS, Point, centre};
 
-/// Share of a cell that rounding alone may leave, or take away.
+/// Share of a cell that rounding alone may leave, or take away: a share is a sum of differences of coordinates in cells of the block, each off by 2^-52 of
+/// how far the edge's ends are away; ends a million cells away are off by 2^-32.
 const ROUNDING: f64 = 1e-9;
 
 /// Room to measure polygons in a square of cells.
 pub(super) struct Coverage {
     side: usize,
-    /// What the share of each cell is more than that of the one before it, in rows of one more; nothing but zeros between measurements.
+    /// Differences of each cell's share from that of the cell before it, in rows of one more; nothing but zeros between measurements.
     changes: Vec<f64>,
     /// Parts of each row that are inside along the block's left side.
     left: Vec<f64>,
@@ -38,6 +39,7 @@ impl Coverage {
         self.steps.fill(0.0);
         // From the first centre to the left side.
         let on_side = [origin[0], centre(cell[1])];
+        // (Exactly: a wrong number here would be wrong for whole rows, where rounding below moves a share by no more than that.)
         let way: i32 = edges.clone().map(|edge| edge.on_the_way_right(on_side, centre(cell[0]))).sum();
         self.steps[0] = f64::from(winding - way);
         // Columns and rows that edges reach, from and to.

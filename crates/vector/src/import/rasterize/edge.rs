@@ -49,7 +49,7 @@ impl Edge {
         [a.min(b), a.max(b)]
     }
 
-    /// The same, with the end first that is lower along an axis.
+    /// The edge with the end first that is lower along an axis.
     #[inline]
     pub(super) fn rising(&self, axis: usize) -> Edge {
         if self.a[axis] <= self.b[axis] { *self } else { Edge { a: self.b, b: self.a } }
@@ -78,7 +78,7 @@ impl Edge {
         }
     }
 
-    /// What the edge adds to the winding number of a point: it counts on the right of it.
+    /// The edge's part in the winding number of a point: it counts on the right of it.
     pub(super) fn winding(&self, point: Point) -> i32 {
         match self.passes(1, point[1]) && self.is_right_of(point) {
             true => self.direction(1),

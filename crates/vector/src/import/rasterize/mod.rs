@@ -2,14 +2,16 @@
 
 mod coverage;
 mod edge;
+mod load;
 mod mask;
 mod options;
 mod plan;
 mod shapes;
 mod source;
+mod survey;
 #[cfg(test)]
 mod tests;
 mod values;
 
 pub use self::options::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions};
-pub use self::plan::{FeatureImport, is_feature_file, plan_features};
+pub use self::plan::{FeatureImport, plan_features};

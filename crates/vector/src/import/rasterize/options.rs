@@ -1,12 +1,12 @@
-//! What is asked of a tree of features.
+//! Options of trees of features.
 
 use std::fmt;
 use std::str::FromStr;
 
-use spinney_base::space::EdgeRule;
+use spinney_base::space::{Dimension, EdgeRule};
 use spinney_base::value::{Kind, Number, Rule};
 use spinney_base::{Error, Result};
-use spinney_crs::Crs;
+use spinney_crs::{Crs, web_mercator};
 use spinney_engine::ops::WarpGrid;
 
 use crate::import::feature::FeatureOptions;
@@ -14,7 +14,7 @@ use crate::import::feature::FeatureOptions;
 /// Bytes of memory used if nothing is said.
 const DEFAULT_MEMORY: u64 = 256 << 20;
 
-/// What cells are given by a feature.
+/// The value that a feature gives its cells.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FeatureValue {
     /// A number, of all features.
@@ -41,7 +41,7 @@ impl FromStr for FeatureValue {
     }
 }
 
-/// What cells have where features lie on top of each other.
+/// The value of cells where features lie on top of each other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Overlaps {
     /// The value of the last one in the file.
@@ -106,13 +106,30 @@ pub enum FeatureGrid {
     Like(WarpGrid),
 }
 
+impl FeatureGrid {
+    /// The cells of web maps to a zoom, whose tiles of 256 x 256 cells are the deepest.
+    ///
+    /// # Errors
+    /// If a quadtree has no room for them: the deepest zoom is 21.
+    pub fn web_mercator(zoom: u8) -> Result<FeatureGrid> {
+        const TILE_LEVELS: u8 = 8;
+        let most = Dimension::Quad.max_depth() - TILE_LEVELS;
+        if zoom > most {
+            return Err(Error::invalid("zoom", zoom.to_string(), format!("0 to {most}")));
+        }
+        let depth = zoom + TILE_LEVELS;
+        let extent = [1 << depth, 1 << depth, 1];
+        Ok(FeatureGrid::Like(WarpGrid { frame: web_mercator(depth), extent }))
+    }
+}
+
 /// Options for a tree of features.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct RasterizeOptions {
-    /// What cells are given.
+    /// The value that features give their cells.
     pub value: FeatureValue,
-    /// What they have where features lie on top of each other.
+    /// The value of cells where features lie on top of each other.
     pub overlaps: Overlaps,
     /// Rule for cells at the edges of polygons. [`EdgeRule::Area`] gives each cell the value that has the largest share of it, nothing being one of
     /// them. (Lines are in all cells that their points are in.)

@@ -1,27 +1,23 @@
 //! Plans of trees of features: a first pass finds the box around them and their values, a second one reads their shapes.
 
-use std::cmp::Ordering;
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use spinney_base::io::Output;
 use spinney_base::space::{Dimension, EdgeRule};
 use spinney_base::value::{Kind, Number, ValueType};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{FIRST_BYTES, Metadata};
+use spinney_container::Metadata;
 use spinney_crs::{Coordinates, Crs, Frame, Places};
 use spinney_engine::store::builder::BuildOptions;
 use spinney_engine::store::{build, depth_for};
 
-use super::edge::{Edge, MOST_CELLS, PARTS, Point};
+use super::load::Loader;
 use super::options::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions};
-use super::shapes::{ShapeKind, Shapes};
+use super::shapes::Shapes;
 use super::source::{Paint, ShapeTree};
+use super::survey::Survey;
 use super::values::Values;
-use crate::import::feature::{
-    Attribute, Feature, FeatureGeometry, FeatureOptions, FeatureReader, open_features,
-};
+use crate::import::feature::{FeatureAttribute, FeatureOptions, FeatureReader, open_features};
 
 /// Features that were looked at once, ready to become a tree: see [`FeatureImport::build`].
 pub struct FeatureImport {
@@ -39,35 +35,25 @@ pub struct FeatureImport {
     description: Vec<(&'static str, String)>,
 }
 
-/// What a first pass over features finds.
-#[derive(Debug)]
-struct Survey {
-    bounds: [[f64; 2]; 2],
-    features: u64,
-    /// Features without a geometry, and without a value.
-    empty: u64,
-    valueless: u64,
-    corners: u64,
-}
+/// Features that are read before somebody is asked whether to go on.
+const CHECKED: u64 = 256;
 
-/// Bytes for a corner: its edge, and numbers of it in nodes.
+/// Bytes for a corner: an edge of 32, a number of it in the lists of a node at each level on the way to a block, and the vectors' room to grow.
 const BYTES_EACH: u64 = 96;
 
 /// Looks at files of features, of which those of the last lie on top.
 ///
 /// # Errors
 /// If the options contradict each other, a file cannot be read, has no feature with a geometry and a value, or they do not fit the cells or the
-/// memory.
-pub fn plan_features(inputs: &[PathBuf], options: &RasterizeOptions) -> Result<FeatureImport> {
+/// memory; on interruption.
+pub fn plan_features(
+    inputs: &[PathBuf],
+    options: &RasterizeOptions,
+    progress: &dyn Progress,
+) -> Result<FeatureImport> {
     options.check()?;
     let (mut values, mut crs) = (Values::default(), options.crs.clone());
-    let mut survey = Survey {
-        bounds: [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]],
-        features: 0,
-        empty: 0,
-        valueless: 0,
-        corners: 0,
-    };
+    let mut survey = Survey::new();
     let mut first: Option<&Path> = None;
     for input in inputs {
         let mut reader = open_features(input, &feature_options(options))?;
@@ -82,7 +68,11 @@ pub fn plan_features(inputs: &[PathBuf], options: &RasterizeOptions) -> Result<F
             }
             first = first.or(Some(input));
         }
-        while let Some(feature) = reader.next()? {
+        for number in 1u64.. {
+            if number.is_multiple_of(CHECKED) {
+                progress.check()?;
+            }
+            let Some(feature) = reader.next()? else { break };
             survey.add(&feature, &mut values, options)?;
         }
     }
@@ -126,7 +116,7 @@ pub fn plan_features(inputs: &[PathBuf], options: &RasterizeOptions) -> Result<F
     Ok(import)
 }
 
-/// What is read of each file.
+/// Options for reading each file: no attribute but the one that cells get.
 fn feature_options(options: &RasterizeOptions) -> FeatureOptions {
     let attributes = match &options.value {
         FeatureValue::Number(_) => Vec::new(),
@@ -135,55 +125,12 @@ fn feature_options(options: &RasterizeOptions) -> FeatureOptions {
     FeatureOptions { attributes: Some(attributes), memory: options.memory / 2, ..options.features.clone() }
 }
 
-impl Survey {
-    fn add(&mut self, feature: &Feature, values: &mut Values, options: &RasterizeOptions) -> Result<()> {
-        let corners = feature.geometry.as_ref().map_or(0, |geometry| self.widen(geometry));
-        if corners == 0 {
-            self.empty += 1;
-            return Ok(());
-        }
-        if let FeatureValue::Attribute(_) = options.value {
-            let attribute = feature.attributes.first().unwrap_or(&Attribute::None);
-            if matches!(attribute, Attribute::None) {
-                self.valueless += 1;
-                return Ok(());
-            }
-            values.add(attribute)?;
-        }
-        (self.features, self.corners) = (self.features + 1, self.corners + corners);
-        Ok(())
-    }
-
-    /// Takes in the corners of a geometry, and counts them.
-    fn widen(&mut self, geometry: &FeatureGeometry) -> u64 {
-        let mut count = 0;
-        let mut add = |corners: &[[f64; 2]]| {
-            count += corners.len() as u64;
-            for corner in corners {
-                for (axis, at) in corner.iter().enumerate() {
-                    self.bounds[0][axis] = self.bounds[0][axis].min(*at);
-                    self.bounds[1][axis] = self.bounds[1][axis].max(*at);
-                }
-            }
-        };
-        match geometry {
-            FeatureGeometry::Points(points) => add(points),
-            FeatureGeometry::Lines(lines) => lines.iter().for_each(|line| add(line)),
-            FeatureGeometry::Polygons(parts) => parts.iter().flatten().for_each(|ring| add(ring)),
-            FeatureGeometry::Collection(members) => {
-                return members.iter().map(|member| self.widen(member)).sum();
-            }
-        }
-        count
-    }
-}
-
 /// Lays cells over the box around features.
 fn fit(survey: &Survey, options: &RasterizeOptions) -> Result<(Frame, [u64; 3], u8)> {
     let [min, max] = survey.bounds;
     let size = [max[0] - min[0], max[1] - min[1]];
     let most = 1u64 << Dimension::Quad.max_depth();
-    // (What reaches into a cell by less than this part of it is rounding.)
+    /// Part of a cell that a box may reach into it by rounding of decimals, as in 0.1 * 3: as for solids.
     const TOUCH: f64 = 1e-6;
     let (cell, origin) = match &options.grid {
         FeatureGrid::Like(grid) => {
@@ -296,8 +243,7 @@ impl FeatureImport {
         let coordinates = if self.frame.crs.is_none() { Coordinates::World } else { coordinates };
         let places = Places::new(&coordinates, &self.frame, self.extent)?;
         places.remarks().iter().for_each(|remark| progress.warn(&self.inputs[0], remark));
-        let mut loader =
-            Loader { places, shapes: Shapes::default(), values: Vec::new(), corners: 0, lost: 0 };
+        let mut loader = Loader::new(places);
         for input in &self.inputs {
             let mut reader = open_features(input, &feature_options(&self.options))?;
             self.load_file(input, &mut *reader, &mut loader, progress)?;
@@ -332,16 +278,18 @@ impl FeatureImport {
         let mut number = 0u64;
         while let Some(feature) = reader.next()? {
             number += 1;
-            if number.is_multiple_of(256) {
+            if number.is_multiple_of(CHECKED) {
                 progress.check()?;
             }
             let Some(geometry) = &feature.geometry else { continue };
             let value = match &self.options.value {
                 FeatureValue::Number(number) => Some(*number),
                 FeatureValue::Attribute(_) => {
-                    let attribute = feature.attributes.first().unwrap_or(&Attribute::None);
+                    let attribute = feature.attributes.first().unwrap_or(&FeatureAttribute::None);
                     let found = self.values.number(attribute);
-                    if found.is_none() && matches!(attribute, Attribute::Text(_) | Attribute::Json(_)) {
+                    if found.is_none()
+                        && matches!(attribute, FeatureAttribute::Text(_) | FeatureAttribute::Json(_))
+                    {
                         return Err(Error::Changed { path: input.into(), what: "was overwritten" });
                     }
                     found
@@ -352,7 +300,7 @@ impl FeatureImport {
             loader.add(geometry).map_err(|found| {
                 Error::corrupt(input, format!("feature {number}"), found, "coordinates near the cells")
             })?;
-            if loader.corners > 2 * self.survey.corners + (1 << 20)
+            if loader.shapes.edges.len() as u64 > 2 * self.survey.corners + (1 << 20)
                 && !matches!(self.options.grid, FeatureGrid::Like(_))
             {
                 return Err(Error::Changed { path: input.into(), what: "was overwritten" });
@@ -377,113 +325,4 @@ impl FeatureImport {
             Overlaps::Last | Overlaps::Sum | Overlaps::Count | Overlaps::Mean => {}
         }
     }
-}
-
-/// Shapes as they are read.
-struct Loader {
-    places: Places,
-    shapes: Shapes,
-    values: Vec<Number>,
-    corners: u64,
-    /// Points that the tree's system does not have.
-    lost: u64,
-}
-
-impl Loader {
-    /// Adds the shapes of a geometry, which have the last value; or tells what is wrong with it.
-    fn add(&mut self, geometry: &FeatureGeometry) -> Result<(), String> {
-        let value = self.values.len() as u32 - 1;
-        let mut edges = Vec::new();
-        let kind = match geometry {
-            FeatureGeometry::Points(points) => {
-                for point in points {
-                    if let Some(point) = self.point(*point)? {
-                        edges.push(Edge { a: point, b: point });
-                    }
-                }
-                ShapeKind::Points
-            }
-            FeatureGeometry::Lines(lines) => {
-                for line in lines {
-                    let points =
-                        line.iter().map(|point| self.point(*point)).collect::<Result<Vec<_>, _>>()?;
-                    // (A line is not drawn through what the tree's system does not have.)
-                    edges
-                        .extend(points.windows(2).filter_map(|ends| Some(Edge { a: ends[0]?, b: ends[1]? })));
-                }
-                ShapeKind::Line
-            }
-            FeatureGeometry::Polygons(parts) => {
-                for part in self.places.parts(parts) {
-                    for (index, ring) in part.iter().enumerate() {
-                        add_ring(ring, index > 0, &mut edges)?;
-                    }
-                }
-                ShapeKind::Polygon
-            }
-            FeatureGeometry::Collection(members) => {
-                return members.iter().try_for_each(|member| self.add(member));
-            }
-        };
-        self.corners += edges.len() as u64;
-        if self.shapes.edges.len() + edges.len() > u32::MAX as usize {
-            return Err("more than 2^32 edges".into());
-        }
-        if !edges.is_empty() {
-            self.shapes.add(kind, value, edges.into_iter());
-        }
-        Ok(())
-    }
-
-    /// A point in parts of cells; `None` if the tree's system does not have it.
-    fn point(&mut self, [x, y]: [f64; 2]) -> Result<Option<Point>, String> {
-        let Some([x, y, _]) = self.places.cell([x, y, 0.0]) else {
-            self.lost += 1;
-            return Ok(None);
-        };
-        rounded([x, y]).map(Some)
-    }
-}
-
-/// A point on the grid of parts of cells.
-fn rounded(cell: [f64; 2]) -> Result<Point, String> {
-    match cell.iter().find(|at| at.abs() > MOST_CELLS) {
-        Some(at) => Err(format!("a corner {at:e} cells from the tree's")),
-        None => Ok(cell.map(|at| (at * PARTS as f64).round() as i64)),
-    }
-}
-
-/// Adds the edges of a ring, turned so that what is inside lies on the same side of all rings.
-fn add_ring(ring: &[[f64; 2]], is_hole: bool, edges: &mut Vec<Edge>) -> Result<(), String> {
-    let corners = ring.iter().map(|corner| rounded(*corner)).collect::<Result<Vec<_>, _>>()?;
-    let next = corners.iter().cycle().skip(1);
-    let start = edges.len();
-    edges.extend(corners.iter().zip(next).filter(|(a, b)| a != b).map(|(a, b)| Edge { a: *a, b: *b }));
-    let [x, y] = corners.first().copied().unwrap_or_default();
-    // (Relative to a corner, so that no digits are lost far away; only the sign counts.)
-    let turn = |Edge { a, b }: &Edge| {
-        i128::from(a[0] - x) * i128::from(b[1] - y) - i128::from(a[1] - y) * i128::from(b[0] - x)
-    };
-    let area = edges[start..].iter().fold(0i128, |sum, edge| sum.saturating_add(turn(edge)));
-    if (area.cmp(&0) == Ordering::Less) != is_hole {
-        edges[start..].iter_mut().for_each(|edge| *edge = Edge { a: edge.b, b: edge.a });
-    }
-    Ok(())
-}
-
-/// Whether a file is one of features, by its name; of `.json`, which models of cities have, too, by how it begins.
-pub fn is_feature_file(path: &Path) -> bool {
-    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default().to_ascii_lowercase();
-    let ends =
-        [".geojson", ".geojsonl", ".geojsons", ".geojsonseq", ".ndjson", ".fgb", ".gpkg", ".shp", ".csv"];
-    if ends.iter().any(|end| name.ends_with(end)) || name.contains(".gpkg:") {
-        return true;
-    }
-    if !name.ends_with(".json") {
-        return false;
-    }
-    let mut first = Vec::new();
-    let read = File::open(path).and_then(|file| file.take(FIRST_BYTES as u64).read_to_end(&mut first));
-    let text = String::from_utf8_lossy(&first);
-    read.is_ok() && !text.contains("CityJSON") && text.contains("\"Feature")
 }

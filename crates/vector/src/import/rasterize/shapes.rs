@@ -1,4 +1,8 @@
-//! Shapes in cells of a tree, and what nodes have of them.
+//! Shapes in cells of a tree, and the parts of them that nodes have.
+//!
+//! Invariant: a node's part tells all that its cells need: the winding number at one point of the node, and every edge that may pass between that and any
+//! other point of the node. A way from one point to another stays in the node, which is convex, so that the edges on it are among the part's. So children are made of their
+//! parent's parts alone, and each edge is tested once a level.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -7,10 +11,10 @@ use spinney_base::space::{Bounds, Code};
 
 use super::edge::{Edge, PARTS, Point, centre};
 
-/// What a shape is.
+/// Kind of a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ShapeKind {
-    /// What an odd number of its edges is around is inside.
+    /// Rings: a point that an odd number of them goes around is inside.
     Polygon,
     /// Edges alone.
     Line,
@@ -35,7 +39,7 @@ pub(super) struct Shapes {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// What a node has of a shape.
+/// The part of a shape that a node has.
 #[derive(Clone, Debug)]
 pub(super) struct Part {
     /// Number of the shape.
@@ -58,7 +62,7 @@ impl Part {
     }
 }
 
-/// What a node has of all shapes, in their order.
+/// The parts of all shapes that a node has, in the shapes' order.
 #[derive(Debug, Default)]
 pub(super) struct Parts {
     pub(super) parts: Vec<Part>,
@@ -85,7 +89,7 @@ impl Shapes {
         self.shapes.push(Shape { kind, value, edges: start..self.edges.len() });
     }
 
-    /// What a tree with such a space has of all shapes.
+    /// The parts of a root with such a space.
     pub(super) fn root(&self, space: &Bounds) -> Parts {
         let (first, mut root) = (first_centre(space), Parts::default());
         for (number, shape) in self.shapes.iter().enumerate() {
@@ -99,11 +103,12 @@ impl Shapes {
         root
     }
 
-    /// What the four children of a node have of the shapes, given the node's space.
+    /// The parts of the four children of a node, given the node's space. Time goes with the edges that the node has, four times.
     pub(super) fn children(&self, parts: &Parts, space: &Bounds, children: &[Bounds; 4]) -> [Parts; 4] {
         let mut found: [Parts; 4] = Default::default();
         let [first, last] = [first_centre(space), first_centre(&children[3])];
         for part in &parts.parts {
+            // The way leads right, or up, or up and then right, from the node's first centre to those of its children.
             let mut windings = [part.winding; 4];
             if self.shapes[part.shape as usize].kind == ShapeKind::Polygon {
                 for edge in self.edges_of(parts, part) {
@@ -121,7 +126,7 @@ impl Shapes {
         found
     }
 
-    /// Adds what a node has of a shape, by the edges that it may have there.
+    /// Adds the part of a shape that a node has, by the edges that it may have there.
     fn add_part(
         &self,
         parts: &mut Parts,

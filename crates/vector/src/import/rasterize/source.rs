@@ -13,7 +13,7 @@ use super::edge::Point;
 use super::mask::{Mask, index_of};
 use super::shapes::{Node, Part, Parts, ShapeKind, Shapes};
 
-/// What cells have of the shapes over them.
+/// The way from the shapes over a cell to its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Paint {
     /// The value of the last one.

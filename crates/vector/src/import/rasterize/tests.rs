@@ -41,6 +41,18 @@ fn star(random: &mut Random, middle: [f64; 2], radius: f64, grid: i64) -> Ring {
     (0..count).map(corner).collect()
 }
 
+/// A tree of one star, and the star as a polygon of floating corners: its areas are those of cells.
+fn star_tree(random: &mut Random, grid: i64, how: (Paint, EdgeRule)) -> (ShapeTree, Polygon) {
+    let middle = [random.below(40) as f64 - 4.0, random.below(40) as f64 - 4.0];
+    let radius = 2.0 + random.below(30) as f64;
+    let ring = star(random, middle, radius, grid);
+    let floats = ring.iter().map(|at| at.map(|at| at as f64 / PARTS as f64)).collect::<Vec<_>>();
+    let polygon = Polygon::of_parts(&[vec![floats]]).unwrap();
+    let mut shapes = Shapes::default();
+    shapes.add(ShapeKind::Polygon, 0, edges(&[ring]).into_iter());
+    (tree(shapes, &[7], how, [32, 32], 5), polygon)
+}
+
 fn tree(
     shapes: Shapes,
     values: &[u64],
@@ -193,14 +205,7 @@ fn shared_borders_have_no_gap_and_nothing_twice() {
 fn shares_are_areas() {
     let mut random = Random(3);
     for (round, grid) in [1, PARTS / 2, PARTS].into_iter().cycle().take(60).enumerate() {
-        let middle = [random.below(40) as f64 - 4.0, random.below(40) as f64 - 4.0];
-        let radius = 2.0 + random.below(30) as f64;
-        let ring = star(&mut random, middle, radius, grid);
-        let floats = ring.iter().map(|at| at.map(|at| at as f64 / PARTS as f64)).collect::<Vec<_>>();
-        let polygon = Polygon::of_parts(&[vec![floats]]).unwrap();
-        let mut shapes = Shapes::default();
-        shapes.add(ShapeKind::Polygon, 0, edges(&[ring]).into_iter());
-        let tree = tree(shapes, &[7], (Paint::Share, EdgeRule::Area), [32, 32], 5);
+        let (tree, polygon) = star_tree(&mut random, grid, (Paint::Share, EdgeRule::Area));
         let found = cells(&tree, [0, 2, 4, 5][round % 4]);
         for (at, value) in found.iter().enumerate() {
             let (x, y) = (at as u64 % 32, at as u64 / 32);
@@ -215,14 +220,7 @@ fn shares_are_areas() {
 fn what_is_touched_has_some_of_the_shape() {
     let mut random = Random(4);
     for (round, grid) in [1, PARTS / 4, PARTS].into_iter().cycle().take(60).enumerate() {
-        let middle = [random.below(40) as f64 - 4.0, random.below(40) as f64 - 4.0];
-        let radius = 2.0 + random.below(30) as f64;
-        let ring = star(&mut random, middle, radius, grid);
-        let floats = ring.iter().map(|at| at.map(|at| at as f64 / PARTS as f64)).collect::<Vec<_>>();
-        let polygon = Polygon::of_parts(&[vec![floats]]).unwrap();
-        let mut shapes = Shapes::default();
-        shapes.add(ShapeKind::Polygon, 0, edges(&[ring]).into_iter());
-        let tree = tree(shapes, &[7], (Paint::Top, EdgeRule::Touch), [32, 32], 5);
+        let (tree, polygon) = star_tree(&mut random, grid, (Paint::Top, EdgeRule::Touch));
         let found = cells(&tree, [0, 2, 4, 5][round % 4]);
         for (at, value) in found.iter().enumerate() {
             let (x, y) = (at as u64 % 32, at as u64 / 32);

@@ -6,9 +6,9 @@ use spinney_base::value::{Kind, Number, SampleType, ValueType};
 use spinney_base::{Error, Result};
 
 use super::options::{FeatureValue, Overlaps, RasterizeOptions};
-use crate::import::feature::Attribute;
+use crate::import::feature::FeatureAttribute;
 
-/// What is known of the values of all features.
+/// The values of all features, as far as they are known.
 #[derive(Debug, Default)]
 pub(super) struct Values {
     /// Whether numbers are there that are not whole, and whether all of them are numbers of single precision.
@@ -29,20 +29,20 @@ impl Values {
     ///
     /// # Errors
     /// If there are too many different texts.
-    pub(super) fn add(&mut self, attribute: &Attribute) -> Result<()> {
+    pub(super) fn add(&mut self, attribute: &FeatureAttribute) -> Result<()> {
         match attribute {
-            Attribute::None => {}
-            Attribute::Number(number) if number.is_nan() => {}
-            Attribute::Integer(number) => self.add_integer((*number).into()),
-            Attribute::Boolean(is) => self.add_integer((*is).into()),
-            Attribute::Number(number) if number.fract() == 0.0 && number.abs() < 9e15 => {
+            FeatureAttribute::None => {}
+            FeatureAttribute::Number(number) if number.is_nan() => {}
+            FeatureAttribute::Integer(number) => self.add_integer((*number).into()),
+            FeatureAttribute::Boolean(is) => self.add_integer((*is).into()),
+            FeatureAttribute::Number(number) if number.fract() == 0.0 && number.abs() < 9e15 => {
                 self.add_integer(*number as i128);
             }
-            Attribute::Number(number) => {
+            FeatureAttribute::Number(number) => {
                 (self.has_fractions, self.has_numbers) = (true, true);
                 self.has_doubles |= f64::from(*number as f32) != *number;
             }
-            Attribute::Text(text) | Attribute::Json(text) => {
+            FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => {
                 if !self.texts.contains_key(text) {
                     self.texts.insert(text.clone(), 0);
                 }
@@ -79,17 +79,17 @@ impl Values {
     }
 
     /// The number that cells of an attribute have; `None` if it has no value.
-    pub(super) fn number(&self, attribute: &Attribute) -> Option<Number> {
+    pub(super) fn number(&self, attribute: &FeatureAttribute) -> Option<Number> {
         Some(match attribute {
-            Attribute::None => return None,
-            Attribute::Number(number) if number.is_nan() => return None,
-            Attribute::Integer(number) => (*number).into(),
-            Attribute::Boolean(is) => u64::from(*is).into(),
-            Attribute::Number(number) if number.fract() == 0.0 && number.abs() < 9e15 => {
+            FeatureAttribute::None => return None,
+            FeatureAttribute::Number(number) if number.is_nan() => return None,
+            FeatureAttribute::Integer(number) => (*number).into(),
+            FeatureAttribute::Boolean(is) => u64::from(*is).into(),
+            FeatureAttribute::Number(number) if number.fract() == 0.0 && number.abs() < 9e15 => {
                 (*number as i64).into()
             }
-            Attribute::Number(number) => (*number).into(),
-            Attribute::Text(text) | Attribute::Json(text) => (*self.texts.get(text)?).into(),
+            FeatureAttribute::Number(number) => (*number).into(),
+            FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => (*self.texts.get(text)?).into(),
         })
     }
 

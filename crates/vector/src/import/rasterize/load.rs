@@ -1,0 +1,106 @@
+//! The second pass over features: shapes, in parts of cells of a tree.
+
+use std::cmp::Ordering;
+
+use spinney_base::value::Number;
+use spinney_crs::Places;
+
+use super::edge::{Edge, MOST_CELLS, PARTS, Point};
+use super::shapes::{ShapeKind, Shapes};
+use crate::import::feature::FeatureGeometry;
+
+/// Shapes as they are read.
+pub(super) struct Loader {
+    places: Places,
+    pub(super) shapes: Shapes,
+    /// The value of each number that shapes have.
+    pub(super) values: Vec<Number>,
+    /// Points that the tree's system does not have.
+    pub(super) lost: u64,
+}
+
+impl Loader {
+    /// No shapes yet, of features whose places are in the tree's cells by some way.
+    pub(super) fn new(places: Places) -> Loader {
+        Loader { places, shapes: Shapes::default(), values: Vec::new(), lost: 0 }
+    }
+
+    /// Adds the shapes of a geometry, which have the last value; or tells what is wrong with it.
+    pub(super) fn add(&mut self, geometry: &FeatureGeometry) -> Result<(), String> {
+        let value = self.values.len() as u32 - 1;
+        let mut edges = Vec::new();
+        let kind = match geometry {
+            FeatureGeometry::Points(points) => {
+                for point in points {
+                    if let Some(point) = self.point(*point)? {
+                        edges.push(Edge { a: point, b: point });
+                    }
+                }
+                ShapeKind::Points
+            }
+            FeatureGeometry::Lines(lines) => {
+                for line in lines {
+                    let points =
+                        line.iter().map(|point| self.point(*point)).collect::<Result<Vec<_>, _>>()?;
+                    // (A line is not drawn through what the tree's system does not have.)
+                    edges
+                        .extend(points.windows(2).filter_map(|ends| Some(Edge { a: ends[0]?, b: ends[1]? })));
+                }
+                ShapeKind::Line
+            }
+            FeatureGeometry::Polygons(parts) => {
+                for part in self.places.parts(parts) {
+                    for (index, ring) in part.iter().enumerate() {
+                        add_ring(ring, index > 0, &mut edges)?;
+                    }
+                }
+                ShapeKind::Polygon
+            }
+            FeatureGeometry::Collection(members) => {
+                return members.iter().try_for_each(|member| self.add(member));
+            }
+        };
+        if self.shapes.edges.len() + edges.len() > u32::MAX as usize {
+            return Err("more than 2^32 edges".into());
+        }
+        if !edges.is_empty() {
+            self.shapes.add(kind, value, edges.into_iter());
+        }
+        Ok(())
+    }
+
+    /// A point in parts of cells; `None` if the tree's system does not have it.
+    fn point(&mut self, [x, y]: [f64; 2]) -> Result<Option<Point>, String> {
+        let Some([x, y, _]) = self.places.cell([x, y, 0.0]) else {
+            self.lost += 1;
+            return Ok(None);
+        };
+        rounded([x, y]).map(Some)
+    }
+}
+
+/// A point on the grid of parts of cells.
+fn rounded(cell: [f64; 2]) -> Result<Point, String> {
+    match cell.iter().find(|at| at.abs() > MOST_CELLS) {
+        Some(at) => Err(format!("a corner {at:e} cells from the tree's")),
+        None => Ok(cell.map(|at| (at * PARTS as f64).round() as i64)),
+    }
+}
+
+/// Adds the edges of a ring, turned so that what is inside lies on the same side of all rings.
+fn add_ring(ring: &[[f64; 2]], is_hole: bool, edges: &mut Vec<Edge>) -> Result<(), String> {
+    let corners = ring.iter().map(|corner| rounded(*corner)).collect::<Result<Vec<_>, _>>()?;
+    let next = corners.iter().cycle().skip(1);
+    let start = edges.len();
+    edges.extend(corners.iter().zip(next).filter(|(a, b)| a != b).map(|(a, b)| Edge { a: *a, b: *b }));
+    let [x, y] = corners.first().copied().unwrap_or_default();
+    // (Relative to a corner, so that no digits are lost far away; only the sign counts.)
+    let turn = |Edge { a, b }: &Edge| {
+        i128::from(a[0] - x) * i128::from(b[1] - y) - i128::from(a[1] - y) * i128::from(b[0] - x)
+    };
+    let area = edges[start..].iter().fold(0i128, |sum, edge| sum.saturating_add(turn(edge)));
+    if (area.cmp(&0) == Ordering::Less) != is_hole {
+        edges[start..].iter_mut().for_each(|edge| *edge = Edge { a: edge.b, b: edge.a });
+    }
+    Ok(())
+}

@@ -1,0 +1,80 @@
+//! The first pass over features: how many there are, where, and with which values.
+
+use spinney_base::Result;
+
+use super::options::{FeatureValue, RasterizeOptions};
+use super::values::Values;
+use crate::import::feature::{Feature, FeatureAttribute, FeatureGeometry};
+
+/// Counts of features and of their corners, and the box around them.
+#[derive(Debug)]
+pub(super) struct Survey {
+    /// Least and greatest coordinates.
+    pub(super) bounds: [[f64; 2]; 2],
+    /// Features with a geometry and a value.
+    pub(super) features: u64,
+    /// Features without a geometry.
+    pub(super) empty: u64,
+    /// Features with a geometry and without a value.
+    pub(super) valueless: u64,
+    /// Corners of all features with both.
+    pub(super) corners: u64,
+}
+
+impl Survey {
+    /// Nothing.
+    pub(super) fn new() -> Survey {
+        let bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+        Survey { bounds, features: 0, empty: 0, valueless: 0, corners: 0 }
+    }
+
+    /// Takes a feature into account, and its value.
+    ///
+    /// # Errors
+    /// Those of [`Values::add`].
+    pub(super) fn add(
+        &mut self,
+        feature: &Feature,
+        values: &mut Values,
+        options: &RasterizeOptions,
+    ) -> Result<()> {
+        let corners = feature.geometry.as_ref().map_or(0, |geometry| self.widen(geometry));
+        if corners == 0 {
+            self.empty += 1;
+            return Ok(());
+        }
+        if let FeatureValue::Attribute(_) = options.value {
+            let attribute = feature.attributes.first().unwrap_or(&FeatureAttribute::None);
+            if matches!(attribute, FeatureAttribute::None) {
+                self.valueless += 1;
+                return Ok(());
+            }
+            values.add(attribute)?;
+        }
+        (self.features, self.corners) = (self.features + 1, self.corners + corners);
+        Ok(())
+    }
+
+    /// Takes in the corners of a geometry, and counts them.
+    fn widen(&mut self, geometry: &FeatureGeometry) -> u64 {
+        let mut count = 0;
+        let mut add = |corners: &[[f64; 2]]| {
+            count += corners.len() as u64;
+            for corner in corners {
+                for (axis, at) in corner.iter().enumerate() {
+                    self.bounds[0][axis] = self.bounds[0][axis].min(*at);
+                    self.bounds[1][axis] = self.bounds[1][axis].max(*at);
+                }
+            }
+        };
+        match geometry {
+            FeatureGeometry::Points(points) => add(points),
+            FeatureGeometry::Lines(lines) => lines.iter().for_each(|line| add(line)),
+            FeatureGeometry::Polygons(parts) => parts.iter().flatten().for_each(|ring| add(ring)),
+            FeatureGeometry::Collection(members) => {
+                return members.iter().map(|member| self.widen(member)).sum();
+            }
+        }
+        count
+    }
+}
