@@ -126,8 +126,10 @@ impl Step {
     /// As [`Step::apply`]; also if a temporary file cannot be used, or on interruption.
     pub(super) fn apply_whole(&self, view: View, passes: &Passes<'_>) -> Result<View> {
         match self {
-            Step::Components(connect) => Regions::components(&view, *connect, passes)?.into_view(&view),
-            Step::Sieve(sieve) => Regions::sieved(&view, sieve, passes)?.into_view(&view),
+            Step::Components(connect) => {
+                View::of_made(Regions::components(&view, *connect, passes)?.into(), &view)
+            }
+            Step::Sieve(sieve) => View::of_made(Regions::sieved(&view, sieve, passes)?.into(), &view),
             _ => self.apply(view),
         }
     }

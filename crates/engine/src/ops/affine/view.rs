@@ -199,7 +199,22 @@ impl View {
         self.depth
     }
 
-    /// The same view of another source of the same cells.
+    /// A view of all of a source that was made of another view's cells, which does what that one does.
+    ///
+    /// # Errors
+    /// None in practice: as [`View::new`].
+    pub(in crate::ops) fn of_made(source: ViewSource, of: &View) -> Result<View> {
+        let header = source.header();
+        let (rule, extent, depth) = (header.rule, header.extent, header.depth());
+        let view = View::new(Arc::new(source), extent)?.warping(of.warp());
+        let view = if depth > depth_for(extent) { view.deepened(depth)? } else { view };
+        match of.sampling() {
+            Sampling::Centre => Ok(view),
+            Sampling::Area(_) => view.sampled(Sampling::Area(rule)),
+        }
+    }
+
+    /// This view of another source of the same cells.
     pub(in crate::ops) fn over(self, source: Arc<ViewSource>) -> View {
         View { source, ..self }
     }

@@ -135,7 +135,7 @@ impl Calculation {
     /// # Errors
     /// If a name stands for nothing, or a file cannot be read or lies on another grid.
     pub(in crate::ops) fn apply(&self, view: View) -> Result<View> {
-        Calculated::new(self, &view)?.into_view(&view)
+        View::of_made(Calculated::new(self, &view)?.into(), &view)
     }
 }
 

@@ -1,15 +1,12 @@
 //! The tree that a calculation makes of others.
 
-use std::sync::Arc;
-
 use super::block::{BLOCK_LEVELS, Blocks};
 use super::calculation::Calculation;
 use super::composite;
 use super::kernel::{Machine, settle, store, value_of};
 use super::operands::{Operands, resolve};
-use crate::ops::affine::{Sampling, View};
+use crate::ops::affine::View;
 use crate::ops::view_source::ViewSource;
-use crate::store::depth_for;
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
 use spinney_base::Form;
 use spinney_base::space::{Bounds, Code, Dimension};
@@ -88,18 +85,6 @@ impl Calculated {
     /// make: not where channels are handed on as they are.
     pub(in crate::ops) fn is_approximate(&self) -> bool {
         !self.is_composite
-    }
-
-    /// A view of all of it, which does what the one that it was made of does.
-    pub(super) fn into_view(self, of: &View) -> Result<View> {
-        let (rule, sampling) = (self.header.rule, of.sampling());
-        let (extent, depth) = (self.header.extent, self.header.depth());
-        let view = View::new(Arc::new(self.into()), extent)?.warping(of.warp());
-        let view = if depth > depth_for(extent) { view.deepened(depth)? } else { view };
-        match sampling {
-            Sampling::Centre => Ok(view),
-            Sampling::Area(_) => view.sampled(Sampling::Area(rule)),
-        }
     }
 
     /// What the calculation is done to.

@@ -40,7 +40,7 @@ pub(super) struct Labels {
     pub(super) count: u64,
 }
 
-/// What stands at a node above the level of blocks, or at it.
+/// A node above the level of blocks, or at it, by its labels.
 pub(super) enum Standing {
     Void,
     /// One component, with this label.
@@ -74,7 +74,7 @@ impl Labels {
         forest.number(progress)
     }
 
-    /// What stands at a node that is not below a block.
+    /// The labels of a node that is not below a block.
     pub(super) fn at(&self, code: Code) -> Standing {
         let next = self.entries.partition_point(|entry| entry.code.bits() < code.bits());
         let is_inside = |entry: &&Entry| entry.code.bits() <= code.last_bits();

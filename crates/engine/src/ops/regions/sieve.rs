@@ -166,7 +166,7 @@ impl Sweeper for Neighbours<'_> {
 
 /// Components that become fewer: each is one of the numbers, or was given to another.
 struct Graph {
-    /// What each was given to; itself, if it is there.
+    /// The component that each was given to; itself, if it is there.
     parents: Vec<u32>,
     sizes: Vec<u64>,
     of_labels: Vec<u32>,

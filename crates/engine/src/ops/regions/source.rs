@@ -7,9 +7,8 @@ use super::labels::{Labels, Standing};
 use super::sieve::Sieved;
 use super::step::{Connectivity, Sieve};
 use super::sweep::Cells;
-use crate::ops::affine::{Sampling, View};
+use crate::ops::affine::View;
 use crate::ops::view_source::ViewSource;
-use crate::store::depth_for;
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
@@ -25,7 +24,7 @@ const MOST_NARROW: u64 = u32::MAX as u64 - 1;
 /// Units of one of two passes, for the progress.
 const PASS: u64 = 1 << 32;
 
-/// What steps need that go through all cells before the first is handed out.
+/// Room and progress of steps that go through all cells before the first is handed out.
 #[derive(Clone, Copy)]
 pub(in crate::ops) struct Passes<'a> {
     /// Bytes that may be used, about.
@@ -39,7 +38,7 @@ pub(in crate::ops) struct Passes<'a> {
 pub struct Regions {
     cells: Cells,
     labels: Labels,
-    /// What components become, if they become no labels.
+    /// Values of components, if these become no labels.
     sieved: Option<Sieved>,
     header: Header,
     metadata: Metadata,
@@ -102,21 +101,6 @@ impl Regions {
         let sieved = Sieved::of(&cells, &labels, least, passes.memory, &part())?;
         let (metadata, header) = (cells.view.metadata(false), header_of(&cells.view));
         Ok(Regions { cells, labels, sieved: Some(sieved), header, metadata, kept: Mutex::default() })
-    }
-
-    /// A view of all of it, which does what the one that it was made of does.
-    ///
-    /// # Errors
-    /// None in practice: as [`View::new`].
-    pub(in crate::ops) fn into_view(self, of: &View) -> Result<View> {
-        let (rule, sampling) = (self.header.rule, of.sampling());
-        let (extent, depth) = (self.header.extent, self.header.depth());
-        let view = View::new(Arc::new(self.into()), extent)?.warping(of.warp());
-        let view = if depth > depth_for(extent) { view.deepened(depth)? } else { view };
-        match sampling {
-            Sampling::Centre => Ok(view),
-            Sampling::Area(_) => view.sampled(Sampling::Area(rule)),
-        }
     }
 
     /// The tree whose components these are.

@@ -30,7 +30,7 @@ pub(super) struct Cells {
     pub(super) block_levels: u8,
 }
 
-/// What is looked at as a whole.
+/// A node whose cells are looked at together.
 pub(super) struct Unit<'a> {
     pub(super) code: Code,
     pub(super) content: Content<'a>,
@@ -43,7 +43,7 @@ pub(super) enum Content<'a> {
     Block(&'a Local, &'a [(u32, u32)]),
 }
 
-/// What is done with the units and their borders.
+/// A taker of units and of their borders.
 pub(super) trait Sweeper {
     /// Takes the next unit in FD order; the numbers that its components have from here on.
     fn take(&mut self, unit: &Unit<'_>) -> Result<Vec<u64>>;

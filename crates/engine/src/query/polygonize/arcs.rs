@@ -23,7 +23,7 @@ fn direction([x, y]: Point, [to_x, to_y]: Point) -> Direction {
     }
 }
 
-/// What the area of a ring grows by along a step: all of them together are twice the area.
+/// The growth of a ring's area along a step: all steps together make twice the area.
 fn swept([x, y]: Point, [to_x, to_y]: Point) -> i128 {
     i128::from(x) * i128::from(to_y) - i128::from(to_x) * i128::from(y)
 }

@@ -27,7 +27,7 @@ const TILE: u32 = 256;
 /// Corners of a tile, a bit for each.
 type Corners = Box<[u64]>;
 
-/// What arcs are simplified with.
+/// The state of simplifying arcs.
 pub(super) struct Simplifier<'a> {
     ground: &'a ClassGround<'a>,
     tolerance: f64,
