@@ -253,8 +253,8 @@ pub mod import {
     #[cfg(feature = "vector")]
     pub mod feature {
         pub use spinney_vector::import::feature::{
-            AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader,
-            FeatureSchema, is_feature_file, open_features,
+            Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+            is_feature_file, open_features,
         };
         pub use spinney_vector::import::filter::{AttributeCondition, FeatureFilter, Relation};
         pub use spinney_vector::import::zones::{
@@ -339,9 +339,9 @@ pub mod export {
     #[cfg(feature = "vector")]
     pub mod vector {
         pub use spinney_vector::export::{
-            AttributeType, AttributeValue, ContourFeatures, Geometry, GeometryKind, IntersectionSummary,
-            SectionPlanes, SectionSummary, Smoothed, VectorFormat, VectorLayer, VectorWriter,
-            export_contours, export_intersection, export_polygons, export_section,
+            AttributeType, AttributeValue, ContourFeatures, FeatureParts, Geometry, GeometryKind,
+            IntersectionSummary, SectionPlanes, SectionSummary, Smoothed, VectorFeature, VectorFormat,
+            VectorLayer, VectorWriter, export_contours, export_intersection, export_polygons, export_section,
         };
     }
 }

@@ -9,7 +9,7 @@ use flatgeobuf::{
 };
 
 use super::feature::{
-    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
 use super::wkb::MOST_DEPTH;
@@ -212,13 +212,13 @@ fn system(crs: Option<flatgeobuf::Crs<'_>>) -> Parsed<Option<Crs>> {
     }
 }
 
-fn kind_of(kind: ColumnType) -> AttributeKind {
+fn kind_of(kind: ColumnType) -> AttributeType {
     match kind {
-        ColumnType::Bool => AttributeKind::Boolean,
-        ColumnType::Float | ColumnType::Double => AttributeKind::Number,
-        ColumnType::String | ColumnType::DateTime | ColumnType::Binary => AttributeKind::Text,
-        ColumnType::Json => AttributeKind::Json,
-        _ => AttributeKind::Integer,
+        ColumnType::Bool => AttributeType::Boolean,
+        ColumnType::Float | ColumnType::Double => AttributeType::Number,
+        ColumnType::String | ColumnType::DateTime | ColumnType::Binary => AttributeType::Text,
+        ColumnType::Json => AttributeType::Json,
+        _ => AttributeType::Integer,
     }
 }
 

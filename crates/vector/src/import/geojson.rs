@@ -12,7 +12,7 @@ use serde_json::Value;
 use serde_json::value::RawValue;
 
 use super::feature::{
-    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
 use super::scanner::{Input, List, Record, Scanner, Step};
@@ -188,12 +188,12 @@ fn geometry_kind(name: &str) -> Parsed<Option<GeometryKind>> {
 struct Columns {
     /// Places of those that are wanted, and the others, as far as there are not too many.
     places: HashMap<String, Option<usize>>,
-    attributes: Vec<(String, Option<AttributeKind>)>,
+    attributes: Vec<(String, Option<AttributeType>)>,
 }
 
 impl Columns {
     /// Takes note of a value.
-    fn see(&mut self, name: &str, kind: Option<AttributeKind>, wanted: &mut Wanted) -> Parsed<()> {
+    fn see(&mut self, name: &str, kind: Option<AttributeType>, wanted: &mut Wanted) -> Parsed<()> {
         let place = match self.places.get(name) {
             Some(place) => *place,
             None => {
@@ -220,9 +220,9 @@ impl Columns {
     }
 
     /// Names and kinds. (What has no values is as good as text.)
-    fn attributes(&self) -> Vec<(String, AttributeKind)> {
+    fn attributes(&self) -> Vec<(String, AttributeType)> {
         let all = self.attributes.iter();
-        all.map(|(name, kind)| (name.clone(), kind.unwrap_or(AttributeKind::Text))).collect()
+        all.map(|(name, kind)| (name.clone(), kind.unwrap_or(AttributeType::Text))).collect()
     }
 }
 
@@ -265,12 +265,12 @@ fn feature(step: Step, record: &Record, columns: &Columns) -> Parsed<Feature> {
 }
 
 /// The kind of a value that is written so.
-fn kind_of(text: &str) -> Option<AttributeKind> {
+fn kind_of(text: &str) -> Option<AttributeType> {
     match text.as_bytes().first()? {
         b'n' => None,
-        b't' | b'f' => Some(AttributeKind::Boolean),
-        b'"' => Some(AttributeKind::Text),
-        b'{' | b'[' => Some(AttributeKind::Json),
+        b't' | b'f' => Some(AttributeType::Boolean),
+        b'"' => Some(AttributeType::Text),
+        b'{' | b'[' => Some(AttributeType::Json),
         _ => number(text).kind(),
     }
 }

@@ -7,7 +7,7 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Row};
 
 use super::feature::{
-    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
 use super::wkb;
@@ -208,22 +208,22 @@ fn system_of(connection: &Connection, path: &Path, number: i64, memory: u64) -> 
 }
 
 /// The kind of a column by the type that it is declared with.
-fn kind_of(declared: &str) -> AttributeKind {
+fn kind_of(declared: &str) -> AttributeType {
     let declared = declared.to_ascii_uppercase();
     match declared.split('(').next().unwrap_or_default().trim() {
-        "BOOLEAN" => AttributeKind::Boolean,
-        "TINYINT" | "SMALLINT" | "MEDIUMINT" | "INT" | "INTEGER" => AttributeKind::Integer,
-        "FLOAT" | "DOUBLE" | "REAL" => AttributeKind::Number,
-        "TEXT" | "DATE" | "DATETIME" | "BLOB" => AttributeKind::Text,
-        _ => AttributeKind::Mixed,
+        "BOOLEAN" => AttributeType::Boolean,
+        "TINYINT" | "SMALLINT" | "MEDIUMINT" | "INT" | "INTEGER" => AttributeType::Integer,
+        "FLOAT" | "DOUBLE" | "REAL" => AttributeType::Number,
+        "TEXT" | "DATE" | "DATETIME" | "BLOB" => AttributeType::Text,
+        _ => AttributeType::Mixed,
     }
 }
 
-fn value_of(value: ValueRef<'_>, kind: AttributeKind) -> FeatureAttribute {
+fn value_of(value: ValueRef<'_>, kind: AttributeType) -> FeatureAttribute {
     match value {
         ValueRef::Null => FeatureAttribute::None,
-        ValueRef::Integer(number) if kind == AttributeKind::Boolean => FeatureAttribute::Boolean(number != 0),
-        ValueRef::Integer(number) if kind == AttributeKind::Number => FeatureAttribute::Number(number as f64),
+        ValueRef::Integer(number) if kind == AttributeType::Boolean => FeatureAttribute::Boolean(number != 0),
+        ValueRef::Integer(number) if kind == AttributeType::Number => FeatureAttribute::Number(number as f64),
         ValueRef::Integer(number) => FeatureAttribute::Integer(number),
         ValueRef::Real(number) => FeatureAttribute::Number(number),
         ValueRef::Text(text) => FeatureAttribute::Text(String::from_utf8_lossy(text).into_owned()),

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::feature::{
-    AttributeKind, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, Wanted, open_with,
+    AttributeType, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, Wanted, open_with,
     unknown_attribute,
 };
 use super::filter::FeatureFilter;
@@ -21,7 +21,7 @@ pub struct PolygonLayer {
     /// The coordinate system of the corners; `None` if it is not known.
     pub crs: Option<Crs>,
     /// Names and kinds of the attributes.
-    pub attributes: Vec<(String, AttributeKind)>,
+    pub attributes: Vec<(String, AttributeType)>,
     /// The features, in the file's order.
     pub features: Vec<PolygonFeature>,
 }
