@@ -346,6 +346,14 @@ pub mod export {
     }
 }
 
+/// Set operations of polygons.
+#[cfg(feature = "vector")]
+pub mod overlay {
+    pub use spinney_vector::overlay::{
+        OverlayOperation, OverlayReport, OverlayRequest, OverlaySummary, overlay_features,
+    };
+}
+
 use std::path::Path;
 
 /// Makes a tree of a picture file, a volume, or another tree: a `.goblin` file, or an `.autumn` file, which can be edited. Data that do not fit into

@@ -18,6 +18,7 @@ mod get;
 mod info;
 mod legend;
 mod log;
+mod overlay;
 mod point;
 mod recover;
 mod render;

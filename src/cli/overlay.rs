@@ -1,0 +1,81 @@
+//! `spinney combine` of polygons.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use spinney::import::feature::{FeatureOptions, PolygonLayer, read_polygons};
+use spinney::io::Output;
+use spinney::overlay::{OverlayOperation, OverlayReport, OverlayRequest, overlay_features};
+
+use super::Global;
+use super::args::{Memory, check_output, vector_format};
+use super::report::{Work, report_output};
+
+/// What a result is limited to.
+pub(super) enum Region {
+    /// Least and greatest x and y, in coordinates of the first file.
+    Box([f64; 2], [f64; 2]),
+    /// A file of polygons in the coordinates of the first one.
+    Polygons(PathBuf),
+}
+
+/// What is asked of files of polygons.
+pub(super) struct Question<'a> {
+    pub(super) name: &'a str,
+    pub(super) files: &'a [PathBuf],
+    pub(super) within: Option<Region>,
+    pub(super) snap: Option<f64>,
+    pub(super) memory: Memory,
+}
+
+/// Writes the polygons that an operation makes of those of some files.
+pub(super) fn run(question: &Question<'_>, path: &Path, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    let Question { name, files, within, snap, memory } = question;
+    let operation = OverlayOperation::named(name)
+        .with_context(|| format!("{name} is for trees; polygons have no values (see --help)"))?;
+    check_output(files.iter().map(PathBuf::as_path), path)?;
+    let format = vector_format(None, path)?;
+    let memory = memory.bytes;
+    let read = |file: &PathBuf| -> Result<(PathBuf, PolygonLayer)> {
+        let options = FeatureOptions { memory, ..FeatureOptions::default() };
+        Ok((file.clone(), read_polygons(file, &options)?))
+    };
+    let work = Work::start(global, "edges")?;
+    let layers = files.iter().map(read).collect::<Result<Vec<_>>>()?;
+    let counts: Vec<usize> = layers.iter().map(|(_, layer)| layer.features.len()).collect();
+    let mut request = OverlayRequest { snap: *snap, memory, ..OverlayRequest::new(operation) };
+    match within {
+        Some(Region::Box(low, high)) => request.within_box(*low, *high),
+        Some(Region::Polygons(file)) => {
+            let (_, region) = read(file)?;
+            request.within = Some(region.features.into_iter().flat_map(|feature| feature.parts).collect());
+        }
+        None => {}
+    }
+    let report = overlay_features(layers, &request, Output::create(path)?, format, &work)
+        .with_context(|| format!("cannot make {}", path.display()))?;
+    work.finish();
+    for (file, count) in files.iter().zip(counts) {
+        global.report("input", format_args!("{}: {count} features", file.display()));
+    }
+    let OverlayReport { summary, parts, polygons, area, shared } = report;
+    let (edges, crossings) = (summary.edges, summary.crossings);
+    global.report("edges", format_args!("{edges}, which cross in {crossings} places"));
+    if summary.repeated_corners > 0 {
+        global.report(
+            "repaired",
+            format_args!("{} corners that repeat the one before", summary.repeated_corners),
+        );
+    }
+    if shared > 0 {
+        let told = "parts are in several features of one file: attributes are those of the last";
+        global.report("shared", format_args!("{shared} {told}"));
+    }
+    let (cell, bound) = (summary.cell, summary.area_bound);
+    global.report("grid", format_args!("{cell:e}, on which areas are off by {bound:.3e} at most"));
+    global.report("result", format_args!("{parts} features of {polygons} polygons, area {area}"));
+    report_output(global, path, start);
+    Ok(())
+}
