@@ -1,13 +1,13 @@
 //! Cells in which edges cross.
 
+use crate::chords::alternating_pairs;
 use crate::edges::Edge;
 use crate::exact::{Cell, Point, crossing_cell, do_cross};
+use crate::room::{Room, SQUARES_BETWEEN_LOOKS};
+use spinney_base::Result;
 
 /// Edges of which all pairs are looked at.
 const FEW: usize = 16;
-
-/// The same where none of them ends: dividing squares does not divide such edges well.
-const FEW_WITHOUT_ENDS: usize = 256;
 
 /// A square of cells: the first, and how many there are along a side, a power of two.
 #[derive(Clone, Copy)]
@@ -25,7 +25,8 @@ impl Square {
 
     /// The lines that divide it, between cells.
     pub(crate) fn middle(&self) -> Point {
-        self.first.map(|first| (first + self.side / 2) as f64 - 0.5)
+        let half = self.side / 2;
+        [(self.first[0] + half) as f64 - 0.5, (self.first[1] + half) as f64 - 0.5]
     }
 
     pub(crate) fn quarter(&self, index: usize) -> Square {
@@ -44,8 +45,8 @@ impl Square {
 
     /// Whether an edge may reach into the square: not if it is sure that it does not.
     fn may_have(&self, [a, b]: [Point; 2]) -> bool {
-        let low = self.first.map(|first| first as f64 - 0.5);
-        let high = low.map(|low| low + self.side as f64);
+        let low = [self.first[0] as f64 - 0.5, self.first[1] as f64 - 0.5];
+        let high = [low[0] + self.side as f64, low[1] + self.side as f64];
         if a[0] > high[0] || b[0] < low[0] || a[1].min(b[1]) > high[1] || a[1].max(b[1]) < low[1] {
             return false;
         }
@@ -91,37 +92,49 @@ impl Square {
     }
 }
 
-/// Finds all cells in which edges cross, some of them more than once.
-pub(crate) fn crossings(edges: &[Edge<Point>], square: Square, found: &mut Vec<Cell>) {
+/// Finds all cells in which edges cross, each once, in order.
+///
+/// # Errors
+/// If they take more memory than there may be; on interruption.
+pub(crate) fn crossings(edges: &[Edge<Point>], square: Square, room: &Room<'_>) -> Result<Vec<Cell>> {
     let mut stack: Vec<u32> = (0..edges.len() as u32).collect();
-    Walk { edges, found }.square(square, &mut stack, 0);
+    let mut walk = Walk { edges, found: Vec::new(), most: 1 << 16, squares: 0, room };
+    walk.square(square, &mut stack, 0)?;
+    walk.unite();
+    room.check(walk.found.len())?;
+    Ok(walk.found)
 }
 
 struct Walk<'a> {
     edges: &'a [Edge<Point>],
-    found: &'a mut Vec<Cell>,
+    /// Cells, some of them more than once.
+    found: Vec<Cell>,
+    /// Cells from which on those that are there more than once are taken out.
+    most: usize,
+    squares: u64,
+    room: &'a Room<'a>,
 }
 
 impl Walk<'_> {
     /// Goes through a square with the edges from `from` on, which are there no more afterwards.
-    fn square(&mut self, square: Square, stack: &mut Vec<u32>, from: usize) {
+    fn square(&mut self, square: Square, stack: &mut Vec<u32>, from: usize) -> Result<()> {
+        self.squares += 1;
+        if self.squares.is_multiple_of(SQUARES_BETWEEN_LOOKS) {
+            self.room.check(0)?;
+        }
         let count = stack.len() - from;
         if count <= FEW {
-            self.pairs(&stack[from..]);
+            self.pairs(&stack[from..])?;
         } else if square.side == 1 {
             // Many edges in one cell: it is one to which all of them go, wherever in it they cross.
             self.found.push(square.first);
         } else {
             let ends = |place: usize| self.edges[stack[place] as usize].ends;
-            let quarters: Vec<u8> =
-                (from..stack.len()).map(|place| square.quarters_of(ends(place))).collect();
-            let counts =
-                [0, 1, 2, 3].map(|index| quarters.iter().filter(|own| **own >> index & 1 == 1).count());
-            // Edges that lie on each other all along would be divided without an end.
-            let is_dense = count <= FEW_WITHOUT_ENDS || counts.contains(&count);
-            if is_dense && !(from..stack.len()).any(|place| square.has_end(ends(place))) {
-                self.pairs(&stack[from..]);
+            if !(from..stack.len()).any(|place| square.has_end(ends(place))) {
+                self.chords(&square, &stack[from..])?;
             } else {
+                let quarters: Vec<u8> =
+                    (from..stack.len()).map(|place| square.quarters_of(ends(place))).collect();
                 for index in 0..4 {
                     let until = stack.len();
                     for (place, own) in (from..).zip(&quarters) {
@@ -129,27 +142,49 @@ impl Walk<'_> {
                             stack.push(stack[place]);
                         }
                     }
-                    self.square(square.quarter(index), stack, until);
+                    self.square(square.quarter(index), stack, until)?;
                 }
             }
         }
         stack.truncate(from);
+        Ok(())
     }
 
-    fn pairs(&mut self, numbers: &[u32]) {
+    /// Leaves each cell once.
+    fn unite(&mut self) {
+        self.found.sort_unstable();
+        self.found.dedup();
+    }
+
+    fn pairs(&mut self, numbers: &[u32]) -> Result<()> {
         for (index, one) in numbers.iter().enumerate() {
-            let one = self.edges[*one as usize].ends;
-            let (low, high) = (one[0][1].min(one[1][1]), one[0][1].max(one[1][1]));
-            for other in &numbers[index + 1..] {
-                let other = self.edges[*other as usize].ends;
-                let is_apart = other[0][0] > one[1][0]
-                    || other[1][0] < one[0][0]
-                    || other[0][1].min(other[1][1]) > high
-                    || other[0][1].max(other[1][1]) < low;
-                if !is_apart && do_cross(one, other) {
-                    self.found.push(crossing_cell(one, other));
-                }
+            numbers[index + 1..].iter().try_for_each(|other| self.pair(*one, *other))?;
+        }
+        Ok(())
+    }
+
+    /// Looks at those of edges without an end in the square that may cross there. (Dividing it would not divide these well, and those that lie on each other not at all.)
+    fn chords(&mut self, square: &Square, numbers: &[u32]) -> Result<()> {
+        let edges = numbers.iter().map(|number| (*number, self.edges[*number as usize].ends));
+        let edges: Vec<_> = edges.filter(|(_, ends)| square.may_have(*ends)).collect();
+        alternating_pairs(square, &edges, &mut |one, other| self.pair(one, other))
+    }
+
+    fn pair(&mut self, one: u32, other: u32) -> Result<()> {
+        let [one, other] = [one, other].map(|number| self.edges[number as usize].ends);
+        let is_apart = other[0][0] > one[1][0]
+            || other[1][0] < one[0][0]
+            || other[0][1].min(other[1][1]) > one[0][1].max(one[1][1])
+            || other[0][1].max(other[1][1]) < one[0][1].min(one[1][1]);
+        if !is_apart && do_cross(one, other) {
+            self.found.push(crossing_cell(one, other));
+            if self.found.len() > self.most {
+                self.unite();
+                self.room.check(self.found.len())?;
+                // (As much again, so that this is done seldom.)
+                self.most = self.most.max(2 * self.found.len());
             }
         }
+        Ok(())
     }
 }

@@ -16,8 +16,8 @@ pub(crate) type Cell = [i64; 2];
 /// floating-point arithmetic and fast robust geometric predicates*, 1997).
 #[inline]
 pub(crate) fn side(a: Point, b: Point, point: Point) -> i32 {
-    let [a, b, point] = [a, b, point].map(|[x, y]| Coord { x, y });
-    let turn = orient2d(a, b, point);
+    let coord = |[x, y]: Point| Coord { x, y };
+    let turn = orient2d(coord(a), coord(b), coord(point));
     i32::from(turn > 0.0) - i32::from(turn < 0.0)
 }
 

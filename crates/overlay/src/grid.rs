@@ -25,7 +25,7 @@ impl OverlayGrid {
     /// # Errors
     /// If it is not positive.
     pub fn of_cells(width: f64) -> Result<OverlayGrid> {
-        if !(width.is_finite() && width >= 1e-200 && width <= 1e200) {
+        if !(1e-200..=1e200).contains(&width) {
             return Err(Error::invalid("width of cells to snap to", width.to_string(), "a positive number"));
         }
         Ok(OverlayGrid { exponent: exponent_of(width) })

@@ -10,6 +10,7 @@
 //! 3. `sweep.rs` goes over the edges that this makes from left to right, and tells what is on both of their sides (`sets.rs`).
 //! 4. `rings.rs` makes polygons of the edges that divide what is asked for.
 
+mod chords;
 mod crossings;
 mod edges;
 mod exact;
@@ -17,6 +18,7 @@ mod grid;
 mod overlay;
 mod passages;
 mod rings;
+mod room;
 mod sets;
 mod sweep;
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The overlay of polygons of several sources.
 
 use std::collections::{BTreeMap, HashMap};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::crossings::{Square, crossings};
 use crate::edges::{Edge, PartLists, unite, unite_cells};
@@ -9,12 +9,10 @@ use crate::exact::{Cell, Point};
 use crate::grid::{OverlayGrid, cell_of};
 use crate::passages::passages;
 use crate::rings::polygons;
+use crate::room::Room;
 use crate::sets::PartSets;
 use crate::sweep::sweep;
 use spinney_base::{Error, Progress, Result};
-
-/// Bytes of memory that an edge takes, with its corners, the places that it passes and the sweep, at most times about as many crossings as edges.
-const BYTES_OF_EDGE: u64 = 320;
 
 /// Polygons that are laid over each other: each of a source, a number that the caller chose.
 ///
@@ -23,6 +21,8 @@ const BYTES_OF_EDGE: u64 = 320;
 pub struct Overlay {
     grid: OverlayGrid,
     memory: u64,
+    /// A file that polygons come from, for messages.
+    path: PathBuf,
     edges: Vec<Edge<Point>>,
     lists: PartLists,
     /// The source of each polygon.
@@ -62,7 +62,15 @@ impl Overlay {
     /// Nothing, on a grid, of as much as about so many bytes of memory have room for.
     pub fn new(grid: OverlayGrid, memory: u64) -> Overlay {
         let (edges, sources) = (Vec::new(), Vec::new());
-        Overlay { grid, memory, edges, lists: PartLists::default(), sources, repeated: 0 }
+        Overlay {
+            grid,
+            memory,
+            path: PathBuf::new(),
+            edges,
+            lists: PartLists::default(),
+            sources,
+            repeated: 0,
+        }
     }
 
     /// Adds a polygon of a source: its rings, which may end with the corner that they begin with. `path` is the file it comes from, for messages.
@@ -72,6 +80,9 @@ impl Overlay {
     pub fn add(&mut self, path: &Path, source: u32, rings: &[Vec<[f64; 2]>]) -> Result<()> {
         let part = self.lists.number(&[self.sources.len() as u32]);
         self.sources.push(source);
+        if self.path != path {
+            self.path = path.into();
+        }
         let grid = self.grid;
         let in_cells = |point: [f64; 2]| match point.map(|at| grid.in_cells(at)) {
             [Some(x), Some(y)] => Ok([x, y]),
@@ -95,17 +106,8 @@ impl Overlay {
                 before = corner;
             }
         }
-        let needed = self.edges.len() as u64 * BYTES_OF_EDGE;
-        if needed > self.memory {
-            return Err(Error::TooLarge {
-                path: path.into(),
-                what: format!("an overlay of {} edges", self.edges.len()),
-                needed,
-                limit: self.memory,
-                advice: "allow more, or divide the polygons".into(),
-            });
-        }
-        Ok(())
+        let edges = self.edges.len() as u64;
+        Room { path, memory: self.memory, edges, progress: &() }.check(0)
     }
 
     /// Hands out the parts that are asked for: `key_of` gets the sources that a place is in, in ascending order, and tells the numbers that stand for it, or
@@ -119,8 +121,9 @@ impl Overlay {
         progress: &dyn Progress,
         take: &mut dyn FnMut(OverlayPart) -> Result<()>,
     ) -> Result<OverlaySummary> {
-        let Overlay { grid, edges, mut lists, sources, repeated, .. } = self;
+        let Overlay { grid, memory, path, edges, mut lists, sources, repeated } = self;
         let edges = unite(edges, &mut lists);
+        let room = Room { path: &path, memory, edges: edges.len() as u64, progress };
         let lengths = edges.iter().map(|edge| {
             let [[x, y], [next_x, next_y]] = edge.ends;
             (next_x - x).hypot(next_y - y)
@@ -134,7 +137,7 @@ impl Overlay {
             crossings: 0,
         };
         progress.check()?;
-        let edges = snapped(edges, &mut lists, &mut summary, progress)?;
+        let edges = snapped(edges, &mut lists, &mut summary, &room)?;
         // The number that stands for each set of polygons: 0 is not asked for, others have a key.
         let mut keys: Vec<Vec<u32>> = Vec::new();
         let mut numbers: HashMap<Vec<u32>, u32> = HashMap::new();
@@ -154,10 +157,9 @@ impl Overlay {
                 }
             })
         };
-        let swept = sweep(&edges, &lists, &mut sets, &mut |sets, [below, above]| {
+        let swept = sweep(&edges, &lists, &mut sets, progress, &mut |sets, [below, above]| {
             number_of(sets, below) != number_of(sets, above)
-        });
-        progress.check()?;
+        })?;
         let mut number_of_face: HashMap<u32, u32> = HashMap::new();
         let faces = polygons(&edges, &mut |edge| {
             let own = swept.sides[edge].map(|set| number_of(&sets, set));
@@ -199,7 +201,7 @@ fn snapped(
     edges: Vec<Edge<Point>>,
     lists: &mut PartLists,
     summary: &mut OverlaySummary,
-    progress: &dyn Progress,
+    room: &Room<'_>,
 ) -> Result<Vec<Edge<Cell>>> {
     let ends = |edge: &Edge<Point>| edge.ends.map(|end| end.map(cell_of));
     let mut cells: Vec<Cell> = edges.iter().flat_map(ends).collect();
@@ -209,17 +211,12 @@ fn snapped(
     };
     let high = cells.iter().fold(low, |one, other| [one[0].max(other[0]), one[1].max(other[1])]);
     let square = Square::around(low, high);
-    let mut crossed = Vec::new();
-    crossings(&edges, square, &mut crossed);
-    progress.check()?;
-    crossed.sort_unstable();
-    crossed.dedup();
+    let mut crossed = crossings(&edges, square, room)?;
     summary.crossings = crossed.len() as u64;
     cells.append(&mut crossed);
     cells.sort_unstable();
     cells.dedup();
-    let passages = passages(&edges, &mut cells, square);
-    progress.check()?;
+    let passages = passages(&edges, &mut cells, square, room)?;
     let mut made = Vec::with_capacity(edges.len() + passages.len());
     let mut passages = passages.into_iter().peekable();
     for (number, edge) in edges.iter().enumerate() {

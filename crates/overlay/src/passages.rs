@@ -4,9 +4,11 @@ use crate::crossings::Square;
 use crate::edges::Edge;
 use crate::exact::{Cell, Point, passes};
 use crate::grid::cell_of;
+use crate::room::{Room, SQUARES_BETWEEN_LOOKS};
+use spinney_base::Result;
 
-/// Edges times cells of which all pairs are looked at.
-const FEW: usize = 48;
+/// Cells that are looked at with all edges of their square.
+const FEW: usize = 4;
 
 /// That an edge passes a cell which neither of its ends is in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -18,26 +20,45 @@ pub(crate) struct Passage {
 }
 
 /// Finds all passages of edges, in their order along each edge. The order of the cells is changed.
-pub(crate) fn passages(edges: &[Edge<Point>], cells: &mut [Cell], square: Square) -> Vec<Passage> {
+///
+/// # Errors
+/// If they take more memory than there may be; on interruption.
+pub(crate) fn passages(
+    edges: &[Edge<Point>],
+    cells: &mut [Cell],
+    square: Square,
+    room: &Room<'_>,
+) -> Result<Vec<Passage>> {
     let mut stack: Vec<u32> = (0..edges.len() as u32).collect();
-    let mut walk = Walk { edges, found: Vec::new() };
-    walk.square(square, &mut stack, 0, cells);
+    let mut walk = Walk { edges, found: Vec::new(), squares: 0, room };
+    walk.square(square, &mut stack, 0, cells)?;
     walk.found.sort_unstable();
-    // (Edges along the border of two squares are in both, but cells are in one.)
-    walk.found
+    Ok(walk.found)
 }
 
 struct Walk<'a> {
     edges: &'a [Edge<Point>],
     found: Vec<Passage>,
+    squares: u64,
+    room: &'a Room<'a>,
 }
 
 impl Walk<'_> {
-    fn square(&mut self, square: Square, stack: &mut Vec<u32>, from: usize, cells: &mut [Cell]) {
-        let count = stack.len() - from;
-        if count == 0 || cells.is_empty() {
+    /// Goes through a square with its cells and the edges from `from` on, which are there no more afterwards. A cell is in one square alone.
+    fn square(
+        &mut self,
+        square: Square,
+        stack: &mut Vec<u32>,
+        from: usize,
+        cells: &mut [Cell],
+    ) -> Result<()> {
+        self.squares += 1;
+        if self.squares.is_multiple_of(SQUARES_BETWEEN_LOOKS) {
+            self.room.check(self.found.len())?;
+        }
+        if stack.len() == from || cells.is_empty() {
             // Nothing passes anything.
-        } else if square.side == 1 || count * cells.len() <= FEW {
+        } else if cells.len() <= FEW {
             for edge in &stack[from..] {
                 cells.iter().for_each(|cell| self.pair(*edge, *cell));
             }
@@ -60,10 +81,11 @@ impl Walk<'_> {
                         stack.push(stack[place]);
                     }
                 }
-                self.square(square.quarter(index), stack, until, cells);
+                self.square(square.quarter(index), stack, until, cells)?;
             }
         }
         stack.truncate(from);
+        Ok(())
     }
 
     fn pair(&mut self, edge: u32, cell: Cell) {

@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use crate::edges::{Edge, PartLists};
 use crate::exact::{Cell, turn};
 use crate::sets::PartSets;
+use spinney_base::{Progress, Result};
 
 /// An edge that the sweep is at.
 #[derive(Clone, Copy)]
@@ -56,6 +57,9 @@ impl Eq for Active {}
 /// The sets of parts below and above an edge (on the right and on the left of its way from the left end to the other).
 pub(crate) type Sides = [u32; 2];
 
+/// Points from one look at whether the work is to go on to the next.
+const POINTS_BETWEEN_LOOKS: u64 = 1 << 16;
+
 /// What the sweep has found.
 pub(crate) struct Swept {
     /// Sides of each edge.
@@ -67,12 +71,16 @@ pub(crate) struct Swept {
 /// Goes over edges in the order of their ends.
 ///
 /// `is_border` says whether an edge between two sets divides anything: faces go on across all others.
+///
+/// # Errors
+/// On interruption.
 pub(crate) fn sweep(
     edges: &[Edge<Cell>],
     lists: &PartLists,
     sets: &mut PartSets,
+    progress: &dyn Progress,
     is_border: &mut dyn FnMut(&PartSets, Sides) -> bool,
-) -> Swept {
+) -> Result<Swept> {
     let mut sides: Vec<Sides> = vec![[0; 2]; edges.len()];
     // The two sides of each edge; the last one is the outside of all.
     let mut faces = Faces { above: (0..2 * edges.len() as u32 + 1).collect() };
@@ -84,7 +92,12 @@ pub(crate) fn sweep(
     let key = |number: u32| Active { ends: edges[number as usize].ends, number };
     let (mut next_start, mut next_end) = (0, 0);
     let (mut starts, mut ends) = (Vec::new(), Vec::new());
+    let mut points = 0u64;
     while next_end < ending.len() {
+        points += 1;
+        if points.is_multiple_of(POINTS_BETWEEN_LOOKS) {
+            progress.check()?;
+        }
         let end_point = edges[ending[next_end] as usize].ends[1];
         let point = match edges.get(next_start) {
             Some(edge) => edge.ends[0].min(end_point),
@@ -152,7 +165,7 @@ pub(crate) fn sweep(
         );
     }
     let faces = (0..2 * edges.len() as u32).map(|side| faces.root(side)).collect();
-    Swept { sides, faces }
+    Ok(Swept { sides, faces })
 }
 
 /// Sides of edges that lie in the same face (R. Tarjan's forest of disjoint sets, with path halving).

@@ -279,3 +279,91 @@ fn edges_that_a_part_has_twice_are_none() {
     assert_eq!(joined.len(), 1);
     assert_eq!(lists.list(joined[0].parts), [2]);
 }
+
+/// Polygons in which many edges meet in a point, lie nearly on each other, or cross all others.
+#[test]
+fn dense_edges_come_to_an_end() {
+    let mut random = Random(4);
+    // Thin triangles with a common corner: a star.
+    let star: Vec<(u32, Polygon)> = (0..2000u32)
+        .map(|number| {
+            let turn = std::f64::consts::TAU * f64::from(number) / 2000.0;
+            let at = |turn: f64| [1000.0 * turn.cos(), 1000.0 * turn.sin()];
+            (number % 7, vec![vec![[0.0, 0.0], at(turn), at(turn + 0.002)]])
+        })
+        .collect();
+    // Strips that lie nearly on each other along all of the plane.
+    let bundle: Vec<(u32, Polygon)> = (0..150u32)
+        .map(|number| {
+            let mut near = || 1e-4 * random.unit();
+            let (first, last) = (near(), near());
+            let ring = vec![
+                [-1e6, -3e5 + first],
+                [1e6, 3e5 + last],
+                [1e6, 3e5 + last + 1e-5],
+                [-1e6, -3e5 + first + 1e-5],
+            ];
+            (number % 3, vec![ring])
+        })
+        .collect();
+    // A lattice of strips: each crosses all of the other direction.
+    let lattice: Vec<(u32, Polygon)> = (0..80u32)
+        .flat_map(|number| {
+            let at = f64::from(number) * 10.0 + 0.3;
+            let strip = |turned: bool| {
+                let ring = [[at, 0.0], [at + 5.0, 1.0], [at + 5.0, 801.0], [at, 800.0]];
+                vec![ring.map(|[x, y]| if turned { [y, x] } else { [x, y] }).to_vec()]
+            };
+            [(0, strip(false)), (1, strip(true))]
+        })
+        .collect();
+    for (name, polygons) in [("star", star), ("bundle", bundle), ("lattice", lattice)] {
+        let (found, bound) = parts(OverlayGrid::for_coordinates(1e6), &polygons);
+        if name == "lattice" {
+            let both = found.iter().find(|part| part.key == [0, 1]).unwrap();
+            assert_eq!(both.polygons.len(), 80 * 80);
+        }
+        for source in 0..2 {
+            let own: Vec<_> = polygons.iter().filter(|(own, _)| *own == source).cloned().collect();
+            let whole: f64 =
+                parts(OverlayGrid::for_coordinates(1e6), &own).0.iter().map(|part| part.area).sum();
+            let sum: f64 = found.iter().filter(|part| part.key.contains(&source)).map(|part| part.area).sum();
+            assert!((whole - sum).abs() <= 2.0 * bound, "{name}: {whole} and {sum}");
+        }
+    }
+}
+
+#[test]
+fn coordinates_of_all_sizes_have_grids() {
+    for scale in [1e-150, 1e-9, 1.0, 1e9, 1e150] {
+        let scaled =
+            |ring: Vec<[f64; 2]>| ring.iter().map(|point| point.map(|at| at * scale)).collect::<Vec<_>>();
+        let polygons = [(0, vec![scaled(square(0.0, 0.0, 2.0))]), (1, vec![scaled(square(1.0, 1.0, 2.0))])];
+        let (found, _) = parts(OverlayGrid::for_coordinates(3.0 * scale), &polygons);
+        assert!((found[1].area / scale / scale - 1.0).abs() < 1e-9, "{scale}");
+    }
+    let mut overlay = Overlay::new(OverlayGrid::of_cells(1e-9).unwrap(), 1 << 20);
+    for far in [1e9, f64::NAN, f64::INFINITY] {
+        let error = overlay.add(Path::new("far"), 0, &[square(far, 0.0, 1.0)]).unwrap_err();
+        assert!(error.to_string().contains("far"), "{error}");
+    }
+    for width in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert!(OverlayGrid::of_cells(width).is_err(), "{width}");
+    }
+}
+
+#[test]
+fn more_crossings_than_memory_are_refused() {
+    let mut overlay = Overlay::new(OverlayGrid::for_coordinates(1e4), 4 << 20);
+    for number in 0..1000 {
+        let at = f64::from(number) * 10.0;
+        overlay
+            .add(Path::new("upright"), 0, &[vec![[at, 0.0], [at + 5.0, 0.0], [at + 5.0, 1e4], [at, 1e4]]])
+            .unwrap();
+        overlay
+            .add(Path::new("across"), 1, &[vec![[0.0, at], [1e4, at], [1e4, at + 5.0], [0.0, at + 5.0]]])
+            .unwrap();
+    }
+    let error = overlay.parts(&mut |own| Some(own.to_vec()), &(), &mut |_| Ok(())).unwrap_err();
+    assert!(matches!(error, spinney_base::Error::TooLarge { .. }), "{error}");
+}

@@ -66,7 +66,7 @@ impl OverlayOperation {
     }
 
     /// Whether the result has what is in no polygon, so that a region must limit it.
-    pub fn reaches_outside(self) -> bool {
+    fn reaches_outside(self) -> bool {
         matches!(self, OverlayOperation::Set(8..))
     }
 
