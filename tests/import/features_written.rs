@@ -38,7 +38,7 @@ fn feature(id: i64, geometry: Option<FeatureGeometry>) -> Feature {
         FeatureAttribute::Json(r#"{"a":[1,null]}"#.into()),
         if id % 2 == 0 { FeatureAttribute::None } else { text("7 x") },
     ];
-    Feature { id: Some(id.into()), attributes, geometry }
+    Feature { id: Some(id.into()), attributes, geometry, has_heights: false }
 }
 
 /// Features of polygons: one, one with a hole, several of which one has a hole, none, and nothing at all.
@@ -254,4 +254,35 @@ fn check_index(bytes: &[u8], count: usize) {
         at += 4 + u32::from_le_bytes(features[at..at + 4].try_into().unwrap()) as usize;
     }
     assert_eq!(at, features.len());
+}
+
+/// Heights are read over, which is told of each feature.
+#[test]
+fn heights_are_told_of() {
+    let folder = tempfile::tempdir().unwrap();
+    for ending in ["geojson", "csv", "gpkg", "fgb", "shp"] {
+        for has_z in [false, true] {
+            let path = folder.path().join(format!("lines{has_z}.{ending}"));
+            let layer = VectorLayer {
+                name: "lines".into(),
+                kind: Some(GeometryKind::Line),
+                is_multi: false,
+                has_z,
+                attributes: Vec::new(),
+                crs: None,
+                bounds: [[0.0, 0.0], [1.0, 1.0]],
+            };
+            let format = VectorFormat::of(&path).unwrap();
+            let mut writer = VectorWriter::create(Output::create(&path).unwrap(), format, layer).unwrap();
+            writer.write(&[vec![[0.0, 0.0, 5.0], [1.0, 1.0, 6.0]]], &[]).unwrap();
+            writer.finish().unwrap();
+            let features = read(&path);
+            assert_eq!(features.len(), 1);
+            assert_eq!(features[0].has_heights, has_z, "{ending}");
+            assert_eq!(
+                features[0].geometry,
+                Some(FeatureGeometry::Lines(vec![vec![[0.0, 0.0], [1.0, 1.0]]]))
+            );
+        }
+    }
 }

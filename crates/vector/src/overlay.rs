@@ -254,6 +254,10 @@ impl Layers {
                 Error::unsupported(path, "more than 2^32 features of all files", "divide the files")
             })?;
         }
+        for (path, layer) in layers.iter().filter(|(_, layer)| layer.with_heights > 0) {
+            let count = layer.with_heights;
+            progress.warn(path, &format!("heights and measures of {count} features are not in the result"));
+        }
         let target = layers[0].1.crs.clone();
         for (path, layer) in layers.iter_mut().skip(1) {
             match (&layer.crs, &target) {

@@ -102,26 +102,27 @@ impl Csv {
         Ok(Csv { rows, path: path.into(), schema, place, columns, width, number: 1 })
     }
 
-    fn geometry(&self) -> std::result::Result<Option<FeatureGeometry>, String> {
+    fn geometry(&self) -> std::result::Result<(Option<FeatureGeometry>, bool), String> {
         match self.place {
             Place::Geometry(column) => {
                 let text = self.rows.field(column).0;
                 match text.trim() {
-                    "" => Ok(None),
+                    "" => Ok((None, false)),
                     text => match wkb::bytes_of_digits(text) {
-                        Some(bytes) => wkb::parse(&bytes)?.0.checked().map(Some),
-                        None => wkt::parse(text)?.0.checked().map(Some),
+                        Some(bytes) => wkb::parse(&bytes)?.checked(),
+                        None => wkt::parse(text)?.checked(),
                     },
                 }
             }
             Place::Point { columns } => {
                 let [x, y] = columns.map(|column| self.rows.field(column).0);
                 if x.trim().is_empty() && y.trim().is_empty() {
-                    return Ok(None);
+                    return Ok((None, false));
                 }
                 let number =
                     |text: &str| text.trim().parse::<f64>().map_err(|_| format!("`{text}` as a coordinate"));
-                FeatureGeometry::Points(vec![[number(&x)?, number(&y)?]]).checked().map(Some)
+                let point = FeatureGeometry::Points(vec![[number(&x)?, number(&y)?]]);
+                point.checked().map(|point| (Some(point), false))
             }
         }
     }
@@ -197,7 +198,8 @@ impl FeatureReader for Csv {
             let found = format!("{} fields, and {} columns", self.rows.len(), self.width);
             return Err(wrong(&self.path, self.number, found));
         }
-        let geometry = self.geometry().map_err(|found| wrong(&self.path, self.number, found))?;
+        let (geometry, has_heights) =
+            self.geometry().map_err(|found| wrong(&self.path, self.number, found))?;
         let value = |(column, (_, kind)): (&usize, &(String, AttributeType))| {
             let (text, is_quoted) = self.rows.field(*column);
             if text.is_empty() && !(is_quoted && *kind == AttributeType::Text) {
@@ -214,7 +216,7 @@ impl FeatureReader for Csv {
         let changed = |()| Error::Changed { path: self.path.clone(), what: "was overwritten" };
         let attributes = values.map_err(changed)?;
         self.number += 1;
-        Ok(Some(Feature { id: None, attributes, geometry }))
+        Ok(Some(Feature { id: None, attributes, geometry, has_heights }))
     }
 }
 

@@ -40,6 +40,8 @@ pub struct Feature {
     pub attributes: Vec<FeatureAttribute>,
     /// Its geometry; `None` if it has none.
     pub geometry: Option<FeatureGeometry>,
+    /// Whether its points have heights or measures, which are read over.
+    pub has_heights: bool,
 }
 
 /// The geometry of a feature: x and y (z and m are read over). One without parts is empty.

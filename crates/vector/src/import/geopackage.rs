@@ -233,10 +233,10 @@ fn value_of(value: ValueRef<'_>, kind: AttributeType) -> FeatureAttribute {
     }
 }
 
-/// The geometry of a value: well-known binary behind a header.
-fn geometry(value: ValueRef<'_>) -> std::result::Result<Option<FeatureGeometry>, String> {
+/// The geometry of a value, and whether it has heights: well-known binary behind a header.
+fn geometry(value: ValueRef<'_>) -> std::result::Result<(Option<FeatureGeometry>, bool), String> {
     let bytes = match value {
-        ValueRef::Null => return Ok(None),
+        ValueRef::Null => return Ok((None, false)),
         ValueRef::Blob(bytes) => bytes,
         _ => return Err("a value that is no geometry".into()),
     };
@@ -256,7 +256,7 @@ fn geometry(value: ValueRef<'_>) -> std::result::Result<Option<FeatureGeometry>,
         other => return Err(format!("a box of kind {other}")),
     };
     let rest = rest.get(extent..).ok_or("fewer bytes than the geometry's header has")?;
-    wkb::parse(rest)?.0.checked().map(Some)
+    wkb::parse(rest)?.checked()
 }
 
 impl FeatureReader for GeoPackage {
@@ -286,10 +286,10 @@ impl FeatureReader for GeoPackage {
         if id < next {
             return Err(wrong(format!("a row of number {id} behind one of {next}")));
         }
-        let geometry = geometry.map_err(|found| wrong(format!("{found} (fid {id})")))?;
+        let (geometry, has_heights) = geometry.map_err(|found| wrong(format!("{found} (fid {id})")))?;
         drop(statement);
         self.next = id.checked_add(1);
         self.number += 1;
-        Ok(Some(Feature { id: Some(id.into()), attributes, geometry }))
+        Ok(Some(Feature { id: Some(id.into()), attributes, geometry, has_heights }))
     }
 }
