@@ -210,7 +210,15 @@ impl Dataset {
     pub fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
         match &self.tree {
             Tree::View(viewed) => viewed.may_have_void(&bounds),
-            _ => Ok(self.totals(Some(bounds))?.cells < bounds.volume()),
+            _ => {
+                // (What reaches out of the picture needs no look at the box, whose border can be long, nor does a picture without VOID.)
+                let picture = self.header().picture();
+                if !picture.contains(&bounds) {
+                    return Ok(!bounds.is_empty());
+                }
+                let is_whole = self.totals(None)?.cells >= picture.volume();
+                Ok(!is_whole && self.totals(Some(bounds))?.cells < bounds.volume())
+            }
         }
     }
 
