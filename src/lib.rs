@@ -178,13 +178,14 @@ pub mod query {
 /// Operations as sources, and from files to files: views, other coordinate systems, set operations, edits, conversions.
 pub mod ops {
     pub use spinney_engine::ops::{
-        AffineMap, Alignment, Around, Axis, Calculated, Calculation, CellPatch, CellValue, Chain, Change,
-        Combined, CombinedNode, Connectivity, Difference, Differences, Edit, FdRange, FillPatch, FillRegion,
-        LayerInfo, MAX_ZOOM, MemoryTree, Opaque, Operation, Outcome, Pair, PairOfSamples, Patch, Patched,
-        PatchedNode, Prefer, Regions, Resampling, Sampling, Sieve, Step, TreeFile, TreeFileNode, Turn,
-        Universe, View, ViewNode, ViewSource, ViewSourceNode, WarpGrid, WarpOptions, WarpTarget, Warped,
-        add_layer, align, apply_edits, blame, build, combine, convert, crosstab, crosstab_files, data_box,
-        diff, diff_files, differences, drop_layer, edit, layer_paths, only_layer, transform, warp,
+        AffineMap, Alignment, Around, Axis, BlockSource, Blockwise, Calculated, Calculation, CellPatch,
+        CellValue, Chain, Change, Combined, CombinedNode, Connectivity, Difference, Differences, Edit,
+        FdRange, FillPatch, FillRegion, LayerInfo, MAX_ZOOM, MadeOperand, MemoryTree, Opaque, Operation,
+        Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, Regions, Resampling, Sampling,
+        Sieve, Step, TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, ViewSource, ViewSourceNode,
+        WarpGrid, WarpOptions, WarpTarget, Warped, add_layer, align, apply_edits, blame, build, combine,
+        combine_with, convert, crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer,
+        edit, layer_paths, only_layer, transform, warp,
     };
 }
 
@@ -286,7 +287,8 @@ pub mod import {
     #[cfg(feature = "vector")]
     pub mod rasterize {
         pub use spinney_vector::import::rasterize::{
-            FeatureGrid, FeatureImport, FeatureValue, Overlaps, RasterizeOptions, plan_features,
+            FeatureGrid, FeatureImport, FeatureOverlay, FeatureValue, Overlaps, RasterizeOptions,
+            plan_features,
         };
     }
 

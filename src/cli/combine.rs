@@ -10,6 +10,7 @@ use spinney::ops::{self, Prefer, Universe};
 use spinney::value::Number;
 
 use super::args::{Memory, OperationName, OutputLimit, check_output, numbers, parse_operation};
+use super::features::{FeatureOperands, are_mixed};
 use super::overlay::{self, Question, Region};
 use super::report::statistics::class_as_json;
 use super::report::{Work, print_json, print_text, report_output};
@@ -19,14 +20,15 @@ use super::{Global, exact};
 ///
 /// Files are walked side by side, as they are on disk; where one decides, the others' detail is not read and
 /// what it has stored is copied as it is. Files that lie elsewhere or have coarser cells (2, 4, 8, ... times
-/// as large) are put where they belong. Names, colours and rule are those of the first file.
+/// as large) are put where they belong. Names, colours and rule are those of the first file. Features are laid over the cells of the
+/// trees, as `spinney build` would make cells of them; what reaches beyond these is left out.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Operation: see below
     #[arg(value_parser = parse_operation)]
     operation: OperationName,
-    /// Tree files of one kind, exact models, or files of polygons
+    /// Tree files of one kind, and files of features to be laid over their cells; exact models; or files of polygons alone
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// File to write; - is standard output
@@ -38,8 +40,8 @@ pub(crate) struct Args {
     /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     fill: Option<Number>,
-    /// Box of the world in which an operation fills what neither file has: west, south, east, north; of octrees
-    /// all least and then all largest coordinates; of polygons also a file of such, and of all operations [default: a raster's picture, an octree's root]
+    /// Place in which an operation fills what neither file has, a box of the world: west, south, east, north; of octrees
+    /// all least and then all largest coordinates; of polygons also a file of such, and for all operations [default: a raster's picture, an octree's root]
     #[arg(long, value_name = "BOX", value_parser = parse_within, conflicts_with = "margin")]
     within: Option<Within>,
     /// Fill what neither file has in the files' pictures and so many cells around them
@@ -56,6 +58,8 @@ pub(crate) struct Args {
     memory: Memory,
     #[command(flatten)]
     limit: OutputLimit,
+    #[command(flatten)]
+    features: FeatureOperands,
 }
 
 const EXAMPLES: &str = "\
@@ -87,6 +91,7 @@ Operations on values:
 Examples:
   spinney combine union land.goblin lakes.goblin -o surface.goblin
   spinney combine a-b model.goblin drill.goblin -o part.goblin
+  spinney combine and landcover.goblin parks.gpkg --where 'kind=national' -o parks.goblin
   spinney combine over patch3.goblin patch2.goblin base.goblin -o map.goblin
   spinney combine changed 2020.goblin 2025.goblin -o changes.goblin
   spinney combine cross 2020.goblin 2025.goblin
@@ -120,8 +125,20 @@ fn parse_box(text: &str) -> Result<([f64; 3], [f64; 3]), String> {
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args { operation: name, files, output, values, fill, within, margin, snap, json, memory, limit } =
-        args;
+    let Args {
+        operation: name,
+        files,
+        output,
+        values,
+        fill,
+        within,
+        margin,
+        snap,
+        json,
+        memory,
+        limit,
+        features,
+    } = args;
     if name.is_table() {
         ensure!(output.is_none(), "cross prints a table: leave out --output");
         return table(&files, json);
@@ -136,7 +153,12 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             Within::Box(low, high) => Region::Box([low[0], low[1]], [high[0], high[1]]),
             Within::Polygons(path) => Region::Polygons(path),
         });
-        return overlay::run(&Question { name: &name.0, files: &files, within, snap, memory }, &path, global);
+        let filter = features.filter_alone()?;
+        return overlay::run(
+            &Question { name: &name.0, files: &files, filter, within, snap, memory },
+            &path,
+            global,
+        );
     }
     ensure!(snap.is_none(), "--snap is for polygons (exact models have the grid that they were built on)");
     let within = match within {
@@ -166,18 +188,23 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         return exact::combine(operation, &files, limit.create_tree(&path)?, memory.bytes, global);
     }
     let work = Work::start(global, "cells")?;
-    let outcome = ops::combine(
-        operation,
-        fill,
-        universe.unwrap_or_default(),
-        &files,
-        limit.create_tree(&path)?,
-        memory.bytes,
-        &work,
-    )?;
+    let universe = universe.unwrap_or_default();
+    let output = limit.create_tree(&path)?;
+    let (outcome, counts) = if are_mixed(&files) {
+        features.combine(operation, (fill, universe), &files, output, memory.bytes, &work)?
+    } else {
+        features.refuse()?;
+        (
+            ops::combine(operation, fill, universe, &files, output, memory.bytes, &work)?,
+            vec![None; files.len()],
+        )
+    };
     work.finish();
-    for (file, cells) in files.iter().zip(&outcome.before) {
-        global.report("input", format_args!("{}: {cells} cells", file.display()));
+    for ((file, cells), features) in files.iter().zip(&outcome.before).zip(counts) {
+        match features {
+            Some(features) => global.report("input", format_args!("{}: {features} features", file.display())),
+            None => global.report("input", format_args!("{}: {cells} cells", file.display())),
+        }
     }
     if let Some(universe) = outcome.universe {
         let ([x, y, z], [width, height, depth]) = (universe.min, universe.size());

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::import::feature::{FeatureOptions, PolygonLayer, read_polygons};
+use spinney::import::feature::{FeatureFilter, FeatureOptions, PolygonLayer, read_polygons};
 use spinney::io::Output;
 use spinney::overlay::{OverlayOperation, OverlayReport, OverlayRequest, overlay_features};
 
@@ -24,6 +24,8 @@ pub(super) enum Region {
 pub(super) struct Question<'a> {
     pub(super) name: &'a str,
     pub(super) files: &'a [PathBuf],
+    /// Conditions for the features of all of them.
+    pub(super) filter: FeatureFilter,
     pub(super) within: Option<Region>,
     pub(super) snap: Option<f64>,
     pub(super) memory: Memory,
@@ -32,24 +34,24 @@ pub(super) struct Question<'a> {
 /// Writes the polygons that an operation makes of those of some files.
 pub(super) fn run(question: &Question<'_>, path: &Path, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Question { name, files, within, snap, memory } = question;
+    let Question { name, files, filter, within, snap, memory } = question;
     let operation = OverlayOperation::named(name)
         .with_context(|| format!("{name} is for trees; polygons have no values (see --help)"))?;
     check_output(files.iter().map(PathBuf::as_path), path)?;
     let format = vector_format(None, path)?;
     let memory = memory.bytes;
-    let read = |file: &PathBuf| -> Result<(PathBuf, PolygonLayer)> {
-        let options = FeatureOptions { memory, ..FeatureOptions::default() };
+    let read = |file: &PathBuf, filter: &FeatureFilter| -> Result<(PathBuf, PolygonLayer)> {
+        let options = FeatureOptions { memory, filter: filter.clone(), ..FeatureOptions::default() };
         Ok((file.clone(), read_polygons(file, &options)?))
     };
     let work = Work::start(global, "edges")?;
-    let layers = files.iter().map(read).collect::<Result<Vec<_>>>()?;
+    let layers = files.iter().map(|file| read(file, filter)).collect::<Result<Vec<_>>>()?;
     let counts: Vec<usize> = layers.iter().map(|(_, layer)| layer.features.len()).collect();
     let mut request = OverlayRequest { snap: *snap, memory, ..OverlayRequest::new(operation) };
     match within {
         Some(Region::Box(low, high)) => request.within_box(*low, *high),
         Some(Region::Polygons(file)) => {
-            let (_, region) = read(file)?;
+            let (_, region) = read(file, &FeatureFilter::default())?;
             request.within = Some(region.features.into_iter().flat_map(|feature| feature.parts).collect());
         }
         None => {}

@@ -14,6 +14,8 @@ mod cli_crs;
 mod cli_edits;
 mod cli_exact;
 mod cli_exact_sets;
+#[cfg(feature = "cli")]
+mod cli_features;
 mod cli_gltf;
 mod cli_info;
 #[cfg(feature = "cli")]
