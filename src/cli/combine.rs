@@ -149,6 +149,8 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         let given = given.iter().find(|(_, is_given)| *is_given);
         ensure!(given.is_none(), "{} is not for polygons", given.map_or("", |(name, _)| name));
         let path = output.context("--output is missing: where should the result go?")?;
+        let is_solid = matches!(&within, Some(Within::Box(low, high)) if low[2] != high[2]);
+        ensure!(!is_solid, "--within: polygons are within a box of four numbers, or a file of polygons");
         let within = within.map(|within| match within {
             Within::Box(low, high) => Region::Box([low[0], low[1]], [high[0], high[1]]),
             Within::Polygons(path) => Region::Polygons(path),

@@ -26,6 +26,7 @@ mod cli_meshes;
 mod cli_octree_combine;
 mod cli_octree_transform;
 mod cli_operations;
+mod cli_overlay;
 mod cli_pictures;
 #[cfg(unix)]
 mod cli_safety;
