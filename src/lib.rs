@@ -160,6 +160,7 @@ pub mod store {
 
 /// Questions to trees: what is asked, and what is answered.
 pub mod query {
+    pub use spinney_engine::ops::{Label, LabelNeighbour, LabelRequest, LabelSummary, TakeLabel};
     pub use spinney_engine::query::{
         CellHit, ChannelStatistics, ClassRegion, Condition, Contour, ContourEnds, ContourLevels,
         ContourRequest, ContourSummary, FoundBlock, PointSamples, PolygonRequest, PolygonSummary, Ray, Rays,

@@ -23,6 +23,7 @@ from ._types import (
     Commit,
     Coordinates,
     Hits,
+    Labels,
     LevelCounts,
     Path,
     Points,
@@ -373,6 +374,36 @@ class Dataset(Writers):
         else:
             values = np.where(has_value, found.astype(np.float64), np.nan)
         return Blocks(np.array(codes, dtype=np.str_), levels, boxes, self._world_of(boxes), values)
+
+    def labels(
+        self,
+        *,
+        connect: int | None = None,
+        classes: Dataset | None = None,
+        neighbours: bool = True,
+        memory: int | str = MEMORY,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> Labels:
+        """A table of labels, which are the values of the cells: how many cells each has, the box around them, and the labels beside it.
+
+        With `connect` (4 or 8, of octrees 6 or 26) labels are components of cells of equal value, numbered as `transform(..., "components=4")`
+        numbers them, and their values are the classes. Otherwise the value that `classes`, a tree of the same cells, has at a label's first cell
+        is its class. `neighbours=False` leaves these out. Within `memory` all is added up, in temporary files if need be; the arrays come beside it.
+        """
+        if connect is not None and classes is not None:
+            raise ValueError("labels: components have classes of their own; give connect or classes")
+        if classes is not None and (classes.shape != self.shape or not np.array_equal(classes.matrix, self.matrix)):
+            raise ValueError(f"classes: a tree of other cells, {classes.shape}, expected {self.shape} in the same place")
+        with working(progress, threads) as terms:
+            labels, own, cells, boxes, firsts, pairs, edges, each = self._labels(connect, neighbours, memory_of(memory), terms)
+        values: Any = own
+        if classes is not None:
+            values = classes.sample(firsts, coordinates="cells", masked=True)
+        if values is not None and values.shape[1] == 1:
+            values = values[:, 0]
+        areas = cells * np.float64(np.nan if each is None else each)
+        return Labels(labels, values, cells, areas, boxes, self._world_of(boxes), pairs, edges)
 
     def _world_of(self, boxes: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Boxes of cells, each a corner and sizes, in the world."""

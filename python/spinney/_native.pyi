@@ -131,6 +131,18 @@ class Tree:
         layers: list[str] | None,
         terms: _Terms,
     ) -> list[list[tuple[float, float, list[tuple[float, float, float, float, float]], list[tuple[float, float]]]]]: ...
+    def _labels(
+        self, connect: int | None, neighbours: bool, memory: int, terms: _Terms
+    ) -> tuple[
+        npt.NDArray[Any],
+        npt.NDArray[Any] | None,
+        npt.NDArray[np.uint64],
+        npt.NDArray[np.int64],
+        npt.NDArray[np.int64],
+        npt.NDArray[Any],
+        npt.NDArray[np.uint64],
+        float | None,
+    ]: ...
     def _level_counts(self, terms: _Terms) -> list[list[int]]: ...
     def _count_bins(
         self, bins: int, low: float, high: float, window: Any = None, coordinates: Any = None

@@ -178,6 +178,33 @@ class Blocks:
         return len(self.codes)
 
 
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """Labels of a tree, or components of its cells: one per row of the arrays."""
+
+    labels: npt.NDArray[Any]
+    """Labels in order: values, or numbers from 1."""
+    classes: npt.NDArray[Any] | None
+    """What they stand for, a number each (a row each where there are several bands): the value of a component's cells, or that of another
+    tree, masked where it is VOID; None if it is not known."""
+    cells: npt.NDArray[np.uint64]
+    """Numbers of cells."""
+    areas: npt.NDArray[np.float64]
+    """Square metres, NaN where these are not known; of octrees volumes, in the unit of the tree's coordinates."""
+    boxes: npt.NDArray[np.int64]
+    """The smallest boxes around the cells: first column and row, width and height (of octrees x, y, z and three lengths). A row is a
+    `window` for `read`."""
+    world: npt.NDArray[np.float64]
+    """The same in the world: left, bottom, right, top, or least and then greatest x, y, z."""
+    pairs: npt.NDArray[Any]
+    """Labels side by side, in rows of two, each pair in both orders, sorted."""
+    edges: npt.NDArray[np.uint64]
+    """Edges of cells (faces, of octrees) that each pair has in common."""
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+
 @dataclass(frozen=True)
 class Commit:
     """A state of an Autumnal file that stays readable."""

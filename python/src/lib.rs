@@ -14,6 +14,7 @@ mod features;
 mod files;
 mod index;
 mod jobs;
+mod labels;
 mod model;
 mod model_faces;
 mod numbers;

@@ -21,6 +21,8 @@ mod cli_info;
 #[cfg(feature = "cli")]
 mod cli_isosurfaces;
 #[cfg(feature = "cli")]
+mod cli_labels;
+#[cfg(feature = "cli")]
 mod cli_layers;
 mod cli_meshes;
 mod cli_octree_combine;

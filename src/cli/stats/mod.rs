@@ -1,5 +1,6 @@
 //! `spinney stats`: exact statistics of any part.
 
+mod labels;
 mod zones;
 
 use std::path::PathBuf;
@@ -25,6 +26,8 @@ const EXAMPLES: &str = "Examples:
   spinney stats landcover.goblin --zones districts.geojson --edge area --json
   spinney stats landcover.goblin --zones survey.gpkg:parcels --where 'code>=3,kind!=water' --csv
   spinney stats series.goblin --zones fields.geojson --csv > series.csv
+  spinney stats landcover.goblin --labels --connect 8 -o patches.csv
+  spinney stats labels.goblin --labels --classes landcover.goblin -o patches.csv
 
 Of exact models volume, centre of gravity, inertia and surface of the body are printed, and its topology: all
 are exact, and rounded once.
@@ -42,6 +45,13 @@ shapefile, or a table (.csv) with geometries in a column wkt, wkb, geometry, geo
 file's own system (in GeoJSON longitude and latitude unless it has a member crs), or in that which --in names
 (--in world: the tree's own); they are brought to the tree's system. Only what the polygons' borders cut is read. Of a file of several layers there is a row for each polygon and layer, with the
 layer's name and time.
+
+With --labels there is a table of all values, each of which is a label: number of cells, area in square metres (of
+octrees volume, in the model's unit), the box of its cells (first column and row, columns and rows, and the same
+in the world), and the labels beside it, as LABEL:EDGES, with the number of edges (in octrees faces) of cells that
+the two have in common. The class of a label is told by the tree that --classes names. With --connect labels are
+components of equal cells, as transform components= numbers them, and classes their values. Tables of any length are made within
+--memory.
 
 Areas in square metres are printed for projected coordinate systems that count in metres, except Web
 Mercator. Cells of degrees differ in area.";
@@ -69,15 +79,17 @@ pub(crate) struct Args {
     level: Option<u8>,
     /// Polygons in a file of features, as GeoJSON, GeoPackage (x.gpkg:NAME is one layer of several), FlatGeobuf, shapefile or CSV: statistics
     /// of the cells in each
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["window", "solid", "surface", "level"])]
+    #[arg(long, value_name = "FILE", group = "table", conflicts_with_all = ["window", "solid", "surface", "level"])]
     zones: Option<PathBuf>,
     #[command(flatten)]
     zone_options: zones::ZoneOptions,
+    #[command(flatten)]
+    label_options: labels::LabelOptions,
     /// Print JSON
     #[arg(long)]
     json: bool,
-    /// Print a table as CSV: a row for each zone, layer, and channel or class
-    #[arg(long, requires = "zones", conflicts_with = "json")]
+    /// Print a table as CSV: a row for each zone, layer, and channel or class, or for each label
+    #[arg(long, requires = "table", conflicts_with = "json")]
     csv: bool,
 }
 
@@ -87,11 +99,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             ("--view", args.tree.is_viewed()),
             ("--level", args.level.is_some()),
             ("--zones", args.zones.is_some()),
+            ("--labels", args.label_options.labels),
             ("--window", args.part.is_given()),
         ];
         exact::refuse(&args.tree.file, &given)?;
         exact::stats(&model, args.json, global)?;
         return Ok(model.check_unchanged()?);
+    }
+    if args.label_options.labels {
+        return labels::run(args, global);
     }
     let trees = args.tree.open_all()?;
     if args.zones.is_some() {
@@ -201,6 +217,15 @@ fn histogram(tree: &Dataset, boxes: &[Bounds], stats: &Statistics, bins: u32) ->
 /// Square metres of a cell, or the reason why they are not known.
 fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
     tree.metadata().frame.cell_square_metres()
+}
+
+/// A row of a table, quoted where that is needed (RFC 4180, with plain ends of lines).
+fn row_of(fields: &[&str]) -> String {
+    let quoted = |field: &&str| match field.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", field.replace('"', "\"\"")),
+        false => field.to_string(),
+    };
+    fields.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n"
 }
 
 /// The name of a class; nothing if it has none.

@@ -18,7 +18,7 @@ use super::super::Global;
 use super::super::args::{Memory, places};
 use super::super::report::statistics::class_as_json;
 use super::super::report::{Work, print_text, printable_json, warn};
-use super::{cell_area, class_name};
+use super::{cell_area, class_name, row_of};
 
 /// Options for statistics of polygons.
 #[derive(clap::Args)]
@@ -34,7 +34,7 @@ pub(super) struct ZoneOptions {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "zones")]
     attribute: Option<Vec<String>>,
     #[command(flatten)]
-    memory: Memory,
+    pub(super) memory: Memory,
 }
 
 /// Options for reading the features: attributes only where they are told.
@@ -266,15 +266,6 @@ fn write_rows(text: &mut String, first: &[String], tree: &Dataset, zone: &ZoneSt
         let (cells, area) = (number(zone.cells), area_of(zone.cells));
         write([none(), none(), cells, void, area, none(), none(), none(), none(), none()]);
     }
-}
-
-/// A row of a table, quoted where that is needed (RFC 4180, with plain ends of lines).
-fn row_of(fields: &[&str]) -> String {
-    let quoted = |field: &&str| match field.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", field.replace('"', "\"\"")),
-        false => field.to_string(),
-    };
-    fields.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n"
 }
 
 /// An id as text.

@@ -2,6 +2,7 @@
 //! line and for bindings.
 
 mod contours;
+mod labels;
 mod polygons;
 mod questions;
 mod rebuild;

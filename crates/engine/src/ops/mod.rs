@@ -50,7 +50,10 @@ pub use opaque::Opaque;
 pub use operation::{Operation, Prefer};
 pub use patch::{CellPatch, Change, FillPatch, FillRegion, Patch};
 pub use patched::{Patched, PatchedNode};
-pub use regions::{Connectivity, Regions, Sieve};
+pub(crate) use regions::find_labels;
+pub use regions::{
+    Connectivity, Label, LabelNeighbour, LabelRequest, LabelSummary, Regions, Sieve, TakeLabel,
+};
 pub use step::{Step, Turn};
 pub use tree_file::{LayerInfo, TreeFile, TreeFileNode};
 pub use universe::Universe;

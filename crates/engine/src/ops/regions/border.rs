@@ -9,6 +9,11 @@ pub(super) trait Span {
     fn end(&self) -> u32;
 }
 
+/// Places that two pieces of lines beside each other have in common.
+pub(super) fn in_common<T: Span>(a: &T, b: &T) -> u64 {
+    a.end().min(b.end()).saturating_sub(a.start().max(b.start())).into()
+}
+
 /// Hands out all pairs of pieces of two lines beside each other that touch: those that have cells of the same places, or of places
 /// `reach` cells away.
 pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, meet: &mut dyn FnMut(&T, &T)) {
@@ -54,6 +59,9 @@ impl Span for Run {
         self.end
     }
 }
+
+/// A taker of runs that touch, and of how many faces of cells they have in common: none where only corners do.
+pub(super) type Meet<'a> = dyn FnMut(&Run, &Run, u64) + 'a;
 
 /// Rows of a face that are alike.
 #[derive(Clone, Debug)]
@@ -138,8 +146,11 @@ impl Face {
         }
     }
 
-    fn meet(&self, other: &Face, reach: u32, meet: &mut dyn FnMut(&Run, &Run)) {
-        touching(&self.bands, &other.bands, reach, &mut |a, b| touching(&a.runs, &b.runs, reach, meet));
+    fn meet(&self, other: &Face, reach: u32, meet: &mut Meet<'_>) {
+        touching(&self.bands, &other.bands, reach, &mut |a, b| {
+            let rows = in_common(a, b);
+            touching(&a.runs, &b.runs, reach, &mut |a, b| meet(a, b, rows * in_common(a, b)));
+        });
     }
 
     /// Numbers the runs' components anew.
@@ -188,7 +199,7 @@ impl Borders {
         axis: usize,
         side: u32,
         reach: u32,
-        meet: &mut dyn FnMut(&Run, &Run),
+        meet: &mut Meet<'_>,
     ) -> Borders {
         self.faces[axis][1].meet(&other.faces[axis][0], reach, meet);
         let mut joined = Borders::default();

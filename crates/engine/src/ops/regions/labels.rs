@@ -256,7 +256,7 @@ impl Sweeper for Forest {
         Ok(ids)
     }
 
-    fn meet(&mut self, a: &Run, b: &Run) -> Result<()> {
+    fn meet(&mut self, a: &Run, b: &Run, _: u64) -> Result<()> {
         if a.value != b.value {
             return Ok(());
         }

@@ -1,6 +1,6 @@
 //! Components of the cells of one block, found by the runs of equal cells in its rows.
 
-use super::border::{Borders, Run, Span, touching};
+use super::border::{Borders, Run, Span, in_common, touching};
 use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::value::Value;
@@ -26,11 +26,17 @@ impl Span for LocalRun {
 #[derive(Clone, Debug)]
 pub(super) struct Component {
     /// Place of its first cell in Z order.
-    first: u64,
+    pub(super) first: u64,
     pub(super) cells: u64,
     pub(super) value: Value,
     /// Whether it has cells at the block's border.
     pub(super) is_at_border: bool,
+}
+
+/// Two components of a block that touch, the lower number first, and how many faces of cells they have in common.
+pub(super) struct Pair {
+    pub(super) components: [u32; 2],
+    pub(super) faces: u64,
 }
 
 /// The components of a block, by their first cells in Z order.
@@ -188,28 +194,60 @@ impl Local {
         self.runs.iter_mut().for_each(|run| run.component = ranks[run.component as usize]);
     }
 
-    /// Pairs of components that touch, each once, the lower number first.
-    pub(super) fn pairs(&self, reach: u32) -> Vec<(u32, u32)> {
-        let mut pairs = Vec::new();
-        let mut pair = |a: &LocalRun, b: &LocalRun| {
+    /// Pairs of components that touch, each once.
+    pub(super) fn pairs(&self, reach: u32) -> Vec<Pair> {
+        let mut pairs: Vec<u128> = Vec::new();
+        let mut pair = |a: &LocalRun, b: &LocalRun, faces: u64| {
             let (a, b) = (a.component.min(b.component), a.component.max(b.component));
-            let pair = u64::from(a) << 32 | u64::from(b);
-            if a != b && pairs.last() != Some(&pair) {
-                pairs.push(pair);
+            let key = u128::from(a) << 32 | u128::from(b);
+            match pairs.last_mut() {
+                _ if a == b => {}
+                Some(last) if *last >> 64 == key => *last += u128::from(faces),
+                _ => pairs.push(key << 64 | u128::from(faces)),
             }
         };
         for row in 0..self.count_rows() {
             let here = &self.runs[self.row(row)];
             for neighbours in here.windows(2).filter(|runs| runs[0].end == runs[1].start) {
-                pair(&neighbours[0], &neighbours[1]);
+                pair(&neighbours[0], &neighbours[1], 1);
             }
             for before in self.rows_before(row, reach) {
-                touching(&self.runs[self.row(before)], here, reach, &mut pair);
+                let is_beside = self.is_beside(before, row);
+                touching(&self.runs[self.row(before)], here, reach, &mut |a, b| {
+                    pair(a, b, if is_beside { in_common(a, b) } else { 0 });
+                });
             }
         }
-        sort::numbers64(&mut pairs);
-        pairs.dedup();
-        pairs.into_iter().map(|pair| ((pair >> 32) as u32, pair as u32)).collect()
+        sort::numbers128(&mut pairs);
+        let mut once: Vec<Pair> = Vec::new();
+        for pair in pairs {
+            let (components, faces) = ([(pair >> 96) as u32, (pair >> 64) as u32], pair as u64);
+            match once.last_mut() {
+                Some(last) if last.components == components => last.faces += faces,
+                _ => once.push(Pair { components, faces }),
+            }
+        }
+        once
+    }
+
+    /// Whether rows have faces in common, and not only edges.
+    fn is_beside(&self, before: usize, row: usize) -> bool {
+        let side = self.side as usize;
+        before + 1 == row && !row.is_multiple_of(side) || before + side == row
+    }
+
+    /// The box of each component's cells in the block: its first cell along each axis, and the one behind its last.
+    pub(super) fn boxes(&self) -> Vec<[[u32; 3]; 2]> {
+        let mut boxes = vec![[[u32::MAX; 3], [0; 3]]; self.components.len()];
+        for row in 0..self.count_rows() {
+            let (y, z) = (row as u32 % self.side, row as u32 / self.side);
+            for run in &self.runs[self.row(row)] {
+                let [low, high] = &mut boxes[run.component as usize];
+                *low = std::array::from_fn(|axis| low[axis].min([run.start, y, z][axis]));
+                *high = std::array::from_fn(|axis| high[axis].max([run.end, y + 1, z + 1][axis]));
+            }
+        }
+        boxes
     }
 
     /// The runs at the block's faces, with the numbers of their components.

@@ -151,15 +151,16 @@ impl Sweeper for Neighbours<'_> {
                 for ((label, size), component) in labels.iter().zip(sizes).zip(&local.components) {
                     self.note(*label, size, component.value);
                 }
-                for (a, b) in pairs {
-                    self.pair(labels[*a as usize], labels[*b as usize])?;
+                for pair in pairs {
+                    let [a, b] = pair.components.map(|component| labels[component as usize]);
+                    self.pair(a, b)?;
                 }
                 Ok(labels)
             }
         }
     }
 
-    fn meet(&mut self, a: &Run, b: &Run) -> Result<()> {
+    fn meet(&mut self, a: &Run, b: &Run, _: u64) -> Result<()> {
         self.pair(a.id, b.id)
     }
 }

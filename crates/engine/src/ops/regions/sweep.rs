@@ -1,7 +1,7 @@
 //! Goes through all cells of a view once, block by block in FD order, and tells what touches across the borders of blocks.
 
 use super::border::{Borders, Face, Run};
-use super::local::Local;
+use super::local::{Local, Pair};
 use crate::ops::affine::View;
 use crate::query::{Filling, HALF};
 use crate::tree::{Child, Source, no_children};
@@ -40,7 +40,7 @@ pub(super) enum Content<'a> {
     /// Cells of one value.
     Uniform(Value),
     /// The components of a block, and pairs of them that touch, if these are asked for.
-    Block(&'a Local, &'a [(u32, u32)]),
+    Block(&'a Local, &'a [Pair]),
 }
 
 /// A taker of units and of their borders.
@@ -48,8 +48,8 @@ pub(super) trait Sweeper {
     /// Takes the next unit in FD order; the numbers that its components have from here on.
     fn take(&mut self, unit: &Unit<'_>) -> Result<Vec<u64>>;
 
-    /// Takes two runs of cells of different units that touch.
-    fn meet(&mut self, a: &Run, b: &Run) -> Result<()>;
+    /// Takes two runs of cells of different units that touch, and how many faces of cells they have in common.
+    fn meet(&mut self, a: &Run, b: &Run, faces: u64) -> Result<()>;
 }
 
 impl Cells {
@@ -159,7 +159,7 @@ enum Found {
 }
 
 /// A block that was looked at: its components, pairs of them, and what is at its border.
-type Made = Option<(Local, Vec<(u32, u32)>, Borders)>;
+type Made = Option<(Local, Vec<Pair>, Borders)>;
 
 struct Walk<'a> {
     cells: &'a Cells,
@@ -241,9 +241,9 @@ impl Walk<'_> {
             let mut joined = Vec::with_capacity(nodes.len() / 2);
             let mut rest = nodes.into_iter();
             while let (Some(one), Some(other)) = (rest.next(), rest.next()) {
-                joined.push(one.join(other, axis, side, reach, &mut |a, b| {
+                joined.push(one.join(other, axis, side, reach, &mut |a, b, faces| {
                     if result.is_ok() {
-                        result = sweeper.meet(a, b);
+                        result = sweeper.meet(a, b, faces);
                     }
                 }));
             }

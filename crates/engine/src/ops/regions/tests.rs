@@ -1,5 +1,7 @@
 //! Labels and sieves against a naive model: floods of cells, one by one.
 
+mod table;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 

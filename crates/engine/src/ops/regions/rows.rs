@@ -1,0 +1,194 @@
+//! Rows of tables, of which those with the same key are added up: in memory, or in sorted runs in a temporary file.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use spinney_base::io::platform::{read_exact_at, write_all_at};
+use spinney_base::{Error, Result, sort};
+use zerocopy::{FromBytes, Immutable, IntoBytes};
+
+/// Rows that are collected before the first look for those with the same key.
+const FEW: usize = 1 << 14;
+
+/// Bytes that are read of a run at a time: at least and at most.
+const PIECE: [u64; 2] = [1 << 12, 1 << 18];
+
+/// Bytes that a row takes while rows are sorted, besides its own.
+const SORTING: u64 = 40;
+
+/// A row: numbers without gaps between them, which go to the file as they are.
+pub(super) trait Row: Copy + FromBytes + IntoBytes + Immutable {
+    fn key(&self) -> u128;
+
+    /// Adds a row with the same key. (In any order: sums, extremes.)
+    fn add(&mut self, other: &Self);
+}
+
+/// Rows as they come.
+pub(super) struct Rows<R> {
+    folder: PathBuf,
+    rows: Vec<R>,
+    /// Number of rows at which to look for those with the same key, and that there may be in memory.
+    limit: usize,
+    most: usize,
+    memory: u64,
+    file: Option<File>,
+    /// The end of each run in the file, in rows.
+    ends: Vec<u64>,
+}
+
+impl<R: Row> Rows<R> {
+    /// A table that may take about so many bytes of memory; the temporary file will be in this folder.
+    pub(super) fn new(folder: &Path, memory: u64) -> Rows<R> {
+        let most = (memory / (size_of::<R>() as u64 + SORTING)).clamp(64, 1 << 31) as usize;
+        Rows {
+            folder: folder.into(),
+            rows: Vec::new(),
+            limit: FEW.min(most),
+            most,
+            memory,
+            file: None,
+            ends: Vec::new(),
+        }
+    }
+
+    /// Adds a row.
+    ///
+    /// # Errors
+    /// If the temporary file cannot be written.
+    pub(super) fn push(&mut self, row: R) -> Result<()> {
+        if self.rows.len() >= self.limit {
+            self.compact();
+            if self.rows.len() > self.most / 2 {
+                self.spill()?;
+            }
+            self.limit = (2 * self.rows.len()).clamp(FEW.min(self.most), self.most);
+        }
+        self.rows.push(row);
+        Ok(())
+    }
+
+    /// Sorts the rows in memory, and makes one of those with the same key.
+    fn compact(&mut self) {
+        sort::by_wide_key(&mut self.rows, Row::key);
+        self.rows.dedup_by(|row, before| {
+            let is_same = row.key() == before.key();
+            if is_same {
+                before.add(row);
+            }
+            is_same
+        });
+    }
+
+    fn spill(&mut self) -> Result<()> {
+        let file = match &mut self.file {
+            Some(file) => file,
+            none => none.insert(
+                tempfile::tempfile_in(&self.folder)
+                    .map_err(Error::io(&self.folder, "make a temporary file"))?,
+            ),
+        };
+        let first = self.ends.last().copied().unwrap_or(0);
+        write_all_at(file, self.rows.as_bytes(), first * size_of::<R>() as u64)
+            .map_err(Error::io(&self.folder, "write a temporary file"))?;
+        self.ends.push(first + self.rows.len() as u64);
+        self.rows.clear();
+        Ok(())
+    }
+
+    /// All rows in the order of their keys, each of which comes once.
+    ///
+    /// # Errors
+    /// If the temporary file cannot be written or read.
+    pub(super) fn sorted(mut self) -> Result<SortedRows<R>> {
+        self.compact();
+        let Some(file) = self.file.take() else {
+            let in_memory = Run { rows: self.rows, next: 0, left: 0..0 };
+            return SortedRows::of(None, self.folder, vec![in_memory], 0);
+        };
+        let (folder, memory) = (self.folder.clone(), self.memory);
+        let in_memory = Run { rows: std::mem::take(&mut self.rows), next: 0, left: 0..0 };
+        let mut first = 0;
+        let in_file = self.ends.iter().map(|end| {
+            let left = std::mem::replace(&mut first, *end)..*end;
+            Run { rows: Vec::new(), next: 0, left }
+        });
+        let runs: Vec<Run<R>> = in_file.chain([in_memory]).collect();
+        let piece = (memory / 2 / runs.len() as u64).clamp(PIECE[0], PIECE[1]);
+        SortedRows::of(Some(file), folder, runs, piece / size_of::<R>() as u64 + 1)
+    }
+}
+
+/// Rows in order: some that are in memory, and those in the file that come behind.
+struct Run<R> {
+    rows: Vec<R>,
+    next: usize,
+    left: std::ops::Range<u64>,
+}
+
+/// Rows in the order of their keys.
+pub(super) struct SortedRows<R> {
+    file: Option<File>,
+    folder: PathBuf,
+    runs: Vec<Run<R>>,
+    /// Rows that are read of a run at a time.
+    piece: u64,
+    /// The key of the next row of each run that has one.
+    heap: BinaryHeap<Reverse<(u128, usize)>>,
+}
+
+impl<R: Row> SortedRows<R> {
+    fn of(file: Option<File>, folder: PathBuf, runs: Vec<Run<R>>, piece: u64) -> Result<SortedRows<R>> {
+        let mut sorted = SortedRows { file, folder, runs, piece, heap: BinaryHeap::new() };
+        for number in 0..sorted.runs.len() {
+            sorted.queue(number)?;
+        }
+        Ok(sorted)
+    }
+
+    /// Puts the next row of a run into the queue, if it has one.
+    fn queue(&mut self, number: usize) -> Result<()> {
+        let run = &mut self.runs[number];
+        if run.next >= run.rows.len() {
+            let Some(file) = self.file.as_ref().filter(|_| !run.left.is_empty()) else { return Ok(()) };
+            let count = self.piece.min(run.left.end - run.left.start);
+            run.rows.resize(count as usize, R::new_zeroed());
+            read_exact_at(file, run.rows.as_mut_bytes(), run.left.start * size_of::<R>() as u64)
+                .map_err(Error::io(&self.folder, "read a temporary file"))?;
+            run.next = 0;
+            run.left.start += count;
+        }
+        self.heap.push(Reverse((run.rows[run.next].key(), number)));
+        Ok(())
+    }
+
+    /// The key of the next row.
+    pub(super) fn peek(&self) -> Option<u128> {
+        self.heap.peek().map(|Reverse((key, _))| *key)
+    }
+
+    /// The next row.
+    ///
+    /// # Errors
+    /// If the temporary file cannot be read.
+    pub(super) fn next(&mut self) -> Result<Option<R>> {
+        let mut found: Option<(u128, R)> = None;
+        while let Some(Reverse((key, number))) = self.heap.peek().copied() {
+            if found.as_ref().is_some_and(|(own, _)| *own != key) {
+                break;
+            }
+            self.heap.pop();
+            let run = &mut self.runs[number];
+            let row = run.rows[run.next];
+            run.next += 1;
+            match &mut found {
+                Some((_, all)) => all.add(&row),
+                None => found = Some((key, row)),
+            }
+            self.queue(number)?;
+        }
+        Ok(found.map(|(_, row)| row))
+    }
+}
