@@ -17,6 +17,7 @@ mod jobs;
 mod model;
 mod model_faces;
 mod numbers;
+mod overlay;
 mod part;
 mod questions;
 mod read;
@@ -45,6 +46,8 @@ mod _native {
     };
     #[pymodule_export]
     use super::model::{Model, build_brep};
+    #[pymodule_export]
+    use super::overlay::is_features;
     #[pymodule_export]
     use super::rebuild::is_tree;
     #[pymodule_export]
