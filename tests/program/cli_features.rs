@@ -6,11 +6,11 @@ const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_clas
 const DISTRICTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_districts.geojson");
 
 /// Cells that are not VOID, and those of a class.
-fn counts(file: &str, class: &str) -> (u64, u64) {
+fn counts(file: &str, class: u64) -> (u64, u64) {
     let told: serde_json::Value = serde_json::from_str(&stdout(&["stats", file, "--json"])).unwrap();
     let classes = told["classes"].as_array().unwrap();
     let of = |row: &serde_json::Value| row["cells"].as_u64().unwrap();
-    let found = classes.iter().find(|row| row["value"].to_string() == class);
+    let found = classes.iter().find(|row| row["value"] == class);
     (classes.iter().map(of).sum(), found.map_or(0, of))
 }
 
@@ -23,7 +23,7 @@ fn features_fill_and_are_combined_and_searched() {
     spinney(&["-q", "build", CLASSES, "-o", &tree]).success();
     // The cells of the districts, as a tree that was made of them.
     spinney(&["-q", "build", DISTRICTS, "--grid", &tree, "-o", &zones]).success();
-    let (inside, _) = counts(&zones, "1");
+    let (inside, _) = counts(&zones, 1);
     let both = at("both.goblin");
     spinney(&["-q", "combine", "and", &tree, &zones, "-o", &both]).success();
     let found = at("found.goblin");
@@ -47,7 +47,7 @@ fn features_fill_and_are_combined_and_searched() {
         &north,
     ])
     .success();
-    assert!(counts(&north, "1").0 < counts(&found, "1").0);
+    assert!(counts(&north, 1).0 < counts(&found, 1).0);
     // Blocks of a class within features have as many cells as the class has there.
     let blocks = stdout(&["find", &tree, "--class", "3", "--within", DISTRICTS, "--json"]);
     let sum: u64 = blocks
@@ -57,13 +57,13 @@ fn features_fill_and_are_combined_and_searched() {
             block["size"][0].as_u64().unwrap() * block["size"][1].as_u64().unwrap()
         })
         .sum();
-    assert_eq!(sum, counts(&both, "3").1);
+    assert_eq!(sum, counts(&both, 3).1);
     assert!(sum > 0);
     // Filled, and made VOID, in a commit each.
-    let before = counts(&map, "7");
+    let before = counts(&map, 7);
     let fill = ["-q", "edit", &map, "fill", "--zones", DISTRICTS];
     spinney(&[&fill[..], &["--value", "7"]].concat()).success();
-    assert!(counts(&map, "7").1 >= inside && counts(&map, "7").1 <= inside + before.1);
+    assert!(counts(&map, 7).1 >= inside && counts(&map, 7).1 <= inside + before.1);
     spinney(&[&fill[..], &["--void"]].concat()).success();
     let log = stdout(&["log", &map]);
     assert!(log.contains("3, ") && log.contains("Fill") && !log.contains("4, "), "{log}");

@@ -196,11 +196,17 @@ impl ShapeTree {
         let edges = || self.shapes.edges_of(parts, part);
         if part.is_whole() {
             shares.iter_mut().for_each(|share| *share += 1.0);
+            let side = coverage.side();
+            (0..side).for_each(|row| coverage.touch(row, 0..side));
         } else if self.kind(part) == ShapeKind::Polygon {
             coverage.measure(edges(), cell, part.winding, shares);
         } else {
             self.mask(mask, parts, part, cell);
-            mask.each(|at| shares[at] += 1.0);
+            let side = coverage.side();
+            mask.each(|at| {
+                shares[at] += 1.0;
+                coverage.touch(at / side, at % side..at % side + 1);
+            });
         }
     }
 
@@ -220,16 +226,18 @@ impl ShapeTree {
         let same =
             |a: &Part, b: &Part| self.values[self.value_number(a)] == self.values[self.value_number(b)];
         for alike in parts.parts.chunk_by(same) {
-            shares.fill(0.0);
             for part in alike {
                 self.add_shares((parts, part), cell, (&mut coverage, &mut mask), &mut shares);
             }
             let number = self.value_number(&alike[0]) as u32 + 1;
-            for (((top, best), share), all) in tops.iter_mut().zip(&mut best).zip(&shares).zip(&mut all) {
-                let share: f64 = share.min(1.0);
-                *all += share;
-                if share > *best {
-                    (*top, *best) = (number, share);
+            // (Of thousands of values each has few of the cells: no others are gone through for it.)
+            for row in 0..side {
+                for at in coverage.take_touched(row).map(|column| row * side + column) {
+                    let share = std::mem::take(&mut shares[at]).min(1.0);
+                    all[at] += share;
+                    if share > best[at] {
+                        (tops[at], best[at]) = (number, share);
+                    }
                 }
             }
         }
