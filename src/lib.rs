@@ -354,6 +354,7 @@ pub mod export {
 pub mod overlay {
     pub use spinney_vector::overlay::{
         OverlayOperation, OverlayReport, OverlayRequest, OverlaySummary, overlay_features,
+        read_polygon_layers,
     };
 }
 

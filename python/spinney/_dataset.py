@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ._arrays import points_of, rows_of
 from ._files import MEMORY, log
-from ._overlay import Edge, features_over
+from ._features import Edge, features_over
 from ._progress import memory_of, working
 from ._types import (
     Array,

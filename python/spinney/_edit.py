@@ -17,7 +17,7 @@ from ._build import build
 from ._dataset import Dataset, open
 from ._files import MEMORY
 from ._options import time_of
-from ._overlay import Edge, Overlaps, features_over
+from ._features import Edge, Overlaps, features_over
 from ._progress import memory_of, working
 from ._types import Commit, Path, Progress, Window, commit_of
 

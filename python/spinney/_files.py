@@ -8,9 +8,9 @@ from contextlib import ExitStack
 from typing import Any, Literal
 
 from . import _native
-from ._overlay import Edge, Overlaps, divided, features_over
+from ._features import Edge, Overlaps, divided, features_over
 from ._progress import ALONE, memory_of, working
-from ._types import CombinedModel, Commit, Differences, Finding, Outcome, Path, Progress, Resampling, commit_of, outcome_of
+from ._types import CombinedModel, CombinedPolygons, Commit, Differences, Finding, Outcome, Path, Progress, Resampling, commit_of, outcome_of
 
 MEMORY = "256M"
 
@@ -50,8 +50,9 @@ def combine(
     *,
     values: Literal["first", "second"] = "first",
     fill: float | None = None,
-    within: Sequence[float] | None = None,
+    within: Sequence[float] | Path | None = None,
     margin: int | None = None,
+    snap: float | None = None,
     value: float | str | None = None,
     overlaps: Overlaps | None = None,
     where: Mapping[str, Any] | str | None = None,
@@ -60,7 +61,7 @@ def combine(
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
-) -> Outcome | CombinedModel:
+) -> Outcome | CombinedModel | CombinedPolygons:
     """Makes one tree of several: `"union"`, `"and"`, `"a-b"`, `"over"`, `"min"`, `"changed"`, ...
 
     The operations are those of `spinney combine`. `values` tells whose value stands where a set operation finds both,
@@ -69,15 +70,32 @@ def combine(
 
     Features among the `paths` (files of them, or anything with a `__geo_interface__`) are laid over the cells of the trees, with a
     `value` (a number, or an attribute whose texts are names of the trees' categories), `overlaps`, `where` and `edge` as `build` has them.
+
+    Where all `paths` are features, their polygons are combined, exactly and without cells, also by `"partition"`, and written to a file of
+    features: `where` takes some of them, `within` (a box, or a file of polygons) limits the result, whose corners lie on a grid of steps
+    `snap`, or the next smaller power of two.
     """
     if values not in ("first", "second"):
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
-    box = None if within is None else list(within)
     trees, features = divided(paths)
+    if features and not trees:
+        given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge}
+        if told := [name for name, told in given.items() if told not in (None, False)]:
+            raise ValueError(f"{', '.join(told)}: not for polygons")
+        region = os.fspath(within) if isinstance(within, str | os.PathLike) else None if within is None else list(within)
+        with ExitStack() as stack:
+            files = [stack.enter_context(features_over(source, where=where, has_own_system=True)) for _, source in features]
+            terms = stack.enter_context(working(progress, threads, max_bytes))
+            names = [file["path"] for file in files]
+            facts = _native.combine_polygons(operation, names, os.fspath(out), files[0]["where"], region, snap, memory_of(memory), terms)
+        return CombinedPolygons(**facts)
+    if snap is not None:
+        raise ValueError("snap is for polygons")
+    if isinstance(within, str | os.PathLike):
+        raise ValueError("within: a file of polygons limits what is made of polygons; give a box")
+    box = None if within is None else list(within)
     if not features and (value is not None or overlaps is not None or where is not None or edge is not None):
         raise ValueError("value, overlaps, where and edge are for features that are combined with trees")
-    if features and not trees:
-        raise ValueError("paths: features are laid over the cells of trees, of which there is none")
     names = [os.fspath(path) for path in trees]
     with ExitStack() as stack:
         over = {"value": value, "overlaps": overlaps, "where": where, "edge": edge}

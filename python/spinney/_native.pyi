@@ -301,6 +301,16 @@ def combine(
     memory: int,
     terms: _Terms,
 ) -> dict[str, Any]: ...
+def combine_polygons(
+    operation: str,
+    paths: list[Any],
+    out: Any,
+    filter: str | None,
+    within: list[float] | str | None,
+    snap: float | None,
+    memory: int,
+    terms: _Terms,
+) -> dict[str, Any]: ...
 def cross(first: Any, second: Any, terms: _Terms) -> list[tuple[list[float] | None, list[float] | None, int]]: ...
 def diff(first: Any, second: Any, ranges: bool, terms: _Terms) -> tuple[list[int], npt.NDArray[np.uint64] | None]: ...
 def verify(path: Any, quick: bool, memory: int, terms: _Terms) -> list[tuple[str, str]]: ...

@@ -363,6 +363,30 @@ class CombinedModel:
     """Places where the surface passes through itself on the grid, being thinner than its step."""
 
 
+@dataclass(frozen=True)
+class CombinedPolygons:
+    """Counts of the polygons that were made of others."""
+
+    features: int
+    """Features that were written."""
+    polygons: int
+    """Polygons in them."""
+    area: float
+    """Their area, in square units of the coordinates."""
+    shared: int
+    """Features that lie in several of one file, of which the last one gave the attributes."""
+    edges: int
+    """Edges of all polygons, those that several have counted once."""
+    crossings: int
+    """Places where edges cross in between their ends."""
+    repeated_corners: int
+    """Corners that repeated the one before."""
+    cell: float
+    """Width of the cells of the grid on which all corners lie."""
+    area_bound: float
+    """Most by which areas may be off for that."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mass:
     """Measures of an exact model: exact numbers for its grid, each rounded once (but for the area)."""

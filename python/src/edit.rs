@@ -15,10 +15,10 @@ use spinney::store::autumnal::{self, Note};
 use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
+use crate::features_over::FeatureTerms;
 use crate::files::{commit_facts, is_same_file, named};
 use crate::jobs::{self, Terms};
 use crate::numbers::PyNumber;
-use crate::overlay::FeatureTerms;
 use crate::part::{coordinates_of, part_of};
 
 /// A file that is being edited; nothing of it is seen by others before it is committed.

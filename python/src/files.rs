@@ -15,9 +15,9 @@ use spinney::store::{Header, Metadata, OpenOptions, file_of};
 use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
+use crate::features_over::{FeatureTerms, operand};
 use crate::jobs::{self, Terms};
 use crate::numbers::{PyNumber, plain};
-use crate::overlay::{FeatureTerms, operand};
 
 /// Fails if one of the inputs is the output.
 pub(crate) fn check_output(inputs: &[PathBuf], output: &Path) -> PyResult<()> {

@@ -11,6 +11,7 @@ mod edit;
 mod error;
 mod export;
 mod features;
+mod features_over;
 mod files;
 mod index;
 mod jobs;
@@ -42,13 +43,15 @@ mod _native {
     #[pymodule_export]
     use super::edit::Editor;
     #[pymodule_export]
+    use super::features_over::is_features;
+    #[pymodule_export]
     use super::files::{
         add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, transform, verify,
     };
     #[pymodule_export]
     use super::model::{Model, build_brep};
     #[pymodule_export]
-    use super::overlay::is_features;
+    use super::overlay::combine_polygons;
     #[pymodule_export]
     use super::rebuild::is_tree;
     #[pymodule_export]

@@ -1,100 +1,74 @@
-//! Features over the cells of trees: for edits, combinations and searches.
+//! Set operations of polygons.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use pyo3::prelude::*;
-use spinney::Progress;
-use spinney::import::rasterize::{FeatureOverlay, FeatureValue, RasterizeOptions, plan_features};
-use spinney::ops::MadeOperand;
-use spinney::space::Coordinates;
-use spinney::store::{Header, Metadata};
-use spinney::value::{Number, Rule};
+use pyo3::types::PyDict;
+use spinney::export::vector::VectorFormat;
+use spinney::import::feature::{FeatureFilter, FeatureOptions, read_polygons};
+use spinney::overlay::{OverlayOperation, OverlayRequest, overlay_features, read_polygon_layers};
 
 use crate::error::{OrRaise, invalid};
-use crate::part::coordinates_of;
+use crate::files::check_output;
+use crate::jobs::{self, Terms};
 
-/// A file of features, and how its cells are told, by name as Python gives them.
+/// What limits a result: a box, or a file of polygons.
 #[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-pub(crate) struct FeatureTerms<'py> {
-    path: PathBuf,
-    coordinates: Option<Bound<'py, PyAny>>,
-    #[pyo3(item("where"))]
-    filter: Option<String>,
-    edge: Option<String>,
-    value: Option<Vec<String>>,
-    overlaps: Option<String>,
+pub(crate) enum Region {
+    Box(Vec<f64>),
+    Polygons(PathBuf),
 }
 
-/// Features that are to be laid over a tree.
-pub(crate) struct Features {
-    pub(crate) path: PathBuf,
-    coordinates: Option<Coordinates>,
-    options: Asked,
-}
-
-/// What was asked for, as it was read.
-struct Asked {
-    filter: spinney::import::feature::FeatureFilter,
-    edge: spinney::space::EdgeRule,
-    overlaps: spinney::import::rasterize::Overlaps,
-    value: Option<FeatureValue>,
-}
-
-impl FeatureTerms<'_> {
-    /// Reads what was said.
-    pub(crate) fn read(self) -> PyResult<Features> {
-        let filter = self.filter.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
-        let edge = self.edge.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
-        let overlaps = self.overlaps.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
-        let value = self.value.map(|texts| value_of(&texts)).transpose()?;
-        let coordinates = self.coordinates.as_ref().map(coordinates_of).transpose()?;
-        Ok(Features { path: self.path, coordinates, options: Asked { filter, edge, overlaps, value } })
-    }
-}
-
-/// The value that features give their cells: a number for each channel, or the name of an attribute.
-fn value_of(texts: &[String]) -> PyResult<FeatureValue> {
-    let numbers: Result<Vec<Number>, _> = texts.iter().map(|text| text.parse::<Number>()).collect();
-    match (numbers, texts) {
-        (Ok(numbers), [_]) => Ok(FeatureValue::Number(numbers[0])),
-        (Ok(numbers), _) => Ok(FeatureValue::Samples(numbers)),
-        (Err(_), [name]) => Ok(FeatureValue::Attribute(name.clone())),
-        (Err(error), _) => Err(invalid(format!("value: {error}"))),
-    }
-}
-
-impl Features {
-    /// The features over a tree with such a header and metadata.
-    pub(crate) fn over(
-        &self,
-        header: &Header,
-        metadata: &Metadata,
-        memory: u64,
-        work: &dyn Progress,
-    ) -> spinney::Result<FeatureOverlay> {
-        let mut options = RasterizeOptions::over(header, metadata, self.coordinates.clone())?;
-        let full = || Number::from(if header.rule == Rule::Occupancy { 255u64 } else { 1 });
-        options.value = self.options.value.clone().unwrap_or_else(|| FeatureValue::Number(full()));
-        (options.edge, options.overlaps) = (self.options.edge, self.options.overlaps);
-        options.features.filter = self.options.filter.clone();
-        options.memory = memory;
-        plan_features(std::slice::from_ref(&self.path), &options, work)?.overlay(work)
-    }
-}
-
-/// Operands by their places among all: trees, and what makes those of features.
-pub(crate) fn operand<'a>(
-    place: usize,
-    path: &Path,
-    make: &'a dyn Fn(&Header, &Metadata) -> spinney::Result<spinney::ops::ViewSource>,
-) -> MadeOperand<'a> {
-    MadeOperand { place, name: path.display().to_string(), make }
-}
-
-/// Whether a file is one of features, by its name.
+/// Writes what an operation makes of the polygons of files; returns counts by name.
 #[pyfunction]
-#[pyo3(name = "is_feature_file")]
-pub(crate) fn is_features(py: Python<'_>, path: PathBuf) -> bool {
-    py.detach(|| spinney::import::feature::is_feature_file(&path))
+#[allow(clippy::too_many_arguments)] // those of the Python function
+pub(crate) fn combine_polygons<'py>(
+    py: Python<'py>,
+    operation: &str,
+    paths: Vec<PathBuf>,
+    out: PathBuf,
+    filter: Option<String>,
+    within: Option<Region>,
+    snap: Option<f64>,
+    memory: u64,
+    terms: Terms,
+) -> PyResult<Bound<'py, PyDict>> {
+    let operation = OverlayOperation::named(operation).ok_or_else(|| {
+        invalid(format!("operation: {operation:?} is none of polygons, which have no values"))
+    })?;
+    let format = VectorFormat::of(&out)
+        .ok_or_else(|| invalid("out: expected .geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply"))?;
+    check_output(&paths, &out)?;
+    let filter: FeatureFilter = filter.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
+    let mut request = OverlayRequest { snap, memory, ..OverlayRequest::new(operation) };
+    let region = match within {
+        Some(Region::Box(numbers)) => match numbers[..] {
+            [west, south, east, north] => {
+                request.within_box([west, south], [east, north]);
+                None
+            }
+            _ => return Err(invalid("within: expected 4 numbers, or a file of polygons")),
+        },
+        Some(Region::Polygons(path)) => Some(path),
+        None => None,
+    };
+    let made = jobs::run(py, terms, |work| {
+        let layers = read_polygon_layers(&paths, &filter, memory)?;
+        if let Some(path) = region {
+            let region = read_polygons(&path, &FeatureOptions { memory, ..FeatureOptions::default() })?;
+            request.within = Some(region.features.into_iter().flat_map(|feature| feature.parts).collect());
+        }
+        overlay_features(layers, &request, work.create(&out)?, format, work)
+    })?;
+    let facts = PyDict::new(py);
+    facts.set_item("features", made.parts)?;
+    facts.set_item("polygons", made.polygons)?;
+    facts.set_item("area", made.area)?;
+    facts.set_item("shared", made.shared)?;
+    facts.set_item("edges", made.summary.edges)?;
+    facts.set_item("crossings", made.summary.crossings)?;
+    facts.set_item("repeated_corners", made.summary.repeated_corners)?;
+    facts.set_item("cell", made.summary.cell)?;
+    facts.set_item("area_bound", made.summary.area_bound)?;
+    Ok(facts)
 }

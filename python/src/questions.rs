@@ -13,9 +13,9 @@ use spinney::space::{Bounds, Coordinates, Places};
 use spinney::value::{Number, Value, ValueType};
 
 use crate::error::{OrRaise, invalid};
+use crate::features_over::FeatureTerms;
 use crate::jobs::{self, Terms, Work};
 use crate::numbers::PyNumber;
-use crate::overlay::FeatureTerms;
 use crate::part::{coordinates_of, level_of, part_of};
 use crate::samples::{empty, with_bytes};
 use crate::tree::{Opened, Tree};

@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::import::feature::{FeatureFilter, FeatureOptions, PolygonLayer, open_features, read_polygons};
+use spinney::import::feature::{FeatureFilter, FeatureOptions, read_polygons};
 use spinney::io::Output;
-use spinney::overlay::{OverlayOperation, OverlayReport, OverlayRequest, overlay_features};
+use spinney::overlay::{
+    OverlayOperation, OverlayReport, OverlayRequest, overlay_features, read_polygon_layers,
+};
 
 use super::Global;
 use super::args::{Memory, check_output, vector_format};
@@ -31,34 +33,6 @@ pub(super) struct Question<'a> {
     pub(super) memory: Memory,
 }
 
-/// The conditions for each file: those on attributes that it has, which one of the files must have.
-fn filters(files: &[PathBuf], filter: &FeatureFilter) -> Result<Vec<FeatureFilter>> {
-    if filter.conditions.is_empty() {
-        return Ok(vec![FeatureFilter::default(); files.len()]);
-    }
-    let mut is_known = vec![false; filter.conditions.len()];
-    let mut filters = Vec::new();
-    for file in files {
-        let reader = open_features(file, &FeatureOptions::default())?;
-        let mut own = FeatureFilter::default();
-        for (condition, is_known) in filter.conditions.iter().zip(&mut is_known) {
-            let single = FeatureFilter { conditions: vec![condition.clone()] };
-            if single.names().all(|name| reader.schema().position(name).is_some()) {
-                *is_known = true;
-                own.conditions.push(condition.clone());
-            }
-        }
-        filters.push(own);
-    }
-    // (A condition that no file knows is one that the first complains of.)
-    for (condition, is_known) in filter.conditions.iter().zip(is_known) {
-        if !is_known && let Some(first) = filters.first_mut() {
-            first.conditions.push(condition.clone());
-        }
-    }
-    Ok(filters)
-}
-
 /// Writes the polygons that an operation makes of those of some files.
 pub(super) fn run(question: &Question<'_>, path: &Path, global: &Global) -> Result<()> {
     let start = Instant::now();
@@ -68,20 +42,14 @@ pub(super) fn run(question: &Question<'_>, path: &Path, global: &Global) -> Resu
     check_output(files.iter().map(PathBuf::as_path), path)?;
     let format = vector_format(None, path)?;
     let memory = memory.bytes;
-    let read = |file: &PathBuf, filter: &FeatureFilter| -> Result<(PathBuf, PolygonLayer)> {
-        let options = FeatureOptions { memory, filter: filter.clone(), ..FeatureOptions::default() };
-        Ok((file.clone(), read_polygons(file, &options)?))
-    };
     let work = Work::start(global, "edges")?;
-    let filters = filters(files, filter)?;
-    let layers = files.iter().zip(&filters).map(|(file, filter)| read(file, filter));
-    let layers = layers.collect::<Result<Vec<_>>>()?;
+    let layers = read_polygon_layers(files, filter, memory)?;
     let counts: Vec<usize> = layers.iter().map(|(_, layer)| layer.features.len()).collect();
     let mut request = OverlayRequest { snap: *snap, memory, ..OverlayRequest::new(operation) };
     match within {
         Some(Region::Box(low, high)) => request.within_box(*low, *high),
         Some(Region::Polygons(file)) => {
-            let (_, region) = read(file, &FeatureFilter::default())?;
+            let region = read_polygons(file, &FeatureOptions { memory, ..FeatureOptions::default() })?;
             request.within = Some(region.features.into_iter().flat_map(|feature| feature.parts).collect());
         }
         None => {}

@@ -1,8 +1,7 @@
 //! Set operations of polygons of several files, with the attributes of all.
 //!
 //! ```
-//! use spinney::import::feature::{FeatureOptions, read_polygons};
-//! use spinney::overlay::{OverlayOperation, OverlayRequest, overlay_features};
+//! use spinney::overlay::{OverlayOperation, OverlayRequest, overlay_features, read_polygon_layers};
 //! use spinney::export::vector::VectorFormat;
 //! use spinney::io::Output;
 //!
@@ -15,8 +14,7 @@
 //! };
 //! std::fs::write(path("a.geojson"), square(0.0, "soil")).unwrap();
 //! std::fs::write(path("b.geojson"), square(1.0, "owner")).unwrap();
-//! let read = |name: &str| read_polygons(&path(name), &FeatureOptions::default());
-//! let layers = vec![(path("a.geojson"), read("a.geojson")?), (path("b.geojson"), read("b.geojson")?)];
+//! let layers = read_polygon_layers(&[path("a.geojson"), path("b.geojson")], &Default::default(), 64 << 20)?;
 //! let request = OverlayRequest::new(OverlayOperation::named("and").unwrap());
 //! let output = Output::create(&path("c.geojson"))?;
 //! let report = overlay_features(layers, &request, output, VectorFormat::GeoJson, &())?;
@@ -33,8 +31,9 @@ use crate::export::{
     AttributeType, AttributeValue, FeatureParts, Geometry, VectorFeature, VectorFormat, VectorLayer,
     VectorWriter,
 };
-use crate::import::feature::FeatureGeometry;
-use crate::import::zones::PolygonLayer;
+use crate::import::feature::{FeatureGeometry, FeatureOptions, open_features};
+use crate::import::filter::FeatureFilter;
+use crate::import::zones::{PolygonLayer, read_polygons};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::{Crs, PolygonParts, Transformation};
@@ -232,6 +231,39 @@ pub fn overlay_features(
     shared += written.iter().filter(|key| is_shared.get(*key) == Some(&true)).count() as u64;
     writer.finish()?;
     Ok(OverlayReport { summary, parts, polygons, area, shared })
+}
+
+/// Reads the polygons of files, of which each may need so many bytes of memory. Conditions are for those files that have such attributes, as one of them must.
+///
+/// # Errors
+/// Those of [`read_polygons`].
+pub fn read_polygon_layers(
+    files: &[PathBuf],
+    filter: &FeatureFilter,
+    memory: u64,
+) -> Result<Vec<(PathBuf, PolygonLayer)>> {
+    let mut own = vec![FeatureFilter::default(); files.len()];
+    for condition in &filter.conditions {
+        let single = FeatureFilter { conditions: vec![condition.clone()] };
+        let mut is_known = false;
+        for (file, own) in files.iter().zip(&mut own) {
+            let options = FeatureOptions { memory, ..FeatureOptions::default() };
+            let reader = open_features(file, &options)?;
+            if single.names().all(|name| reader.schema().position(name).is_some()) {
+                own.conditions.push(condition.clone());
+                is_known = true;
+            }
+        }
+        // (What no file knows is what the first complains of.)
+        if let Some(first) = own.first_mut().filter(|_| !is_known) {
+            first.conditions.push(condition.clone());
+        }
+    }
+    let read = |(file, filter): (&PathBuf, FeatureFilter)| {
+        let options = FeatureOptions { memory, filter, ..FeatureOptions::default() };
+        Ok((file.clone(), read_polygons(file, &options)?))
+    };
+    files.iter().zip(own).map(read).collect()
 }
 
 /// The files' polygons. Features are numbered through, those of the first file first.

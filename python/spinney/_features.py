@@ -35,8 +35,12 @@ def features_over(
     edge: str | None = None,
     value: float | str | Sequence[float] | None = None,
     overlaps: str | None = None,
+    has_own_system: bool = False,
 ) -> Iterator[dict[str, Any]]:
-    """What is told of features to the library: a path as it is, everything else in a temporary file of GeoJSON."""
+    """What is told of features to the library: a path as it is, everything else in a temporary file of GeoJSON.
+
+    With `has_own_system` the file itself says in which coordinate system they are.
+    """
     conditions = where if isinstance(where, str | None) else ",".join(f"{name}={text}" for name, text in values_of(where))
     texts = None
     if value is not None:
@@ -53,6 +57,10 @@ def features_over(
         raise ValueError("features: give one path, or geometries of one coordinate system")
     (crs,) = systems
     document = documents[0][0] if len(documents) == 1 else json.dumps(_collection([text for text, _, _ in documents]))
+    if has_own_system and crs is not None:
+        named = {"type": "name", "properties": {"name": crs}}
+        document = json.dumps(_collection([document]) | {"crs": named})
+        crs = None
     # (What is written is closed before it is read, which not all systems allow otherwise.)
     with tempfile.TemporaryDirectory(prefix="spinney-") as folder:
         path = os.path.join(folder, "features.geojson")
@@ -77,9 +85,7 @@ def _collection(documents: Sequence[str]) -> dict[str, Any]:
 
 
 def divided(operands: Sequence[Any]) -> tuple[list[Path], list[tuple[int, Any]]]:
-    """The trees among operands, and the features with their places among all; all are trees, if none are."""
+    """The trees among operands, and the features with their places among all."""
     features = [(place, operand) for place, operand in enumerate(operands) if is_features(operand)]
-    if len(features) == len(operands) and all(isinstance(operand, str | os.PathLike) for operand in operands):
-        return list(operands), []
     places = {place for place, _ in features}
     return [operand for place, operand in enumerate(operands) if place not in places], features
