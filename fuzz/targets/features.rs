@@ -20,7 +20,7 @@ macro_rules! features {
     };
 }
 
-features!(feature_table "f.csv", flatgeobuf "f.fgb", geojson "f.geojson", shapefile "s.shp");
+features!(feature_table "f.csv", flatgeobuf "f.fgb", geojson "f.geojson", geopackage "g.gpkg", shapefile "s.shp");
 
 /// A shape without a geometry, in a file of such.
 const SHAPE: [u8; 112] = {

@@ -15,7 +15,7 @@ mod texts;
 pub mod trees;
 
 pub use edits::{autumnal_edit, autumnal_file};
-pub use features::{feature_table, flatgeobuf, geojson, shapefile, shapefile_table};
+pub use features::{feature_table, flatgeobuf, geojson, geopackage, shapefile, shapefile_table};
 pub use importers::{
     cells, cityjson, exr, hgt, jpeg, npy, obj, off, ply, png, sidecar, stl, tiff, vrt, webp, world_file,
 };
@@ -28,7 +28,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 32] = [
+pub const TARGETS: [(&str, Target); 33] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_layers", autumnal_layers),
@@ -42,6 +42,7 @@ pub const TARGETS: [(&str, Target); 32] = [
     ("feature_table", feature_table),
     ("flatgeobuf", flatgeobuf),
     ("geojson", geojson),
+    ("geopackage", geopackage),
     ("goblin_layers", goblin_layers),
     ("goblin_read", goblin_read),
     ("hgt", hgt),

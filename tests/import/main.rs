@@ -50,6 +50,8 @@ mod raster_tiff;
 mod raster_tiff_hostile;
 #[cfg(feature = "vector")]
 mod rasterize;
+#[cfg(feature = "vector")]
+mod rasterize_odd;
 mod real_rasters;
 #[cfg(feature = "raster")]
 mod sidecars;
