@@ -179,13 +179,14 @@ pub mod query {
 /// Operations as sources, and from files to files: views, other coordinate systems, set operations, edits, conversions.
 pub mod ops {
     pub use spinney_engine::ops::{
-        AffineMap, Alignment, Around, Axis, Calculated, Calculation, CellPatch, CellValue, Chain, Change,
-        Combined, CombinedNode, Connectivity, Difference, Differences, Edit, FdRange, FillPatch, FillRegion,
-        LayerInfo, MAX_ZOOM, MemoryTree, Opaque, Operation, Outcome, Pair, PairOfSamples, Patch, Patched,
-        PatchedNode, Prefer, Regions, Resampling, Sampling, Sieve, Step, TreeFile, TreeFileNode, Turn,
-        Universe, View, ViewNode, ViewSource, ViewSourceNode, WarpGrid, WarpOptions, WarpTarget, Warped,
-        add_layer, align, apply_edits, blame, build, combine, convert, crosstab, crosstab_files, data_box,
-        diff, diff_files, differences, drop_layer, edit, layer_paths, only_layer, transform, warp,
+        AffineMap, Alignment, Around, Axis, BlockSource, Blockwise, Calculated, Calculation, CellPatch,
+        CellValue, Chain, Change, Combined, CombinedNode, Connectivity, Difference, Differences, Edit,
+        FdRange, FillPatch, FillRegion, LayerInfo, MAX_ZOOM, MadeOperand, MemoryTree, Opaque, Operation,
+        Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, Regions, Resampling, Sampling,
+        Sieve, Step, TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, ViewSource, ViewSourceNode,
+        WarpGrid, WarpOptions, WarpTarget, Warped, add_layer, align, apply_edits, blame, build, combine,
+        combine_with, convert, crosstab, crosstab_files, data_box, diff, diff_files, differences, drop_layer,
+        edit, layer_paths, only_layer, transform, warp,
     };
 }
 
@@ -254,8 +255,8 @@ pub mod import {
     #[cfg(feature = "vector")]
     pub mod feature {
         pub use spinney_vector::import::feature::{
-            AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader,
-            FeatureSchema, is_feature_file, open_features,
+            Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+            is_feature_file, open_features,
         };
         pub use spinney_vector::import::filter::{AttributeCondition, FeatureFilter, Relation};
         pub use spinney_vector::import::zones::{
@@ -287,7 +288,8 @@ pub mod import {
     #[cfg(feature = "vector")]
     pub mod rasterize {
         pub use spinney_vector::import::rasterize::{
-            FeatureGrid, FeatureImport, FeatureValue, Overlaps, RasterizeOptions, plan_features,
+            FeatureGrid, FeatureImport, FeatureOverlay, FeatureValue, Overlaps, RasterizeOptions,
+            plan_features,
         };
     }
 
@@ -340,11 +342,19 @@ pub mod export {
     #[cfg(feature = "vector")]
     pub mod vector {
         pub use spinney_vector::export::{
-            AttributeType, AttributeValue, ContourFeatures, Geometry, GeometryKind, IntersectionSummary,
-            SectionPlanes, SectionSummary, Smoothed, VectorFormat, VectorLayer, VectorWriter,
-            export_contours, export_intersection, export_polygons, export_section,
+            AttributeType, AttributeValue, ContourFeatures, FeatureParts, Geometry, GeometryKind,
+            IntersectionSummary, SectionPlanes, SectionSummary, Smoothed, VectorFeature, VectorFormat,
+            VectorLayer, VectorWriter, export_contours, export_intersection, export_polygons, export_section,
         };
     }
+}
+
+/// Set operations of polygons.
+#[cfg(feature = "vector")]
+pub mod overlay {
+    pub use spinney_vector::overlay::{
+        OverlayOperation, OverlayReport, OverlayRequest, OverlaySummary, overlay_features,
+    };
 }
 
 use std::path::Path;

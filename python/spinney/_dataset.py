@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from ._arrays import points_of, rows_of
 from ._files import MEMORY, log
+from ._overlay import Edge, features_over
 from ._progress import memory_of, working
 from ._types import (
     Array,
@@ -355,11 +356,18 @@ class Dataset(Writers):
         coordinates: Coordinates = None,
         limit: int | None = None,
         largest: int | None = None,
+        within: Any = None,
+        where: Mapping[str, Any] | str | None = None,
+        edge: Edge | None = None,
+        memory: int | str = MEMORY,
     ) -> Blocks:
         """The largest blocks of the tree whose cells all have a value, or one above or below a number (first band).
 
-        They come in FD order, no more than `limit` of them; or, with `largest`, only so many, the largest first.
+        They come in FD order, no more than `limit` of them; or, with `largest`, only so many, the largest first. With features `within`
+        (the path of a file, or anything with a `__geo_interface__`) among the cells of those for which `where` holds alone.
         """
+        if within is None and (where is not None or edge is not None):
+            raise ValueError("where and edge are for features: give within")
         given = [(name, number) for name, number in (("equal", value), ("above", above), ("below", below))]
         given = [(name, number) for name, number in given if number is not None]
         if len(given) != 1:
@@ -368,7 +376,13 @@ class Dataset(Writers):
             raise ValueError("find: give limit or largest")
         ((name, number),) = given
         assert number is not None
-        codes, levels, boxes, found, has_value = self._find_blocks(name, number, window, coordinates, limit, largest)
+        if within is None:
+            blocks = self._find_blocks(name, number, window, coordinates, limit, largest)
+        else:
+            own = coordinates if window is None else None
+            with features_over(within, coordinates=own, where=where, edge=edge) as told:
+                blocks = self._find_blocks(name, number, window, coordinates, limit, largest, told, memory_of(memory))
+        codes, levels, boxes, found, has_value = blocks
         if self.dtype in (np.uint64, np.int64):
             values: Any = np.ma.MaskedArray(found, mask=~has_value)
         else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from operator import index
 from typing import Any, Self
 
@@ -17,6 +17,7 @@ from ._build import build
 from ._dataset import Dataset, open
 from ._files import MEMORY
 from ._options import time_of
+from ._overlay import Edge, Overlaps, features_over
 from ._progress import memory_of, working
 from ._types import Commit, Path, Progress, Window, commit_of
 
@@ -184,19 +185,42 @@ class Edit:
 
     def fill(
         self,
-        value: float | Sequence[float] | None,
+        value: float | Sequence[float] | str | None,
         *,
         window: Window | None = None,
         coordinates: Any = None,
         polygon: Any = None,
         block: str | None = None,
+        zones: Any = None,
+        where: Mapping[str, Any] | str | None = None,
+        edge: Edge | None = None,
+        overlaps: Overlaps | None = None,
     ) -> None:
         """Gives a region one value (one number, or one for each band); `None` makes it VOID.
 
         The region is a `window` of cells, or with other `coordinates` ("world", "lonlat", "EPSG:3035") of least and greatest ones,
         a `polygon` in the world or these (a ring of corners, a list of rings, or a shapely polygon), or a `block` of the tree by
         its FD code, such as `"/031"`.
+
+        Or it is the cells of features, `zones`: the path of a file (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV), or anything with a
+        `__geo_interface__` (a GeoDataFrame, shapely), or a list of these; of those for which `where` holds, with cells at the `edge` of
+        polygons by "centre", "touch" or "area". `value` may be the name of an attribute then, whose texts are names of the tree's
+        categories; `overlaps` says what cells get where features lie on top of each other.
         """
+        if zones is not None:
+            if window is not None or polygon is not None or block is not None:
+                raise ValueError("fill: give one of window, polygon, block and zones")
+            with (
+                features_over(zones, coordinates=coordinates, where=where, edge=edge, value=value, overlaps=overlaps) as told,
+                working(self._progress, self._threads) as terms,
+            ):
+                self._editor.fill_zones(told, value is None, memory_of(self._memory), terms)
+            self._done.append(f"Fill features with {'VOID' if value is None else value}")
+            return
+        if where is not None or edge is not None or overlaps is not None:
+            raise ValueError("where, edge and overlaps are for features: give zones")
+        if isinstance(value, str):
+            raise TypeError("value: the name of an attribute is for features: give zones")
         rings = None if polygon is None else _rings(polygon)
         if value is None:
             samples = None

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any, Literal
 
 from . import _native
+from ._overlay import Edge, Overlaps, divided, features_over
 from ._progress import ALONE, memory_of, working
 from ._types import CombinedModel, Commit, Differences, Finding, Outcome, Path, Progress, Resampling, commit_of, outcome_of
 
@@ -43,13 +45,17 @@ def transform(
 
 def combine(
     operation: str,
-    paths: Sequence[Path],
+    paths: Sequence[Any],
     out: Path,
     *,
     values: Literal["first", "second"] = "first",
     fill: float | None = None,
     within: Sequence[float] | None = None,
     margin: int | None = None,
+    value: float | str | None = None,
+    overlaps: Overlaps | None = None,
+    where: Mapping[str, Any] | str | None = None,
+    edge: Edge | None = None,
     memory: int | str = MEMORY,
     max_bytes: int | str | None = None,
     threads: int | None = None,
@@ -60,14 +66,25 @@ def combine(
     The operations are those of `spinney combine`. `values` tells whose value stands where a set operation finds both,
     `fill` the value of cells that it makes of nothing, `within` (a box of the world) or `margin` (cells around the
     files) where it does that. Exact models are combined exactly, as surfaces (set operations only, and none of these options).
+
+    Features among the `paths` (files of them, or anything with a `__geo_interface__`) are laid over the cells of the trees, with a
+    `value` (a number, or an attribute whose texts are names of the trees' categories), `overlaps`, `where` and `edge` as `build` has them.
     """
     if values not in ("first", "second"):
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
     box = None if within is None else list(within)
-    names = [os.fspath(path) for path in paths]
-    with working(progress, threads, max_bytes) as terms:
+    trees, features = divided(paths)
+    if not features and (value is not None or overlaps is not None or where is not None or edge is not None):
+        raise ValueError("value, overlaps, where and edge are for features that are combined with trees")
+    if features and not trees:
+        raise ValueError("paths: features are laid over the cells of trees, of which there is none")
+    names = [os.fspath(path) for path in trees]
+    with ExitStack() as stack:
+        over = {"value": value, "overlaps": overlaps, "where": where, "edge": edge}
+        told = [(place, stack.enter_context(features_over(source, **over))) for place, source in features]  # type: ignore[arg-type]
+        terms = stack.enter_context(working(progress, threads, max_bytes))
         made = _native.combine(
-            operation, names, os.fspath(out), values == "second", fill, box, margin, memory_of(memory), terms
+            operation, names, os.fspath(out), values == "second", fill, box, margin, told, memory_of(memory), terms
         )
     return CombinedModel(**made) if "faces" in made else outcome_of(made)
 

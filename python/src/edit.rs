@@ -1,7 +1,7 @@
 //! Edits of Autumnal files.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use numpy::{Element, PyArray2, PyArrayMethods, PyReadonlyArray2};
@@ -9,7 +9,7 @@ use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::dataset::Dataset;
-use spinney::ops::{Chain, Edit, FillRegion, Prefer, apply_edits};
+use spinney::ops::{Chain, Edit, FillRegion, Operation, Prefer, apply_edits};
 use spinney::space::{Code, Coordinates, Places, Polygon};
 use spinney::store::autumnal::{self, Note};
 use spinney::value::Number;
@@ -18,6 +18,7 @@ use crate::error::{OrRaise, invalid};
 use crate::files::{commit_facts, is_same_file, named};
 use crate::jobs::{self, Terms};
 use crate::numbers::PyNumber;
+use crate::overlay::FeatureTerms;
 use crate::part::{coordinates_of, part_of};
 
 /// A file that is being edited; nothing of it is seen by others before it is committed.
@@ -144,6 +145,28 @@ impl Editor {
             Edit::Fill(region, value.map(|samples| samples.into_iter().map(|number| number.0).collect())),
             terms,
         )
+    }
+
+    /// Gives the cells of features values, or makes them VOID.
+    fn fill_zones(
+        &self,
+        py: Python<'_>,
+        zones: FeatureTerms<'_>,
+        is_void: bool,
+        memory: u64,
+        terms: Terms,
+    ) -> PyResult<()> {
+        let (tree, zones) = (self.tree()?, zones.read()?);
+        let mut editor = self.get()?;
+        let Some(editor) = editor.as_mut() else { return Ok(()) };
+        jobs::run(py, terms, |work| {
+            let overlay = zones.over(tree.header(), tree.metadata(), memory, work)?;
+            let source = Arc::new(overlay.tree);
+            let difference = Operation::Set { number: 2, prefer: Prefer::First };
+            let edit = if is_void { Edit::Merge(difference, source) } else { Edit::Cover(source) };
+            drop(tree);
+            apply_edits(editor, &mut std::iter::once(Ok(edit)), work)
+        })
     }
 
     /// Gives single cells (x, y and in octrees z, a row each) new values (a row each; none: VOID).

@@ -11,12 +11,13 @@ use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
 use spinney::store::autumnal::{self, Commit, History, Keep, Note};
-use spinney::store::{OpenOptions, file_of};
+use spinney::store::{Header, Metadata, OpenOptions, file_of};
 use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms};
 use crate::numbers::{PyNumber, plain};
+use crate::overlay::{FeatureTerms, operand};
 
 /// Fails if one of the inputs is the output.
 pub(crate) fn check_output(inputs: &[PathBuf], output: &Path) -> PyResult<()> {
@@ -94,6 +95,7 @@ pub(crate) fn combine<'py>(
     fill: Option<PyNumber>,
     within: Option<Vec<f64>>,
     margin: Option<u32>,
+    features: Vec<(usize, FeatureTerms<'py>)>,
     memory: u64,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
@@ -113,14 +115,38 @@ pub(crate) fn combine<'py>(
     }
     check_output(&paths, &out)?;
     if paths.iter().any(|path| is_model_file(path)) {
+        if !features.is_empty() {
+            return Err(invalid("features are laid over trees of cells, not over exact models"));
+        }
         if prefer_second || fill.is_some() || universe.is_some() {
             return Err(invalid("values, fill, within and margin mean nothing for exact models"));
         }
         return combine_exact(py, operation, &paths, &out, memory, terms);
     }
+    let features = features.into_iter().map(|(place, terms)| Ok((place, terms.read()?)));
+    let features = features.collect::<PyResult<Vec<_>>>()?;
     let made = jobs::run(py, terms, |work| {
-        let universe = universe.unwrap_or_default();
-        ops::combine(operation, fill, universe, &paths, work.create_tree(&out)?, memory, work)
+        let how = (fill, universe.unwrap_or_default());
+        let makers: Vec<_> = features
+            .iter()
+            .map(|(_, features)| {
+                move |header: &Header, metadata: &Metadata| {
+                    let overlay = features.over(header, metadata, memory, work)?;
+                    if overlay.beyond > 0 {
+                        let text =
+                            "features reach beyond the cells of the trees; what lies there is left out";
+                        work.warn(&features.path, &format!("{} {text}", overlay.beyond));
+                    }
+                    Ok(overlay.tree)
+                }
+            })
+            .collect();
+        let operands: Vec<_> = features
+            .iter()
+            .zip(&makers)
+            .map(|((place, features), make)| operand(*place, &features.path, make))
+            .collect();
+        ops::combine_with(operation, how, &paths, &operands, work.create_tree(&out)?, memory, work)
     })?;
     outcome(py, &made)
 }

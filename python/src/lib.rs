@@ -18,6 +18,7 @@ mod labels;
 mod model;
 mod model_faces;
 mod numbers;
+mod overlay;
 mod part;
 mod questions;
 mod read;
@@ -46,6 +47,8 @@ mod _native {
     };
     #[pymodule_export]
     use super::model::{Model, build_brep};
+    #[pymodule_export]
+    use super::overlay::is_features;
     #[pymodule_export]
     use super::rebuild::is_tree;
     #[pymodule_export]

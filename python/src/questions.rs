@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::ops::AffineMap;
+use spinney::ops::{AffineMap, ViewSource};
 use spinney::query::{Condition, FoundBlock, PointSamples};
 use spinney::space::{Bounds, Coordinates, Places};
 use spinney::value::{Number, Value, ValueType};
@@ -14,6 +15,7 @@ use spinney::value::{Number, Value, ValueType};
 use crate::error::{OrRaise, invalid};
 use crate::jobs::{self, Terms, Work};
 use crate::numbers::PyNumber;
+use crate::overlay::FeatureTerms;
 use crate::part::{coordinates_of, level_of, part_of};
 use crate::samples::{empty, with_bytes};
 use crate::tree::{Opened, Tree};
@@ -120,7 +122,7 @@ impl Tree {
 
     /// The largest blocks whose cells all meet a condition: codes, levels, first cells and sizes, values, and whether a block has
     /// one (and not several).
-    #[pyo3(signature = (condition, number, window=None, coordinates=None, limit=None, largest=None))]
+    #[pyo3(signature = (condition, number, window=None, coordinates=None, limit=None, largest=None, within=None, memory=None))]
     #[allow(clippy::too_many_arguments)] // those of the Python function
     #[pyo3(name = "_find_blocks")]
     fn find_blocks<'py>(
@@ -132,8 +134,11 @@ impl Tree {
         coordinates: Option<&Bound<'py, PyAny>>,
         limit: Option<usize>,
         largest: Option<usize>,
+        within: Option<FeatureTerms<'py>>,
+        memory: Option<u64>,
     ) -> PyResult<Blocks<'py>> {
         let opened = self.get()?;
+        let zones = within.map(FeatureTerms::read).transpose()?;
         let part = part_of(&opened.tree, window, coordinates)?;
         let PyNumber(number) = number;
         let condition = match condition {
@@ -141,8 +146,12 @@ impl Tree {
             "below" => Condition::Below(number),
             _ => Condition::Equal(number),
         };
-        let found =
-            jobs::run(py, Terms::default(), |work| search(&opened, condition, part, limit, largest, work))?;
+        let found = jobs::run(py, Terms::default(), |work| {
+            let (header, metadata) = (opened.tree.header(), opened.tree.metadata());
+            let zones = zones.map(|zones| zones.over(header, metadata, memory.unwrap_or(256 << 20), work));
+            let zones = zones.transpose()?.map(|overlay| Arc::new(overlay.tree));
+            search(&opened, (condition, part, zones.as_ref()), limit, largest, work)
+        })?;
         let axes = opened.axes();
         let boxes = found.iter().flat_map(|block| {
             let (min, size) = (block.bounds.min, block.bounds.size());
@@ -212,15 +221,14 @@ type Blocks<'py> = (
 
 fn search(
     opened: &Opened,
-    condition: Condition,
-    part: Option<Bounds>,
+    (condition, part, zones): (Condition, Option<Bounds>, Option<&Arc<ViewSource>>),
     limit: Option<usize>,
     largest: Option<usize>,
     work: &Work,
 ) -> spinney::Result<Vec<FoundBlock>> {
     let (mut all, mut by_size) = (Vec::new(), BTreeMap::new());
     let most = limit.unwrap_or(usize::MAX);
-    opened.tree.find(condition, part, work, &mut |block| {
+    let mut take = |block: FoundBlock| {
         match largest {
             // By level, and those of a level as they come.
             Some(most) => {
@@ -233,7 +241,11 @@ fn search(
             None => all.push(block),
         }
         Ok(true)
-    })?;
+    };
+    match zones {
+        Some(zones) => opened.tree.find_within(condition, zones, part, work, &mut take)?,
+        None => opened.tree.find(condition, part, work, &mut take)?,
+    }
     opened.tree.check_unchanged()?;
     all.extend(by_size.into_values());
     Ok(all)

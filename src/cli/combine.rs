@@ -1,14 +1,17 @@
 //! `spinney combine`: one tree of several.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
+use spinney::import::feature::is_feature_file;
 use spinney::ops::{self, Prefer, Universe};
 use spinney::value::Number;
 
 use super::args::{Memory, OperationName, OutputLimit, check_output, numbers, parse_operation};
+use super::features::{FeatureOperands, are_mixed};
+use super::overlay::{self, Question, Region};
 use super::report::statistics::class_as_json;
 use super::report::{Work, print_json, print_text, report_output};
 use super::{Global, exact};
@@ -17,14 +20,15 @@ use super::{Global, exact};
 ///
 /// Files are walked side by side, as they are on disk; where one decides, the others' detail is not read and
 /// what it has stored is copied as it is. Files that lie elsewhere or have coarser cells (2, 4, 8, ... times
-/// as large) are put where they belong. Names, colours and rule are those of the first file.
+/// as large) are put where they belong. Names, colours and rule are those of the first file. Features are laid over the cells of the
+/// trees, as `spinney build` would make cells of them; what reaches beyond these is left out.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Operation: see below
     #[arg(value_parser = parse_operation)]
     operation: OperationName,
-    /// Tree files of one kind, or exact models
+    /// Tree files of one kind, and files of features to be laid over their cells; exact models; or files of polygons alone
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// File to write; - is standard output
@@ -36,13 +40,17 @@ pub(crate) struct Args {
     /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     fill: Option<Number>,
-    /// Box of the world in which an operation fills what neither file has: west, south, east, north; of octrees
-    /// all least and then all largest coordinates [default: a raster's picture, an octree's root]
-    #[arg(long, value_name = "BOX", value_parser = parse_box, conflicts_with = "margin")]
-    within: Option<Universe>,
+    /// Place in which an operation fills what neither file has, a box of the world: west, south, east, north; of octrees
+    /// all least and then all largest coordinates; of polygons also a file of such, and for all operations [default: a raster's picture, an octree's root]
+    #[arg(long, value_name = "BOX", value_parser = parse_within, conflicts_with = "margin")]
+    within: Option<Within>,
     /// Fill what neither file has in the files' pictures and so many cells around them
     #[arg(long, value_name = "CELLS")]
     margin: Option<u32>,
+    /// Width of the steps of the grid on which corners of polygons come to lie, in units of the coordinates, or the next smaller power of two
+    /// [default: 2^-42 of the greatest coordinate]
+    #[arg(long, value_name = "WIDTH")]
+    snap: Option<f64>,
     /// Print JSON: the table of `cross`
     #[arg(long)]
     json: bool,
@@ -50,6 +58,8 @@ pub(crate) struct Args {
     memory: Memory,
     #[command(flatten)]
     limit: OutputLimit,
+    #[command(flatten)]
+    features: FeatureOperands,
 }
 
 const EXAMPLES: &str = "\
@@ -64,6 +74,10 @@ can: A-A is empty, volumes add up, and only cells with both surfaces can be off,
 Exact models (build --brep) are combined as surfaces, exactly, if their grids have the same steps (--snap): new
 corners are kept as fractions, and rounded to the grid only for questions and export. Operations with 8 have all
 that is far away. (0, 1, 2, 6, 7 and their complements are for any number of models.)
+Polygons of feature files (GeoJSON, GeoPackage, FlatGeobuf, shapefiles, CSV) are combined exactly, and written to such a file:
+a feature for each pair of features with something in common, with the attributes of both, or of the one that is there.
+Corners come to lie on a grid (--snap), on which no edges cross that did not. Operations with 8 need --within. And:
+  partition  all parts into which the borders of any number of files divide them, each with all that it came from
 Operations on values:
   over       the first of any number of files that has something
   mask       A where B has something
@@ -77,30 +91,87 @@ Operations on values:
 Examples:
   spinney combine union land.goblin lakes.goblin -o surface.goblin
   spinney combine a-b model.goblin drill.goblin -o part.goblin
+  spinney combine and landcover.goblin parks.gpkg --where 'kind=national' -o parks.goblin
   spinney combine over patch3.goblin patch2.goblin base.goblin -o map.goblin
   spinney combine changed 2020.goblin 2025.goblin -o changes.goblin
   spinney combine cross 2020.goblin 2025.goblin
+  spinney combine and soils.gpkg parcels.fgb -o soils_of_parcels.gpkg
   spinney combine not part.goblin --margin 4 -o mould.goblin";
 
-/// Reads a box of the world.
-fn parse_box(text: &str) -> Result<Universe, String> {
+/// Where an operation fills what neither file has.
+#[derive(Clone, Debug)]
+enum Within {
+    /// Least and greatest coordinates.
+    Box([f64; 3], [f64; 3]),
+    Polygons(PathBuf),
+}
+
+/// Reads a box of the world, or the name of a file of polygons.
+fn parse_within(text: &str) -> Result<Within, String> {
+    if is_feature_file(Path::new(text)) {
+        return Ok(Within::Polygons(text.into()));
+    }
+    parse_box(text).map(|(low, high)| Within::Box(low, high))
+}
+
+fn parse_box(text: &str) -> Result<([f64; 3], [f64; 3]), String> {
     if let Some([west, south, east, north]) = numbers(text) {
         // (Nothing along z: an octree refuses that.)
-        return Ok(Universe::Within([west, south, 0.0], [east, north, 0.0]));
+        return Ok(([west, south, 0.0], [east, north, 0.0]));
     }
-    let six = numbers(text).map(|[a, b, c, d, e, f]: [f64; 6]| Universe::Within([a, b, c], [d, e, f]));
-    six.ok_or_else(|| "expected 4 or 6 numbers with commas between them".into())
+    let six = numbers(text).map(|[a, b, c, d, e, f]: [f64; 6]| ([a, b, c], [d, e, f]));
+    six.ok_or_else(|| "expected 4 or 6 numbers with commas between them, or a file of polygons".into())
 }
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args { operation: name, files, output, values, fill, within, margin, json, memory, limit } = args;
+    let Args {
+        operation: name,
+        files,
+        output,
+        values,
+        fill,
+        within,
+        margin,
+        snap,
+        json,
+        memory,
+        limit,
+        features,
+    } = args;
     if name.is_table() {
         ensure!(output.is_none(), "cross prints a table: leave out --output");
         return table(&files, json);
     }
     ensure!(!json, "--json is for the table of cross");
+    if files.iter().all(|file| is_feature_file(file)) {
+        let given = [("--values", values != "a"), ("--fill", fill.is_some()), ("--margin", margin.is_some())];
+        let given = given.iter().find(|(_, is_given)| *is_given);
+        ensure!(given.is_none(), "{} is not for polygons", given.map_or("", |(name, _)| name));
+        let path = output.context("--output is missing: where should the result go?")?;
+        let is_solid = matches!(&within, Some(Within::Box(low, high)) if low[2] != high[2]);
+        ensure!(!is_solid, "--within: polygons are within a box of four numbers, or a file of polygons");
+        let within = within.map(|within| match within {
+            Within::Box(low, high) => Region::Box([low[0], low[1]], [high[0], high[1]]),
+            Within::Polygons(path) => Region::Polygons(path),
+        });
+        let filter = features.filter_alone()?;
+        return overlay::run(
+            &Question { name: &name.0, files: &files, filter, within, snap, memory },
+            &path,
+            global,
+        );
+    }
+    ensure!(snap.is_none(), "--snap is for polygons (exact models have the grid that they were built on)");
+    let within = match within {
+        Some(Within::Box(low, high)) => Some(Universe::Within(low, high)),
+        Some(Within::Polygons(path)) => {
+            bail!("{}: a file of polygons limits what is made of polygons; give a box", path.display())
+        }
+        None => None,
+    };
     let prefer = if values == "a" || values == "first" { Prefer::First } else { Prefer::Second };
+    ensure!(!name.is_partition(), "partition is for files of polygons");
     let operation = name.operation(prefer).with_context(|| format!("{}: no such operation", name.0))?;
     let universe = within.or(margin.map(Universe::Margin));
     ensure!(
@@ -119,18 +190,23 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         return exact::combine(operation, &files, limit.create_tree(&path)?, memory.bytes, global);
     }
     let work = Work::start(global, "cells")?;
-    let outcome = ops::combine(
-        operation,
-        fill,
-        universe.unwrap_or_default(),
-        &files,
-        limit.create_tree(&path)?,
-        memory.bytes,
-        &work,
-    )?;
+    let universe = universe.unwrap_or_default();
+    let output = limit.create_tree(&path)?;
+    let (outcome, counts) = if are_mixed(&files) {
+        features.combine(operation, (fill, universe), &files, output, memory.bytes, &work)?
+    } else {
+        features.refuse()?;
+        (
+            ops::combine(operation, fill, universe, &files, output, memory.bytes, &work)?,
+            vec![None; files.len()],
+        )
+    };
     work.finish();
-    for (file, cells) in files.iter().zip(&outcome.before) {
-        global.report("input", format_args!("{}: {cells} cells", file.display()));
+    for ((file, cells), features) in files.iter().zip(&outcome.before).zip(counts) {
+        match features {
+            Some(features) => global.report("input", format_args!("{}: {features} features", file.display())),
+            None => global.report("input", format_args!("{}: {cells} cells", file.display())),
+        }
     }
     if let Some(universe) = outcome.universe {
         let ([x, y, z], [width, height, depth]) = (universe.min, universe.size());

@@ -1,14 +1,18 @@
 //! `spinney edit`: changes to an Autumnal file.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use clap::Subcommand;
 use spinney::dataset::Dataset;
 use spinney::import::cells::CellList;
 use spinney::import::raster::{self, ImportOptions};
+use spinney::import::rasterize::Overlaps;
 use spinney::io::Output;
-use spinney::ops::{Chain, Edit, FillRegion, Prefer, Step, add_layer, apply_edits, drop_layer, only_layer};
+use spinney::ops::{
+    Chain, Edit, FillRegion, Operation, Prefer, Step, add_layer, apply_edits, drop_layer, only_layer,
+};
 use spinney::space::{Bounds, Code, Coordinates, Polygon};
 use spinney::store::autumnal::Editor;
 use spinney::store::{FilePlace, TreeFormat, file_is_tree};
@@ -17,6 +21,7 @@ use spinney::value::Number;
 use super::args::{
     CommitOptions, OperationName, PartOptions, number, numbers, parse_operation, parse_step, same_file,
 };
+use super::features::{FeatureCells, Overlaying, check_features, feature_value};
 use super::report::Work;
 use super::report::commit::report_commit;
 use super::{Global, open};
@@ -38,6 +43,7 @@ pub(crate) struct Args {
 const EXAMPLES: &str = "\
 Examples:
   spinney edit map.autumn fill --in world --window 5,44,17,48 --value 3 -m 'Alps are mountains'
+  spinney edit map.autumn fill --zones lakes.gpkg --where 'area>=1e6' --value 80
   spinney edit map.autumn paste survey.tif --where-valid --author Ann
   spinney edit map.autumn paste tile.goblin --at 4096,512
   spinney edit map.autumn set cells.csv
@@ -89,10 +95,20 @@ struct Fill {
     /// A node by its FD code, such as /031
     #[arg(long, value_name = "CODE", conflicts_with_all = ["window", "polygon"])]
     block: Option<String>,
-    /// Value that all cells get: one number, or one for each channel
-    #[arg(long, value_name = "NUMBER,...", value_delimiter = ',', value_parser = number::<Number>)]
-    #[arg(allow_negative_numbers = true, group = "what")]
-    value: Option<Vec<Number>>,
+    /// Polygons in a file of features, lines and points, too, whose cells are filled: GeoJSON, FlatGeobuf, GeoPackage (x.gpkg:NAME for one
+    /// layer of several), a shapefile or a table
+    #[arg(long, value_name = "FEATURES", conflicts_with_all = ["window", "polygon", "block"])]
+    zones: Option<PathBuf>,
+    #[command(flatten)]
+    features: FeatureCells,
+    /// Value of cells where features lie on top of each other: last, first, min, max, sum, count or mean [default: last]
+    #[arg(long, value_name = "RULE", requires = "zones")]
+    overlaps: Option<Overlaps>,
+    /// Value that all cells get: one number, or one for each channel; of features also that of an attribute, whose texts are names of
+    /// the tree's classes
+    #[arg(long, value_name = "NUMBER,...|ATTRIBUTE", value_delimiter = ',')]
+    #[arg(allow_hyphen_values = true, group = "what")]
+    value: Option<Vec<String>>,
     /// VOID instead of a value: nothing is there any more
     #[arg(long, group = "what")]
     void: bool,
@@ -197,7 +213,9 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     };
     let patch = change.other().map(Path::to_path_buf);
     let mut editor = Editor::open(&file, memory)?;
-    let (mut edits, message) = change.edits(&Dataset::of(editor.tree().into())?, picture.as_ref())?;
+    let tree = Dataset::of(editor.tree().into())?;
+    let (mut edits, message) = change.edits(&tree, picture.as_ref(), memory, &work)?;
+    drop(tree);
     let note = options.note(message);
     let applied = apply_edits(&mut editor, &mut edits, &work);
     match (&picture, &patch) {
@@ -236,16 +254,30 @@ impl Change {
     }
 
     /// Changes to a tree, and a message about them. A picture to be pasted has been imported already.
-    fn edits(self, tree: &Dataset, picture: Option<&PastedPicture>) -> Result<(Edits, String)> {
+    fn edits(
+        self,
+        tree: &Dataset,
+        picture: Option<&PastedPicture>,
+        memory: u64,
+        work: &Work,
+    ) -> Result<(Edits, String)> {
         let (edit, message) = match self {
             Change::Paste(Paste { patch, at, steps, where_valid, .. }) => {
                 let path = picture.map_or(patch.as_path(), |picture| &picture.tree);
                 let chain = Chain { steps, ..Chain::of(path) };
                 (Edit::Paste { patch: chain, at, where_valid }, format!("Paste {}", patch.display()))
             }
+            Change::Fill(fill) if fill.zones.is_some() => fill.features(tree, memory, work)?,
             Change::Fill(fill) => {
+                fill.features.refuse("is for features: name their file with --zones")?;
                 let (regions, name) = fill.regions(tree)?;
-                let value = fill.value.filter(|_| !fill.void);
+                let value = fill.value.as_ref().map(|texts| {
+                    texts
+                        .iter()
+                        .map(|text| number(text).map_err(|error| anyhow!("--value: {error}")))
+                        .collect()
+                });
+                let value: Option<Vec<Number>> = value.transpose()?;
                 let what = value.as_ref().map_or("VOID".into(), |value| format!("{value:?}"));
                 let edits = regions.into_iter().map(move |region| Ok(Edit::Fill(region, value.clone())));
                 return Ok((Box::new(edits), format!("Fill {name} with {what}")));
@@ -307,6 +339,27 @@ impl PastedPicture {
 }
 
 impl Fill {
+    /// The change to the cells of features, and a message about it.
+    fn features(self, tree: &Dataset, memory: u64, work: &Work) -> Result<(Edit, String)> {
+        let file = self.zones.context("features are in a file")?;
+        check_features(&file, "--zones")?;
+        let value = self.value.as_deref().map(feature_value).transpose()?;
+        let what = self.value.map_or("VOID".into(), |texts| texts.join(","));
+        let how = Overlaying {
+            value,
+            overlaps: self.overlaps.unwrap_or_default(),
+            coordinates: self.part.coordinates().given().cloned(),
+            memory,
+            tells_beyond: false,
+        };
+        let ground = (tree.header(), tree.metadata());
+        let (zones, _) = self.features.overlay(std::slice::from_ref(&file), ground, &how, work)?;
+        let zones = Arc::new(zones);
+        let message = format!("Fill {} with {what}", file.display());
+        let difference = Operation::Set { number: 2, prefer: Prefer::First };
+        Ok((if self.void { Edit::Merge(difference, zones) } else { Edit::Cover(zones) }, message))
+    }
+
     /// The regions, and what to call them.
     fn regions(&self, tree: &Dataset) -> Result<(Vec<FillRegion>, String)> {
         let header = tree.header();
@@ -321,7 +374,7 @@ impl Fill {
             return Ok((vec![FillRegion::Box(code.bounds(tree.depth()))], format!("block {text}")));
         }
         let Some(boxes) = self.part.boxes(tree)? else {
-            bail!("fill what? Give --window, --polygon or --block");
+            bail!("fill what? Give --window, --polygon, --block or --zones");
         };
         let size = |bounds: &Bounds| {
             let size: Vec<String> = bounds.size()[..header.form.axes()].iter().map(u64::to_string).collect();

@@ -1,20 +1,27 @@
 //! `spinney find`: the blocks whose cells all meet a condition, and the leaves of exact models.
 
+use std::path::PathBuf;
+use std::sync::Arc;
+
 use anyhow::{Result, bail};
 use serde_json::json;
 use spinney::dataset::Dataset;
+use spinney::ops::ViewSource;
 use spinney::query::{Condition, FoundBlock};
 use spinney::value::Number;
 
-use super::args::{PartOptions, ViewedTree};
+use super::Global;
+use super::args::{Memory, PartOptions, ViewedTree};
 use super::exact::{self, LeafKind};
-use super::report::Found;
+use super::features::{FeatureCells, Overlaying, check_features};
 use super::report::statistics::class_as_json;
+use super::report::{Found, Work};
 
 const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
   spinney find landcover.goblin --class 11 --largest 10
   spinney find landcover.goblin --class 11 --in world --window 5,44,17,48 --json > blocks.txt
+  spinney find landcover.goblin --class 11 --within parks.gpkg --where 'kind=national'
   spinney find bracket.goblin --leaf edge,vertex --limit 20
 
 Every cell that meets the condition is in one block, and no block is a part of a larger one. They come
@@ -37,6 +44,14 @@ pub(crate) struct Args {
     condition: Wanted,
     #[command(flatten)]
     part: PartOptions,
+    /// Place in which is searched: the cells of features (polygons, lines and points of GeoJSON, FlatGeobuf, GeoPackage, a shapefile or a
+    /// table)
+    #[arg(long, value_name = "FEATURES")]
+    within: Option<PathBuf>,
+    #[command(flatten)]
+    features: FeatureCells,
+    #[command(flatten)]
+    memory: Memory,
     /// Number of blocks at most
     #[arg(long, value_name = "N")]
     limit: Option<u64>,
@@ -67,7 +82,7 @@ struct Wanted {
     leaf: Option<Vec<LeafKind>>,
 }
 
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let Wanted { above, below, class, leaf } = &args.condition;
     let file = args.tree.file.as_path();
     let mut found = Found::new(args.limit, args.largest);
@@ -78,6 +93,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             ("--class", class.is_some()),
             ("--view", args.tree.is_viewed()),
             ("--window", args.part.is_given()),
+            ("--within", args.within.is_some()),
         ];
         exact::refuse(file, &given)?;
         exact::find(&model, leaf.as_deref().unwrap_or_default(), args.json, &mut found)?;
@@ -96,15 +112,40 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         ),
     };
     let parts = boxes.map_or(vec![None], |boxes| boxes.into_iter().map(Some).collect());
+    let zones = args.zones(&tree, global)?;
     for bounds in parts {
-        tree.find(condition, bounds, &(), &mut |block| {
+        let mut take = |block: FoundBlock| {
             found.take(block.level, &block.code, &|| {
                 if args.json { as_json(&tree, &block).to_string() } else { as_text(&tree, &block) }
             })
-        })?;
+        };
+        match &zones {
+            Some(zones) => tree.find_within(condition, zones, bounds, &(), &mut take)?,
+            None => tree.find(condition, bounds, &(), &mut take)?,
+        }
     }
     found.finish()?;
     Ok(tree.check_unchanged()?)
+}
+
+impl Args {
+    /// The cells among which is searched, as a tree.
+    fn zones(&self, tree: &Dataset, global: &Global) -> Result<Option<Arc<ViewSource>>> {
+        let Some(file) = &self.within else {
+            self.features.refuse("is for features: name their file with --within")?;
+            return Ok(None);
+        };
+        check_features(file, "--within")?;
+        let how = Overlaying {
+            coordinates: self.part.coordinates().given().filter(|_| !self.part.is_given()).cloned(),
+            memory: self.memory.bytes,
+            ..Overlaying::default()
+        };
+        let work = Work::start(global, "features")?;
+        let ground = (tree.header(), tree.metadata());
+        let (zones, _) = self.features.overlay(std::slice::from_ref(file), ground, &how, &work)?;
+        Ok(Some(Arc::new(zones)))
+    }
 }
 
 /// A block as a line of text.

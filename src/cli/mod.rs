@@ -13,11 +13,13 @@ mod dump;
 mod edit;
 mod exact;
 mod export;
+mod features;
 mod find;
 mod get;
 mod info;
 mod legend;
 mod log;
+mod overlay;
 mod point;
 mod recover;
 mod render;
@@ -109,7 +111,7 @@ impl Command {
             Command::Get(args) => get::run(&args, global),
             Command::Point(args) => point::run(&args, global),
             Command::Stats(args) => stats::run(&args, global),
-            Command::Find(args) => find::run(&args),
+            Command::Find(args) => find::run(&args, global),
             Command::Contours(args) => contours::run(&args, global),
             Command::Section(args) => section::run(&args, global),
             Command::Render(args) => render::run(&args, global),

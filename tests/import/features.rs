@@ -7,8 +7,7 @@ use spinney::export::vector::{
     AttributeType, AttributeValue, Geometry, GeometryKind, VectorFormat, VectorLayer, VectorWriter,
 };
 use spinney::import::feature::{
-    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureSchema, open_features,
-    read_polygons,
+    Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureSchema, open_features, read_polygons,
 };
 use spinney::io::Output;
 use spinney::space::Crs;
@@ -109,6 +108,7 @@ fn what_our_writers_write_is_read_again() {
                 let layer = VectorLayer {
                     name: "things".into(),
                     kind: Some(kind),
+                    is_multi: false,
                     has_z,
                     attributes: vec![
                         ("size".into(), AttributeType::Number),
@@ -130,7 +130,7 @@ fn what_our_writers_write_is_read_again() {
                 // (An index puts features into another order.)
                 features.sort_by_key(|feature| feature.attributes[0] == FeatureAttribute::None);
                 let told = format!("{ending} {kind:?} {has_z}");
-                let kinds = [("size".into(), AttributeKind::Number), ("name".into(), AttributeKind::Text)];
+                let kinds = [("size".into(), AttributeType::Number), ("name".into(), AttributeType::Text)];
                 assert_eq!(schema.attributes, kinds, "{told}");
                 match ending {
                     // (No place for one.)
@@ -335,9 +335,9 @@ fn documents_of_all_kinds_are_features() {
         )
     };
     let [one, two] = ["1", "2.5"].map(feature);
-    let mixed = AttributeKind::Number;
+    let mixed = AttributeType::Number;
     for (text, count, kind) in [
-        (one.clone(), 1, AttributeKind::Integer),
+        (one.clone(), 1, AttributeType::Integer),
         (format!("{one}\n{two}\n"), 2, mixed),
         (format!("\u{1e}{one}\n\u{1e}{two}\n"), 2, mixed),
         (format!("{one}{two}"), 2, mixed),
@@ -368,8 +368,8 @@ fn documents_of_all_kinds_are_features() {
         .join("\n");
     let (schema, features) = read(&written(&folder, "a.geojson", &text));
     let kinds: Vec<_> = schema.attributes.iter().map(|(name, kind)| (name.as_str(), *kind)).collect();
-    let json = AttributeKind::Json;
-    assert_eq!(kinds, [("a", AttributeKind::Integer), ("b", AttributeKind::Mixed), ("c", json), ("e", json)]);
+    let json = AttributeType::Json;
+    assert_eq!(kinds, [("a", AttributeType::Integer), ("b", AttributeType::Mixed), ("c", json), ("e", json)]);
     assert_eq!(features[1].attributes, vec![FeatureAttribute::None; 4]);
     assert_eq!(features[2].attributes[2].to_json(), serde_json::json!([1, {"d": 2}]));
     assert_eq!(features[2].attributes[3].to_json(), serde_json::json!(u64::MAX));
@@ -387,7 +387,7 @@ fn tables_have_geometries_in_many_ways() {
     let (schema, features) = read(&written(&folder, "a.csv", &text[..text.find("9;").unwrap()]));
     assert_eq!(
         schema.attributes,
-        [("code".into(), AttributeKind::Text), ("note".into(), AttributeKind::Text)]
+        [("code".into(), AttributeType::Text), ("note".into(), AttributeType::Text)]
     );
     assert_eq!(
         features[0].attributes,

@@ -27,6 +27,7 @@ fn fixture(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let layer = VectorLayer {
         name: "things".into(),
         kind: Some(GeometryKind::Polygon),
+        is_multi: false,
         has_z: false,
         attributes: vec![("size".into(), AttributeType::Number), ("name".into(), AttributeType::Text)],
         crs: Some(Crs::epsg(25832)),

@@ -23,6 +23,9 @@ mod exact_searches;
 mod features;
 #[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]
 mod features_hostile;
+#[cfg(feature = "vector")]
+mod features_over;
+mod features_written;
 mod gltf;
 mod import;
 #[cfg(feature = "mesh")]

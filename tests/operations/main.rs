@@ -22,6 +22,7 @@ mod exact_triangles;
 #[cfg(feature = "mesh")]
 mod isosurfaces;
 mod operations;
+mod overlay;
 mod pixels;
 mod queries;
 mod set_operations;

@@ -139,6 +139,41 @@ fn an_aligned_tile_needs_few_segments() {
     }
 }
 
+/// Windows anywhere, those around borders of large nodes among them: each of the nodes that they meet has its part in one segment.
+#[test]
+fn a_window_that_is_not_aligned_needs_few_segments() {
+    for (form, size, side, most) in
+        [(QUAD, [3000, 2500, 1], 256u64, 9), (oct(SampleType::U8, 1), [200, 180, 150], 64, 27)]
+    {
+        let cells = Cells::random(form, 9, size, 200, false);
+        let file = goblin(&cells, Rule::Mean, Kind::Continuous);
+        assert!(file.segments() > 10);
+        let mut random = Random(5);
+        let axes = if form.dimension == Dimension::Quad { 2 } else { 3 };
+        let mut window = vec![0u8; side.pow(axes as u32) as usize];
+        let mut found = 0;
+        for round in 0..300u64 {
+            let level = (side.ilog2() as u64
+                + random.below(u64::from(file.header().depth()) + 1 - u64::from(side.ilog2())))
+                as u8;
+            let space = 1u64 << level;
+            let at = |random: &mut Random| match (space - side, round % 3) {
+                (0, _) => 0,
+                // Around the middle of the root, and of its children.
+                (room, 0) => (space / 2 - 1 - random.below(side - 1)).min(room),
+                (room, 1) => (space / 4 * (1 + random.below(3))).saturating_sub(random.below(side)).min(room),
+                (room, _) => random.below(room + 1),
+            };
+            let min: [u64; 3] = std::array::from_fn(|axis| if axis < axes { at(&mut random) } else { 0 });
+            let max = std::array::from_fn(|axis| if axis < axes { min[axis] + side } else { 1 });
+            let segments = file.window(level, &Bounds { min, max }, Value::ZERO, &mut window, None).unwrap();
+            assert!(segments <= most, "level {level} at {min:?}: {segments} segments");
+            found = found.max(segments);
+        }
+        assert!(found > most / 3, "{found}: windows that meet several segments");
+    }
+}
+
 fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
     let cells = Cells::random(form, seed, size, 12, seed.is_multiple_of(2));
     let file = goblin(&cells, rule, kind);

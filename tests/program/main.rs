@@ -14,6 +14,8 @@ mod cli_crs;
 mod cli_edits;
 mod cli_exact;
 mod cli_exact_sets;
+#[cfg(feature = "cli")]
+mod cli_features;
 mod cli_gltf;
 mod cli_info;
 #[cfg(feature = "cli")]
@@ -26,6 +28,7 @@ mod cli_meshes;
 mod cli_octree_combine;
 mod cli_octree_transform;
 mod cli_operations;
+mod cli_overlay;
 mod cli_pictures;
 #[cfg(unix)]
 mod cli_safety;

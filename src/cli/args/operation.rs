@@ -12,6 +12,11 @@ impl OperationName {
         self.0 == "cross"
     }
 
+    /// Whether it is the one that is for polygons alone.
+    pub(crate) fn is_partition(&self) -> bool {
+        self.0 == "partition"
+    }
+
     /// The operation of that name; `None` if it makes no tree.
     pub(crate) fn operation(&self, prefer: Prefer) -> Option<Operation> {
         Operation::named(&self.0, prefer)
@@ -21,6 +26,6 @@ impl OperationName {
 /// Reads a name that means something.
 pub(crate) fn parse_operation(text: &str) -> Result<OperationName, String> {
     let name = OperationName(text.into());
-    let is_known = name.is_table() || name.operation(Prefer::First).is_some();
+    let is_known = name.is_table() || name.is_partition() || name.operation(Prefer::First).is_some();
     is_known.then_some(name).ok_or_else(|| "no such operation; see the list in --help".into())
 }

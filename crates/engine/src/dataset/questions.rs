@@ -1,7 +1,9 @@
 //! Questions about any dataset: cells, windows, statistics, searches.
 
+use std::sync::Arc;
+
 use super::{Dataset, Tree};
-use crate::ops::TreeFile;
+use crate::ops::{Combined, Operation, Prefer, TreeFile, View, ViewSource};
 use crate::query::{
     Condition, FoundBlock, PointSamples, Statistics, StoredRows, autumnal_histogram, autumnal_statistics,
     check_level, source_find, source_histogram, source_statistics,
@@ -210,7 +212,15 @@ impl Dataset {
     pub fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
         match &self.tree {
             Tree::View(viewed) => viewed.may_have_void(&bounds),
-            _ => Ok(self.totals(Some(bounds))?.cells < bounds.volume()),
+            _ => {
+                // (What reaches out of the picture needs no look at the box, whose border can be long, nor does a picture without VOID.)
+                let picture = self.header().picture();
+                if !picture.contains(&bounds) {
+                    return Ok(!bounds.is_empty());
+                }
+                let is_whole = self.totals(None)?.cells >= picture.volume();
+                Ok(!is_whole && self.totals(Some(bounds))?.cells < bounds.volume())
+            }
         }
     }
 
@@ -273,6 +283,30 @@ impl Dataset {
                 source_find(viewed.view(), condition, &self.header().within_picture(bounds), progress, found)
             }
         }
+    }
+
+    /// [`Dataset::find`] among the cells that another tree on the same cells has, such as the cells of some zones.
+    ///
+    /// # Errors
+    /// Those of [`Dataset::find`], and of making the other tree's cells; if that is of another form or depth.
+    pub fn find_within(
+        &self,
+        condition: Condition,
+        zones: &Arc<ViewSource>,
+        bounds: Option<Bounds>,
+        progress: &dyn Progress,
+        found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
+    ) -> Result<()> {
+        let view = match &self.tree {
+            Tree::Goblin(file) => View::whole(TreeFile::Goblin(file.clone()).into())?,
+            Tree::Autumnal(file) => View::whole(TreeFile::Autumnal(file.clone()).into())?,
+            Tree::View(viewed) => viewed.view().clone(),
+        };
+        let both = Operation::Set { number: 1, prefer: Prefer::First };
+        let extent = view.extent();
+        let views = vec![view, View::new(zones.clone(), extent)?];
+        let inside = Combined::new(views, both, extent)?;
+        source_find(&inside, condition, &self.header().within_picture(bounds), progress, found)
     }
 }
 

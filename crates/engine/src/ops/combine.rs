@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 use super::affine::{View, ViewNode};
 use super::coverage;
 use super::operation::{Operation, UNION};
-use super::view_source::check_form;
+use super::view_source::{ViewSource, check_form};
 use crate::store::BuildOptions;
 use crate::store::builder::{Join, MergeAction, Merging, Overlay, RecordRef, ReusableSource, StoredNode};
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
@@ -64,6 +64,25 @@ pub struct OpenNode {
     /// The node of the result.
     code: Code,
     nodes: Nodes,
+}
+
+/// The cells of a tree below a node.
+enum Operand {
+    /// All alike.
+    Uniform(Option<Value>),
+    Cells(CellBlock),
+}
+
+impl Operand {
+    /// A cell as a node.
+    #[inline]
+    fn cell(&self, at: usize, width: usize) -> Child<ViewNode> {
+        Child::uniform(match self {
+            Operand::Uniform(value) => *value,
+            Operand::Cells(cells) if !cells.present[at] => None,
+            Operand::Cells(cells) => Some(Value::from_bytes(&cells.values[at * width..(at + 1) * width])),
+        })
+    }
 }
 
 /// A tree's node and its children; those of a uniform node are all as it is.
@@ -285,6 +304,46 @@ impl Combined {
         Ok(Below { tree: *tree, node, children })
     }
 
+    /// The cells of a node that is still to be merged, where one of the trees makes its own block by block: nodes of one would cost more
+    /// than cells.
+    fn merged_cells(&self, open: &OpenNode, levels: u8) -> Result<Option<CellBlock>> {
+        let is_made = |tree: usize| matches!(**self.views[tree].source(), ViewSource::Blockwise(_));
+        // (Complements depend on the place of a cell, too.)
+        if matches!(self.operation, Operation::Set { number: 8.., .. }) {
+            return Ok(None);
+        }
+        let made = open.nodes.iter().enumerate().find_map(|(number, (tree, child))| match child {
+            Child::Inner { node, .. } if is_made(*tree) => Some((number, *tree, node)),
+            _ => None,
+        });
+        let Some((number, tree, node)) = made else { return Ok(None) };
+        let Some(cells) = self.views[tree].cells(node, levels)? else { return Ok(None) };
+        let (bounds, width) = (open.code.bounds(self.depth()), self.form.width());
+        let draw = |(other, (tree, child)): (usize, &(usize, Child<ViewNode>))| match child {
+            _ if other == number => Ok(Operand::Cells(cells.clone())),
+            Child::Inner { .. } => {
+                let mut drawn = CellBlock::void(bounds.volume() as usize, width);
+                self.views[*tree].draw_at(self.depth(), &bounds, &mut drawn.values, &mut drawn.present)?;
+                Ok(Operand::Cells(drawn))
+            }
+            uniform => Ok(Operand::Uniform(uniform.value())),
+        };
+        let operands = open.nodes.iter().enumerate().map(draw).collect::<Result<Vec<_>>>()?;
+        let mut merged = CellBlock::void(bounds.volume() as usize, width);
+        let mut here: SmallVec<[Child<ViewNode>; 2]> = SmallVec::new();
+        for at in 0..merged.present.len() {
+            here.clear();
+            here.extend(operands.iter().map(|operand| operand.cell(at, width)));
+            let nodes: SmallVec<[(usize, &Child<ViewNode>); 2]> =
+                open.nodes.iter().map(|(tree, _)| *tree).zip(&here).collect();
+            if let Some(value) = self.merge(open.code, &nodes).value() {
+                merged.present[at] = true;
+                merged.values[at * width..(at + 1) * width].copy_from_slice(&value.to_bytes()[..width]);
+            }
+        }
+        Ok(Some(merged))
+    }
+
     /// A node of the result, from the trees' nodes there.
     fn merge(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Child<CombinedNode> {
         if !self.is_union() {
@@ -393,7 +452,7 @@ impl Source for Combined {
     fn cells(&self, node: &CombinedNode, levels: u8) -> Result<Option<CellBlock>> {
         match node {
             CombinedNode::Same(tree, node) => self.views[*tree].cells(node, levels),
-            CombinedNode::Open(..) => Ok(None),
+            CombinedNode::Open(open) => self.merged_cells(open, levels),
         }
     }
 

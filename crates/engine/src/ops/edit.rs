@@ -12,7 +12,7 @@ use super::operation::Operation;
 use super::patch::{CellPatch, FillPatch, FillRegion, Patch};
 use super::patched::Patched;
 use super::tree_file::TreeFile;
-use super::view_source::check_form;
+use super::view_source::{ViewSource, check_form};
 use crate::store::autumnal::{Autumnal, Commit, Editor, Note};
 use crate::tree::Source;
 use spinney_base::space::Bounds;
@@ -38,6 +38,10 @@ pub enum Edit {
     Set(Vec<CellValue>),
     /// Makes it what an operation makes of it and another tree, which lies where it lies in the world.
     Apply(Operation, PathBuf),
+    /// Puts a tree on the same cells over it, where that has something.
+    Cover(Arc<ViewSource>),
+    /// Makes it what an operation makes of it and a tree on the same cells.
+    Merge(Operation, Arc<ViewSource>),
     /// Makes it what it was in another commit.
     Revert(u64),
 }
@@ -127,6 +131,10 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
             let (view, bounds) = aligned(whole_file, &tree, &path)?;
             check_place(&bounds, extent, &path)?;
             (operation, vec![View::whole(tree.into())?.opaque()?, view.deepened(depth)?.opaque()?])
+        }
+        Edit::Cover(other) => (Operation::Over, vec![View::new(other, extent)?, View::whole(tree.into())?]),
+        Edit::Merge(operation, other) => {
+            (operation, vec![View::whole(tree.into())?.opaque()?, View::new(other, extent)?.opaque()?])
         }
     };
     Combined::new(views, operation, extent)

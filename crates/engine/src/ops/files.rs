@@ -11,7 +11,7 @@ use super::regions::Passes;
 use super::step::Step;
 use super::tree_file::TreeFile;
 use super::universe::Universe;
-use super::view_source::check_form;
+use super::view_source::{ViewSource, check_form};
 use super::warp::{Resampling, WarpOptions};
 use crate::store::{BuildOptions, TreeWriter, check_room};
 use crate::tree::Source;
@@ -19,7 +19,7 @@ use spinney_base::io::{Output, folder};
 use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Value};
 use spinney_base::{Error, Form, PartOfWork, Progress, Result};
-use spinney_container::{FilePlace, Header, Metadata, OpenOptions};
+use spinney_container::{FilePlace, Header, Metadata, OpenOptions, Shape};
 
 /// A file and the steps to apply to it.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -194,12 +194,49 @@ pub fn combine(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
+    combine_with(operation, (fill, universe), paths, &[], output, memory, progress)
+}
+
+/// A tree that is made on the cells of others: its place among those that are combined, its name, and what makes it of the header and
+/// metadata that a tree on these cells has.
+pub struct MadeOperand<'a> {
+    /// Its place among all, from 0.
+    pub place: usize,
+    /// Its name, for the result's provenance.
+    pub name: String,
+    /// What makes it.
+    pub make: &'a dyn Fn(&Header, &Metadata) -> Result<ViewSource>,
+}
+
+/// [`combine`] with trees that are made on the cells of the files' trees, of which there must be one at least: on the finest of them, in all of
+/// their pictures. They come in the order of their places.
+///
+/// # Errors
+/// Those of [`combine`], and those of making trees.
+pub fn combine_with(
+    operation: Operation,
+    (fill, universe): (Option<Number>, Universe),
+    paths: &[PathBuf],
+    made: &[MadeOperand<'_>],
+    output: Output,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Outcome> {
     let mut derivations = Vec::new();
     for paths in layers_in_pairs(paths)? {
-        let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+        let mut names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+        let mut views = aligned(open_alike(&paths)?)?;
+        let (first, depth, extent) = (views[0].source(), views[0].depth(), views[0].extent());
+        let shape = Shape { depth, ..first.header().shape };
+        let header = Header { extent, shape, ..first.header().clone() };
+        let metadata = views[0].metadata(false);
+        for operand in made {
+            let view = View::whole((operand.make)(&header, &metadata)?)?;
+            views.insert(operand.place.min(views.len()), view);
+            names.insert(operand.place.min(names.len()), operand.name.clone());
+        }
         // (What is transparent is there for none of the operations.)
-        let views =
-            aligned(open_alike(&paths)?)?.into_iter().map(View::opaque).collect::<Result<Vec<_>>>()?;
+        let views = views.into_iter().map(View::opaque).collect::<Result<Vec<_>>>()?;
         let keeps_first = operation.keeps_first(views[0].source().header().rule);
         let least = if keeps_first { expected_records(&views[0])? } else { 0 };
         derivations.push(Derivation {

@@ -7,6 +7,8 @@
 
 mod affine;
 mod blame;
+mod blocks;
+mod blockwise;
 mod calc;
 mod combine;
 mod convert;
@@ -31,6 +33,7 @@ mod warp;
 
 pub use affine::{AffineMap, Alignment, Around, Axis, Sampling, View, ViewNode, align};
 pub use blame::blame;
+pub use blockwise::{BlockSource, Blockwise};
 pub use calc::{Calculated, Calculation};
 pub use combine::{Combined, CombinedNode, build};
 pub(crate) use convert::build_again;
@@ -39,7 +42,9 @@ pub use crosstab::{Pair, crosstab};
 pub use data_box::data_box;
 pub use diff::{Difference, Differences, FdRange, diff, diff_files, diff_nodes, differences};
 pub use edit::{CellValue, Edit, apply_edits, edit};
-pub use files::{Chain, Outcome, PairOfSamples, combine, crosstab_files, transform};
+pub use files::{
+    Chain, MadeOperand, Outcome, PairOfSamples, combine, combine_with, crosstab_files, transform,
+};
 pub use layers::{add_layer, drop_layer, layer_paths, only_layer};
 pub use opaque::Opaque;
 pub use operation::{Operation, Prefer};

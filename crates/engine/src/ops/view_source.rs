@@ -1,10 +1,11 @@
 //! Sources that views stand on: a tree file, one with changes that are not written yet, one seen on another grid, what is calculated with
-//! others, or a tree in memory.
+//! others, what somebody else makes block by block, or a tree in memory.
 
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
+use super::blockwise::Blockwise;
 use super::calc::Calculated;
 use super::opaque::Opaque;
 use super::patched::{Patched, PatchedNode};
@@ -38,6 +39,8 @@ pub enum ViewSource {
     Opaque(Box<Opaque>),
     /// Components of the cells of another.
     Regions(Box<Regions>),
+    /// What somebody else makes, block by block.
+    Blockwise(Box<Blockwise>),
 }
 
 /// An INNER node of a [`ViewSource`].
@@ -55,6 +58,8 @@ pub enum ViewSourceNode {
     Calculated(Code),
     /// Of components.
     Regions(Code),
+    /// Of what is made block by block.
+    Blockwise(Code),
 }
 
 /// A tree in memory with the header and metadata that a file of it would have.
@@ -100,12 +105,15 @@ impl ViewSource {
             ViewSource::Calculated(tree) => tree.source().path(),
             ViewSource::Opaque(tree) => tree.source().path(),
             ViewSource::Regions(tree) => tree.source().path(),
-            ViewSource::Memory(_) => None,
+            ViewSource::Memory(_) | ViewSource::Blockwise(_) => None,
         }
     }
 
     /// The name for messages: the path, if there is one.
     pub fn name(&self) -> &Path {
+        if let ViewSource::Blockwise(tree) = self {
+            return tree.name();
+        }
         self.path().unwrap_or(Path::new("a tree in memory"))
     }
 
@@ -118,14 +126,18 @@ impl ViewSource {
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
             | ViewSource::Opaque(_)
-            | ViewSource::Regions(_) => None,
+            | ViewSource::Regions(_)
+            | ViewSource::Blockwise(_) => None,
         }
     }
 
     /// Whether cells are computed, which takes longer than to look them up.
     pub(crate) fn is_computed(&self) -> bool {
         match self {
-            ViewSource::Warped(_) | ViewSource::Calculated(_) | ViewSource::Regions(_) => true,
+            ViewSource::Warped(_)
+            | ViewSource::Calculated(_)
+            | ViewSource::Regions(_)
+            | ViewSource::Blockwise(_) => true,
             ViewSource::Opaque(tree) => tree.source().is_computed(),
             ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,
         }
@@ -138,7 +150,7 @@ impl ViewSource {
             ViewSource::Warped(tree) => tree.source().is_approximate(),
             ViewSource::Opaque(tree) => tree.source().is_approximate(),
             // (Levels are made by whoever builds them.)
-            ViewSource::Regions(_) => true,
+            ViewSource::Regions(_) | ViewSource::Blockwise(_) => true,
             ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) => false,
         }
     }
@@ -152,7 +164,7 @@ impl ViewSource {
             ViewSource::Calculated(tree) => tree.source().remark(),
             ViewSource::Opaque(tree) => tree.source().remark(),
             ViewSource::Regions(tree) => tree.source().remark(),
-            ViewSource::Memory(_) => None,
+            ViewSource::Memory(_) | ViewSource::Blockwise(_) => None,
         }
     }
 
@@ -186,6 +198,7 @@ impl ViewSource {
             ViewSource::Calculated(tree) => tree.header(),
             ViewSource::Opaque(tree) => tree.source().header(),
             ViewSource::Regions(tree) => tree.header(),
+            ViewSource::Blockwise(tree) => tree.header(),
         }
     }
 
@@ -199,6 +212,7 @@ impl ViewSource {
             ViewSource::Calculated(tree) => tree.metadata(),
             ViewSource::Opaque(tree) => tree.source().metadata(),
             ViewSource::Regions(tree) => tree.metadata(),
+            ViewSource::Blockwise(tree) => tree.metadata(),
         }
     }
 
@@ -211,7 +225,8 @@ impl ViewSource {
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
             | ViewSource::Opaque(_)
-            | ViewSource::Regions(_) => None,
+            | ViewSource::Regions(_)
+            | ViewSource::Blockwise(_) => None,
         }
     }
 
@@ -224,16 +239,19 @@ impl ViewSource {
             ViewSource::Memory(_)
             | ViewSource::Warped(_)
             | ViewSource::Calculated(_)
-            | ViewSource::Regions(_) => Ok(0),
+            | ViewSource::Regions(_)
+            | ViewSource::Blockwise(_) => Ok(0),
         }
     }
 
-    /// Cells that are not VOID; of what is computed those that there were before.
+    /// Cells that are not VOID; of what is computed those that there were before, of what is made block by block none.
     pub(super) fn cells_before(&self) -> Result<u64> {
         match self {
             ViewSource::Calculated(tree) => tree.cells_before(),
             ViewSource::Opaque(tree) => tree.source().cells_before(),
             ViewSource::Regions(tree) => tree.source().cells_before(),
+            // (They would have to be made, all of them.)
+            ViewSource::Blockwise(_) => Ok(0),
             _ => self.totals(None).map(|totals| totals.cells),
         }
     }
@@ -299,6 +317,12 @@ impl ViewSource {
                 let mut found = no_children();
                 tree.children(node, &mut found)?;
                 hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Regions(node)));
+                Ok(())
+            }
+            (ViewSource::Blockwise(tree), ViewSourceNode::Blockwise(node)) => {
+                let mut found = no_children();
+                tree.children(node, &mut found)?;
+                hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Blockwise(node)));
                 Ok(())
             }
             _ => Err(other_node(self.name())),
@@ -401,6 +425,12 @@ impl From<Calculated> for ViewSource {
     }
 }
 
+impl From<Blockwise> for ViewSource {
+    fn from(tree: Blockwise) -> ViewSource {
+        ViewSource::Blockwise(Box::new(tree))
+    }
+}
+
 impl From<Regions> for ViewSource {
     fn from(tree: Regions) -> ViewSource {
         ViewSource::Regions(Box::new(tree))
@@ -432,6 +462,7 @@ impl Source for ViewSource {
             ViewSource::Warped(tree) => tree.root()?.map_node(ViewSourceNode::Warped),
             ViewSource::Calculated(tree) => tree.root()?.map_node(ViewSourceNode::Calculated),
             ViewSource::Regions(tree) => tree.root()?.map_node(ViewSourceNode::Regions),
+            ViewSource::Blockwise(tree) => tree.root()?.map_node(ViewSourceNode::Blockwise),
             ViewSource::Opaque(tree) => tree.root()?,
         })
     }
@@ -446,7 +477,10 @@ impl Source for ViewSource {
             ViewSource::Warped(tree) => tree.draw(bounds, values, valid),
             ViewSource::Calculated(tree) => tree.draw(bounds, values, valid),
             ViewSource::Regions(tree) => tree.draw(bounds, values, valid),
-            ViewSource::Patched(_) | ViewSource::Memory(_) | ViewSource::Opaque(_) => Ok(false),
+            ViewSource::Patched(_)
+            | ViewSource::Memory(_)
+            | ViewSource::Opaque(_)
+            | ViewSource::Blockwise(_) => Ok(false),
         }
     }
 
@@ -457,6 +491,7 @@ impl Source for ViewSource {
             (ViewSource::Warped(tree), ViewSourceNode::Warped(node)) => tree.cells(node, levels),
             (ViewSource::Calculated(tree), ViewSourceNode::Calculated(node)) => tree.cells(node, levels),
             (ViewSource::Regions(tree), ViewSourceNode::Regions(node)) => tree.cells(node, levels),
+            (ViewSource::Blockwise(tree), ViewSourceNode::Blockwise(node)) => tree.cells(node, levels),
             _ => Ok(None),
         }
     }
@@ -469,7 +504,7 @@ impl Source for ViewSource {
             ViewSource::Calculated(tree) => tree.check_unchanged(),
             ViewSource::Opaque(tree) => tree.source().check_unchanged(),
             ViewSource::Regions(tree) => tree.check_unchanged(),
-            ViewSource::Memory(_) => Ok(()),
+            ViewSource::Memory(_) | ViewSource::Blockwise(_) => Ok(()),
         }
     }
 

@@ -71,6 +71,7 @@ pub fn export_contours(
     let layer = VectorLayer {
         name: name.into(),
         kind: Some(kind),
+        is_multi: false,
         has_z: features.has_z,
         attributes: attributes.iter().map(|name| ((*name).into(), AttributeType::Number)).collect(),
         crs: frame.crs.clone(),

@@ -1,7 +1,12 @@
 //! Comma-separated values (RFC 4180): geometries in well-known text (ISO 19125) in the first column, attributes in the others.
 
+use std::ops::Range;
+
+use serde_json::Value;
+
+use super::geometry::Shape;
 use super::text::Text;
-use super::{AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
+use super::{AttributeValue, FormatWriter, GeometryKind, VectorLayer};
 use spinney_base::Result;
 use spinney_base::io::Output;
 
@@ -35,39 +40,21 @@ fn push_field(text: &mut Text, field: &str) {
 impl FormatWriter for Csv {
     fn write(
         &mut self,
-        kind: GeometryKind,
-        geometry: &dyn Geometry,
+        _id: Option<&Value>,
+        shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
         let Csv { text, layer } = self;
-        let around = ["", " ", ""];
-        let z = if layer.has_z { "Z " } else { "" };
-        match kind {
-            GeometryKind::Point => {
-                text.push(&format!("\"POINT {z}("));
-                text.push_points(geometry, 0, layer.has_z, around)?;
-            }
-            GeometryKind::Line => {
-                text.push(&format!("\"LINESTRING {z}("));
-                text.push_points(geometry, 0, layer.has_z, around)?;
-            }
-            GeometryKind::Polygon => {
-                text.push(&format!("\"POLYGON {z}("));
-                for part in 0..geometry.parts() {
-                    text.push(if part > 0 { ",(" } else { "(" });
-                    text.push_points(geometry, part, layer.has_z, around)?;
-                    text.push(")");
-                }
-            }
+        if let Some(shape) = shape {
+            text.push("\"");
+            push_shape(text, shape, layer.has_z)?;
+            text.push("\"");
         }
-        text.push(")\"");
         for value in attributes {
             text.push(",");
             match value {
                 AttributeValue::Number(number) if number.is_finite() => text.push_number(*number),
-                AttributeValue::Text(value) => push_field(text, value),
-                AttributeValue::PerSegment(numbers) => text.push_integers(numbers, " "),
-                AttributeValue::Number(_) | AttributeValue::None => {}
+                value => push_field(text, &value.to_text()),
             }
         }
         text.push("\r\n");
@@ -77,4 +64,58 @@ impl FormatWriter for Csv {
     fn finish(self: Box<Self>) -> Result<()> {
         self.text.finish()
     }
+}
+
+/// A geometry in well-known text.
+fn push_shape(text: &mut Text, shape: &Shape<'_>, has_z: bool) -> Result<()> {
+    let name = |kind: GeometryKind| match kind {
+        GeometryKind::Point => "POINT",
+        GeometryKind::Line => "LINESTRING",
+        GeometryKind::Polygon => "POLYGON",
+    };
+    let z = if has_z { " Z" } else { "" };
+    match (shape.kind, &shape.members[..]) {
+        (Some(kind), []) => text.push(&format!("{}{z} EMPTY", name(kind))),
+        (Some(kind), [(_, parts)]) => {
+            text.push(&format!("{}{z} ", name(kind)));
+            push_member(text, shape, kind, parts.clone(), has_z)?;
+        }
+        (Some(kind), members) => {
+            text.push(&format!("MULTI{}{z} (", name(kind)));
+            for (index, (_, parts)) in members.iter().enumerate() {
+                text.push(if index > 0 { "," } else { "" });
+                push_member(text, shape, kind, parts.clone(), has_z)?;
+            }
+            text.push(")");
+        }
+        (None, members) => {
+            text.push(&format!("GEOMETRYCOLLECTION{z} ("));
+            for (index, (kind, parts)) in members.iter().enumerate() {
+                let comma = if index > 0 { "," } else { "" };
+                text.push(&format!("{comma}{}{z} ", name(*kind)));
+                push_member(text, shape, *kind, parts.clone(), has_z)?;
+            }
+            text.push(")");
+        }
+    }
+    Ok(())
+}
+
+/// Coordinates of a point, a line or a polygon.
+fn push_member(
+    text: &mut Text,
+    shape: &Shape<'_>,
+    kind: GeometryKind,
+    parts: Range<usize>,
+    has_z: bool,
+) -> Result<()> {
+    let (open, close) = if kind == GeometryKind::Polygon { ("(", ")") } else { ("", "") };
+    text.push(open);
+    for (index, part) in parts.enumerate() {
+        text.push(if index > 0 { ",(" } else { "(" });
+        text.push_points(shape.geometry, part, has_z, ["", " ", ""])?;
+        text.push(")");
+    }
+    text.push(close);
+    Ok(())
 }

@@ -1,161 +1,503 @@
-//! `FlatGeobuf`: features in the order of a space-filling curve, behind an index of their boxes (a packed Hilbert R-tree).
+//! `FlatGeobuf` (version 3): features in the order of a space-filling curve, behind an index of their boxes (a packed Hilbert R-tree,
+//! <https://flatgeobuf.org>).
+//!
+//! Features wait in a temporary file, and so do the nodes of the index: memory does not grow with either.
 
-use flatgeobuf::geozero::error::GeozeroError;
-use flatgeobuf::geozero::{ColumnValue, FeatureProcessor, GeomProcessor, PropertyProcessor};
-use flatgeobuf::{ColumnType, FgbCrs, FgbWriter, FgbWriterOptions, GeometryType};
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 
-use super::text::joined;
-use super::{AttributeType, AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
-use spinney_base::io::Output;
+use flatbuffers::{FlatBufferBuilder, WIPOffset};
+use flatgeobuf::{
+    Column, ColumnArgs, ColumnType, Crs as FlatCrs, CrsArgs, Feature, FeatureArgs, Geometry as FlatGeometry,
+    GeometryArgs, GeometryType, Header, HeaderArgs,
+};
+use serde_json::Value;
+
+use super::geometry::Shape;
+use super::{AttributeType, AttributeValue, FormatWriter, GeometryKind, VectorLayer};
+use spinney_base::io::platform::read_exact_at;
 use spinney_base::io::spill::failed;
+use spinney_base::io::{Output, Sorter, Spool, SpooledWords, WordSpooler, folder};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
 /// Points of a feature, which is put together in memory.
 const MOST_POINTS: u64 = 1 << 22;
 
-/// Features, of which the boxes are sorted in memory: about 150 bytes each.
-const MOST_FEATURES: u64 = 1 << 21;
+/// Children of a node of the index.
+const NODE_SIZE: u64 = 16;
 
-/// Features wait in a file in the folder of temporary files.
+/// Bytes of memory for sorting.
+const MEMORY: u64 = 32 << 20;
+
+/// Bytes of features that wait to be written together.
+const BUFFER: usize = 1 << 20;
+
+/// The first bytes of a file.
+const MAGIC: &[u8] = b"fgb\x03fgb\x00";
+
+/// Bytes of an item that is sorted: key, offset, size and box.
+const ITEM: usize = 8 + 8 + 8 + 32;
+
 pub(super) struct FlatGeobuf {
     output: Output,
     layer: VectorLayer,
-    writer: FgbWriter<'static>,
-    features: u64,
+    /// Features in the order that they came in.
+    file: File,
+    /// The last of them, which are not in the file yet.
+    buffer: Vec<u8>,
+    length: u64,
+    items: Sorter,
+    /// Whether all features have a place: only then is there an index.
+    has_places: bool,
+    extent: NodeBox,
+    builder: FlatBufferBuilder<'static>,
+    coordinates: [Vec<f64>; 2],
+    properties: Vec<u8>,
+}
+
+/// Least and greatest x and y.
+#[derive(Clone, Copy)]
+struct NodeBox([f64; 4]);
+
+impl NodeBox {
+    const NOTHING: NodeBox = NodeBox([f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY]);
+
+    fn with(self, other: NodeBox) -> NodeBox {
+        let (NodeBox([west, south, east, north]), NodeBox(own)) = (self, other);
+        NodeBox([west.min(own[0]), south.min(own[1]), east.max(own[2]), north.max(own[3])])
+    }
+
+    fn bytes(&self) -> [u8; 32] {
+        let mut bytes = [0; 32];
+        for (place, number) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(self.0) {
+            *place = number.to_le_bytes();
+        }
+        bytes
+    }
 }
 
 impl FlatGeobuf {
     pub(super) fn new(output: Output, layer: VectorLayer) -> Result<FlatGeobuf> {
-        let name = layer.crs.as_ref().and_then(Crs::name);
-        let epsg = layer.crs.as_ref().and_then(|crs| crs.numbers());
-        let wkt = layer.crs.as_ref().and_then(|crs| crs.to_wkt2().ok().or_else(|| crs.foreign_text()));
-        let crs = FgbCrs {
-            org: epsg.map(|_| "EPSG"),
-            code: epsg.map_or(0, |epsg| epsg.horizontal as i32),
-            name: name.as_deref(),
-            wkt: wkt.as_deref(),
-            ..FgbCrs::default()
-        };
-        let options = FgbWriterOptions {
-            detect_type: false,
-            promote_to_multi: false,
-            crs,
-            has_z: layer.has_z,
-            ..FgbWriterOptions::default()
-        };
-        let kind = match layer.kind {
-            Some(GeometryKind::Point) => GeometryType::Point,
-            Some(GeometryKind::Line) => GeometryType::LineString,
-            Some(GeometryKind::Polygon) => GeometryType::Polygon,
-            None => GeometryType::Unknown,
-        };
-        let mut writer = FgbWriter::create_with_options(&layer.name, kind, options)
-            .map_err(|error| failed(output.path())(std::io::Error::other(error)))?;
-        for (name, kind) in &layer.attributes {
-            let kind = match kind {
-                AttributeType::Number => ColumnType::Double,
-                AttributeType::Text | AttributeType::PerSegment => ColumnType::String,
-            };
-            writer.add_column(name, kind, |_, _| {});
-        }
-        Ok(FlatGeobuf { output, layer, writer, features: 0 })
-    }
-
-    fn points(&mut self, geometry: &dyn Geometry, part: usize) -> Result<()> {
-        let (writer, has_z, path) = (&mut self.writer, self.layer.has_z, self.output.path());
-        let mut index = 0;
-        geometry.points(part, &mut |points| {
-            for &[x, y, z] in points {
-                let added = match has_z {
-                    true => writer.coordinate(x, y, Some(z), None, None, None, index),
-                    false => writer.xy(x, y, index),
-                };
-                added.map_err(|error| unwritten(path, error))?;
-                index += 1;
-            }
-            Ok(())
+        let folder = temporary_folder(&output);
+        let file = tempfile::tempfile_in(&folder).map_err(Error::io(&folder, "make a temporary file in"))?;
+        Ok(FlatGeobuf {
+            output,
+            layer,
+            file,
+            buffer: Vec::new(),
+            length: 0,
+            items: Sorter::new(&folder, ITEM, MEMORY),
+            has_places: true,
+            extent: NodeBox::NOTHING,
+            builder: FlatBufferBuilder::new(),
+            coordinates: [Vec::new(), Vec::new()],
+            properties: Vec::new(),
         })
     }
 
-    /// Does a step of writing.
-    fn step(
-        &mut self,
-        step: impl FnOnce(&mut FgbWriter<'static>) -> std::result::Result<(), GeozeroError>,
-    ) -> Result<()> {
-        step(&mut self.writer).map_err(|error| unwritten(self.output.path(), error))
+    /// The type of all features, as the header tells it.
+    fn kind(&self) -> GeometryType {
+        self.layer.kind.map_or(GeometryType::Unknown, |kind| type_of(kind, self.layer.is_multi))
     }
 
-    fn geometry(&mut self, kind: GeometryKind, geometry: &dyn Geometry) -> Result<()> {
-        let count = |part: usize| geometry.count(part) as usize;
-        match kind {
-            GeometryKind::Point => {
-                self.step(|writer| writer.point_begin(0))?;
-                self.points(geometry, 0)?;
-                self.step(|writer| writer.point_end(0))
-            }
-            GeometryKind::Line => {
-                self.step(|writer| writer.linestring_begin(true, count(0), 0))?;
-                self.points(geometry, 0)?;
-                self.step(|writer| writer.linestring_end(true, 0))
-            }
-            GeometryKind::Polygon => {
-                self.step(|writer| writer.polygon_begin(true, geometry.parts(), 0))?;
-                for part in 0..geometry.parts() {
-                    self.step(|writer| writer.linestring_begin(false, count(part), part))?;
-                    self.points(geometry, part)?;
-                    self.step(|writer| writer.linestring_end(false, part))?;
-                }
-                self.step(|writer| writer.polygon_end(true, 0))
-            }
+    /// The header, with its size before it.
+    fn header(&self) -> Vec<u8> {
+        let mut builder = FlatBufferBuilder::new();
+        let crs = self.layer.crs.as_ref();
+        let epsg = crs.and_then(Crs::numbers);
+        let text = crs.and_then(|crs| crs.to_wkt2().ok().or_else(|| crs.foreign_text()));
+        let name = crs.and_then(Crs::name);
+        let crs = CrsArgs {
+            org: epsg.map(|_| builder.create_string("EPSG")),
+            code: epsg.map_or(0, |epsg| epsg.horizontal as i32),
+            name: name.map(|name| builder.create_string(&name)),
+            wkt: text.map(|text| builder.create_string(&text)),
+            ..CrsArgs::default()
+        };
+        let crs = FlatCrs::create(&mut builder, &crs);
+        let mut columns = Vec::new();
+        for (name, kind) in &self.layer.attributes {
+            let name = Some(builder.create_string(name));
+            let column = ColumnArgs { name, type_: column_type(*kind), ..ColumnArgs::default() };
+            columns.push(Column::create(&mut builder, &column));
         }
+        let columns = builder.create_vector(&columns);
+        let envelope = self.has_index().then(|| builder.create_vector(&self.extent.0));
+        let name = builder.create_string(&self.layer.name);
+        let header = HeaderArgs {
+            name: Some(name),
+            envelope,
+            geometry_type: self.kind(),
+            has_z: self.layer.has_z,
+            columns: Some(columns),
+            features_count: self.items.len(),
+            index_node_size: if self.has_index() { NODE_SIZE as u16 } else { 0 },
+            crs: Some(crs),
+            ..HeaderArgs::default()
+        };
+        let header = Header::create(&mut builder, &header);
+        builder.finish_size_prefixed(header, None);
+        builder.finished_data().to_vec()
+    }
+
+    fn has_index(&self) -> bool {
+        self.has_places && !self.items.is_empty()
+    }
+
+    /// Puts parts into the feature that is being made: a geometry of its own.
+    fn parts(
+        &mut self,
+        shape: &Shape<'_>,
+        parts: std::ops::Range<usize>,
+        kind: GeometryType,
+    ) -> Result<WIPOffset<FlatGeometry<'static>>> {
+        let [flat, heights] = &mut self.coordinates;
+        flat.clear();
+        heights.clear();
+        let has_z = self.layer.has_z;
+        let mut ends = Vec::with_capacity(parts.len());
+        for part in parts {
+            shape.geometry.points(part, &mut |points| {
+                for [x, y, z] in points {
+                    flat.extend_from_slice(&[*x, *y]);
+                    if has_z {
+                        heights.push(*z);
+                    }
+                }
+                Ok(())
+            })?;
+            ends.push((flat.len() / 2) as u32);
+        }
+        let builder = &mut self.builder;
+        // (A single part ends where all points do.)
+        let is_divided = ends.len() > 1 && kind != GeometryType::MultiPoint;
+        let ends = is_divided.then(|| builder.create_vector(&ends));
+        let xy = Some(builder.create_vector(flat));
+        let z = has_z.then(|| builder.create_vector(heights));
+        Ok(FlatGeometry::create(
+            builder,
+            &GeometryArgs { ends, xy, z, type_: kind, ..GeometryArgs::default() },
+        ))
+    }
+
+    fn geometry(&mut self, shape: &Shape<'_>) -> Result<WIPOffset<FlatGeometry<'static>>> {
+        let is_typed = self.layer.kind.is_some();
+        let is_multi = if is_typed { self.layer.is_multi } else { shape.members.len() > 1 };
+        let own = shape.kind.map_or(GeometryType::GeometryCollection, |kind| type_of(kind, is_multi));
+        let members = match (shape.kind, is_multi) {
+            (Some(GeometryKind::Polygon), true) | (None, _) => &shape.members[..],
+            _ => return self.parts(shape, 0..shape.geometry.parts(), own),
+        };
+        let mut parts = Vec::with_capacity(members.len());
+        for (kind, rings) in members {
+            parts.push(self.parts(shape, rings.clone(), type_of(*kind, false))?);
+        }
+        let parts = Some(self.builder.create_vector(&parts));
+        let geometry = GeometryArgs { parts, type_: own, ..GeometryArgs::default() };
+        Ok(FlatGeometry::create(&mut self.builder, &geometry))
+    }
+
+    fn box_of(&self, shape: &Shape<'_>) -> Result<NodeBox> {
+        let mut around = NodeBox::NOTHING;
+        for part in 0..shape.geometry.parts() {
+            shape.geometry.points(part, &mut |points| {
+                around =
+                    points.iter().fold(around, |around, [x, y, _]| around.with(NodeBox([*x, *y, *x, *y])));
+                Ok(())
+            })?;
+        }
+        Ok(around)
+    }
+
+    /// The place of a box's centre on a Hilbert curve over the layer.
+    fn key(&self, around: NodeBox) -> u64 {
+        let [[west, south], [east, north]] = self.layer.bounds;
+        let NodeBox([left, bottom, right, top]) = around;
+        let place = |at: f64, low: f64, high: f64| {
+            // (What is no number, or outside, has a place all the same.)
+            (65_535.0 * ((at - low) / (high - low)).clamp(0.0, 1.0)) as u32
+        };
+        hilbert(place((left + right) / 2.0, west, east), place((bottom + top) / 2.0, south, north))
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let written = self.file.write_all(&self.buffer);
+        written.map_err(failed(self.output.path()))?;
+        self.buffer.clear();
+        Ok(())
     }
 }
 
-fn unwritten(path: &std::path::Path, error: GeozeroError) -> Error {
-    failed(path)(std::io::Error::other(error))
+/// The place on a Hilbert curve of a cell among 2^16 x 2^16.
+fn hilbert(mut x: u32, mut y: u32) -> u64 {
+    let mut place = 0;
+    for level in (0..16).rev() {
+        let side = 1u32 << level;
+        let (right, up) = (x & side > 0, y & side > 0);
+        place = place << 2 | (u64::from(right) * 3) ^ u64::from(up);
+        if !up {
+            if right {
+                (x, y) = (side.wrapping_sub(1).wrapping_sub(x), side.wrapping_sub(1).wrapping_sub(y));
+            }
+            (x, y) = (y, x);
+        }
+    }
+    place
+}
+
+fn type_of(kind: GeometryKind, is_multi: bool) -> GeometryType {
+    match (kind, is_multi) {
+        (GeometryKind::Point, false) => GeometryType::Point,
+        (GeometryKind::Line, false) => GeometryType::LineString,
+        (GeometryKind::Polygon, false) => GeometryType::Polygon,
+        (GeometryKind::Point, true) => GeometryType::MultiPoint,
+        (GeometryKind::Line, true) => GeometryType::MultiLineString,
+        (GeometryKind::Polygon, true) => GeometryType::MultiPolygon,
+    }
+}
+
+fn column_type(kind: AttributeType) -> ColumnType {
+    match kind {
+        AttributeType::Integer => ColumnType::Long,
+        AttributeType::Number => ColumnType::Double,
+        AttributeType::Boolean => ColumnType::Bool,
+        AttributeType::Json => ColumnType::Json,
+        AttributeType::Text | AttributeType::Mixed | AttributeType::PerSegment => ColumnType::String,
+    }
+}
+
+/// Puts the value of a column behind those before it.
+fn push_property(bytes: &mut Vec<u8>, column: usize, kind: AttributeType, value: AttributeValue<'_>) {
+    let value = value.told();
+    if value == AttributeValue::None {
+        return;
+    }
+    bytes.extend_from_slice(&(column as u16).to_le_bytes());
+    match (kind, value) {
+        (AttributeType::Number, AttributeValue::Number(number)) => {
+            bytes.extend_from_slice(&number.to_le_bytes());
+        }
+        (AttributeType::Number, AttributeValue::Integer(number)) => {
+            bytes.extend_from_slice(&(number as f64).to_le_bytes());
+        }
+        (AttributeType::Integer, AttributeValue::Integer(number)) => {
+            bytes.extend_from_slice(&number.to_le_bytes());
+        }
+        (AttributeType::Boolean, AttributeValue::Boolean(is)) => bytes.push(is.into()),
+        (_, value) => {
+            let text = value.to_text();
+            bytes.extend_from_slice(&(text.len() as u32).to_le_bytes());
+            bytes.extend_from_slice(text.as_bytes());
+        }
+    }
 }
 
 impl FormatWriter for FlatGeobuf {
     fn write(
         &mut self,
-        kind: GeometryKind,
-        geometry: &dyn Geometry,
+        _id: Option<&Value>,
+        shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
-        let parts = if kind == GeometryKind::Polygon { geometry.parts() } else { 1 };
-        let points = (0..parts).fold(0u64, |sum, part| sum.saturating_add(geometry.count(part)));
-        if points > MOST_POINTS || self.features == MOST_FEATURES {
-            let found = match points > MOST_POINTS {
-                true => format!("a feature of {points} points"),
-                false => format!("more than {MOST_FEATURES} features"),
-            };
+        let points = shape.map_or(0, Shape::count);
+        if points > MOST_POINTS {
             let advice = "choose GeoPackage, which needs no memory for them";
+            let found = format!("a feature of {points} points");
             return Err(Error::unsupported(self.output.path(), found, advice));
         }
-        self.geometry(kind, geometry)?;
-        for (index, value) in attributes.iter().enumerate() {
-            let list: String;
-            let value = match value {
-                AttributeValue::Number(number) if number.is_finite() => ColumnValue::Double(*number),
-                AttributeValue::Text(text) => ColumnValue::String(text),
-                AttributeValue::PerSegment(numbers) => {
-                    list = joined(numbers);
-                    ColumnValue::String(&list)
-                }
-                AttributeValue::Number(_) | AttributeValue::None => continue,
-            };
-            self.step(|writer| writer.property(index, "", &value).map(drop))?;
+        self.builder.reset();
+        let geometry = shape.map(|shape| self.geometry(shape)).transpose()?;
+        let around = shape.map_or(Ok(NodeBox::NOTHING), |shape| self.box_of(shape))?;
+        self.has_places &= points > 0;
+        self.extent = self.extent.with(around);
+        let mut properties = std::mem::take(&mut self.properties);
+        properties.clear();
+        for (column, ((_, kind), value)) in self.layer.attributes.iter().zip(attributes).enumerate() {
+            push_property(&mut properties, column, *kind, *value);
         }
-        let number = self.features;
-        self.features += 1;
-        self.step(|writer| writer.feature_end(number))
+        let told = (!properties.is_empty()).then(|| self.builder.create_vector(&properties));
+        self.properties = properties;
+        let feature = FeatureArgs { geometry, properties: told, ..FeatureArgs::default() };
+        let feature = Feature::create(&mut self.builder, &feature);
+        self.builder.finish_size_prefixed(feature, None);
+        let bytes = self.builder.finished_data();
+        let size = bytes.len() as u64;
+        self.buffer.extend_from_slice(bytes);
+        let mut item = Vec::with_capacity(ITEM);
+        for number in [self.key(around), self.length, size] {
+            item.extend_from_slice(&number.to_be_bytes());
+        }
+        item.extend_from_slice(&around.bytes());
+        let key = u64::from_be_bytes(item[..8].try_into().expect("eight bytes"));
+        self.items.push(key, item)?;
+        self.length += size;
+        if self.buffer.len() >= BUFFER { self.flush() } else { Ok(()) }
     }
 
-    fn finish(self: Box<Self>) -> Result<()> {
-        let FlatGeobuf { mut output, writer, .. } = *self;
-        let path = output.path().to_path_buf();
-        writer.write(&mut output).map_err(|error| failed(&path)(std::io::Error::other(error)))?;
+    fn finish(mut self: Box<Self>) -> Result<()> {
+        self.flush()?;
+        let path = self.output.path().to_path_buf();
+        let header = self.header();
+        self.output.write_all(MAGIC).map_err(failed(&path))?;
+        self.output.write_all(&header).map_err(failed(&path))?;
+        let has_index = self.has_index();
+        let FlatGeobuf { mut output, file, items, length, .. } = *self;
+        let features = Features { file, path: path.clone() };
+        if has_index {
+            let folder = temporary_folder(&output);
+            let (index, order) = Index::of(items, &folder)?;
+            index.write(&mut output)?;
+            order.each(&mut |words| features.copy(&mut places(words), &mut output))?;
+        } else {
+            features.copy(&mut std::iter::once((0, length)), &mut output)?;
+        }
         output.commit()
+    }
+}
+
+/// Places and sizes of features.
+fn places(words: &[u32]) -> impl Iterator<Item = (u64, u64)> {
+    let number = |words: [u32; 2]| u64::from(words[0]) | u64::from(words[1]) << 32;
+    words.as_chunks::<4>().0.iter().map(move |[a, b, c, d]| (number([*a, *b]), number([*c, *d])))
+}
+
+fn words(number: u64) -> [u32; 2] {
+    [number as u32, (number >> 32) as u32]
+}
+
+fn temporary_folder(output: &Output) -> PathBuf {
+    if output.is_file() { folder(output.path()).to_path_buf() } else { std::env::temp_dir() }
+}
+
+/// Features that wait in a temporary file.
+struct Features {
+    file: File,
+    path: PathBuf,
+}
+
+impl Features {
+    /// Copies features to the output, in the order of their places; those that follow each other at once.
+    fn copy(&self, places: &mut dyn Iterator<Item = (u64, u64)>, output: &mut Output) -> Result<()> {
+        let mut buffer = vec![0; BUFFER];
+        let mut places = places.peekable();
+        while let Some((from, size)) = places.next() {
+            let mut until = from + size;
+            while let Some((_, more)) = places.next_if(|(next, _)| *next == until) {
+                until += more;
+            }
+            let mut at = from;
+            while at < until {
+                let piece = &mut buffer[..(until - at).min(BUFFER as u64) as usize];
+                read_exact_at(&self.file, piece, at).map_err(failed(&self.path))?;
+                output.write_all(piece).map_err(failed(&self.path))?;
+                at += piece.len() as u64;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The index: nodes of all levels, that of the features first. A node of these tells its box and where its feature stands; one of others, the number
+/// of its first child.
+struct Index {
+    levels: Vec<SpooledWords>,
+}
+
+/// A level in the making.
+struct Level {
+    nodes: WordSpooler,
+    count: u64,
+    /// The box around the nodes since the last one of the level above.
+    around: NodeBox,
+}
+
+/// Words of a node.
+const NODE: usize = 10;
+
+impl Index {
+    /// The index of the features, and places and sizes of these in its order.
+    fn of(items: Sorter, folder: &Path) -> Result<(Index, SpooledWords)> {
+        let spool = Spool::create(folder, NODE)?;
+        let mut order = WordSpooler::new(&Spool::create(folder, 4)?);
+        let new = || Level { nodes: WordSpooler::new(&spool), count: 0, around: NodeBox::NOTHING };
+        let mut levels = vec![new()];
+        let mut length = 0;
+        items.finish(&mut |item| {
+            let (numbers, around) = item.split_at(24);
+            let numbers = numbers.as_chunks::<8>().0;
+            let [offset, size] = [1, 2].map(|index| u64::from_be_bytes(numbers[index]));
+            let numbers = around.as_chunks::<8>().0;
+            let around = NodeBox(std::array::from_fn(|index| f64::from_le_bytes(numbers[index])));
+            order.push([words(offset), words(size)].as_flattened())?;
+            let (mut around, mut own) = (around, length);
+            length += size;
+            for depth in 0.. {
+                if depth == levels.len() {
+                    levels.push(new());
+                }
+                let level = &mut levels[depth];
+                level.push(around, own)?;
+                if level.count % NODE_SIZE != 0 {
+                    break;
+                }
+                (around, own) =
+                    (std::mem::replace(&mut level.around, NodeBox::NOTHING), level.count - NODE_SIZE);
+            }
+            Ok(())
+        })?;
+        // Nodes that are not full; there is one at least above the features.
+        let mut depth = 0;
+        while depth + 1 < levels.len() || levels[depth].count > 1 || depth == 0 {
+            if depth + 1 == levels.len() {
+                levels.push(new());
+            }
+            let level = &mut levels[depth];
+            let left = level.count % NODE_SIZE;
+            if left > 0 {
+                let (around, first) = (level.around, level.count - left);
+                levels[depth + 1].push(around, first)?;
+            }
+            depth += 1;
+        }
+        let levels = levels.into_iter().map(|level| level.nodes.finish()).collect::<Result<_>>()?;
+        Ok((Index { levels }, order.finish()?))
+    }
+
+    /// Writes the nodes, from the root on.
+    fn write(&self, output: &mut Output) -> Result<()> {
+        let path = output.path().to_path_buf();
+        // Children are counted from the root on, too.
+        let mut first_child = 0;
+        for (depth, level) in self.levels.iter().enumerate().rev() {
+            first_child += (level.len() / NODE) as u64;
+            level.each(&mut |nodes| {
+                let mut bytes = Vec::with_capacity(4 * nodes.len());
+                for node in nodes.as_chunks::<NODE>().0 {
+                    let (around, own) = node.split_at(8);
+                    let own = u64::from(own[0]) | u64::from(own[1]) << 32;
+                    let own = if depth > 0 { own + first_child } else { own };
+                    bytes.extend(around.iter().flat_map(|word| word.to_le_bytes()));
+                    bytes.extend_from_slice(&own.to_le_bytes());
+                }
+                output.write_all(&bytes).map_err(failed(&path))
+            })?;
+        }
+        Ok(())
+    }
+}
+
+impl Level {
+    fn push(&mut self, around: NodeBox, own: u64) -> Result<()> {
+        let bytes = around.bytes();
+        let mut node = [0; NODE];
+        for (word, bytes) in node.iter_mut().zip(bytes.as_chunks::<4>().0) {
+            *word = u32::from_le_bytes(*bytes);
+        }
+        [node[8], node[9]] = words(own);
+        self.count += 1;
+        self.around = self.around.with(around);
+        self.nodes.push(&node)
     }
 }

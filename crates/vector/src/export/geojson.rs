@@ -1,5 +1,10 @@
 //! `GeoJSON`: a collection of features, one per line.
 
+use std::ops::Range;
+
+use serde_json::Value;
+
+use super::geometry::Shape;
 use super::text::Text;
 use super::{AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
 use spinney_base::Result;
@@ -32,13 +37,17 @@ impl GeoJson {
 impl FormatWriter for GeoJson {
     fn write(
         &mut self,
-        kind: GeometryKind,
-        geometry: &dyn Geometry,
+        id: Option<&Value>,
+        shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
         let GeoJson { text, layer, has_features } = self;
         text.push(if std::mem::replace(has_features, true) { ",\n" } else { "\n" });
-        text.push("{\"type\":\"Feature\",\"properties\":{");
+        text.push("{\"type\":\"Feature\",");
+        if let Some(id) = id {
+            text.push(&format!("\"id\":{id},"));
+        }
+        text.push("\"properties\":{");
         for (index, ((name, _), value)) in layer.attributes.iter().zip(attributes).enumerate() {
             if index > 0 {
                 text.push(",");
@@ -46,8 +55,11 @@ impl FormatWriter for GeoJson {
             text.push_json(name);
             text.push(":");
             match value {
+                AttributeValue::Integer(number) => text.push(&number.to_string()),
                 AttributeValue::Number(number) => text.push_number(*number),
                 AttributeValue::Text(value) => text.push_json(value),
+                AttributeValue::Boolean(is) => text.push(if *is { "true" } else { "false" }),
+                AttributeValue::Json(json) => push_object(text, json),
                 AttributeValue::PerSegment(numbers) => {
                     text.push("[");
                     text.push_integers(numbers, ",");
@@ -56,29 +68,12 @@ impl FormatWriter for GeoJson {
                 AttributeValue::None => text.push("null"),
             }
         }
-        text.push("},\"geometry\":{\"type\":");
-        let around = ["[", ",", "]"];
-        match kind {
-            GeometryKind::Point => {
-                text.push("\"Point\",\"coordinates\":");
-                text.push_points(geometry, 0, layer.has_z, around)?;
-            }
-            GeometryKind::Line => {
-                text.push("\"LineString\",\"coordinates\":[");
-                text.push_points(geometry, 0, layer.has_z, around)?;
-                text.push("]");
-            }
-            GeometryKind::Polygon => {
-                text.push("\"Polygon\",\"coordinates\":[");
-                for part in 0..geometry.parts() {
-                    text.push(if part > 0 { ",[" } else { "[" });
-                    text.push_points(geometry, part, layer.has_z, around)?;
-                    text.push("]");
-                }
-                text.push("]");
-            }
+        text.push("},\"geometry\":");
+        match shape {
+            Some(shape) => push_shape(text, shape, layer.has_z)?,
+            None => text.push("null"),
         }
-        text.push("}}");
+        text.push("}");
         text.flush_some()
     }
 
@@ -86,4 +81,72 @@ impl FormatWriter for GeoJson {
         self.text.push("\n]}\n");
         self.text.finish()
     }
+}
+
+/// JSON as it came, if it is such; else as a string.
+fn push_object(text: &mut Text, json: &str) {
+    match serde_json::from_str::<&serde_json::value::RawValue>(json) {
+        Ok(own) => text.push(own.get()),
+        Err(_) => text.push_json(json),
+    }
+}
+
+fn push_shape(text: &mut Text, shape: &Shape<'_>, has_z: bool) -> Result<()> {
+    let name = |kind: GeometryKind| match kind {
+        GeometryKind::Point => "Point",
+        GeometryKind::Line => "LineString",
+        GeometryKind::Polygon => "Polygon",
+    };
+    let geometry = shape.geometry;
+    match (shape.kind, &shape.members[..]) {
+        (Some(kind), [(_, parts)]) => {
+            text.push(&format!("{{\"type\":\"{}\",\"coordinates\":", name(kind)));
+            push_member(text, geometry, kind, parts.clone(), has_z)?;
+            text.push("}");
+        }
+        // (An empty one has no points, whatever it is.)
+        (Some(kind), members) => {
+            let multi = if members.is_empty() { "" } else { "Multi" };
+            text.push(&format!("{{\"type\":\"{multi}{}\",\"coordinates\":[", name(kind)));
+            for (index, (_, parts)) in members.iter().enumerate() {
+                text.push(if index > 0 { "," } else { "" });
+                push_member(text, geometry, kind, parts.clone(), has_z)?;
+            }
+            text.push("]}");
+        }
+        (None, members) => {
+            text.push("{\"type\":\"GeometryCollection\",\"geometries\":[");
+            for (index, (kind, parts)) in members.iter().enumerate() {
+                let comma = if index > 0 { "," } else { "" };
+                text.push(&format!("{comma}{{\"type\":\"{}\",\"coordinates\":", name(*kind)));
+                push_member(text, geometry, *kind, parts.clone(), has_z)?;
+                text.push("}");
+            }
+            text.push("]}");
+        }
+    }
+    Ok(())
+}
+
+/// Coordinates of a point, a line or a polygon.
+fn push_member(
+    text: &mut Text,
+    geometry: &dyn Geometry,
+    kind: GeometryKind,
+    parts: Range<usize>,
+    has_z: bool,
+) -> Result<()> {
+    let around = ["[", ",", "]"];
+    if kind == GeometryKind::Point {
+        return text.push_points(geometry, parts.start, has_z, around);
+    }
+    let (open, close) = if kind == GeometryKind::Line { ("", "") } else { ("[", "]") };
+    text.push(open);
+    for (index, part) in parts.enumerate() {
+        text.push(if index > 0 { ",[" } else { "[" });
+        text.push_points(geometry, part, has_z, around)?;
+        text.push("]");
+    }
+    text.push(close);
+    Ok(())
 }

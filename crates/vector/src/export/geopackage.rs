@@ -1,12 +1,15 @@
 //! `GeoPackage` 1.3 (OGC 12-128r17): one table of features in an `SQLite` database, without an index.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use rusqlite::types::Value;
+use rusqlite::types::Value as Cell;
 use rusqlite::{Connection, params, params_from_iter};
 
-use super::text::joined;
-use super::{AttributeType, AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
+use serde_json::Value;
+
+use super::geometry::Shape;
+use super::{AttributeType, AttributeValue, FormatWriter, GeometryKind, VectorLayer};
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
@@ -81,20 +84,30 @@ impl GeoPackage {
         connection.execute_batch(&format!("{settings}{SCHEMA}")).map_err(failed(&path))?;
         let table = quoted(&layer.name);
         let column = |(name, kind): &(String, AttributeType)| {
-            let kind = if *kind == AttributeType::Number { "DOUBLE" } else { "TEXT" };
+            let kind = match kind {
+                AttributeType::Integer => "INTEGER",
+                AttributeType::Number => "DOUBLE",
+                AttributeType::Boolean => "BOOLEAN",
+                AttributeType::Text | AttributeType::Json | AttributeType::PerSegment => "TEXT",
+                // (Values keep the types that they have.)
+                AttributeType::Mixed => "BLOB",
+            };
             format!(", {} {kind}", quoted(name))
         };
-        let geometry_type = match layer.kind {
-            Some(GeometryKind::Point) => "POINT",
-            Some(GeometryKind::Line) => "LINESTRING",
-            Some(GeometryKind::Polygon) => "POLYGON",
-            None => "GEOMETRY",
+        let geometry_type = match (layer.kind, layer.is_multi) {
+            (Some(GeometryKind::Point), false) => "POINT",
+            (Some(GeometryKind::Line), false) => "LINESTRING",
+            (Some(GeometryKind::Polygon), false) => "POLYGON",
+            (Some(GeometryKind::Point), true) => "MULTIPOINT",
+            (Some(GeometryKind::Line), true) => "MULTILINESTRING",
+            (Some(GeometryKind::Polygon), true) => "MULTIPOLYGON",
+            (None, _) => "GEOMETRY",
         };
         let columns: String = layer.attributes.iter().map(column).collect();
         let create =
             format!("CREATE TABLE {table} (fid INTEGER PRIMARY KEY NOT NULL, geom {geometry_type}{columns})");
         let places = ", ?".repeat(layer.attributes.len());
-        let insert = format!("INSERT INTO {table} VALUES (NULL, ?{places})");
+        let insert = format!("INSERT INTO {table} VALUES (?, ?{places})");
         let insert_srs = "INSERT INTO gpkg_spatial_ref_sys VALUES (?1, ?2, ?3, ?4, ?5, NULL)";
         let srs = srs_of(layer.crs.as_ref());
         let run = || -> rusqlite::Result<()> {
@@ -139,78 +152,168 @@ fn srs_of(crs: Option<&Crs>) -> Option<(String, i64, &'static str, String)> {
     }
 }
 
+/// Well-known binary in the making: bytes that have gathered, and what takes them.
+struct Binary<'a> {
+    bytes: Vec<u8>,
+    flush: &'a mut dyn FnMut(&mut Vec<u8>) -> Result<()>,
+    axes: usize,
+}
+
+impl Binary<'_> {
+    /// The beginning of a geometry: little-endian, and its type.
+    fn begin(&mut self, code: u32) {
+        self.bytes.push(1);
+        let code = code + if self.axes == 3 { 1000 } else { 0 };
+        self.bytes.extend_from_slice(&code.to_le_bytes());
+    }
+
+    fn number(&mut self, number: u64) {
+        self.bytes.extend_from_slice(&(number as u32).to_le_bytes());
+    }
+
+    /// A geometry, as one of several if the layer has such, or it is of several.
+    fn shape(&mut self, shape: &Shape<'_>, is_multi: bool) -> Result<()> {
+        match (shape.kind, &shape.members[..]) {
+            (Some(GeometryKind::Point), []) if !is_multi => {
+                self.begin(1);
+                let nowhere = f64::NAN.to_le_bytes().repeat(self.axes);
+                self.bytes.extend_from_slice(&nowhere);
+            }
+            (Some(kind), []) if !is_multi => {
+                self.begin(code(kind));
+                self.number(0);
+            }
+            (Some(_), [(kind, parts)]) if !is_multi => self.member(shape, *kind, parts.clone())?,
+            (kind, members) => {
+                self.begin(kind.map_or(7, |kind| code(kind) + 3));
+                self.number(members.len() as u64);
+                members.iter().try_for_each(|(kind, parts)| self.member(shape, *kind, parts.clone()))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn member(&mut self, shape: &Shape<'_>, kind: GeometryKind, parts: Range<usize>) -> Result<()> {
+        self.begin(code(kind));
+        if kind == GeometryKind::Polygon {
+            self.number(parts.len() as u64);
+        }
+        for part in parts {
+            if kind != GeometryKind::Point {
+                self.number(shape.geometry.count(part));
+            }
+            shape.geometry.points(part, &mut |points| {
+                for coordinate in points.iter().flat_map(|point| &point[..self.axes]) {
+                    self.bytes.extend_from_slice(&coordinate.to_le_bytes());
+                }
+                (self.flush)(&mut self.bytes)
+            })?;
+        }
+        Ok(())
+    }
+}
+
+fn code(kind: GeometryKind) -> u32 {
+    match kind {
+        GeometryKind::Point => 1,
+        GeometryKind::Line => 2,
+        GeometryKind::Polygon => 3,
+    }
+}
+
+/// Bytes of a geometry in well-known binary.
+fn size_of(shape: &Shape<'_>, is_multi: bool, axes: usize) -> u64 {
+    let own = |(kind, parts): &(GeometryKind, Range<usize>)| match kind {
+        GeometryKind::Point => 5,
+        GeometryKind::Line => 9,
+        GeometryKind::Polygon => 9 + 4 * parts.len() as u64,
+    };
+    let members: u64 = shape.members.iter().map(own).sum();
+    let is_one = shape.kind.is_some() && shape.members.len() == 1 && !is_multi;
+    let around = match (is_one, shape.kind) {
+        (true, _) => 0,
+        (false, Some(GeometryKind::Point)) if shape.members.is_empty() && !is_multi => 5 + 8 * axes as u64,
+        (false, _) => 9,
+    };
+    shape.count().saturating_mul(8 * axes as u64).saturating_add(members + around)
+}
+
 impl FormatWriter for GeoPackage {
     fn write(
         &mut self,
-        kind: GeometryKind,
-        geometry: &dyn Geometry,
+        id: Option<&Value>,
+        shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
         let GeoPackage { path, connection, layer, srs, insert, .. } = self;
-        let (parts, code, counts) = match kind {
-            GeometryKind::Point => (1, 1u32, 0),
-            GeometryKind::Line => (1, 2, 4),
-            GeometryKind::Polygon => (geometry.parts(), 3, 4 + 4 * geometry.parts() as u64),
-        };
-        let width = if layer.has_z { 24 } else { 16 };
-        let points = (0..parts).fold(0u64, |sum, part| sum.saturating_add(geometry.count(part)));
-        let size = points.saturating_mul(width).saturating_add(8 + 5 + counts);
+        let is_multi = layer.is_multi && layer.kind.is_some();
+        let axes = if layer.has_z { 3 } else { 2 };
+        let size = shape.map_or(0, |shape| size_of(shape, is_multi, axes).saturating_add(8));
         if size > 1_000_000_000 {
             let advice = "choose another format: databases have features of at most 1 GB";
             return Err(Error::unsupported(self.output.path(), format!("a feature of {size} bytes"), advice));
         }
-        // The header of the format, little-endian and without a box, then well-known binary.
-        let mut bytes = b"GP\0\x01".to_vec();
-        bytes.extend_from_slice(&(*srs as i32).to_le_bytes());
-        bytes.push(1);
-        let code = code + if layer.has_z { 1000 } else { 0 };
-        bytes.extend_from_slice(&code.to_le_bytes());
-        if kind == GeometryKind::Polygon {
-            bytes.extend_from_slice(&(parts as u32).to_le_bytes());
-        }
-        let number = |value: &AttributeValue<'_>| match value {
-            AttributeValue::Number(number) if number.is_finite() => Value::Real(*number),
-            AttributeValue::Text(text) => Value::Text((*text).into()),
-            AttributeValue::PerSegment(numbers) => Value::Text(joined(numbers)),
-            AttributeValue::Number(_) | AttributeValue::None => Value::Null,
-        };
-        let attributes = attributes.iter().map(number);
-        let axes = if layer.has_z { 3 } else { 2 };
-        let each = |bytes: &mut Vec<u8>, flush: &mut dyn FnMut(&mut Vec<u8>) -> Result<()>| {
-            for part in 0..parts {
-                if kind != GeometryKind::Point {
-                    bytes.extend_from_slice(&(geometry.count(part) as u32).to_le_bytes());
+        let fid = match id {
+            None => Cell::Null,
+            Some(id) => match id.as_i64() {
+                Some(id) => Cell::Integer(id),
+                None => {
+                    let advice = "a whole number (hand out others as an attribute)";
+                    return Err(Error::invalid("id of a feature in a GeoPackage", id.to_string(), advice));
                 }
-                geometry.points(part, &mut |points| {
-                    for coordinate in points.iter().flat_map(|point| &point[..axes]) {
-                        bytes.extend_from_slice(&coordinate.to_le_bytes());
-                    }
-                    flush(bytes)
-                })?;
-            }
-            Ok(())
+            },
         };
+        let cell = |value: &AttributeValue<'_>| match value.told() {
+            AttributeValue::None => Cell::Null,
+            AttributeValue::Integer(number) => Cell::Integer(number),
+            AttributeValue::Number(number) => Cell::Real(number),
+            AttributeValue::Boolean(is) => Cell::Integer(is.into()),
+            other => Cell::Text(other.to_text()),
+        };
+        let cells = attributes.iter().map(cell);
+        let failed = |error: rusqlite::Error| match (error.sqlite_error_code(), id) {
+            (Some(rusqlite::ErrorCode::ConstraintViolation), Some(id)) => Error::invalid(
+                "ids of features",
+                format!("{id} more than once"),
+                "ids of their own in a GeoPackage",
+            ),
+            _ => failed(path)(error),
+        };
+        let Some(shape) = shape else {
+            let row = [fid, Cell::Null].into_iter().chain(cells);
+            let mut statement = connection.prepare_cached(insert).map_err(failed)?;
+            return statement.execute(params_from_iter(row)).map(drop).map_err(failed);
+        };
+        // The header of the format, little-endian and without a box, then well-known binary.
+        let mut header = b"GP\0".to_vec();
+        header.push(if shape.members.is_empty() { 0x11 } else { 1 });
+        header.extend_from_slice(&(*srs as i32).to_le_bytes());
         if size <= HELD {
-            each(&mut bytes, &mut |_| Ok(()))?;
-            let row = std::iter::once(Value::Blob(bytes)).chain(attributes);
-            let mut statement = connection.prepare_cached(insert).map_err(failed(path))?;
-            return statement.execute(params_from_iter(row)).map(drop).map_err(failed(path));
+            let mut binary = Binary { bytes: header, flush: &mut |_| Ok(()), axes };
+            binary.shape(shape, is_multi)?;
+            let row = [fid, Cell::Blob(binary.bytes)].into_iter().chain(cells);
+            let mut statement = connection.prepare_cached(insert).map_err(failed)?;
+            return statement.execute(params_from_iter(row)).map(drop).map_err(failed);
         }
         // Zeros first, whose place the bytes take.
-        let large = insert.replacen('?', "zeroblob(?)", 1);
-        let row = std::iter::once(Value::Integer(size as i64)).chain(attributes);
-        connection.execute(&large, params_from_iter(row)).map_err(failed(path))?;
+        let large = insert.replacen("(?, ?", "(?, zeroblob(?)", 1);
+        let row = [fid, Cell::Integer(size as i64)].into_iter().chain(cells);
+        connection.execute(&large, params_from_iter(row)).map_err(failed)?;
         let fid = connection.last_insert_rowid();
         let mut blob =
-            connection.blob_open("main", layer.name.as_str(), "geom", fid, false).map_err(failed(path))?;
+            connection.blob_open("main", layer.name.as_str(), "geom", fid, false).map_err(failed)?;
         let mut at = 0;
-        each(&mut bytes, &mut |bytes| {
-            blob.write_all_at(bytes, at).map_err(failed(path))?;
+        let mut flush = |bytes: &mut Vec<u8>| {
+            blob.write_all_at(bytes, at).map_err(failed)?;
             at += bytes.len();
             bytes.clear();
             Ok(())
-        })?;
-        blob.close().map_err(failed(path))
+        };
+        let mut binary = Binary { bytes: header, flush: &mut flush, axes };
+        binary.shape(shape, is_multi)?;
+        let mut rest = binary.bytes;
+        flush(&mut rest)?;
+        blob.close().map_err(failed)
     }
 
     fn finish(self: Box<Self>) -> Result<()> {

@@ -1,6 +1,8 @@
 //! Lines, areas and points that the surfaces of two exact models have in common, as features.
 
-use super::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
+use super::{
+    AttributeType, AttributeValue, GeometryKind, VectorFeature, VectorFormat, VectorLayer, VectorWriter,
+};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
 use spinney_brep::surface_intersection::{LineKind, SurfaceIntersection};
@@ -75,6 +77,7 @@ pub fn export_intersection(
     let layer = VectorLayer {
         name: "intersection".into(),
         kind: None,
+        is_multi: false,
         has_z: true,
         attributes: ATTRIBUTES.map(|(name, kind)| (name.into(), kind)).to_vec(),
         crs: a.crs().or(b.crs()).cloned(),
@@ -105,7 +108,11 @@ pub fn export_intersection(
             AttributeValue::PerSegment(&b_left),
             AttributeValue::PerSegment(&b_right),
         ];
-        writer.write_as(GeometryKind::Line, line, &attributes)?;
+        writer.write_feature(&VectorFeature {
+            id: None,
+            geometry: Some((GeometryKind::Line, line)),
+            attributes: &attributes,
+        })?;
     }
     for area in &found.areas {
         let side = if area.is_same_side { "same" } else { "opposite" };
@@ -119,13 +126,21 @@ pub fn export_intersection(
             none,
             none,
         ];
-        writer.write_as(GeometryKind::Polygon, &area.polygon, &attributes)?;
+        writer.write_feature(&VectorFeature {
+            id: None,
+            geometry: Some((GeometryKind::Polygon, &area.polygon)),
+            attributes: &attributes,
+        })?;
     }
     for point in &found.points {
         let [a, b] = point.faces.map(|face| [face]);
         let [a, b] = [&a, &b].map(|face| AttributeValue::PerSegment(face));
         let attributes = [AttributeValue::Text("point"), none, none, none, a, a, b, b];
-        writer.write_as(GeometryKind::Point, &[vec![point.point]], &attributes)?;
+        writer.write_feature(&VectorFeature {
+            id: None,
+            geometry: Some((GeometryKind::Point, &[vec![point.point]])),
+            attributes: &attributes,
+        })?;
     }
     a.check_unchanged()?;
     b.check_unchanged()?;

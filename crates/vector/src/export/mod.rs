@@ -1,7 +1,7 @@
 //! Lines, polygons and points with attributes, as files of other programs: one layer of features each.
 //!
 //! Features are written as they come, points as they are handed out, so that none has to be held. For GeoPackage a feature is
-//! held, up to a mebibyte of it; for Shapefile a part of a feature.
+//! held, up to a mebibyte of it; for Shapefile a part of a feature; for FlatGeobuf a feature.
 //!
 //! ```
 //! use spinney::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
@@ -12,6 +12,7 @@
 //! let layer = VectorLayer {
 //!     name: "paths".into(),
 //!     kind: Some(GeometryKind::Line),
+//!     is_multi: false,
 //!     has_z: false,
 //!     attributes: vec![("length".into(), AttributeType::Number)],
 //!     crs: None,
@@ -28,12 +29,15 @@
 
 mod contours;
 mod csv;
+mod features;
 #[cfg(feature = "flatgeobuf")]
 mod flatgeobuf;
 mod geojson;
+mod geometry;
 #[cfg(feature = "geopackage")]
 mod geopackage;
 mod intersection;
+mod layer;
 mod obj;
 mod ply;
 mod polygons;
@@ -47,15 +51,17 @@ use std::path::Path;
 use std::str::FromStr;
 
 pub use self::contours::{ContourFeatures, export_contours};
+pub use self::features::FeatureParts;
+pub use self::geometry::Geometry;
 pub use self::intersection::{IntersectionSummary, export_intersection};
+pub use self::layer::{AttributeType, AttributeValue, GeometryKind, VectorLayer};
 pub use self::polygons::export_polygons;
 pub use self::sections::{SectionPlanes, SectionSummary, export_section};
 pub use self::smooth::Smoothed;
 
+use self::geometry::Shape;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
-use spinney_crs::Crs;
-use spinney_engine::query::Contour;
 
 /// Format of a file of lines, polygons or points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,7 +75,8 @@ pub enum VectorFormat {
     Svg,
     /// `GeoPackage`, version 1.3 (feature `mbtiles`).
     GeoPackage,
-    /// `FlatGeobuf` with an index (feature `flatgeobuf`): at most 2^21 features of at most 2^22 points.
+    /// `FlatGeobuf` with an index (feature `flatgeobuf`): of features of at most 2^22 points; without an index
+    /// if some have no geometry.
     FlatGeobuf,
     /// Shapefile (feature `raster`): also the files `.shx`, `.dbf` and `.cpg` beside it, and `.prj` with the coordinate system in Esri's
     /// well-known text. Each of them appears whole; the one that was asked for is the last.
@@ -106,167 +113,22 @@ impl FromStr for VectorFormat {
     }
 }
 
-/// Kind of a feature.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GeometryKind {
-    /// A point: the only part has it.
-    Point,
-    /// A line: the only part has its points.
-    Line,
-    /// A polygon: the first part is the outer ring, all others are holes. Rings end with the point that they begin with.
-    Polygon,
-}
-
-/// Type of an attribute.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AttributeType {
-    /// Numbers.
-    Number,
-    /// Texts.
-    Text,
-    /// Whole numbers, one for each segment of a line: texts with blanks between them where a format has no lists, integers of edges in PLY.
-    PerSegment,
-}
-
-/// An attribute of a feature.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum AttributeValue<'a> {
-    /// A number; one that is not finite is none.
-    Number(f64),
-    /// A text.
-    Text(&'a str),
-    /// A number for each segment of a line.
-    PerSegment(&'a [u64]),
-    /// Nothing.
-    None,
-}
-
-/// Description of a layer.
-#[derive(Clone, Debug, PartialEq)]
-pub struct VectorLayer {
-    /// Its name.
-    pub name: String,
-    /// Kind of all features; `None` if they are of several kinds.
-    pub kind: Option<GeometryKind>,
-    /// Whether points have a third coordinate.
-    pub has_z: bool,
-    /// Names and types of the attributes.
-    pub attributes: Vec<(String, AttributeType)>,
-    /// The coordinate system, where known.
-    pub crs: Option<Crs>,
-    /// Least and greatest x and y of all features, or of what is around them.
-    pub bounds: [[f64; 2]; 2],
-}
-
-impl VectorLayer {
-    /// What a file of the format cannot tell of the layer's coordinate system, for whoever reads it: nothing if it tells all.
-    pub fn remark(&self, format: VectorFormat) -> Option<String> {
-        let crs = self.crs.as_ref()?;
-        let is_told = match format {
-            VectorFormat::GeoJson => crs.numbers().is_some(),
-            VectorFormat::GeoPackage | VectorFormat::FlatGeobuf => {
-                crs.numbers().is_some() || crs.to_wkt2().is_ok() || crs.foreign_text().is_some()
-            }
-            VectorFormat::Shapefile => shapefile::definition(crs).is_some(),
-            // (These have no place for one.)
-            VectorFormat::Csv | VectorFormat::Svg | VectorFormat::Obj | VectorFormat::Ply => true,
-        };
-        (!is_told)
-            .then(|| format!("the coordinate system is not in the file, which has no words for it: {crs}"))
-    }
-}
-
-/// The geometry of a feature.
-pub trait Geometry {
-    /// Number of parts.
-    fn parts(&self) -> usize;
-
-    /// Number of points of a part.
-    fn count(&self, part: usize) -> u64;
-
-    /// Hands out the points of a part, in order, many at a time.
-    ///
-    /// # Errors
-    /// If they cannot be read, or `each` fails.
-    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()>;
-}
-
-impl Geometry for [Vec<[f64; 3]>] {
-    fn parts(&self) -> usize {
-        self.len()
-    }
-
-    fn count(&self, part: usize) -> u64 {
-        self.get(part).map_or(0, |points| points.len() as u64)
-    }
-
-    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
-        self.get(part).map_or(Ok(()), |points| each(points))
-    }
-}
-
-impl<const PARTS: usize> Geometry for [Vec<[f64; 3]>; PARTS] {
-    fn parts(&self) -> usize {
-        PARTS
-    }
-
-    fn count(&self, part: usize) -> u64 {
-        self[..].count(part)
-    }
-
-    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
-        self[..].points(part, each)
-    }
-}
-
-impl Geometry for Contour<'_> {
-    fn parts(&self) -> usize {
-        Contour::parts(self)
-    }
-
-    fn count(&self, part: usize) -> u64 {
-        Contour::count(self, part)
-    }
-
-    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
-        Contour::points(self, part, each)
-    }
-}
-
-impl Geometry for spinney_brep::query::SectionPolygon {
-    fn parts(&self) -> usize {
-        self.rings.len()
-    }
-
-    fn count(&self, part: usize) -> u64 {
-        self.rings[..].count(part)
-    }
-
-    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
-        self.rings[..].points(part, each)
-    }
-}
-
-impl Geometry for spinney_brep::surface_intersection::IntersectionLine {
-    fn parts(&self) -> usize {
-        1
-    }
-
-    fn count(&self, part: usize) -> u64 {
-        std::slice::from_ref(&self.points).count(part)
-    }
-
-    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
-        std::slice::from_ref(&self.points).points(part, each)
-    }
+/// A feature that is written.
+pub struct VectorFeature<'a> {
+    /// Its id, a number or a text, for formats that have ids: GeoJSON, and of GeoPackage whole numbers.
+    pub id: Option<&'a serde_json::Value>,
+    /// Kind and geometry, if it has one.
+    pub geometry: Option<(GeometryKind, &'a dyn Geometry)>,
+    /// Its attributes, as many as the layer has, and of their types or none.
+    pub attributes: &'a [AttributeValue<'a>],
 }
 
 /// A file of a format in the making.
 trait FormatWriter {
     fn write(
         &mut self,
-        kind: GeometryKind,
-        geometry: &dyn Geometry,
+        id: Option<&serde_json::Value>,
+        shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()>;
     fn finish(self: Box<Self>) -> Result<()>;
@@ -276,6 +138,7 @@ trait FormatWriter {
 pub struct VectorWriter {
     writer: Box<dyn FormatWriter>,
     kind: Option<GeometryKind>,
+    is_multi: bool,
     attributes: Vec<(String, AttributeType)>,
 }
 
@@ -286,7 +149,7 @@ impl VectorWriter {
     /// If the output cannot be written, or is a stream and the format is a database; or if the format has no features of several kinds, or no
     /// points.
     pub fn create(output: Output, format: VectorFormat, layer: VectorLayer) -> Result<VectorWriter> {
-        let (kind, attributes) = (layer.kind, layer.attributes.clone());
+        let (kind, is_multi, attributes) = (layer.kind, layer.is_multi, layer.attributes.clone());
         let writer: Box<dyn FormatWriter> = match format {
             VectorFormat::GeoJson => Box::new(geojson::GeoJson::new(output, layer)?),
             VectorFormat::Csv => Box::new(csv::Csv::new(output, layer)?),
@@ -304,7 +167,7 @@ impl VectorWriter {
                 return Err(Error::unsupported(output.path(), format!("writing {format:?}"), advice));
             }
         };
-        Ok(VectorWriter { writer, kind, attributes })
+        Ok(VectorWriter { writer, kind, is_multi, attributes })
     }
 
     /// Writes a feature of the layer's kind with its attributes, which are as many as the layer has, and of their types or none.
@@ -314,35 +177,37 @@ impl VectorWriter {
     /// written.
     pub fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()> {
         match self.kind {
-            Some(kind) => self.write_as(kind, geometry, attributes),
+            Some(kind) => {
+                self.write_feature(&VectorFeature { id: None, geometry: Some((kind, geometry)), attributes })
+            }
             None => Err(Error::invalid("kind of a feature", "none", "one, since the layer has several")),
         }
     }
 
-    /// Writes a feature of a kind, otherwise as [`VectorWriter::write`].
+    /// Writes a feature of any kind that the layer may have, with its id, or without a geometry; otherwise as [`VectorWriter::write`].
     ///
     /// # Errors
-    /// Those of [`VectorWriter::write`]; if the layer is of another kind.
-    pub fn write_as(
-        &mut self,
-        kind: GeometryKind,
-        geometry: &dyn Geometry,
-        attributes: &[AttributeValue<'_>],
-    ) -> Result<()> {
-        if self.kind.is_some_and(|own| own != kind) {
-            return Err(Error::invalid("kind of a feature", format!("{kind:?}"), format!("{:?}", self.kind)));
-        }
-        let fits = |((_, wanted), value): (&(String, AttributeType), &AttributeValue<'_>)| match value {
-            AttributeValue::Number(_) => *wanted == AttributeType::Number,
-            AttributeValue::Text(_) => *wanted == AttributeType::Text,
-            AttributeValue::PerSegment(_) => *wanted == AttributeType::PerSegment,
-            AttributeValue::None => true,
-        };
+    /// Those of [`VectorWriter::write`]; if the layer is of another kind, or has no features of several points, lines or polygons; if the format
+    /// cannot have the id, or has it already.
+    pub fn write_feature(&mut self, feature: &VectorFeature<'_>) -> Result<()> {
+        let attributes = feature.attributes;
+        let fits = |((_, kind), value): (&(String, AttributeType), &AttributeValue<'_>)| value.fits(*kind);
         if attributes.len() != self.attributes.len() || !self.attributes.iter().zip(attributes).all(fits) {
             let found = format!("{attributes:?}");
             return Err(Error::invalid("attributes of a feature", found, "those of the layer, in order"));
         }
-        self.writer.write(kind, geometry, attributes)
+        let shape = feature.geometry.map(|(kind, geometry)| Shape::of(geometry, kind));
+        if let Some(shape) = &shape {
+            if self.kind.is_some() && shape.kind != self.kind {
+                let found = shape.kind.map_or_else(|| "several".into(), |kind| format!("{kind:?}"));
+                return Err(Error::invalid("kind of a feature", found, format!("{:?}", self.kind)));
+            }
+            if self.kind.is_some() && !self.is_multi && shape.members.len() > 1 {
+                let found = format!("{} geometries", shape.members.len());
+                return Err(Error::invalid("geometry of a feature", found, "one, since the layer says so"));
+            }
+        }
+        self.writer.write(feature.id, shape.as_ref(), attributes)
     }
 
     /// Ends the file and puts it in its place.

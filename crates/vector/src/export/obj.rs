@@ -1,5 +1,8 @@
 //! Wavefront OBJ: an object for each feature, with lines and points.
 
+use serde_json::Value;
+
+use super::geometry::Shape;
 use super::text::Text;
 use super::{AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
 use spinney_base::Result;
@@ -56,8 +59,8 @@ impl ObjLines {
 impl FormatWriter for ObjLines {
     fn write(
         &mut self,
-        kind: GeometryKind,
-        geometry: &dyn Geometry,
+        _id: Option<&Value>,
+        shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
         let ObjLines { text, layer, features, .. } = self;
@@ -71,13 +74,15 @@ impl FormatWriter for ObjLines {
             text.push(&format!("# {} ", plain(name)));
             match value {
                 AttributeValue::Number(number) => text.push_number(*number),
-                AttributeValue::Text(value) => text.push(&plain(value)),
-                AttributeValue::PerSegment(numbers) => text.push_integers(numbers, " "),
-                AttributeValue::None => {}
+                value => text.push(&plain(&value.to_text())),
             }
             text.push("\n");
         }
-        (0..geometry.parts()).try_for_each(|part| self.part(kind, geometry, part))?;
+        if let Some(shape) = shape {
+            let mut parts =
+                shape.members.iter().flat_map(|(kind, parts)| parts.clone().map(|part| (*kind, part)));
+            parts.try_for_each(|(kind, part)| self.part(kind, shape.geometry, part))?;
+        }
         self.text.flush_some()
     }
 

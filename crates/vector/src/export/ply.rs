@@ -2,7 +2,10 @@
 
 use std::io::Write;
 
-use super::{AttributeType, AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
+use serde_json::Value;
+
+use super::geometry::Shape;
+use super::{AttributeType, AttributeValue, FormatWriter, GeometryKind, VectorLayer};
 use spinney_base::io::Output;
 use spinney_base::io::spill::{Spill, failed};
 use spinney_base::{Error, Result};
@@ -28,9 +31,9 @@ impl PlyEdges {
         let properties: String = (self.layer.attributes.iter())
             .filter_map(|(name, kind)| {
                 let kind = match kind {
-                    AttributeType::Number => "double",
+                    AttributeType::Number | AttributeType::Integer => "double",
                     AttributeType::PerSegment => "uint",
-                    AttributeType::Text => return None,
+                    _ => return None,
                 };
                 // (A name ends with a blank.)
                 let name = name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "_");
@@ -60,14 +63,17 @@ impl PlyEdges {
         for ((_, kind), value) in self.layer.attributes.iter().zip(attributes) {
             match (kind, value) {
                 (AttributeType::Number, AttributeValue::Number(number)) => bytes.extend(number.to_le_bytes()),
-                (AttributeType::Number, _) => bytes.extend(f64::NAN.to_le_bytes()),
+                (AttributeType::Number | AttributeType::Integer, AttributeValue::Integer(number)) => {
+                    bytes.extend((*number as f64).to_le_bytes());
+                }
+                (AttributeType::Number | AttributeType::Integer, _) => bytes.extend(f64::NAN.to_le_bytes()),
                 (AttributeType::PerSegment, AttributeValue::PerSegment(numbers)) => {
                     let number = numbers.get(segment).copied().unwrap_or_default();
                     let number = u32::try_from(number).map_err(|_| self.too_many("numbers beyond 2^32"))?;
                     bytes.extend(number.to_le_bytes());
                 }
                 (AttributeType::PerSegment, _) => bytes.extend(0u32.to_le_bytes()),
-                (AttributeType::Text, _) => {}
+                _ => {}
             }
         }
         self.edges += 1;
@@ -78,12 +84,18 @@ impl PlyEdges {
 impl FormatWriter for PlyEdges {
     fn write(
         &mut self,
-        kind: GeometryKind,
-        geometry: &dyn Geometry,
+        _id: Option<&Value>,
+        shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
         let mut segment = 0;
-        for part in 0..geometry.parts() {
+        let parts = shape.iter().flat_map(|shape| {
+            shape
+                .members
+                .iter()
+                .flat_map(|(kind, parts)| parts.clone().map(|part| (shape.geometry, *kind, part)))
+        });
+        for (geometry, kind, part) in parts {
             let (count, base, mut passed) = (geometry.count(part), self.vertices, 0);
             let mut first = None;
             geometry.points(part, &mut |points| {

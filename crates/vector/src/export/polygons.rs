@@ -79,6 +79,7 @@ pub fn export_polygons(
     let layer = VectorLayer {
         name: "regions".into(),
         kind: Some(GeometryKind::Polygon),
+        is_multi: false,
         has_z: false,
         attributes: attributes.map(|(_, name, kind)| (name.to_owned(), kind)).collect(),
         crs: metadata.frame.crs.clone(),

@@ -133,6 +133,7 @@ pub fn export_section(
     let layer = VectorLayer {
         name: "section".into(),
         kind: Some(GeometryKind::Polygon),
+        is_multi: false,
         has_z: !is_flat,
         attributes: attributes.iter().map(|(name, kind)| ((*name).into(), *kind)).collect(),
         crs: if is_flat { None } else { model.crs().cloned() },

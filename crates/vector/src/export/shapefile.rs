@@ -2,7 +2,10 @@
 
 use std::io::Write;
 
-use super::{AttributeType, AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
+use serde_json::Value;
+
+use super::geometry::Shape;
+use super::{AttributeType, AttributeValue, FormatWriter, GeometryKind, VectorLayer};
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
@@ -10,8 +13,15 @@ use spinney_crs::Crs;
 /// Bytes of the headers of shapes and places.
 const HEADER: u64 = 100;
 
-/// Bytes of a number and of a text in the table.
-const WIDTHS: [usize; 2] = [24, 254];
+/// Type, bytes and decimals of an attribute in the table.
+fn field(kind: AttributeType) -> (u8, usize, u8) {
+    match kind {
+        AttributeType::Number => (b'N', 24, 15),
+        AttributeType::Integer => (b'N', 20, 0),
+        AttributeType::Boolean => (b'L', 1, 0),
+        _ => (b'C', 254, 0),
+    }
+}
 
 /// Bytes that a file may have: its length is a number of 16-bit words in 31 bits.
 const MOST: u64 = 2 * i32::MAX as u64;
@@ -23,6 +33,8 @@ pub(super) struct Shapefile {
     /// Small files beside these.
     others: Vec<Output>,
     layer: VectorLayer,
+    /// Names of its attributes in the table.
+    names: Vec<String>,
     /// Bytes of shapes so far, and number of features.
     length: u64,
     count: u32,
@@ -64,8 +76,9 @@ impl Shapefile {
             }
         }
         let (low, high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        let names = short_names(&layer.attributes);
         let mut file =
-            Shapefile { shapes, places, table, others, layer, length: HEADER, count: 0, low, high };
+            Shapefile { shapes, places, table, others, layer, names, length: HEADER, count: 0, low, high };
         let header = file.header(0);
         write(&mut file.shapes, &header)?;
         write(&mut file.places, &header)?;
@@ -98,12 +111,7 @@ impl Shapefile {
 
     /// The header of the table.
     fn table_header(&self) -> Result<Vec<u8>> {
-        let fields = self
-            .layer
-            .attributes
-            .iter()
-            .map(|(_, kind)| (kind, WIDTHS[usize::from(*kind != AttributeType::Number)]));
-        let width = 1 + fields.clone().map(|(_, width)| width).sum::<usize>();
+        let width = 1 + self.layer.attributes.iter().map(|(_, kind)| field(*kind).1).sum::<usize>();
         let length = 32 + 32 * self.layer.attributes.len() + 1;
         let (Ok(length), Ok(width)) = (u16::try_from(length), u16::try_from(width)) else {
             let found = format!("{} attributes", self.layer.attributes.len());
@@ -115,41 +123,101 @@ impl Shapefile {
         header.extend_from_slice(&length.to_le_bytes());
         header.extend_from_slice(&width.to_le_bytes());
         header.extend_from_slice(&[0; 20]);
-        for ((name, _), (kind, width)) in self.layer.attributes.iter().zip(fields) {
-            let mut field = [0; 32];
-            let name = cut(name, 10);
-            field[..name.len()].copy_from_slice(name.as_bytes());
-            (field[11], field[17]) = match kind {
-                AttributeType::Number => (b'N', 15),
-                AttributeType::Text | AttributeType::PerSegment => (b'C', 0),
-            };
-            field[16] = width as u8;
-            header.extend_from_slice(&field);
+        for ((_, kind), name) in self.layer.attributes.iter().zip(&self.names) {
+            let mut bytes = [0; 32];
+            bytes[..name.len()].copy_from_slice(name.as_bytes());
+            let (letter, width, decimals) = field(*kind);
+            (bytes[11], bytes[16], bytes[17]) = (letter, width as u8, decimals);
+            header.extend_from_slice(&bytes);
         }
         header.push(b'\r');
         Ok(header)
     }
 
+    /// Writes a feature without a geometry.
+    fn write_null(&mut self, attributes: &[AttributeValue<'_>]) -> Result<()> {
+        let place = self.length;
+        if place + 12 > MOST {
+            return Err(self.too_large());
+        }
+        self.length += 12;
+        self.count += 1;
+        let mut bytes = self.count.to_be_bytes().to_vec();
+        bytes.extend_from_slice(&2u32.to_be_bytes());
+        bytes.extend_from_slice(&0u32.to_le_bytes());
+        write(&mut self.shapes, &bytes)?;
+        write(&mut self.places, [(place / 2) as u32, 2].map(u32::to_be_bytes).as_flattened())?;
+        self.write_attributes(attributes)
+    }
+
+    fn too_large(&self) -> Error {
+        Error::unsupported(self.shapes.path(), "a shapefile of more than 4 GB", "choose another format")
+    }
+
     fn write_attributes(&mut self, attributes: &[AttributeValue<'_>]) -> Result<()> {
         let mut row = vec![b' '];
         for (value, (_, kind)) in attributes.iter().zip(&self.layer.attributes) {
-            let width = WIDTHS[usize::from(*kind != AttributeType::Number)];
-            let field = match value {
-                AttributeValue::Number(number) if number.is_finite() => {
+            let (_, width, _) = field(*kind);
+            let field = match value.told() {
+                AttributeValue::Number(number) => {
                     let short = number.to_string();
                     let text = if short.len() <= width { short } else { format!("{number:.15e}") };
                     format!("{text:>width$}")
                 }
-                AttributeValue::Text(text) => cut(text, width).to_string(),
-                AttributeValue::Number(_) | AttributeValue::PerSegment(_) | AttributeValue::None => {
-                    String::new()
+                AttributeValue::Integer(number) => format!("{number:>width$}"),
+                AttributeValue::Boolean(is) if *kind == AttributeType::Boolean => {
+                    if is { "T" } else { "F" }.into()
                 }
+                AttributeValue::PerSegment(_) => String::new(),
+                text => cut(&text.to_text(), width).to_string(),
             };
             row.extend_from_slice(field.as_bytes());
             row.resize(row.len() + width.saturating_sub(field.len()), b' ');
         }
         write(&mut self.table, &row)
     }
+}
+
+/// The area of a ring, point by point.
+#[derive(Default)]
+struct Area {
+    first: Option<[f64; 3]>,
+    last: [f64; 3],
+    /// Twice the area, counted from the first point, positive where the ring is counterclockwise.
+    twice: f64,
+}
+
+impl Area {
+    fn add(&mut self, point: [f64; 3]) {
+        let first = *self.first.get_or_insert(point);
+        let from = |point: [f64; 3]| [point[0] - first[0], point[1] - first[1]];
+        let ([x, y], [next_x, next_y]) = (from(self.last), from(point));
+        if first != point {
+            self.twice += x * next_y - next_x * y;
+        }
+        self.last = point;
+    }
+
+    fn is_clockwise(&self) -> bool {
+        self.twice < 0.0
+    }
+}
+
+/// Names of at most ten bytes, each once: what is cut to one that there is ends with a number.
+fn short_names(attributes: &[(String, AttributeType)]) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for (name, _) in attributes {
+        let mut short = cut(name, 10).to_owned();
+        for number in 1.. {
+            if !names.contains(&short) {
+                break;
+            }
+            let end = format!("_{number}");
+            short = format!("{}{end}", cut(name, 10usize.saturating_sub(end.len())));
+        }
+        names.push(short);
+    }
+    names
 }
 
 /// As much of a text as has so many bytes.
@@ -166,29 +234,38 @@ fn write(output: &mut Output, bytes: &[u8]) -> Result<()> {
 impl FormatWriter for Shapefile {
     fn write(
         &mut self,
-        kind: GeometryKind,
-        geometry: &dyn Geometry,
+        _id: Option<&Value>,
+        shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
-        let is_polygon = kind == GeometryKind::Polygon;
-        let parts = if is_polygon { geometry.parts() } else { 1 };
+        // (There is no empty one: that is none, too.)
+        let Some(shape) = shape.filter(|shape| !shape.members.is_empty()) else {
+            return self.write_null(attributes);
+        };
+        let geometry = shape.geometry;
+        let is_polygon = shape.kind == Some(GeometryKind::Polygon);
+        let parts = geometry.parts();
         let (mut low, mut high, mut count) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0u64);
+        let mut is_turned = Vec::with_capacity(parts);
         for part in 0..parts {
             count = count.saturating_add(geometry.count(part));
+            let mut area = Area::default();
             geometry.points(part, &mut |points| {
                 for point in points {
                     low = std::array::from_fn(|axis| low[axis].min(point[axis]));
                     high = std::array::from_fn(|axis| high[axis].max(point[axis]));
+                    area.add(*point);
                 }
                 Ok(())
             })?;
+            // (Outer rings are clockwise here, holes are not.)
+            is_turned.push(is_polygon && area.is_clockwise() != geometry.is_outer(part));
         }
         let heights = if self.layer.has_z { 16 + 8 * count as u128 } else { 0 };
         let bytes = 44 + 4 * parts as u128 + 16 * count as u128 + heights;
         let place = self.length;
         if u128::from(place) + 8 + bytes > u128::from(MOST) {
-            let found = "a shapefile of more than 4 GB";
-            return Err(Error::unsupported(self.shapes.path(), found, "choose another format"));
+            return Err(self.too_large());
         }
         let bytes = bytes as u64;
         self.length += 8 + bytes;
@@ -207,7 +284,6 @@ impl FormatWriter for Shapefile {
             first += geometry.count(part);
         }
         write(&mut self.shapes, &head)?;
-        // Outer rings are clockwise here: all rings are turned around.
         let passes = if self.layer.has_z { 2 } else { 1 };
         for pass in 0..passes {
             if pass == 1 {
@@ -215,17 +291,17 @@ impl FormatWriter for Shapefile {
             }
             let axes = if pass == 0 { 0..2 } else { 2..3 };
             for part in 0..parts {
-                let mut bytes = Vec::new();
+                let (mut bytes, is_turned) = (Vec::new(), is_turned[part]);
                 geometry.points(part, &mut |points| {
                     for point in points {
                         // (Backwards as a whole means points and their coordinates.)
                         let numbers = point[axes.clone()].iter();
                         let put = |number: &f64| bytes.push(number.to_le_bytes());
-                        if is_polygon { numbers.rev().for_each(put) } else { numbers.for_each(put) }
+                        if is_turned { numbers.rev().for_each(put) } else { numbers.for_each(put) }
                     }
                     Ok(())
                 })?;
-                if is_polygon {
+                if is_turned {
                     bytes.reverse();
                 }
                 write(&mut self.shapes, bytes.as_flattened())?;

@@ -1,7 +1,10 @@
 //! Drawings in SVG 1.1: a path for each feature.
 
+use serde_json::Value;
+
+use super::geometry::Shape;
 use super::text::Text;
-use super::{AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
+use super::{AttributeValue, FormatWriter, GeometryKind, VectorLayer};
 use spinney_base::Result;
 use spinney_base::io::Output;
 
@@ -56,15 +59,15 @@ fn name_of(name: &str) -> String {
 impl FormatWriter for Svg {
     fn write(
         &mut self,
-        kind: GeometryKind,
-        geometry: &dyn Geometry,
+        _id: Option<&Value>,
+        shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
         let Svg { text, layer } = self;
         text.push("<path vector-effect=\"non-scaling-stroke\"");
-        match kind {
-            GeometryKind::Point => text.push(" stroke-width=\"4\""),
-            GeometryKind::Line if layer.kind.is_none() => text.push(" fill=\"none\""),
+        match shape.and_then(|shape| shape.kind) {
+            Some(GeometryKind::Point) => text.push(" stroke-width=\"4\""),
+            Some(GeometryKind::Line) if layer.kind.is_none() => text.push(" fill=\"none\""),
             _ => {}
         }
         for ((name, _), value) in layer.attributes.iter().zip(attributes) {
@@ -74,22 +77,24 @@ impl FormatWriter for Svg {
             text.push(&format!(" data-{}=\"", name_of(name)));
             match value {
                 AttributeValue::Number(number) => text.push_number(*number),
-                AttributeValue::Text(value) => push_escaped(text, value),
-                AttributeValue::PerSegment(numbers) => text.push_integers(numbers, " "),
-                AttributeValue::None => {}
+                value => push_escaped(text, &value.to_text()),
             }
             text.push("\"");
         }
         text.push(" d=\"");
-        for part in 0..geometry.parts() {
-            // (More points after the first are a line to each.)
-            text.push("M");
-            text.push_points(geometry, part, false, ["", " ", ""])?;
-            text.push(match kind {
-                GeometryKind::Point => "h0",
-                GeometryKind::Line => "",
-                GeometryKind::Polygon => "Z",
-            });
+        for (shape, (kind, parts)) in
+            shape.iter().flat_map(|shape| shape.members.iter().map(move |own| (shape, own)))
+        {
+            for part in parts.clone() {
+                // (More points after the first are a line to each.)
+                text.push("M");
+                text.push_points(shape.geometry, part, false, ["", " ", ""])?;
+                text.push(match kind {
+                    GeometryKind::Point => "h0",
+                    GeometryKind::Line => "",
+                    GeometryKind::Polygon => "Z",
+                });
+            }
         }
         text.push("\"/>\n");
         text.flush_some()

@@ -6,12 +6,6 @@ use super::Geometry;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 
-/// Whole numbers with blanks between them.
-#[cfg(any(feature = "flatgeobuf", feature = "geopackage"))]
-pub(super) fn joined(numbers: &[u64]) -> String {
-    numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(" ")
-}
-
 /// Bytes that are written at a time.
 const BUFFER: usize = 1 << 16;
 

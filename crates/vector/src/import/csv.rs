@@ -4,7 +4,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use super::feature::{
-    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
 use super::rows::Rows;
@@ -64,12 +64,12 @@ impl Csv {
         let columns: Vec<usize> =
             (0..width).filter(is_attribute).filter(|index| wanted.takes(&names[*index])).collect();
         // What is in the columns, and the coordinate system that geometries may name.
-        let mut kinds: Vec<Option<AttributeKind>> = vec![None; columns.len()];
+        let mut kinds: Vec<Option<AttributeType>> = vec![None; columns.len()];
         let (mut number, mut system) = (1, None);
         while rows.step(number)? {
             for (kind, column) in kinds.iter_mut().zip(&columns) {
                 let (text, is_quoted) = rows.field(*column);
-                if *kind != Some(AttributeKind::Text) && (is_quoted || !text.is_empty()) {
+                if *kind != Some(AttributeType::Text) && (is_quoted || !text.is_empty()) {
                     *kind = Some(kind.map_or(kind_of(&text), |known| joined(known, kind_of(&text))));
                 }
             }
@@ -94,7 +94,7 @@ impl Csv {
             name: path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
             crs,
             attributes: attributes
-                .map(|(column, kind)| (names[*column].clone(), kind.unwrap_or(AttributeKind::Text)))
+                .map(|(column, kind)| (names[*column].clone(), kind.unwrap_or(AttributeType::Text)))
                 .collect(),
             kind: matches!(place, Place::Point { .. }).then_some(GeometryKind::Point),
             count: Some(number - 1),
@@ -102,26 +102,27 @@ impl Csv {
         Ok(Csv { rows, path: path.into(), schema, place, columns, width, number: 1 })
     }
 
-    fn geometry(&self) -> std::result::Result<Option<FeatureGeometry>, String> {
+    fn geometry(&self) -> std::result::Result<(Option<FeatureGeometry>, bool), String> {
         match self.place {
             Place::Geometry(column) => {
                 let text = self.rows.field(column).0;
                 match text.trim() {
-                    "" => Ok(None),
+                    "" => Ok((None, false)),
                     text => match wkb::bytes_of_digits(text) {
-                        Some(bytes) => wkb::parse(&bytes)?.0.checked().map(Some),
-                        None => wkt::parse(text)?.0.checked().map(Some),
+                        Some(bytes) => wkb::parse(&bytes)?.checked(),
+                        None => wkt::parse(text)?.checked(),
                     },
                 }
             }
             Place::Point { columns } => {
                 let [x, y] = columns.map(|column| self.rows.field(column).0);
                 if x.trim().is_empty() && y.trim().is_empty() {
-                    return Ok(None);
+                    return Ok((None, false));
                 }
                 let number =
                     |text: &str| text.trim().parse::<f64>().map_err(|_| format!("`{text}` as a coordinate"));
-                FeatureGeometry::Points(vec![[number(&x)?, number(&y)?]]).checked().map(Some)
+                let point = FeatureGeometry::Points(vec![[number(&x)?, number(&y)?]]);
+                point.checked().map(|point| (Some(point), false))
             }
         }
     }
@@ -163,23 +164,23 @@ fn system_of(text: &str) -> std::result::Result<Option<u32>, String> {
 }
 
 /// The kind of a value that is written so: what begins with a zero that counts is a code, not a number.
-fn kind_of(text: &str) -> AttributeKind {
+fn kind_of(text: &str) -> AttributeType {
     let digits = text.strip_prefix('-').unwrap_or(text);
     let is_number = digits.bytes().all(|byte| byte.is_ascii_digit() || b".eE+-".contains(&byte))
         && digits.starts_with(|first: char| first.is_ascii_digit() || first == '.')
         && !(digits.len() > 1 && digits.starts_with('0') && digits.as_bytes()[1].is_ascii_digit());
     match is_number {
-        true if text.parse::<i64>().is_ok() => AttributeKind::Integer,
+        true if text.parse::<i64>().is_ok() => AttributeType::Integer,
         // (Digits beyond 64 bits are no number that could be computed with.)
-        true if digits.bytes().all(|byte| byte.is_ascii_digit()) => AttributeKind::Text,
-        true if text.parse::<f64>().is_ok_and(f64::is_finite) => AttributeKind::Number,
-        _ => AttributeKind::Text,
+        true if digits.bytes().all(|byte| byte.is_ascii_digit()) => AttributeType::Text,
+        true if text.parse::<f64>().is_ok_and(f64::is_finite) => AttributeType::Number,
+        _ => AttributeType::Text,
     }
 }
 
-fn joined(one: AttributeKind, other: AttributeKind) -> AttributeKind {
+fn joined(one: AttributeType, other: AttributeType) -> AttributeType {
     match one.with(other) {
-        AttributeKind::Mixed => AttributeKind::Text,
+        AttributeType::Mixed => AttributeType::Text,
         kind => kind,
     }
 }
@@ -197,15 +198,16 @@ impl FeatureReader for Csv {
             let found = format!("{} fields, and {} columns", self.rows.len(), self.width);
             return Err(wrong(&self.path, self.number, found));
         }
-        let geometry = self.geometry().map_err(|found| wrong(&self.path, self.number, found))?;
-        let value = |(column, (_, kind)): (&usize, &(String, AttributeKind))| {
+        let (geometry, has_heights) =
+            self.geometry().map_err(|found| wrong(&self.path, self.number, found))?;
+        let value = |(column, (_, kind)): (&usize, &(String, AttributeType))| {
             let (text, is_quoted) = self.rows.field(*column);
-            if text.is_empty() && !(is_quoted && *kind == AttributeKind::Text) {
+            if text.is_empty() && !(is_quoted && *kind == AttributeType::Text) {
                 return Ok(FeatureAttribute::None);
             }
             match kind {
-                AttributeKind::Integer => text.parse().map(FeatureAttribute::Integer).map_err(|_| ()),
-                AttributeKind::Number => text.parse().map(FeatureAttribute::Number).map_err(|_| ()),
+                AttributeType::Integer => text.parse().map(FeatureAttribute::Integer).map_err(|_| ()),
+                AttributeType::Number => text.parse().map(FeatureAttribute::Number).map_err(|_| ()),
                 _ => Ok(FeatureAttribute::Text(text.into_owned())),
             }
         };
@@ -214,7 +216,7 @@ impl FeatureReader for Csv {
         let changed = |()| Error::Changed { path: self.path.clone(), what: "was overwritten" };
         let attributes = values.map_err(changed)?;
         self.number += 1;
-        Ok(Some(Feature { id: None, attributes, geometry }))
+        Ok(Some(Feature { id: None, attributes, geometry, has_heights }))
     }
 }
 
@@ -224,7 +226,7 @@ mod tests {
 
     #[test]
     fn columns_have_the_kind_of_all_their_values() {
-        use AttributeKind::{Integer, Number, Text};
+        use AttributeType::{Integer, Number, Text};
         for (text, kind) in [
             ("1", Integer),
             ("-12", Integer),

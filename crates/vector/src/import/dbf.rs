@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::beside;
 use super::encoding::TextEncoding;
-use super::feature::{AttributeKind, FeatureAttribute, Wanted};
+use super::feature::{AttributeType, FeatureAttribute, Wanted};
 use spinney_base::{Error, Result};
 
 /// A table, of which rows are read in order.
@@ -27,7 +27,7 @@ struct Column {
     /// The place in a row.
     begin: usize,
     end: usize,
-    kind: AttributeKind,
+    kind: AttributeType,
 }
 
 impl Table {
@@ -69,10 +69,10 @@ impl Table {
             }
             if wanted.takes(&name) {
                 let kind = match (field[11], field[16], field[17]) {
-                    (b'N', _, 0) | (b'I', 4, _) => AttributeKind::Integer,
-                    (b'N' | b'F', ..) | (b'O' | b'B', 8, _) => AttributeKind::Number,
-                    (b'C' | b'D', ..) => AttributeKind::Text,
-                    (b'L', ..) => AttributeKind::Boolean,
+                    (b'N', _, 0) | (b'I', 4, _) => AttributeType::Integer,
+                    (b'N' | b'F', ..) | (b'O' | b'B', 8, _) => AttributeType::Number,
+                    (b'C' | b'D', ..) => AttributeType::Text,
+                    (b'L', ..) => AttributeType::Boolean,
                     (other, ..) => {
                         let found =
                             format!("the attribute {name}, of type `{}` of dBASE,", other.escape_ascii());
@@ -99,7 +99,7 @@ impl Table {
     }
 
     /// Names and kinds of the columns.
-    pub(super) fn attributes(&self) -> Vec<(String, AttributeKind)> {
+    pub(super) fn attributes(&self) -> Vec<(String, AttributeType)> {
         self.columns.iter().map(|column| (column.name.clone(), column.kind)).collect()
     }
 
@@ -118,7 +118,7 @@ impl Table {
             let bytes = &self.row[column.begin..column.end];
             let value = value(column.letter, bytes, &self.encoding);
             let value = value.map(|value| match (value, column.kind) {
-                (FeatureAttribute::Integer(number), AttributeKind::Number) => {
+                (FeatureAttribute::Integer(number), AttributeType::Number) => {
                     FeatureAttribute::Number(number as f64)
                 }
                 (value, _) => value,

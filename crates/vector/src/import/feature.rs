@@ -26,6 +26,7 @@ use serde_json::Value;
 use super::filter::FeatureFilter;
 use super::formats;
 pub use super::formats::is_feature_file;
+pub use crate::export::AttributeType;
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, PolygonParts};
@@ -39,6 +40,8 @@ pub struct Feature {
     pub attributes: Vec<FeatureAttribute>,
     /// Its geometry; `None` if it has none.
     pub geometry: Option<FeatureGeometry>,
+    /// Whether its points have heights or measures, which are read over.
+    pub has_heights: bool,
 }
 
 /// The geometry of a feature: x and y (z and m are read over). One without parts is empty.
@@ -137,44 +140,15 @@ impl FeatureAttribute {
         }
     }
 
-    /// Kind of the attributes that have it; `None` if all have.
-    pub(super) fn kind(&self) -> Option<AttributeKind> {
+    /// Type of the attributes that have it; `None` if all have.
+    pub(super) fn kind(&self) -> Option<AttributeType> {
         match self {
             FeatureAttribute::None => None,
-            FeatureAttribute::Integer(_) => Some(AttributeKind::Integer),
-            FeatureAttribute::Number(_) => Some(AttributeKind::Number),
-            FeatureAttribute::Text(_) => Some(AttributeKind::Text),
-            FeatureAttribute::Boolean(_) => Some(AttributeKind::Boolean),
-            FeatureAttribute::Json(_) => Some(AttributeKind::Json),
-        }
-    }
-}
-
-/// Kind of an attribute's values.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AttributeKind {
-    /// Whole numbers.
-    Integer,
-    /// Numbers, of which some may be whole.
-    Number,
-    /// Texts.
-    Text,
-    /// Yes or no.
-    Boolean,
-    /// JSON.
-    Json,
-    /// Values of several kinds.
-    Mixed,
-}
-
-impl AttributeKind {
-    /// The kind that has values of both.
-    pub(super) fn with(self, other: AttributeKind) -> AttributeKind {
-        use AttributeKind::{Integer, Mixed, Number};
-        match (self, other) {
-            (one, same) if one == same => one,
-            (Integer, Number) | (Number, Integer) => Number,
-            _ => Mixed,
+            FeatureAttribute::Integer(_) => Some(AttributeType::Integer),
+            FeatureAttribute::Number(_) => Some(AttributeType::Number),
+            FeatureAttribute::Text(_) => Some(AttributeType::Text),
+            FeatureAttribute::Boolean(_) => Some(AttributeType::Boolean),
+            FeatureAttribute::Json(_) => Some(AttributeType::Json),
         }
     }
 }
@@ -186,8 +160,8 @@ pub struct FeatureSchema {
     pub name: String,
     /// The coordinate system, where known.
     pub crs: Option<Crs>,
-    /// Names and kinds of the attributes.
-    pub attributes: Vec<(String, AttributeKind)>,
+    /// Names and types of the attributes.
+    pub attributes: Vec<(String, AttributeType)>,
     /// Kind of all features; `None` if they are of several kinds, or that is not known.
     pub kind: Option<GeometryKind>,
     /// Number of features in the file, whatever is asked for; `None` if it is not known.

@@ -9,7 +9,7 @@ use flatgeobuf::{
 };
 
 use super::feature::{
-    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
 use super::wkb::MOST_DEPTH;
@@ -31,6 +31,8 @@ pub(super) struct FlatGeobuf {
     columns: Vec<(ColumnType, Option<usize>)>,
     /// The type of all geometries, or none.
     kind: GeometryType,
+    /// Whether points have heights, measures or times.
+    has_heights: bool,
     /// Bytes that are not read yet.
     left: u64,
     memory: u64,
@@ -100,8 +102,9 @@ impl FlatGeobuf {
             count: (count > 0).then_some(count),
         };
         let left = length - 12 - bytes - index;
-        let (memory, bytes) = (options.memory, Vec::new());
-        Ok(FlatGeobuf { input, path: path.into(), schema, columns, kind, left, memory, number: 1, bytes })
+        let has_heights = header.has_z() || header.has_m() || header.has_t() || header.has_tm();
+        let (path, memory, bytes) = (path.into(), options.memory, Vec::new());
+        Ok(FlatGeobuf { input, path, schema, columns, kind, has_heights, left, memory, number: 1, bytes })
     }
 
     /// Reads the bytes of the next feature; whether there is one.
@@ -163,7 +166,8 @@ impl FlatGeobuf {
             }
         }
         let geometry = geometry.map(FeatureGeometry::checked).transpose()?;
-        Ok(Feature { id: None, attributes, geometry })
+        let has_heights = self.has_heights && geometry.is_some();
+        Ok(Feature { id: None, attributes, geometry, has_heights })
     }
 }
 
@@ -212,13 +216,13 @@ fn system(crs: Option<flatgeobuf::Crs<'_>>) -> Parsed<Option<Crs>> {
     }
 }
 
-fn kind_of(kind: ColumnType) -> AttributeKind {
+fn kind_of(kind: ColumnType) -> AttributeType {
     match kind {
-        ColumnType::Bool => AttributeKind::Boolean,
-        ColumnType::Float | ColumnType::Double => AttributeKind::Number,
-        ColumnType::String | ColumnType::DateTime | ColumnType::Binary => AttributeKind::Text,
-        ColumnType::Json => AttributeKind::Json,
-        _ => AttributeKind::Integer,
+        ColumnType::Bool => AttributeType::Boolean,
+        ColumnType::Float | ColumnType::Double => AttributeType::Number,
+        ColumnType::String | ColumnType::DateTime | ColumnType::Binary => AttributeType::Text,
+        ColumnType::Json => AttributeType::Json,
+        _ => AttributeType::Integer,
     }
 }
 

@@ -12,7 +12,7 @@ use serde_json::Value;
 use serde_json::value::RawValue;
 
 use super::feature::{
-    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
 use super::scanner::{Input, List, Record, Scanner, Step};
@@ -188,12 +188,12 @@ fn geometry_kind(name: &str) -> Parsed<Option<GeometryKind>> {
 struct Columns {
     /// Places of those that are wanted, and the others, as far as there are not too many.
     places: HashMap<String, Option<usize>>,
-    attributes: Vec<(String, Option<AttributeKind>)>,
+    attributes: Vec<(String, Option<AttributeType>)>,
 }
 
 impl Columns {
     /// Takes note of a value.
-    fn see(&mut self, name: &str, kind: Option<AttributeKind>, wanted: &mut Wanted) -> Parsed<()> {
+    fn see(&mut self, name: &str, kind: Option<AttributeType>, wanted: &mut Wanted) -> Parsed<()> {
         let place = match self.places.get(name) {
             Some(place) => *place,
             None => {
@@ -220,9 +220,9 @@ impl Columns {
     }
 
     /// Names and kinds. (What has no values is as good as text.)
-    fn attributes(&self) -> Vec<(String, AttributeKind)> {
+    fn attributes(&self) -> Vec<(String, AttributeType)> {
         let all = self.attributes.iter();
-        all.map(|(name, kind)| (name.clone(), kind.unwrap_or(AttributeKind::Text))).collect()
+        all.map(|(name, kind)| (name.clone(), kind.unwrap_or(AttributeType::Text))).collect()
     }
 }
 
@@ -244,14 +244,16 @@ fn system(crs: Option<&str>) -> Parsed<Option<Crs>> {
 
 fn feature(step: Step, record: &Record, columns: &Columns) -> Parsed<Feature> {
     let mut attributes = vec![FeatureAttribute::None; columns.attributes.len()];
+    let mut has_heights = false;
     if is_bare(step, record)? {
-        let geometry = geometry(&record.kind()?, record.get("coordinates"), record.get("geometries"), 0)?;
-        return Ok(Feature { id: None, attributes, geometry: Some(geometry.checked()?) });
+        let (coordinates, geometries) = (record.get("coordinates"), record.get("geometries"));
+        let geometry = geometry(&record.kind()?, coordinates, geometries, 0, &mut has_heights)?;
+        return Ok(Feature { id: None, attributes, geometry: Some(geometry.checked()?), has_heights });
     }
     let geometry = match record.get("geometry") {
         None => return Err("a feature without a member `geometry`".into()),
         Some("null") => None,
-        Some(text) => Some(geometry_of(text, 0)?.checked()?),
+        Some(text) => Some(geometry_of(text, 0, &mut has_heights)?.checked()?),
     };
     if let Some(properties) = record.get("properties") {
         for (name, value) in parsed::<Option<Pairs>>(properties)?.into_iter().flat_map(|pairs| pairs.0) {
@@ -261,16 +263,16 @@ fn feature(step: Step, record: &Record, columns: &Columns) -> Parsed<Feature> {
         }
     }
     let id: Option<Value> = record.get("id").map(parsed).transpose()?;
-    Ok(Feature { id: id.filter(|id| id.is_string() || id.is_number()), attributes, geometry })
+    Ok(Feature { id: id.filter(|id| id.is_string() || id.is_number()), attributes, geometry, has_heights })
 }
 
 /// The kind of a value that is written so.
-fn kind_of(text: &str) -> Option<AttributeKind> {
+fn kind_of(text: &str) -> Option<AttributeType> {
     match text.as_bytes().first()? {
         b'n' => None,
-        b't' | b'f' => Some(AttributeKind::Boolean),
-        b'"' => Some(AttributeKind::Text),
-        b'{' | b'[' => Some(AttributeKind::Json),
+        b't' | b'f' => Some(AttributeType::Boolean),
+        b'"' => Some(AttributeType::Text),
+        b'{' | b'[' => Some(AttributeType::Json),
         _ => number(text).kind(),
     }
 }
@@ -295,12 +297,12 @@ fn number(text: &str) -> FeatureAttribute {
     }
 }
 
-fn geometry_of(text: &str, depth: usize) -> Parsed<FeatureGeometry> {
+fn geometry_of(text: &str, depth: usize, has_heights: &mut bool) -> Parsed<FeatureGeometry> {
     let pairs = parsed::<Pairs>(text)?.0;
     let member = |name: &str| pairs.iter().rev().find(|(own, _)| own == name).map(|(_, value)| value.get());
     let kind = member("type").and_then(|kind| parsed::<String>(kind).ok());
     let kind = kind.ok_or("an object without a type")?;
-    geometry(&kind, member("coordinates"), member("geometries"), depth)
+    geometry(&kind, member("coordinates"), member("geometries"), depth, has_heights)
 }
 
 fn geometry(
@@ -308,35 +310,37 @@ fn geometry(
     coordinates: Option<&str>,
     geometries: Option<&str>,
     depth: usize,
+    has_heights: &mut bool,
 ) -> Parsed<FeatureGeometry> {
     let coordinates = || coordinates.ok_or_else(|| "a geometry without coordinates".to_owned());
     match kind {
         "Point" if coordinates()? == "[]" => Ok(FeatureGeometry::Points(Vec::new())),
-        "Point" => Ok(FeatureGeometry::Points(vec![parsed::<Position>(coordinates()?)?.0])),
-        "MultiPoint" => Ok(FeatureGeometry::Points(positions(parsed(coordinates()?)?))),
-        "LineString" => Ok(FeatureGeometry::Lines(vec![positions(parsed(coordinates()?)?)])),
-        "MultiLineString" => Ok(FeatureGeometry::Lines(lines(parsed(coordinates()?)?))),
-        "Polygon" => Ok(FeatureGeometry::Polygons(vec![lines(parsed(coordinates()?)?)])),
+        "Point" => Ok(FeatureGeometry::Points(positions(vec![parsed(coordinates()?)?], has_heights))),
+        "MultiPoint" => Ok(FeatureGeometry::Points(positions(parsed(coordinates()?)?, has_heights))),
+        "LineString" => Ok(FeatureGeometry::Lines(vec![positions(parsed(coordinates()?)?, has_heights)])),
+        "MultiLineString" => Ok(FeatureGeometry::Lines(lines(parsed(coordinates()?)?, has_heights))),
+        "Polygon" => Ok(FeatureGeometry::Polygons(vec![lines(parsed(coordinates()?)?, has_heights)])),
         "MultiPolygon" => {
             let parts: Vec<Vec<Vec<Position>>> = parsed(coordinates()?)?;
-            Ok(FeatureGeometry::Polygons(parts.into_iter().map(lines).collect()))
+            Ok(FeatureGeometry::Polygons(parts.into_iter().map(|part| lines(part, has_heights)).collect()))
         }
         "GeometryCollection" if depth == MOST_DEPTH => Err(format!("geometries in each other, {depth} deep")),
         "GeometryCollection" => {
             let members: Vec<&RawValue> = parsed(geometries.ok_or("no array `geometries`")?)?;
-            let members = members.into_iter().map(|member| geometry_of(member.get(), depth + 1));
+            let members = members.into_iter().map(|member| geometry_of(member.get(), depth + 1, has_heights));
             members.collect::<Parsed<_>>().map(FeatureGeometry::Collection)
         }
         other => Err(format!("a geometry of type `{other}`")),
     }
 }
 
-fn positions(positions: Vec<Position>) -> Vec<[f64; 2]> {
-    positions.into_iter().map(|Position(position)| position).collect()
+fn positions(positions: Vec<Position>, has_heights: &mut bool) -> Vec<[f64; 2]> {
+    *has_heights |= positions.iter().any(|position| position.has_more);
+    positions.into_iter().map(|position| position.numbers).collect()
 }
 
-fn lines(lines: Vec<Vec<Position>>) -> Vec<Vec<[f64; 2]>> {
-    lines.into_iter().map(positions).collect()
+fn lines(lines: Vec<Vec<Position>>, has_heights: &mut bool) -> Vec<Vec<[f64; 2]>> {
+    lines.into_iter().map(|line| positions(line, has_heights)).collect()
 }
 
 /// Members of an object, whose values are looked at later, if at all.
@@ -367,7 +371,10 @@ impl<'de> Deserialize<'de> for Pairs<'de> {
 }
 
 /// A position, of which the first two numbers count.
-struct Position([f64; 2]);
+struct Position {
+    numbers: [f64; 2],
+    has_more: bool,
+}
 
 impl<'de> Deserialize<'de> for Position {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Position, D::Error> {
@@ -386,8 +393,11 @@ impl<'de> Deserialize<'de> for Position {
                     let found = numbers.next_element()?;
                     *number = found.ok_or_else(|| de::Error::invalid_length(index, &self))?;
                 }
-                while numbers.next_element::<de::IgnoredAny>()?.is_some() {}
-                Ok(Position(position))
+                let mut has_more = false;
+                while numbers.next_element::<de::IgnoredAny>()?.is_some() {
+                    has_more = true;
+                }
+                Ok(Position { numbers: position, has_more })
             }
         }
 

@@ -7,7 +7,7 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Row};
 
 use super::feature::{
-    AttributeKind, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
 use super::wkb;
@@ -208,22 +208,22 @@ fn system_of(connection: &Connection, path: &Path, number: i64, memory: u64) -> 
 }
 
 /// The kind of a column by the type that it is declared with.
-fn kind_of(declared: &str) -> AttributeKind {
+fn kind_of(declared: &str) -> AttributeType {
     let declared = declared.to_ascii_uppercase();
     match declared.split('(').next().unwrap_or_default().trim() {
-        "BOOLEAN" => AttributeKind::Boolean,
-        "TINYINT" | "SMALLINT" | "MEDIUMINT" | "INT" | "INTEGER" => AttributeKind::Integer,
-        "FLOAT" | "DOUBLE" | "REAL" => AttributeKind::Number,
-        "TEXT" | "DATE" | "DATETIME" | "BLOB" => AttributeKind::Text,
-        _ => AttributeKind::Mixed,
+        "BOOLEAN" => AttributeType::Boolean,
+        "TINYINT" | "SMALLINT" | "MEDIUMINT" | "INT" | "INTEGER" => AttributeType::Integer,
+        "FLOAT" | "DOUBLE" | "REAL" => AttributeType::Number,
+        "TEXT" | "DATE" | "DATETIME" | "BLOB" => AttributeType::Text,
+        _ => AttributeType::Mixed,
     }
 }
 
-fn value_of(value: ValueRef<'_>, kind: AttributeKind) -> FeatureAttribute {
+fn value_of(value: ValueRef<'_>, kind: AttributeType) -> FeatureAttribute {
     match value {
         ValueRef::Null => FeatureAttribute::None,
-        ValueRef::Integer(number) if kind == AttributeKind::Boolean => FeatureAttribute::Boolean(number != 0),
-        ValueRef::Integer(number) if kind == AttributeKind::Number => FeatureAttribute::Number(number as f64),
+        ValueRef::Integer(number) if kind == AttributeType::Boolean => FeatureAttribute::Boolean(number != 0),
+        ValueRef::Integer(number) if kind == AttributeType::Number => FeatureAttribute::Number(number as f64),
         ValueRef::Integer(number) => FeatureAttribute::Integer(number),
         ValueRef::Real(number) => FeatureAttribute::Number(number),
         ValueRef::Text(text) => FeatureAttribute::Text(String::from_utf8_lossy(text).into_owned()),
@@ -233,10 +233,10 @@ fn value_of(value: ValueRef<'_>, kind: AttributeKind) -> FeatureAttribute {
     }
 }
 
-/// The geometry of a value: well-known binary behind a header.
-fn geometry(value: ValueRef<'_>) -> std::result::Result<Option<FeatureGeometry>, String> {
+/// The geometry of a value, and whether it has heights: well-known binary behind a header.
+fn geometry(value: ValueRef<'_>) -> std::result::Result<(Option<FeatureGeometry>, bool), String> {
     let bytes = match value {
-        ValueRef::Null => return Ok(None),
+        ValueRef::Null => return Ok((None, false)),
         ValueRef::Blob(bytes) => bytes,
         _ => return Err("a value that is no geometry".into()),
     };
@@ -256,7 +256,7 @@ fn geometry(value: ValueRef<'_>) -> std::result::Result<Option<FeatureGeometry>,
         other => return Err(format!("a box of kind {other}")),
     };
     let rest = rest.get(extent..).ok_or("fewer bytes than the geometry's header has")?;
-    wkb::parse(rest)?.0.checked().map(Some)
+    wkb::parse(rest)?.checked()
 }
 
 impl FeatureReader for GeoPackage {
@@ -286,10 +286,10 @@ impl FeatureReader for GeoPackage {
         if id < next {
             return Err(wrong(format!("a row of number {id} behind one of {next}")));
         }
-        let geometry = geometry.map_err(|found| wrong(format!("{found} (fid {id})")))?;
+        let (geometry, has_heights) = geometry.map_err(|found| wrong(format!("{found} (fid {id})")))?;
         drop(statement);
         self.next = id.checked_add(1);
         self.number += 1;
-        Ok(Some(Feature { id: Some(id.into()), attributes, geometry }))
+        Ok(Some(Feature { id: Some(id.into()), attributes, geometry, has_heights }))
     }
 }

@@ -167,7 +167,9 @@ impl FeatureReader for Shapefile {
                 let geometry =
                     geometry.map_err(|found| self.wrong(found, "a shape of points, lines or polygons"))?;
                 self.number += 1;
-                return Ok(Some(Feature { id: None, attributes, geometry }));
+                // (Kinds of points with heights and measures have two digits.)
+                let has_heights = geometry.is_some() && shape.first().is_some_and(|kind| *kind > 10);
+                return Ok(Some(Feature { id: None, attributes, geometry, has_heights }));
             }
             self.number += 1;
         }

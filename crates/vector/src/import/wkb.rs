@@ -7,13 +7,21 @@ pub(super) const MOST_DEPTH: usize = 16;
 
 type Parsed<T> = Result<T, String>;
 
-/// Reads a geometry, and the number of its coordinate system if it has one.
-pub(super) fn parse(bytes: &[u8]) -> Parsed<(FeatureGeometry, Option<u32>)> {
-    let mut reader = Reader { bytes, is_little: true };
+/// A geometry that was read, the number of its coordinate system if it has one, and whether it has heights or measures, which are read over.
+#[derive(Debug, PartialEq)]
+pub(super) struct Read {
+    pub(super) geometry: FeatureGeometry,
+    pub(super) system: Option<u32>,
+    pub(super) has_heights: bool,
+}
+
+/// Reads a geometry.
+pub(super) fn parse(bytes: &[u8]) -> Parsed<Read> {
+    let mut reader = Reader { bytes, is_little: true, has_heights: false };
     let mut system = None;
     let geometry = reader.geometry(&mut system, 0)?;
     match reader.bytes.len() {
-        0 => Ok((geometry, system)),
+        0 => Ok(Read { geometry, system, has_heights: reader.has_heights }),
         more => Err(format!("{more} bytes behind the geometry")),
     }
 }
@@ -30,6 +38,7 @@ struct Reader<'b> {
     /// What is not read yet.
     bytes: &'b [u8],
     is_little: bool,
+    has_heights: bool,
 }
 
 /// A geometry's head.
@@ -38,6 +47,13 @@ struct Head {
     code: u32,
     /// Coordinates of a point.
     axes: usize,
+}
+
+impl Read {
+    /// The geometry without parts that are empty, and whether it has heights; or what is wrong with it.
+    pub(super) fn checked(self) -> Parsed<(Option<FeatureGeometry>, bool)> {
+        self.geometry.checked().map(|geometry| (Some(geometry), self.has_heights))
+    }
 }
 
 impl Reader<'_> {
@@ -69,7 +85,9 @@ impl Reader<'_> {
         }
         let has =
             |mark: u32, also: u32| usize::from(marks & mark != 0 || thousands == also || thousands == 3);
-        Ok(Head { code, axes: 2 + has(4, 1) + has(2, 2) })
+        let axes = 2 + has(4, 1) + has(2, 2);
+        self.has_heights |= axes > 2;
+        Ok(Head { code, axes })
     }
 
     /// A number of things of which each has so many bytes at least.
@@ -167,10 +185,12 @@ mod tests {
             ("0101000080000000000000F03F00000000000000400000000000000840", None),
             ("0101000020E6100000000000000000F03F0000000000000040", Some(4326)),
         ] {
-            assert_eq!(read(digits), Ok((point.clone(), system)), "{digits}");
+            let found = read(digits).unwrap();
+            assert_eq!((&found.geometry, found.system), (&point, system), "{digits}");
+            assert_eq!(found.has_heights, digits.len() > 55, "{digits}");
         }
         assert_eq!(
-            read("0101000000000000000000F87F000000000000F87F").unwrap().0,
+            read("0101000000000000000000F87F000000000000F87F").unwrap().geometry,
             FeatureGeometry::Points(vec![])
         );
         for wrong in

@@ -1,17 +1,17 @@
 //! Geometries in well-known text (ISO 19125), also with the number of a coordinate system before it (`SRID=4326;POINT (1 2)`).
 
 use super::feature::FeatureGeometry;
-use super::wkb::MOST_DEPTH;
+use super::wkb::{MOST_DEPTH, Read};
 
 type Parsed<T> = Result<T, String>;
 
-/// Reads a geometry, and the number of its coordinate system if it has one.
-pub(super) fn parse(text: &str) -> Parsed<(FeatureGeometry, Option<u32>)> {
+/// Reads a geometry.
+pub(super) fn parse(text: &str) -> Parsed<Read> {
     let (system, rest) = system_of(text)?;
-    let mut reader = Reader { rest: rest.trim() };
+    let mut reader = Reader { rest: rest.trim(), has_heights: false };
     let geometry = reader.geometry(0)?;
     if reader.rest.is_empty() {
-        Ok((geometry, system))
+        Ok(Read { geometry, system, has_heights: reader.has_heights })
     } else {
         Err(format!("`{}` behind it", reader.shown()))
     }
@@ -32,6 +32,7 @@ pub(super) fn system_of(text: &str) -> Parsed<(Option<u32>, &str)> {
 
 struct Reader<'t> {
     rest: &'t str,
+    has_heights: bool,
 }
 
 impl<'t> Reader<'t> {
@@ -106,6 +107,7 @@ impl<'t> Reader<'t> {
             self.rest = rest.trim_start();
             axes += 1;
         }
+        self.has_heights |= axes > 2;
         if axes < 2 { Err(format!("`{}` in the place of two numbers", self.shown())) } else { Ok(point) }
     }
 
@@ -173,9 +175,12 @@ mod tests {
                 Collection(vec![Points(vec![[1.0, 2.0]]), Polygons(vec![vec![]])]),
             ),
         ] {
-            assert_eq!(parse(text), Ok((expected, None)), "{text}");
+            let found = parse(text).unwrap();
+            assert_eq!((found.geometry, found.system), (expected, None), "{text}");
+            let has_heights = [" zm(", "Z(", " M ("].iter().any(|mark| text.contains(mark));
+            assert_eq!(found.has_heights, has_heights, "{text}");
         }
-        assert_eq!(parse("SRID=25832;POINT(1 2)").unwrap().1, Some(25832));
+        assert_eq!(parse("SRID=25832;POINT(1 2)").unwrap().system, Some(25832));
         for wrong in [
             "",
             "POINT",

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::feature::{
-    AttributeKind, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, Wanted, open_with,
+    AttributeType, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, Wanted, open_with,
     unknown_attribute,
 };
 use super::filter::FeatureFilter;
@@ -21,9 +21,11 @@ pub struct PolygonLayer {
     /// The coordinate system of the corners; `None` if it is not known.
     pub crs: Option<Crs>,
     /// Names and kinds of the attributes.
-    pub attributes: Vec<(String, AttributeKind)>,
+    pub attributes: Vec<(String, AttributeType)>,
     /// The features, in the file's order.
     pub features: Vec<PolygonFeature>,
+    /// Features whose corners have heights or measures, which are read over.
+    pub with_heights: u64,
 }
 
 /// A feature that is a polygon, or several.
@@ -233,11 +235,16 @@ const BYTES_OF_FEATURE: u64 = 256;
 
 fn collect(reader: &mut dyn FeatureReader, path: &Path, memory: u64) -> Result<PolygonLayer> {
     let schema = reader.schema();
-    let mut layer =
-        PolygonLayer { crs: schema.crs.clone(), attributes: schema.attributes.clone(), features: Vec::new() };
+    let mut layer = PolygonLayer {
+        crs: schema.crs.clone(),
+        attributes: schema.attributes.clone(),
+        features: Vec::new(),
+        with_heights: 0,
+    };
     let mut needed = 0u64;
     while let Some(feature) = reader.next()? {
         let number = layer.features.len() + 1;
+        layer.with_heights += u64::from(feature.has_heights);
         let mut parts = Vec::new();
         if let Some(geometry) = feature.geometry {
             polygons_of(geometry, &mut parts).map_err(|kind| {

@@ -1,6 +1,5 @@
 //! Arithmetic with the cells of trees: an expression over layers, channels and files of one grid is a tree.
 
-mod block;
 mod calculation;
 mod composite;
 mod expression;

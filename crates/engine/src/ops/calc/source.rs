@@ -1,11 +1,11 @@
 //! The tree that a calculation makes of others.
 
-use super::block::{BLOCK_LEVELS, Blocks};
 use super::calculation::Calculation;
 use super::composite;
 use super::kernel::{Machine, settle, store, value_of};
 use super::operands::{Operands, resolve};
 use crate::ops::affine::View;
+use crate::ops::blocks::{BLOCK_LEVELS, Block, Blocks};
 use crate::ops::view_source::ViewSource;
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
 use spinney_base::Form;
@@ -117,7 +117,7 @@ impl Calculated {
         self.source().cells_before()
     }
 
-    pub(super) fn block_level(&self) -> u8 {
+    fn block_level(&self) -> u8 {
         self.header.depth().saturating_sub(of_dimension(self.header.form.dimension, BLOCK_LEVELS))
     }
 
@@ -340,7 +340,12 @@ impl Source for Calculated {
 
     fn children(&self, node: &Code, children: &mut Children<Code>) -> Result<()> {
         if node.level() >= self.block_level() {
-            return self.blocks.children(self, *node, children);
+            let (form, depth) = (self.header.form, self.header.depth());
+            return self.blocks.children((depth, self.block_level()), *node, children, &|code| {
+                Block::new(form, (code, depth - code.level()), &mut |above, bounds, values, valid| {
+                    self.draw_at(depth - above, bounds, values, valid)
+                })
+            });
         }
         let form = self.header.form;
         let cell = node.cell().map(|cell| 2 * u64::from(cell));

@@ -14,11 +14,14 @@ use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Value;
 use spinney_container::{CUT, INNER, VOID};
 
+/// Nodes along an axis that a part of a window is divided by at most.
+const MOST_DIVIDED: u64 = 3;
+
 impl Goblin {
     /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y,
     /// then z. VOID cells, and cells outside the tree's space, become `fill`, and `false` in `valid` if that
-    /// is given. Returns how many segments were read: for an aligned box of 2^reach cells along each axis at
-    /// most `1 + children^(stride - 1)`.
+    /// is given. Returns how many segments were read: of a box of 2^reach cells along each axis at most `3^axes`, and of an aligned one
+    /// `1 + children^(stride - 1)`.
     ///
     /// Takes time proportional to the cells of the box that differ from their neighbours, whatever lies below
     /// them.
@@ -75,15 +78,42 @@ struct Window<'a> {
 }
 
 impl<'a> Window<'a> {
-    /// The deepest node that has all of a part of the window, and what is known of it.
-    fn locate(&mut self, part: &Bounds) -> Result<(Code, Child<Located<'a>>)> {
+    /// The deepest node that has all of a part of the window.
+    fn node_around(&self, part: &Bounds) -> Code {
         let dimension = self.tree.header().form.dimension;
         let corner = |cell: [u64; 3]| {
             Code::from_cell(dimension, self.level, cell.map(|cell| cell as u32)).expect("inside the space")
         };
         // The codes of all cells of a box lie between those of its two extreme corners in Z order: the
         // ancestor of these two is that of all.
-        let code = corner(part.min).common_ancestor(corner(part.max.map(|end| end - 1)));
+        corner(part.min).common_ancestor(corner(part.max.map(|end| end - 1)))
+    }
+
+    /// The level whose nodes a part of the window is divided by, since each of them has all of its part in one segment, and a segment that has
+    /// all of the part does not: where a part lies on borders of large nodes, the segments on the way down from these are not read. `None`
+    /// where one segment has all, or the part has many such nodes, some of which may be settled further up.
+    fn divided_at(&self, part: &Bounds) -> Result<Option<u8>> {
+        let shape = &self.tree.header().shape;
+        let Some(least) = self.level.checked_sub(shape.reach).filter(|least| *least > 0) else {
+            return Ok(None);
+        };
+        let level = (least..=shape.block_level()).find(|level| shape.is_candidate(*level));
+        let Some(level) = level else { return Ok(None) };
+        let below = self.level - level;
+        let nodes = |axis: usize| ((part.max[axis] - 1) >> below) - (part.min[axis] >> below) + 1;
+        let code = self.node_around(part);
+        if code.level() >= level || (0..3).any(|axis| nodes(axis) > MOST_DIVIDED) {
+            return Ok(None);
+        }
+        let Some(index) = self.tree.find_segment(code)? else { return Ok(None) };
+        let own = self.tree.segment_level(index)?;
+        let has_all = shape.cut_level(own) >= self.level || shape.segment_level(code.level()) > own;
+        Ok((!has_all).then_some(level))
+    }
+
+    /// The deepest node that has all of a part of the window, and what is known of it.
+    fn locate(&mut self, part: &Bounds) -> Result<(Code, Child<Located<'a>>)> {
+        let code = self.node_around(part);
         if code.level() == self.level {
             return Ok((code, Child::uniform(self.tree.value_at(code)?)));
         }
@@ -120,8 +150,26 @@ struct Drawing<'w, 'a, R: Record> {
 }
 
 impl<R: Record> Drawing<'_, '_, R> {
-    /// Draws a part of the window, starting from the deepest segment that has all of it.
+    /// Draws a part of the window.
     fn draw(&mut self, part: &Bounds) -> Result<()> {
+        let Some(level) = self.window.divided_at(part)? else { return self.draw_down(part) };
+        let side = 1u64 << (self.window.level - level);
+        let nodes = |axis: usize| part.min[axis] / side..part.max[axis].div_ceil(side);
+        for z in nodes(2) {
+            for y in nodes(1) {
+                for x in nodes(0) {
+                    // (A quadtree has no nodes along z but one.)
+                    let min = [x, y, z].map(|node| node * side);
+                    let node = Bounds { min, max: min.map(|min| min + side) };
+                    self.draw_down(&node.intersect(part))?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws a part of the window, starting from the deepest segment that has all of it.
+    fn draw_down(&mut self, part: &Bounds) -> Result<()> {
         let (code, found) = self.window.locate(part)?;
         match found {
             Child::Void => self.painter.paint(part, None),

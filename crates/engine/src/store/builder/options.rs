@@ -86,7 +86,10 @@ impl BuildOptions {
     }
 
     /// The header of the file, which a Goblin file has as it is.
-    pub(crate) fn header(&self, form: Form, extent: [u64; 3]) -> Result<Header> {
+    ///
+    /// # Errors
+    /// If trees cannot be so deep, or have no room for so many cells.
+    pub fn header(&self, form: Form, extent: [u64; 3]) -> Result<Header> {
         let dimension = form.dimension;
         if self.depth > dimension.max_depth() {
             let expected = format!("at most {} for {}s", dimension.max_depth(), dimension.tree_name());

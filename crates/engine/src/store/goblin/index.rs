@@ -205,6 +205,15 @@ impl Goblin {
         Ok(first_code(self.entry_bytes(index)?))
     }
 
+    /// The level of a segment's node, as the directory tells it: 0 if that is no node, which loading the segment finds out.
+    ///
+    /// # Errors
+    /// If the page with its entry is damaged.
+    pub(crate) fn segment_level(&self, index: usize) -> Result<u8> {
+        let code = Code::from_bits(self.layout.dimension, self.code_bits(index)?);
+        Ok(code.map_or(0, Code::level))
+    }
+
     /// The numbers and bytes of the entries that a page begins with, if a segment's entry is the first of the page's own.
     ///
     /// # Errors

@@ -1,5 +1,7 @@
 //! How much of each cell of a block a polygon has.
 
+use std::ops::Range;
+
 use super::edge::{Edge, PARTS, Point, centre};
 
 /// Share of a cell that rounding alone may leave, or take away: a share is a sum of differences of coordinates in cells of the block, each off by 2^-52 of
@@ -15,12 +17,31 @@ pub(super) struct Coverage {
     left: Vec<f64>,
     /// The change, from a row on, of what is inside along the left side.
     steps: Vec<f64>,
+    /// Columns of each row in which something was added since somebody asked.
+    touched: Vec<Range<usize>>,
 }
 
 impl Coverage {
     pub(super) fn new(side: usize) -> Coverage {
         let row = || vec![0.0; side + 1];
-        Coverage { side, changes: vec![0.0; (side + 1) * side], left: row(), steps: row() }
+        let touched = vec![side..0; side];
+        Coverage { side, changes: vec![0.0; (side + 1) * side], left: row(), steps: row(), touched }
+    }
+
+    /// Cells along a side of the block.
+    pub(super) fn side(&self) -> usize {
+        self.side
+    }
+
+    /// Notes that something is added to some columns of a row.
+    pub(super) fn touch(&mut self, row: usize, columns: Range<usize>) {
+        let touched = &mut self.touched[row];
+        *touched = touched.start.min(columns.start)..touched.end.max(columns.end);
+    }
+
+    /// The columns of a row in which something was added since this was asked; outside of them nothing was.
+    pub(super) fn take_touched(&mut self, row: usize) -> Range<usize> {
+        std::mem::replace(&mut self.touched[row], self.side..0)
     }
 
     /// Adds the shares that a polygon has of the cells of a block, row after row, by the edges that it has there, the block's first cell, and how
@@ -72,17 +93,26 @@ impl Coverage {
         for (row, shares) in shares.chunks_exact_mut(side).enumerate() {
             sum += self.steps[row];
             let mut share = sum + self.left[row];
+            let touched = &mut self.touched[row];
             if !rows.contains(&row) {
-                add(share, shares);
+                if add(share, shares) {
+                    *touched = 0..side;
+                }
                 continue;
             }
-            add(share, &mut shares[..columns.start]);
+            let mut reached = columns.clone();
+            if add(share, &mut shares[..columns.start]) {
+                reached.start = 0;
+            }
             let changes = &mut self.changes[row * (side + 1)..(row + 1) * (side + 1)];
             for column in columns.clone() {
                 share += changes[column];
                 add(share, &mut shares[column..=column]);
             }
-            add(share, &mut shares[columns.end..]);
+            if add(share, &mut shares[columns.end..]) {
+                reached.end = side;
+            }
+            *touched = touched.start.min(reached.start)..touched.end.max(reached.end);
             changes[columns.start..].fill(0.0);
         }
     }
@@ -142,13 +172,14 @@ impl Coverage {
     }
 }
 
-/// Adds a share to those of some cells.
+/// Adds a share to those of some cells; returns whether it is one.
 #[inline]
-fn add(share: f64, shares: &mut [f64]) {
+fn add(share: f64, shares: &mut [f64]) -> bool {
     let share = match share.abs() {
-        share if share < ROUNDING => return,
+        share if share < ROUNDING => return false,
         share if share > 1.0 - ROUNDING => 1.0,
         share => share,
     };
     shares.iter_mut().for_each(|sum| *sum += share);
+    true
 }

@@ -17,12 +17,18 @@ pub(super) struct Loader {
     pub(super) values: Vec<Number>,
     /// Points that the tree's system does not have.
     pub(super) lost: u64,
+    /// Cells along each axis of the tree.
+    extent: [u64; 3],
+    /// Geometries that reach beyond the tree's picture, and those that have nothing in it.
+    pub(super) beyond: u64,
+    pub(super) outside: u64,
 }
 
 impl Loader {
     /// No shapes yet, of features whose places are in the tree's cells by some way.
-    pub(super) fn new(places: Places) -> Loader {
-        Loader { places, shapes: Shapes::default(), values: Vec::new(), lost: 0 }
+    pub(super) fn new(places: Places, extent: [u64; 3]) -> Loader {
+        let (shapes, values) = (Shapes::default(), Vec::new());
+        Loader { places, shapes, values, lost: 0, extent, beyond: 0, outside: 0 }
     }
 
     /// Adds the shapes of a geometry, which have the last value; or tells what is wrong with it.
@@ -60,6 +66,7 @@ impl Loader {
                 return members.iter().try_for_each(|member| self.add(member));
             }
         };
+        self.compare(&edges);
         if self.shapes.edges.len() + edges.len() > u32::MAX as usize {
             return Err("more than 2^32 edges".into());
         }
@@ -67,6 +74,22 @@ impl Loader {
             self.shapes.add(kind, value, edges.into_iter());
         }
         Ok(())
+    }
+
+    /// Compares the box around edges with the picture.
+    fn compare(&mut self, edges: &[Edge]) {
+        let range = |axis: usize| {
+            let ranges = edges.iter().map(|edge| edge.range(axis));
+            ranges.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)])
+        };
+        let end = |axis: usize| self.extent[axis] as i64 * PARTS;
+        let ranges = [range(0), range(1)];
+        let is_outside =
+            (0..2).any(|axis| ranges[axis].is_none_or(|[low, high]| high < 0 || low > end(axis)));
+        let is_inside =
+            (0..2).all(|axis| ranges[axis].is_some_and(|[low, high]| low >= 0 && high <= end(axis)));
+        self.beyond += u64::from(!is_inside);
+        self.outside += u64::from(is_outside);
     }
 
     /// A point in parts of cells; `None` if the tree's system does not have it.

@@ -2,6 +2,7 @@
 
 mod coverage;
 mod edge;
+mod ladder;
 mod load;
 mod mask;
 mod options;
@@ -14,4 +15,4 @@ mod tests;
 mod values;
 
 pub use self::options::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions};
-pub use self::plan::{FeatureImport, plan_features};
+pub use self::plan::{FeatureImport, FeatureOverlay, plan_features};

@@ -6,7 +6,8 @@ use std::str::FromStr;
 use spinney_base::space::{Dimension, EdgeRule};
 use spinney_base::value::{Kind, Number, Rule};
 use spinney_base::{Error, Result};
-use spinney_crs::{Crs, web_mercator};
+use spinney_container::{Header, Metadata};
+use spinney_crs::{Coordinates, Crs, web_mercator};
 use spinney_engine::ops::WarpGrid;
 
 use crate::import::feature::FeatureOptions;
@@ -19,8 +20,11 @@ const DEFAULT_MEMORY: u64 = 256 << 20;
 pub enum FeatureValue {
     /// A number, of all features.
     Number(Number),
-    /// The value of an attribute. Texts become classes, numbered from 1 in the order of the alphabet, with names.
+    /// The value of an attribute. Texts become classes, numbered from 1 in the order of the alphabet, with names; over a tree they are names of
+    /// its classes.
     Attribute(String),
+    /// A number for each channel of the tree that features are laid over.
+    Samples(Vec<Number>),
 }
 
 impl Default for FeatureValue {
@@ -123,6 +127,15 @@ impl FeatureGrid {
     }
 }
 
+/// The tree that features are laid over.
+#[derive(Clone, Debug)]
+pub(super) struct Ground {
+    pub(super) header: Header,
+    pub(super) metadata: Metadata,
+    /// The features' coordinates; those of their file if nothing is said.
+    pub(super) coordinates: Option<Coordinates>,
+}
+
 /// Options for a tree of features.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
@@ -154,6 +167,7 @@ pub struct RasterizeOptions {
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
     pub time: Option<i64>,
+    pub(super) ground: Option<Box<Ground>>,
 }
 
 impl RasterizeOptions {
@@ -173,7 +187,32 @@ impl RasterizeOptions {
             memory: DEFAULT_MEMORY,
             share: false,
             time: None,
+            ground: None,
         }
+    }
+
+    /// Ones where features are, on the cells of a tree with such a header and metadata, and in its form: for
+    /// [`FeatureImport::overlay`](super::FeatureImport::overlay). Features are in some coordinates; in their file's if nothing is said.
+    ///
+    /// # Errors
+    /// If it is an octree.
+    pub fn over(
+        header: &Header,
+        metadata: &Metadata,
+        coordinates: Option<Coordinates>,
+    ) -> Result<RasterizeOptions> {
+        if header.form.axes() != 2 {
+            return Err(Error::invalid("tree", "an octree", "a quadtree, over which features can be laid"));
+        }
+        let grid = FeatureGrid::Like(WarpGrid { frame: metadata.frame.clone(), extent: header.extent });
+        let ground = Ground { header: header.clone(), metadata: metadata.clone(), coordinates };
+        Ok(RasterizeOptions {
+            kind: Some(header.kind),
+            rule: Some(header.rule),
+            depth: Some(header.depth()),
+            ground: Some(Box::new(ground)),
+            ..RasterizeOptions::new(grid)
+        })
     }
 
     /// Fails if options contradict each other.
@@ -190,6 +229,31 @@ impl RasterizeOptions {
                 "nothing: cells get the share of them that features have",
             ));
         }
-        Ok(())
+        let Some(ground) = &self.ground else {
+            return match &self.value {
+                FeatureValue::Samples(_) => {
+                    Err(Error::invalid("value", "several numbers", "one number, or the name of an attribute"))
+                }
+                _ => Ok(()),
+            };
+        };
+        let value_type = ground.header.form.value;
+        let channels = usize::from(value_type.channels);
+        let numbers = match &self.value {
+            FeatureValue::Number(number) => std::slice::from_ref(number),
+            FeatureValue::Samples(numbers) if numbers.len() == channels => numbers,
+            FeatureValue::Samples(numbers) => {
+                let found = format!("{} numbers", numbers.len());
+                return Err(Error::invalid("value", found, format!("1 number, or {channels}")));
+            }
+            FeatureValue::Attribute(_) => &[],
+        };
+        let is_fit = |number: &Number| value_type.sample.is_float() || value_type.sample.can_hold(*number);
+        match numbers.iter().find(|number| !is_fit(number)) {
+            Some(number) => {
+                Err(Error::invalid("value", number.to_string(), format!("what {value_type} can hold")))
+            }
+            None => Ok(()),
+        }
     }
 }

@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 use spinney_base::io::Output;
 use spinney_base::space::{Dimension, EdgeRule};
 use spinney_base::value::{Kind, Number, ValueType};
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, Form, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::{Coordinates, Crs, Frame, Places};
+use spinney_engine::ops::{Blockwise, ViewSource};
 use spinney_engine::store::builder::BuildOptions;
 use spinney_engine::store::{build, depth_for};
 
+use super::ladder::Ladder;
 use super::load::Loader;
 use super::options::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions};
 use super::shapes::Shapes;
@@ -33,6 +35,26 @@ pub struct FeatureImport {
     kind: Kind,
     survey: Survey,
     description: Vec<(&'static str, String)>,
+}
+
+/// Features as a tree on the cells of another one.
+#[derive(Debug)]
+#[non_exhaustive]
+pub struct FeatureOverlay {
+    /// The tree.
+    pub tree: ViewSource,
+    /// Features with a geometry and a value.
+    pub features: u64,
+    /// Geometries that reach beyond the picture, where nothing of them is in the tree.
+    pub beyond: u64,
+}
+
+/// Shapes in a tree, with counts of geometries: all, those that reach beyond its picture, and those outside of it.
+struct Loaded {
+    tree: ShapeTree,
+    geometries: u64,
+    beyond: u64,
+    outside: u64,
 }
 
 /// Features that are read before somebody is asked whether to go on.
@@ -77,7 +99,7 @@ pub fn plan_features(
         }
     }
     if let FeatureValue::Attribute(name) = &options.value {
-        values.finish(name)?;
+        values.finish(name, options)?;
     }
     let name = inputs.first().cloned().unwrap_or_default();
     if survey.features == 0 || !survey.bounds[0][0].is_finite() {
@@ -119,7 +141,7 @@ pub fn plan_features(
 /// Options for reading each file: no attribute but the one that cells get.
 fn feature_options(options: &RasterizeOptions) -> FeatureOptions {
     let attributes = match &options.value {
-        FeatureValue::Number(_) => Vec::new(),
+        FeatureValue::Number(_) | FeatureValue::Samples(_) => Vec::new(),
         FeatureValue::Attribute(name) => vec![name.clone()],
     };
     FeatureOptions { attributes: Some(attributes), memory: options.memory / 2, ..options.features.clone() }
@@ -210,7 +232,7 @@ impl FeatureImport {
             let expected = format!("at least {}, which holds the cells", depth_for(self.extent));
             return Err(Error::invalid("depth", depth.to_string(), expected));
         }
-        let tree = self.load(progress)?;
+        let tree = self.load(progress)?.tree;
         let metadata = Metadata {
             frame: self.frame.clone(),
             class_names: self.values.class_names().collect(),
@@ -222,10 +244,31 @@ impl FeatureImport {
         let options = BuildOptions::new(self.kind, depth)
             .rule(rule.unwrap_or(self.kind.default_rule()))
             .memory(memory.saturating_sub(used).max(memory / 4))
-            .metadata(metadata)
+            .metadata(metadata.clone())
             .share(*share)
             .time(*time);
+        let header = options.header(Form::new(Dimension::Quad, self.value_type), self.extent)?;
+        let tree = Blockwise::new(Box::new(tree), &self.inputs[0], header, metadata);
         build(&tree, self.extent, &options, output, progress).map(|_| ())
+    }
+
+    /// Makes a tree of the features on the cells of the one that they are laid over: see [`RasterizeOptions::over`]. Nothing is painted before
+    /// somebody asks for it.
+    ///
+    /// # Errors
+    /// If a file cannot be read or has changed, or on interruption.
+    ///
+    /// # Panics
+    /// If the options are not those of [`RasterizeOptions::over`].
+    pub fn overlay(&self, progress: &dyn Progress) -> Result<FeatureOverlay> {
+        let ground = self.options.ground.as_ref().expect("options for features over a tree");
+        let Loaded { tree, geometries, beyond, outside } = self.load(progress)?;
+        if outside == geometries {
+            progress.warn(&self.inputs[0], "all features lie outside of the tree");
+        }
+        let tree =
+            Blockwise::new(Box::new(tree), &self.inputs[0], ground.header.clone(), ground.metadata.clone());
+        Ok(FeatureOverlay { tree: tree.into(), features: self.survey.features, beyond })
     }
 
     fn provenance(&self, input: &Path) -> String {
@@ -233,17 +276,20 @@ impl FeatureImport {
             _ if self.options.fractions => "shares of cells".into(),
             FeatureValue::Number(number) => number.to_string(),
             FeatureValue::Attribute(name) => format!("`{name}`"),
+            FeatureValue::Samples(numbers) => format!("{numbers:?}"),
         };
         format!("features of {}: {value}, {}, {}", input.display(), self.options.edge, self.options.overlaps)
     }
 
     /// Reads all shapes.
-    fn load(&self, progress: &dyn Progress) -> Result<ShapeTree> {
-        let coordinates = self.crs.clone().map_or(Coordinates::World, Coordinates::System);
-        let coordinates = if self.frame.crs.is_none() { Coordinates::World } else { coordinates };
+    fn load(&self, progress: &dyn Progress) -> Result<Loaded> {
+        let own = self.crs.clone().map_or(Coordinates::World, Coordinates::System);
+        let own = if self.frame.crs.is_none() { Coordinates::World } else { own };
+        let asked = self.options.ground.as_ref().and_then(|ground| ground.coordinates.clone());
+        let coordinates = asked.unwrap_or(own);
         let places = Places::new(&coordinates, &self.frame, self.extent)?;
         places.remarks().iter().for_each(|remark| progress.warn(&self.inputs[0], remark));
-        let mut loader = Loader::new(places);
+        let mut loader = Loader::new(places, self.extent);
         for input in &self.inputs {
             let mut reader = open_features(input, &feature_options(&self.options))?;
             self.load_file(input, &mut *reader, &mut loader, progress)?;
@@ -254,7 +300,8 @@ impl FeatureImport {
                 &format!("{} points of features lie nowhere in the tree's coordinate system", loader.lost),
             );
         }
-        let Loader { mut shapes, values, .. } = loader;
+        let Loader { mut shapes, values, beyond, outside, .. } = loader;
+        let geometries = values.len() as u64;
         self.sort(&mut shapes, &values);
         let paint = match self.options.overlaps {
             _ if self.options.fractions => Paint::Share,
@@ -265,7 +312,14 @@ impl FeatureImport {
             Overlaps::Last | Overlaps::First | Overlaps::Min | Overlaps::Max => Paint::Top,
         };
         let (value_type, extent, depth) = (self.value_type, self.extent, self.depth);
-        Ok(ShapeTree { shapes, values, value_type, paint, edge: self.options.edge, extent, depth })
+        let ladder = Ladder::new((self.options.memory / 8) as usize);
+        let fixed = match &self.options.value {
+            FeatureValue::Samples(numbers) => Some(value_type.nearest_numbers(|channel| numbers[channel])),
+            _ => None,
+        };
+        let edge = self.options.edge;
+        let tree = ShapeTree { shapes, values, value_type, fixed, paint, edge, extent, depth, ladder };
+        Ok(Loaded { tree, geometries, beyond, outside })
     }
 
     fn load_file(
@@ -284,6 +338,7 @@ impl FeatureImport {
             let Some(geometry) = &feature.geometry else { continue };
             let value = match &self.options.value {
                 FeatureValue::Number(number) => Some(*number),
+                FeatureValue::Samples(_) => Some(Number::default()),
                 FeatureValue::Attribute(_) => {
                     let attribute = feature.attributes.first().unwrap_or(&FeatureAttribute::None);
                     let found = self.values.number(attribute);

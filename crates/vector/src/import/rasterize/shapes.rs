@@ -5,9 +5,8 @@
 //! parent's parts alone, and each edge is tested once a level.
 
 use std::ops::Range;
-use std::sync::Arc;
 
-use spinney_base::space::{Bounds, Code};
+use spinney_base::space::Bounds;
 
 use super::edge::{Edge, PARTS, Point, centre};
 
@@ -67,13 +66,6 @@ impl Part {
 pub(super) struct Parts {
     pub(super) parts: Vec<Part>,
     edges: Vec<u32>,
-}
-
-/// A node.
-#[derive(Clone, Debug)]
-pub(super) struct Node {
-    pub(super) code: Code,
-    pub(super) parts: Arc<Parts>,
 }
 
 /// The centre of a node's first cell.
@@ -156,6 +148,13 @@ impl Shapes {
 }
 
 impl Parts {
+    /// Bytes of memory.
+    pub(super) fn bytes(&self) -> usize {
+        size_of::<Parts>()
+            + self.parts.capacity() * size_of::<Part>()
+            + self.edges.capacity() * size_of::<u32>()
+    }
+
     /// Leaves out what lies below the last shape that has all of the node, which hides it.
     pub(super) fn uncovered(mut self) -> Parts {
         if let Some(top) = self.parts.iter().rposition(Part::is_whole) {

@@ -2,16 +2,17 @@
 
 use std::sync::Arc;
 
+use spinney_base::Result;
 use spinney_base::space::{Bounds, Code, Dimension, EdgeRule};
 use spinney_base::value::{Number, Value, ValueType};
-use spinney_base::{Form, Result};
-use spinney_engine::store::builder::ReusableSource;
-use spinney_engine::tree::{CellBlock, Child, Children, Source};
+use spinney_engine::ops::BlockSource;
+use spinney_engine::tree::{CellBlock, Child};
 
 use super::coverage::Coverage;
 use super::edge::Point;
+use super::ladder::Ladder;
 use super::mask::{Mask, index_of};
-use super::shapes::{Node, Part, Parts, ShapeKind, Shapes};
+use super::shapes::{Part, Parts, ShapeKind, Shapes};
 
 /// The way from the shapes over a cell to its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,26 +31,27 @@ pub(super) enum Paint {
     Mean,
 }
 
-/// Levels below the blocks whose cells are painted at a time.
-const BLOCK_LEVELS: u8 = 8;
-
 /// A tree of shapes, of which no cell is before somebody asks for it.
 pub(super) struct ShapeTree {
     pub(super) shapes: Shapes,
     /// The value of each number.
     pub(super) values: Vec<Number>,
     pub(super) value_type: ValueType,
+    /// The value of all cells that shapes have, if it has several numbers.
+    pub(super) fixed: Option<Value>,
     pub(super) paint: Paint,
     pub(super) edge: EdgeRule,
     pub(super) extent: [u64; 3],
     pub(super) depth: u8,
+    /// Parts of nodes that were used last.
+    pub(super) ladder: Ladder,
 }
 
 /// Numbers of the cells of a block in the making.
 enum Painted {
     /// Numbers of values, from 1; 0 is VOID.
     Tops(Vec<u32>),
-    /// Sums and counts, of which values of 8 and 4 bytes are made.
+    /// Sums and counts.
     Sums(Vec<f64>, Vec<u32>),
     /// Shares, of which values of 4 bytes are made.
     Shares(Vec<f64>),
@@ -61,7 +63,7 @@ impl ShapeTree {
     }
 
     fn value_of(&self, number: Number) -> Value {
-        self.value_type.nearest_numbers(|_| number)
+        self.fixed.unwrap_or_else(|| self.value_type.nearest_numbers(|_| number))
     }
 
     /// The value of the cells that all of some shapes have wholly; `None` is VOID.
@@ -87,29 +89,29 @@ impl ShapeTree {
         self.shapes.shapes[part.shape as usize].kind
     }
 
-    /// A node with what it has of the shapes.
-    fn node(&self, code: Code, parts: Parts) -> Child<Node> {
-        let cells = code.bounds(self.depth);
-        if cells.intersect(&self.picture()).is_empty() {
-            return Child::Void;
+    /// The parts of the shapes that a node has, made of those of the nearest node above it that are known.
+    fn parts(&self, code: Code) -> Arc<Parts> {
+        let (mut at, mut parts) = self.ladder.nearest(code).unwrap_or_else(|| {
+            let root = Code::root(Dimension::Quad);
+            let parts = Arc::new(self.seen(self.shapes.root(&root.bounds(self.depth))));
+            self.ladder.keep(root, &parts);
+            (root, parts)
+        });
+        while at.level() < code.level() {
+            let codes = [0, 1, 2, 3].map(|step| at.child(step));
+            let bounds = codes.map(|code| code.bounds(self.depth));
+            let children = self.shapes.children(&parts, &at.bounds(self.depth), &bounds);
+            let children = children.map(|parts| Arc::new(self.seen(parts)));
+            codes.iter().zip(&children).for_each(|(code, parts)| self.ladder.keep(*code, parts));
+            let step = code.step(at.level());
+            (at, parts) = (codes[step], children[step].clone());
         }
-        let parts = match self.paint {
-            Paint::Top => parts.uncovered(),
-            _ => parts,
-        };
-        if parts.parts.iter().all(Part::is_whole) {
-            let value = self.uniform(&parts.parts);
-            if value.is_none() || self.picture().contains(&cells) {
-                return Child::uniform(value);
-            }
-        }
-        if code.level() == self.depth {
-            let block = self.paint(code, &parts, 0);
-            return Child::uniform(block.present[0].then(|| Value::from_bytes(&block.values)));
-        }
-        // (What stands for a node before its cells are known is looked at by nobody: whoever stores a tree averages anew.)
-        let representative = self.uniform(&parts.parts).unwrap_or_default();
-        Child::Inner { representative, node: Node { code, parts: Arc::new(parts) } }
+        parts
+    }
+
+    /// The parts of a node that its cells can show something of.
+    fn seen(&self, parts: Parts) -> Parts {
+        if self.paint == Paint::Top { parts.uncovered() } else { parts }
     }
 
     /// The cells of a node with so many levels below it.
@@ -194,11 +196,17 @@ impl ShapeTree {
         let edges = || self.shapes.edges_of(parts, part);
         if part.is_whole() {
             shares.iter_mut().for_each(|share| *share += 1.0);
+            let side = coverage.side();
+            (0..side).for_each(|row| coverage.touch(row, 0..side));
         } else if self.kind(part) == ShapeKind::Polygon {
             coverage.measure(edges(), cell, part.winding, shares);
         } else {
             self.mask(mask, parts, part, cell);
-            mask.each(|at| shares[at] += 1.0);
+            let side = coverage.side();
+            mask.each(|at| {
+                shares[at] += 1.0;
+                coverage.touch(at / side, at % side..at % side + 1);
+            });
         }
     }
 
@@ -218,16 +226,18 @@ impl ShapeTree {
         let same =
             |a: &Part, b: &Part| self.values[self.value_number(a)] == self.values[self.value_number(b)];
         for alike in parts.parts.chunk_by(same) {
-            shares.fill(0.0);
             for part in alike {
                 self.add_shares((parts, part), cell, (&mut coverage, &mut mask), &mut shares);
             }
             let number = self.value_number(&alike[0]) as u32 + 1;
-            for (((top, best), share), all) in tops.iter_mut().zip(&mut best).zip(&shares).zip(&mut all) {
-                let share: f64 = share.min(1.0);
-                *all += share;
-                if share > *best {
-                    (*top, *best) = (number, share);
+            // (Of thousands of values each has few of the cells: no others are gone through for it.)
+            for row in 0..side {
+                for at in coverage.take_touched(row).map(|column| row * side + column) {
+                    let share = std::mem::take(&mut shares[at]).min(1.0);
+                    all[at] += share;
+                    if share > best[at] {
+                        (tops[at], best[at]) = (number, share);
+                    }
                 }
             }
         }
@@ -258,13 +268,14 @@ impl ShapeTree {
                         value.copy_from_slice(&last.1[..width]);
                     }
                     Painted::Sums(_, counts) if counts[at] == 0 => continue,
-                    Painted::Sums(sums, counts) => match self.paint {
-                        Paint::Count => value.copy_from_slice(&counts[at].to_le_bytes()),
-                        Paint::Mean => {
-                            value.copy_from_slice(&(sums[at] / f64::from(counts[at])).to_le_bytes())
-                        }
-                        _ => value.copy_from_slice(&sums[at].to_le_bytes()),
-                    },
+                    Painted::Sums(sums, counts) => {
+                        let number = match self.paint {
+                            Paint::Count => counts[at].into(),
+                            Paint::Mean => (sums[at] / f64::from(counts[at])).into(),
+                            _ => sums[at].into(),
+                        };
+                        value.copy_from_slice(&self.value_of(number).to_bytes()[..width]);
+                    }
                     Painted::Shares(shares) => {
                         value.copy_from_slice(&(shares[at].min(1.0) as f32).to_le_bytes())
                     }
@@ -276,36 +287,28 @@ impl ShapeTree {
     }
 }
 
-impl Source for ShapeTree {
-    type Node = Node;
-
-    fn form(&self) -> Form {
-        Form::new(Dimension::Quad, self.value_type)
-    }
-
-    fn depth(&self) -> u8 {
-        self.depth
-    }
-
-    fn root(&self) -> Result<Child<Node>> {
-        let root = Code::root(Dimension::Quad);
-        Ok(self.node(root, self.shapes.root(&root.bounds(self.depth))))
-    }
-
-    fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
-        let codes = [0, 1, 2, 3].map(|step| node.code.child(step));
-        let bounds = codes.map(|code| code.bounds(self.depth));
-        let parts = self.shapes.children(&node.parts, &node.code.bounds(self.depth), &bounds);
-        for ((child, code), parts) in children.iter_mut().zip(codes).zip(parts) {
-            *child = self.node(code, parts);
+impl BlockSource for ShapeTree {
+    fn node(&self, code: Code) -> Result<Child<Code>> {
+        let cells = code.bounds(self.depth);
+        if cells.intersect(&self.picture()).is_empty() {
+            return Ok(Child::Void);
         }
-        Ok(())
+        let parts = self.parts(code);
+        if parts.parts.iter().all(Part::is_whole) {
+            let value = self.uniform(&parts.parts);
+            if value.is_none() || self.picture().contains(&cells) {
+                return Ok(Child::uniform(value));
+            }
+        }
+        if code.level() == self.depth {
+            let block = self.paint(code, &parts, 0);
+            return Ok(Child::uniform(block.present[0].then(|| Value::from_bytes(&block.values))));
+        }
+        // (What stands for a node before its cells are known is looked at by nobody: whoever stores a tree averages anew.)
+        Ok(Child::Inner { representative: self.uniform(&parts.parts).unwrap_or_default(), node: code })
     }
 
-    fn cells(&self, node: &Node, levels: u8) -> Result<Option<CellBlock>> {
-        let is_block = levels <= BLOCK_LEVELS && node.code.level() + levels == self.depth;
-        Ok(is_block.then(|| self.paint(node.code, &node.parts, levels)))
+    fn block(&self, code: Code) -> Result<CellBlock> {
+        Ok(self.paint(code, &self.parts(code), self.depth - code.level()))
     }
 }
-
-impl ReusableSource for ShapeTree {}

@@ -2,9 +2,11 @@
 
 use spinney_base::space::{Bounds, Code, Dimension, EdgeRule, Polygon};
 use spinney_base::value::{Number, SampleType, Value, ValueType};
-use spinney_engine::tree::{Child, Source, no_children};
+use spinney_engine::ops::BlockSource;
+use spinney_engine::tree::Child;
 
 use super::edge::{Edge, PARTS};
+use super::ladder::Ladder;
 use super::shapes::{ShapeKind, Shapes};
 use super::source::{Paint, ShapeTree};
 
@@ -65,10 +67,12 @@ fn tree(
         shapes,
         values: values.iter().map(|value| Number::from(*value)).collect(),
         value_type: ValueType::new(sample, 1),
+        fixed: None,
         paint,
         edge,
         extent: [extent[0], extent[1], 1],
         depth,
+        ladder: Ladder::new(1 << 14),
     }
 }
 
@@ -76,29 +80,23 @@ fn tree(
 fn cells(tree: &ShapeTree, block_levels: u8) -> Vec<Option<Value>> {
     let side = 1usize << tree.depth;
     let mut cells = vec![None; side * side];
-    let mut pending = vec![(Code::root(Dimension::Quad), tree.root().unwrap())];
+    let mut pending = vec![Code::root(Dimension::Quad)];
     let width = tree.value_type.size();
-    while let Some((code, child)) = pending.pop() {
+    while let Some(code) = pending.pop() {
         let bounds = code.bounds(tree.depth);
         let size = bounds.size()[0] as usize;
         let mut put = |x: usize, y: usize, value: Option<Value>| {
             cells[(bounds.min[1] as usize + y) * side + bounds.min[0] as usize + x] = value;
         };
-        match child {
-            Child::Inner { node, .. } if code.level() + block_levels == tree.depth => {
-                let block = tree.cells(&node, block_levels).unwrap().unwrap();
+        match tree.node(code).unwrap() {
+            Child::Inner { .. } if code.level() + block_levels == tree.depth => {
+                let block = tree.block(code).unwrap();
                 for at in 0..size * size {
                     let value = Value::from_bytes(&block.values[at * width..(at + 1) * width]);
                     put(at % size, at / size, block.present[at].then_some(value));
                 }
             }
-            Child::Inner { node, .. } => {
-                let mut children = no_children();
-                tree.children(&node, &mut children).unwrap();
-                pending.extend(
-                    children.into_iter().take(4).enumerate().map(|(step, child)| (code.child(step), child)),
-                );
-            }
+            Child::Inner { .. } => pending.extend((0..4).map(|step| code.child(step))),
             child => {
                 let value = child.value();
                 (0..size * size).for_each(|at| put(at % size, at / size, value));

@@ -17,8 +17,10 @@ pub(super) struct Values {
     /// Least and greatest whole number.
     range: Option<[i128; 2]>,
     /// Texts, and their classes once all are known.
-    texts: BTreeMap<String, u32>,
+    texts: BTreeMap<String, Number>,
     has_numbers: bool,
+    /// A number that is not whole, if there is one.
+    fraction: Option<f64>,
 }
 
 /// Classes with names, at most: as many as metadata have room for.
@@ -41,10 +43,11 @@ impl Values {
             FeatureAttribute::Number(number) => {
                 (self.has_fractions, self.has_numbers) = (true, true);
                 self.has_doubles |= f64::from(*number as f32) != *number;
+                self.fraction = Some(*number);
             }
             FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => {
                 if !self.texts.contains_key(text) {
-                    self.texts.insert(text.clone(), 0);
+                    self.texts.insert(text.clone(), Number::default());
                 }
                 if self.texts.len() > MOST_CLASSES {
                     let found = format!("more than {MOST_CLASSES} different texts");
@@ -62,20 +65,41 @@ impl Values {
         self.range = Some([low.min(number), high.max(number)]);
     }
 
-    /// Numbers the texts, in the order of the alphabet.
+    /// Numbers the texts, in the order of the alphabet, or as the classes of a tree that features are laid over.
     ///
     /// # Errors
-    /// If there are numbers beside them.
-    pub(super) fn finish(&mut self, name: &str) -> Result<()> {
+    /// If there are numbers beside them; if the tree has no such class, or cannot hold some number.
+    pub(super) fn finish(&mut self, name: &str, options: &RasterizeOptions) -> Result<()> {
         if self.has_numbers && !self.texts.is_empty() {
             let text = self.texts.keys().next().cloned().unwrap_or_default();
             let found = format!("`{name}`, which has numbers and texts, such as `{text}`");
             return Err(Error::invalid("value", found, "an attribute that is one of both"));
         }
-        for (class, number) in self.texts.values_mut().zip(1..) {
-            *class = number;
+        let Some(ground) = &options.ground else {
+            for (class, number) in self.texts.values_mut().zip(1u64..) {
+                *class = number.into();
+            }
+            return Ok(());
+        };
+        let classes = &ground.metadata.class_names;
+        for (text, class) in &mut self.texts {
+            let found = classes.iter().find(|(_, name)| *name == text);
+            *class = *found.ok_or_else(|| unknown_class(text, classes))?.0;
         }
-        Ok(())
+        let sample = ground.header.form.value.sample;
+        let numbers = self.range.into_iter().flatten().map(number_of).chain(self.fraction.map(Number::from));
+        let unfit = numbers.into_iter().find(|number| !sample.can_hold(*number));
+        match unfit.filter(|_| !sample.is_float() && !options.overlaps.is_computed()) {
+            Some(number) => {
+                let found = format!("`{name}`, which has {number}");
+                Err(Error::invalid(
+                    "value",
+                    found,
+                    format!("an attribute whose values {} can hold", ground.header.form.value),
+                ))
+            }
+            None => Ok(()),
+        }
     }
 
     /// The number that cells of an attribute have; `None` if it has no value.
@@ -89,17 +113,20 @@ impl Values {
                 (*number as i64).into()
             }
             FeatureAttribute::Number(number) => (*number).into(),
-            FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => (*self.texts.get(text)?).into(),
+            FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => *self.texts.get(text)?,
         })
     }
 
     /// Names of the classes that texts have become.
     pub(super) fn class_names(&self) -> impl Iterator<Item = (Number, String)> {
-        self.texts.iter().map(|(text, class)| (Number::from(*class), text.clone()))
+        self.texts.iter().map(|(text, class)| (*class, text.clone()))
     }
 
     /// Type and kind of the cells.
     pub(super) fn form(&self, options: &RasterizeOptions) -> (ValueType, Kind) {
+        if let Some(ground) = &options.ground {
+            return (ground.header.form.value, ground.header.kind);
+        }
         let (sample, kind) = match options {
             options if options.fractions => (SampleType::F32, Kind::Continuous),
             options if options.overlaps == Overlaps::Count => (SampleType::U32, Kind::Continuous),
@@ -114,6 +141,29 @@ impl Values {
         };
         (ValueType::new(sample, 1), options.kind.unwrap_or(kind))
     }
+}
+
+/// A whole number as one of a sample.
+fn number_of(whole: i128) -> Number {
+    u64::try_from(whole)
+        .map(Number::from)
+        .or_else(|_| i64::try_from(whole).map(Number::from))
+        .unwrap_or_else(|_| (whole as f64).into())
+}
+
+/// Names of classes that are told to somebody who asked for another one.
+const MOST_KNOWN: usize = 20;
+
+fn unknown_class(text: &str, classes: &BTreeMap<Number, String>) -> Error {
+    let mut known: Vec<&str> = classes.values().take(MOST_KNOWN).map(String::as_str).collect();
+    if classes.len() > MOST_KNOWN {
+        known.push("...");
+    }
+    let expected = match &known[..] {
+        [] => "numbers: the tree's classes have no names".into(),
+        known => format!("names of the tree's classes: {}", known.join(", ")),
+    };
+    Error::invalid("value", format!("`{text}`"), expected)
 }
 
 fn float(needs_doubles: bool) -> SampleType {

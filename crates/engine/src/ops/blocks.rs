@@ -1,15 +1,17 @@
-//! Blocks of results with the nodes above their cells, for those who walk nodes: each block is computed once.
+//! Blocks of computed cells with the nodes above these, for those who walk nodes: each block is computed once.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::source::Calculated;
 use crate::tree::{Child, Children, NodeState};
-use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Value;
+use spinney_base::{Form, Result};
 
 /// Levels below a block of a quadtree, and of an octree.
 pub(super) const BLOCK_LEVELS: [u8; 2] = [8, 5];
+
+/// A way to draw a box of nodes so many levels above the cells: values, and which of them there are.
+pub(super) type DrawLevel<'a> = dyn FnMut(u8, &Bounds, &mut [u8], &mut [bool]) -> Result<()> + 'a;
 
 /// Blocks that are kept.
 const KEPT: usize = 16;
@@ -29,11 +31,10 @@ struct BlockLevel {
 }
 
 impl Block {
-    /// The cells of a node, and all between: cells decide what is uniform, the numbers of each level make representatives.
-    fn new(tree: &Calculated, code: Code) -> Result<Block> {
-        let form = tree.header().form;
-        let (axes, width, depth) = (form.axes(), form.width(), tree.header().depth());
-        let height = depth - code.level();
+    /// The cells of a node with so many levels below it, and all between: cells decide what is uniform, the numbers of each level make
+    /// representatives.
+    pub(super) fn new(form: Form, (code, height): (Code, u8), draw: &mut DrawLevel<'_>) -> Result<Block> {
+        let (axes, width) = (form.axes(), form.width());
         let mut block = Block { levels: Vec::with_capacity(usize::from(height)), axes, width };
         for above in 0..height {
             let cell = code.cell().map(|cell| u64::from(cell) << (height - above));
@@ -43,7 +44,7 @@ impl Block {
                 Bounds { min: std::array::from_fn(|axis| if axis < axes { cell[axis] } else { 0 }), max };
             let nodes = bounds.volume() as usize;
             let (mut values, mut valid) = (vec![0; nodes * width], vec![false; nodes]);
-            tree.draw_at(depth - above, &bounds, &mut values, &mut valid)?;
+            draw(above, &bounds, &mut values, &mut valid)?;
             let state = |valid: &bool| if *valid { NodeState::Leaf } else { NodeState::Void };
             let mut level = BlockLevel { states: valid.iter().map(state).collect(), values };
             if let Some(below) = block.levels.last() {
@@ -111,28 +112,23 @@ impl BlockLevel {
 pub(super) struct Blocks(Mutex<Vec<(Code, Arc<Block>)>>);
 
 impl Blocks {
-    /// The children of a node at or below the level of blocks.
+    /// The children of a node at or below the level of blocks, of a tree of so many levels, whose blocks are made in some way.
     ///
     /// # Errors
-    /// If a tree is damaged there.
+    /// If a block cannot be made.
     pub(super) fn children(
         &self,
-        tree: &Calculated,
+        (depth, block_level): (u8, u8),
         node: Code,
         children: &mut Children<Code>,
+        make: &dyn Fn(Code) -> Result<Block>,
     ) -> Result<()> {
-        let above = tree.header().depth() - node.level();
-        let mut code = node;
-        while code.level() > tree.block_level()
-            && let Some(parent) = code.parent()
-        {
-            code = parent;
-        }
+        let code = node.ancestor(block_level);
         let block = match self.kept(code) {
             Some(block) => block,
             None => {
                 // (Without the lock: others may go on, and at worst two compute the same.)
-                let block = Arc::new(Block::new(tree, code)?);
+                let block = Arc::new(make(code)?);
                 let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
                 if kept.len() >= KEPT {
                     kept.remove(0);
@@ -141,7 +137,7 @@ impl Blocks {
                 block
             }
         };
-        block.children(node, above, children);
+        block.children(node, depth - node.level(), children);
         Ok(())
     }
 

@@ -1,0 +1,112 @@
+//! Cells with corners or crossings that edges pass.
+
+use crate::crossings::Square;
+use crate::edges::Edge;
+use crate::exact::{Cell, Point, passes};
+use crate::grid::cell_of;
+use crate::room::{Room, SQUARES_BETWEEN_LOOKS};
+use spinney_base::Result;
+
+/// Cells that are looked at with all edges of their square.
+const FEW: usize = 4;
+
+/// That an edge passes a cell which neither of its ends is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Passage {
+    pub(crate) edge: u32,
+    /// Place of the cell along the edge.
+    place: i64,
+    pub(crate) cell: Cell,
+}
+
+/// Finds all passages of edges, in their order along each edge. The order of the cells is changed.
+///
+/// # Errors
+/// If they take more memory than there may be; on interruption.
+pub(crate) fn passages(
+    edges: &[Edge<Point>],
+    cells: &mut [Cell],
+    square: Square,
+    room: &Room<'_>,
+) -> Result<Vec<Passage>> {
+    let mut stack: Vec<u32> = (0..edges.len() as u32).collect();
+    let mut walk = Walk { edges, found: Vec::new(), squares: 0, room };
+    walk.square(square, &mut stack, 0, cells)?;
+    walk.found.sort_unstable();
+    Ok(walk.found)
+}
+
+struct Walk<'a> {
+    edges: &'a [Edge<Point>],
+    found: Vec<Passage>,
+    squares: u64,
+    room: &'a Room<'a>,
+}
+
+impl Walk<'_> {
+    /// Goes through a square with its cells and the edges from `from` on, which are there no more afterwards. A cell is in one square alone.
+    fn square(
+        &mut self,
+        square: Square,
+        stack: &mut Vec<u32>,
+        from: usize,
+        cells: &mut [Cell],
+    ) -> Result<()> {
+        self.squares += 1;
+        if self.squares.is_multiple_of(SQUARES_BETWEEN_LOOKS) {
+            self.room.check(self.found.len())?;
+        }
+        if stack.len() == from || cells.is_empty() {
+            // Nothing passes anything.
+        } else if cells.len() <= FEW {
+            for edge in &stack[from..] {
+                cells.iter().for_each(|cell| self.pair(*edge, *cell));
+            }
+        } else {
+            let [x, y] = [0, 1].map(|axis| square.first[axis] + square.side / 2);
+            let middle = divide(cells, |cell| cell[1] < y);
+            let (lower, upper) = cells.split_at_mut(middle);
+            let (first, second) = (divide(lower, |cell| cell[0] < x), divide(upper, |cell| cell[0] < x));
+            let ((first, second), (third, fourth)) = (lower.split_at_mut(first), upper.split_at_mut(second));
+            let ends = |place: usize| self.edges[stack[place] as usize].ends;
+            let quarters: Vec<u8> =
+                (from..stack.len()).map(|place| square.quarters_of(ends(place))).collect();
+            for (index, cells) in [first, second, third, fourth].into_iter().enumerate() {
+                if cells.is_empty() {
+                    continue;
+                }
+                let until = stack.len();
+                for (place, own) in (from..).zip(&quarters) {
+                    if own >> index & 1 == 1 {
+                        stack.push(stack[place]);
+                    }
+                }
+                self.square(square.quarter(index), stack, until, cells)?;
+            }
+        }
+        stack.truncate(from);
+        Ok(())
+    }
+
+    fn pair(&mut self, edge: u32, cell: Cell) {
+        let ends = self.edges[edge as usize].ends;
+        let [first, last] = ends.map(|end| end.map(cell_of));
+        if cell != first && cell != last && passes(ends, cell) {
+            // From the first end on, cells go on in both directions, or stay.
+            let rises = if ends[1][1] >= ends[0][1] { 1 } else { -1 };
+            self.found.push(Passage { edge, place: cell[0] + rises * cell[1], cell });
+        }
+    }
+}
+
+/// Puts the cells that are so before all others; the number of them.
+fn divide(cells: &mut [Cell], is_so: impl Fn(&Cell) -> bool) -> usize {
+    let mut end = 0;
+    for index in 0..cells.len() {
+        if is_so(&cells[index]) {
+            cells.swap(end, index);
+            end += 1;
+        }
+    }
+    end
+}

@@ -1,0 +1,126 @@
+//! Polygons of the edges around faces.
+
+use std::collections::BTreeMap;
+
+use crate::edges::Edge;
+use crate::exact::{Cell, turn};
+
+/// A polygon: an outer ring, counterclockwise, and holes, clockwise, which touch each other in points at most. Rings end with the corner that they begin
+/// with.
+pub(crate) type Rings = Vec<Vec<Cell>>;
+
+/// An edge with a face on its left.
+struct Side {
+    from: Cell,
+    to: Cell,
+    face: u32,
+}
+
+/// Makes the polygons of faces: `face_of` tells the face that an edge has on each side (on the right and on the left of its way from the left end to the
+/// other), if it is one that is wanted, and has not the same on both sides. They come in the order of the faces.
+pub(crate) fn polygons(
+    edges: &[Edge<Cell>],
+    face_of: &mut dyn FnMut(usize) -> [Option<u32>; 2],
+) -> BTreeMap<u32, Rings> {
+    let mut sides = Vec::new();
+    for (number, edge) in edges.iter().enumerate() {
+        let [a, b] = edge.ends;
+        let [right, left] = face_of(number);
+        sides.extend(right.map(|face| Side { from: b, to: a, face }));
+        sides.extend(left.map(|face| Side { from: a, to: b, face }));
+    }
+    sides.sort_unstable_by_key(|side| (side.face, side.from, side.to));
+    let mut is_used = vec![false; sides.len()];
+    let mut polygons: BTreeMap<u32, Rings> = BTreeMap::new();
+    let mut walk = Walk { sides: &sides, ring: Vec::new(), places: BTreeMap::new() };
+    for first in 0..sides.len() {
+        if !is_used[first] {
+            walk.around(first, &mut is_used, polygons.entry(sides[first].face).or_default());
+        }
+    }
+    for rings in polygons.values_mut() {
+        // (A face has one outer ring.)
+        rings.sort_by_key(|ring| (!is_outer(ring), ring[0]));
+    }
+    polygons
+}
+
+struct Walk<'a> {
+    sides: &'a [Side],
+    /// Corners since the first, and their places, by which it is seen where a ring touches itself.
+    ring: Vec<Cell>,
+    places: BTreeMap<Cell, usize>,
+}
+
+impl Walk<'_> {
+    /// Follows a border of a face from an edge on, and makes rings of it: one, or more where it touches itself.
+    fn around(&mut self, first: usize, is_used: &mut [bool], rings: &mut Rings) {
+        self.ring.clear();
+        self.places.clear();
+        let mut side = first;
+        loop {
+            is_used[side] = true;
+            let corner = self.sides[side].from;
+            if let Some(place) = self.places.get(&corner).copied() {
+                self.close(place, rings);
+            } else {
+                self.places.insert(corner, self.ring.len());
+                self.ring.push(corner);
+            }
+            side = self.next(side);
+            if side == first {
+                break;
+            }
+        }
+        self.close(0, rings);
+    }
+
+    /// Makes a ring of the corners since a place, of which the first stays.
+    fn close(&mut self, place: usize, rings: &mut Rings) {
+        let mut ring = self.ring.split_off(place);
+        for corner in &ring {
+            self.places.remove(corner);
+        }
+        self.places.insert(ring[0], place);
+        self.ring.push(ring[0]);
+        // It begins with its left corner, whatever edge was the first.
+        let least = (0..ring.len()).min_by_key(|place| ring[*place]).unwrap_or(0);
+        ring.rotate_left(least);
+        ring.push(ring[0]);
+        rings.push(ring);
+    }
+
+    /// The edge that goes on along the same face: the next one clockwise around the corner.
+    fn next(&self, side: usize) -> usize {
+        let Side { from, to: corner, face } = self.sides[side];
+        let begin = self.sides.partition_point(|other| (other.face, other.from) < (face, corner));
+        let is_here = |other: &Side| other.face == face && other.from == corner;
+        let count = self.sides[begin..].iter().take_while(|other| is_here(other)).count();
+        let mut best = begin;
+        for other in begin + 1..begin + count {
+            if is_before(corner, from, self.sides[other].to, self.sides[best].to) {
+                best = other;
+            }
+        }
+        best
+    }
+}
+
+/// Whether a point comes before another one, clockwise around a corner from where one comes from.
+fn is_before(corner: Cell, from: Cell, one: Cell, other: Cell) -> bool {
+    // Clockwise means to the right: first the right half, then what lies straight ahead, then the left half.
+    let half = |point: Cell| match turn(corner, from, point) {
+        -1 => 0,
+        0 => 1,
+        _ => 2,
+    };
+    match half(one).cmp(&half(other)) {
+        std::cmp::Ordering::Equal => turn(corner, other, one) > 0,
+        order => order.is_lt(),
+    }
+}
+
+/// Whether a ring is counterclockwise: its first corner is its left one, a corner of its hull.
+fn is_outer(ring: &[Cell]) -> bool {
+    turn(ring[ring.len() - 2], ring[0], ring[1]) > 0
+}

@@ -1,0 +1,114 @@
+//! Features that were read, as what is written.
+
+use super::{AttributeValue, Geometry, GeometryKind};
+use crate::import::feature::{FeatureAttribute, FeatureGeometry};
+use spinney_base::Result;
+
+/// A point, a line, or a ring of a polygon.
+struct Part<'a> {
+    kind: GeometryKind,
+    is_outer: bool,
+    points: &'a [[f64; 2]],
+}
+
+impl Part<'_> {
+    /// The first point of a ring that does not end with it.
+    fn closing(&self) -> Option<[f64; 2]> {
+        let is_open = self.kind == GeometryKind::Polygon && self.points.first() != self.points.last();
+        self.points.first().copied().filter(|_| is_open)
+    }
+}
+
+/// The geometry of a feature that was read, to be written: rings are closed, collections in each other are one.
+pub struct FeatureParts<'a> {
+    parts: Vec<Part<'a>>,
+    kind: GeometryKind,
+}
+
+impl<'a> FeatureParts<'a> {
+    /// All parts of a geometry.
+    pub fn of(geometry: &'a FeatureGeometry) -> FeatureParts<'a> {
+        let mut parts = Vec::new();
+        collect(geometry, &mut parts);
+        let first = parts.first().map(|part| part.kind);
+        let kind = geometry.kind().or(first).unwrap_or(GeometryKind::Polygon);
+        FeatureParts { parts, kind }
+    }
+
+    /// Kind of the geometry, or of the first of a collection.
+    pub fn kind(&self) -> GeometryKind {
+        self.kind
+    }
+}
+
+fn collect<'a>(geometry: &'a FeatureGeometry, parts: &mut Vec<Part<'a>>) {
+    match geometry {
+        FeatureGeometry::Points(points) => {
+            let part = |point| Part {
+                kind: GeometryKind::Point,
+                is_outer: true,
+                points: std::slice::from_ref(point),
+            };
+            parts.extend(points.iter().map(part));
+        }
+        FeatureGeometry::Lines(lines) => {
+            let part = |points: &'a Vec<_>| Part { kind: GeometryKind::Line, is_outer: true, points };
+            parts.extend(lines.iter().map(part));
+        }
+        FeatureGeometry::Polygons(polygons) => {
+            for rings in polygons {
+                let part = |(index, points): (usize, &'a Vec<_>)| Part {
+                    kind: GeometryKind::Polygon,
+                    is_outer: index == 0,
+                    points,
+                };
+                parts.extend(rings.iter().enumerate().map(part));
+            }
+        }
+        FeatureGeometry::Collection(members) => members.iter().for_each(|member| collect(member, parts)),
+    }
+}
+
+impl Geometry for FeatureParts<'_> {
+    fn parts(&self) -> usize {
+        self.parts.len()
+    }
+
+    fn count(&self, part: usize) -> u64 {
+        let count = |part: &Part<'_>| part.points.len() + usize::from(part.closing().is_some());
+        self.parts.get(part).map_or(0, count) as u64
+    }
+
+    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
+        let Some(part) = self.parts.get(part) else { return Ok(()) };
+        let in_space = |[x, y]: [f64; 2]| [x, y, 0.0];
+        let mut held = Vec::with_capacity(part.points.len().min(1024));
+        for points in part.points.chunks(1024) {
+            held.clear();
+            held.extend(points.iter().copied().map(in_space));
+            each(&held)?;
+        }
+        part.closing().map_or(Ok(()), |point| each(&[in_space(point)]))
+    }
+
+    fn is_outer(&self, part: usize) -> bool {
+        self.parts.get(part).is_some_and(|part| part.is_outer)
+    }
+
+    fn part_kind(&self, part: usize) -> Option<GeometryKind> {
+        self.parts.get(part).map(|part| part.kind)
+    }
+}
+
+impl<'a> From<&'a FeatureAttribute> for AttributeValue<'a> {
+    fn from(attribute: &'a FeatureAttribute) -> AttributeValue<'a> {
+        match attribute {
+            FeatureAttribute::None => AttributeValue::None,
+            FeatureAttribute::Integer(number) => AttributeValue::Integer(*number),
+            FeatureAttribute::Number(number) => AttributeValue::Number(*number),
+            FeatureAttribute::Text(text) => AttributeValue::Text(text),
+            FeatureAttribute::Boolean(is) => AttributeValue::Boolean(*is),
+            FeatureAttribute::Json(text) => AttributeValue::Json(text),
+        }
+    }
+}

@@ -1,0 +1,410 @@
+//! Set operations of polygons of several files, with the attributes of all.
+//!
+//! ```
+//! use spinney::import::feature::{FeatureOptions, read_polygons};
+//! use spinney::overlay::{OverlayOperation, OverlayRequest, overlay_features};
+//! use spinney::export::vector::VectorFormat;
+//! use spinney::io::Output;
+//!
+//! # let folder = tempfile::tempdir().unwrap();
+//! # let path = |name: &str| folder.path().join(name);
+//! let square = |west: f64, name: &str| {
+//!     let east = west + 2.0;
+//!     let ring = format!("[[{west},0],[{east},0],[{east},2],[{west},2],[{west},0]]");
+//!     format!(r#"{{"type":"Feature","properties":{{"{name}":"x"}},"geometry":{{"type":"Polygon","coordinates":[{ring}]}}}}"#)
+//! };
+//! std::fs::write(path("a.geojson"), square(0.0, "soil")).unwrap();
+//! std::fs::write(path("b.geojson"), square(1.0, "owner")).unwrap();
+//! let read = |name: &str| read_polygons(&path(name), &FeatureOptions::default());
+//! let layers = vec![(path("a.geojson"), read("a.geojson")?), (path("b.geojson"), read("b.geojson")?)];
+//! let request = OverlayRequest::new(OverlayOperation::named("and").unwrap());
+//! let output = Output::create(&path("c.geojson"))?;
+//! let report = overlay_features(layers, &request, output, VectorFormat::GeoJson, &())?;
+//! assert_eq!((report.parts, report.area), (1, 2.0));
+//! # let text = std::fs::read_to_string(path("c.geojson")).unwrap();
+//! # assert!(text.contains(r#""properties":{"soil":"x","owner":"x"}"#), "{text}");
+//! # Ok::<(), spinney::Error>(())
+//! ```
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use crate::export::{
+    AttributeType, AttributeValue, FeatureParts, Geometry, VectorFeature, VectorFormat, VectorLayer,
+    VectorWriter,
+};
+use crate::import::feature::FeatureGeometry;
+use crate::import::zones::PolygonLayer;
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_crs::{Crs, PolygonParts, Transformation};
+use spinney_engine::ops::{Operation, Prefer};
+pub use spinney_overlay::OverlaySummary;
+use spinney_overlay::{Overlay, OverlayGrid, OverlayPart};
+
+/// The number that stands for the region to which a result is limited.
+const WITHIN: u32 = u32::MAX;
+
+/// What is made of polygons.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OverlayOperation {
+    /// A set operation by its number: 1 for what is in both, 2 in the first alone, 4 in the second alone, 8 in neither, added up. Of more than two files
+    /// those that mean something of any number: all (1), the first alone (2), an odd number (6), any (7), and what is left of these by complements.
+    Set(u8),
+    /// All parts into which the polygons' borders divide the plane, each with all features that it is in.
+    Partition,
+}
+
+impl OverlayOperation {
+    /// The operation of a name that [`Operation::named`] knows, or `partition`; `None` of those that need values.
+    pub fn named(name: &str) -> Option<OverlayOperation> {
+        match (name, Operation::named(name, Prefer::First)) {
+            ("partition", _) => Some(OverlayOperation::Partition),
+            (_, Some(Operation::Set { number, .. })) => Some(OverlayOperation::Set(number)),
+            _ => None,
+        }
+    }
+
+    /// Whether the result has what is in no polygon, so that a region must limit it.
+    fn reaches_outside(self) -> bool {
+        matches!(self, OverlayOperation::Set(8..))
+    }
+
+    /// Whether places are in the result that are in some of the files.
+    fn takes(self, is_in: &[bool]) -> bool {
+        let OverlayOperation::Set(number) = self else { return is_in.contains(&true) };
+        if number >= 8 && is_in.len() > 2 {
+            return !OverlayOperation::Set(15 - number).takes(is_in);
+        }
+        let (first, others) =
+            is_in.split_first().map_or((false, &[][..]), |(first, others)| (*first, others));
+        match (others.len(), number) {
+            (0 | 1, _) => {
+                let second = others.first().is_some_and(|second| *second);
+                let index = match (first, second) {
+                    (true, true) => 0,
+                    (true, false) => 1,
+                    (false, true) => 2,
+                    (false, false) => 3,
+                };
+                number >> index & 1 == 1
+            }
+            (_, 1) => !is_in.contains(&false),
+            (_, 2) => first && !others.contains(&true),
+            (_, 6) => is_in.iter().filter(|is_in| **is_in).count() % 2 == 1,
+            (_, 7) => is_in.contains(&true),
+            _ => false,
+        }
+    }
+
+    fn check(self, files: usize) -> Result<()> {
+        let is_for_many = |number: u8| matches!(number.min(15 - number), 0 | 1 | 2 | 6 | 7);
+        match self {
+            OverlayOperation::Set(number) if files > 2 && !is_for_many(number) => {
+                Err(Error::invalid("files", files.to_string(), "one or two for this operation"))
+            }
+            _ if files == 0 => Err(Error::invalid("files", "none", "at least one")),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// What is asked of polygons.
+#[derive(Clone, Debug)]
+pub struct OverlayRequest {
+    /// What is made of them.
+    pub operation: OverlayOperation,
+    /// Polygons, in coordinates of the first file, to which the result is limited: needed where it has what is in no polygon.
+    pub within: Option<PolygonParts>,
+    /// Width of the cells of the grid on which results lie, or the next smaller power of two; `None` for 2^-42 of the greatest coordinate.
+    pub snap: Option<f64>,
+    /// Bytes of memory.
+    pub memory: u64,
+}
+
+impl OverlayRequest {
+    /// An operation, on a grid that suits the coordinates, with 1 GiB of memory.
+    pub fn new(operation: OverlayOperation) -> OverlayRequest {
+        OverlayRequest { operation, within: None, snap: None, memory: 1 << 30 }
+    }
+
+    /// Limits the result to a box, in coordinates of the first file.
+    pub fn within_box(&mut self, [west, south]: [f64; 2], [east, north]: [f64; 2]) {
+        self.within = Some(vec![vec![vec![[west, south], [east, south], [east, north], [west, north]]]]);
+    }
+}
+
+/// What was made of polygons.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OverlayReport {
+    /// What was done to make it.
+    pub summary: OverlaySummary,
+    /// Features that were written, and polygons in them.
+    pub parts: u64,
+    /// Polygons in all parts.
+    pub polygons: u64,
+    /// Area of all parts, in square units of the coordinates.
+    pub area: f64,
+    /// Parts that are in several features of one file. Their attributes are those of the last of these.
+    pub shared: u64,
+}
+
+/// Writes what an operation makes of the polygons of some files: a feature for each set of features (of a set operation, for each last one of each
+/// file) that a part lies in, with the attributes of these. Names of attributes that several files have end with the file's number, from 1. Corners are
+/// brought to the first file's coordinate system.
+///
+/// # Errors
+/// If the operation is not for so many files, or reaches outside and nothing limits it; if coordinates cannot be brought to the first file's
+/// system; if the polygons need more memory than there may be, the output cannot be written, or on interruption.
+pub fn overlay_features(
+    layers: Vec<(PathBuf, PolygonLayer)>,
+    request: &OverlayRequest,
+    output: Output,
+    format: VectorFormat,
+    progress: &dyn Progress,
+) -> Result<OverlayReport> {
+    let operation = request.operation;
+    operation.check(layers.len())?;
+    if operation.reaches_outside() && request.within.is_none() {
+        let expected = "a region, since the result has all that is in no polygon";
+        return Err(Error::invalid("region of the result (within)", "none", expected));
+    }
+    let layers = Layers::of(layers, progress)?;
+    let bounds = layers.bounds(request.within.as_ref());
+    let greatest = bounds.as_flattened().iter().fold(0f64, |most, at| most.max(at.abs()));
+    let grid = match request.snap {
+        Some(width) => OverlayGrid::of_cells(width)?,
+        None => OverlayGrid::for_coordinates(greatest),
+    };
+    let is_partition = operation == OverlayOperation::Partition;
+    let attributes = layers.attributes(is_partition);
+    let layer = VectorLayer {
+        name: "parts".into(),
+        kind: Some(crate::export::GeometryKind::Polygon),
+        is_multi: true,
+        has_z: false,
+        attributes,
+        crs: layers.layers[0].1.crs.clone(),
+        bounds,
+    };
+    let remark = layer.remark(format);
+    let path = output.path().to_path_buf();
+    let mut writer = VectorWriter::create(output, format, layer)?;
+    remark.iter().for_each(|remark| progress.warn(&path, remark));
+    let mut overlay = Overlay::new(grid, request.memory);
+    let mut layers = layers;
+    layers.move_to(&mut overlay, request.within.as_ref())?;
+    let (mut parts, mut polygons, mut area, mut shared) = (0, 0, 0.0, 0);
+    let mut is_shared = BTreeMap::new();
+    let mut key_of = |sources: &[u32]| {
+        let own = match (request.within.is_some(), sources.split_last()) {
+            (true, Some((&WITHIN, own))) => own,
+            (true, _) => return None,
+            (false, _) => sources,
+        };
+        let last = layers.last_of_each(own);
+        let is_in: Vec<bool> = last.iter().map(|number| *number > 0).collect();
+        if !operation.takes(&is_in) {
+            return None;
+        }
+        let key = if is_partition { own.to_vec() } else { last };
+        let several = own.len() > is_in.iter().filter(|is_in| **is_in).count();
+        *is_shared.entry(key.clone()).or_insert(false) |= several;
+        Some(key)
+    };
+    let mut written: Vec<Vec<u32>> = Vec::new();
+    let summary = overlay.parts(&mut key_of, progress, &mut |part: OverlayPart| {
+        progress.check()?;
+        let OverlayPart { key, polygons: own, area: own_area } = part;
+        parts += 1;
+        polygons += own.len() as u64;
+        area += own_area;
+        let last = if is_partition { layers.last_of_each(&key) } else { key.clone() };
+        let told = if is_partition { layers.ids(&key) } else { Vec::new() };
+        let values = layers.values(&last, &told);
+        let geometry = FeatureGeometry::Polygons(own);
+        let geometry = FeatureParts::of(&geometry);
+        let geometry = Some((geometry.kind(), &geometry as &dyn Geometry));
+        writer.write_feature(&VectorFeature { id: None, geometry, attributes: &values })?;
+        written.push(key);
+        Ok(())
+    })?;
+    shared += written.iter().filter(|key| is_shared.get(*key) == Some(&true)).count() as u64;
+    writer.finish()?;
+    Ok(OverlayReport { summary, parts, polygons, area, shared })
+}
+
+/// The files' polygons. Features are numbered through, those of the first file first.
+struct Layers {
+    layers: Vec<(PathBuf, PolygonLayer)>,
+    /// The number of each layer's first feature.
+    first: Vec<u32>,
+}
+
+impl Layers {
+    /// All layers, in the first one's coordinate system.
+    fn of(mut layers: Vec<(PathBuf, PolygonLayer)>, progress: &dyn Progress) -> Result<Layers> {
+        let mut first = Vec::new();
+        let mut count = 0u32;
+        for (path, layer) in &layers {
+            first.push(count);
+            let next = u32::try_from(layer.features.len()).ok().and_then(|own| count.checked_add(own));
+            // (The last numbers are for the region.)
+            count = next.filter(|next| *next < WITHIN - 1).ok_or_else(|| {
+                Error::unsupported(path, "more than 2^32 features of all files", "divide the files")
+            })?;
+        }
+        for (path, layer) in layers.iter().filter(|(_, layer)| layer.with_heights > 0) {
+            let count = layer.with_heights;
+            progress.warn(path, &format!("heights and measures of {count} features are not in the result"));
+        }
+        let target = layers[0].1.crs.clone();
+        for (path, layer) in layers.iter_mut().skip(1) {
+            match (&layer.crs, &target) {
+                (Some(own), Some(target)) if !own.is_same(target) => {
+                    let transformation = Transformation::new(own, target, false)?;
+                    transformation.remarks().iter().for_each(|remark| progress.warn(path, remark));
+                    transform(path, layer, &transformation, target)?;
+                }
+                (None, Some(target)) => progress
+                    .warn(path, &format!("has no coordinate system: corners are taken to be in {target}")),
+                (Some(own), None) => progress.warn(
+                    path,
+                    &format!("the first file has no coordinate system: its corners are taken to be in {own}"),
+                ),
+                _ => {}
+            }
+        }
+        Ok(Layers { layers, first })
+    }
+
+    fn bounds(&self, within: Option<&PolygonParts>) -> [[f64; 2]; 2] {
+        let own = self.layers.iter().flat_map(|(_, layer)| &layer.features).map(|feature| &feature.parts);
+        let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+        for corner in own.chain(within).flatten().flatten().flatten() {
+            for axis in 0..2 {
+                bounds[0][axis] = bounds[0][axis].min(corner[axis]);
+                bounds[1][axis] = bounds[1][axis].max(corner[axis]);
+            }
+        }
+        if bounds[0][0] > bounds[1][0] { [[0.0; 2]; 2] } else { bounds }
+    }
+
+    /// Names and types of the results' attributes.
+    fn attributes(&self, is_partition: bool) -> Vec<(String, AttributeType)> {
+        let own = self.layers.iter().map(|(_, layer)| layer.attributes.iter().map(|(name, _)| name.as_str()));
+        let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+        own.flatten().for_each(|name| *counts.entry(name).or_default() += 1);
+        let mut names: Vec<(String, AttributeType)> = Vec::new();
+        let mut push = |name: String, kind| {
+            let is_taken = |name: &String| names.iter().any(|(own, _)| own == name);
+            let mut unique = name.clone();
+            for number in 2.. {
+                if !is_taken(&unique) {
+                    break;
+                }
+                unique = format!("{name}_{number}");
+            }
+            names.push((unique, kind));
+        };
+        for (number, (_, layer)) in (1..).zip(&self.layers) {
+            for (name, kind) in &layer.attributes {
+                push(
+                    if counts[name.as_str()] > 1 { format!("{name}_{number}") } else { name.clone() },
+                    *kind,
+                );
+            }
+        }
+        for number in (1..=self.layers.len()).filter(|_| is_partition) {
+            push(format!("features_{number}"), AttributeType::Text);
+        }
+        names
+    }
+
+    /// Hands all corners to the overlay; attributes stay.
+    fn move_to(&mut self, overlay: &mut Overlay, within: Option<&PolygonParts>) -> Result<()> {
+        for ((path, layer), first) in self.layers.iter_mut().zip(&self.first) {
+            for (number, feature) in (*first..).zip(&mut layer.features) {
+                for rings in std::mem::take(&mut feature.parts) {
+                    overlay.add(path, number, &rings)?;
+                }
+            }
+        }
+        for rings in within.into_iter().flatten() {
+            overlay.add(&self.layers[0].0, WITHIN, rings)?;
+        }
+        Ok(())
+    }
+
+    /// Of each layer the last of some features, by its number from 1, or 0 if there is none.
+    fn last_of_each(&self, features: &[u32]) -> Vec<u32> {
+        let mut last = vec![0; self.layers.len()];
+        for feature in features {
+            let layer = self.first.partition_point(|first| first <= feature) - 1;
+            // (Layers without features have the number of the next one.)
+            last[layer] = feature - self.first[layer] + 1;
+        }
+        last
+    }
+
+    /// The ids of features, or their numbers from 1, of each layer.
+    fn ids(&self, features: &[u32]) -> Vec<String> {
+        let mut ids = vec![String::new(); self.layers.len()];
+        for feature in features {
+            let layer = self.first.partition_point(|first| first <= feature) - 1;
+            let number = feature - self.first[layer];
+            let own = &self.layers[layer].1.features[number as usize];
+            let id = match &own.id {
+                Some(serde_json::Value::String(text)) => text.clone(),
+                Some(id) => id.to_string(),
+                None => (number + 1).to_string(),
+            };
+            let list = &mut ids[layer];
+            list.push_str(if list.is_empty() { "" } else { "," });
+            list.push_str(&id);
+        }
+        ids
+    }
+
+    /// Attributes of features, one or none of each layer, and what else is told of each layer.
+    fn values<'a>(&'a self, last: &[u32], told: &'a [String]) -> Vec<AttributeValue<'a>> {
+        let mut values = Vec::new();
+        for ((_, layer), number) in self.layers.iter().zip(last) {
+            match number.checked_sub(1) {
+                Some(number) => {
+                    let own = &layer.features[number as usize].attributes;
+                    values.extend(own.iter().map(AttributeValue::from));
+                }
+                None => values.extend(layer.attributes.iter().map(|_| AttributeValue::None)),
+            }
+        }
+        values.extend(told.iter().map(|text| match text.is_empty() {
+            true => AttributeValue::None,
+            false => AttributeValue::Text(text),
+        }));
+        values
+    }
+}
+
+/// Brings all corners of a layer to another coordinate system.
+fn transform(
+    path: &std::path::Path,
+    layer: &mut PolygonLayer,
+    transformation: &Transformation,
+    to: &Crs,
+) -> Result<()> {
+    for (number, feature) in (1..).zip(&mut layer.features) {
+        for corner in feature.parts.iter_mut().flatten().flatten() {
+            *corner = transformation.forward(*corner).ok_or_else(|| {
+                let found = format!("{},{}", corner[0], corner[1]);
+                Error::corrupt(
+                    path,
+                    format!("feature {number}"),
+                    found,
+                    format!("a place that {to} has, too"),
+                )
+            })?;
+        }
+    }
+    Ok(())
+}

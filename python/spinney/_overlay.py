@@ -1,0 +1,85 @@
+"""Features over the cells of trees."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Literal
+
+import numpy as np
+
+from . import _native
+from ._types import Path
+from ._zonal import documents_of, values_of
+
+Edge = Literal["centre", "touch", "area"]
+Overlaps = Literal["last", "first", "min", "max", "sum", "count", "mean"]
+
+
+def is_features(source: Any) -> bool:
+    """Whether something is features, or a file of them by its name, and no tree."""
+    if isinstance(source, str | os.PathLike):
+        return bool(_native.is_feature_file(os.fspath(source)))
+    return hasattr(source, "__geo_interface__") or isinstance(source, Mapping)
+
+
+@contextmanager
+def features_over(
+    source: Any,
+    *,
+    coordinates: Any = None,
+    where: Mapping[str, Any] | str | None = None,
+    edge: str | None = None,
+    value: float | str | Sequence[float] | None = None,
+    overlaps: str | None = None,
+) -> Iterator[dict[str, Any]]:
+    """What is told of features to the library: a path as it is, everything else in a temporary file of GeoJSON."""
+    conditions = where if isinstance(where, str | None) else ",".join(f"{name}={text}" for name, text in values_of(where))
+    texts = None
+    if value is not None:
+        texts = [value] if isinstance(value, str) else [str(number) for number in np.atleast_1d(np.asarray(value, dtype=object))]
+    told = {"coordinates": coordinates, "where": conditions or None, "edge": edge, "value": texts, "overlaps": overlaps}
+    if isinstance(source, str | os.PathLike):
+        yield told | {"path": os.fspath(source)}
+        return
+    documents = documents_of(source)
+    if not documents:
+        raise ValueError("features: none are given")
+    systems = {crs for _, crs, _ in documents}
+    if any(is_file for _, _, is_file in documents) or len(systems) > 1:
+        raise ValueError("features: give one path, or geometries of one coordinate system")
+    (crs,) = systems
+    document = documents[0][0] if len(documents) == 1 else json.dumps(_collection([text for text, _, _ in documents]))
+    # (What is written is closed before it is read, which not all systems allow otherwise.)
+    with tempfile.TemporaryDirectory(prefix="spinney-") as folder:
+        path = os.path.join(folder, "features.geojson")
+        with open(path, "w", encoding="utf-8") as file:
+            file.write(document)
+        yield told | {"path": path, "coordinates": crs if coordinates is None else coordinates}
+
+
+def _collection(documents: Sequence[str]) -> dict[str, Any]:
+    """One collection of the features and geometries of several documents."""
+    features: list[Any] = []
+    for text in documents:
+        document = json.loads(text)
+        match document.get("type"):
+            case "FeatureCollection":
+                features += document["features"]
+            case "Feature":
+                features.append(document)
+            case _:
+                features.append({"type": "Feature", "properties": {}, "geometry": document})
+    return {"type": "FeatureCollection", "features": features}
+
+
+def divided(operands: Sequence[Any]) -> tuple[list[Path], list[tuple[int, Any]]]:
+    """The trees among operands, and the features with their places among all; all are trees, if none are."""
+    features = [(place, operand) for place, operand in enumerate(operands) if is_features(operand)]
+    if len(features) == len(operands) and all(isinstance(operand, str | os.PathLike) for operand in operands):
+        return list(operands), []
+    places = {place for place, _ in features}
+    return [operand for place, operand in enumerate(operands) if place not in places], features

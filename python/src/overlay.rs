@@ -1,0 +1,100 @@
+//! Features over the cells of trees: for edits, combinations and searches.
+
+use std::path::{Path, PathBuf};
+
+use pyo3::prelude::*;
+use spinney::Progress;
+use spinney::import::rasterize::{FeatureOverlay, FeatureValue, RasterizeOptions, plan_features};
+use spinney::ops::MadeOperand;
+use spinney::space::Coordinates;
+use spinney::store::{Header, Metadata};
+use spinney::value::{Number, Rule};
+
+use crate::error::{OrRaise, invalid};
+use crate::part::coordinates_of;
+
+/// A file of features, and how its cells are told, by name as Python gives them.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct FeatureTerms<'py> {
+    path: PathBuf,
+    coordinates: Option<Bound<'py, PyAny>>,
+    #[pyo3(item("where"))]
+    filter: Option<String>,
+    edge: Option<String>,
+    value: Option<Vec<String>>,
+    overlaps: Option<String>,
+}
+
+/// Features that are to be laid over a tree.
+pub(crate) struct Features {
+    pub(crate) path: PathBuf,
+    coordinates: Option<Coordinates>,
+    options: Asked,
+}
+
+/// What was asked for, as it was read.
+struct Asked {
+    filter: spinney::import::feature::FeatureFilter,
+    edge: spinney::space::EdgeRule,
+    overlaps: spinney::import::rasterize::Overlaps,
+    value: Option<FeatureValue>,
+}
+
+impl FeatureTerms<'_> {
+    /// Reads what was said.
+    pub(crate) fn read(self) -> PyResult<Features> {
+        let filter = self.filter.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
+        let edge = self.edge.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
+        let overlaps = self.overlaps.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
+        let value = self.value.map(|texts| value_of(&texts)).transpose()?;
+        let coordinates = self.coordinates.as_ref().map(coordinates_of).transpose()?;
+        Ok(Features { path: self.path, coordinates, options: Asked { filter, edge, overlaps, value } })
+    }
+}
+
+/// The value that features give their cells: a number for each channel, or the name of an attribute.
+fn value_of(texts: &[String]) -> PyResult<FeatureValue> {
+    let numbers: Result<Vec<Number>, _> = texts.iter().map(|text| text.parse::<Number>()).collect();
+    match (numbers, texts) {
+        (Ok(numbers), [_]) => Ok(FeatureValue::Number(numbers[0])),
+        (Ok(numbers), _) => Ok(FeatureValue::Samples(numbers)),
+        (Err(_), [name]) => Ok(FeatureValue::Attribute(name.clone())),
+        (Err(error), _) => Err(invalid(format!("value: {error}"))),
+    }
+}
+
+impl Features {
+    /// The features over a tree with such a header and metadata.
+    pub(crate) fn over(
+        &self,
+        header: &Header,
+        metadata: &Metadata,
+        memory: u64,
+        work: &dyn Progress,
+    ) -> spinney::Result<FeatureOverlay> {
+        let mut options = RasterizeOptions::over(header, metadata, self.coordinates.clone())?;
+        let full = || Number::from(if header.rule == Rule::Occupancy { 255u64 } else { 1 });
+        options.value = self.options.value.clone().unwrap_or_else(|| FeatureValue::Number(full()));
+        (options.edge, options.overlaps) = (self.options.edge, self.options.overlaps);
+        options.features.filter = self.options.filter.clone();
+        options.memory = memory;
+        plan_features(std::slice::from_ref(&self.path), &options, work)?.overlay(work)
+    }
+}
+
+/// Operands by their places among all: trees, and what makes those of features.
+pub(crate) fn operand<'a>(
+    place: usize,
+    path: &Path,
+    make: &'a dyn Fn(&Header, &Metadata) -> spinney::Result<spinney::ops::ViewSource>,
+) -> MadeOperand<'a> {
+    MadeOperand { place, name: path.display().to_string(), make }
+}
+
+/// Whether a file is one of features, by its name.
+#[pyfunction]
+#[pyo3(name = "is_feature_file")]
+pub(crate) fn is_features(py: Python<'_>, path: PathBuf) -> bool {
+    py.detach(|| spinney::import::feature::is_feature_file(&path))
+}

@@ -1,0 +1,200 @@
+//! Files of features where trees are asked for: laid over the cells of a tree, for `edit`, `combine` and `find`.
+
+use std::cell::Cell;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail, ensure};
+use spinney::Progress;
+use spinney::import::feature::{FeatureFilter, is_feature_file};
+use spinney::import::rasterize::{FeatureValue, Overlaps, RasterizeOptions, plan_features};
+use spinney::io::Output;
+use spinney::ops::{MadeOperand, Operation, Outcome, Universe, ViewSource, combine_with};
+use spinney::space::{Coordinates, EdgeRule};
+use spinney::store::{Header, Metadata};
+use spinney::value::{Number, Rule};
+
+use super::report::Work;
+
+/// Which features count, and which cells are theirs.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub(crate) struct FeatureCells {
+    /// Cells at the edge of a polygon: centre (those whose centre is inside), touch (all of which something is inside) or area (by the
+    /// largest share) [default: centre]
+    #[arg(long, value_name = "RULE")]
+    edge: Option<EdgeRule>,
+    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value
+    #[arg(long = "where", value_name = "CONDITION,...")]
+    filter: Option<FeatureFilter>,
+}
+
+/// The value that features give their cells.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub(crate) struct FeatureValues {
+    /// Value that features give their cells: a number, or that of an attribute, whose texts are names of the tree's classes [default: 1;
+    /// 255 where cells tell coverage]
+    #[arg(long, value_name = "NUMBER|ATTRIBUTE", allow_hyphen_values = true)]
+    value: Option<FeatureValue>,
+    /// Value of cells where features lie on top of each other: last, first, min, max, sum, count or mean [default: last]
+    #[arg(long, value_name = "RULE")]
+    overlaps: Option<Overlaps>,
+}
+
+impl FeatureCells {
+    /// Fails if something was said of features, and there are none.
+    pub(crate) fn refuse(&self, reason: &str) -> Result<()> {
+        let given = [("--edge", self.edge.is_some()), ("--where", self.filter.is_some())];
+        refuse(&given, reason)
+    }
+
+    /// The features of files over a tree with such a header and metadata.
+    pub(crate) fn overlay(
+        &self,
+        files: &[PathBuf],
+        (header, metadata): (&Header, &Metadata),
+        how: &Overlaying,
+        progress: &dyn Progress,
+    ) -> spinney::Result<(ViewSource, u64)> {
+        let mut options = RasterizeOptions::over(header, metadata, how.coordinates.clone())?;
+        options.value = how.value.clone().unwrap_or_else(|| FeatureValue::Number(full(header)));
+        (options.overlaps, options.edge) = (how.overlaps, self.edge.unwrap_or_default());
+        options.features.filter = self.filter.clone().unwrap_or_default();
+        options.memory = how.memory;
+        let overlay = plan_features(files, &options, progress)?.overlay(progress)?;
+        if how.tells_beyond && overlay.beyond > 0 {
+            let text = format!(
+                "{} features reach beyond the cells of the trees; what lies there is left out",
+                overlay.beyond
+            );
+            progress.warn(&files[0], &text);
+        }
+        Ok((overlay.tree, overlay.features))
+    }
+}
+
+/// How features are laid over a tree.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Overlaying {
+    /// The value of their cells; what says that something is there, if nothing is said.
+    pub(crate) value: Option<FeatureValue>,
+    pub(crate) overlaps: Overlaps,
+    /// Their coordinates; those of their file if nothing is said.
+    pub(crate) coordinates: Option<Coordinates>,
+    pub(crate) memory: u64,
+    /// Whether it is told that some reach beyond the tree.
+    pub(crate) tells_beyond: bool,
+}
+
+/// The number that says of a cell that something is there.
+fn full(header: &Header) -> Number {
+    if header.rule == Rule::Occupancy { 255u64.into() } else { 1u64.into() }
+}
+
+fn refuse(given: &[(&str, bool)], reason: &str) -> Result<()> {
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) => bail!("{option} {reason}"),
+        None => Ok(()),
+    }
+}
+
+/// Options of features among trees that are combined.
+#[derive(clap::Args, Clone, Debug, Default)]
+#[command(next_help_heading = "Features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV)")]
+pub(crate) struct FeatureOperands {
+    #[command(flatten)]
+    values: FeatureValues,
+    #[command(flatten)]
+    cells: FeatureCells,
+}
+
+/// Whether some files are features, and some are not.
+pub(crate) fn are_mixed(files: &[PathBuf]) -> bool {
+    files.iter().any(|file| is_feature_file(file)) && !files.iter().all(|file| is_feature_file(file))
+}
+
+impl FeatureOperands {
+    /// Which features count, where there are no trees, and so no cells.
+    pub(crate) fn filter_alone(&self) -> Result<FeatureFilter> {
+        let given = [
+            ("--value", self.values.value.is_some()),
+            ("--overlaps", self.values.overlaps.is_some()),
+            ("--edge", self.cells.edge.is_some()),
+        ];
+        refuse(&given, "is for features that are combined with trees")?;
+        Ok(self.cells.filter.clone().unwrap_or_default())
+    }
+
+    /// Fails if something was said of features, and there are none.
+    pub(crate) fn refuse(&self) -> Result<()> {
+        let reason = "is for features that are combined with trees";
+        let given =
+            [("--value", self.values.value.is_some()), ("--overlaps", self.values.overlaps.is_some())];
+        refuse(&given, reason)?;
+        self.cells.refuse(reason)
+    }
+
+    /// Combines trees with features, which are laid over the cells of the trees. Returns the features of each file that has some, too.
+    pub(crate) fn combine(
+        &self,
+        operation: Operation,
+        how: (Option<Number>, Universe),
+        files: &[PathBuf],
+        output: Output,
+        memory: u64,
+        work: &Work,
+    ) -> Result<(Outcome, Vec<Option<u64>>)> {
+        let is_feature: Vec<bool> = files.iter().map(|file| is_feature_file(file)).collect();
+        let counts: Vec<Cell<u64>> = files.iter().map(|_| Cell::new(0)).collect();
+        let overlaying = Overlaying {
+            value: self.values.value.clone(),
+            overlaps: self.values.overlaps.unwrap_or_default(),
+            coordinates: None,
+            memory,
+            tells_beyond: true,
+        };
+        let make = |number: usize, header: &Header, metadata: &Metadata| {
+            let file = std::slice::from_ref(&files[number]);
+            let (tree, features) = self.cells.overlay(file, (header, metadata), &overlaying, work)?;
+            counts[number].set(features);
+            Ok(tree)
+        };
+        let features: Vec<usize> = (0..files.len()).filter(|number| is_feature[*number]).collect();
+        let makers: Vec<_> = features
+            .iter()
+            .map(|number| move |header: &Header, metadata: &Metadata| make(*number, header, metadata))
+            .collect();
+        let made: Vec<MadeOperand<'_>> = features
+            .iter()
+            .zip(&makers)
+            .map(|(number, make)| MadeOperand {
+                place: *number,
+                name: files[*number].display().to_string(),
+                make,
+            })
+            .collect();
+        let trees: Vec<PathBuf> = files.iter().filter(|file| !is_feature_file(file)).cloned().collect();
+        let outcome = combine_with(operation, how, &trees, &made, output, memory, work)?;
+        let counts = counts.iter().zip(is_feature).map(|(count, is)| is.then(|| count.get())).collect();
+        Ok((outcome, counts))
+    }
+}
+
+/// The value that `edit fill` gives cells of features: numbers, or an attribute.
+pub(crate) fn feature_value(texts: &[String]) -> Result<FeatureValue> {
+    let numbers: Result<Vec<Number>, _> = texts.iter().map(|text| text.trim().parse::<Number>()).collect();
+    match (numbers, texts) {
+        (Ok(numbers), [_]) => Ok(FeatureValue::Number(numbers[0])),
+        (Ok(numbers), _) => Ok(FeatureValue::Samples(numbers)),
+        (Err(_), [name]) => Ok(FeatureValue::Attribute(name.clone())),
+        (Err(error), _) => bail!("--value: {error}"),
+    }
+}
+
+/// Fails unless a file is one of features.
+pub(crate) fn check_features(file: &Path, option: &str) -> Result<()> {
+    ensure!(
+        is_feature_file(file),
+        "{option}: {} is no file of features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV)",
+        file.display()
+    );
+    Ok(())
+}

@@ -1,0 +1,340 @@
+//! Features over the cells of trees: filled, combined, searched; against each cell by itself, and against trees that were made of the features
+//! before.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use spinney::dataset::{self, Dataset};
+use spinney::import::rasterize::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions, plan_features};
+use spinney::io::Output;
+use spinney::ops::{
+    Edit, MadeOperand, Operation, Prefer, TreeFile, Universe, ViewSource, WarpGrid, combine, combine_with,
+    edit,
+};
+use spinney::query::Condition;
+use spinney::space::{Bounds, Crs, Dimension, EdgeRule, Frame, Polygon};
+use spinney::store::autumnal::Note;
+use spinney::store::{Header, Metadata, OpenOptions};
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+
+use crate::common::{Cells, Random, cells_of, options, write_cells};
+
+/// Cells of a metre with north up, so that features' y is `EXTENT[1]` minus the row.
+const EXTENT: [u64; 3] = [600, 420, 1];
+
+fn frame() -> Frame {
+    Frame { crs: Some(Crs::epsg(32633)), ..Frame::planar([1.0, 0.0, 0.0, 0.0, -1.0, EXTENT[1] as f64]) }
+}
+
+/// The value of a feature, and its rings.
+type Star = (u64, Vec<Vec<[f64; 2]>>);
+
+/// Stars, some with a hole, which lie on each other and stick out of the tree: values and rings in metres.
+fn stars(random: &mut Random, count: usize) -> Vec<Star> {
+    let star = |random: &mut Random, middle: [f64; 2], radius: f64| -> Vec<[f64; 2]> {
+        let corners = 3 + random.below(40);
+        let corner = |number: u64| {
+            let angle = number as f64 / corners as f64 * std::f64::consts::TAU;
+            let away = radius * (0.4 + random.below(600) as f64 / 1000.0);
+            // (On a grid that cells' parts have, too, and never on a centre.)
+            [middle[0] + away * angle.cos(), middle[1] + away * angle.sin()]
+                .map(|at| (at * 1024.0).round() / 1024.0)
+        };
+        (0..corners).map(corner).collect()
+    };
+    let one = |random: &mut Random| {
+        let middle = [random.below(640) as f64 - 20.0, random.below(460) as f64 - 20.0];
+        let radius = 3.0 + random.below(120) as f64;
+        let mut rings = vec![star(random, middle, radius)];
+        if random.below(2) == 0 {
+            rings.push(star(random, middle, radius * 0.3));
+        }
+        (random.below(200), rings)
+    };
+    (0..count).map(|_| one(random)).collect()
+}
+
+fn document(folder: &Path, stars: &[Star]) -> PathBuf {
+    let path = folder.join("stars.geojson");
+    let feature = |(number, (value, rings)): (usize, &Star)| {
+        let closed: Vec<Vec<[f64; 2]>> = rings.iter().map(|ring| [&ring[..], &ring[..1]].concat()).collect();
+        let geometry = format!(r#"{{"type":"Polygon","coordinates":{closed:?}}}"#);
+        let properties = format!(r#"{{"v":{value},"odd":{}}}"#, number % 2);
+        format!(r#"{{"type":"Feature","properties":{properties},"geometry":{geometry}}}"#)
+    };
+    let features: Vec<String> = stars.iter().enumerate().map(feature).collect();
+    let crs = r#"{"type":"name","properties":{"name":"urn:ogc:def:crs:EPSG::32633"}}"#;
+    fs::write(
+        &path,
+        format!(r#"{{"type":"FeatureCollection","crs":{crs},"features":[{}]}}"#, features.join(",")),
+    )
+    .unwrap();
+    path
+}
+
+fn form() -> Form {
+    Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1))
+}
+
+/// A tree of classes, in the format that its name asks for.
+fn ground(path: &Path, seed: u64) -> Cells {
+    let cells = Cells::random(form(), seed, EXTENT, 9, true);
+    let mut metadata = Metadata { frame: frame(), ..Metadata::default() };
+    metadata.class_names = [(3u64.into(), "wood".to_string()), (4u64.into(), "lake".to_string())].into();
+    write_cells(path, &cells, &options(Rule::Majority, Kind::Categorical, 10).metadata(metadata));
+    cells
+}
+
+fn opened(path: &Path) -> Dataset {
+    dataset::open(path, &OpenOptions::new()).unwrap()
+}
+
+fn cells_in(path: &Path) -> Cells {
+    cells_of(&TreeFile::open(path, &OpenOptions::new()).unwrap(), EXTENT)
+}
+
+fn over(tree: &Dataset, change: impl FnOnce(&mut RasterizeOptions)) -> RasterizeOptions {
+    let mut options = RasterizeOptions::over(tree.header(), tree.metadata(), None).unwrap();
+    options.memory = 64 << 20;
+    change(&mut options);
+    options
+}
+
+fn overlay(file: &Path, options: &RasterizeOptions) -> Arc<ViewSource> {
+    Arc::new(plan_features(&[file.into()], options, &()).unwrap().overlay(&()).unwrap().tree)
+}
+
+/// The values of stars whose inside has the centre of each cell, in the stars' order.
+fn at_centres(stars: &[Star]) -> Vec<Vec<u64>> {
+    let mut found = vec![Vec::new(); (EXTENT[0] * EXTENT[1]) as usize];
+    for (value, rings) in stars {
+        let in_cells: Vec<Vec<[f64; 2]>> =
+            rings.iter().map(|ring| ring.iter().map(|[x, y]| [*x, EXTENT[1] as f64 - y]).collect()).collect();
+        let polygon = Polygon::new(&in_cells).unwrap();
+        for row in 0..EXTENT[1] {
+            for column in 0..EXTENT[0] {
+                let cell = Bounds { min: [column, row, 0], max: [column + 1, row + 1, 1] };
+                if polygon.cover_centres(&cell) == spinney::space::Cover::Whole {
+                    found[(row * EXTENT[0] + column) as usize].push(*value);
+                }
+            }
+        }
+    }
+    found
+}
+
+fn byte(number: u64) -> Option<Value> {
+    Some(Value::from([number as u8]))
+}
+
+#[test]
+fn features_fill_the_cells_that_they_have_in_one_commit() {
+    let folder = tempfile::tempdir().unwrap();
+    let stars = stars(&mut Random(3), 14);
+    let (file, path) = (document(folder.path(), &stars), folder.path().join("map.autumn"));
+    let mut cells = ground(&path, 1);
+    let all = at_centres(&stars);
+    let mut commits = 1;
+    for overlaps in
+        [Overlaps::Last, Overlaps::First, Overlaps::Max, Overlaps::Min, Overlaps::Count, Overlaps::Sum]
+    {
+        let zones = overlay(
+            &file,
+            &over(&opened(&path), |options| {
+                (options.value, options.overlaps) = (FeatureValue::Attribute("v".into()), overlaps);
+            }),
+        );
+        let made = edit(&path, [Ok(Edit::Cover(zones))], Note::default(), 16 << 20, &()).unwrap();
+        commits += 1;
+        assert_eq!(made.unwrap().number, commits);
+        for (cell, values) in cells.cells.iter_mut().zip(&all) {
+            let value = match overlaps {
+                Overlaps::Last => values.last().copied(),
+                Overlaps::First => values.first().copied(),
+                Overlaps::Max => values.iter().max().copied(),
+                Overlaps::Min => values.iter().min().copied(),
+                Overlaps::Count => Some(values.len() as u64).filter(|count| *count > 0),
+                _ => (!values.is_empty()).then(|| values.iter().sum::<u64>().min(255)),
+            };
+            *cell = value.map_or(*cell, byte);
+        }
+        crate::common::assert_same(&cells_in(&path), &cells, &format!("{overlaps}"));
+    }
+    // Again: nothing changes, so that there is no commit.
+    let zones = || {
+        overlay(
+            &file,
+            &over(&opened(&path), |options| {
+                options.value = FeatureValue::Attribute("v".into());
+                options.overlaps = Overlaps::Sum;
+            }),
+        )
+    };
+    assert!(edit(&path, [Ok(Edit::Cover(zones()))], Note::default(), 16 << 20, &()).unwrap().is_none());
+    // VOID where every other star is.
+    let odd: Vec<_> = stars.iter().skip(1).step_by(2).cloned().collect();
+    let zones =
+        overlay(&file, &over(&opened(&path), |options| options.features.filter = "odd=1".parse().unwrap()));
+    let without = Operation::Set { number: 2, prefer: Prefer::First };
+    edit(&path, [Ok(Edit::Merge(without, zones))], Note::default(), 16 << 20, &()).unwrap();
+    for (cell, values) in cells.cells.iter_mut().zip(at_centres(&odd)) {
+        *cell = cell.filter(|_| values.is_empty());
+    }
+    crate::common::assert_same(&cells_in(&path), &cells, "void");
+    assert!(opened(&path).verify(64 << 20, &()).unwrap().is_empty());
+}
+
+#[test]
+fn features_among_operands_are_what_trees_of_them_would_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = document(folder.path(), &stars(&mut Random(5), 9));
+    let [map, coarse, built, expected, found] =
+        ["map.goblin", "coarse.goblin", "built.goblin", "expected.goblin", "found.goblin"]
+            .map(|name| folder.path().join(name));
+    ground(&map, 2);
+    // A tree of cells four times as large, over more of the world.
+    let wide = Cells::random(form(), 7, [200, 150, 1], 5, true);
+    let metadata = Metadata {
+        frame: Frame { crs: frame().crs, ..Frame::planar([4.0, 0.0, -80.0, 0.0, -4.0, 500.0]) },
+        ..Metadata::default()
+    };
+    write_cells(&coarse, &wide, &options(Rule::Majority, Kind::Categorical, 8).metadata(metadata));
+    let both = [map.clone(), coarse.clone()];
+    let edges = [EdgeRule::Centre, EdgeRule::Touch, EdgeRule::Area];
+    let operations = [
+        (&both[..1], 1, "union"),
+        (&both[..1], 0, "union"),
+        (&both[..1], 1, "and"),
+        (&both[..1], 0, "and"),
+        (&both[..1], 1, "a-b"),
+        (&both[..1], 0, "a-b"),
+        (&both[..1], 1, "xor"),
+        (&both[..1], 1, "over"),
+        (&both[..1], 0, "over"),
+        (&both[..1], 1, "min"),
+        (&both[..1], 1, "add"),
+        (&both[..1], 0, "subtract"),
+        (&both[..1], 1, "equal"),
+        (&both[..1], 1, "changed"),
+        (&both[..1], 1, "xnor"),
+        (&both[..1], 1, "b|!a"),
+        (&both[..], 1, "over"),
+        (&both[..], 0, "union"),
+        (&both[..], 2, "max"),
+    ];
+    for (number, (trees, place, operation)) in operations.into_iter().enumerate() {
+        let edge = edges[number % 3];
+        let operation = Operation::named(operation, Prefer::First).unwrap();
+        // On the grid of what is combined, which a union of the trees tells.
+        let union = folder.path().join("union.goblin");
+        let create = |path: &Path| Output::create(path).unwrap();
+        combine(Operation::Over, None, Universe::Usual, trees, create(&union), 32 << 20, &()).unwrap();
+        let like = opened(&union);
+        let cells = WarpGrid { frame: like.metadata().frame.clone(), extent: like.header().extent };
+        let mut options = RasterizeOptions::new(FeatureGrid::Like(cells));
+        (options.edge, options.value) = (edge, FeatureValue::Attribute("v".into()));
+        (options.rule, options.kind) = (Some(Rule::Majority), Some(Kind::Categorical));
+        plan_features(std::slice::from_ref(&file), &options, &())
+            .unwrap()
+            .build(create(&built), &())
+            .unwrap();
+        let mut files = trees.to_vec();
+        files.insert(place, built.clone());
+        combine(operation, None, Universe::Usual, &files, create(&expected), 32 << 20, &()).unwrap();
+        let make = |header: &Header, metadata: &Metadata| {
+            let mut options = RasterizeOptions::over(header, metadata, None)?;
+            (options.edge, options.value) = (edge, FeatureValue::Attribute("v".into()));
+            Ok(plan_features(std::slice::from_ref(&file), &options, &())?.overlay(&())?.tree)
+        };
+        let made = [MadeOperand { place, name: "stars".into(), make: &make }];
+        let how = (None, Universe::Usual);
+        let outcome = combine_with(operation, how, trees, &made, create(&found), 32 << 20, &()).unwrap();
+        let (expected, found) = (opened(&expected), opened(&found));
+        assert_eq!(outcome.after, expected.statistics(None, &()).unwrap().cells);
+        assert_eq!(found.header(), expected.header());
+        let extent = found.header().extent;
+        let cells = |tree: &Dataset| cells_of(&tree.as_file().unwrap(), extent);
+        crate::common::assert_same(&cells(&found), &cells(&expected), &format!("{operation} {edge}"));
+    }
+}
+
+#[test]
+fn searches_stay_within_features() {
+    let folder = tempfile::tempdir().unwrap();
+    let stars = stars(&mut Random(8), 12);
+    let file = document(folder.path(), &stars);
+    let all = at_centres(&stars);
+    for name in ["map.goblin", "map.autumn"] {
+        let path = folder.path().join(name);
+        let cells = ground(&path, 4);
+        let tree = opened(&path);
+        let zones = overlay(&file, &over(&tree, |_| {}));
+        for bounds in [None, Some(Bounds { min: [100, 50, 0], max: [400, 300, 1] })] {
+            let within = bounds.unwrap_or(Bounds::picture(EXTENT));
+            let mut found = vec![false; all.len()];
+            let wanted = u64::from(cells.cells.iter().flatten().next().unwrap().to_bytes()[0]);
+            tree.find_within(Condition::Equal(wanted.into()), &zones, bounds, &(), &mut |block| {
+                for row in block.bounds.min[1]..block.bounds.max[1] {
+                    for column in block.bounds.min[0]..block.bounds.max[0] {
+                        let at = (row * EXTENT[0] + column) as usize;
+                        assert!(!found[at], "twice: {}", block.code);
+                        found[at] = true;
+                    }
+                }
+                Ok(true)
+            })
+            .unwrap();
+            let mut count = 0;
+            for (at, (cell, values)) in cells.cells.iter().zip(&all).enumerate() {
+                let place = [at as u64 % EXTENT[0], at as u64 / EXTENT[0], 0];
+                let is_in = (0..2).all(|axis| (within.min[axis]..within.max[axis]).contains(&place[axis]));
+                let is_wanted = is_in && !values.is_empty() && *cell == byte(wanted);
+                assert_eq!(found[at], is_wanted, "{name} {place:?}");
+                count += u64::from(is_wanted);
+            }
+            assert!(count > 0);
+        }
+    }
+}
+
+#[test]
+fn texts_are_the_classes_of_the_tree_and_what_does_not_fit_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("map.autumn");
+    ground(&path, 1);
+    let tree = opened(&path);
+    let file = folder.path().join("named.geojson");
+    let square = r#"{"type":"Polygon","coordinates":[[[10,10],[20,10],[20,20],[10,20],[10,10]]]}"#;
+    let crs = r#"{"type":"name","properties":{"name":"urn:ogc:def:crs:EPSG::32633"}}"#;
+    let with = |value: &str| {
+        let feature = format!(r#"{{"type":"Feature","properties":{{"v":{value}}},"geometry":{square}}}"#);
+        let text = format!(r#"{{"type":"FeatureCollection","crs":{crs},"features":[{feature}]}}"#);
+        fs::write(&file, text).unwrap();
+        let options = over(&tree, |options| options.value = FeatureValue::Attribute("v".into()));
+        plan_features(std::slice::from_ref(&file), &options, &())
+    };
+    let refused = |value: &str| with(value).err().unwrap().to_string();
+    let said = refused(r#""moor""#);
+    assert!(said.contains("`moor`") && said.contains("wood, lake"), "{said}");
+    for value in ["256", "-1", "0.5"] {
+        let said = refused(value);
+        assert!(said.contains(value) && said.contains("u8"), "{said}");
+    }
+    let zones = with(r#""lake""#).unwrap().overlay(&()).unwrap();
+    assert_eq!((zones.features, zones.beyond), (1, 0));
+    edit(&path, [Ok(Edit::Cover(Arc::new(zones.tree)))], Note::default(), 16 << 20, &()).unwrap();
+    let cells = cells_in(&path);
+    assert!((400..410).all(|row| (10..20).all(|x| cells.get([x, row, 0]) == byte(4))));
+    // Numbers, too: one or as many as channels, of those that there are.
+    for value in [FeatureValue::Number(300u64.into()), FeatureValue::Samples(vec![1u64.into(), 2u64.into()])]
+    {
+        let options = over(&tree, |options| options.value = value.clone());
+        assert!(plan_features(std::slice::from_ref(&file), &options, &()).is_err(), "{value:?}");
+    }
+    // Octrees have no features over them.
+    let mut header = tree.header().clone();
+    header.form.dimension = Dimension::Oct;
+    assert!(RasterizeOptions::over(&header, tree.metadata(), None).is_err());
+}
