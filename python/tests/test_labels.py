@@ -28,7 +28,8 @@ def test_labels(tmp_path: Path, shape: tuple[int, ...]) -> None:
     cells = np.kron(rng.integers(0, 5, [-(-n // 4) for n in shape]), np.ones([4] * len(shape), int))[tuple(slice(n) for n in shape)]
     cells = cells.astype(np.uint16)
     path = tmp_path / "cells.goblin"
-    spinney.build(cells, path, nodata=0, kind="categorical", crs="EPSG:32632", transform=(2, 0, 10, 0, -2, 20) if cells.ndim == 2 else None)
+    dims = "yx" if cells.ndim == 2 else "zyx"
+    spinney.build(cells, path, dims=dims, nodata=0, kind="categorical", crs="EPSG:32632", transform=(2, 0, 10, 0, -2, 20) if cells.ndim == 2 else None)
     ds = spinney.open(path)
     table = ds.labels()
     assert table.labels.dtype == np.uint16 and table.labels.tolist() == [1, 2, 3, 4] and len(table) == 4
