@@ -80,14 +80,14 @@ def combine(
     trees, features = divided(paths)
     if features and not trees:
         given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge}
-        if told := [name for name, told in given.items() if told not in (None, False)]:
-            raise ValueError(f"{', '.join(told)}: not for polygons")
+        if refused := [name for name, own in given.items() if own not in (None, False)]:
+            raise ValueError(f"{', '.join(refused)}: not for polygons")
         region = os.fspath(within) if isinstance(within, str | os.PathLike) else None if within is None else list(within)
         with ExitStack() as stack:
             files = [stack.enter_context(features_over(source, where=where, has_own_system=True)) for _, source in features]
             terms = stack.enter_context(working(progress, threads, max_bytes))
-            names = [file["path"] for file in files]
-            facts = _native.combine_polygons(operation, names, os.fspath(out), files[0]["where"], region, snap, memory_of(memory), terms)
+            sources = [file["path"] for file in files]
+            facts = _native.combine_polygons(operation, sources, os.fspath(out), files[0]["where"], region, snap, memory_of(memory), terms)
         return CombinedPolygons(**facts)
     if snap is not None:
         raise ValueError("snap is for polygons")
