@@ -27,6 +27,8 @@ mod features_hostile;
 mod features_over;
 mod gltf;
 mod import;
+#[cfg(feature = "vector")]
+mod line_widths;
 #[cfg(feature = "mesh")]
 mod mesh_exact;
 mod mesh_export;
