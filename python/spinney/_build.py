@@ -71,6 +71,7 @@ def build(
     unit: str | None = None,
     value: float | str | None = None,
     overlaps: Literal["last", "first", "min", "max", "sum", "count", "mean"] | None = None,
+    width: float | str | None = None,
     fractions: bool = False,
     where: Mapping[str, Any] | str | None = None,
 ) -> None:
@@ -103,7 +104,7 @@ def build(
     - a mesh: one of trimesh, anything with `vertices` and `faces`, or a pair of arrays of these; see models.
     - paths of files of features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV), or anything with a `__geo_interface__` (a GeoDataFrame,
       shapely): points, lines and polygons become the cells that they have, of the width `cell` in units of their coordinates, `cells` along
-      the longer side, or those of a `grid`; with `value` (a number, or the name of an attribute), `overlaps`, `edge`, `fractions`, `where`
+      the longer side, or those of a `grid`; with `value` (a number, or the name of an attribute), `overlaps`, `width` (of lines), `edge`, `fractions`, `where`
       (`"code=3,area>100"`) and `layer` as `spinney build` has them.
     - paths of models of solids (PLY, OBJ, STL, OFF, CityJSON): `cells` along the longest side or the width of a `cell` or
       those of another octree (`grid`), and `edge`, `attribute`, `shell`, `up` and `unit` as `spinney build` has them.
@@ -137,6 +138,7 @@ def build(
         "unit": unit,
         "value": None if value is None else str(value),
         "overlaps": overlaps,
+        "width": None if width is None else str(width),
         "where": conditions,
         "fractions": fractions or None,
     }

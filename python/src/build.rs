@@ -326,6 +326,7 @@ pub(crate) struct FileOptions {
     /// Value of features: a number or the name of an attribute.
     pub(crate) value: Option<String>,
     pub(crate) overlaps: Option<String>,
+    pub(crate) width: Option<String>,
     pub(crate) fractions: bool,
     #[pyo3(item("where"))]
     pub(crate) filter: Option<String>,
@@ -494,7 +495,7 @@ pub(crate) fn build_files(
         });
     }
     if options.has_feature_options() {
-        return Err(invalid("value, overlaps, fractions and where are for features"));
+        return Err(invalid("value, overlaps, width, fractions and where are for features"));
     }
     if paths.iter().any(|path| mesh::is_model(path)) {
         let mut solid = options.solids()?;

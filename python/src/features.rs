@@ -52,6 +52,7 @@ impl FileOptions {
             self.value.as_ref().map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
         let overlaps = self.overlaps.as_ref().map(|text| text.parse()).transpose().or_raise()?;
         options.overlaps = overlaps.unwrap_or_default();
+        options.width = self.width.as_ref().map(|text| text.parse()).transpose().or_raise()?;
         let edge = self.edge.as_ref().map(|name| name.parse()).transpose().or_raise()?;
         (options.edge, options.fractions) = (edge.unwrap_or_default(), self.fractions);
         options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
@@ -67,6 +68,10 @@ impl FileOptions {
 
     /// Whether something is asked that is for features alone.
     pub(crate) fn has_feature_options(&self) -> bool {
-        self.value.is_some() || self.overlaps.is_some() || self.fractions || self.filter.is_some()
+        self.value.is_some()
+            || self.overlaps.is_some()
+            || self.width.is_some()
+            || self.fractions
+            || self.filter.is_some()
     }
 }

@@ -126,3 +126,18 @@ def test_refusals(tmp_path: Path, options: dict[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match="features"):
         spinney.build(FIXTURES / "island_classes.tif", tmp_path / "o.goblin", value=3)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_lines_have_a_width(tmp_path: Path) -> None:
+    line = {"type": "LineString", "coordinates": [[10, 20], [30, 20]]}
+    features = [{"type": "Feature", "properties": {"w": 6}, "geometry": line}]
+    path = tmp_path / "line.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "crs": None, "features": features}))
+    for width in (6, "w"):
+        spinney.build(path, tmp_path / "line.goblin", cell=1, width=width)
+        with spinney.open(tmp_path / "line.goblin") as tree:
+            cells = tree.stats().cells
+        # Six rows of twenty cells, and the ends, round.
+        x, y = np.meshgrid(np.arange(40) + 0.5, np.arange(40) + 0.5)
+        away = np.hypot(np.maximum(np.maximum(10 - x, x - 30), 0), y - 20)
+        assert cells == (away <= 3).sum()

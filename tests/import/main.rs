@@ -28,6 +28,8 @@ mod features_over;
 mod features_written;
 mod gltf;
 mod import;
+#[cfg(feature = "vector")]
+mod line_widths;
 #[cfg(feature = "mesh")]
 mod mesh_exact;
 mod mesh_export;

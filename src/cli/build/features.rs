@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use spinney::import::feature::{FeatureFilter, FeatureOptions, is_feature_file};
 use spinney::import::rasterize::{
-    FeatureGrid, FeatureImport, FeatureValue, Overlaps, RasterizeOptions, plan_features,
+    FeatureGrid, FeatureImport, FeatureValue, LineWidth, Overlaps, RasterizeOptions, plan_features,
 };
 
 use super::super::{args::check_output, open};
@@ -23,6 +23,10 @@ pub(super) struct FeatureArgs {
     /// Value of cells where features lie on top of each other: last, first, min, max, sum, count or mean [default: last]
     #[arg(long, value_name = "RULE")]
     overlaps: Option<Overlaps>,
+    /// Width of lines in units of the tree's coordinates: a number, or an attribute; they have the cells whose centres are no farther from
+    /// them than half of it [default: none, the cells that their points are in]
+    #[arg(long, value_name = "NUMBER|ATTRIBUTE")]
+    width: Option<LineWidth>,
     /// Give each cell the share of it that features have, from 0 to 1
     #[arg(long)]
     fractions: bool,
@@ -37,6 +41,7 @@ impl FeatureArgs {
         let given = [
             ("--value", self.value.is_some()),
             ("--overlaps", self.overlaps.is_some()),
+            ("--width", self.width.is_some()),
             ("--fractions", self.fractions),
             ("--where", self.filter.is_some()),
         ];
@@ -84,6 +89,7 @@ impl FeatureArgs {
         let mut options = RasterizeOptions::new(grid);
         options.value = self.value.clone().unwrap_or_default();
         options.overlaps = self.overlaps.unwrap_or_default();
+        options.width = self.width.clone();
         (options.edge, options.fractions) = (edge.unwrap_or_default(), self.fractions);
         (options.kind, options.rule) = pictures.kind_and_rule();
         (options.depth, options.crs, options.share, options.time) = (*depth, crs.clone(), *share, *time);

@@ -41,6 +41,16 @@ fn compare_products([a, b]: [i64; 2], [c, d]: [i64; 2]) -> Ordering {
     (i128::from(a) * i128::from(b)).cmp(&(i128::from(c) * i128::from(d)))
 }
 
+/// The product of two numbers: its upper and its lower 128 bits.
+fn wide_product(a: u128, b: u128) -> (u128, u128) {
+    const LOW: u128 = u64::MAX as u128;
+    let (a, b) = ([a & LOW, a >> 64], [b & LOW, b >> 64]);
+    let low = a[0] * b[0];
+    let middle = a[1] * b[0] + (low >> 64);
+    let other = a[0] * b[1] + (middle & LOW);
+    (a[1] * b[1] + (middle >> 64) + (other >> 64), other << 64 | low & LOW)
+}
+
 impl Edge {
     /// Least and greatest coordinate along an axis.
     #[inline]
@@ -126,6 +136,32 @@ impl Edge {
         let first = side(low[0], low[1]);
         let others = [side(high[0], low[1]), side(low[0], high[1]), side(high[0], high[1])];
         first == Ordering::Equal || others.iter().any(|other| *other != first)
+    }
+
+    /// Whether a point is no farther from the edge than a radius, which is less than 2^60.
+    pub(super) fn is_within(&self, radius: i64, [x, y]: Point) -> bool {
+        let Edge { a, b } = self;
+        let (dx, dy, px, py) = (b[0] - a[0], b[1] - a[1], x - a[0], y - a[1]);
+        let product = |a: i64, b: i64| i128::from(a) * i128::from(b);
+        let squared = product(radius, radius);
+        let length = product(dx, dx) + product(dy, dy);
+        // How far along the edge the point lies, in parts of its squared length.
+        let along = product(dx, px) + product(dy, py);
+        if along <= 0 {
+            return product(px, px) + product(py, py) <= squared;
+        }
+        if along >= length {
+            let (qx, qy) = (x - b[0], y - b[1]);
+            return product(qx, qx) + product(qy, qy) <= squared;
+        }
+        let (one, other) = (dx as f64 * py as f64, dy as f64 * px as f64);
+        let (away, most) = ((one - other).abs(), radius as f64 * (length as f64).sqrt());
+        let rounding = 16.0 * f64::EPSILON * (one.abs() + other.abs() + most);
+        if (away - most).abs() > rounding {
+            return away < most;
+        }
+        let away = (product(dx, py) - product(dy, px)).unsigned_abs();
+        wide_product(away, away) <= wide_product(squared.unsigned_abs(), length.unsigned_abs())
     }
 
     /// The first of some columns whose centre is not left of where the edge passes a row, which it does; columns are counted from

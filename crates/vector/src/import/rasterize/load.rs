@@ -32,7 +32,9 @@ impl Loader {
     }
 
     /// Adds the shapes of a geometry, which have the last value; or tells what is wrong with it.
-    pub(super) fn add(&mut self, geometry: &FeatureGeometry) -> Result<(), String> {
+    ///
+    /// What is no farther from lines than so many parts of cells is theirs; with `None` the cells that their points are in.
+    pub(super) fn add(&mut self, geometry: &FeatureGeometry, radius: Option<i64>) -> Result<(), String> {
         let value = self.values.len() as u32 - 1;
         let mut edges = Vec::new();
         let kind = match geometry {
@@ -52,7 +54,7 @@ impl Loader {
                     edges
                         .extend(points.windows(2).filter_map(|ends| Some(Edge { a: ends[0]?, b: ends[1]? })));
                 }
-                ShapeKind::Line
+                radius.map_or(ShapeKind::Line, ShapeKind::Wide)
             }
             FeatureGeometry::Polygons(parts) => {
                 for part in self.places.parts(parts) {
@@ -63,7 +65,7 @@ impl Loader {
                 ShapeKind::Polygon
             }
             FeatureGeometry::Collection(members) => {
-                return members.iter().try_for_each(|member| self.add(member));
+                return members.iter().try_for_each(|member| self.add(member, radius));
             }
         };
         self.compare(&edges);

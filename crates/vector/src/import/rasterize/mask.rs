@@ -120,6 +120,40 @@ impl Mask {
         }
     }
 
+    /// Takes in the cells of a block whose centres are no farther from edges than a radius.
+    pub(super) fn near<'a>(&mut self, edges: impl Iterator<Item = &'a Edge>, cell: Point, radius: i64) {
+        let (side, first) = (self.side as i64, cell.map(centre));
+        // (Numbers of cells, those before the block and behind it included.)
+        let clamp = |cells: i64| cells.clamp(0, side);
+        for edge in edges {
+            let [low, high] = edge.range(1).map(|y| y - first[1]);
+            let Edge { a, b } = edge.rising(1);
+            let (run, rise) = ((b[0] - a[0]) as f64, (b[1] - a[1]) as f64);
+            let rows = clamp((low - radius).div_euclid(PARTS))..clamp((high + radius).div_euclid(PARTS) + 1);
+            for row in rows {
+                let y = first[1] + row * PARTS;
+                // What of the edge is near the row tells which columns are asked; one more on each side, for rounding.
+                let at = |y: i64| {
+                    let part = if rise > 0.0 { ((y - a[1]) as f64 / rise).clamp(0.0, 1.0) } else { 0.0 };
+                    (a[0] - first[0]) as f64 + run * part
+                };
+                let (start, end) = match rise > 0.0 {
+                    true => (at(y - radius), at(y + radius)),
+                    false => ((a[0] - first[0]) as f64, (b[0] - first[0]) as f64),
+                };
+                let column = |x: f64| (x / PARTS as f64).floor().clamp(-2.0, side as f64 + 2.0) as i64;
+                let reach = radius as f64;
+                let columns =
+                    clamp(column(start.min(end) - reach) - 1)..clamp(column(start.max(end) + reach) + 2);
+                for column in columns {
+                    if edge.is_within(radius, [first[0] + column * PARTS, y]) {
+                        self.insert(row as usize, column as usize..column as usize + 1);
+                    }
+                }
+            }
+        }
+    }
+
     /// Takes in the cell of each point that lies in the block.
     pub(super) fn points<'a>(&mut self, points: impl Iterator<Item = &'a Edge>, cell: Point) {
         let side = self.side;

@@ -14,5 +14,5 @@ mod survey;
 mod tests;
 mod values;
 
-pub use self::options::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions};
+pub use self::options::{FeatureGrid, FeatureValue, LineWidth, Overlaps, RasterizeOptions};
 pub use self::plan::{FeatureImport, FeatureOverlay, plan_features};

@@ -10,7 +10,7 @@ use spinney_container::{Header, Metadata};
 use spinney_crs::{Coordinates, Crs, web_mercator};
 use spinney_engine::ops::WarpGrid;
 
-use crate::import::feature::FeatureOptions;
+use crate::import::feature::{Feature, FeatureAttribute, FeatureOptions};
 
 /// Bytes of memory used if nothing is said.
 const DEFAULT_MEMORY: u64 = 256 << 20;
@@ -42,6 +42,28 @@ impl FromStr for FeatureValue {
             return Err(Error::invalid("value", "nothing", "a number, or the name of an attribute"));
         }
         Ok(text.parse().map_or_else(|_| FeatureValue::Attribute(text.into()), FeatureValue::Number))
+    }
+}
+
+/// The width of lines, in units of the tree's coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LineWidth {
+    /// A number, of all lines.
+    Number(f64),
+    /// The value of an attribute. Lines without one, or of 0, have the cells that their points are in.
+    Attribute(String),
+}
+
+impl FromStr for LineWidth {
+    type Err = Error;
+
+    /// Reads a number, or the name of an attribute.
+    fn from_str(text: &str) -> Result<LineWidth> {
+        match text.parse::<f64>() {
+            Ok(width) if width.is_finite() && width > 0.0 => Ok(LineWidth::Number(width)),
+            Err(_) if !text.is_empty() => Ok(LineWidth::Attribute(text.into())),
+            _ => Err(Error::invalid("width", text, "a number above zero, or the name of an attribute")),
+        }
     }
 }
 
@@ -147,6 +169,9 @@ pub struct RasterizeOptions {
     /// Rule for cells at the edges of polygons. [`EdgeRule::Area`] gives each cell the value that has the largest share of it, nothing being one of
     /// them. (Lines are in all cells that their points are in.)
     pub edge: EdgeRule,
+    /// The width of lines: they have the cells whose centres are no farther from them than half of it. Without one they have all cells that
+    /// their points are in.
+    pub width: Option<LineWidth>,
     /// Cells get the share of them that features have, from 0 to 1, instead of a value.
     pub fractions: bool,
     /// The cells.
@@ -177,6 +202,7 @@ impl RasterizeOptions {
             value: FeatureValue::default(),
             overlaps: Overlaps::default(),
             edge: EdgeRule::default(),
+            width: None,
             fractions: false,
             grid,
             kind: None,
@@ -215,12 +241,37 @@ impl RasterizeOptions {
         })
     }
 
+    /// Half of the width of a feature's lines; `None` if they have none, or what is wrong with it. (Its attribute is the last of those that are
+    /// read.)
+    pub(super) fn half_width(&self, feature: &Feature) -> Result<Option<f64>, String> {
+        match &self.width {
+            None => Ok(None),
+            Some(LineWidth::Number(width)) => Ok(Some(width / 2.0)),
+            Some(LineWidth::Attribute(name)) => {
+                let width = match feature.attributes.last() {
+                    None | Some(FeatureAttribute::None) => return Ok(None),
+                    Some(FeatureAttribute::Integer(width)) => *width as f64,
+                    Some(FeatureAttribute::Number(width)) => *width,
+                    Some(other) => return Err(format!("{}, as the width `{name}`", other.to_text())),
+                };
+                match width {
+                    width if width.is_finite() && width >= 0.0 => Ok((width > 0.0).then_some(width / 2.0)),
+                    width => Err(format!("{width}, as the width `{name}`")),
+                }
+            }
+        }
+    }
+
     /// Fails if options contradict each other.
     pub(super) fn check(&self) -> Result<()> {
         if (self.fractions || self.edge == EdgeRule::Area) && self.overlaps != Overlaps::Last {
             let expected = "nothing: the value with the largest share of a cell wins, and shares of all features are added up";
             let found = format!("{}, with shares of cells", self.overlaps);
             return Err(Error::invalid("overlaps", found, expected));
+        }
+        if self.width.is_some() && (self.fractions || self.edge == EdgeRule::Area) {
+            let expected = "cells by their centres, as the only ones that a line of some width has";
+            return Err(Error::invalid("width", "a width of lines, with shares of cells", expected));
         }
         if self.fractions && self.value != FeatureValue::default() {
             return Err(Error::invalid(

@@ -12,9 +12,10 @@ use spinney_engine::ops::{Blockwise, ViewSource};
 use spinney_engine::store::builder::BuildOptions;
 use spinney_engine::store::{build, depth_for};
 
+use super::edge::{MOST_CELLS, PARTS};
 use super::ladder::Ladder;
 use super::load::Loader;
-use super::options::{FeatureGrid, FeatureValue, Overlaps, RasterizeOptions};
+use super::options::{FeatureGrid, FeatureValue, LineWidth, Overlaps, RasterizeOptions};
 use super::shapes::Shapes;
 use super::source::{Paint, ShapeTree};
 use super::survey::Survey;
@@ -140,10 +141,13 @@ pub fn plan_features(
 
 /// Options for reading each file: no attribute but the one that cells get.
 fn feature_options(options: &RasterizeOptions) -> FeatureOptions {
-    let attributes = match &options.value {
+    let mut attributes = match &options.value {
         FeatureValue::Number(_) | FeatureValue::Samples(_) => Vec::new(),
         FeatureValue::Attribute(name) => vec![name.clone()],
     };
+    if let Some(LineWidth::Attribute(name)) = &options.width {
+        attributes.push(name.clone());
+    }
     FeatureOptions { attributes: Some(attributes), memory: options.memory / 2, ..options.features.clone() }
 }
 
@@ -352,7 +356,16 @@ impl FeatureImport {
             };
             let Some(value) = value else { continue };
             loader.values.push(value);
-            loader.add(geometry).map_err(|found| {
+            let wrong = |found: String| {
+                Error::corrupt(input, format!("feature {number}"), found, "a width of zero or more")
+            };
+            let radius = self
+                .options
+                .half_width(&feature)
+                .map_err(wrong)?
+                .map(|half| self.radius(half))
+                .transpose()?;
+            loader.add(geometry, radius).map_err(|found| {
                 Error::corrupt(input, format!("feature {number}"), found, "coordinates near the cells")
             })?;
             if loader.shapes.edges.len() as u64 > 2 * self.survey.corners + (1 << 20)
@@ -362,6 +375,22 @@ impl FeatureImport {
             }
         }
         Ok(())
+    }
+
+    /// Half of a width, in parts of cells.
+    fn radius(&self, half: f64) -> Result<i64> {
+        let [[a, b, ..], [c, d, ..], _] = self.frame.matrix;
+        let (side, other) = (a.hypot(c), b.hypot(d));
+        const ROUNDING: f64 = 1e-9;
+        if (side - other).abs() > ROUNDING * side || (a * b + c * d).abs() > ROUNDING * side * other {
+            let expected = "none: lines have a width on trees of square cells";
+            return Err(Error::invalid("width", "one, on cells that are not square", expected));
+        }
+        let cells = half / side;
+        if cells > MOST_CELLS / 4.0 {
+            return Err(Error::invalid("width", format!("one of {:e} cells", 2.0 * cells), "a smaller one"));
+        }
+        Ok((cells * PARTS as f64).round() as i64)
     }
 
     /// Puts shapes in order: the last one is on top.

@@ -17,6 +17,8 @@ pub(super) enum ShapeKind {
     Polygon,
     /// Edges alone.
     Line,
+    /// Edges, and what is no farther from them than so many parts of cells.
+    Wide(i64),
     /// Points, each an edge without a length.
     Points,
 }
@@ -88,7 +90,7 @@ impl Shapes {
             let edges = shape.edges.clone();
             let winding = match shape.kind {
                 ShapeKind::Polygon => self.edges[edges.clone()].iter().map(|edge| edge.winding(first)).sum(),
-                ShapeKind::Line | ShapeKind::Points => 0,
+                ShapeKind::Line | ShapeKind::Wide(_) | ShapeKind::Points => 0,
             };
             self.add_part(&mut root, (number as u32, winding), edges.map(|edge| edge as u32), space);
         }
@@ -126,8 +128,9 @@ impl Shapes {
         edges: impl Iterator<Item = u32>,
         space: &Bounds,
     ) {
-        let low = [space.min[0] as i64 * PARTS, space.min[1] as i64 * PARTS];
-        let high = [space.max[0] as i64 * PARTS, space.max[1] as i64 * PARTS];
+        let reach = if let ShapeKind::Wide(radius) = self.shapes[shape as usize].kind { radius } else { 0 };
+        let low = [space.min[0], space.min[1]].map(|cell| cell as i64 * PARTS - reach);
+        let high = [space.max[0], space.max[1]].map(|cell| cell as i64 * PARTS + reach);
         let start = parts.edges.len();
         parts.edges.extend(edges.filter(|edge| self.edges[*edge as usize].may_meet(low, high)));
         let part = Part { shape, winding, edges: start..parts.edges.len() };

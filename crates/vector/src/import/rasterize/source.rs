@@ -143,6 +143,10 @@ impl ShapeTree {
                 mask.fill(false);
                 mask.touch(edges(), cell, true);
             }
+            ShapeKind::Wide(radius) => {
+                mask.fill(false);
+                mask.near(edges(), cell, radius);
+            }
             ShapeKind::Points => {
                 mask.fill(false);
                 mask.points(edges(), cell);

@@ -38,7 +38,8 @@ impl Survey {
         values: &mut Values,
         options: &RasterizeOptions,
     ) -> Result<()> {
-        let corners = feature.geometry.as_ref().map_or(0, |geometry| self.widen(geometry));
+        let half = options.half_width(feature).unwrap_or(None).unwrap_or(0.0);
+        let corners = feature.geometry.as_ref().map_or(0, |geometry| self.widen(geometry, half));
         if corners == 0 {
             self.empty += 1;
             return Ok(());
@@ -55,15 +56,16 @@ impl Survey {
         Ok(())
     }
 
-    /// Takes in the corners of a geometry, and counts them.
-    fn widen(&mut self, geometry: &FeatureGeometry) -> u64 {
+    /// Takes in the corners of a geometry, and what is so far from lines, and counts the corners.
+    fn widen(&mut self, geometry: &FeatureGeometry, half: f64) -> u64 {
         let mut count = 0;
+        let around = if let FeatureGeometry::Lines(_) = geometry { half } else { 0.0 };
         let mut add = |corners: &[[f64; 2]]| {
             count += corners.len() as u64;
             for corner in corners {
                 for (axis, at) in corner.iter().enumerate() {
-                    self.bounds[0][axis] = self.bounds[0][axis].min(*at);
-                    self.bounds[1][axis] = self.bounds[1][axis].max(*at);
+                    self.bounds[0][axis] = self.bounds[0][axis].min(*at - around);
+                    self.bounds[1][axis] = self.bounds[1][axis].max(*at + around);
                 }
             }
         };
@@ -72,7 +74,7 @@ impl Survey {
             FeatureGeometry::Lines(lines) => lines.iter().for_each(|line| add(line)),
             FeatureGeometry::Polygons(parts) => parts.iter().flatten().for_each(|ring| add(ring)),
             FeatureGeometry::Collection(members) => {
-                return members.iter().map(|member| self.widen(member)).sum();
+                return members.iter().map(|member| self.widen(member, half)).sum();
             }
         }
         count
