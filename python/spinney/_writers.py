@@ -56,6 +56,10 @@ class Writers(Properties):
         level: int | None = None,
         smooth: bool = False,
         triangles: bool = False,
+        polygons: bool = False,
+        classes: Sequence[float] | None = None,
+        connect: Literal[4, 8] = 4,
+        simplify: float | None = None,
         window: Window | None = None,
         coordinates: Coordinates = None,
         tile_size: int | None = None,
@@ -83,6 +87,9 @@ class Writers(Properties):
           returns the numbers of vertices and faces.
         - .glb and x/tileset.json: the same for viewers, as binary glTF and 3D Tiles; returns the number of triangles.
         - .tif: a cloud-optimized GeoTIFF of a picture (`tile_size`, `compression`, `nodata`).
+        - with `polygons` regions of a map of classes, of .gpkg, .fgb, .geojson, .shp, .csv or .svg: cells of one class with common edges (`connect=8`: or
+          corners), with class, cells, area, name and colour; of some `classes` alone, at a `level`, with borders moved by no more than `simplify`;
+          returns their number.
         - .pmtiles, .mbtiles (in packages built with it) and patterns such as "map/{z}/{x}/{y}.png": tiles of web maps, of some zooms
           (`zoom=(0, 6)`), a part, in a `style` (see `save`); returns their number. An interrupted export leaves nothing or, with
           `resume`, what the next one goes on with. With `update` tiles that were exported from an older commit of the file are brought up
@@ -110,7 +117,13 @@ class Writers(Properties):
         of_surfaces = {"level": level, "smooth": smooth or None, "triangles": triangles or None}
         of_cog = {"compression": compression, "nodata": nodata}
         only_tiles = of_tiles | {"window": window, "resume": resume or None, "allow_ballpark": allow_ballpark or None}
+        of_polygons = {"classes": classes, "connect": None if connect == 4 else connect, "simplify": simplify}
         with working(progress, threads) as terms:
+            if polygons:
+                of_others = {"smooth": smooth or None, "triangles": triangles or None, "tile_size": tile_size}
+                refuse("other files than polygons", of_others | of_cog | only_tiles)
+                return self._write_polygons(to, None if classes is None else list(classes), connect, simplify, level, terms)
+            refuse("polygons", of_polygons)
             if self._is_tiles(to):
                 refuse("solids and GeoTIFF", of_surfaces | of_cog)
                 if not update and (since is not None or restyle):

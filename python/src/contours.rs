@@ -1,15 +1,16 @@
-//! Contours: lines, areas between them, and surfaces of octrees.
+//! Contours: lines, areas between them, and surfaces of octrees; regions of classes as polygons.
 
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use spinney::export::mesh::{MeshFormat, export_isosurfaces};
-use spinney::export::vector::{ContourFeatures, VectorFormat, export_contours};
-use spinney::query::{ContourEnds, ContourLevels, ContourRequest};
+use spinney::export::vector::{ContourFeatures, VectorFormat, export_contours, export_polygons};
+use spinney::query::{ContourEnds, ContourLevels, ContourRequest, PolygonRequest};
 
 use crate::error::invalid;
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::numbers::PyNumber;
 use crate::part::level_of;
 use crate::tree::Tree;
 
@@ -83,6 +84,39 @@ impl Tree {
         (features.filled, features.smooth, features.has_z) = (options.filled, options.smooth, options.has_z);
         let made = jobs::run(py, terms, |work| {
             export_contours(&opened.tree, &request, &features, work.create(&path)?, format, work)
+        })?;
+        Ok(made.count)
+    }
+
+    /// Writes regions of classes as polygons, of cells with so many neighbours; returns their number.
+    #[pyo3(name = "_write_polygons")]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
+    fn write_polygons(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        classes: Option<Vec<PyNumber>>,
+        connect: u8,
+        simplify: Option<f64>,
+        level: Option<i64>,
+        terms: Terms,
+    ) -> PyResult<u64> {
+        let opened = self.get()?;
+        check_output(&[opened.tree.name().to_path_buf()], &path)?;
+        let mut request = PolygonRequest::new();
+        request.classes = classes.map(|classes| classes.into_iter().map(|PyNumber(class)| class).collect());
+        request.across_corners = match connect {
+            4 => false,
+            8 => true,
+            _ => return Err(invalid(format!("connect: {connect}, expected 4 or 8"))),
+        };
+        request.simplify = simplify;
+        request.level = Some(level_of(&opened.tree, level)?);
+        let known = ".geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply";
+        let format = VectorFormat::of(&path)
+            .ok_or_else(|| invalid(format!("{}: unknown format; use {known}", path.display())))?;
+        let made = jobs::run(py, terms, |work| {
+            export_polygons(&opened.tree, &request, work.create(&path)?, format, work)
         })?;
         Ok(made.count)
     }

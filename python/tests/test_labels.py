@@ -1,7 +1,8 @@
-"""Tables of labels against sums over arrays."""
+"""Tables of labels against sums over arrays; regions as polygons."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -62,3 +63,22 @@ def test_labels(tmp_path: Path, shape: tuple[int, ...]) -> None:
         ds.labels(connect=ways, classes=ds)
     with pytest.raises(ValueError):
         ds.labels(connect=5)
+
+
+def test_polygons(tmp_path: Path) -> None:
+    cells = np.array([[1, 0, 1, 2], [0, 1, 2, 2], [1, 0, 1, 0]], np.uint8)
+    spinney.build(cells, tmp_path / "map.goblin", nodata=0, kind="categorical", crs="EPSG:32633", transform=(10, 0, 0, 0, -10, 30))
+    ds = spinney.open(tmp_path / "map.goblin")
+    path = tmp_path / "regions.geojson"
+    assert ds.export(path, polygons=True) == len(ds.labels(connect=4)) == 6
+    assert ds.export(path, polygons=True, connect=8) == len(ds.labels(connect=8)) == 2
+    features = json.loads(path.read_text())["features"]
+    assert sorted(feature["properties"]["area_m2"] for feature in features) == [300, 500]
+    assert ds.export(path, polygons=True, classes=[2]) == 1
+    assert ds.export(path, polygons=True, level=1, simplify=1.0) > 0
+    with pytest.raises(ValueError):
+        ds.export(path, polygons=True, connect=6)  # type: ignore[arg-type]
+    with pytest.raises(TypeError):
+        ds.export(path, connect=8)
+    with pytest.raises(TypeError):
+        ds.export(path, polygons=True, zoom=3)

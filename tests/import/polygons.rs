@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use rayon::prelude::*;
 use spinney::dataset::Dataset;
 use spinney::export::vector::{VectorFormat, export_polygons};
 use spinney::import::rasterize::{FeatureGrid, FeatureValue, RasterizeOptions, plan_features};
@@ -50,9 +51,15 @@ fn tree(path: &Path, size: [u64; 2], cells: Vec<u16>, frame: Frame) -> Dataset {
 
 /// Fails unless the polygons of a level of a tree are the cells of that level, read as features again.
 fn comes_back(folder: &Path, map: &Dataset, level: u8) {
+    comes_back_by(folder, map, level, false);
+    comes_back_by(folder, map, level, true);
+}
+
+/// The same, of cells that hang together by edges, or across corners.
+fn comes_back_by(folder: &Path, map: &Dataset, level: u8, across_corners: bool) {
     let (path, again) = (folder.join("regions.geojson"), folder.join("again.goblin"));
     let mut request = PolygonRequest::new();
-    request.level = Some(level);
+    (request.level, request.across_corners) = (Some(level), across_corners);
     let made =
         export_polygons(map, &request, Output::create(&path).unwrap(), VectorFormat::GeoJson, &()).unwrap();
     if made.count == 0 {
@@ -91,6 +98,58 @@ fn fixtures_become_polygons_and_the_same_cells_again() {
     for level in [8, 7, 5, 2] {
         comes_back(folder.path(), &map, level);
     }
+    let cover = spinney::open("fixtures/v1/stack.goblin:cover").unwrap();
+    comes_back(folder.path(), &cover, cover.depth());
+    let path = folder.path().join("island.goblin");
+    spinney::build("fixtures/island_classes.tif", &path).unwrap();
+    let island = spinney::open(&path).unwrap();
+    comes_back(folder.path(), &island, island.depth());
+}
+
+#[test]
+fn a_thousand_small_maps_become_polygons_and_the_same_cells_again() {
+    (0..1000u64).into_par_iter().for_each(|round| {
+        let folder = tempfile::tempdir().unwrap();
+        let mut random = Random(round + 1);
+        let (size, classes) = ([1 + random.below(9), 1 + random.below(9)], 1 + random.below(4));
+        let cells = (0..size[0] * size[1]).map(|_| random.below(classes + 1) as u16).collect();
+        let map = tree(
+            &folder.path().join("map.goblin"),
+            size,
+            cells,
+            Frame::planar([1.0, 0.0, 0.0, 0.0, -1.0, 9.0]),
+        );
+        comes_back_by(folder.path(), &map, map.depth(), round % 2 > 0);
+    });
+}
+
+#[test]
+fn regions_across_corners_have_several_polygons_and_an_area() {
+    let folder = tempfile::tempdir().unwrap();
+    let frame = Frame { crs: Some(Crs::epsg(32633)), ..Frame::planar([10.0, 0.0, 0.0, 0.0, -10.0, 40.0]) };
+    #[rustfmt::skip]
+    let cells = vec![
+        1, 0, 1, 2,
+        0, 1, 2, 2,
+        1, 0, 1, 0,
+    ];
+    let map = tree(&folder.path().join("map.goblin"), [4, 3], cells, frame);
+    let path = folder.path().join("regions.geojson");
+    let mut request = PolygonRequest::new();
+    request.across_corners = true;
+    let output = Output::create(&path).unwrap();
+    let made = export_polygons(&map, &request, output, VectorFormat::GeoJson, &()).unwrap();
+    assert_eq!((made.count, made.polygons, made.cells), (2, 6, 8));
+    let json: serde_json::Value = serde_json::from_str(&fs::read_to_string(&path).unwrap()).unwrap();
+    let told = |feature: &serde_json::Value| {
+        let kind = feature["geometry"]["type"].as_str().unwrap().to_string();
+        let numbers = ["class", "cells", "area_m2"].map(|name| feature["properties"][name].as_f64().unwrap());
+        (kind, numbers)
+    };
+    let mut features: Vec<_> = json["features"].as_array().unwrap().iter().map(told).collect();
+    features.sort_by(|a, b| a.1[0].total_cmp(&b.1[0]));
+    assert_eq!(features[0], ("MultiPolygon".to_string(), [1.0, 5.0, 500.0]));
+    assert_eq!(features[1].1, [2.0, 3.0, 300.0]);
 }
 
 #[test]

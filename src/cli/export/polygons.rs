@@ -2,9 +2,10 @@
 
 use std::time::Instant;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, ensure};
 use spinney::export::vector::export_polygons;
 use spinney::io::Output;
+use spinney::ops::Connectivity;
 use spinney::query::PolygonRequest;
 use spinney::value::Number;
 
@@ -17,12 +18,16 @@ use super::Args;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Polygons of classes (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV, SVG)")]
 pub(super) struct PolygonOptions {
-    /// Regions of cells of one class that have edges in common, a polygon each, with class, name, colour and number of cells
+    /// Regions of cells of one class that have edges in common, a polygon each, with class, name, colour, number of cells and area
     #[arg(long)]
     pub(super) polygons: bool,
     /// Values equal to these alone, as in 3,4
     #[arg(long = "class", value_name = "VALUE,...", value_delimiter = ',', requires = "polygons")]
     classes: Option<Vec<Number>>,
+    /// Neighbours that a cell hangs together with: 4, those that it shares an edge with, or 8, also across corners, which makes several
+    /// polygons of a region that touch there
+    #[arg(long, value_name = "N", requires = "polygons", default_value = "4")]
+    connect: Connectivity,
     /// Distance that borders may be moved by to have fewer corners, in units of the tree's coordinates; neighbours keep the same border
     #[arg(long, value_name = "DISTANCE", requires = "polygons")]
     simplify: Option<f64>,
@@ -38,6 +43,12 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([args.tree.file.as_path()], args.output.path())?;
     let format = vector_format(None, args.output.path())?;
     let mut request = PolygonRequest::new();
+    let connect = args.polygons.connect.neighbours();
+    ensure!(
+        [4, 8].contains(&connect),
+        "--connect {connect}: polygons are of cells of quadtrees, which have 4 or 8 neighbours"
+    );
+    request.across_corners = connect == 8;
     request.classes.clone_from(&args.polygons.classes);
     request.simplify = args.polygons.simplify;
     request.level = Some(level_of(&tree, args.mesh.level)?);

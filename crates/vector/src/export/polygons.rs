@@ -5,26 +5,48 @@ use std::path::PathBuf;
 use super::{AttributeType, AttributeValue, Geometry, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
 use spinney_base::io::Output;
 use spinney_base::value::Number;
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ClassRegion, PolygonRequest, PolygonSummary};
 
-impl Geometry for ClassRegion<'_> {
-    fn parts(&self) -> usize {
-        ClassRegion::parts(self)
-    }
+/// A region with the outer rings of its polygons.
+struct Region<'a> {
+    region: &'a ClassRegion<'a>,
+    /// Numbers of the outer rings, in order.
+    outer: Vec<usize>,
+}
 
-    fn count(&self, part: usize) -> u64 {
-        ClassRegion::count(self, part)
-    }
-
-    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
-        ClassRegion::points(self, part, each)
+impl<'a> Region<'a> {
+    fn new(region: &'a ClassRegion<'a>) -> Region<'a> {
+        let mut next = 0;
+        let begin = |rings: &usize| {
+            next += rings;
+            next - rings
+        };
+        Region { region, outer: region.polygons().iter().map(begin).collect() }
     }
 }
 
-/// Writes the regions of a quadtree of classes, one polygon each, with the attributes `class` (of integers of 64 bits as text), `cells`, and where the tree has them `name` and
-/// `color` (`#rrggbb`).
+impl Geometry for Region<'_> {
+    fn parts(&self) -> usize {
+        self.region.parts()
+    }
+
+    fn count(&self, part: usize) -> u64 {
+        self.region.count(part)
+    }
+
+    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
+        self.region.points(part, each)
+    }
+
+    fn is_outer(&self, part: usize) -> bool {
+        self.outer.binary_search(&part).is_ok()
+    }
+}
+
+/// Writes the regions of a quadtree of classes, one polygon each (several, of regions that hang together by corners), with the attributes `class` (of integers of 64 bits as
+/// text), `cells`, `area_m2` where the coordinate system tells square metres, and where the tree has them `name` and `color` (`#rrggbb`).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -42,8 +64,7 @@ impl Geometry for ClassRegion<'_> {
 /// ```
 ///
 /// # Errors
-/// If the tree is not of classes or is damaged, the request makes no sense or has regions of several polygons (those that hang together by corners alone), the
-/// output cannot be written, or on interruption.
+/// If the tree is not of classes or is damaged, the request makes no sense, the output cannot be written, or on interruption.
 pub fn export_polygons(
     tree: &Dataset,
     request: &PolygonRequest,
@@ -51,10 +72,6 @@ pub fn export_polygons(
     format: VectorFormat,
     progress: &dyn Progress,
 ) -> Result<PolygonSummary> {
-    if request.across_corners {
-        let advice = "take regions by edges: those that touch in corners are features of their own";
-        return Err(Error::unsupported(output.path(), "features of several polygons", advice));
-    }
     let mut request = request.clone();
     let path = output.path().to_path_buf();
     if output.is_file() {
@@ -67,11 +84,14 @@ pub fn export_polygons(
     let (has_names, has_colours) = (!metadata.class_names.is_empty(), metadata.palette.is_some());
     // (Numbers of files are double precision: integers of 64 bits are texts, which lose nothing.)
     let sample = tree.header().form.value.sample;
+    let above = tree.depth().saturating_sub(request.level.unwrap_or(tree.depth()));
+    let cell_area = metadata.frame.coarser(above).cell_square_metres().ok();
     let is_wide = !sample.is_float() && sample.size() > 4;
     let attributes = [
         (!is_wide, "class", AttributeType::Number),
         (is_wide, "class", AttributeType::Text),
         (true, "cells", AttributeType::Number),
+        (cell_area.is_some(), "area_m2", AttributeType::Number),
         (has_names, "name", AttributeType::Text),
         (has_colours, "color", AttributeType::Text),
     ];
@@ -79,7 +99,7 @@ pub fn export_polygons(
     let layer = VectorLayer {
         name: "regions".into(),
         kind: Some(GeometryKind::Polygon),
-        is_multi: false,
+        is_multi: request.across_corners,
         has_z: false,
         attributes: attributes.map(|(_, name, kind)| (name.to_owned(), kind)).collect(),
         crs: metadata.frame.crs.clone(),
@@ -98,13 +118,14 @@ pub fn export_polygons(
             false => AttributeValue::Number(class.to_f64()),
         };
         let mut values = vec![number, AttributeValue::Number(region.cells() as f64)];
+        values.extend(cell_area.map(|area| AttributeValue::Number(area * region.cells() as f64)));
         if has_names {
             values.push(name.map_or(AttributeValue::None, |name| AttributeValue::Text(name)));
         }
         if has_colours {
             values.push(colour.as_deref().map_or(AttributeValue::None, AttributeValue::Text));
         }
-        writer.write(region, &values)
+        writer.write(&Region::new(region), &values)
     })?;
     writer.finish().map(|()| summary)
 }
