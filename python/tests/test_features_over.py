@@ -96,7 +96,7 @@ def test_features_are_combined_with_trees(tmp_path: Path, ground: np.ndarray) ->
             np.testing.assert_array_equal(np.asarray(tree.read(1)), np.where(lake, 4, ground))
     with pytest.raises(ValueError, match="features"):
         spinney.combine("and", [tmp_path / "map.goblin"], out, where="code=4")
-    with pytest.raises(ValueError, match="cells of trees"):
+    with pytest.raises(ValueError, match="out: expected"):
         spinney.combine("and", [Frame(FEATURES, None)], out)
 
 
