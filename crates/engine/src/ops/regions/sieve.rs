@@ -1,7 +1,7 @@
 //! Gives small components to their largest neighbours, one after the other.
 
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, HashMap};
+use std::collections::{BTreeMap, HashMap};
 
 use super::border::Run;
 use super::labels::Labels;
@@ -232,13 +232,28 @@ impl Graph {
     /// Gives components of fewer cells than `least` to their largest neighbours (of two alike to the one with the lower label), the
     /// smallest first (of two alike the one with the lower label), until none that is so small has a neighbour.
     fn merge(&mut self, least: u64, progress: &dyn Progress) -> Result<()> {
-        let small =
-            |(component, size): (usize, &u64)| (*size < least).then_some(Reverse((*size, component as u32)));
-        let mut queue: BinaryHeap<_> = self.sizes.iter().enumerate().filter_map(small).collect();
-        let mut steps = 0u64;
-        while let Some(Reverse((size, component))) = queue.pop() {
-            steps += 1;
-            if steps.is_multiple_of(1 << 12) {
+        // Invariant: what grows becomes larger than what it was given, so that nothing comes to a size that was gone through.
+        let mut of_sizes: BTreeMap<u64, Vec<u32>> = BTreeMap::new();
+        for (component, size) in self.sizes.iter().enumerate().filter(|(_, size)| **size < least) {
+            of_sizes.entry(*size).or_default().push(component as u32);
+        }
+        while let Some((size, mut components)) = of_sizes.pop_first() {
+            sort::numbers32(&mut components);
+            self.merge_alike((size, &components), least, &mut of_sizes, progress)?;
+        }
+        Ok(())
+    }
+
+    /// Does so with the components of a size, in order; those that grow and stay small go to others of theirs.
+    fn merge_alike(
+        &mut self,
+        (size, components): (u64, &[u32]),
+        least: u64,
+        of_sizes: &mut BTreeMap<u64, Vec<u32>>,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        for (step, component) in components.iter().copied().enumerate() {
+            if step.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
             // (Those that have grown, or were given away, are no longer what they were.)
@@ -258,7 +273,7 @@ impl Graph {
             }
             let grown = self.sizes[largest as usize];
             if grown < least {
-                queue.push(Reverse((grown, largest)));
+                of_sizes.entry(grown).or_default().push(largest);
             }
         }
         Ok(())
