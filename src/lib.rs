@@ -288,7 +288,7 @@ pub mod import {
     #[cfg(feature = "vector")]
     pub mod rasterize {
         pub use spinney_vector::import::rasterize::{
-            FeatureGrid, FeatureImport, FeatureOverlay, FeatureValue, LineWidth, Overlaps, RasterizeOptions,
+            FeatureGrid, FeatureImport, FeatureTree, FeatureValue, LineWidth, Overlaps, RasterizeOptions,
             plan_features,
         };
     }

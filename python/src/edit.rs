@@ -160,8 +160,8 @@ impl Editor {
         let mut editor = self.get()?;
         let Some(editor) = editor.as_mut() else { return Ok(()) };
         jobs::run(py, terms, |work| {
-            let overlay = zones.over(tree.header(), tree.metadata(), memory, work)?;
-            let source = Arc::new(overlay.tree);
+            let laid = zones.over(tree.header(), tree.metadata(), memory, work)?;
+            let source = Arc::new(laid.tree);
             let difference = Operation::Set { number: 2, prefer: Prefer::First };
             let edit = if is_void { Edit::Merge(difference, source) } else { Edit::Cover(source) };
             drop(tree);

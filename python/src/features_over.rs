@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
 use spinney::Progress;
-use spinney::import::rasterize::{FeatureOverlay, FeatureValue, RasterizeOptions, plan_features};
+use spinney::import::rasterize::{FeatureTree, FeatureValue, RasterizeOptions, plan_features};
 use spinney::ops::MadeOperand;
 use spinney::space::Coordinates;
 use spinney::store::{Header, Metadata};
@@ -72,14 +72,14 @@ impl Features {
         metadata: &Metadata,
         memory: u64,
         work: &dyn Progress,
-    ) -> spinney::Result<FeatureOverlay> {
+    ) -> spinney::Result<FeatureTree> {
         let mut options = RasterizeOptions::over(header, metadata, self.coordinates.clone())?;
         let full = || Number::from(if header.rule == Rule::Occupancy { 255u64 } else { 1 });
         options.value = self.options.value.clone().unwrap_or_else(|| FeatureValue::Number(full()));
         (options.edge, options.overlaps) = (self.options.edge, self.options.overlaps);
         options.features.filter = self.options.filter.clone();
         options.memory = memory;
-        plan_features(std::slice::from_ref(&self.path), &options, work)?.overlay(work)
+        plan_features(std::slice::from_ref(&self.path), &options, work)?.tree(work)
     }
 }
 

@@ -131,13 +131,13 @@ pub(crate) fn combine<'py>(
             .iter()
             .map(|(_, features)| {
                 move |header: &Header, metadata: &Metadata| {
-                    let overlay = features.over(header, metadata, memory, work)?;
-                    if overlay.beyond > 0 {
+                    let laid = features.over(header, metadata, memory, work)?;
+                    if laid.beyond > 0 {
                         let text =
                             "features reach beyond the cells of the trees; what lies there is left out";
-                        work.warn(&features.path, &format!("{} {text}", overlay.beyond));
+                        work.warn(&features.path, &format!("{} {text}", laid.beyond));
                     }
-                    Ok(overlay.tree)
+                    Ok(laid.tree)
                 }
             })
             .collect();

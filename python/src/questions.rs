@@ -149,7 +149,7 @@ impl Tree {
         let found = jobs::run(py, Terms::default(), |work| {
             let (header, metadata) = (opened.tree.header(), opened.tree.metadata());
             let zones = zones.map(|zones| zones.over(header, metadata, memory.unwrap_or(256 << 20), work));
-            let zones = zones.transpose()?.map(|overlay| Arc::new(overlay.tree));
+            let zones = zones.transpose()?.map(|laid| Arc::new(laid.tree));
             search(&opened, (condition, part, zones.as_ref()), limit, largest, work)
         })?;
         let axes = opened.axes();

@@ -21,7 +21,7 @@ use spinney::value::Number;
 use super::args::{
     CommitOptions, OperationName, PartOptions, number, numbers, parse_operation, parse_step, same_file,
 };
-use super::features::{FeatureCells, Overlaying, check_features, feature_value};
+use super::features::{FeatureCells, FeatureTerms, check_features, feature_value};
 use super::report::Work;
 use super::report::commit::report_commit;
 use super::{Global, open};
@@ -345,7 +345,7 @@ impl Fill {
         check_features(&file, "--zones")?;
         let value = self.value.as_deref().map(feature_value).transpose()?;
         let what = self.value.map_or("VOID".into(), |texts| texts.join(","));
-        let how = Overlaying {
+        let how = FeatureTerms {
             value,
             overlaps: self.overlaps.unwrap_or_default(),
             coordinates: self.part.coordinates().given().cloned(),
@@ -353,7 +353,7 @@ impl Fill {
             tells_beyond: false,
         };
         let ground = (tree.header(), tree.metadata());
-        let (zones, _) = self.features.overlay(std::slice::from_ref(&file), ground, &how, work)?;
+        let (zones, _) = self.features.over(std::slice::from_ref(&file), ground, &how, work)?;
         let zones = Arc::new(zones);
         let message = format!("Fill {} with {what}", file.display());
         let difference = Operation::Set { number: 2, prefer: Prefer::First };

@@ -47,11 +47,11 @@ impl FeatureCells {
     }
 
     /// The features of files over a tree with such a header and metadata.
-    pub(crate) fn overlay(
+    pub(crate) fn over(
         &self,
         files: &[PathBuf],
         (header, metadata): (&Header, &Metadata),
-        how: &Overlaying,
+        how: &FeatureTerms,
         progress: &dyn Progress,
     ) -> spinney::Result<(ViewSource, u64)> {
         let mut options = RasterizeOptions::over(header, metadata, how.coordinates.clone())?;
@@ -59,21 +59,21 @@ impl FeatureCells {
         (options.overlaps, options.edge) = (how.overlaps, self.edge.unwrap_or_default());
         options.features.filter = self.filter.clone().unwrap_or_default();
         options.memory = how.memory;
-        let overlay = plan_features(files, &options, progress)?.overlay(progress)?;
-        if how.tells_beyond && overlay.beyond > 0 {
+        let laid = plan_features(files, &options, progress)?.tree(progress)?;
+        if how.tells_beyond && laid.beyond > 0 {
             let text = format!(
                 "{} features reach beyond the cells of the trees; what lies there is left out",
-                overlay.beyond
+                laid.beyond
             );
             progress.warn(&files[0], &text);
         }
-        Ok((overlay.tree, overlay.features))
+        Ok((laid.tree, laid.features))
     }
 }
 
 /// How features are laid over a tree.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Overlaying {
+pub(crate) struct FeatureTerms {
     /// The value of their cells; what says that something is there, if nothing is said.
     pub(crate) value: Option<FeatureValue>,
     pub(crate) overlaps: Overlaps,
@@ -144,7 +144,7 @@ impl FeatureOperands {
     ) -> Result<(Outcome, Vec<Option<u64>>)> {
         let is_feature: Vec<bool> = files.iter().map(|file| is_feature_file(file)).collect();
         let counts: Vec<Cell<u64>> = files.iter().map(|_| Cell::new(0)).collect();
-        let overlaying = Overlaying {
+        let terms = FeatureTerms {
             value: self.values.value.clone(),
             overlaps: self.values.overlaps.unwrap_or_default(),
             coordinates: None,
@@ -153,7 +153,7 @@ impl FeatureOperands {
         };
         let make = |number: usize, header: &Header, metadata: &Metadata| {
             let file = std::slice::from_ref(&files[number]);
-            let (tree, features) = self.cells.overlay(file, (header, metadata), &overlaying, work)?;
+            let (tree, features) = self.cells.over(file, (header, metadata), &terms, work)?;
             counts[number].set(features);
             Ok(tree)
         };

@@ -13,7 +13,7 @@ use spinney::value::Number;
 use super::Global;
 use super::args::{Memory, PartOptions, ViewedTree};
 use super::exact::{self, LeafKind};
-use super::features::{FeatureCells, Overlaying, check_features};
+use super::features::{FeatureCells, FeatureTerms, check_features};
 use super::report::statistics::class_as_json;
 use super::report::{Found, Work};
 
@@ -136,14 +136,14 @@ impl Args {
             return Ok(None);
         };
         check_features(file, "--within")?;
-        let how = Overlaying {
+        let how = FeatureTerms {
             coordinates: self.part.coordinates().given().filter(|_| !self.part.is_given()).cloned(),
             memory: self.memory.bytes,
-            ..Overlaying::default()
+            ..FeatureTerms::default()
         };
         let work = Work::start(global, "features")?;
         let ground = (tree.header(), tree.metadata());
-        let (zones, _) = self.features.overlay(std::slice::from_ref(file), ground, &how, &work)?;
+        let (zones, _) = self.features.over(std::slice::from_ref(file), ground, &how, &work)?;
         Ok(Some(Arc::new(zones)))
     }
 }

@@ -103,7 +103,7 @@ fn over(tree: &Dataset, change: impl FnOnce(&mut RasterizeOptions)) -> Rasterize
 }
 
 fn overlay(file: &Path, options: &RasterizeOptions) -> Arc<ViewSource> {
-    Arc::new(plan_features(&[file.into()], options, &()).unwrap().overlay(&()).unwrap().tree)
+    Arc::new(plan_features(&[file.into()], options, &()).unwrap().tree(&()).unwrap().tree)
 }
 
 /// The values of stars whose inside has the centre of each cell, in the stars' order.
@@ -246,7 +246,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         let make = |header: &Header, metadata: &Metadata| {
             let mut options = RasterizeOptions::over(header, metadata, None)?;
             (options.edge, options.value) = (edge, FeatureValue::Attribute("v".into()));
-            Ok(plan_features(std::slice::from_ref(&file), &options, &())?.overlay(&())?.tree)
+            Ok(plan_features(std::slice::from_ref(&file), &options, &())?.tree(&())?.tree)
         };
         let made = [MadeOperand { place, name: "stars".into(), make: &make }];
         let how = (None, Universe::Usual);
@@ -322,7 +322,7 @@ fn texts_are_the_classes_of_the_tree_and_what_does_not_fit_is_refused() {
         let said = refused(value);
         assert!(said.contains(value) && said.contains("u8"), "{said}");
     }
-    let zones = with(r#""lake""#).unwrap().overlay(&()).unwrap();
+    let zones = with(r#""lake""#).unwrap().tree(&()).unwrap();
     assert_eq!((zones.features, zones.beyond), (1, 0));
     edit(&path, [Ok(Edit::Cover(Arc::new(zones.tree)))], Note::default(), 16 << 20, &()).unwrap();
     let cells = cells_in(&path);

@@ -130,6 +130,7 @@ impl<'a> Shape<'a> {
     }
 
     /// Number of points of all parts.
+    #[cfg(any(feature = "flatgeobuf", feature = "geopackage"))]
     pub(super) fn count(&self) -> u64 {
         (0..self.geometry.parts()).fold(0, |sum, part| self.geometry.count(part).saturating_add(sum))
     }

@@ -15,4 +15,4 @@ mod tests;
 mod values;
 
 pub use self::options::{FeatureGrid, FeatureValue, LineWidth, Overlaps, RasterizeOptions};
-pub use self::plan::{FeatureImport, FeatureOverlay, plan_features};
+pub use self::plan::{FeatureImport, FeatureTree, plan_features};

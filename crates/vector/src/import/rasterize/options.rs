@@ -218,7 +218,7 @@ impl RasterizeOptions {
     }
 
     /// Ones where features are, on the cells of a tree with such a header and metadata, and in its form: for
-    /// [`FeatureImport::overlay`](super::FeatureImport::overlay). Features are in some coordinates; in their file's if nothing is said.
+    /// [`FeatureImport::tree`](super::FeatureImport::tree). Features are in some coordinates; in their file's if nothing is said.
     ///
     /// # Errors
     /// If it is an octree.

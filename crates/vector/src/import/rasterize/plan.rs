@@ -41,7 +41,7 @@ pub struct FeatureImport {
 /// Features as a tree on the cells of another one.
 #[derive(Debug)]
 #[non_exhaustive]
-pub struct FeatureOverlay {
+pub struct FeatureTree {
     /// The tree.
     pub tree: ViewSource,
     /// Features with a geometry and a value.
@@ -264,7 +264,7 @@ impl FeatureImport {
     ///
     /// # Panics
     /// If the options are not those of [`RasterizeOptions::over`].
-    pub fn overlay(&self, progress: &dyn Progress) -> Result<FeatureOverlay> {
+    pub fn tree(&self, progress: &dyn Progress) -> Result<FeatureTree> {
         let ground = self.options.ground.as_ref().expect("options for features over a tree");
         let Loaded { tree, geometries, beyond, outside } = self.load(progress)?;
         if outside == geometries {
@@ -272,7 +272,7 @@ impl FeatureImport {
         }
         let tree =
             Blockwise::new(Box::new(tree), &self.inputs[0], ground.header.clone(), ground.metadata.clone());
-        Ok(FeatureOverlay { tree: tree.into(), features: self.survey.features, beyond })
+        Ok(FeatureTree { tree: tree.into(), features: self.survey.features, beyond })
     }
 
     fn provenance(&self, input: &Path) -> String {
