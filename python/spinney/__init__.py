@@ -60,7 +60,9 @@ from ._types import (
     SurfaceHits,
     SurfaceIntersection,
     Transform,
+    ZoneBand,
     ZoneStatistics,
+    ZoneValues,
 )
 
 __all__ = [
@@ -92,7 +94,9 @@ __all__ = [
     "SurfaceHits",
     "SurfaceIntersection",
     "Transform",
+    "ZoneBand",
     "ZoneStatistics",
+    "ZoneValues",
     "__version__",
     "add_layer",
     "blame",
