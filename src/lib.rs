@@ -165,7 +165,7 @@ pub mod query {
         CellHit, ChannelStatistics, ClassRegion, Condition, Contour, ContourEnds, ContourLevels,
         ContourRequest, ContourSummary, FoundBlock, PointSamples, PolygonRequest, PolygonSummary, Ray, Rays,
         SolidStatistics, SolidSurface, Statistics, StoredRows, SurfaceHit, TakeContour, TakeRegion,
-        ZoneChannel, ZoneStatistics,
+        ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValues,
     };
 
     /// Cells of a level, block by block, with those around them.
@@ -260,7 +260,7 @@ pub mod import {
         };
         pub use spinney_vector::import::filter::{AttributeCondition, FeatureFilter, Relation};
         pub use spinney_vector::import::zones::{
-            PolygonFeature, PolygonLayer, parse_polygons, read_polygons,
+            FoundPolygons, PolygonLayer, PolygonReader, parse_polygons, read_polygons,
         };
     }
 

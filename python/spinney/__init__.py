@@ -62,7 +62,9 @@ from ._types import (
     SurfaceHits,
     SurfaceIntersection,
     Transform,
+    ZoneBand,
     ZoneStatistics,
+    ZoneValues,
 )
 
 __all__ = [
@@ -96,7 +98,9 @@ __all__ = [
     "SurfaceHits",
     "SurfaceIntersection",
     "Transform",
+    "ZoneBand",
     "ZoneStatistics",
+    "ZoneValues",
     "__version__",
     "add_layer",
     "blame",

@@ -36,7 +36,7 @@ from ._types import (
     ZoneStatistics,
 )
 from ._writers import Writers
-from ._zonal import definition_of, documents_of, named, values_of
+from ._zonal import definition_of, documents_of, is_frame, measures_of, named, table_of, usual_of, values_of, zone_of
 
 
 def open(
@@ -211,8 +211,9 @@ class Dataset(Writers):
     def zonal(
         self,
         geometries: Any,
-        stats: None = None,
+        measures: None = None,
         *,
+        quantiles: Sequence[float] = (),
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
@@ -226,8 +227,9 @@ class Dataset(Writers):
     def zonal(
         self,
         geometries: Any,
-        stats: Sequence[str],
+        measures: Sequence[str],
         *,
+        quantiles: Sequence[float] = (),
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
@@ -241,8 +243,9 @@ class Dataset(Writers):
     def zonal(
         self,
         geometries: Any,
-        stats: None = None,
+        measures: None = None,
         *,
+        quantiles: Sequence[float] = (),
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
@@ -256,8 +259,9 @@ class Dataset(Writers):
     def zonal(
         self,
         geometries: Any,
-        stats: Sequence[str],
+        measures: Sequence[str],
         *,
+        quantiles: Sequence[float] = (),
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
@@ -270,8 +274,9 @@ class Dataset(Writers):
     def zonal(
         self,
         geometries: Any,
-        stats: Sequence[str] | None = None,
+        measures: Sequence[str] | None = None,
         *,
+        quantiles: Sequence[float] = (),
         edge: Literal["centre", "touch", "area"] = "centre",
         crs: Any = None,
         where: Mapping[str, Any] | str | None = None,
@@ -279,7 +284,7 @@ class Dataset(Writers):
         layers: Sequence[str] | None = None,
         threads: int | None = None,
         progress: Progress = None,
-    ) -> list[ZoneStatistics] | list[dict[str, Any]] | dict[str, list[ZoneStatistics]] | dict[str, list[dict[str, Any]]]:
+    ) -> Any:
         """Statistics of the cells in each of many polygons, of which the tree is read only where an edge cuts it.
 
         Geometries are polygons (with holes, or of several parts): anything with a `__geo_interface__` (of shapely, a
@@ -290,31 +295,41 @@ class Dataset(Writers):
         of pyproj, or "world" for the tree's own. Polygons that all lie outside of the tree are an error. At edges,
         cells count whole if their `"centre"` is inside or if they `"touch"` the polygon, or by the part of their `"area"` that is
         inside, exactly. `where` takes only the features that have these values of attributes: `{"kind": "lake", "lod": 2}`,
-        or for which all of this holds: `"kind!=lake,lod>=2"`. The features of a file must fit into `memory`. With the
-        names of some `stats` ("count", "void", "sum", "min", "max", "mean", "std", "classes") there is a dictionary of these
-        for each polygon, of the first band.
+        or for which all of this holds: `"kind!=lake,lod>=2"`. The features of a file must fit into `memory`; values of which that has no
+        room for all go to temporary files.
 
-        With names of `layers` (`ds.names` are all) there is a list for each of them, by its name; `ds[name].time` tells when it is of. The
+        With the names of some `measures` ("count", "void", "void_share", "outside", "sum", "min", "max", "mean", "std", "majority",
+        "minority", "variety", "median", "classes") there is a dictionary of these for each polygon, of the first band, and of `quantiles`, from 0 to 1,
+        by names such as "q10" for 0.1. Quantiles are those of `numpy.quantile`, with shares of cells as weights.
+        "majority", "minority", "variety", "median" and quantiles are of all values of a polygon, which are read unless the file counts
+        classes; without names they are in `ZoneBand.values` if there are `quantiles`.
+
+        Of a GeoDataFrame, or another frame with a `__geo_interface__`, there is a pandas DataFrame with its index: a column for each
+        measure and quantile, and of classes one for the cells of each. Without names it has count, void, sum, min, max, mean and std,
+        of files that count classes count, void and classes.
+
+        With names of `layers` (`ds.names` are all) there is a list (or a table) for each of them, by its name; `ds[name].time` tells when it is of. The
         polygons' cells are found once, so that a hundred layers take little more than their cells.
         """
         if isinstance(layers, str):
             raise TypeError("layers: expected a list of names, such as ds.names")
+        names, levels = measures_of(measures, quantiles)
+        if is_frame(geometries) and where is not None:
+            raise ValueError("where: expected rows of the frame that are chosen beforehand, as in frame[frame.kind == 'lake']")
         with working(progress, threads) as terms:
             documents = documents_of(geometries, None if crs is None else definition_of(crs))
             chosen = where if isinstance(where, str) else values_of(where)
-            found = self._zones(documents, edge, (chosen, memory_of(memory)), None if layers is None else list(layers), terms)
-        of_layers = [
-            [
-                ZoneStatistics(cells, void, tuple(BandStatistics(*band) for band in bands), dict(classes))  # type: ignore[arg-type]
-                for cells, void, bands, classes in zones
-            ]
-            for zones in found
-        ]
-        if layers is None:
-            return of_layers[0] if stats is None else named(of_layers[0], stats)
-        if stats is None:
-            return dict(zip(layers, of_layers))
-        return {layer: named(zones, stats) for layer, zones in zip(layers, of_layers)}
+            asked = (chosen, memory_of(memory), names, levels)
+            found = self._zones(documents, edge, asked, None if layers is None else list(layers), terms)
+        told = [[zone_of(zone, levels) for zone in zones] for zones in found]
+
+        def answer(zones: list[ZoneStatistics]) -> Any:
+            if is_frame(geometries):
+                usual = names or usual_of(zones)
+                return table_of(geometries, named(zones, usual, levels))
+            return zones if measures is None else named(zones, names, levels)
+
+        return answer(told[0]) if layers is None else {layer: answer(zones) for layer, zones in zip(layers, told)}
 
     def level_counts(self, *, progress: Progress = None) -> list[LevelCounts]:
         """Nodes of each level of the file's tree, the root first: `ds.level_counts()[-1].leaf` are cells with values of their own.

@@ -12,6 +12,7 @@ from ._types import Array
 
 version: str
 
+_ZoneBand = tuple[float, float, float, float, float, float, tuple[int, float, float, float, list[float]] | None]
 _Terms = tuple[Callable[[int, int], object] | None, int | None, int | None]
 
 @disjoint_base
@@ -127,10 +128,10 @@ class Tree:
         self,
         documents: list[tuple[str, str | None, bool]],
         edge: str,
-        asked: tuple[str | list[tuple[str, str]], int],
+        asked: tuple[str | list[tuple[str, str]], int, list[str], list[float]],
         layers: list[str] | None,
         terms: _Terms,
-    ) -> list[list[tuple[float, float, list[tuple[float, float, float, float, float]], list[tuple[float, float]]]]]: ...
+    ) -> list[list[tuple[tuple[float, float, float], list[_ZoneBand], list[tuple[float, float]]]]]: ...
     def _labels(
         self, connect: int | None, neighbours: bool, memory: int, terms: _Terms
     ) -> tuple[

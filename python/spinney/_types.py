@@ -145,6 +145,32 @@ class Statistics(_OfBands):
 
 
 @dataclass(frozen=True)
+class ZoneValues:
+    """What the cells of each sample tell of a band in a polygon."""
+
+    variety: int
+    """Number of different samples."""
+    majority: float
+    """The sample that most cells have; of several the least."""
+    minority: float
+    """The sample that the fewest cells have; of several the least."""
+    median: float
+    """The quantile 0.5."""
+    quantiles: dict[float, float]
+    """Quantiles that were asked for: those of `numpy.quantile`, with the shares of cells as weights."""
+
+
+@dataclass(frozen=True)
+class ZoneBand(BandStatistics):
+    """Statistics of one band in a polygon; `cells` need not be a whole number."""
+
+    sum: float = 0.0
+    """Sum of the samples."""
+    values: ZoneValues | None = None
+    """What single samples tell, if that was asked for."""
+
+
+@dataclass(frozen=True)
 class ZoneStatistics(_OfBands):
     """Exact statistics of the cells in a polygon. Where cells count by their area, numbers of cells need not be whole."""
 
@@ -152,10 +178,18 @@ class ZoneStatistics(_OfBands):
     """Cells that are not VOID."""
     void_cells: float
     """Cells of the polygon, within the tree's picture, that are VOID."""
-    bands: tuple[BandStatistics, ...]
+    bands: tuple[ZoneBand, ...]
     """Statistics of each band; nothing if there are no cells."""
     classes: dict[float, float]
     """Cells of each class, by ascending value; only of files that count classes."""
+    outside_cells: float = 0.0
+    """Area of the polygon outside of the tree's picture, in cells."""
+
+    @property
+    def void_share(self) -> float:
+        """The part of the cells within the picture that is VOID; NaN if there are none."""
+        within = self.cells + self.void_cells
+        return self.void_cells / within if within else float("nan")
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,21 +7,33 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from ._types import BandStatistics, ZoneStatistics
+from ._types import ZoneBand, ZoneStatistics, ZoneValues
 
-STATISTICS: dict[str, Callable[[ZoneStatistics, BandStatistics], Any]] = {
+MEASURES: dict[str, Callable[[ZoneStatistics, ZoneBand], Any]] = {
     "count": lambda zone, band: zone.cells,
     "void": lambda zone, band: zone.void_cells,
-    "sum": lambda zone, band: band.mean * band.cells if band.cells else 0.0,
+    "void_share": lambda zone, band: zone.void_share,
+    "outside": lambda zone, band: zone.outside_cells,
+    "sum": lambda zone, band: band.sum,
     "min": lambda zone, band: band.min,
     "max": lambda zone, band: band.max,
     "mean": lambda zone, band: band.mean,
     "std": lambda zone, band: band.std,
+    "majority": lambda zone, band: _of(band).majority,
+    "minority": lambda zone, band: _of(band).minority,
+    "variety": lambda zone, band: _of(band).variety,
+    "median": lambda zone, band: _of(band).median,
     "classes": lambda zone, band: zone.classes,
 }
 """What can be asked for by name: of a polygon, and of its first band."""
 
-NOTHING = BandStatistics(0, float("nan"), float("nan"), float("nan"), float("nan"))
+NAN = float("nan")
+NOTHING = ZoneBand(0, NAN, NAN, NAN, NAN)
+NO_VALUES = ZoneValues(0, NAN, NAN, NAN, {})
+
+
+def _of(band: ZoneBand) -> ZoneValues:
+    return band.values or NO_VALUES
 
 
 def documents_of(geometries: Any, crs: str | None = None) -> list[tuple[str, str | None, bool]]:
@@ -67,10 +79,66 @@ def definition_of(crs: Any) -> str:
     return str(crs.to_wkt()) if hasattr(crs, "to_wkt") else str(crs)
 
 
-def named(zones: Sequence[ZoneStatistics], stats: Sequence[str]) -> list[dict[str, Any]]:
-    """The statistics of these names, of each zone."""
-    unknown = [name for name in stats if name not in STATISTICS]
-    if isinstance(stats, str) or unknown:
-        raise ValueError(f"stats: {unknown or stats!r}, expected a list of {', '.join(STATISTICS)}")
-    first = [zone.bands[0] if zone.bands else NOTHING for zone in zones]
-    return [{name: STATISTICS[name](zone, band) for name in stats} for zone, band in zip(zones, first)]
+def measures_of(measures: Iterable[str] | None, quantiles: Iterable[float]) -> tuple[list[str], list[float]]:
+    """Names of measures and quantiles, if they are such."""
+    names = list(measures or ())
+    unknown = [name for name in names if name not in MEASURES]
+    if isinstance(measures, str) or unknown:
+        raise ValueError(f"measures: {unknown or measures!r}, expected a list of {', '.join(MEASURES)}")
+    return names, [float(quantile) for quantile in quantiles]
+
+
+def column_of(quantile: float) -> str:
+    """The name of a quantile: `q2.5` is that of 0.025."""
+    return f"q{round(quantile * 100, 6):g}"
+
+
+def named(zones: Sequence[ZoneStatistics], measures: Sequence[str], quantiles: Sequence[float]) -> list[dict[str, Any]]:
+    """The measures of these names, and quantiles, of each zone."""
+
+    def told(zone: ZoneStatistics) -> dict[str, Any]:
+        band = zone.bands[0] if zone.bands else NOTHING
+        found = {name: MEASURES[name](zone, band) for name in measures}
+        return found | {column_of(quantile): _of(band).quantiles.get(quantile, NAN) for quantile in quantiles}
+
+    return [told(zone) for zone in zones]
+
+
+def zone_of(told: Any, quantiles: Sequence[float]) -> ZoneStatistics:
+    """The statistics of a zone, as they come of the native part."""
+    (cells, void, outside), bands, classes = told
+
+    def band_of(cells: float, low: float, high: float, mean: float, std: float, total: float, values: Any) -> ZoneBand:
+        if values is not None:
+            *first, found = values
+            values = ZoneValues(*first, dict(zip(quantiles, found)))
+        return ZoneBand(cells, low, high, mean, std, total, values)  # type: ignore[arg-type]
+
+    return ZoneStatistics(cells, void, tuple(band_of(*band) for band in bands), dict(classes), outside)
+
+
+def usual_of(zones: Sequence[ZoneStatistics]) -> list[str]:
+    """What a table has if nothing is asked for."""
+    if any(zone.classes for zone in zones):
+        return ["count", "void", "classes"]
+    return ["count", "void", "sum", "min", "max", "mean", "std"]
+
+
+def is_frame(geometries: Any) -> bool:
+    """Whether something is a frame of geometries, with a table's index."""
+    return hasattr(geometries, "__geo_interface__") and hasattr(geometries, "index") and hasattr(geometries, "iloc")
+
+
+def table_of(frame: Any, rows: Sequence[dict[str, Any]]) -> Any:
+    """A pandas DataFrame of rows with the index of a frame; cells of classes have columns of their own."""
+    import pandas
+
+    classes = sorted({value for row in rows for value in row.get("classes", ())})
+
+    def flat(row: dict[str, Any]) -> dict[str, Any]:
+        cells = row.get("classes")
+        plain = {name: value for name, value in row.items() if name != "classes"}
+        return plain if cells is None else plain | {f"cells_{value:g}": cells.get(value, 0.0) for value in classes}
+
+    columns = None if rows else []
+    return pandas.DataFrame([flat(row) for row in rows], index=frame.index, columns=columns)

@@ -56,7 +56,7 @@ pub(crate) fn combine_polygons<'py>(
         let layers = read_polygon_layers(&paths, &filter, memory)?;
         if let Some(path) = region {
             let region = read_polygons(&path, &FeatureOptions { memory, ..FeatureOptions::default() })?;
-            request.within = Some(region.features.into_iter().flat_map(|feature| feature.parts).collect());
+            request.within = Some(region.into_parts());
         }
         overlay_features(layers, &request, work.create(&out)?, format, work)
     })?;

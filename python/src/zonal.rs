@@ -9,18 +9,21 @@ use spinney::dataset::Dataset;
 use spinney::import::feature::{
     AttributeCondition, FeatureFilter, FeatureOptions, PolygonLayer, Relation, parse_polygons, read_polygons,
 };
-use spinney::query::ZoneStatistics;
+use spinney::query::{ZonalRequest, ZoneMeasure, ZoneStatistics, ZoneValues};
 use spinney::space::{Coordinates, EdgeRule, Places, Polygon};
 
 use crate::error::OrRaise;
 use crate::jobs::{self, Terms, Work};
 use crate::tree::{Opened, Tree};
 
-/// Cells, VOID cells, numbers of each channel, and cells of each class.
-type Zone<'py> = (f64, f64, Vec<ZoneNumbers<'py>>, Vec<(Bound<'py, PyAny>, f64)>);
+/// Cells that are there, VOID and outside, numbers of each channel, and cells of each class.
+type Zone<'py> = ((f64, f64, f64), Vec<ZoneNumbers<'py>>, Vec<(Bound<'py, PyAny>, f64)>);
 
-/// Cells, least and greatest sample, mean and standard deviation of a channel.
-type ZoneNumbers<'py> = (f64, Bound<'py, PyAny>, Bound<'py, PyAny>, f64, f64);
+/// Cells, least and greatest sample, mean, standard deviation and sum of a channel; what single values tell.
+type ZoneNumbers<'py> = (f64, Bound<'py, PyAny>, Bound<'py, PyAny>, f64, f64, f64, Option<ValueNumbers<'py>>);
+
+/// Variety, majority, minority, median, and the quantiles that were asked for.
+type ValueNumbers<'py> = (u64, Bound<'py, PyAny>, Bound<'py, PyAny>, f64, Vec<f64>);
 
 #[pymethods]
 impl Tree {
@@ -33,7 +36,7 @@ impl Tree {
         py: Python<'py>,
         documents: Vec<Document>,
         edge: &str,
-        asked: (Chosen, u64),
+        asked: (Chosen, u64, Vec<String>, Vec<f64>),
         layers: Option<Vec<String>>,
         terms: Terms,
     ) -> PyResult<Vec<Vec<Zone<'py>>>> {
@@ -41,8 +44,11 @@ impl Tree {
             Some(names) => py.detach(|| self.open_layers(&names)).or_raise()?,
             None => vec![self.get()?],
         };
-        let rule: EdgeRule = edge.parse().or_raise()?;
-        let (chosen, memory) = asked;
+        let edge: EdgeRule = edge.parse().or_raise()?;
+        let (chosen, memory, measures, quantiles) = asked;
+        let measures =
+            measures.iter().map(|name| name.parse()).collect::<spinney::Result<Vec<ZoneMeasure>>>();
+        let request = ZonalRequest { edge, measures: measures.or_raise()?, quantiles, memory };
         let filter = match chosen {
             Chosen::Conditions(text) => text.parse().or_raise()?,
             Chosen::Values(values) => {
@@ -65,12 +71,13 @@ impl Tree {
                     Ok((Places::new(coordinates, frame, header.extent)?, header.extent))
                 });
                 let found = layer.in_cells_of(&places.collect::<spinney::Result<Vec<_>>>()?)?;
-                polygons.iter_mut().zip(found).for_each(|(all, found)| all.extend(found));
+                found.outside.map_or(Ok(()), Err)?;
+                polygons.iter_mut().zip(found.trees).for_each(|(all, found)| all.extend(found));
             }
             let of_grid = |first: &usize| &polygons[grids.binary_search(first).unwrap_or_default()][..];
             let asked: Vec<_> = trees.iter().copied().zip(same.iter().map(of_grid)).collect();
             let mut of_layers = vec![Vec::new(); trees.len()];
-            Dataset::zonal_layers(&asked, rule, work, &mut |zone| {
+            Dataset::zonal_layers(&asked, &request, work, &mut |zone| {
                 of_layers.iter_mut().zip(zone).for_each(|(zones, zone)| zones.push(zone));
                 Ok(())
             })?;
@@ -131,10 +138,16 @@ fn layers_of(
 }
 
 fn told<'py>(py: Python<'py>, opened: &Opened, zone: &ZoneStatistics) -> PyResult<Zone<'py>> {
+    let told = |number| opened.told(py, number);
+    let values = |values: &ZoneValues| -> PyResult<_> {
+        let (majority, minority) = (told(values.majority)?, told(values.minority)?);
+        Ok((values.variety, majority, minority, values.median, values.quantiles.clone()))
+    };
     let channels = zone.channels.iter().map(|c| {
-        Ok((c.cells, opened.told(py, c.min)?, opened.told(py, c.max)?, c.mean, c.standard_deviation))
+        let values = c.values.as_ref().map(values).transpose()?;
+        Ok((c.cells, told(c.min)?, told(c.max)?, c.mean, c.standard_deviation, c.sum, values))
     });
-    let classes = zone.classes.iter().map(|(value, cells)| Ok((opened.told(py, *value)?, *cells)));
+    let classes = zone.classes.iter().map(|(value, cells)| Ok((told(*value)?, *cells)));
     let (channels, classes) = (channels.collect::<PyResult<_>>()?, classes.collect::<PyResult<_>>()?);
-    Ok((zone.cells, zone.void_cells, channels, classes))
+    Ok(((zone.cells, zone.void_cells, zone.outside_cells), channels, classes))
 }

@@ -90,7 +90,8 @@ def test_zones_of_all_kinds_of_geometries(tree: tuple) -> None:
     touched = ds.zonal(square, edge="touch")[0].cells
     assert ds.zonal(square, edge="area")[0].cells <= touched <= whole.cells + 2 * (50 + 50) + 4
     found = ds.zonal([square, shapely.box(0, 0, 1, 1)], ["count", "mean", "sum", "void"])
-    assert found[0] == {"count": whole.cells, "mean": whole.mean, "sum": whole.mean * whole.first.cells, "void": whole.void_cells}
+    assert found[0] == {"count": whole.cells, "mean": whole.mean, "sum": whole.bands[0].sum, "void": whole.void_cells}
+    assert np.isclose(found[0]["sum"], whole.mean * whole.first.cells)
     assert found[1]["count"] == 0 and np.isnan(found[1]["mean"])
     assert ds.zonal([]) == []
     with pytest.raises(ValueError, match="outside of the tree"):
@@ -99,9 +100,61 @@ def test_zones_of_all_kinds_of_geometries(tree: tuple) -> None:
         with pytest.raises(error):
             ds.zonal(wrong)
     with pytest.raises(ValueError):
-        ds.zonal(square, ["median"])
+        ds.zonal(square, ["middle"])
+    with pytest.raises(ValueError, match="from 0 to 1"):
+        ds.zonal(square, quantiles=[1.5])
     with pytest.raises(ValueError):
         ds.zonal(square, edge="half")
+
+
+class Frame:
+    """What a GeoDataFrame is to this package."""
+
+    crs = None
+
+    def __init__(self, geometries: list, index: list) -> None:
+        self.geometries, self.index, self.iloc = geometries, index, None
+
+    @property
+    def __geo_interface__(self) -> dict:
+        features = [{"type": "Feature", "properties": {}, "geometry": g and shapely.geometry.mapping(g)} for g in self.geometries]
+        return {"type": "FeatureCollection", "features": features}
+
+
+def test_values_of_zones_are_those_of_numpy(tree: tuple) -> None:
+    array, ds = tree
+    transform = rasterio.transform.from_origin(1000, 5000, 2, 3)
+    polygons = [shapely.Point(1000 + 40 * i, 4950 - 30 * i).buffer(9 + 12 * i) for i in range(8)]
+    levels = [0.9, 0.1, 0.5, 0, 1, 0.025]
+    names = ["sum", "majority", "minority", "variety", "median", "void_share"]
+    found = ds.zonal(polygons, names, quantiles=levels)
+    for polygon, zone, alone in zip(polygons, found, ds.zonal(polygons, quantiles=levels), strict=True):
+        inside = rasterio.features.geometry_mask([polygon], (170, 230), transform, invert=True)
+        cells = array[inside].compressed()
+        assert len(cells)
+        values, counts = np.unique(cells, return_counts=True)
+        wanted = (cells.sum(dtype=float), values[counts.argmax()], values[counts.argmin()], len(values), np.median(cells))
+        assert tuple(zone[name] for name in names[:-1]) == wanted
+        assert np.isclose(zone["void_share"], 1 - len(cells) / inside.sum())
+        columns = ["q90", "q10", "q50", "q0", "q100", "q2.5"]
+        assert np.allclose([zone[name] for name in columns], np.quantile(cells, levels))
+        assert alone.bands[0].values.quantiles == {level: zone[name] for level, name in zip(levels, columns)}
+
+
+def test_frames_get_tables(tree: tuple) -> None:
+    _, ds = tree
+    square = shapely.box(1100, 4700, 1200, 4850)
+    frame = Frame([square, None, shapely.box(900, 4700, 1100, 4850)], ["a", "b", "c"])
+    table = ds.zonal(frame, ["mean", "outside"], quantiles=[0.25], edge="area")
+    assert list(table.index) == ["a", "b", "c"] and list(table.columns) == ["mean", "outside", "q25"]
+    zone = ds.zonal(square, quantiles=[0.25], edge="area")[0]
+    assert (table.loc["a", "mean"], table.loc["a", "q25"]) == (zone.mean, zone.bands[0].values.quantiles[0.25])
+    assert table.loc["b"].isna().tolist() == [True, False, True]
+    # (100 wide and 150 high, in cells of 2 x 3.)
+    assert table["outside"].tolist() == pytest.approx([0, 0, 2500])
+    assert list(ds.zonal(frame).columns) == ["count", "void", "sum", "min", "max", "mean", "std"]
+    with pytest.raises(ValueError, match="rows of the frame"):
+        ds.zonal(frame, where={"a": 1})
 
 
 @given(seed=st.integers(0, 1 << 30))

@@ -50,7 +50,7 @@ pub(super) fn run(question: &Question<'_>, path: &Path, global: &Global) -> Resu
         Some(Region::Box(low, high)) => request.within_box(*low, *high),
         Some(Region::Polygons(file)) => {
             let region = read_polygons(file, &FeatureOptions { memory, ..FeatureOptions::default() })?;
-            request.within = Some(region.features.into_iter().flat_map(|feature| feature.parts).collect());
+            request.within = Some(region.into_parts());
         }
         None => {}
     }

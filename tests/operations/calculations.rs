@@ -191,8 +191,9 @@ fn check_file_and_view(folder: &Path, base: &TestFile, steps: &[&str]) -> Datase
     assert_eq!(found(&tree), found(&made));
     if tree.header().form.axes() == 2 {
         let triangle = Polygon::new(&[vec![[10.3, 7.1], [290.0, 60.0], [90.0, 270.0]]]).unwrap();
-        let zones =
-            |tree: &Dataset| tree.zonal(std::slice::from_ref(&triangle), EdgeRule::Area, &()).unwrap();
+        let zones = |tree: &Dataset| {
+            tree.zonal(std::slice::from_ref(&triangle), &EdgeRule::Area.into(), &()).unwrap()
+        };
         let (a, b) = (zones(&tree), zones(&made));
         assert!((a[0].cells - b[0].cells).abs() < 1e-6, "{} {}", a[0].cells, b[0].cells);
     }

@@ -41,7 +41,7 @@ fn area(layer: &PolygonLayer) -> f64 {
         ring.iter().zip(next).map(|([x, y], [a, b])| (x * b - a * y) / 2.0).sum::<f64>().abs()
     };
     let polygon = |rings: &Vec<Vec<[f64; 2]>>| 2.0 * ring(&rings[0]) - rings.iter().map(ring).sum::<f64>();
-    layer.features.iter().flat_map(|feature| &feature.parts).map(polygon).sum()
+    layer.clone().into_parts().iter().map(polygon).sum()
 }
 
 /// The pairs of rust-geo-booleanop: areas of what it expects.

@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 use spinney::dataset::Dataset;
 use spinney::io::Output;
 use spinney::ops::convert;
-use spinney::query::ZoneStatistics;
+use spinney::query::{ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValues};
 use spinney::space::{Bounds, EdgeRule, Polygon};
 use spinney::tree::Form;
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::value::{Kind, Number, Rule, SampleType};
 
-use crate::common::{Cells, OCT, QUAD, Random, dataset, options, quad, write_cells};
+use crate::common::{Cells, OCT, QUAD, Random, dataset, options, quad, value_types, write_cells};
 
 /// A ring around a point; corners may be at centres and corners of cells.
 fn ring(random: &mut Random, [x, y]: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
@@ -82,8 +82,8 @@ fn expected(
 ) -> ZoneStatistics {
     let value_type = cells.form.value;
     let mut zone = ZoneStatistics::default();
-    let mut classes: BTreeMap<i64, f64> = BTreeMap::new();
-    let mut samples: Vec<Vec<(f64, f64)>> = vec![Vec::new(); usize::from(value_type.channels)];
+    let mut classes: BTreeMap<Number, f64> = BTreeMap::new();
+    let mut samples: Vec<Vec<(f64, Number)>> = vec![Vec::new(); usize::from(value_type.channels)];
     for z in 0..size[2] {
         for y in 0..size[1] {
             for x in 0..size[0] {
@@ -96,24 +96,27 @@ fn expected(
                     continue;
                 };
                 zone.cells += weight;
-                for (channel, sample) in samples.iter_mut().zip(value_type.samples(value).iter()) {
+                for (channel, sample) in samples.iter_mut().zip(value_type.numbers(value).iter()) {
                     channel.push((weight, *sample));
                 }
-                *classes.entry(value_type.samples(value)[0] as i64).or_default() += weight;
+                *classes.entry(value_type.first_number(value)).or_default() += weight;
             }
         }
     }
     if counts_classes && value_type.channels == 1 {
-        zone.classes = classes.into_iter().map(|(class, cells)| (class.into(), cells)).collect();
+        zone.classes = classes.into_iter().collect();
     }
-    for samples in samples.iter().filter(|samples| !samples.is_empty()) {
+    for samples in samples.iter_mut().filter(|samples| !samples.is_empty()) {
         let weight: f64 = samples.iter().map(|(weight, _)| weight).sum();
-        let mean = samples.iter().map(|(weight, sample)| weight * sample).sum::<f64>() / weight;
-        let squares = samples.iter().map(|(weight, sample)| weight * (sample - mean).powi(2)).sum::<f64>();
-        zone.channels.push(spinney::query::ZoneChannel {
+        let mean = samples.iter().map(|(weight, sample)| weight * sample.to_f64()).sum::<f64>() / weight;
+        let squares =
+            samples.iter().map(|(weight, sample)| weight * (sample.to_f64() - mean).powi(2)).sum::<f64>();
+        zone.channels.push(ZoneChannel {
             cells: weight,
-            min: samples.iter().map(|(_, sample)| *sample).fold(f64::INFINITY, f64::min).into(),
-            max: samples.iter().map(|(_, sample)| *sample).fold(f64::NEG_INFINITY, f64::max).into(),
+            sum: mean * weight,
+            values: Some(values_of(samples)),
+            min: samples.iter().map(|(_, sample)| *sample).min().unwrap(),
+            max: samples.iter().map(|(_, sample)| *sample).max().unwrap(),
             mean,
             standard_deviation: (squares / weight).sqrt(),
         });
@@ -121,10 +124,73 @@ fn expected(
     zone
 }
 
+/// Quantiles that are asked for everywhere, in no order.
+const QUANTILES: [f64; 5] = [0.9, 0.0, 0.25, 1.0, 0.123];
+
+fn request(edge: EdgeRule) -> ZonalRequest {
+    ZonalRequest {
+        edge,
+        measures: vec![ZoneMeasure::Variety],
+        quantiles: QUANTILES.to_vec(),
+        ..ZonalRequest::default()
+    }
+}
+
+/// What samples with weights tell, by the definitions.
+fn values_of(samples: &mut [(f64, Number)]) -> ZoneValues {
+    samples.sort_by_key(|(_, sample)| *sample);
+    let mut counts: Vec<(Number, f64)> = Vec::new();
+    for (weight, sample) in samples.iter() {
+        match counts.last_mut() {
+            Some((last, cells)) if last == sample => *cells += weight,
+            _ => counts.push((*sample, *weight)),
+        }
+    }
+    let first = |better: &dyn Fn(f64, f64) -> bool| -> Number {
+        let best =
+            counts.iter().map(|(_, cells)| *cells).reduce(|a, b| if better(b, a) { b } else { a }).unwrap();
+        // (What is as much but for rounding is as much.)
+        counts.iter().find(|(_, cells)| (cells - best).abs() < 1e-9).unwrap().0
+    };
+    let all: f64 = samples.iter().map(|(weight, _)| weight).sum();
+    // The samples one after the other, each as long as its weight: the sum of what is before a place.
+    let sum_before = |place: f64| {
+        let (mut sum, mut at) = (0.0, 0.0);
+        for (weight, sample) in samples.iter() {
+            sum += sample.to_f64() * weight.min((place - at).max(0.0));
+            at += weight;
+        }
+        sum
+    };
+    let quantile = |quantile: f64| {
+        let (length, from) = (all.min(1.0), (quantile * (all - 1.0)).max(0.0));
+        (sum_before(from + length) - sum_before(from)) / length
+    };
+    ZoneValues {
+        variety: counts.len() as u64,
+        majority: first(&|a, b| a > b + 1e-9),
+        minority: first(&|a, b| a < b - 1e-9),
+        median: quantile(0.5),
+        quantiles: QUANTILES.map(quantile).to_vec(),
+    }
+}
+
+fn assert_values_alike(found: &ZoneValues, expected: &ZoneValues, what: &str) {
+    let near = |(a, b): (&f64, &f64)| (a - b).abs() <= 1e-6 * (1.0 + b.abs());
+    let all = |values: &ZoneValues| [&values.quantiles[..], &[values.median]].concat();
+    assert_eq!(
+        (found.variety, found.majority, found.minority),
+        (expected.variety, expected.majority, expected.minority),
+        "{what}"
+    );
+    assert!(all(found).iter().zip(&all(expected)).all(near), "{what}: {found:?}, not {expected:?}");
+}
+
 fn assert_alike(found: &ZoneStatistics, expected: &ZoneStatistics, what: &str) {
     let near = |a: f64, b: f64| (a - b).abs() <= 1e-6 * (1.0 + a.abs().max(b.abs()));
     assert!(near(found.cells, expected.cells), "{what}: {found:?}, not {expected:?}");
     assert!(near(found.void_cells, expected.void_cells), "{what}: {found:?}, not {expected:?}");
+    assert!(near(found.outside_cells, expected.outside_cells), "{what}: {found:?}, not {expected:?}");
     assert_eq!(found.channels.len(), expected.channels.len(), "{what}");
     for (found, expected) in found.channels.iter().zip(&expected.channels) {
         for (a, b) in [
@@ -132,10 +198,16 @@ fn assert_alike(found: &ZoneStatistics, expected: &ZoneStatistics, what: &str) {
             (found.min.to_f64(), expected.min.to_f64()),
             (found.max.to_f64(), expected.max.to_f64()),
             (found.mean, expected.mean),
-            (found.standard_deviation, expected.standard_deviation),
+            (found.sum, expected.sum),
         ] {
             assert!(near(a, b), "{what}: {found:?}, not {expected:?}");
         }
+        // (Of large integers it is as exact as f64 is of the largest.)
+        let (a, b) = (found.standard_deviation, expected.standard_deviation);
+        let lost = 1e-15 * expected.min.to_f64().abs().max(expected.max.to_f64().abs());
+        assert!((a - b).abs() <= 1e-6 * (1.0 + b) + lost, "{what}: {found:?}, not {expected:?}");
+        let (found, expected) = (found.values.as_ref().unwrap(), expected.values.as_ref().unwrap());
+        assert_values_alike(found, expected, what);
     }
     assert_eq!(found.classes.len(), expected.classes.len(), "{what}: {found:?}, not {expected:?}");
     for ((class, cells), (other, count)) in found.classes.iter().zip(&expected.classes) {
@@ -161,18 +233,18 @@ fn zones(form: Form, seed: u64, size: [u64; 3], (rule, kind): (Rule, Kind)) {
         let layers: Vec<(&Dataset, &[Option<Polygon>])> =
             files.iter().chain([&view]).map(|layer| (layer, &some[..])).collect();
         let mut all: Vec<Vec<ZoneStatistics>> = vec![Vec::new(); layers.len()];
-        Dataset::zonal_layers(&layers, edge, &(), &mut |zone| {
+        Dataset::zonal_layers(&layers, &request(edge), &(), &mut |zone| {
             all.iter_mut().zip(zone).for_each(|(all, zone)| all.push(zone));
             Ok(())
         })
         .unwrap();
         for (layer, found) in layers.iter().zip(&all) {
-            let alone = layer.0.zonal(&polygons, edge, &()).unwrap();
+            let alone = layer.0.zonal(&polygons, &request(edge), &()).unwrap();
             // (Sums of parts may come in another order.)
             alone.iter().zip(found).for_each(|(alone, found)| assert_alike(found, alone, "all at once"));
         }
         for (name, dataset) in ["goblin", "autumnal", "view"].iter().zip(files.iter().chain([&view])) {
-            let found = dataset.zonal(&polygons, edge, &()).unwrap();
+            let found = dataset.zonal(&polygons, &request(edge), &()).unwrap();
             for ((parts, polygon), found) in zones.iter().zip(&polygons).zip(&found) {
                 let weight = |[x, y, _]: [u64; 3]| match edge {
                     EdgeRule::Centre => f64::from(u8::from(has(parts, [x as f64 + 0.5, y as f64 + 0.5]))),
@@ -186,7 +258,16 @@ fn zones(form: Form, seed: u64, size: [u64; 3], (rule, kind): (Rule, Kind)) {
                         f64::from(u8::from(has(parts, at.map(|at| at + 0.5)) || is_cut(parts, at)))
                     }
                 };
-                let expected = expected(&cells, size, counts_classes, &weight);
+                // All of it, moved to where there are cells.
+                let moved = parts.iter().map(|part| {
+                    let ring = |ring: &Vec<[f64; 2]>| ring.iter().map(|at| at.map(|at| at + 512.0)).collect();
+                    part.iter().map(ring).collect()
+                });
+                let moved = Polygon::of_parts(&moved.collect::<Vec<_>>()).unwrap();
+                let everywhere = moved.area(&Bounds { min: [0; 3], max: [2048, 2048, 1] });
+                let inside = polygon.area(&Bounds { min: [0; 3], max: [size[0], size[1], 1] });
+                let mut expected = expected(&cells, size, counts_classes, &weight);
+                expected.outside_cells = (everywhere - inside) * size[2] as f64;
                 let found = ZoneStatistics {
                     classes: found.classes.iter().copied().filter(|(_, cells)| *cells >= 1e-9).collect(),
                     ..found.clone()
@@ -211,6 +292,65 @@ fn zones_are_as_their_cells() {
 }
 
 #[test]
+fn values_of_all_types_are_as_their_cells() {
+    let types = value_types().into_iter().zip(0..);
+    for (value, seed) in types {
+        let form = Form { dimension: QUAD.dimension, value };
+        let rules = [(Rule::Mean, Kind::Continuous), (Rule::Majority, Kind::Categorical)];
+        zones(form, 40 + seed, [50, 40, 1], rules[seed as usize % 2]);
+    }
+}
+
+#[test]
+fn values_beyond_memory_tell_the_same() {
+    for sample in [SampleType::F32, SampleType::I16, SampleType::U64] {
+        let form = quad(sample, 1);
+        let size = [220, 210, 1];
+        // (Each value a few times, far from each other, so that temporary files have parts of them.)
+        let cells = Cells::noise(form, 3, size, 15_000);
+        let file = dataset(&cells, Rule::Mean, Kind::Continuous);
+        let ring = vec![[-3.0, 5.5], [219.5, -2.0], [217.25, 208.0], [20.0, 200.0]];
+        let polygon = Polygon::new(&[ring]).unwrap();
+        for edge in EdgeRule::ALL {
+            let with = |memory: u64| {
+                let request = ZonalRequest { memory, ..request(edge) };
+                file.zonal(std::slice::from_ref(&polygon), &request, &()).unwrap().remove(0)
+            };
+            let (large, small) = (with(1 << 30), with(0));
+            assert_alike(&small, &large, &format!("{sample:?} {edge:?}"));
+            assert!(
+                large.channels[0].values.as_ref().unwrap().variety
+                    > if sample == SampleType::I16 { 250 } else { 10_000 }
+            );
+        }
+    }
+}
+
+#[test]
+fn measures_have_names_and_quantiles_are_from_0_to_1() {
+    for measure in ZoneMeasure::ALL {
+        assert_eq!(measure.to_string().parse::<ZoneMeasure>().unwrap(), measure);
+    }
+    let told = "middle".parse::<ZoneMeasure>().unwrap_err().to_string();
+    assert!(told.contains("middle") && told.contains("median"), "{told}");
+    let cells = Cells::random(QUAD, 1, [9, 9, 1], 9, false);
+    let file = dataset(&cells, Rule::Majority, Kind::Categorical);
+    for wrong in [-0.1, 1.1, f64::NAN] {
+        let request = ZonalRequest { quantiles: vec![0.5, wrong], ..ZonalRequest::default() };
+        let told = file.zonal(&[], &request, &()).unwrap_err().to_string();
+        assert!(told.contains("from 0 to 1"), "{told}");
+    }
+    // Nothing is counted of what nobody asks for.
+    let square = Polygon::new(&[vec![[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]]]).unwrap();
+    let zone = file.zonal(&[square], &ZonalRequest::default(), &()).unwrap().remove(0);
+    assert_eq!(zone.channels[0].values, None);
+    assert_eq!(zone.number(ZoneMeasure::Median, 0), None);
+    assert_eq!(zone.number(ZoneMeasure::Count, 0), Some(81.into()));
+    assert_eq!(zone.number(ZoneMeasure::Mean, 0).unwrap().to_f64(), zone.channels[0].mean);
+    assert_eq!(ZoneStatistics::default().number(ZoneMeasure::Sum, 0), Some(0.into()));
+}
+
+#[test]
 fn zones_of_nothing_and_everything() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
@@ -223,11 +363,15 @@ fn zones_of_nothing_and_everything() {
     let polygons = [square(-1e12, 1e12), square(200.0, 300.0), square(-50.0, -1.0), square(10.2, 10.4)];
     let all = file.statistics(None, &()).unwrap();
     for edge in EdgeRule::ALL {
-        let found = file.zonal(&polygons, edge, &()).unwrap();
+        let found = file.zonal(&polygons, &edge.into(), &()).unwrap();
         assert_eq!((found[0].cells, found[0].void_cells), (all.cells as f64, all.void_cells as f64));
+        let outside = found[0].outside_cells / 4e24;
+        assert!((outside - 1.0).abs() < 1e-9, "{outside}");
         let classes: Vec<_> = all.classes.iter().map(|(class, cells)| (*class, *cells as f64)).collect();
         assert_eq!(found[0].classes, classes);
-        assert_eq!([&found[1], &found[2]], [&ZoneStatistics::default(); 2]);
+        let nothing = |outside_cells: f64| ZoneStatistics { outside_cells, ..ZoneStatistics::default() };
+        assert_eq!([&found[1], &found[2]], [&nothing(10_000.0), &nothing(49.0 * 49.0)]);
+        assert!(found[1].void_share().is_nan() && found[0].void_share() < 1.0);
         let inside = match edge {
             EdgeRule::Centre => 0.0,
             EdgeRule::Touch => 1.0,
@@ -235,7 +379,7 @@ fn zones_of_nothing_and_everything() {
         };
         assert!((found[3].cells - inside).abs() < 1e-9, "{:?}", found[3]);
     }
-    assert_eq!(file.zonal(&[], EdgeRule::Area, &()).unwrap(), []);
+    assert_eq!(file.zonal(&[], &EdgeRule::Area.into(), &()).unwrap(), []);
 }
 
 #[test]
@@ -256,15 +400,15 @@ fn zones_of_layers_with_cells_of_their_own() {
             zones.push(zone);
             Ok(())
         };
-        Dataset::zonal_layers(&layers, edge, &(), take).unwrap();
+        Dataset::zonal_layers(&layers, &edge.into(), &(), take).unwrap();
         let alone = |layer: &Dataset, polygons: &[Option<Polygon>; 2]| {
-            layer.zonal(&[polygons[0].clone().unwrap()], edge, &()).unwrap().remove(0)
+            layer.zonal(&[polygons[0].clone().unwrap()], &edge.into(), &()).unwrap().remove(0)
         };
         let (of_fine, of_coarse) = (alone(&fine, &polygons[0]), alone(&coarse, &polygons[1]));
         assert!(of_fine.cells > 1000.0 && of_coarse.cells > 250.0);
         assert_eq!(zones, [vec![of_fine.clone(), of_coarse, of_fine], vec![ZoneStatistics::default(); 3]]);
     }
     let uneven = [(&fine, &polygons[0][..]), (&coarse, &polygons[1][..1])];
-    let error = Dataset::zonal_layers(&uneven, EdgeRule::Centre, &(), &mut |_| Ok(())).unwrap_err();
+    let error = Dataset::zonal_layers(&uneven, &ZonalRequest::default(), &(), &mut |_| Ok(())).unwrap_err();
     assert!(error.to_string().contains("the same polygons"), "{error}");
 }

@@ -18,6 +18,11 @@ pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> R + Sync) -> Vec<
     made.into_iter().map(taken).collect()
 }
 
+/// Number of threads of the current rayon pool.
+pub fn threads() -> usize {
+    rayon::current_num_threads()
+}
+
 fn for_each(count: usize, visit: &(dyn Fn(usize) + Sync)) {
     (0..count).into_par_iter().for_each(visit);
 }

@@ -33,7 +33,7 @@ use crate::export::{
 };
 use crate::import::feature::{FeatureGeometry, FeatureOptions, open_features};
 use crate::import::filter::FeatureFilter;
-use crate::import::zones::{PolygonLayer, read_polygons};
+use crate::import::zones::{PolygonLayer, read_polygons, take_polygons};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::{Crs, PolygonParts, Transformation};
@@ -286,9 +286,12 @@ impl Layers {
                 Error::unsupported(path, "more than 2^32 features of all files", "divide the files")
             })?;
         }
-        for (path, layer) in layers.iter().filter(|(_, layer)| layer.with_heights > 0) {
-            let count = layer.with_heights;
-            progress.warn(path, &format!("heights and measures of {count} features are not in the result"));
+        for (path, layer) in &layers {
+            let count = layer.features.iter().filter(|feature| feature.has_heights).count();
+            if count > 0 {
+                progress
+                    .warn(path, &format!("heights and measures of {count} features are not in the result"));
+            }
         }
         let target = layers[0].1.crs.clone();
         for (path, layer) in layers.iter_mut().skip(1) {
@@ -311,14 +314,18 @@ impl Layers {
     }
 
     fn bounds(&self, within: Option<&PolygonParts>) -> [[f64; 2]; 2] {
-        let own = self.layers.iter().flat_map(|(_, layer)| &layer.features).map(|feature| &feature.parts);
         let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
-        for corner in own.chain(within).flatten().flatten().flatten() {
+        let mut add = |corner: &[f64; 2]| {
             for axis in 0..2 {
                 bounds[0][axis] = bounds[0][axis].min(corner[axis]);
                 bounds[1][axis] = bounds[1][axis].max(corner[axis]);
             }
+        };
+        for feature in self.layers.iter().flat_map(|(_, layer)| &layer.features) {
+            let geometry = feature.geometry.as_ref().map(FeatureParts::of);
+            geometry.iter().flat_map(FeatureParts::corners).for_each(&mut add);
         }
+        within.into_iter().flatten().flatten().flatten().for_each(add);
         if bounds[0][0] > bounds[1][0] { [[0.0; 2]; 2] } else { bounds }
     }
 
@@ -357,9 +364,9 @@ impl Layers {
     fn move_to(&mut self, overlay: &mut Overlay, within: Option<&PolygonParts>) -> Result<()> {
         for ((path, layer), first) in self.layers.iter_mut().zip(&self.first) {
             for (number, feature) in (*first..).zip(&mut layer.features) {
-                for rings in std::mem::take(&mut feature.parts) {
-                    overlay.add(path, number, &rings)?;
-                }
+                let mut parts = Vec::new();
+                feature.geometry.take().into_iter().for_each(|own| take_polygons(own, &mut parts));
+                parts.iter().try_for_each(|rings| overlay.add(path, number, rings))?;
             }
         }
         for rings in within.into_iter().flatten() {
@@ -426,7 +433,10 @@ fn transform(
     to: &Crs,
 ) -> Result<()> {
     for (number, feature) in (1..).zip(&mut layer.features) {
-        for corner in feature.parts.iter_mut().flatten().flatten() {
+        let Some(geometry) = feature.geometry.take() else { continue };
+        let mut parts = Vec::new();
+        take_polygons(geometry, &mut parts);
+        for corner in parts.iter_mut().flatten().flatten() {
             *corner = transformation.forward(*corner).ok_or_else(|| {
                 let found = format!("{},{}", corner[0], corner[1]);
                 Error::corrupt(
@@ -437,6 +447,7 @@ fn transform(
                 )
             })?;
         }
+        feature.geometry = Some(FeatureGeometry::Polygons(parts));
     }
     Ok(())
 }

@@ -28,6 +28,7 @@ const EXAMPLES: &str = "Examples:
   spinney stats series.goblin --zones fields.geojson --csv > series.csv
   spinney stats landcover.goblin --labels --connect 8 -o patches.csv
   spinney stats labels.goblin --labels --classes landcover.goblin -o patches.csv
+  spinney stats relief.goblin --zones districts.gpkg --measure majority,median --quantiles 0.1,0.9 --edge area
 
 Of exact models volume, centre of gravity, inertia and surface of the body are printed, and its topology: all
 are exact, and rounded once.
@@ -228,6 +229,12 @@ fn row_of(fields: &[&str]) -> String {
     fields.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n"
 }
 
+/// The part of the cells that is VOID; nothing of no cells.
+fn void_share(stats: &Statistics) -> Option<f64> {
+    let all = stats.cells + stats.void_cells;
+    (all > 0).then(|| stats.void_cells as f64 / all as f64)
+}
+
 /// The name of a class; nothing if it has none.
 fn class_name(tree: &Dataset, value: Number) -> Option<&str> {
     tree.metadata().class_names.get(&value).map(String::as_str)
@@ -248,6 +255,7 @@ fn as_json(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> serd
         "layer": tree.metadata().name,
         "cells": stats.cells,
         "void_cells": stats.void_cells,
+        "void_share": void_share(stats),
         "area_m2": area.map(|area| area * stats.cells as f64),
         "channels": channels_as_json(stats),
         "classes": stats.classes.iter().map(class).collect::<Vec<_>>(),
@@ -261,7 +269,11 @@ fn print(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> Result
     use std::fmt::Write;
     let mut text = String::new();
     let area = cell_area(tree);
-    writeln!(text, "cells      {}, and {} VOID", stats.cells, stats.void_cells)?;
+    write!(text, "cells      {}, and {} VOID", stats.cells, stats.void_cells)?;
+    match void_share(stats) {
+        Some(share) if share > 0.0 => writeln!(text, " ({:.4} %)", 100.0 * share)?,
+        _ => writeln!(text)?,
+    }
     match area {
         Ok(area) => writeln!(text, "area       {:.0} m2", area * stats.cells as f64)?,
         Err(reason) => writeln!(text, "area       unknown: {reason}")?,

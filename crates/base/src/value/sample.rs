@@ -61,6 +61,8 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
     fn from_number_lossy(number: Number) -> Self;
     /// A number that orders samples: by number, then (for floats) by bits, as `f64::total_cmp`.
     fn order_key(self) -> u64;
+    /// The sample that has such a key.
+    fn from_order_key(key: u64) -> Self;
     /// The sample as a number to compute with: of integers of 64 bits the difference from a base, of which f64 loses less.
     fn relative_to(self, base: Self) -> f64;
     /// The sample nearest to what was computed with [`Sample::relative_to`]; integers are rounded half up.
@@ -178,6 +180,11 @@ macro_rules! integer_sample {
                 // The lowest number of a signed type becomes 0.
                 let bits = 8 * size_of::<$type>() as u32;
                 (self as i64 as u64).wrapping_add($flip << (bits - 1)) & (u64::MAX >> (64 - bits))
+            }
+            #[inline]
+            fn from_order_key(key: u64) -> $type {
+                let bits = 8 * size_of::<$type>() as u32;
+                key.wrapping_sub($flip << (bits - 1)) as $type
             }
             #[inline]
             fn relative_to(self, base: $type) -> f64 {
@@ -391,6 +398,11 @@ macro_rules! float_sample {
                 let bits = self.to_bits();
                 let sign = 1 << ($bits::BITS - 1);
                 u64::from(if bits & sign == 0 { bits | sign } else { !bits })
+            }
+            #[inline]
+            fn from_order_key(key: u64) -> $type {
+                let (key, sign) = (key as $bits, 1 << ($bits::BITS - 1));
+                $type::from_bits(if key & sign == 0 { !key } else { key & !sign })
             }
             #[inline]
             fn relative_to(self, _: $type) -> f64 {

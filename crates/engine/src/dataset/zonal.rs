@@ -1,8 +1,8 @@
 //! Statistics of the cells in polygons: of a dataset, or of several layers at once.
 
 use super::{Dataset, Tree};
-use crate::query::{ZonalGroup, ZonalTree, ZoneStatistics, zonal};
-use spinney_base::space::{EdgeRule, Polygon};
+use crate::query::{ZonalGroup, ZonalRequest, ZonalTree, ZoneStatistics, zonal};
+use spinney_base::space::Polygon;
 use spinney_base::{Error, Progress, Result};
 
 impl Dataset {
@@ -17,18 +17,18 @@ impl Dataset {
     ///
     /// let map = spinney::open("fixtures/v1/classes.goblin")?;
     /// let triangle = Polygon::new(&[vec![[40.0, 40.0], [180.0, 60.0], [90.0, 170.0]]])?;
-    /// let zones = map.zonal(&[triangle], EdgeRule::Area, &())?;
+    /// let zones = map.zonal(&[triangle], &EdgeRule::Area.into(), &())?;
     /// let cells: f64 = zones[0].classes.iter().map(|(_, cells)| cells).sum();
     /// assert!((cells - zones[0].cells).abs() < 1e-6);
     /// # Ok::<(), spinney::Error>(())
     /// ```
     ///
     /// # Errors
-    /// If the file is damaged there, or on interruption.
+    /// If a quantile is none, the file is damaged there, temporary files cannot be used, or on interruption.
     pub fn zonal(
         &self,
         polygons: &[Polygon],
-        rule: EdgeRule,
+        request: &ZonalRequest,
         progress: &dyn Progress,
     ) -> Result<Vec<ZoneStatistics>> {
         let polygons: Vec<Option<Polygon>> = polygons.iter().cloned().map(Some).collect();
@@ -37,7 +37,7 @@ impl Dataset {
             found.append(&mut zone);
             Ok(())
         };
-        Dataset::zonal_layers(&[(self, &polygons)], rule, progress, take)?;
+        Dataset::zonal_layers(&[(self, &polygons)], request, progress, take)?;
         Ok(found)
     }
 
@@ -46,10 +46,10 @@ impl Dataset {
     /// layers take little more than their values.
     ///
     /// # Errors
-    /// If layers have different numbers of polygons, a file is damaged there, `take` fails, or on interruption.
+    /// If layers have different numbers of polygons, a quantile is none, a file is damaged there, temporary files cannot be used, `take` fails, or on interruption.
     pub fn zonal_layers(
         layers: &[(&Dataset, &[Option<Polygon>])],
-        rule: EdgeRule,
+        request: &ZonalRequest,
         progress: &dyn Progress,
         take: &mut dyn FnMut(Vec<ZoneStatistics>) -> Result<()>,
     ) -> Result<()> {
@@ -71,7 +71,7 @@ impl Dataset {
             }
         }
         let groups: Vec<ZonalGroup<'_>> = groups.into_iter().map(|(_, group)| group).collect();
-        zonal(&groups, rule, progress, take)
+        zonal(&groups, request, progress, take)
     }
 
     /// For each of some layers the number of the first of them that has the same cells: which lie at the same places, and are as many.

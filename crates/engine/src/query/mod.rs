@@ -51,7 +51,7 @@ pub(crate) use surface::measure_surface;
 pub use window::Canvas;
 pub use window::StoredRows;
 pub(crate) use zonal::{ZonalGroup, ZonalTree, zonal};
-pub use zonal::{ZoneChannel, ZoneStatistics};
+pub use zonal::{ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValues};
 
 use spinney_base::{Error, Result};
 

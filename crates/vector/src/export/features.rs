@@ -35,6 +35,11 @@ impl<'a> FeatureParts<'a> {
         FeatureParts { parts, kind }
     }
 
+    /// All points of lines and rings.
+    pub(crate) fn corners(&self) -> impl Iterator<Item = &[f64; 2]> {
+        self.parts.iter().flat_map(|part| part.points)
+    }
+
     /// Kind of the geometry, or of the first of a collection.
     pub fn kind(&self) -> GeometryKind {
         self.kind

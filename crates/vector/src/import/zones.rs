@@ -1,13 +1,14 @@
-//! Features whose geometries are polygons, held in memory, as questions about cells in them need them.
+//! Features whose geometries are polygons, as questions about cells in them need them: held in memory, all or some at a time.
 
+use std::borrow::Cow;
 use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
 use super::feature::{
-    AttributeType, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, Wanted, open_with,
-    unknown_attribute,
+    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
+    Wanted, open_with, unknown_attribute,
 };
 use super::filter::FeatureFilter;
 use super::geojson::GeoJson;
@@ -23,52 +24,79 @@ pub struct PolygonLayer {
     /// Names and kinds of the attributes.
     pub attributes: Vec<(String, AttributeType)>,
     /// The features, in the file's order.
-    pub features: Vec<PolygonFeature>,
-    /// Features whose corners have heights or measures, which are read over.
-    pub with_heights: u64,
+    pub features: Vec<Feature>,
+    /// Features of the file before these.
+    pub before: u64,
 }
 
-/// A feature that is a polygon, or several.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PolygonFeature {
-    /// Its id: a text or a number.
-    pub id: Option<Value>,
-    /// Its attributes, in the layer's order.
-    pub attributes: Vec<FeatureAttribute>,
-    /// Parts, each an outer ring and its holes, of corners x, y; none if it has no geometry.
-    pub parts: PolygonParts,
+/// Polygons in cells of trees, of each tree those of all features; `None` of what lies outside of it, or is no polygon.
+pub struct FoundPolygons {
+    /// A list for each tree.
+    pub trees: Vec<Vec<Option<Polygon>>>,
+    /// The reason why that is nothing, if there are polygons and all of them lie outside of all trees.
+    pub outside: Option<Error>,
 }
 
-impl PolygonFeature {
-    /// The polygon in cells of a tree; `None` if it lies outside of it, or has no parts.
-    ///
-    /// # Errors
-    /// If a ring has too few corners, or one that is nowhere.
-    pub fn in_cells(&self, places: &Places) -> Result<Option<Polygon>> {
-        if self.parts.is_empty() {
-            return Ok(None);
+/// Parts of a geometry that is a polygon, or several; none of any other.
+fn parts_of(feature: &Feature) -> Cow<'_, PolygonParts> {
+    match &feature.geometry {
+        Some(FeatureGeometry::Polygons(parts)) => Cow::Borrowed(parts),
+        Some(FeatureGeometry::Collection(members)) => {
+            let mut parts = Vec::new();
+            let is_polygon = members.iter().try_for_each(|member| add_polygons(member, &mut parts)).is_ok();
+            if is_polygon { Cow::Owned(parts) } else { Cow::default() }
         }
-        // (What is wrong with the corners as they came is found before they are brought elsewhere.)
-        Polygon::of_parts(&self.parts)?;
-        let parts = places.parts(&self.parts);
-        if parts.is_empty() { Ok(None) } else { Polygon::of_parts(&parts).map(Some) }
+        _ => Cow::default(),
     }
 }
 
+/// Takes the parts out of a geometry that is a polygon, or several.
+pub(crate) fn take_polygons(geometry: FeatureGeometry, parts: &mut PolygonParts) {
+    match geometry {
+        FeatureGeometry::Polygons(own) => parts.extend(own),
+        FeatureGeometry::Collection(members) => {
+            members.into_iter().for_each(|member| take_polygons(member, parts));
+        }
+        FeatureGeometry::Points(_) | FeatureGeometry::Lines(_) => {}
+    }
+}
+
+/// The polygon in cells of a tree; `None` if it lies outside of it, or has no parts.
+fn in_cells(feature: &Feature, places: &Places) -> Result<Option<Polygon>> {
+    let parts = parts_of(feature);
+    if parts.is_empty() {
+        return Ok(None);
+    }
+    // (What is wrong with the corners as they came is found before they are brought elsewhere.)
+    Polygon::check_parts(&parts)?;
+    let parts = places.parts(&parts);
+    if parts.is_empty() { Ok(None) } else { Polygon::of_parts(&parts).map(Some) }
+}
+
 impl PolygonLayer {
+    /// The parts of all features.
+    pub fn into_parts(self) -> PolygonParts {
+        let mut parts = Vec::new();
+        self.features
+            .into_iter()
+            .filter_map(|feature| feature.geometry)
+            .for_each(|own| take_polygons(own, &mut parts));
+        parts
+    }
+
     /// The place of an attribute among all.
     fn position(&self, name: &str) -> Option<usize> {
         self.attributes.iter().position(|(own, _)| own == name)
     }
 
     /// A feature's value of an attribute; nothing if there is no such attribute.
-    pub fn value<'a>(&self, feature: &'a PolygonFeature, name: &str) -> &'a FeatureAttribute {
+    pub fn value<'a>(&self, feature: &'a Feature, name: &str) -> &'a FeatureAttribute {
         let value = self.position(name).and_then(|place| feature.attributes.get(place));
         value.unwrap_or(&FeatureAttribute::None)
     }
 
     /// A feature's name: the attribute `name`, else the id.
-    pub fn name(&self, feature: &PolygonFeature) -> Option<String> {
+    pub fn name(&self, feature: &Feature) -> Option<String> {
         match self.value(feature, "name") {
             FeatureAttribute::Text(text) => Some(text.clone()),
             number @ (FeatureAttribute::Integer(_) | FeatureAttribute::Number(_)) => Some(number.to_text()),
@@ -126,37 +154,34 @@ impl PolygonLayer {
     /// The polygons in cells of a tree with a picture of so many cells along each axis; `None` of those that lie outside of it.
     ///
     /// # Errors
-    /// Those of [`PolygonFeature::in_cells`], with the feature's number; if there are polygons and all of them lie outside of the tree.
+    /// If a ring has too few corners, or one that is nowhere, with the feature's number; if there are polygons and all of them lie outside of
+    /// the tree.
     pub fn in_cells(&self, places: &Places, extent: [u64; 3]) -> Result<Vec<Option<Polygon>>> {
         let polygons = self.polygons(places)?;
         if self.meets(&polygons, extent) { Ok(polygons) } else { Err(self.outside(places)) }
     }
 
-    /// [`PolygonLayer::in_cells`] of several trees, such as the layers of a file.
+    /// [`PolygonLayer::in_cells`] of several trees, such as the layers of a file, each with its extent. Polygons may lie outside of all of them.
     ///
     /// # Errors
-    /// Those of [`PolygonLayer::in_cells`]; polygons may lie outside of some of the trees, but not of all.
-    pub fn in_cells_of(&self, trees: &[(Places, [u64; 3])]) -> Result<Vec<Vec<Option<Polygon>>>> {
+    /// If a ring has too few corners, or one that is nowhere, with the feature's number.
+    pub fn in_cells_of(&self, trees: &[(Places, [u64; 3])]) -> Result<FoundPolygons> {
         let all = trees.iter().map(|(places, _)| self.polygons(places)).collect::<Result<Vec<_>>>()?;
-        let mut pairs = trees.iter().zip(&all);
-        match trees.first() {
-            Some((places, _)) if !pairs.any(|((_, extent), polygons)| self.meets(polygons, *extent)) => {
-                Err(self.outside(places))
-            }
-            _ => Ok(all),
-        }
+        let is_met = trees.iter().zip(&all).any(|((_, extent), polygons)| self.meets(polygons, *extent));
+        let outside = trees.first().filter(|_| !is_met).map(|(places, _)| self.outside(places));
+        Ok(FoundPolygons { trees: all, outside })
     }
 
     fn polygons(&self, places: &Places) -> Result<Vec<Option<Polygon>>> {
-        let in_cells = |(index, feature): (usize, &PolygonFeature)| {
-            feature.in_cells(places).map_err(|error| match error {
+        let numbered = |(number, feature): (u64, &Feature)| {
+            in_cells(feature, places).map_err(|error| match error {
                 Error::Invalid { what, found, expected } => {
-                    Error::invalid(format!("feature {}: {what}", index + 1), found, expected)
+                    Error::invalid(format!("feature {number}: {what}"), found, expected)
                 }
                 other => other,
             })
         };
-        self.features.iter().enumerate().map(in_cells).collect()
+        (self.before + 1..).zip(&self.features).map(numbered).collect()
     }
 
     /// Whether some of the polygons reach into a picture of so many cells, or there are none.
@@ -165,22 +190,23 @@ impl PolygonLayer {
             let [low, high] = polygon.corners();
             (0..2).all(|axis| high[axis] > 0.0 && low[axis] < extent[axis] as f64)
         };
-        self.features.iter().all(|feature| feature.parts.iter().flatten().flatten().next().is_none())
-            || polygons.iter().flatten().any(is_met)
+        polygons.iter().flatten().any(is_met)
+            || self
+                .features
+                .iter()
+                .all(|feature| parts_of(feature).iter().flatten().flatten().next().is_none())
     }
 
     /// The error that all polygons lie outside of a tree.
     fn outside(&self, places: &Places) -> Error {
-        let corners = || self.features.iter().flat_map(|feature| feature.parts.iter().flatten().flatten());
-        let least = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::INFINITY, f64::min);
-        let most = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::NEG_INFINITY, f64::max);
+        let (mut least, mut most) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let mut swapped = false;
+        for [x, y] in self.features.iter().map(parts_of).flat_map(|parts| parts.concat().concat()) {
+            (least, most) = ([least[0].min(x), least[1].min(y)], [most[0].max(x), most[1].max(y)]);
+            swapped = swapped || places.cell([y, x, 0.0]).is_some_and(|cell| places.is_inside(cell));
+        }
         let system = self.crs.as_ref().map_or("the tree's own system".into(), Crs::to_string);
-        let found = format!(
-            "{} in {system}, all outside of the tree",
-            corners_text([least(0), least(1)], [most(0), most(1)])
-        );
-        let swapped =
-            corners().filter_map(|[x, y]| places.cell([*y, *x, 0.0])).any(|cell| places.is_inside(cell));
+        let found = format!("{} in {system}, all outside of the tree", corners_text(least, most));
         let advice = match swapped {
             true => "x and y of the corners seem to be swapped",
             false => "a member \"crs\" or the option for coordinates says in which system they are",
@@ -201,12 +227,99 @@ fn none_with(filter: &FeatureFilter) -> Error {
 /// that are asked for. All of them must fit into the memory that there may be.
 ///
 /// # Errors
-/// Those of [`open_features`](super::feature::open_features); if the file has anything but polygons, or they need more memory; if there are conditions that hold for none of
-/// them.
+/// Those of [`PolygonReader`]; if they need more memory.
 pub fn read_polygons(path: &Path, options: &FeatureOptions) -> Result<PolygonLayer> {
-    let layer = collect(&mut *open_with(path, options, Some("name"))?, path, options.memory)?;
-    let is_empty = layer.features.is_empty() && !options.filter.conditions.is_empty();
-    if is_empty { Err(none_with(&options.filter)) } else { Ok(layer) }
+    let mut reader = PolygonReader::open(path, options)?;
+    let layer = reader.next_layer()?.unwrap_or_else(|| reader.layer());
+    match reader.held {
+        None => Ok(layer),
+        Some((_, needed)) => Err(Error::TooLarge {
+            path: path.into(),
+            what: format!("what the first {} features are", reader.count),
+            needed: reader.needed + needed,
+            limit: options.memory,
+            advice: "allow more, or give the polygons in several files".into(),
+        }),
+    }
+}
+
+/// The polygons of a file of any format that [`open_features`](super::feature::open_features) reads, as many at a time as fit into memory, with the
+/// attribute `name` besides those that are asked for.
+pub struct PolygonReader {
+    reader: Box<dyn FeatureReader>,
+    path: PathBuf,
+    options: FeatureOptions,
+    /// A feature that memory had no room for, and the bytes that it needs.
+    held: Option<(Feature, u64)>,
+    /// Features that were read.
+    count: u64,
+    /// Bytes that the last ones need.
+    needed: u64,
+}
+
+impl PolygonReader {
+    /// Opens a file. The features that are held at a time fit into the memory of the options, unless a single one does not.
+    ///
+    /// # Errors
+    /// Those of [`open_features`](super::feature::open_features).
+    pub fn open(path: &Path, options: &FeatureOptions) -> Result<PolygonReader> {
+        let reader = open_with(path, options, Some("name"))?;
+        Ok(PolygonReader::of(reader, path, options))
+    }
+
+    fn of(reader: Box<dyn FeatureReader>, path: &Path, options: &FeatureOptions) -> PolygonReader {
+        let (path, options) = (path.into(), options.clone());
+        PolygonReader { reader, path, options, held: None, count: 0, needed: 0 }
+    }
+
+    /// Description of the layer.
+    pub fn schema(&self) -> &FeatureSchema {
+        self.reader.schema()
+    }
+
+    /// Features that were read: all that were handed out, and one more if it waits.
+    fn layer(&self) -> PolygonLayer {
+        let FeatureSchema { crs, attributes, .. } = self.schema();
+        let before = self.count - u64::from(self.held.is_some());
+        PolygonLayer { crs: crs.clone(), attributes: attributes.clone(), features: Vec::new(), before }
+    }
+
+    /// The next features: one at least; `None` behind the last.
+    ///
+    /// # Errors
+    /// Those of [`FeatureReader::next`]; if a feature is no polygon and others are not taken; if there are conditions that hold for no feature.
+    pub fn next_layer(&mut self) -> Result<Option<PolygonLayer>> {
+        let mut layer = self.layer();
+        self.needed = 0;
+        if let Some((feature, needed)) = self.held.take() {
+            layer.features.push(feature);
+            self.needed = needed;
+        }
+        while let Some(feature) = self.reader.next()? {
+            self.count += 1;
+            self.check(&feature)?;
+            let needed = bytes_of(&feature);
+            if self.needed + needed > self.options.memory && !layer.features.is_empty() {
+                self.held = Some((feature, needed));
+                return Ok(Some(layer));
+            }
+            self.needed += needed;
+            layer.features.push(feature);
+        }
+        match &self.options.filter {
+            filter if self.count == 0 && !filter.conditions.is_empty() => Err(none_with(filter)),
+            _ => Ok((!layer.features.is_empty()).then_some(layer)),
+        }
+    }
+
+    /// Fails if a feature is no polygon.
+    fn check(&self, feature: &Feature) -> Result<()> {
+        let Some(geometry) = &feature.geometry else { return Ok(()) };
+        kind_of_others(geometry).map_or(Ok(()), |kind| {
+            let found = format!("feature {}, a geometry of type `{kind}`, as a zone", self.count);
+            Err(Error::unsupported(&self.path, found, "zones are polygons: make some around it first"))
+        })
+    }
 }
 
 /// Reads the polygons of a GeoJSON text.
@@ -219,7 +332,10 @@ pub fn parse_polygons(text: &str) -> Result<PolygonLayer> {
     // (A copy, since readers go over files and keep nothing.)
     let input = Box::new(Cursor::new(text.as_bytes().to_vec()));
     let reader = GeoJson::open(input, path, &options, &mut Wanted::new(&options, None));
-    let layer = reader.and_then(|mut reader| collect(&mut reader, path, u64::MAX));
+    let layer = reader.and_then(|reader| {
+        let mut reader = PolygonReader::of(Box::new(reader), path, &options);
+        Ok(reader.next_layer()?.unwrap_or_else(|| reader.layer()))
+    });
     layer.map_err(|error| match error {
         Error::Corrupt { place, found, expected, .. } => Error::invalid(place, found, expected),
         Error::Unsupported { found, advice, .. } => Error::invalid("GeoJSON", found, advice),
@@ -233,64 +349,47 @@ const BYTES_OF_RING: u64 = 128;
 const BYTES_OF_VALUE: u64 = 32;
 const BYTES_OF_FEATURE: u64 = 256;
 
-fn collect(reader: &mut dyn FeatureReader, path: &Path, memory: u64) -> Result<PolygonLayer> {
-    let schema = reader.schema();
-    let mut layer = PolygonLayer {
-        crs: schema.crs.clone(),
-        attributes: schema.attributes.clone(),
-        features: Vec::new(),
-        with_heights: 0,
-    };
-    let mut needed = 0u64;
-    while let Some(feature) = reader.next()? {
-        let number = layer.features.len() + 1;
-        layer.with_heights += u64::from(feature.has_heights);
-        let mut parts = Vec::new();
-        if let Some(geometry) = feature.geometry {
-            polygons_of(geometry, &mut parts).map_err(|kind| {
-                let found = format!("feature {number}, a geometry of type `{kind}`,");
-                Error::unsupported(
-                    path,
-                    format!("{found} as a zone"),
-                    "zones are polygons: make some around it first",
-                )
-            })?;
+/// Bytes that a feature needs.
+fn bytes_of(feature: &Feature) -> u64 {
+    fn of_geometry(geometry: &FeatureGeometry) -> u64 {
+        let of_line = |line: &Vec<[f64; 2]>| BYTES_OF_RING + line.len() as u64 * BYTES_OF_CORNER;
+        match geometry {
+            FeatureGeometry::Points(points) => points.len() as u64 * BYTES_OF_CORNER,
+            FeatureGeometry::Lines(lines) => lines.iter().map(of_line).sum(),
+            FeatureGeometry::Polygons(parts) => parts.iter().flatten().map(of_line).sum(),
+            FeatureGeometry::Collection(members) => members.iter().map(of_geometry).sum(),
         }
-        let rings = || parts.iter().flatten();
-        let texts = feature.attributes.iter().map(|value| match value {
-            FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => text.capacity() as u64,
-            _ => 0,
-        });
-        needed += BYTES_OF_FEATURE
-            + rings().count() as u64 * BYTES_OF_RING
-            + rings().map(|ring| ring.len() as u64 * BYTES_OF_CORNER).sum::<u64>()
-            + feature.attributes.len() as u64 * BYTES_OF_VALUE
-            + texts.sum::<u64>();
-        if needed > memory {
-            return Err(Error::TooLarge {
-                path: path.into(),
-                what: format!("what the first {number} features are"),
-                needed,
-                limit: memory,
-                advice: "allow more, or give the polygons in several files".into(),
-            });
-        }
-        layer.features.push(PolygonFeature { id: feature.id, attributes: feature.attributes, parts });
     }
-    Ok(layer)
+    let texts = feature.attributes.iter().map(|value| match value {
+        FeatureAttribute::Text(text) | FeatureAttribute::Json(text) => text.capacity() as u64,
+        _ => 0,
+    });
+    BYTES_OF_FEATURE
+        + feature.geometry.as_ref().map_or(0, of_geometry)
+        + feature.attributes.len() as u64 * BYTES_OF_VALUE
+        + texts.sum::<u64>()
 }
 
-/// Adds the parts of polygons; or what else a geometry is.
-fn polygons_of(geometry: FeatureGeometry, parts: &mut PolygonParts) -> Result<(), &'static str> {
+/// Adds the parts of polygons; fails if a geometry is anything else.
+fn add_polygons(geometry: &FeatureGeometry, parts: &mut PolygonParts) -> Result<(), ()> {
     match geometry {
-        FeatureGeometry::Polygons(own) => parts.extend(own),
+        FeatureGeometry::Polygons(own) => parts.extend(own.iter().cloned()),
         FeatureGeometry::Collection(members) => {
-            members.into_iter().try_for_each(|member| polygons_of(member, parts))?;
+            members.iter().try_for_each(|member| add_polygons(member, parts))?;
         }
-        FeatureGeometry::Points(_) => return Err("Point"),
-        FeatureGeometry::Lines(_) => return Err("LineString"),
+        FeatureGeometry::Points(_) | FeatureGeometry::Lines(_) => return Err(()),
     }
     Ok(())
+}
+
+/// What a geometry is that is no polygon.
+fn kind_of_others(geometry: &FeatureGeometry) -> Option<&'static str> {
+    match geometry {
+        FeatureGeometry::Polygons(_) => None,
+        FeatureGeometry::Collection(members) => members.iter().find_map(kind_of_others),
+        FeatureGeometry::Points(_) => Some("Point"),
+        FeatureGeometry::Lines(_) => Some("LineString"),
+    }
 }
 
 #[cfg(test)]
@@ -309,7 +408,7 @@ mod tests {
         let polygon = format!(r#"{{"type":"Polygon","coordinates":[{square}]}}"#);
         let found = parse_polygons(&polygon).unwrap();
         let first = &found.features[0];
-        assert_eq!((found.features.len(), first.parts.len(), found.name(first)), (1, 1, None));
+        assert_eq!((found.features.len(), parts_of(first).len(), found.name(first)), (1, 1, None));
         assert_eq!(found.coordinates(), Coordinates::LONLAT);
         let multi = format!(r#"{{"type":"MultiPolygon","coordinates":[[{square}],[{square},{square}]]}}"#);
         let feature = |properties: &str, geometry: &str| {
@@ -320,19 +419,19 @@ mod tests {
         let all = format!(r#"{{"type":"FeatureCollection","features":[{first},{second},{third}]}}"#);
         let layer = parse_polygons(&format!("\u{feff}{all}")).unwrap();
         let found = &layer.features;
-        let told = found.iter().map(|feature| (layer.name(feature), feature.parts.len()));
+        let told = found.iter().map(|feature| (layer.name(feature), parts_of(feature).len()));
         let seven = || Some("7".into());
         assert_eq!(told.collect::<Vec<_>>(), [(Some("A".into()), 2), (seven(), 1), (seven(), 0)]);
         assert_eq!(
             (layer.value(&found[0], "area"), &found[0].id),
             (&FeatureAttribute::Number(1.5), &Some(7.into()))
         );
-        assert_eq!(found[0].parts[1].len(), 2);
+        assert_eq!(parts_of(&found[0])[1].len(), 2);
         let frame = Frame::planar([2.0, 0.0, 100.0, 0.0, -2.0, 50.0]);
         let places = Places::new(&Coordinates::World, &frame, [10, 10, 1]).unwrap();
-        let cells = found[1].in_cells(&places).unwrap().unwrap();
+        let cells = in_cells(&found[1], &places).unwrap().unwrap();
         assert_eq!(cells.corners(), [[-50.0, 23.0], [-48.0, 25.0]]);
-        assert!(found[2].in_cells(&places).unwrap().is_none());
+        assert!(in_cells(&found[2], &places).unwrap().is_none());
         for wrong in [
             "",
             "{}",

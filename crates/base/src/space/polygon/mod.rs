@@ -49,8 +49,7 @@ impl Polygon {
     /// # Errors
     /// If a ring has less than three corners, or one that is not finite.
     pub fn new(rings: &[Vec<[f64; 2]>]) -> Result<Polygon> {
-        let is_turned = vec![false; rings.len()];
-        Polygon::of_rings(rings, &is_turned)
+        Polygon::of_rings(&rings.iter().map(|ring| (ring, false)).collect::<Vec<_>>())
     }
 
     /// The polygon of several parts that have nothing in common, each an outer ring and its holes. (Rings may run in either
@@ -58,39 +57,57 @@ impl Polygon {
     ///
     /// # Errors
     /// Those of [`Polygon::new`].
-    pub fn of_parts(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<Polygon> {
-        let (mut rings, mut is_turned) = (Vec::new(), Vec::new());
-        for part in parts {
-            for (index, ring) in part.iter().enumerate() {
-                is_turned.push((signed_area(ring) < 0.0) != (index > 0));
-                rings.push(ring.clone());
+    pub fn of_parts<'a>(parts: &'a [Vec<Vec<[f64; 2]>>]) -> Result<Polygon> {
+        let of_part = |part: &'a Vec<Vec<[f64; 2]>>| {
+            part.iter().enumerate().map(|(index, ring)| (ring, (signed_area(ring) < 0.0) != (index > 0)))
+        };
+        Polygon::of_rings(&parts.iter().flat_map(of_part).collect::<Vec<_>>())
+    }
+
+    /// Fails if parts are none of a polygon, as [`Polygon::of_parts`].
+    ///
+    /// # Errors
+    /// Those of [`Polygon::new`].
+    pub fn check_parts(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<()> {
+        Polygon::check_rings(&mut parts.iter().flatten())
+    }
+
+    fn check_rings(rings: &mut dyn Iterator<Item = &Vec<[f64; 2]>>) -> Result<()> {
+        let mut count = 0;
+        for ring in rings {
+            if ring.len() < 3 {
+                return Err(Error::invalid("polygon", "a ring of less than three corners", "three or more"));
             }
+            if ring.iter().flatten().any(|number| !number.is_finite()) {
+                return Err(Error::invalid("polygon", "a corner that is not finite", "numbers"));
+            }
+            count += 1;
         }
-        Polygon::of_rings(&rings, &is_turned)
+        if count == 0 { Err(Error::invalid("polygon", "no ring", "one or more")) } else { Ok(()) }
     }
 
     /// The polygon of rings, each of which may have to be gone round in the other direction.
-    fn of_rings(rings: &[Vec<[f64; 2]>], is_turned: &[bool]) -> Result<Polygon> {
-        let corners = || rings.iter().flatten();
-        if rings.is_empty() || rings.iter().any(|ring| ring.len() < 3) {
-            return Err(Error::invalid("polygon", "a ring of less than three corners", "three or more"));
+    fn of_rings(rings: &[(&Vec<[f64; 2]>, bool)]) -> Result<Polygon> {
+        Polygon::check_rings(&mut rings.iter().map(|(ring, _)| *ring))?;
+        let (mut least, mut most) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let mut edges: Vec<Edge> = Vec::with_capacity(rings.iter().map(|(ring, _)| ring.len()).sum());
+        for (ring, is_turned) in rings {
+            let mut before = ring[ring.len() - 1];
+            for corner in ring.iter() {
+                for axis in 0..2 {
+                    least[axis] = least[axis].min(corner[axis]);
+                    most[axis] = most[axis].max(corner[axis]);
+                }
+                edges.push(if *is_turned { [*corner, before] } else { [before, *corner] });
+                before = *corner;
+            }
         }
-        if corners().flatten().any(|number| !number.is_finite()) {
-            return Err(Error::invalid("polygon", "a corner that is not finite", "numbers"));
-        }
-        let least = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::INFINITY, f64::min);
-        let most = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::NEG_INFINITY, f64::max);
-        let (low, high) = (least(1), most(1));
-        let mut edges = Vec::with_capacity(corners().count());
-        for (ring, is_turned) in rings.iter().zip(is_turned) {
-            let ends = ring.iter().zip(ring.iter().cycle().skip(1));
-            edges.extend(ends.map(|(a, b)| if *is_turned { [*b, *a] } else { [*a, *b] }));
-        }
+        let ([left, low], [right, high]) = (least, most);
         if u32::try_from(edges.len()).is_err() {
             return Err(Error::invalid("polygon", format!("{} corners", edges.len()), "less than 2^32"));
         }
         let mut polygon =
-            Polygon { edges, passing: Vec::new(), ends: Vec::new(), low, high, sides: [least(0), most(0)] };
+            Polygon { edges, passing: Vec::new(), ends: Vec::new(), low, high, sides: [left, right] };
         // (No more than rows, and than edges.)
         let mut bands = (high - low).ceil().clamp(1.0, BANDS.min(polygon.edges.len()) as f64) as usize;
         loop {
@@ -190,6 +207,14 @@ impl Polygon {
     fn has(&self, [x, y]: [f64; 2]) -> bool {
         let edges = self.edges_in(self.bands(y, y));
         edges.filter_map(|edge| crossing(edge, y)).filter(|at| x < *at).count() % 2 == 1
+    }
+
+    /// All of its area, in cells. Exact but for rounding, if rings do not cross each other.
+    pub fn whole_area(&self) -> f64 {
+        let Some([[x, y], _]) = self.edges.first() else { return 0.0 };
+        // (From a corner, so that less is lost of what is small and far away.)
+        let twice = |[a, b]: &Edge| (a[0] - x) * (b[1] - y) - (b[0] - x) * (a[1] - y);
+        self.edges.iter().map(twice).sum::<f64>().abs() / 2.0
     }
 
     /// Area of a box of cells that is inside, in cells. Exact but for rounding, if rings do not cross each other.

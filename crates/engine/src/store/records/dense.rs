@@ -307,17 +307,6 @@ impl<'r> DenseBlock<'r> {
         }
     }
 
-    /// [`DenseBlock::each_leaf_in`] where there are few of them: values of any type.
-    pub(crate) fn each_leaf(&self, (first, size): ([usize; 3], [usize; 3]), leaf: &mut dyn FnMut(Value)) {
-        for z in first[2]..first[2] + size[2] {
-            for y in first[1]..first[1] + size[1] {
-                let start = self.index(self.levels, [first[0], y, z]);
-                let leaves = (start..start + size[0]).filter(|at| self.bottom_state(*at) == LEAF);
-                leaves.for_each(|at| leaf(self.value(self.levels, at)));
-            }
-        }
-    }
-
     /// Shows the values of all bottom nodes in a box, row by row, whatever their states.
     #[inline]
     pub(crate) fn rows_in<R: Record>(

@@ -1,0 +1,140 @@
+//! Cells in a polygon: how it has those of a node, and their shares, found once for all trees of a grid.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::ops::Range;
+
+use super::super::walk::Selection;
+use spinney_base::space::{Bounds, Cover, Crossings, EdgeRule, Polygon};
+
+/// The cells of a picture in a polygon.
+pub(super) struct ZoneCells<'a> {
+    pub(super) polygon: &'a Polygon,
+    pub(super) rule: EdgeRule,
+    pub(super) picture: Bounds,
+    /// Findings for other trees of the grid, if there are any.
+    pub(super) found: Option<RefCell<FoundCells>>,
+}
+
+/// Findings about the cells in a polygon, by first column and row, columns and rows of nodes.
+#[derive(Default)]
+pub(super) struct FoundCells {
+    covers: HashMap<[u64; 4], Cover>,
+    measures: HashMap<[u64; 4], f64>,
+    spans: HashMap<[u64; 4], Vec<Span>>,
+    /// Spans of all of them.
+    count: usize,
+}
+
+/// Cells of a row, and the share of each that counts.
+type Span = (u64, Range<u64>, f64);
+
+/// Entries of each kind that are remembered.
+const MOST_FOUND: usize = 1 << 16;
+
+/// A node's place among what was found.
+fn area_of(bounds: &Bounds) -> [u64; 4] {
+    let ([x, y, _], [columns, rows, _]) = (bounds.min, bounds.size());
+    [x, y, columns, rows]
+}
+
+impl ZoneCells<'_> {
+    /// A finding of before; else it is found now.
+    fn find<T: Copy>(
+        &self,
+        bounds: &Bounds,
+        kind: fn(&mut FoundCells) -> &mut HashMap<[u64; 4], T>,
+        find: impl FnOnce() -> T,
+    ) -> T {
+        let Some(known) = &self.found else { return find() };
+        let area = area_of(bounds);
+        if let Some(found) = kind(&mut known.borrow_mut()).get(&area) {
+            return *found;
+        }
+        let found = find();
+        let (mut known, room) = (known.borrow_mut(), MOST_FOUND);
+        let of_kind = kind(&mut known);
+        if of_kind.len() < room {
+            of_kind.insert(area, found);
+        }
+        found
+    }
+
+    /// Cells of a box that are inside.
+    pub(super) fn measure(&self, bounds: &Bounds, crossings: &mut Crossings) -> f64 {
+        // (A polygon goes through all of an octree along z.)
+        let layers = (bounds.max[2] - bounds.min[2]) as f64;
+        let measure = || match self.rule {
+            EdgeRule::Centre => self.polygon.count_centres(bounds, crossings) as f64,
+            EdgeRule::Touch => self.polygon.count_touched(bounds, crossings) as f64,
+            EdgeRule::Area => self.polygon.area(bounds),
+        };
+        layers * self.find(bounds, |found| &mut found.measures, measure)
+    }
+
+    /// The area outside of the picture, in cells.
+    pub(super) fn outside(&self) -> f64 {
+        let [low, high] = self.polygon.corners();
+        let max = self.picture.max;
+        if (0..2).all(|axis| low[axis] >= 0.0 && high[axis] <= max[axis] as f64) {
+            return 0.0;
+        }
+        let (all, layers) = (self.polygon.whole_area(), max[2] as f64);
+        let outside = all - self.polygon.area(&self.picture);
+        // (Rounding leaves some of nothing.)
+        if outside > 1e-9 * all { outside * layers } else { 0.0 }
+    }
+
+    /// Hands out the columns, row by row, of a box's cells that count, and the share of each that does.
+    pub(super) fn spans(
+        &self,
+        bounds: &Bounds,
+        crossings: &mut Crossings,
+        each: &mut dyn FnMut(u64, Range<u64>, f64),
+    ) {
+        let mut spans = |each: &mut dyn FnMut(u64, Range<u64>, f64)| match self.rule {
+            EdgeRule::Centre => self.polygon.spans(bounds, crossings, &mut |row, span| each(row, span, 1.0)),
+            EdgeRule::Touch => {
+                self.polygon.touched_spans(bounds, crossings, &mut |row, span| each(row, span, 1.0));
+            }
+            EdgeRule::Area => self.polygon.shares(bounds, crossings, each),
+        };
+        let Some(found) = &self.found else { return spans(each) };
+        let area = area_of(bounds);
+        let mut found = found.borrow_mut();
+        if let Some(known) = found.spans.get(&area) {
+            return known.iter().for_each(|(row, span, share)| each(*row, span.clone(), *share));
+        }
+        if found.count >= MOST_FOUND {
+            return spans(each);
+        }
+        let mut list = Vec::new();
+        spans(&mut |row, span, share| {
+            each(row, span.clone(), share);
+            list.push((row, span, share));
+        });
+        found.count += list.len();
+        found.spans.insert(area, list);
+    }
+
+    fn cover_of(&self, space: &Bounds) -> Cover {
+        match self.rule {
+            EdgeRule::Centre => self.polygon.cover_centres(space),
+            EdgeRule::Touch | EdgeRule::Area => self.polygon.cover_area(space),
+        }
+    }
+}
+
+impl Selection for ZoneCells<'_> {
+    fn cover(&self, space: &Bounds) -> Cover {
+        // What lies outside the picture is VOID, and does not count.
+        if self.picture.intersect(space).is_empty() {
+            return Cover::Nothing;
+        }
+        self.find(space, |found| &mut found.covers, || self.cover_of(space))
+    }
+
+    fn part(&self, space: &Bounds) -> Bounds {
+        *space
+    }
+}

@@ -1,0 +1,369 @@
+//! Cells of each sample in a zone, of any type and in bounded memory, and what they tell.
+
+use zerocopy::IntoBytes;
+
+use super::AddDense;
+use super::request::{ZonalRequest, ZoneValues};
+use crate::store::records::dense::DenseBlock;
+use crate::store::records::subtree::{BadSkip, each_leaf};
+use crate::store::records::{Record, RecordLayout, with_record_type};
+use spinney_base::io::Sorter;
+use spinney_base::sort;
+use spinney_base::value::{Number, Sample, Tally, Value, ValueType, with_sample_type};
+use spinney_base::{Form, Result};
+
+/// Cells of each sample of each channel of a zone.
+pub(super) struct Values {
+    value_type: ValueType,
+    channels: Vec<Channel>,
+    /// A sample's key, and the sample that has one: see [`Sample::order_key`].
+    key: fn(&[u8]) -> u64,
+    number: fn(u64) -> Number,
+    subtree: fn(&mut Values, &[u8], u8) -> Result<(), BadSkip>,
+    dense: AddDense<Values>,
+    /// The first error of a temporary file.
+    failed: Result<()>,
+}
+
+/// Cells of each sample of a channel.
+struct Channel {
+    /// Cells of samples in any order, many times the same; the first of them are in order, and each is there once.
+    entries: Vec<Entry>,
+    /// Entries at which the same ones are put together.
+    limit: usize,
+    /// Entries that memory has room for.
+    most: usize,
+    /// Cells of each key, once there are many samples of at most two bytes: no more keys than that.
+    table: Vec<f64>,
+    /// Bits of a sample.
+    bits: usize,
+    /// What memory has no room for.
+    sorter: Option<Sorter>,
+}
+
+/// A key, and cells.
+type Entry = (u64, f64);
+
+/// Entries that are collected before the same ones are put together.
+const FEW: usize = 1 << 12;
+
+impl Values {
+    /// No cells yet, of trees of a form; for `memory` bytes.
+    pub(super) fn new(form: Form, memory: u64) -> Values {
+        let value_type = form.value;
+        let bits = 8 * value_type.sample.size();
+        let channels = u64::from(value_type.channels);
+        let most = (memory / channels / ENTRY_BYTES).clamp(FEW as u64, u64::from(u32::MAX)) as usize;
+        let channel = |_| Channel {
+            entries: Vec::new(),
+            limit: FEW,
+            most,
+            table: if bits == 8 { vec![0.0; 1 << bits] } else { Vec::new() },
+            bits,
+            sorter: None,
+        };
+        Values {
+            value_type,
+            channels: (0..channels).map(channel).collect(),
+            key: with_sample_type!(value_type.sample, S => key_of::<S>),
+            number: with_sample_type!(value_type.sample, S => number_of::<S>),
+            subtree: with_record_type!(RecordLayout::new(form), R => add_subtree::<R>),
+            dense: with_record_type!(RecordLayout::new(form), R => add_dense::<R>),
+            failed: Ok(()),
+        }
+    }
+
+    /// Adds cells of a value.
+    pub(super) fn block(&mut self, value: Value, cells: f64) {
+        self.add(&value.to_bytes(), cells);
+    }
+
+    /// Adds all cells of a zone; `false` if its tally does not tell enough.
+    pub(super) fn zone(&mut self, tally: &Tally) -> bool {
+        let is_one = tally.min == tally.max && !self.value_type.is_masked();
+        if is_one && tally.cells > 0 {
+            self.block(tally.min, tally.cells as f64);
+        }
+        is_one || tally.cells == 0
+    }
+
+    /// Adds all cells of a subtree of so many levels, given its records.
+    ///
+    /// # Errors
+    /// If skips or states contradict each other.
+    pub(super) fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip> {
+        (self.subtree)(self, records, levels)
+    }
+
+    /// Adds the cells of a dense block in a box, each as such a share of it.
+    pub(super) fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]), share: f64) {
+        (self.dense)(self, block, part, share);
+    }
+
+    /// Adds cells of a value, given its bytes.
+    #[inline]
+    fn add(&mut self, bytes: &[u8], cells: f64) {
+        let size = self.value_type.sample.size();
+        if !self.value_type.is_masked() {
+            for (channel, sample) in self.channels.iter_mut().zip(bytes.chunks_exact(size)) {
+                channel.add((self.key)(sample), cells, &mut self.failed);
+            }
+            return;
+        }
+        let present = self.value_type.present(Value::from_bytes(&bytes[..self.value_type.size()]));
+        let samples = self.channels.iter_mut().zip(bytes.chunks_exact(size));
+        for ((channel, sample), _) in samples.zip(present).filter(|(_, is_there)| *is_there) {
+            channel.add((self.key)(sample), cells, &mut self.failed);
+        }
+    }
+
+    /// What the cells of each channel tell, of which there are so many.
+    ///
+    /// # Errors
+    /// If temporary files cannot be used.
+    pub(super) fn finish(self, cells: &[f64], request: &ZonalRequest) -> Result<Vec<Option<ZoneValues>>> {
+        self.failed?;
+        let number = self.number;
+        let channels = self.channels.into_iter().zip(cells);
+        channels.map(|(channel, cells)| channel.finish(number, *cells, request)).collect()
+    }
+}
+
+/// Bytes of an entry, in memory, while entries are sorted and when they move to a larger place.
+const ENTRY_BYTES: u64 = 64;
+
+fn key_of<S: Sample>(bytes: &[u8]) -> u64 {
+    S::read(bytes).order_key()
+}
+
+fn number_of<S: Sample>(key: u64) -> Number {
+    S::from_order_key(key).to_number()
+}
+
+fn add_subtree<R: Record>(values: &mut Values, records: &[u8], levels: u8) -> Result<(), BadSkip> {
+    each_leaf(R::of(records), levels, |bytes, cells| values.add(bytes.as_bytes(), cells as f64))
+}
+
+fn add_dense<R: Record>(
+    values: &mut Values,
+    block: &DenseBlock<'_>,
+    part: ([usize; 3], [usize; 3]),
+    share: f64,
+) {
+    block.each_leaf_in::<R>(part, &mut |bytes| values.add(bytes.as_bytes(), share));
+}
+
+impl Channel {
+    #[inline]
+    fn add(&mut self, key: u64, cells: f64, failed: &mut Result<()>) {
+        if let Some(known) = self.table.get_mut(key as usize) {
+            *known += cells;
+            return;
+        }
+        match self.entries.last_mut() {
+            // (Neighbours are alike.)
+            Some(last) if last.0 == key => last.1 += cells,
+            _ => self.push(key, cells, failed),
+        }
+    }
+
+    #[inline(never)]
+    fn push(&mut self, key: u64, cells: f64, failed: &mut Result<()>) {
+        if self.entries.len() >= self.limit
+            && let Err(error) = self.make_room()
+        {
+            // (Nothing is asked of what is lost.)
+            self.entries.clear();
+            *failed = Err(error);
+        }
+        match self.table.get_mut(key as usize) {
+            Some(known) => *known += cells,
+            None => self.entries.push((key, cells)),
+        }
+    }
+
+    /// Puts the same samples together, in a table if there can be few of them. What then is still more than half of what memory has room for
+    /// goes to temporary files.
+    fn make_room(&mut self) -> Result<()> {
+        if self.bits <= 16 {
+            self.table = vec![0.0; 1 << self.bits];
+            for (key, cells) in self.entries.drain(..) {
+                self.table[key as usize] += cells;
+            }
+            return Ok(());
+        }
+        self.put_together();
+        if self.entries.len() > self.most / 2 {
+            let memory = self.most as u64 / 4 * ENTRY_BYTES;
+            let sorter =
+                self.sorter.get_or_insert_with(|| Sorter::new(&std::env::temp_dir(), ITEM_BYTES, memory));
+            for (key, cells) in self.entries.drain(..) {
+                sorter.push(key, item_of(key, cells))?;
+            }
+        }
+        // (Room for as many new ones as there are, so that the time of sorting stays small.)
+        self.limit = (2 * self.entries.len()).clamp(FEW, self.most);
+        Ok(())
+    }
+
+    fn put_together(&mut self) {
+        sort::by_key(&mut self.entries, |entry| entry.0);
+        self.entries.dedup_by(|next, entry| {
+            let is_same = next.0 == entry.0;
+            if is_same {
+                entry.1 += next.1;
+            }
+            is_same
+        });
+    }
+
+    /// What the samples of so many cells tell.
+    fn finish(
+        mut self,
+        number: fn(u64) -> Number,
+        all: f64,
+        request: &ZonalRequest,
+    ) -> Result<Option<ZoneValues>> {
+        let mut told = Told::new(all, request);
+        if !self.table.is_empty() {
+            let counted = (0..).zip(&self.table).filter(|(_, cells)| **cells > 0.0);
+            counted.for_each(|(key, cells)| told.add(number(key), *cells));
+            return Ok(told.finish());
+        }
+        self.put_together();
+        let Some(mut sorter) = self.sorter else {
+            self.entries.iter().for_each(|(key, cells)| told.add(number(*key), *cells));
+            return Ok(told.finish());
+        };
+        for (key, cells) in std::mem::take(&mut self.entries) {
+            sorter.push(key, item_of(key, cells))?;
+        }
+        sorter.finish(&mut |item| {
+            let (key, cells) = entry_of(item);
+            told.add(number(key), cells);
+            Ok(())
+        })?;
+        Ok(told.finish())
+    }
+}
+
+/// Bytes of an entry in a temporary file.
+const ITEM_BYTES: usize = 16;
+
+fn item_of(key: u64, cells: f64) -> Vec<u8> {
+    [key.to_le_bytes(), cells.to_bits().to_le_bytes()].concat()
+}
+
+fn entry_of(item: &[u8]) -> Entry {
+    let word = |at: usize| u64::from_le_bytes(std::array::from_fn(|byte| item[at + byte]));
+    (word(0), f64::from_bits(word(8)))
+}
+
+/// What the cells of each class tell, which come by ascending class.
+pub(super) fn of_classes(classes: &[(Number, f64)], request: &ZonalRequest) -> Option<ZoneValues> {
+    let mut told = Told::new(classes.iter().map(|(_, cells)| *cells).sum(), request);
+    classes.iter().for_each(|(class, cells)| told.add(*class, *cells));
+    told.finish()
+}
+
+/// What samples tell that come in order.
+struct Told {
+    values: ZoneValues,
+    /// Cells of the majority and of the minority.
+    most: f64,
+    fewest: f64,
+    /// The sample that came last, and its cells: the next may be the same (-0.0 and 0, or parts of one in temporary files).
+    last: Option<(Number, f64)>,
+    /// Cells of all samples before the last.
+    before: f64,
+    /// Quantiles by where they begin, the median among them.
+    windows: Vec<Window>,
+    /// Windows that end before the last sample's cells.
+    done: usize,
+}
+
+/// What sums of shares are off by, at most, compared with them.
+const ROUNDING: f64 = 1e-12;
+
+/// What a quantile is the mean of.
+struct Window {
+    /// The number of the quantile; `None` for the median.
+    number: Option<usize>,
+    /// First and last of its cells.
+    from: f64,
+    to: f64,
+    /// The first sample in it, the other ones' differences from that, and cells.
+    first: f64,
+    more: f64,
+    cells: f64,
+}
+
+impl Told {
+    /// Nothing yet, of so many cells.
+    fn new(all: f64, request: &ZonalRequest) -> Told {
+        let window = |number: Option<usize>, quantile: f64| {
+            let from = (quantile * (all - 1.0)).max(0.0);
+            let to = (from + 1.0).min(all.max(f64::MIN_POSITIVE));
+            Window { number, from, to, first: f64::NAN, more: 0.0, cells: 0.0 }
+        };
+        let asked = (0..).zip(&request.quantiles).map(|(number, quantile)| window(Some(number), *quantile));
+        let mut windows: Vec<Window> = asked.chain([window(None, 0.5)]).collect();
+        sort::by(&mut windows, &mut |a, b| a.from.total_cmp(&b.from));
+        let quantiles = vec![f64::NAN; request.quantiles.len()];
+        let values = ZoneValues { quantiles, ..ZoneValues::default() };
+        Told { values, most: 0.0, fewest: f64::INFINITY, last: None, before: 0.0, windows, done: 0 }
+    }
+
+    /// Adds cells of a sample that is not less than those before.
+    fn add(&mut self, sample: Number, cells: f64) {
+        match &mut self.last {
+            Some((last, more)) if *last == sample.with_plain_zero() => *more += cells,
+            _ => {
+                self.end();
+                self.last = Some((sample.with_plain_zero(), cells));
+            }
+        }
+    }
+
+    /// Counts the last sample, of which all cells are there.
+    fn end(&mut self) {
+        let Some((sample, cells)) = self.last.take() else { return };
+        self.values.variety += 1;
+        // (As many but for rounding are as many.)
+        if cells > self.most * (1.0 + ROUNDING) {
+            (self.most, self.values.majority) = (cells, sample);
+        }
+        if cells < self.fewest * (1.0 - ROUNDING) {
+            (self.fewest, self.values.minority) = (cells, sample);
+        }
+        let (from, to, sample) = (self.before, self.before + cells, sample.to_f64());
+        while self.windows.get(self.done).is_some_and(|window| window.to <= from) {
+            self.done += 1;
+        }
+        // (All are equally long, so that they end in the order in which they begin.)
+        let windows = self.windows[self.done..].iter_mut().take_while(|window| window.from < to);
+        for window in windows {
+            let inside = window.to.min(to) - window.from.max(from);
+            if window.cells == 0.0 {
+                window.first = sample;
+            } else if sample != window.first {
+                window.more += (sample - window.first) * inside;
+            }
+            window.cells += inside;
+        }
+        self.before = to;
+    }
+
+    /// What was told; nothing if there were no samples.
+    fn finish(mut self) -> Option<ZoneValues> {
+        self.end();
+        for window in &self.windows {
+            let quantile = window.first + window.more / window.cells;
+            match window.number {
+                Some(number) => self.values.quantiles[number] = quantile,
+                None => self.values.median = quantile,
+            }
+        }
+        (self.values.variety > 0).then_some(self.values)
+    }
+}

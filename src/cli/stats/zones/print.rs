@@ -1,0 +1,330 @@
+//! Statistics of polygons, as they are printed.
+
+use std::fmt::Write;
+
+use anyhow::Result;
+use serde_json::json;
+use spinney::dataset::Dataset;
+use spinney::import::feature::{Feature, PolygonLayer};
+use spinney::query::{ZoneChannel, ZoneMeasure, ZoneStatistics};
+use spinney::store::Metadata;
+use spinney::value::Number;
+
+use super::super::super::report::statistics::class_as_json;
+use super::super::super::report::{print_text, printable_json};
+use super::super::{cell_area, class_name, row_of};
+use super::{ZoneOptions, quantile_name};
+
+/// How statistics are printed.
+#[derive(Clone, Copy)]
+pub(in super::super) enum Format {
+    Text,
+    Json,
+    Csv,
+}
+
+/// Answers, feature by feature, as they are printed.
+pub(super) struct Report<'a> {
+    trees: &'a [&'a Dataset],
+    options: &'a ZoneOptions,
+    format: Format,
+    /// Number of the next feature.
+    next: usize,
+    /// Text that is not printed yet. (Of JSON, too, as text, which takes a tenth of what values would.)
+    text: String,
+}
+
+/// Bytes of text that are held: more is printed before the end, so that memory does not grow with polygons times layers.
+const MOST_TEXT: usize = 32 << 20;
+
+impl<'a> Report<'a> {
+    /// The text before all features.
+    pub(super) fn begin(trees: &'a [&'a Dataset], options: &'a ZoneOptions, format: Format) -> Report<'a> {
+        let text = match format {
+            Format::Json => "{\n  \"zones\": [".into(),
+            Format::Csv => csv_heading(options),
+            Format::Text => String::new(),
+        };
+        Report { trees, options, format, next: 0, text }
+    }
+
+    /// Prints the rest.
+    pub(super) fn finish(&mut self) -> Result<()> {
+        if matches!(self.format, Format::Json) {
+            self.text.push_str(if self.next > 0 { "\n  ]\n}\n" } else { "]\n}\n" });
+        }
+        self.print()
+    }
+
+    fn print(&mut self) -> Result<()> {
+        match self.format {
+            Format::Json => print_text(&printable_json(&self.text))?,
+            Format::Text | Format::Csv => print_text(&self.text)?,
+        }
+        self.text.clear();
+        Ok(())
+    }
+
+    /// Adds the statistics of the next feature, which has such a number among those of the layer, of all layers of the tree.
+    pub(super) fn add(
+        &mut self,
+        layer: &PolygonLayer,
+        number: usize,
+        zones: &[ZoneStatistics],
+    ) -> Result<()> {
+        let feature = &layer.features[number];
+        self.next += 1;
+        let name = layer.name(feature).unwrap_or_else(|| format!("#{}", self.next));
+        let layers = || self.trees.iter().copied().zip(zones);
+        match self.format {
+            Format::Json => {
+                let mut json = feature_json(layer, feature, self.options);
+                match zones {
+                    [zone] => json.extend(zone_json(self.trees[0], zone, self.options)),
+                    _ => {
+                        let rows = layers().map(|(tree, zone)| {
+                            let mut row = serde_json::Map::new();
+                            row.insert("layer".into(), json!(tree.metadata().name));
+                            row.insert("time".into(), json!(tree.metadata().time));
+                            row.extend(zone_json(tree, zone, self.options));
+                            serde_json::Value::from(row)
+                        });
+                        json.insert("layers".into(), rows.collect());
+                    }
+                }
+                let separator = if self.next > 1 { ",\n" } else { "\n" };
+                let json = format!("{:#}", serde_json::Value::from(json));
+                // (Strings in JSON have no ends of lines.)
+                let lines: Vec<String> = json.lines().map(|line| format!("    {line}")).collect();
+                self.text.extend([separator, &lines.join("\n")]);
+            }
+            Format::Text => {
+                for (tree, zone) in layers() {
+                    let Metadata { name: own, time, .. } = tree.metadata();
+                    let time = time.as_ref().map(|time| format!("  {time}")).unwrap_or_default();
+                    let heading =
+                        if zones.len() == 1 { name.clone() } else { format!("{name}  {own}{time}") };
+                    write_zone(&mut self.text, tree, &heading, zone, self.options)?;
+                }
+            }
+            Format::Csv => {
+                let attribute = |name: &String| layer.value(feature, name).to_text();
+                let attributes = self.options.attribute.iter().flatten().map(attribute);
+                let id = feature.id.as_ref().map(text_of).unwrap_or_default();
+                let first: Vec<String> = [name, id].into_iter().chain(attributes).collect();
+                for (tree, zone) in layers() {
+                    write_rows(&mut self.text, &first, (tree, zone), self.options);
+                }
+            }
+        }
+        if self.text.len() > MOST_TEXT { self.print() } else { Ok(()) }
+    }
+}
+
+/// The first line of a table.
+fn csv_heading(options: &ZoneOptions) -> String {
+    let attributes = options.attribute.iter().flatten().map(String::as_str);
+    let before = ["zone", "id"].into_iter().chain(attributes);
+    let more: Vec<String> = more_measures(options)
+        .map(|measure| measure.name().into())
+        .chain(options.quantiles.iter().copied().map(quantile_name))
+        .collect();
+    let columns: Vec<&str> = before.chain(COLUMNS).chain(more.iter().map(String::as_str)).collect();
+    row_of(&columns)
+}
+
+/// Measures that are asked for, and for which there are no columns otherwise.
+fn more_measures(options: &ZoneOptions) -> impl Iterator<Item = ZoneMeasure> {
+    use ZoneMeasure::{Classes, Count, Deviation, Max, Mean, Min, Void};
+    let is_there =
+        |measure: &ZoneMeasure| matches!(measure, Count | Void | Min | Max | Mean | Deviation | Classes);
+    options.measures.iter().copied().filter(move |measure| !is_there(measure))
+}
+
+/// Columns of a table behind those of the feature.
+const COLUMNS: [&str; 12] = [
+    "layer",
+    "time",
+    "channel",
+    "class",
+    "cells",
+    "void_cells",
+    "area_m2",
+    "min",
+    "max",
+    "mean",
+    "standard_deviation",
+    "class_name",
+];
+
+/// What a row of a table has behind all others, of a channel.
+fn more_of(zone: &ZoneStatistics, channel: usize, options: &ZoneOptions) -> Vec<String> {
+    let number = |number: Option<Number>| number.map(|number| number.to_string()).unwrap_or_default();
+    let values = zone.channels.get(channel).and_then(|channel| channel.values.as_ref());
+    let quantile =
+        |index: usize| values.map(|values| values.quantiles[index]).filter(|quantile| !quantile.is_nan());
+    let measures = more_measures(options).map(|measure| number(zone.number(measure, channel)));
+    let quantiles = (0..options.quantiles.len()).map(|index| number(quantile(index).map(Number::from)));
+    measures.chain(quantiles).collect()
+}
+
+/// Rows of a table: one for each channel, or each class where classes are counted; one without numbers where there are no cells.
+fn write_rows(
+    text: &mut String,
+    first: &[String],
+    (tree, zone): (&Dataset, &ZoneStatistics),
+    options: &ZoneOptions,
+) {
+    let Metadata { name, time, .. } = tree.metadata();
+    let area = cell_area(tree).ok();
+    let area_of = |cells: f64| area.map(|area| (area * cells).to_string()).unwrap_or_default();
+    let number = |number: f64| if number.is_nan() { String::new() } else { number.to_string() };
+    let mut write = |index: usize, own: [String; 10]| {
+        let layer = [name.clone(), time.clone().unwrap_or_default()];
+        let more = more_of(zone, index, options);
+        let fields = first.iter().chain(&layer).chain(&own).chain(&more);
+        let fields: Vec<&str> = fields.map(String::as_str).collect();
+        text.push_str(&row_of(&fields));
+    };
+    let none = String::new;
+    let void = number(zone.void_cells);
+    for (value, cells) in &zone.classes {
+        let class = class_name(tree, *value).unwrap_or_default().to_string();
+        let (value, cells, area) = (value.to_string(), number(*cells), area_of(*cells));
+        write(0, [none(), value, cells, void.clone(), area, none(), none(), none(), none(), class]);
+    }
+    if !zone.classes.is_empty() {
+        return;
+    }
+    for (index, channel) in zone.channels.iter().enumerate() {
+        let ZoneChannel { cells, min, max, mean, standard_deviation, .. } = channel;
+        let extreme = |extreme: &Number| if extreme.to_f64().is_nan() { none() } else { extreme.to_string() };
+        let numbers = [extreme(min), extreme(max), number(*mean), number(*standard_deviation)];
+        let [min, max, mean, deviation] = numbers;
+        let (channel, area) = ((index + 1).to_string(), area_of(*cells));
+        write(
+            index,
+            [channel, none(), number(*cells), void.clone(), area, min, max, mean, deviation, none()],
+        );
+    }
+    if zone.channels.is_empty() {
+        let (cells, area) = (number(zone.cells), area_of(zone.cells));
+        write(0, [none(), none(), cells, void, area, none(), none(), none(), none(), none()]);
+    }
+}
+
+/// An id as text.
+fn text_of(value: &serde_json::Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// Members of a JSON object.
+type Members = serde_json::Map<String, serde_json::Value>;
+
+/// Id, name and attributes of a feature.
+fn feature_json(layer: &PolygonLayer, feature: &Feature, options: &ZoneOptions) -> Members {
+    let is_wanted = |name: &String| options.attribute.as_ref().is_none_or(|wanted| wanted.contains(name));
+    let values = layer.attributes.iter().zip(&feature.attributes).filter(|((name, _), _)| is_wanted(name));
+    let properties: Members = values.map(|((name, _), value)| (name.clone(), value.to_json())).collect();
+    let members =
+        [("id", json!(feature.id)), ("name", json!(layer.name(feature))), ("properties", properties.into())];
+    members.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
+}
+
+/// Statistics of a zone's cells.
+fn zone_json(tree: &Dataset, zone: &ZoneStatistics, options: &ZoneOptions) -> Members {
+    let area = cell_area(tree).ok();
+    let channel = |channel: &ZoneChannel| {
+        let ZoneChannel { cells, min, max, sum, mean, standard_deviation, values } = channel;
+        let mut json = json!({
+            "cells": cells,
+            "min": min,
+            "max": max,
+            "sum": sum,
+            "mean": mean,
+            "standard_deviation": standard_deviation,
+        });
+        if let Some(values) = values {
+            json["majority"] = class_as_json(values.majority);
+            json["minority"] = class_as_json(values.minority);
+            json["variety"] = json!(values.variety);
+            json["median"] = json!(values.median);
+            let quantiles = options.quantiles.iter().zip(&values.quantiles);
+            json["quantiles"] = quantiles.map(|(at, value)| (at.to_string(), json!(value))).collect();
+        }
+        json
+    };
+    let class = |(value, cells): &(Number, f64)| {
+        json!({
+            "value": class_as_json(*value),
+            "name": class_name(tree, *value),
+            "cells": cells,
+            "area_m2": area.map(|area| area * cells),
+        })
+    };
+    let members = [
+        ("cells", json!(zone.cells)),
+        ("void_cells", json!(zone.void_cells)),
+        ("void_share", json!(zone.void_share())),
+        ("outside_cells", json!(zone.outside_cells)),
+        ("area_m2", json!(area.map(|area| area * zone.cells))),
+        ("channels", zone.channels.iter().map(channel).collect()),
+        ("classes", zone.classes.iter().map(class).collect()),
+    ];
+    members.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
+}
+
+fn write_zone(
+    text: &mut String,
+    tree: &Dataset,
+    name: &str,
+    zone: &ZoneStatistics,
+    options: &ZoneOptions,
+) -> Result<()> {
+    let area = cell_area(tree);
+    write!(text, "{name}  {} cells, and {} VOID", rounded(zone.cells), rounded(zone.void_cells))?;
+    if zone.void_cells > 0.0 {
+        write!(text, " ({:.4} %)", 100.0 * zone.void_share())?;
+    }
+    if zone.outside_cells > 0.0 {
+        write!(text, ", {} outside", rounded(zone.outside_cells))?;
+    }
+    match area {
+        Ok(area) => writeln!(text, "  {:.0} m2", area * zone.cells)?,
+        Err(_) => writeln!(text)?,
+    }
+    for (value, cells) in &zone.classes {
+        let share = 100.0 * cells / zone.cells;
+        write!(text, "{value:>8} {:>14} cells {share:>8.4} %", rounded(*cells))?;
+        if let Ok(area) = area {
+            write!(text, " {:>16.0} m2", area * cells)?;
+        }
+        writeln!(text, "  {}", class_name(tree, *value).unwrap_or_default())?;
+    }
+    for (index, channel) in zone.channels.iter().enumerate() {
+        let ZoneChannel { min, max, sum, mean, standard_deviation, values, .. } = channel;
+        if zone.classes.is_empty() {
+            write!(text, "  channel {}  min {min}  max {max}  mean {mean:.6}", index + 1)?;
+            write!(text, "  standard deviation {standard_deviation:.6}")?;
+            if options.measures.contains(&ZoneMeasure::Sum) {
+                write!(text, "  sum {sum}")?;
+            }
+            writeln!(text)?;
+        }
+        if let Some(values) = values {
+            let (majority, minority) = (values.majority, values.minority);
+            write!(text, "  majority {majority}  minority {minority}  variety {}", values.variety)?;
+            write!(text, "  median {}", values.median)?;
+            for (at, quantile) in options.quantiles.iter().zip(&values.quantiles) {
+                write!(text, "  quantile {at} {quantile}")?;
+            }
+            writeln!(text)?;
+        }
+    }
+    Ok(())
+}
+
+/// A number of cells, which may not be whole.
+fn rounded(cells: f64) -> String {
+    if cells.fract() == 0.0 { format!("{cells:.0}") } else { format!("{cells:.3}") }
+}
