@@ -344,7 +344,8 @@ pub mod export {
         pub use spinney_vector::export::{
             AttributeType, AttributeValue, ContourFeatures, FeatureParts, Geometry, GeometryKind,
             IntersectionSummary, SectionPlanes, SectionSummary, Smoothed, VectorFeature, VectorFormat,
-            VectorLayer, VectorWriter, export_contours, export_intersection, export_polygons, export_section,
+            VectorLayer, VectorWriter, ZoneWriter, export_contours, export_intersection, export_polygons,
+            export_section, quantile_name,
         };
     }
 }

@@ -33,9 +33,10 @@ pub(super) struct LabelOptions {
     /// Tree of the same cells that tells the class of each label, such as that whose components were labelled
     #[arg(long, value_name = "FILE", requires = "labels", conflicts_with = "connect")]
     classes: Option<PathBuf>,
-    /// File to write: a table as CSV, or JSON (.json) [default: standard output]
-    #[arg(short = 'o', long, value_name = "FILE", requires = "labels")]
-    output: Option<PathBuf>,
+    /// File to write: of labels a table as CSV, or JSON (.json); of zones their features, with the answers as attributes
+    /// (.gpkg, .fgb, .geojson, .shp, .csv) [default: standard output]
+    #[arg(short = 'o', long, value_name = "FILE", requires = "table")]
+    pub(super) output: Option<PathBuf>,
 }
 
 /// Bytes of text that are held.

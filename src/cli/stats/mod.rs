@@ -28,6 +28,7 @@ const EXAMPLES: &str = "Examples:
   spinney stats series.goblin --zones fields.geojson --csv > series.csv
   spinney stats landcover.goblin --labels --connect 8 -o patches.csv
   spinney stats labels.goblin --labels --classes landcover.goblin -o patches.csv
+  spinney stats landcover.goblin --zones districts.gpkg -o districts_landcover.gpkg
   spinney stats relief.goblin --zones districts.gpkg --measure majority,median --quantiles 0.1,0.9 --edge area
 
 Of exact models volume, centre of gravity, inertia and surface of the body are printed, and its topology: all
@@ -133,6 +134,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 /// Statistics of zones.
 fn zones_of(args: &Args, trees: &[Dataset], global: &Global) -> Result<()> {
     if let Some(file) = &args.zones {
+        if let Some(output) = &args.label_options.output {
+            ensure!(
+                !args.json && !args.csv,
+                "--json and --csv are for standard output: the name of --output says the format"
+            );
+            let coordinates = args.part.coordinates().given();
+            zones::write(trees, file, &args.zone_options, coordinates, output, global)?;
+            return Ok(trees.iter().try_for_each(Dataset::check_unchanged)?);
+        }
         let format = match (args.json, args.csv) {
             (true, _) => zones::Format::Json,
             (_, true) => zones::Format::Csv,

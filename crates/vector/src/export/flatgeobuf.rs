@@ -199,18 +199,6 @@ impl FlatGeobuf {
         Ok(FlatGeometry::create(&mut self.builder, &geometry))
     }
 
-    fn box_of(&self, shape: &Shape<'_>) -> Result<NodeBox> {
-        let mut around = NodeBox::NOTHING;
-        for part in 0..shape.geometry.parts() {
-            shape.geometry.points(part, &mut |points| {
-                around =
-                    points.iter().fold(around, |around, [x, y, _]| around.with(NodeBox([*x, *y, *x, *y])));
-                Ok(())
-            })?;
-        }
-        Ok(around)
-    }
-
     /// The place of a box's centre on a Hilbert curve over the layer.
     fn key(&self, around: NodeBox) -> u64 {
         let [[west, south], [east, north]] = self.layer.bounds;
@@ -309,7 +297,8 @@ impl FormatWriter for FlatGeobuf {
         }
         self.builder.reset();
         let geometry = shape.map(|shape| self.geometry(shape)).transpose()?;
-        let around = shape.map_or(Ok(NodeBox::NOTHING), |shape| self.box_of(shape))?;
+        let NodeBox(nothing) = NodeBox::NOTHING;
+        let around = NodeBox(shape.map_or(Ok(nothing), |shape| shape.bounds_with(nothing))?);
         self.has_places &= points > 0;
         self.extent = self.extent.with(around);
         let mut properties = std::mem::take(&mut self.properties);

@@ -51,6 +51,8 @@ pub(super) struct GeoPackage {
     layer: VectorLayer,
     srs: i64,
     insert: String,
+    /// Least and greatest x and y of all features so far.
+    bounds: [f64; 4],
 }
 
 fn failed(path: &Path) -> impl FnOnce(rusqlite::Error) -> Error {
@@ -131,7 +133,8 @@ impl GeoPackage {
         };
         run().map_err(failed(&path))?;
         let srs = srs.map_or(-1, |(_, number, ..)| number);
-        Ok(GeoPackage { output, path, connection, layer, srs, insert })
+        let bounds = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+        Ok(GeoPackage { output, path, connection, layer, srs, insert, bounds })
     }
 }
 
@@ -245,6 +248,9 @@ impl FormatWriter for GeoPackage {
         shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
+        if let Some(shape) = shape {
+            self.bounds = shape.bounds_with(self.bounds)?;
+        }
         let GeoPackage { path, connection, layer, srs, insert, .. } = self;
         let is_multi = layer.is_multi && layer.kind.is_some();
         let axes = if layer.has_z { 3 } else { 2 };
@@ -317,7 +323,14 @@ impl FormatWriter for GeoPackage {
     }
 
     fn finish(self: Box<Self>) -> Result<()> {
-        let GeoPackage { output, path, connection, .. } = *self;
+        let GeoPackage { output, path, connection, bounds, layer, .. } = *self;
+        if bounds[0] <= bounds[2] {
+            let update = "UPDATE gpkg_contents SET min_x = ?1, min_y = ?2, max_x = ?3, max_y = ?4 WHERE table_name = ?5";
+            let [west, south, east, north] = bounds;
+            connection
+                .execute(update, params![west, south, east, north, layer.name])
+                .map_err(failed(&path))?;
+        }
         connection.execute_batch("COMMIT").map_err(failed(&path))?;
         connection.close().map_err(|(_, error)| failed(&path)(error))?;
         output.commit()

@@ -46,6 +46,7 @@ mod shapefile;
 mod smooth;
 mod svg;
 mod text;
+mod zones;
 
 use std::path::Path;
 use std::str::FromStr;
@@ -58,6 +59,7 @@ pub use self::layer::{AttributeType, AttributeValue, GeometryKind, VectorLayer};
 pub use self::polygons::export_polygons;
 pub use self::sections::{SectionPlanes, SectionSummary, export_section};
 pub use self::smooth::Smoothed;
+pub use self::zones::{ZoneWriter, quantile_name};
 
 use self::geometry::Shape;
 use spinney_base::io::Output;

@@ -255,6 +255,8 @@ pub struct PolygonReader {
     count: u64,
     /// Bytes that the last ones need.
     needed: u64,
+    /// Whether features are taken that are no polygons.
+    takes_others: bool,
 }
 
 impl PolygonReader {
@@ -269,7 +271,7 @@ impl PolygonReader {
 
     fn of(reader: Box<dyn FeatureReader>, path: &Path, options: &FeatureOptions) -> PolygonReader {
         let (path, options) = (path.into(), options.clone());
-        PolygonReader { reader, path, options, held: None, count: 0, needed: 0 }
+        PolygonReader { reader, path, options, held: None, count: 0, needed: 0, takes_others: false }
     }
 
     /// Description of the layer.
@@ -312,8 +314,17 @@ impl PolygonReader {
         }
     }
 
-    /// Fails if a feature is no polygon.
+    /// Takes features, too, that are no polygons: they have no cells.
+    pub fn with_others(mut self) -> PolygonReader {
+        self.takes_others = true;
+        self
+    }
+
+    /// Fails if a feature is no polygon, and others are not taken.
     fn check(&self, feature: &Feature) -> Result<()> {
+        if self.takes_others {
+            return Ok(());
+        }
         let Some(geometry) = &feature.geometry else { return Ok(()) };
         kind_of_others(geometry).map_or(Ok(()), |kind| {
             let found = format!("feature {}, a geometry of type `{kind}`, as a zone", self.count);

@@ -3,18 +3,21 @@
 mod print;
 
 use std::path::Path;
+use std::time::Instant;
 
 use anyhow::{Context, Result};
 use spinney::dataset::Dataset;
+use spinney::export::vector::ZoneWriter;
 use spinney::import::feature::{
     AttributeCondition, FeatureFilter, FeatureOptions, PolygonLayer, PolygonReader,
 };
+use spinney::io::Output;
 use spinney::query::{ZonalRequest, ZoneMeasure, ZoneStatistics};
 use spinney::space::{Coordinates, EdgeRule, Places};
 
 use super::super::Global;
-use super::super::args::{Memory, places};
-use super::super::report::{Work, warn};
+use super::super::args::{Memory, check_output, places, vector_format};
+use super::super::report::{Work, report_output, warn};
 pub(super) use print::Format;
 use print::Report;
 
@@ -36,7 +39,7 @@ pub(super) struct ZoneOptions {
     /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value
     #[arg(long = "where", value_name = "CONDITION,...", value_delimiter = ',', requires = "zones")]
     conditions: Vec<AttributeCondition>,
-    /// Attributes of features that --json and --csv tell, as in name,code [default: all; with --csv none]
+    /// Attributes of features that --json, --csv and --output tell, as in name,code [default: all; with --csv none]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "zones")]
     attribute: Option<Vec<String>>,
     #[command(flatten)]
@@ -62,6 +65,50 @@ impl ZoneOptions {
         let filter = FeatureFilter { conditions: self.conditions.clone() };
         FeatureOptions { memory, filter, attributes, ..FeatureOptions::default() }
     }
+}
+
+/// Writes the features of a file, joined with the statistics of the cells in them.
+pub(super) fn write(
+    trees: &[Dataset],
+    file: &Path,
+    options: &ZoneOptions,
+    coordinates: Option<&Coordinates>,
+    output: &Path,
+    global: &Global,
+) -> Result<()> {
+    let start = Instant::now();
+    let format = vector_format(None, output)?;
+    check_output(trees.iter().map(Dataset::name).chain([file]), output)?;
+    let trees: Vec<&Dataset> = trees.iter().collect();
+    let (request, memory) = options.request();
+    // (Of attributes all that are not left out.)
+    let reading = options.reading(Format::Json, memory);
+    let mut reader = PolygonReader::open(file, &reading).map_err(|error| named(error, file))?.with_others();
+    let mut zones = Zones::of(&trees, coordinates, reader.schema().crs.clone(), request)?;
+    let work = Work::start(global, "polygons")?;
+    let (mut writer, mut count) = (None, 0u64);
+    while let Some(layer) = reader.next_layer().map_err(|error| named(error, file))? {
+        let writer = match &mut writer {
+            Some(writer) => writer,
+            None => {
+                let told = (reader.schema(), &layer);
+                let made =
+                    ZoneWriter::create(Output::create(output)?, format, told, &trees, &zones.request, &work)?;
+                writer.insert(made)
+            }
+        };
+        zones.each(&layer, file, &work, &mut |number, zone| {
+            count += 1;
+            Ok(writer.write(&layer.features[number], zone)?)
+        })?;
+    }
+    zones.finish(file)?;
+    let writer = writer.with_context(|| format!("{}: has no features", file.display()))?;
+    writer.finish(&work).with_context(|| format!("cannot write {}", output.display()))?;
+    drop(work);
+    global.report("zones", format_args!("{count} features"));
+    report_output(global, output, start);
+    Ok(())
 }
 
 /// Prints the statistics of each polygon of a file, of each of some layers.
@@ -177,10 +224,4 @@ impl<'a> Zones<'a> {
             _ => Ok(()),
         }
     }
-}
-
-/// The name of a quantile as a column: `q2_5` is that of 0.025.
-fn quantile_name(quantile: f64) -> String {
-    let percent = (quantile * 1e8).round() / 1e6;
-    format!("q{percent}").replace('.', "_")
 }

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
+use spinney::export::vector::quantile_name;
 use spinney::import::feature::{Feature, PolygonLayer};
 use spinney::query::{ZoneChannel, ZoneMeasure, ZoneStatistics};
 use spinney::store::Metadata;
@@ -13,7 +14,7 @@ use spinney::value::Number;
 use super::super::super::report::statistics::class_as_json;
 use super::super::super::report::{print_text, printable_json};
 use super::super::{cell_area, class_name, row_of};
-use super::{ZoneOptions, quantile_name};
+use super::ZoneOptions;
 
 /// How statistics are printed.
 #[derive(Clone, Copy)]

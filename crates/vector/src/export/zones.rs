@@ -1,0 +1,304 @@
+//! Features with statistics of the cells in them.
+
+use std::path::PathBuf;
+
+use super::{
+    AttributeType, AttributeValue, FeatureParts, Geometry, VectorFeature, VectorFormat, VectorLayer,
+    VectorWriter,
+};
+use crate::import::feature::{Feature, FeatureSchema};
+use crate::import::zones::PolygonLayer;
+use spinney_base::io::Output;
+use spinney_base::space::EdgeRule;
+use spinney_base::value::Number;
+use spinney_base::{Error, Progress, Result};
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::{ZonalRequest, ZoneMeasure, ZoneStatistics};
+
+/// Classes that have columns of their own, in all layers together.
+const MOST_CLASSES: usize = 1000;
+
+/// A column of answers.
+struct Column {
+    /// The number of the layer, and of the channel in it.
+    layer: usize,
+    channel: usize,
+    answer: Answer,
+    kind: AttributeType,
+}
+
+/// What a column tells.
+enum Answer {
+    Measure(ZoneMeasure),
+    /// A quantile, by its place among those that are asked for.
+    Quantile(usize),
+    /// Cells of a class, or what these have in square metres.
+    Class(Number, f64),
+}
+
+/// Writes features as they came, in their order, joined with the statistics of the cells in them.
+///
+/// There is a column for each measure and quantile, and for each class of trees that count classes: its area in square metres (`area_3`) where
+/// the coordinate system tells, else its cells (`cells_3`). Names begin with the layer's (`B08_mean`) if there are several, and end with
+/// the channel's number (`mean_2`) if there are several channels; those of attributes that are the same get a number. Ids are those of the
+/// format if it has such, else an attribute `id`.
+pub struct ZoneWriter {
+    writer: VectorWriter,
+    path: PathBuf,
+    columns: Vec<Column>,
+    /// Whether ids are an attribute; `None` if the format has ids of its own.
+    has_id_column: bool,
+    keeps_ids: bool,
+    with_heights: u64,
+}
+
+impl ZoneWriter {
+    /// Starts a file for features of such a description, of which `first` has the first ones, with answers to a request about layers.
+    ///
+    /// # Errors
+    /// If the output cannot be written, or a tree has too many classes to be columns.
+    pub fn create(
+        output: Output,
+        format: VectorFormat,
+        (schema, first): (&FeatureSchema, &PolygonLayer),
+        trees: &[&Dataset],
+        request: &ZonalRequest,
+        progress: &dyn Progress,
+    ) -> Result<ZoneWriter> {
+        let path = output.path().to_path_buf();
+        let has_ids = first.features.iter().any(|feature| feature.id.is_some());
+        let is_whole = |feature: &Feature| feature.id.as_ref().is_none_or(serde_json::Value::is_i64);
+        // (Ids of rows must be whole numbers, each once, which only another such table is sure to have.)
+        let keeps_ids = match format {
+            VectorFormat::GeoJson => true,
+            VectorFormat::GeoPackage => {
+                !has_ids || is_ascending(&first.features) && first.features.iter().all(is_whole)
+            }
+            _ => false,
+        };
+        let has_id_column = has_ids && !keeps_ids;
+        let mut names: Vec<(String, AttributeType)> = Vec::new();
+        let mut push = |name: String, kind| {
+            let is_taken = |name: &String| names.iter().any(|(own, _): &(String, _)| own == name);
+            let mut unique = name.clone();
+            for number in 2.. {
+                if !is_taken(&unique) {
+                    break;
+                }
+                unique = format!("{name}_{number}");
+            }
+            if unique != name {
+                progress.warn(
+                    &path,
+                    &format!("`{name}` of the answers is `{unique}`, since features have that attribute"),
+                );
+            }
+            names.push((unique, kind));
+        };
+        for (name, kind) in &schema.attributes {
+            push(name.clone(), *kind);
+        }
+        if has_id_column {
+            push("id".into(), AttributeType::Mixed);
+        }
+        let mut columns = Vec::new();
+        for (layer, tree) in trees.iter().enumerate() {
+            let prefix = if trees.len() > 1 { format!("{}_", tree.metadata().name) } else { String::new() };
+            for (name, column) in columns_of(layer, tree, request, progress)? {
+                push(format!("{prefix}{name}"), column.kind);
+                columns.push(column);
+            }
+            if columns.len() > MOST_CLASSES + 64 * trees.len() {
+                let found = format!("{} columns of answers", columns.len());
+                return Err(Error::unsupported(
+                    &path,
+                    found,
+                    "choose measures without classes, or print JSON",
+                ));
+            }
+        }
+        let layer = VectorLayer {
+            name: if schema.name.is_empty() { "zones".into() } else { schema.name.clone() },
+            kind: schema.kind,
+            is_multi: true,
+            has_z: false,
+            attributes: names,
+            crs: schema.crs.clone(),
+            bounds: bounds_of(&first.features),
+        };
+        if let Some(remark) = layer.remark(format) {
+            progress.warn(&path, &remark);
+        }
+        let writer = VectorWriter::create(output, format, layer)?;
+        Ok(ZoneWriter { writer, path, columns, has_id_column, keeps_ids, with_heights: 0 })
+    }
+
+    /// Writes the next feature with its statistics, of each layer.
+    ///
+    /// # Errors
+    /// If the output cannot be written.
+    pub fn write(&mut self, feature: &Feature, zones: &[ZoneStatistics]) -> Result<()> {
+        self.with_heights += u64::from(feature.has_heights);
+        let mut values: Vec<AttributeValue<'_>> =
+            feature.attributes.iter().map(AttributeValue::from).collect();
+        let id = feature.id.as_ref().map(|id| match id {
+            serde_json::Value::String(text) => text.clone(),
+            id => id.to_string(),
+        });
+        if self.has_id_column {
+            values.push(match (&feature.id, &id) {
+                (Some(id), Some(text)) => {
+                    id.as_i64().map_or(AttributeValue::Text(text), AttributeValue::Integer)
+                }
+                _ => AttributeValue::None,
+            });
+        }
+        values.extend(self.columns.iter().map(|column| column.value(&zones[column.layer])));
+        let geometry = feature.geometry.as_ref().map(FeatureParts::of);
+        self.writer.write_feature(&VectorFeature {
+            id: feature.id.as_ref().filter(|_| self.keeps_ids),
+            geometry: geometry.as_ref().map(|parts| (parts.kind(), parts as &dyn Geometry)),
+            attributes: &values,
+        })
+    }
+
+    /// Ends the file and puts it in its place.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn finish(self, progress: &dyn Progress) -> Result<()> {
+        if self.with_heights > 0 {
+            let count = self.with_heights;
+            progress.warn(&self.path, &format!("heights and measures of {count} features are left out"));
+        }
+        self.writer.finish()
+    }
+}
+
+impl Column {
+    fn value(&self, zone: &ZoneStatistics) -> AttributeValue<'static> {
+        let number = match &self.answer {
+            Answer::Measure(measure) => zone.number(*measure, self.channel),
+            Answer::Quantile(place) => {
+                let values = zone.channels.get(self.channel).and_then(|channel| channel.values.as_ref());
+                values.and_then(|values| values.quantiles.get(*place)).map(|quantile| Number::from(*quantile))
+            }
+            Answer::Class(class, area) => {
+                let found = zone.classes.iter().find(|(own, _)| own == class);
+                Some(Number::from(found.map_or(0.0, |(_, cells)| cells * area)))
+            }
+        };
+        let Some(number) = number else { return AttributeValue::None };
+        let whole = number.to_integer().and_then(|whole| i64::try_from(whole).ok());
+        match whole.filter(|_| self.kind == AttributeType::Integer) {
+            Some(whole) => AttributeValue::Integer(whole),
+            // (Beyond 63 bits an integer is a number that is about as large.)
+            None if self.kind == AttributeType::Integer => AttributeValue::None,
+            None => AttributeValue::Number(number.to_f64()),
+        }
+    }
+}
+
+/// Names and columns of the answers about a layer.
+fn columns_of(
+    layer: usize,
+    tree: &Dataset,
+    request: &ZonalRequest,
+    progress: &dyn Progress,
+) -> Result<Vec<(String, Column)>> {
+    let header = tree.header();
+    let (channels, sample) = (usize::from(header.form.value.channels), header.form.value.sample);
+    let counts_classes = header.counts_classes();
+    let is_asked = |measure: &ZoneMeasure| match request.measures.is_empty() {
+        true => !measure.needs_values() && (*measure != ZoneMeasure::Void),
+        false => request.measures.contains(measure),
+    };
+    let cells = if request.edge == EdgeRule::Area { AttributeType::Number } else { AttributeType::Integer };
+    let samples = match sample.is_float() || sample.size() == 8 {
+        true => AttributeType::Number,
+        false => AttributeType::Integer,
+    };
+    let of_channel = |name: &str, channel: usize| match channels {
+        1 => name.to_owned(),
+        _ => format!("{name}_{}", channel + 1),
+    };
+    let mut columns = Vec::new();
+    for measure in ZoneMeasure::ALL.iter().filter(|measure| is_asked(measure)) {
+        let (kind, of_each) = match measure {
+            ZoneMeasure::Count | ZoneMeasure::Void => (cells, false),
+            ZoneMeasure::VoidShare | ZoneMeasure::Outside => (AttributeType::Number, false),
+            ZoneMeasure::Min | ZoneMeasure::Max | ZoneMeasure::Majority | ZoneMeasure::Minority => {
+                (samples, true)
+            }
+            ZoneMeasure::Variety => (AttributeType::Integer, true),
+            ZoneMeasure::Sum | ZoneMeasure::Mean | ZoneMeasure::Deviation | ZoneMeasure::Median => {
+                (AttributeType::Number, true)
+            }
+            ZoneMeasure::Classes => continue,
+        };
+        // (Numbers of classes have no sum.)
+        let is_number = matches!(measure, ZoneMeasure::Sum | ZoneMeasure::Mean | ZoneMeasure::Deviation);
+        if request.measures.is_empty() && counts_classes && is_number {
+            continue;
+        }
+        for channel in 0..if of_each { channels } else { 1 } {
+            let answer = Answer::Measure(*measure);
+            columns.push((of_channel(measure.name(), channel), Column { layer, channel, answer, kind }));
+        }
+    }
+    for (place, quantile) in request.quantiles.iter().enumerate() {
+        for channel in 0..channels {
+            let column =
+                Column { layer, channel, answer: Answer::Quantile(place), kind: AttributeType::Number };
+            columns.push((of_channel(&quantile_name(*quantile), channel), column));
+        }
+    }
+    if counts_classes && is_asked(&ZoneMeasure::Classes) {
+        let area = tree.metadata().frame.cell_square_metres();
+        let (name, area) = area.map_or(("cells", 1.0), |area| ("area", area));
+        let classes = tree.statistics(None, progress)?.classes;
+        if classes.len() > MOST_CLASSES {
+            let advice = "choose measures without classes, or print JSON";
+            return Err(Error::unsupported(
+                tree.name(),
+                format!("{} classes as columns", classes.len()),
+                advice,
+            ));
+        }
+        for (class, _) in classes {
+            let kind = if name == "cells" { cells } else { AttributeType::Number };
+            columns.push((
+                format!("{name}_{class}"),
+                Column { layer, channel: 0, answer: Answer::Class(class, area), kind },
+            ));
+        }
+    }
+    Ok(columns)
+}
+
+/// The name of a quantile as a column: `q2_5` is that of 0.025.
+pub fn quantile_name(quantile: f64) -> String {
+    let percent = (quantile * 1e8).round() / 1e6;
+    format!("q{percent}").replace('.', "_")
+}
+
+/// Whether the ids of features, as far as they are whole numbers, ascend.
+fn is_ascending(features: &[Feature]) -> bool {
+    let mut ids =
+        features.iter().filter_map(|feature| feature.id.as_ref().and_then(serde_json::Value::as_i64));
+    let mut last = None;
+    ids.all(|id| last.replace(id).is_none_or(|before| before < id))
+}
+
+fn bounds_of(features: &[Feature]) -> [[f64; 2]; 2] {
+    let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+    for geometry in features.iter().filter_map(|feature| feature.geometry.as_ref()) {
+        for corner in FeatureParts::of(geometry).corners() {
+            for axis in 0..2 {
+                bounds[0][axis] = bounds[0][axis].min(corner[axis]);
+                bounds[1][axis] = bounds[1][axis].max(corner[axis]);
+            }
+        }
+    }
+    if bounds[0][0] > bounds[1][0] { [[0.0; 2]; 2] } else { bounds }
+}
