@@ -157,18 +157,6 @@ impl ZoneMeasure {
             ZoneMeasure::Majority | ZoneMeasure::Minority | ZoneMeasure::Variety | ZoneMeasure::Median
         )
     }
-
-    /// Whether it is a number of each channel, and not of a zone's cells.
-    pub fn is_of_channel(self) -> bool {
-        !matches!(
-            self,
-            ZoneMeasure::Count
-                | ZoneMeasure::Void
-                | ZoneMeasure::VoidShare
-                | ZoneMeasure::Outside
-                | ZoneMeasure::Classes
-        )
-    }
 }
 
 impl fmt::Display for ZoneMeasure {
