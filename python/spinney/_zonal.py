@@ -110,8 +110,8 @@ def zone_of(told: Any, quantiles: Sequence[float]) -> ZoneStatistics:
 
     def band_of(cells: float, low: float, high: float, mean: float, std: float, total: float, values: Any) -> ZoneBand:
         if values is not None:
-            *first, found = values
-            values = ZoneValues(*first, dict(zip(quantiles, found)))
+            variety, majority, minority, median, found = values
+            values = ZoneValues(variety, majority, minority, median, dict(zip(quantiles, found)))
         return ZoneBand(cells, low, high, mean, std, total, values)  # type: ignore[arg-type]
 
     return ZoneStatistics(cells, void, tuple(band_of(*band) for band in bands), dict(classes), outside)
@@ -131,7 +131,7 @@ def is_frame(geometries: Any) -> bool:
 
 def table_of(frame: Any, rows: Sequence[dict[str, Any]]) -> Any:
     """A pandas DataFrame of rows with the index of a frame; cells of classes have columns of their own."""
-    import pandas
+    import pandas  # type: ignore[import-untyped]
 
     classes = sorted({value for row in rows for value in row.get("classes", ())})
 
@@ -140,5 +140,4 @@ def table_of(frame: Any, rows: Sequence[dict[str, Any]]) -> Any:
         plain = {name: value for name, value in row.items() if name != "classes"}
         return plain if cells is None else plain | {f"cells_{value:g}": cells.get(value, 0.0) for value in classes}
 
-    columns = None if rows else []
-    return pandas.DataFrame([flat(row) for row in rows], index=frame.index, columns=columns)
+    return pandas.DataFrame([flat(row) for row in rows], index=frame.index)

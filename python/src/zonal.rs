@@ -139,7 +139,7 @@ fn layers_of(
 
 fn told<'py>(py: Python<'py>, opened: &Opened, zone: &ZoneStatistics) -> PyResult<Zone<'py>> {
     let told = |number| opened.told(py, number);
-    let values = |values: &ZoneValues| -> PyResult<_> {
+    let values = |values: &ZoneValues| -> PyResult<ValueNumbers<'py>> {
         let (majority, minority) = (told(values.majority)?, told(values.minority)?);
         Ok((values.variety, majority, minority, values.median, values.quantiles.clone()))
     };

@@ -268,6 +268,61 @@ fn statistics() {
 }
 
 #[test]
+fn values_of_any_number_of_polygons_are_told() {
+    let trees = Trees::new();
+    let document = trees.name("many.geojson");
+    let squares = (0..300).map(|i| {
+        let (x, y) = (i % 7, i / 7 % 7);
+        let ring = format!("[[{x},{y}],[{0},{y}],[{0},{1}],[{x},{1}]]", x + 1 + i % 5, y + 2);
+        let geometry =
+            if i == 5 { "null".into() } else { format!(r#"{{"type":"Polygon","coordinates":[{ring}]}}"#) };
+        format!(r#"{{"type":"Feature","id":{i},"properties":{{}},"geometry":{geometry}}}"#)
+    });
+    let squares = squares.collect::<Vec<_>>().join(",");
+    std::fs::write(&document, format!(r#"{{"type":"FeatureCollection","features":[{squares}]}}"#)).unwrap();
+    let words =
+        ["stats", &trees.classic, "--zones", &document, "--measure", "majority,sum,median,void_share"];
+    let words = [&words[..], &["--quantiles", "0.1,0.025", "--edge", "area"]].concat();
+    for format in ["--json", "--csv"] {
+        let told = |memory: &str| stdout(&[&words[..], &[format, "--memory", memory]].concat());
+        // (Of 300 features, fewer than ten at a time.)
+        assert_eq!(told("8K"), told("256M"));
+    }
+    let found = json(&[&words[..], &["--json"]].concat());
+    let zones = found["zones"].as_array().unwrap();
+    assert_eq!((zones.len(), &zones[5]["id"], &zones[5]["cells"]), (300, &5.into(), &0.0.into()));
+    let table = stdout(&[&words[..], &["--csv"]].concat());
+    let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
+    assert!(
+        table.starts_with("zone,id,")
+            && rows[0].ends_with(&["majority", "sum", "median", "void_share", "q10", "q2_5"])
+    );
+    for (number, zone) in zones.iter().enumerate().filter(|(_, zone)| zone["cells"] != 0.0) {
+        let channel = &zone["channels"][0];
+        // The class of which most cells are there, the first of several.
+        let classes = zone["classes"].as_array().unwrap();
+        let most = classes.iter().map(|class| class["cells"].as_f64().unwrap()).fold(0.0, f64::max);
+        let majority = classes.iter().find(|class| class["cells"].as_f64().unwrap() == most).unwrap();
+        assert_eq!(channel["majority"], majority["value"]);
+        let inside = zone["cells"].as_f64().unwrap() + zone["void_cells"].as_f64().unwrap();
+        assert_eq!(zone["void_share"].as_f64().unwrap(), zone["void_cells"].as_f64().unwrap() / inside);
+        let all = ((1 + number % 5) * 2) as f64;
+        assert!((inside + zone["outside_cells"].as_f64().unwrap() - all).abs() < 1e-9, "{zone}");
+        let row = rows.iter().find(|row| row[1] == number.to_string()).unwrap();
+        let last = |back: usize| row[row.len() - back].parse::<f64>().unwrap();
+        assert_eq!(Some(last(4)), channel["median"].as_f64());
+        assert_eq!(Some(last(2)), channel["quantiles"]["0.1"].as_f64());
+    }
+    let text = stdout(&words);
+    assert!(
+        text.contains(" outside") && text.contains("  majority ") && text.contains("  quantile 0.025 "),
+        "{text}"
+    );
+    complaint(&[&words[..6], &["--quantiles", "2"]].concat(), 1);
+    complaint(&[&words[..4], &["--measure", "middle"]].concat(), 2);
+}
+
+#[test]
 fn statistics_of_polygons() {
     let trees = Trees::new();
     let document = trees.name("zones.geojson");

@@ -90,9 +90,10 @@ impl GeoPackage {
                 AttributeType::Integer => "INTEGER",
                 AttributeType::Number => "DOUBLE",
                 AttributeType::Boolean => "BOOLEAN",
-                AttributeType::Text | AttributeType::Json | AttributeType::PerSegment => "TEXT",
-                // (Values keep the types that they have.)
-                AttributeType::Mixed => "BLOB",
+                AttributeType::Text
+                | AttributeType::Json
+                | AttributeType::Mixed
+                | AttributeType::PerSegment => "TEXT",
             };
             format!(", {} {kind}", quoted(name))
         };
