@@ -44,6 +44,8 @@ mod cli_volumes;
 mod cli_warp;
 #[cfg(feature = "cli")]
 mod cli_wide;
+#[cfg(feature = "cli")]
+mod cli_zones;
 #[cfg(all(unix, feature = "cli"))]
 mod docs;
 mod first_look;
