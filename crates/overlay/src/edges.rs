@@ -41,7 +41,7 @@ impl PartLists {
     }
 }
 
-/// What is in one of two ascending lists, but not in both.
+/// Numbers that are in one of two ascending lists, but not in both.
 pub(crate) fn differences(mut first: &[u32], mut second: &[u32]) -> Vec<u32> {
     let mut joined = Vec::with_capacity(first.len() + second.len());
     while let ([one, first_rest @ ..], [other, second_rest @ ..]) = (first, second) {

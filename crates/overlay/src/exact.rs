@@ -21,7 +21,7 @@ pub(crate) fn side(a: Point, b: Point, point: Point) -> i32 {
     i32::from(turn > 0.0) - i32::from(turn < 0.0)
 }
 
-/// The same among middles of cells.
+/// The side of a line between middles of cells on which a third one lies, as [`side`] tells it.
 #[inline]
 pub(crate) fn turn(a: Cell, b: Cell, point: Cell) -> i32 {
     let [ux, uy] = [b[0] - a[0], b[1] - a[1]];

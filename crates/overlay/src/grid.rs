@@ -8,6 +8,9 @@ const BITS: i32 = 42;
 /// Greatest number of a cell, as a power of two: all that is computed of cells has an exact answer below it.
 pub(crate) const MOST_BITS: i32 = 50;
 
+/// Widths that cells may have: their squares, which areas are told in, are doubles, too, with room for the number of cells.
+const WIDTHS: std::ops::RangeInclusive<f64> = 1e-120..=1e120;
+
 /// A grid of square cells; their middles are multiples of their side, a power of two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OverlayGrid {
@@ -25,7 +28,7 @@ impl OverlayGrid {
     /// # Errors
     /// If it is not positive.
     pub fn of_cells(width: f64) -> Result<OverlayGrid> {
-        if !(1e-200..=1e200).contains(&width) {
+        if !WIDTHS.contains(&width) {
             return Err(Error::invalid("width of cells to snap to", width.to_string(), "a positive number"));
         }
         Ok(OverlayGrid { exponent: exponent_of(width) })

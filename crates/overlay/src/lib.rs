@@ -1,10 +1,10 @@
-//! Overlay of polygons in the plane: into which parts the edges of all divide it, and which polygons each part is in.
+//! PolygonOverlay of polygons in the plane: into which parts the edges of all divide it, and which polygons each part is in.
 //!
 //! Coordinates are doubles, and all decisions are exact on them. What comes out lies on a grid that is stated: edges are divided where they cross, and
 //! corners and crossings go to the middles of their cells by snap rounding (J. Hobby, *Practical segment intersection with finite precision output*,
 //! 1999), which lets no two edges cross that did not. No point moves by more than half of a cell along either axis.
 //!
-//! 1. [`Overlay::add`] takes rings: their edges, each once, with the parts that it is an edge of (`edges.rs`).
+//! 1. [`PolygonOverlay::add`] takes rings: their edges, each once, with the parts that it is an edge of (`edges.rs`).
 //! 2. `crossings.rs` finds the cells of the grid in which edges cross, `passages.rs` the cells with corners or crossings that edges pass: both go down
 //!    a quadtree of the cells. `exact.rs` has what decides.
 //! 3. `sweep.rs` goes over the edges that this makes from left to right, and tells what is on both of their sides (`sets.rs`).
@@ -25,4 +25,4 @@ mod sweep;
 mod tests;
 
 pub use grid::OverlayGrid;
-pub use overlay::{Overlay, OverlayPart, OverlaySummary};
+pub use overlay::{OverlayPart, OverlaySummary, PolygonOverlay};

@@ -18,7 +18,7 @@ use spinney_base::{Error, Progress, Result};
 ///
 /// A place is in a polygon if a ray from it crosses the polygon's rings an odd number of times, and in a source if it is in one of its polygons. So rings may
 /// have any direction and may cross themselves.
-pub struct Overlay {
+pub struct PolygonOverlay {
     grid: OverlayGrid,
     memory: u64,
     /// A file that polygons come from, for messages.
@@ -31,7 +31,7 @@ pub struct Overlay {
     repeated: u64,
 }
 
-/// What lies in the same sources, of all that was asked for.
+/// All places that lie in the same sources, of those that were asked for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OverlayPart {
     /// The numbers that stand for it.
@@ -42,7 +42,7 @@ pub struct OverlayPart {
     pub area: f64,
 }
 
-/// What was done to make an overlay.
+/// Counts of an overlay, and how exact it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OverlaySummary {
     /// Edges of all polygons, those that several have counted once.
@@ -58,11 +58,11 @@ pub struct OverlaySummary {
     pub area_bound: f64,
 }
 
-impl Overlay {
+impl PolygonOverlay {
     /// Nothing, on a grid, of as much as about so many bytes of memory have room for.
-    pub fn new(grid: OverlayGrid, memory: u64) -> Overlay {
+    pub fn new(grid: OverlayGrid, memory: u64) -> PolygonOverlay {
         let (edges, sources) = (Vec::new(), Vec::new());
-        Overlay {
+        PolygonOverlay {
             grid,
             memory,
             path: PathBuf::new(),
@@ -121,7 +121,7 @@ impl Overlay {
         progress: &dyn Progress,
         take: &mut dyn FnMut(OverlayPart) -> Result<()>,
     ) -> Result<OverlaySummary> {
-        let Overlay { grid, memory, path, edges, mut lists, sources, repeated } = self;
+        let PolygonOverlay { grid, memory, path, edges, mut lists, sources, repeated } = self;
         let edges = unite(edges, &mut lists);
         let room = Room { path: &path, memory, edges: edges.len() as u64, progress };
         let lengths = edges.iter().map(|edge| {
@@ -216,6 +216,8 @@ fn snapped(
     cells.append(&mut crossed);
     cells.sort_unstable();
     cells.dedup();
+    // Invariant of snap rounding: each end and each crossing lies in one of these cells, and every edge goes through the middles of all of them that it passes, in its
+    // order. Moving all points of such a cell to its middle at once carries no edge over a middle, so no two chains cross, though they may come to lie on each other.
     let passages = passages(&edges, &mut cells, square, room)?;
     let mut made = Vec::with_capacity(edges.len() + passages.len());
     let mut passages = passages.into_iter().peekable();

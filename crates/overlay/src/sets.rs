@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use crate::edges::{PartLists, differences};
 
-/// Sets of parts by their numbers; number 0 is the empty set.
+/// Sets of parts by their numbers; number 0 is the empty set. Most edges are crossed from one of few sets: what comes of that is kept, so that lists are
+/// compared once for each pair.
 pub(crate) struct PartSets {
     sets: PartLists,
     /// Of a set and a list of parts, the set on the other side of their edge.

@@ -60,7 +60,7 @@ pub(crate) type Sides = [u32; 2];
 /// Points from one look at whether the work is to go on to the next.
 const POINTS_BETWEEN_LOOKS: u64 = 1 << 16;
 
-/// What the sweep has found.
+/// Sides and faces of all edges.
 pub(crate) struct Swept {
     /// Sides of each edge.
     pub(crate) sides: Vec<Sides>,
@@ -116,6 +116,8 @@ pub(crate) fn sweep(
         // Both from below upwards.
         ends.sort_unstable();
         starts.sort_unstable();
+        // Invariant: each sector between neighbouring edges around the point lies in one face, and both edges see it; sectors open to the left and to the right are one below all
+        // edges, and one above. So uniting these pairs of sides at every point unites exactly the sides of each face's borders, and those of holes with what is around them.
         for pair in ends.windows(2).chain(starts.windows(2)) {
             faces.unite(2 * pair[0].number + 1, 2 * pair[1].number);
         }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::edges::{Edge, PartLists, unite};
 use crate::exact::{Cell, crossing_cell, do_cross, passes, turn};
-use crate::{Overlay, OverlayGrid, OverlayPart};
+use crate::{OverlayGrid, OverlayPart, PolygonOverlay};
 
 /// Numbers that look random, of a seed (SplitMix64).
 struct Random(u64);
@@ -30,7 +30,7 @@ impl Random {
 type Polygon = Vec<Vec<[f64; 2]>>;
 
 fn parts(grid: OverlayGrid, polygons: &[(u32, Polygon)]) -> (Vec<OverlayPart>, f64) {
-    let mut overlay = Overlay::new(grid, 1 << 30);
+    let mut overlay = PolygonOverlay::new(grid, 1 << 30);
     for (source, rings) in polygons {
         overlay.add(Path::new("test"), *source, rings).unwrap();
     }
@@ -342,7 +342,7 @@ fn coordinates_of_all_sizes_have_grids() {
         let (found, _) = parts(OverlayGrid::for_coordinates(3.0 * scale), &polygons);
         assert!((found[1].area / scale / scale - 1.0).abs() < 1e-9, "{scale}");
     }
-    let mut overlay = Overlay::new(OverlayGrid::of_cells(1e-9).unwrap(), 1 << 20);
+    let mut overlay = PolygonOverlay::new(OverlayGrid::of_cells(1e-9).unwrap(), 1 << 20);
     for far in [1e9, f64::NAN, f64::INFINITY] {
         let error = overlay.add(Path::new("far"), 0, &[square(far, 0.0, 1.0)]).unwrap_err();
         assert!(error.to_string().contains("far"), "{error}");
@@ -354,7 +354,7 @@ fn coordinates_of_all_sizes_have_grids() {
 
 #[test]
 fn more_crossings_than_memory_are_refused() {
-    let mut overlay = Overlay::new(OverlayGrid::for_coordinates(1e4), 4 << 20);
+    let mut overlay = PolygonOverlay::new(OverlayGrid::for_coordinates(1e4), 4 << 20);
     for number in 0..1000 {
         let at = f64::from(number) * 10.0;
         overlay

@@ -31,6 +31,7 @@ use crate::export::{
     AttributeType, AttributeValue, FeatureParts, Geometry, VectorFeature, VectorFormat, VectorLayer,
     VectorWriter,
 };
+use crate::export::{bounds_of, push_attribute};
 use crate::import::feature::{FeatureGeometry, FeatureOptions, open_features};
 use crate::import::filter::FeatureFilter;
 use crate::import::zones::{PolygonLayer, read_polygons, take_polygons};
@@ -39,12 +40,12 @@ use spinney_base::{Error, Progress, Result};
 use spinney_crs::{Crs, PolygonParts, Transformation};
 use spinney_engine::ops::{Operation, Prefer};
 pub use spinney_overlay::OverlaySummary;
-use spinney_overlay::{Overlay, OverlayGrid, OverlayPart};
+use spinney_overlay::{OverlayGrid, OverlayPart, PolygonOverlay};
 
 /// The number that stands for the region to which a result is limited.
 const WITHIN: u32 = u32::MAX;
 
-/// What is made of polygons.
+/// An operation on polygons.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OverlayOperation {
     /// A set operation by its number: 1 for what is in both, 2 in the first alone, 4 in the second alone, 8 in neither, added up. Of more than two files
@@ -108,10 +109,10 @@ impl OverlayOperation {
     }
 }
 
-/// What is asked of polygons.
+/// A question about polygons.
 #[derive(Clone, Debug)]
 pub struct OverlayRequest {
-    /// What is made of them.
+    /// The operation.
     pub operation: OverlayOperation,
     /// Polygons, in coordinates of the first file, to which the result is limited: needed where it has what is in no polygon.
     pub within: Option<PolygonParts>,
@@ -133,10 +134,10 @@ impl OverlayRequest {
     }
 }
 
-/// What was made of polygons.
+/// A result of an operation on polygons, in numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OverlayReport {
-    /// What was done to make it.
+    /// Counts, and how exact it is.
     pub summary: OverlaySummary,
     /// Features that were written, and polygons in them.
     pub parts: u64,
@@ -190,7 +191,7 @@ pub fn overlay_features(
     let path = output.path().to_path_buf();
     let mut writer = VectorWriter::create(output, format, layer)?;
     remark.iter().for_each(|remark| progress.warn(&path, remark));
-    let mut overlay = Overlay::new(grid, request.memory);
+    let mut overlay = PolygonOverlay::new(grid, request.memory);
     let mut layers = layers;
     layers.move_to(&mut overlay, request.within.as_ref())?;
     let (mut parts, mut polygons, mut area, mut shared) = (0, 0, 0.0, 0);
@@ -314,19 +315,11 @@ impl Layers {
     }
 
     fn bounds(&self, within: Option<&PolygonParts>) -> [[f64; 2]; 2] {
-        let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
-        let mut add = |corner: &[f64; 2]| {
-            for axis in 0..2 {
-                bounds[0][axis] = bounds[0][axis].min(corner[axis]);
-                bounds[1][axis] = bounds[1][axis].max(corner[axis]);
-            }
-        };
-        for feature in self.layers.iter().flat_map(|(_, layer)| &layer.features) {
-            let geometry = feature.geometry.as_ref().map(FeatureParts::of);
-            geometry.iter().flat_map(FeatureParts::corners).for_each(&mut add);
-        }
-        within.into_iter().flatten().flatten().flatten().for_each(add);
-        if bounds[0][0] > bounds[1][0] { [[0.0; 2]; 2] } else { bounds }
+        let features = self.layers.iter().flat_map(|(_, layer)| &layer.features);
+        let parts: Vec<FeatureParts<'_>> =
+            features.filter_map(|feature| feature.geometry.as_ref()).map(FeatureParts::of).collect();
+        let limits = within.into_iter().flatten().flatten().flatten();
+        bounds_of(&mut parts.iter().flat_map(FeatureParts::corners).chain(limits))
     }
 
     /// Names and types of the results' attributes.
@@ -335,33 +328,20 @@ impl Layers {
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
         own.flatten().for_each(|name| *counts.entry(name).or_default() += 1);
         let mut names: Vec<(String, AttributeType)> = Vec::new();
-        let mut push = |name: String, kind| {
-            let is_taken = |name: &String| names.iter().any(|(own, _)| own == name);
-            let mut unique = name.clone();
-            for number in 2.. {
-                if !is_taken(&unique) {
-                    break;
-                }
-                unique = format!("{name}_{number}");
-            }
-            names.push((unique, kind));
-        };
         for (number, (_, layer)) in (1..).zip(&self.layers) {
             for (name, kind) in &layer.attributes {
-                push(
-                    if counts[name.as_str()] > 1 { format!("{name}_{number}") } else { name.clone() },
-                    *kind,
-                );
+                let name = if counts[name.as_str()] > 1 { format!("{name}_{number}") } else { name.clone() };
+                push_attribute(&mut names, name, *kind);
             }
         }
         for number in (1..=self.layers.len()).filter(|_| is_partition) {
-            push(format!("features_{number}"), AttributeType::Text);
+            push_attribute(&mut names, format!("features_{number}"), AttributeType::Text);
         }
         names
     }
 
     /// Hands all corners to the overlay; attributes stay.
-    fn move_to(&mut self, overlay: &mut Overlay, within: Option<&PolygonParts>) -> Result<()> {
+    fn move_to(&mut self, overlay: &mut PolygonOverlay, within: Option<&PolygonParts>) -> Result<()> {
         for ((path, layer), first) in self.layers.iter_mut().zip(&self.first) {
             for (number, feature) in (*first..).zip(&mut layer.features) {
                 let mut parts = Vec::new();

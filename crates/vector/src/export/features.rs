@@ -74,6 +74,18 @@ fn collect<'a>(geometry: &'a FeatureGeometry, parts: &mut Vec<Part<'a>>) {
     }
 }
 
+/// Least and greatest x and y of corners; zeros if there are none.
+pub(crate) fn bounds_of(corners: &mut dyn Iterator<Item = &[f64; 2]>) -> [[f64; 2]; 2] {
+    let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+    for corner in corners {
+        for axis in 0..2 {
+            bounds[0][axis] = bounds[0][axis].min(corner[axis]);
+            bounds[1][axis] = bounds[1][axis].max(corner[axis]);
+        }
+    }
+    if bounds[0][0] > bounds[1][0] { [[0.0; 2]; 2] } else { bounds }
+}
+
 impl Geometry for FeatureParts<'_> {
     fn parts(&self) -> usize {
         self.parts.len()

@@ -52,6 +52,8 @@ pub(super) struct FlatGeobuf {
     /// Whether all features have a place: only then is there an index.
     has_places: bool,
     extent: NodeBox,
+    /// The box around the feature that is being made.
+    around: NodeBox,
     builder: FlatBufferBuilder<'static>,
     coordinates: [Vec<f64>; 2],
     properties: Vec<u8>,
@@ -91,6 +93,7 @@ impl FlatGeobuf {
             items: Sorter::new(&folder, ITEM, MEMORY),
             has_places: true,
             extent: NodeBox::NOTHING,
+            around: NodeBox::NOTHING,
             builder: FlatBufferBuilder::new(),
             coordinates: [Vec::new(), Vec::new()],
             properties: Vec::new(),
@@ -153,7 +156,7 @@ impl FlatGeobuf {
         parts: std::ops::Range<usize>,
         kind: GeometryType,
     ) -> Result<WIPOffset<FlatGeometry<'static>>> {
-        let [flat, heights] = &mut self.coordinates;
+        let ([flat, heights], around) = (&mut self.coordinates, &mut self.around);
         flat.clear();
         heights.clear();
         let has_z = self.layer.has_z;
@@ -161,6 +164,7 @@ impl FlatGeobuf {
         for part in parts {
             shape.geometry.points(part, &mut |points| {
                 for [x, y, z] in points {
+                    *around = around.with(NodeBox([*x, *y, *x, *y]));
                     flat.extend_from_slice(&[*x, *y]);
                     if has_z {
                         heights.push(*z);
@@ -296,9 +300,9 @@ impl FormatWriter for FlatGeobuf {
             return Err(Error::unsupported(self.output.path(), found, advice));
         }
         self.builder.reset();
+        self.around = NodeBox::NOTHING;
         let geometry = shape.map(|shape| self.geometry(shape)).transpose()?;
-        let NodeBox(nothing) = NodeBox::NOTHING;
-        let around = NodeBox(shape.map_or(Ok(nothing), |shape| shape.bounds_with(nothing))?);
+        let around = self.around;
         self.has_places &= points > 0;
         self.extent = self.extent.with(around);
         let mut properties = std::mem::take(&mut self.properties);

@@ -129,20 +129,6 @@ impl<'a> Shape<'a> {
         Shape { geometry, kind, members }
     }
 
-    /// Least x and y, and greatest, of all points and of a box.
-    #[cfg(any(feature = "flatgeobuf", feature = "geopackage"))]
-    pub(super) fn bounds_with(&self, mut bounds: [f64; 4]) -> Result<[f64; 4]> {
-        for part in 0..self.geometry.parts() {
-            self.geometry.points(part, &mut |points| {
-                for [x, y, _] in points {
-                    bounds = [bounds[0].min(*x), bounds[1].min(*y), bounds[2].max(*x), bounds[3].max(*y)];
-                }
-                Ok(())
-            })?;
-        }
-        Ok(bounds)
-    }
-
     /// Number of points of all parts.
     #[cfg(any(feature = "flatgeobuf", feature = "geopackage"))]
     pub(super) fn count(&self) -> u64 {

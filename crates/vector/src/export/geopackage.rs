@@ -161,6 +161,8 @@ struct Binary<'a> {
     bytes: Vec<u8>,
     flush: &'a mut dyn FnMut(&mut Vec<u8>) -> Result<()>,
     axes: usize,
+    /// Least and greatest x and y of all points so far.
+    bounds: &'a mut [f64; 4],
 }
 
 impl Binary<'_> {
@@ -207,6 +209,10 @@ impl Binary<'_> {
                 self.number(shape.geometry.count(part));
             }
             shape.geometry.points(part, &mut |points| {
+                for [x, y, _] in points {
+                    let [west, south, east, north] = *self.bounds;
+                    *self.bounds = [west.min(*x), south.min(*y), east.max(*x), north.max(*y)];
+                }
                 for coordinate in points.iter().flat_map(|point| &point[..self.axes]) {
                     self.bytes.extend_from_slice(&coordinate.to_le_bytes());
                 }
@@ -249,10 +255,7 @@ impl FormatWriter for GeoPackage {
         shape: Option<&Shape<'_>>,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
-        if let Some(shape) = shape {
-            self.bounds = shape.bounds_with(self.bounds)?;
-        }
-        let GeoPackage { path, connection, layer, srs, insert, .. } = self;
+        let GeoPackage { path, connection, layer, srs, insert, bounds, .. } = self;
         let is_multi = layer.is_multi && layer.kind.is_some();
         let axes = if layer.has_z { 3 } else { 2 };
         let size = shape.map_or(0, |shape| size_of(shape, is_multi, axes).saturating_add(8));
@@ -296,7 +299,7 @@ impl FormatWriter for GeoPackage {
         header.push(if shape.members.is_empty() { 0x11 } else { 1 });
         header.extend_from_slice(&(*srs as i32).to_le_bytes());
         if size <= HELD {
-            let mut binary = Binary { bytes: header, flush: &mut |_| Ok(()), axes };
+            let mut binary = Binary { bytes: header, flush: &mut |_| Ok(()), axes, bounds };
             binary.shape(shape, is_multi)?;
             let row = [fid, Cell::Blob(binary.bytes)].into_iter().chain(cells);
             let mut statement = connection.prepare_cached(insert).map_err(failed)?;
@@ -316,7 +319,7 @@ impl FormatWriter for GeoPackage {
             bytes.clear();
             Ok(())
         };
-        let mut binary = Binary { bytes: header, flush: &mut flush, axes };
+        let mut binary = Binary { bytes: header, flush: &mut flush, axes, bounds };
         binary.shape(shape, is_multi)?;
         let mut rest = binary.bytes;
         flush(&mut rest)?;

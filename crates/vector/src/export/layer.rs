@@ -111,6 +111,20 @@ fn shortest(number: f64) -> String {
     text
 }
 
+/// Adds an attribute to others, with a number behind its name if one of these has that; whether it has another name now.
+pub(crate) fn push_attribute(
+    attributes: &mut Vec<(String, AttributeType)>,
+    name: String,
+    kind: AttributeType,
+) -> bool {
+    let is_taken = |name: &str| attributes.iter().any(|(own, _)| own == name);
+    let mut numbered = (2..).map(|number| format!("{name}_{number}"));
+    let renamed = if is_taken(&name) { numbered.find(|name| !is_taken(name)) } else { None };
+    let is_renamed = renamed.is_some();
+    attributes.push((renamed.unwrap_or(name), kind));
+    is_renamed
+}
+
 /// Description of a layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VectorLayer {

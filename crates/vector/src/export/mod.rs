@@ -53,8 +53,10 @@ use std::str::FromStr;
 
 pub use self::contours::{ContourFeatures, export_contours};
 pub use self::features::FeatureParts;
+pub(crate) use self::features::bounds_of;
 pub use self::geometry::Geometry;
 pub use self::intersection::{IntersectionSummary, export_intersection};
+pub(crate) use self::layer::push_attribute;
 pub use self::layer::{AttributeType, AttributeValue, GeometryKind, VectorLayer};
 pub use self::polygons::export_polygons;
 pub use self::sections::{SectionPlanes, SectionSummary, export_section};

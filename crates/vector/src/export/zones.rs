@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use super::features::bounds_of;
+use super::layer::push_attribute;
 use super::{
     AttributeType, AttributeValue, FeatureParts, Geometry, VectorFeature, VectorFormat, VectorLayer,
     VectorWriter,
@@ -27,7 +29,7 @@ struct Column {
     kind: AttributeType,
 }
 
-/// What a column tells.
+/// Answer that a column tells.
 enum Answer {
     Measure(ZoneMeasure),
     /// A quantile, by its place among those that are asked for.
@@ -79,21 +81,13 @@ impl ZoneWriter {
         let has_id_column = has_ids && !keeps_ids;
         let mut names: Vec<(String, AttributeType)> = Vec::new();
         let mut push = |name: String, kind| {
-            let is_taken = |name: &String| names.iter().any(|(own, _): &(String, _)| own == name);
-            let mut unique = name.clone();
-            for number in 2.. {
-                if !is_taken(&unique) {
-                    break;
-                }
-                unique = format!("{name}_{number}");
+            if push_attribute(&mut names, name.clone(), kind)
+                && let Some((unique, _)) = names.last()
+            {
+                let told =
+                    format!("`{name}` of the answers is `{unique}`, since features have that attribute");
+                progress.warn(&path, &told);
             }
-            if unique != name {
-                progress.warn(
-                    &path,
-                    &format!("`{name}` of the answers is `{unique}`, since features have that attribute"),
-                );
-            }
-            names.push((unique, kind));
         };
         for (name, kind) in &schema.attributes {
             push(name.clone(), *kind);
@@ -117,6 +111,8 @@ impl ZoneWriter {
                 ));
             }
         }
+        let parts = first.features.iter().filter_map(|feature| feature.geometry.as_ref());
+        let parts: Vec<FeatureParts<'_>> = parts.map(FeatureParts::of).collect();
         let layer = VectorLayer {
             name: if schema.name.is_empty() { "zones".into() } else { schema.name.clone() },
             kind: schema.kind,
@@ -124,7 +120,7 @@ impl ZoneWriter {
             has_z: false,
             attributes: names,
             crs: schema.crs.clone(),
-            bounds: bounds_of(&first.features),
+            bounds: bounds_of(&mut parts.iter().flat_map(FeatureParts::corners)),
         };
         if let Some(remark) = layer.remark(format) {
             progress.warn(&path, &remark);
@@ -288,17 +284,4 @@ fn is_ascending(features: &[Feature]) -> bool {
         features.iter().filter_map(|feature| feature.id.as_ref().and_then(serde_json::Value::as_i64));
     let mut last = None;
     ids.all(|id| last.replace(id).is_none_or(|before| before < id))
-}
-
-fn bounds_of(features: &[Feature]) -> [[f64; 2]; 2] {
-    let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
-    for geometry in features.iter().filter_map(|feature| feature.geometry.as_ref()) {
-        for corner in FeatureParts::of(geometry).corners() {
-            for axis in 0..2 {
-                bounds[0][axis] = bounds[0][axis].min(corner[axis]);
-                bounds[1][axis] = bounds[1][axis].max(corner[axis]);
-            }
-        }
-    }
-    if bounds[0][0] > bounds[1][0] { [[0.0; 2]; 2] } else { bounds }
 }

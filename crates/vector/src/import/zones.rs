@@ -393,7 +393,7 @@ fn add_polygons(geometry: &FeatureGeometry, parts: &mut PolygonParts) -> Result<
     Ok(())
 }
 
-/// What a geometry is that is no polygon.
+/// Name of the kind of a geometry that is no polygon.
 fn kind_of_others(geometry: &FeatureGeometry) -> Option<&'static str> {
     match geometry {
         FeatureGeometry::Polygons(_) => None,

@@ -33,7 +33,7 @@ impl Loader {
 
     /// Adds the shapes of a geometry, which have the last value; or tells what is wrong with it.
     ///
-    /// What is no farther from lines than so many parts of cells is theirs; with `None` the cells that their points are in.
+    /// Lines have what is within `radius` of them, in parts of cells; with `None` the cells that their points are in.
     pub(super) fn add(&mut self, geometry: &FeatureGeometry, radius: Option<i64>) -> Result<(), String> {
         let value = self.values.len() as u32 - 1;
         let mut edges = Vec::new();
