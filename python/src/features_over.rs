@@ -33,7 +33,7 @@ pub(crate) struct Features {
     options: Asked,
 }
 
-/// What was asked for, as it was read.
+/// Terms of a question, as they were read.
 struct Asked {
     filter: spinney::import::feature::FeatureFilter,
     edge: spinney::space::EdgeRule,

@@ -12,7 +12,7 @@ use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
 
-/// What limits a result: a box, or a file of polygons.
+/// A region that limits a result: a box, or a file of polygons.
 #[derive(FromPyObject)]
 pub(crate) enum Region {
     Box(Vec<f64>),

@@ -14,7 +14,7 @@ use super::Global;
 use super::args::{Memory, check_output, vector_format};
 use super::report::{Work, report_output};
 
-/// What a result is limited to.
+/// A region that limits a result.
 pub(super) enum Region {
     /// Least and greatest x and y, in coordinates of the first file.
     Box([f64; 2], [f64; 2]),
@@ -22,7 +22,7 @@ pub(super) enum Region {
     Polygons(PathBuf),
 }
 
-/// What is asked of files of polygons.
+/// A question about files of polygons.
 pub(super) struct Question<'a> {
     pub(super) name: &'a str,
     pub(super) files: &'a [PathBuf],

@@ -140,7 +140,7 @@ impl Table<'_> {
         self.text.push_str(&row_of(&columns));
     }
 
-    /// What cells of quadtrees and of octrees measure.
+    /// Name of the measure of cells, of quadtrees and of octrees.
     fn measure(&self) -> &'static str {
         if self.axes() == 3 { "volume" } else { "area_m2" }
     }

@@ -204,7 +204,7 @@ pub struct MadeOperand<'a> {
     pub place: usize,
     /// Its name, for the result's provenance.
     pub name: String,
-    /// What makes it.
+    /// A function that makes it.
     pub make: &'a dyn Fn(&Header, &Metadata) -> Result<ViewSource>,
 }
 

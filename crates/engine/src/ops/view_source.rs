@@ -39,7 +39,7 @@ pub enum ViewSource {
     Opaque(Box<Opaque>),
     /// Components of the cells of another.
     Regions(Box<Regions>),
-    /// What somebody else makes, block by block.
+    /// A tree that somebody else makes, block by block.
     Blockwise(Box<Blockwise>),
 }
 

@@ -47,7 +47,7 @@ pub(super) struct ZoneOptions {
 }
 
 impl ZoneOptions {
-    /// What is asked, and the bytes that are left for features.
+    /// The question, and the bytes that are left for features.
     fn request(&self) -> (ZonalRequest, u64) {
         let (measures, quantiles) = (self.measures.clone(), self.quantiles.clone());
         let memory = self.memory.bytes / 2;

@@ -158,7 +158,7 @@ const COLUMNS: [&str; 12] = [
     "class_name",
 ];
 
-/// What a row of a table has behind all others, of a channel.
+/// Fields of a channel at the end of a row of a table.
 fn more_of(zone: &ZoneStatistics, channel: usize, options: &ZoneOptions) -> Vec<String> {
     let number = |number: Option<Number>| number.map(|number| number.to_string()).unwrap_or_default();
     let values = zone.channels.get(channel).and_then(|channel| channel.values.as_ref());

@@ -119,7 +119,7 @@ impl Label<'_> {
 /// Takes labels as they come.
 pub type TakeLabel<'a> = dyn FnMut(&mut Label<'_>) -> Result<()> + 'a;
 
-/// What the numbers mean by which labels are told apart and sorted.
+/// Meaning of the numbers by which labels are told apart and sorted.
 #[derive(Clone, Copy)]
 enum Names {
     Unsigned,
@@ -305,7 +305,7 @@ pub(crate) fn find_labels(
     table_of(&cells, request, progress, each)
 }
 
-/// The same, of cells that are told otherwise.
+/// Hands out the labels of cells that are told apart in any way, as [`labels`] does those of a view.
 pub(super) fn table_of(
     cells: &Cells,
     request: &LabelRequest,

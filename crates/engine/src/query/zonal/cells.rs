@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::ops::Range;
 
 use super::super::walk::Selection;
+use super::AREA_ROUNDING;
 use spinney_base::space::{Bounds, Cover, Crossings, EdgeRule, Polygon};
 
 /// The cells of a picture in a polygon.
@@ -82,7 +83,7 @@ impl ZoneCells<'_> {
         let (all, layers) = (self.polygon.whole_area(), max[2] as f64);
         let outside = all - self.polygon.area(&self.picture);
         // (Rounding leaves some of nothing.)
-        if outside > 1e-9 * all { outside * layers } else { 0.0 }
+        if outside > AREA_ROUNDING * all { outside * layers } else { 0.0 }
     }
 
     /// Hands out the columns, row by row, of a box's cells that count, and the share of each that does.

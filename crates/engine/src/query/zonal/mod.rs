@@ -25,6 +25,9 @@ use spinney_base::space::{Bounds, Polygon};
 use spinney_base::{Progress, Result};
 use spinney_container::Header;
 
+/// Part of the area of a zone below which a difference is rounding: sums of shares are off by fewer digits than are left.
+const AREA_ROUNDING: f64 = 1e-9;
+
 /// A tree that is asked for the cells in polygons.
 pub(crate) struct ZonalTree<'a> {
     form: Form,

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, HashMap};
 use zerocopy::IntoBytes;
 
 use super::super::stats::summary;
-use super::AddDense;
 use super::request::{ZoneChannel, ZoneStatistics};
+use super::{AREA_ROUNDING, AddDense};
 use crate::store::records::dense::DenseBlock;
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use spinney_base::Form;
@@ -198,7 +198,7 @@ impl Parts {
         ZoneStatistics {
             cells,
             // (Sums of as many shares as a zone has cells at its border are off by less than that: what rounding leaves of nothing is nothing.)
-            void_cells: if all - cells > 1e-9 * all { all - cells } else { 0.0 },
+            void_cells: if all - cells > AREA_ROUNDING * all { all - cells } else { 0.0 },
             outside_cells: 0.0,
             channels: self.channels[..channels].iter().enumerate().map(channel).collect(),
             classes: told.into_iter().collect(),

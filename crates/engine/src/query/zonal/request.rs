@@ -7,7 +7,7 @@ use spinney_base::space::EdgeRule;
 use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 
-/// What is asked of the cells in polygons.
+/// A question about the cells in polygons.
 ///
 /// ```
 /// use spinney::query::ZonalRequest;
@@ -203,11 +203,11 @@ pub struct ZoneChannel {
     pub sum: f64,
     pub mean: f64,
     pub standard_deviation: f64,
-    /// What the cells of each sample tell, if that was asked for and there are samples.
+    /// Measures by the cells of each sample, if they were asked for and there are samples.
     pub values: Option<ZoneValues>,
 }
 
-/// What the cells of each sample tell of a channel in a polygon.
+/// Measures of a channel in a polygon by the cells of each sample.
 ///
 /// Quantiles are those that NumPy interpolates linearly, with shares of cells as weights: with all samples in order, each as long as its cells are
 /// many, of `n` cells in all, the quantile `q` is the mean of what lies between `q * (n - 1)` and one cell more; the mean of all if `n` is less
@@ -232,7 +232,7 @@ impl ZoneStatistics {
         self.void_cells / (self.cells + self.void_cells)
     }
 
-    /// What a measure is, of a channel where it is one of channels; `None` if there is no such number, or it was not asked for.
+    /// The number that a measure is, of a channel where it is one of channels; `None` if there is no such number, or it was not asked for.
     pub fn number(&self, measure: ZoneMeasure, channel: usize) -> Option<Number> {
         let channel = self.channels.get(channel);
         let values = channel.and_then(|channel| channel.values.as_ref());

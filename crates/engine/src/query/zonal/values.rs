@@ -37,7 +37,7 @@ struct Channel {
     table: Vec<f64>,
     /// Bits of a sample.
     bits: usize,
-    /// What memory has no room for.
+    /// Values that memory has no room for.
     sorter: Option<Sorter>,
 }
 
@@ -117,7 +117,7 @@ impl Values {
         }
     }
 
-    /// What the cells of each channel tell, of which there are so many.
+    /// Measures of each channel, of which there are so many.
     ///
     /// # Errors
     /// If temporary files cannot be used.
@@ -217,7 +217,7 @@ impl Channel {
         });
     }
 
-    /// What the samples of so many cells tell.
+    /// Measures of the samples of so many cells.
     fn finish(
         mut self,
         number: fn(u64) -> Number,
@@ -259,14 +259,14 @@ fn entry_of(item: &[u8]) -> Entry {
     (word(0), f64::from_bits(word(8)))
 }
 
-/// What the cells of each class tell, which come by ascending class.
+/// Measures by the cells of each class, which come by ascending class.
 pub(super) fn of_classes(classes: &[(Number, f64)], request: &ZonalRequest) -> Option<ZoneValues> {
     let mut told = Told::new(classes.iter().map(|(_, cells)| *cells).sum(), request);
     classes.iter().for_each(|(class, cells)| told.add(*class, *cells));
     told.finish()
 }
 
-/// What samples tell that come in order.
+/// Measures of samples that come in order.
 struct Told {
     values: ZoneValues,
     /// Cells of the majority and of the minority.
@@ -282,10 +282,10 @@ struct Told {
     done: usize,
 }
 
-/// What sums of shares are off by, at most, compared with them.
+/// Greatest rounding of sums of shares, compared with them.
 const ROUNDING: f64 = 1e-12;
 
-/// What a quantile is the mean of.
+/// The part of all samples in order that a quantile is the mean of.
 struct Window {
     /// The number of the quantile; `None` for the median.
     number: Option<usize>,
@@ -354,7 +354,7 @@ impl Told {
         self.before = to;
     }
 
-    /// What was told; nothing if there were no samples.
+    /// The measures; nothing if there were no samples.
     fn finish(mut self) -> Option<ZoneValues> {
         self.end();
         for window in &self.windows {
