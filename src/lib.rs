@@ -78,6 +78,7 @@
 //! | `mbtiles` | MBTiles archives and GeoPackages: SQLite, which needs a C compiler (with `raster` and `vector`) |
 //! | `meshopt` | compressed glTF (with `mesh`) |
 //! | `flatgeobuf` | features in FlatGeobuf (with `vector`) |
+//! | `remote` | files on web servers and in buckets: read in ranges, written by upload |
 //! | `libwebp` | lossy WebP tiles: libwebp, which needs a C compiler (with `raster`) |
 //! | `cli` | the program `spinney`, with all of these but `libwebp`; the default |
 
@@ -101,12 +102,23 @@ pub mod value {
     };
 }
 
-/// Files: read where they are mapped or at positions, written whole or not at all.
+/// Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all.
 pub mod io {
     pub use spinney_base::io::{
-        Faults, FileId, Mapped, Output, OutputFolder, Positioned, ReadBackend, Stamp, WriteBackend,
-        prefer_positioned_reads,
+        Faults, Fetch, FileBytes, FileId, HeldBytes, Mapped, Output, OutputFolder, Positioned, RangeCache,
+        RangeFile, ReadBackend, Stamp, WriteBackend, prefer_positioned_reads, url_of,
     };
+
+    /// Questions about files that come in ranges, answered in rounds.
+    pub mod rounds {
+        pub use spinney_base::io::rounds::{MissingRange, Traffic, ask, attempt, outside, traffic};
+    }
+}
+
+/// Files on web servers and in buckets.
+#[cfg(feature = "remote")]
+pub mod remote {
+    pub use spinney_remote::{RemoteOptions, enable};
 }
 
 /// Sources: everything that can be walked from the root down; the tree in memory.

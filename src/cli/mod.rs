@@ -150,10 +150,11 @@ pub(crate) fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return report::explain_usage(&error),
     };
-    global.start();
     stdio::refuse_closed_stdout();
     signals::tell_lost_pages();
-    match command.run(&global) {
+    let done = global.start().map_err(anyhow::Error::from).and_then(|()| command.run(&global));
+    global.finish();
+    match done {
         Ok(code) => code,
         Err(error) => {
             let code = exit_code(&error);

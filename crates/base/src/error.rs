@@ -138,6 +138,10 @@ pub enum Error {
         /// Description of what is possible.
         expected: String,
     },
+    /// Bytes of a file that comes in ranges from elsewhere have not come yet: what was asked is to be asked again when they are
+    /// there. See [`io::rounds`](crate::io::rounds).
+    #[error("bytes of a file elsewhere that are needed have not been fetched; fetch them and ask again")]
+    Unread,
     /// The user interrupted the work; nothing was left behind.
     #[error("interrupted; no output was written")]
     Interrupted,

@@ -5,6 +5,8 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
+use crate::io::rounds;
+
 /// Applies a function to each item with the threads of the current rayon pool; the results have the items'
 /// order.
 pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> R + Sync) -> Vec<R> {
@@ -24,7 +26,9 @@ pub fn threads() -> usize {
 }
 
 fn for_each(count: usize, visit: &(dyn Fn(usize) + Sync)) {
-    (0..count).into_par_iter().for_each(visit);
+    // (A thread that waits for others may take up work of another question.)
+    let round = rounds::current();
+    (0..count).into_par_iter().for_each(|index| rounds::with(round.clone(), || visit(index)));
 }
 
 /// Runs two functions, at the same time where a thread is free, and returns both results.
@@ -36,7 +40,8 @@ pub fn join<A: Send, B: Send>(first: impl FnOnce() -> A + Send, second: impl FnO
 }
 
 fn run_both(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
-    rayon::join(first, second);
+    let round = rounds::current();
+    rayon::join(|| rounds::with(round.clone(), first), || rounds::with(round.clone(), second));
 }
 
 /// Things that threads take to work with and put back: what one job has read serves another.

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use super::file_header::FileHeader;
-use spinney_base::io::Positioned;
+use spinney_base::io::{local_path, open_file, url_of};
 use spinney_base::{Error, Result};
 
 /// The formats of tree files.
@@ -56,6 +56,13 @@ impl<'p> FilePlace<'p> {
     /// What a path means.
     pub fn of(path: &'p Path) -> FilePlace<'p> {
         let whole = |path| FilePlace { file: path, commit: None, layer: None };
+        if let Some(url) = url_of(path) {
+            return FilePlace::of_url(url);
+        }
+        let path = match local_path(path) {
+            Cow::Owned(local) => return FilePlace::of(&local).into_owned(),
+            Cow::Borrowed(path) => path,
+        };
         if path.exists() {
             return whole(Cow::Borrowed(path));
         }
@@ -77,8 +84,40 @@ impl<'p> FilePlace<'p> {
         }
     }
 
+    /// What a URL means: commit and layer stand behind the last name of its path, before a query.
+    fn of_url(url: &'p str) -> FilePlace<'p> {
+        let (before, query) = url.split_at(url.find(['?', '#']).unwrap_or(url.len()));
+        let name = before.rfind('/').map_or(0, |slash| slash + 1);
+        let (file, layer) = match before[name..].split_once(':') {
+            Some((file, layer)) => (&before[..name + file.len()], Some(layer.to_string())),
+            None => (before, None),
+        };
+        let split = split_commit(Path::new(&file[name..]));
+        let (file, commit) = match split.as_ref().and_then(|(name, commit)| Some((name.to_str()?, *commit))) {
+            Some((split, commit)) => (&file[..name + split.len()], Some(commit)),
+            None => (file, None),
+        };
+        let layer = layer.filter(|layer| !layer.is_empty());
+        let file = match file.len() == before.len() {
+            true => Cow::Borrowed(Path::new(url)),
+            false => Cow::Owned(format!("{file}{query}").into()),
+        };
+        FilePlace { file, commit, layer }
+    }
+
+    /// The same place, whatever it was made of.
+    fn into_owned<'o>(self) -> FilePlace<'o> {
+        let FilePlace { file, commit, layer } = self;
+        FilePlace { file: Cow::Owned(file.into_owned()), commit, layer }
+    }
+
     /// The path that means this file and commit, and a layer of it.
     pub fn of_layer(&self, name: &str) -> PathBuf {
+        if let Some(url) = url_of(&self.file) {
+            let (before, query) = url.split_at(url.find(['?', '#']).unwrap_or(url.len()));
+            let commit = self.commit.map_or(String::new(), |commit| format!("@{commit}"));
+            return format!("{before}{commit}:{name}{query}").into();
+        }
         let mut path = self.file.clone().into_owned().into_os_string();
         if let Some(commit) = self.commit {
             path.push(format!("@{commit}"));
@@ -123,6 +162,28 @@ pub fn file_of(path: &Path) -> Cow<'_, Path> {
 
 /// Whether a file, or one of its commits, is a tree of either format, whatever its name.
 pub fn file_is_tree(path: &Path) -> bool {
-    let file = Positioned::open(&file_of(path));
-    file.and_then(|file| FileHeader::read_cells(path, &file)).is_ok()
+    let file = open_file(&file_of(path), true, &[]);
+    file.and_then(|(file, _)| FileHeader::read_cells(path, &*file)).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commits_and_layers_of_urls_stand_before_the_query() {
+        let place = |url: &'static str| {
+            let FilePlace { file, commit, layer } = FilePlace::of(Path::new(url));
+            (file.to_str().unwrap().to_string(), commit, layer)
+        };
+        let layer = |name: &str| Some(name.to_string());
+        let plain = "https://host:8000/a/x.goblin";
+        assert_eq!(place("https://host:8000/a/x.goblin"), (plain.into(), None, None));
+        assert_eq!(place("https://host:8000/a/x.goblin:B:8"), (plain.into(), None, layer("B:8")));
+        let signed = "s3://bucket/x.autumn?sig=a@1:b/c";
+        assert_eq!(place("s3://bucket/x.autumn?sig=a@1:b/c"), (signed.into(), None, None));
+        assert_eq!(place("s3://bucket/x.autumn@12:B?sig=a@1:b/c"), (signed.into(), Some(12), layer("B")));
+        let path = FilePlace { file: Path::new(signed).into(), commit: Some(3), layer: None }.of_layer("B");
+        assert_eq!(path.to_str(), Some("s3://bucket/x.autumn@3:B?sig=a@1:b/c"));
+    }
 }

@@ -1,6 +1,5 @@
 //! The container that all tree files have in common: header, metadata, sections, trailer.
 
-mod cache;
 mod colour_roles;
 mod file_header;
 mod finding;
@@ -16,7 +15,6 @@ mod state;
 mod tag;
 mod trailer;
 
-pub use cache::SegmentCache;
 pub use file_header::{Content, FileHeader, HEADER_SIZE, MOST_LAYERS};
 pub use finding::{Finding, MAX_FINDINGS};
 pub use format::{FilePlace, TreeFormat, file_is_tree, file_of};

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use spinney_base::io::{FileId, Mapped, Positioned, ReadBackend, open_input, positioned_reads_are_preferred};
-use spinney_base::{Error, Result};
+use spinney_base::Result;
+use spinney_base::io::{FileId, ReadBackend, open_file, positioned_reads_are_preferred, with_cache};
 
 /// Options of reading a file.
 #[derive(Clone, Debug)]
@@ -12,15 +12,22 @@ pub struct OpenOptions {
     /// Read with positioned reads instead of mapping the file: for network folders and files that somebody
     /// may truncate meanwhile.
     pub positioned: bool,
-    /// Bytes of segments kept in memory when reading with positioned reads.
+    /// Bytes of segments kept in memory when reading with positioned reads. (Files elsewhere share one cache.)
     pub cache: u64,
     /// Check each segment's checksum the first time it is used.
     pub check: bool,
+    /// Options of the store of a file elsewhere, as its programs name them: `aws_region`, `aws_access_key_id`, `endpoint`, ...
+    pub storage: Vec<(String, String)>,
 }
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        OpenOptions { positioned: positioned_reads_are_preferred(), cache: 64 << 20, check: true }
+        OpenOptions {
+            positioned: positioned_reads_are_preferred(),
+            cache: 64 << 20,
+            check: true,
+            storage: Vec::new(),
+        }
     }
 }
 
@@ -43,6 +50,12 @@ impl OpenOptions {
         OpenOptions { check, ..self }
     }
 
+    /// Options of the store of a file elsewhere: see [`OpenOptions::storage`](field@OpenOptions::storage).
+    #[must_use]
+    pub fn storage(self, options: impl IntoIterator<Item = (String, String)>) -> OpenOptions {
+        OpenOptions { storage: options.into_iter().collect(), ..self }
+    }
+
     /// The file's bytes, the way that was asked for.
     ///
     /// # Errors
@@ -57,13 +70,7 @@ impl OpenOptions {
     /// # Errors
     /// If the file cannot be opened.
     pub fn open_with_id(&self, path: &Path) -> Result<(Box<dyn ReadBackend>, FileId)> {
-        let file = open_input(path)?;
-        let id = FileId::of(&file).map_err(Error::io(path, "open"))?;
-        let backend: Box<dyn ReadBackend> = if self.positioned {
-            Box::new(Positioned::of(file, path)?)
-        } else {
-            Box::new(Mapped::of(&file, path)?)
-        };
-        Ok((backend, id))
+        let (backend, id) = open_file(path, self.positioned, &self.storage)?;
+        Ok((with_cache(backend, self.cache), id))
     }
 }

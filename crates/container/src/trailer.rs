@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::io::{self, Write};
+use std::ops::Range;
 use std::path::Path;
 
 use zerocopy::little_endian::{U32, U64};
@@ -26,6 +27,11 @@ pub struct Section {
 }
 
 impl Section {
+    /// First byte in the file, and the one behind the last.
+    pub fn range(&self) -> Range<u64> {
+        self.offset..self.offset + self.length
+    }
+
     /// The section's bytes, which the trailer's checks have found to lie inside the file, with the right
     /// checksum.
     pub fn read<'f>(&self, path: &Path, backend: &'f dyn ReadBackend, name: &str) -> Result<Cow<'f, [u8]>> {

@@ -13,6 +13,15 @@ pub(crate) struct Global {
     /// cut short
     #[arg(long, global = true)]
     positioned: bool,
+    /// Keep what is read of files elsewhere (https://, s3://, gs://, az://) in a folder, for the next time
+    #[arg(long, global = true, value_name = "FOLDER")]
+    cache: Option<std::path::PathBuf>,
+    /// Bytes between two parts of a file elsewhere up to which these are fetched with one request [default: 32K]
+    #[arg(long, global = true, value_name = "BYTES", value_parser = super::memory::parse_bytes)]
+    request_gap: Option<u64>,
+    /// Tell how files elsewhere were read: rounds of requests, requests and bytes
+    #[arg(short, long, global = true)]
+    verbose: bool,
 }
 
 /// Threads that are started at most, whatever is asked for: more only take memory.
@@ -21,13 +30,33 @@ const MAX_THREADS: u16 = 256;
 impl Global {
     /// Makes the pool of threads that everything runs on as large as was asked for, and files be read as was asked
     /// for.
-    pub(crate) fn start(&self) {
+    ///
+    /// # Errors
+    /// If the folder for what is kept of files elsewhere cannot be used.
+    pub(crate) fn start(&self) -> spinney::Result<()> {
         if self.positioned {
             spinney::io::prefer_positioned_reads();
         }
         if let Some(threads) = self.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.min(MAX_THREADS).into());
             pool.build_global().expect("no thread pool is running yet");
+        }
+        #[cfg(feature = "remote")]
+        {
+            let mut options = spinney::remote::RemoteOptions::default();
+            options.folder.clone_from(&self.cache);
+            options.gap = self.request_gap.unwrap_or(options.gap);
+            options.is_stopped = crate::cli::signals::stop_is_wanted;
+            spinney::remote::enable(options)?;
+        }
+        Ok(())
+    }
+
+    /// Tells how files elsewhere were read, if that was asked for.
+    pub(crate) fn finish(&self) {
+        if self.verbose {
+            let traffic = spinney::io::rounds::traffic();
+            eprintln!("{} rounds, {} requests, {} bytes", traffic.rounds, traffic.requests, traffic.bytes);
         }
     }
 }

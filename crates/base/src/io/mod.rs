@@ -1,28 +1,35 @@
-//! Files: read where they are mapped or at positions, written whole or not at all, locked, sorted beyond
+//! Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all, locked, sorted beyond
 //! memory.
 
+mod cache;
 mod faults;
 mod file_id;
 mod lock;
 mod lock_file;
+mod open;
 mod output;
 mod output_folder;
 pub mod platform;
+mod ranges;
 mod read;
 mod regular;
+pub mod rounds;
 mod sorter;
 pub mod spill;
 mod spool;
 mod write;
 
+pub use cache::{HeldBytes, RangeCache, with_cache};
 pub use faults::Faults;
 pub use file_id::FileId;
 pub use lock::{LockedFile, ReplaceLock};
 pub use lock_file::LockFile;
+pub use open::{RemoteFiles, local_path, open_file, set_remote_files, url_of};
 pub use output::Output;
 pub use output::folder;
 pub use output::{Unfinished, partial_of, sidecar_of, sync_folder};
 pub use output_folder::OutputFolder;
+pub use ranges::{DEFAULT_GAP, Fetch, RangeFile};
 pub use read::FileBytes;
 pub use read::positioned_reads_are_preferred;
 pub use read::{Mapped, Positioned, ReadBackend, Stamp, open_input, prefer_positioned_reads};

@@ -2,12 +2,13 @@
 
 use std::borrow::Cow;
 use std::fs::File;
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::SystemTime;
 
+use super::cache::HeldBytes;
 use super::platform::read_exact_at;
 use crate::{Error, Result};
 
@@ -37,6 +38,31 @@ pub trait ReadBackend: Send + Sync {
     /// # Errors
     /// If they cannot be read.
     fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>>;
+
+    /// Bytes that are likely to be asked for again, such as a segment's: where they are mapped, or held by a cache if there is one.
+    /// The range must lie within the length.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    fn share(&self, offset: u64, length: usize) -> Result<FileBytes<'_>> {
+        Ok(match self.read(offset, length)? {
+            Cow::Borrowed(bytes) => FileBytes::Mapped(bytes),
+            Cow::Owned(bytes) => FileBytes::Held(Arc::new(bytes).into()),
+        })
+    }
+
+    /// Whether bytes that were [shared](ReadBackend::share) are kept for a while.
+    fn has_cache(&self) -> bool {
+        false
+    }
+
+    /// Says that some ranges, which must lie within the length, will be asked for soon: bytes that come from elsewhere are fetched all at once.
+    ///
+    /// # Errors
+    /// If they cannot be fetched.
+    fn prefetch(&self, _: &[Range<u64>]) -> Result<()> {
+        Ok(())
+    }
 }
 
 /// Length and time of modification of a file: where they are the same, its bytes are.
@@ -208,7 +234,18 @@ pub enum FileBytes<'a> {
     /// Bytes of the mapping.
     Mapped(&'a [u8]),
     /// Bytes that were read.
-    Held(Arc<Vec<u8>>),
+    Held(HeldBytes),
+}
+
+impl FileBytes<'_> {
+    /// A part of the bytes, which must lie within.
+    #[must_use]
+    pub fn part(self, part: Range<usize>) -> Self {
+        match self {
+            FileBytes::Mapped(bytes) => FileBytes::Mapped(&bytes[part]),
+            FileBytes::Held(bytes) => FileBytes::Held(bytes.part(part)),
+        }
+    }
 }
 
 impl Deref for FileBytes<'_> {

@@ -8,7 +8,7 @@ use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::pieces::{ENTRY, Pieces};
 use super::reader::ExactModel;
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
-use spinney_base::io::{Positioned, ReadBackend};
+use spinney_base::io::{ReadBackend, open_file, with_cache};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
@@ -19,7 +19,7 @@ use spinney_container::{Content, FileHeader, HEADER_SIZE, Metadata, Section, TAI
 
 /// Whether a file is an exact model, whatever its name.
 pub fn is_model_file(path: &Path) -> bool {
-    Positioned::open(path).and_then(|file| model_depth(path, &file)).is_ok()
+    open_file(path, true, &[]).and_then(|(file, _)| model_depth(path, &*file)).is_ok()
 }
 
 impl ExactModel {
@@ -62,6 +62,7 @@ impl ExactModel {
         backend: Box<dyn ReadBackend>,
         options: &OpenOptions,
     ) -> Result<ExactModel> {
+        let backend = with_cache(backend, options.cache);
         // Before anything is read.
         let stamp = backend.stamp()?;
         let depth = model_depth(path, &*backend)?;
@@ -100,7 +101,7 @@ impl ExactModel {
                 None => Some(section.read(path, &*backend, name)?.into_owned()),
             };
             let place = (section.offset, section.length);
-            Ok(Pieces::new(name, place, held, end, (options.check, options.cache / 2)))
+            Ok(Pieces::new(name, place, held, end, options.check))
         };
         let segments = pieces("segment", trailer.section(DIRECTORY), Some(true))?;
         let blocks = pieces("block of faces", trailer.section(FACES), Some(summary.faces > 0))?;

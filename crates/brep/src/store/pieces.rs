@@ -3,11 +3,9 @@
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 
 use spinney_base::io::{FileBytes, ReadBackend};
 use spinney_base::{Error, Result};
-use spinney_container::SegmentCache;
 
 /// An entry of the list: what the piece is found by, and where it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,7 +49,6 @@ pub(crate) struct Pieces {
     checked: Vec<AtomicU64>,
     /// Whether checksums are looked at.
     check: bool,
-    cache: Mutex<SegmentCache>,
 }
 
 /// Where the bytes of a list are.
@@ -68,12 +65,12 @@ impl Pieces {
         (offset, length): (u64, u64),
         held: Option<Vec<u8>>,
         end: u64,
-        (check, cache): (bool, u64),
+        check: bool,
     ) -> Pieces {
         let len = length as usize / ENTRY;
         let checked = (0..len.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         let list = held.map_or(ListBytes::Mapped(offset as usize), ListBytes::Held);
-        Pieces { name, list, len, end, checked, check, cache: Mutex::new(SegmentCache::new(cache)) }
+        Pieces { name, list, len, end, checked, check }
     }
 
     /// Name of a piece, for messages.
@@ -158,7 +155,7 @@ impl Pieces {
                     bytes.ok_or_else(|| corrupt("no bytes".into(), "a file that nobody cuts short"))?;
                 FileBytes::Mapped(bytes)
             }
-            None => FileBytes::Held(self.cached(backend, offset, length as usize)?),
+            None => backend.share(offset, length as usize)?,
         };
         if self.check && !self.is_checked(index) {
             let found = crc32c::crc32c(&bytes);
@@ -166,16 +163,6 @@ impl Pieces {
                 return Err(corrupt(format!("checksum {found:08x}"), &format!("{checksum:08x}")));
             }
         }
-        Ok(bytes)
-    }
-
-    fn cached(&self, backend: &dyn ReadBackend, offset: u64, length: usize) -> Result<Arc<Vec<u8>>> {
-        let cache = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(bytes) = cache().get(offset) {
-            return Ok(bytes);
-        }
-        let bytes = Arc::new(backend.read(offset, length)?.into_owned());
-        cache().put(offset, bytes.clone());
         Ok(bytes)
     }
 }

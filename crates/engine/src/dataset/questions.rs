@@ -10,6 +10,7 @@ use crate::query::{
 };
 use crate::query::{PixelGrid, PixelSums};
 use crate::tree::{Child, Source, no_children};
+use spinney_base::io::rounds::{all_read, ask, go_on};
 use spinney_base::space::{Bounds, Cell, Code};
 use spinney_base::value::{Number, Value};
 use spinney_base::{Progress, Result};
@@ -22,20 +23,18 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there; of a view also if it has no such level.
     pub fn point(&self, cell: [u64; 3], level: u8, value: &mut [Number; 4]) -> Result<bool> {
-        let found = match &self.tree {
+        let found = ask(|| match &self.tree {
             Tree::View(viewed) => {
                 let mut found = [None];
                 viewed.values_at(level, &[cell], &mut found)?;
-                found[0]
+                Ok(found[0])
             }
-            _ if level > self.depth() => None,
-            Tree::Goblin(file) => {
-                self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at))?
-            }
+            _ if level > self.depth() => Ok(None),
+            Tree::Goblin(file) => self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at)),
             Tree::Autumnal(file) => {
-                self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at))?
+                self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at))
             }
-        };
+        })?;
         if let Some(found) = found {
             let numbers = self.header().form.value.numbers(found);
             value[..numbers.len()].copy_from_slice(&numbers);
@@ -56,13 +55,16 @@ impl Dataset {
                 let cells: Vec<Cell> = cells.iter().map(|cell| saturated(*cell)).collect();
                 file.values_at(level, &cells, values)?;
             }
-            Tree::Autumnal(file) => {
-                for (cell, value) in cells.iter().zip(values) {
+            Tree::Autumnal(file) => ask(|| {
+                let mut is_unread = false;
+                for (cell, value) in cells.iter().zip(&mut *values) {
                     let code = self.code(level, saturated(*cell));
-                    *value = code.map_or(Ok(None), |code| file.value_at(code))?;
+                    let found = code.map_or(Ok(None), |code| file.value_at(code));
+                    *value = go_on(found, &mut is_unread)?.flatten();
                 }
-            }
-            Tree::View(viewed) => viewed.values_at(level, cells, values)?,
+                all_read(is_unread)
+            })?,
+            Tree::View(viewed) => ask(|| viewed.values_at(level, cells, values))?,
         }
         Ok(())
     }
@@ -85,11 +87,11 @@ impl Dataset {
     /// If the file is damaged there, or the node is deeper than the tree.
     pub fn node(&self, code: Code) -> Result<Child<()>> {
         check_level(code.level(), self.depth())?;
-        match &self.tree {
+        ask(|| match &self.tree {
             Tree::Goblin(file) => Ok(file.locate(code)?.map_node(drop)),
             Tree::Autumnal(file) => source_node(&**file, code),
             Tree::View(viewed) => source_node(viewed.view(), code),
-        }
+        })
     }
 
     /// The code of a cell of a level; `None` outside of the space.
@@ -122,14 +124,17 @@ impl Dataset {
         bounds: &Bounds,
         fill: Number,
         bytes: &mut [u8],
-        valid: Option<&mut [bool]>,
+        mut valid: Option<&mut [bool]>,
     ) -> Result<()> {
         let fill: Value = self.header().form.value.nearest_numbers(|_| fill);
-        match &self.tree {
-            Tree::Goblin(file) => file.window(level, bounds, fill, bytes, valid).map(|_| ()),
-            Tree::Autumnal(file) => file.window(level, bounds, fill, bytes, valid),
-            Tree::View(viewed) => viewed.window(level, bounds, fill, bytes, valid),
-        }
+        ask(|| {
+            let valid = valid.as_deref_mut();
+            match &self.tree {
+                Tree::Goblin(file) => file.window(level, bounds, fill, bytes, valid).map(|_| ()),
+                Tree::Autumnal(file) => file.window(level, bounds, fill, bytes, valid),
+                Tree::View(viewed) => viewed.window(level, bounds, fill, bytes, valid),
+            }
+        })
     }
 
     /// The values of a box of cells of a level where they stand in the file, without a copy: `None` where that cannot be, and
@@ -149,7 +154,7 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there, or on interruption.
     pub fn statistics(&self, bounds: Option<Bounds>, progress: &dyn Progress) -> Result<Statistics> {
-        match &self.tree {
+        ask(|| match &self.tree {
             Tree::View(viewed) => {
                 let counts_classes = self.header().counts_classes();
                 let within = self.header().within_picture(bounds);
@@ -161,17 +166,17 @@ impl Dataset {
                 let within = self.header().within_picture(bounds);
                 autumnal_statistics(file, &within, counts_classes, progress)
             }
-        }
+        })
     }
 
     /// Statistics without classes; of a view those of what it stands on.
     fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
         let within = self.header().within_picture(bounds);
-        match &self.tree {
+        ask(|| match &self.tree {
             Tree::Goblin(file) => file.statistics_with(Some(within), false, &()),
             Tree::Autumnal(file) => autumnal_statistics(file, &within, false, &()),
             Tree::View(viewed) => viewed.source().totals(bounds),
-        }
+        })
     }
 
     /// Sums over the cells that pixels cover: see [`PixelSums`].
@@ -185,11 +190,11 @@ impl Dataset {
         base: Value,
         progress: &'a dyn Progress,
     ) -> Result<PixelSums<'a>> {
-        match &self.tree {
+        ask(|| match &self.tree {
             Tree::Goblin(file) => PixelSums::of_file(file, bounds, grid, base, progress),
             Tree::Autumnal(file) => PixelSums::of_source(&**file, bounds, grid, base, progress),
             Tree::View(viewed) => PixelSums::of_source(viewed.view(), bounds, grid, base, progress),
-        }
+        })
     }
 
     /// Nodes of the file's tree by level and state. Goblin files know them, those of Autumnal files are counted: `None` if
@@ -211,7 +216,7 @@ impl Dataset {
     /// If the file is damaged there.
     pub fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
         match &self.tree {
-            Tree::View(viewed) => viewed.may_have_void(&bounds),
+            Tree::View(viewed) => ask(|| viewed.may_have_void(&bounds)),
             _ => {
                 // (What reaches out of the picture needs no look at the box, whose border can be long, nor does a picture without VOID.)
                 let picture = self.header().picture();
@@ -255,11 +260,11 @@ impl Dataset {
         bins: usize,
         progress: &dyn Progress,
     ) -> Result<Vec<u64>> {
-        match &self.tree {
+        ask(|| match &self.tree {
             Tree::Goblin(file) => file.histogram(bounds, low, high, bins, progress),
             Tree::Autumnal(file) => autumnal_histogram(file, bounds, (low, high), bins, progress),
             Tree::View(viewed) => source_histogram(viewed.view(), bounds, (low, high), bins, progress),
-        }
+        })
     }
 
     /// Hands out the largest blocks in a box (of cells of the deepest level; the whole picture if there is
@@ -274,15 +279,12 @@ impl Dataset {
         progress: &dyn Progress,
         found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Result<()> {
-        match &self.tree {
+        let within = self.header().within_picture(bounds);
+        find_in_rounds(found, &mut |found| match &self.tree {
             Tree::Goblin(file) => file.find(condition, bounds, progress, found),
-            Tree::Autumnal(file) => {
-                source_find(&**file, condition, &self.header().within_picture(bounds), progress, found)
-            }
-            Tree::View(viewed) => {
-                source_find(viewed.view(), condition, &self.header().within_picture(bounds), progress, found)
-            }
-        }
+            Tree::Autumnal(file) => source_find(&**file, condition, &within, progress, found),
+            Tree::View(viewed) => source_find(viewed.view(), condition, &within, progress, found),
+        })
     }
 
     /// [`Dataset::find`] among the cells that another tree on the same cells has, such as the cells of some zones.
@@ -306,8 +308,31 @@ impl Dataset {
         let extent = view.extent();
         let views = vec![view, View::new(zones.clone(), extent)?];
         let inside = Combined::new(views, both, extent)?;
-        source_find(&inside, condition, &self.header().within_picture(bounds), progress, found)
+        let within = self.header().within_picture(bounds);
+        find_in_rounds(found, &mut |found| source_find(&inside, condition, &within, progress, found))
     }
+}
+
+/// Takes blocks that were found.
+type TakeBlock<'a> = dyn FnMut(FoundBlock) -> Result<bool> + 'a;
+
+/// Searches in rounds: a search that is asked again finds the same blocks in the same order, and each is handed out once.
+fn find_in_rounds(
+    found: &mut TakeBlock<'_>,
+    search: &mut dyn FnMut(&mut TakeBlock<'_>) -> Result<()>,
+) -> Result<()> {
+    let mut handed_out = 0u64;
+    ask(|| {
+        let mut number = 0;
+        search(&mut |block| {
+            number += 1;
+            if number <= handed_out {
+                return Ok(true);
+            }
+            handed_out = number;
+            found(block)
+        })
+    })
 }
 
 /// State of a node of a source: a step down for each level.

@@ -112,6 +112,8 @@ struct Search<'a> {
     /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a
     /// larger one. Complete siblings are replaced by their parent, so that it stays short.
     pending: Vec<(Code, Option<Number>)>,
+    /// Whether a part was passed by: what comes behind it is handed out the next time.
+    has_missed: bool,
 }
 
 impl<'a> Search<'a> {
@@ -123,7 +125,7 @@ impl<'a> Search<'a> {
         found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Search<'a> {
         let (number, condition) = (exact_number_of(form.value), condition.plain());
-        Search { form, depth, condition, number, progress, found, pending: Vec::new() }
+        Search { form, depth, condition, number, progress, found, pending: Vec::new(), has_missed: false }
     }
 
     fn finish(mut self, walked: Walked) -> Result<()> {
@@ -139,6 +141,10 @@ impl<'a> Search<'a> {
     /// Hands out all that is pending.
     #[inline(never)]
     fn hand_out(&mut self) -> Walked {
+        if self.has_missed {
+            self.pending.clear();
+            return Ok(());
+        }
         let depth = self.depth;
         for (code, value) in self.pending.drain(..) {
             let bounds = code.bounds(depth);
@@ -215,5 +221,9 @@ impl Visitor for Search<'_> {
 
     fn outside(&mut self) -> Walked {
         self.miss()
+    }
+
+    fn miss_part(&mut self) {
+        self.has_missed = true;
     }
 }

@@ -12,6 +12,7 @@ use crate::store::goblin::{Goblin, GoblinNode, Segment};
 use crate::store::records::dense::dense_block;
 use crate::store::records::{Record, RecordLayout, child_record, with_record_type};
 use crate::tree::{Child, Source, no_children};
+use spinney_base::io::rounds;
 use spinney_base::space::{Cell, Code};
 use spinney_base::value::{Numbers, Value, ValueType};
 use spinney_base::{Error, Result};
@@ -96,11 +97,36 @@ impl Goblin {
             let found = format!("{} places for values", values.len());
             return Err(Error::invalid("points", found, format!("{}, one per cell", cells.len())));
         }
+        if !self.is_mapped() {
+            return self.values_one_by_one(level, cells, values);
+        }
         let points = self.points_of(level, cells.len() as u64)?;
         with_record_type!(points.layout, R => points.values::<R>(cells, values))
     }
 
-    /// Gets ready to answer for about `count` cells of a level, anywhere in the tree. The more there are the
+    /// [`Goblin::values_at`] without a table of the upper levels. Segments that are not mapped stay in memory for as long as somebody has them, so
+    /// that a table of them has no bound.
+    fn values_one_by_one(&self, level: u8, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
+        check_level(level, self.header().depth())?;
+        // Cells that are answered are not asked again: all of them together may need more segments than are held.
+        let mut is_known = vec![false; cells.len()];
+        rounds::ask(|| {
+            let mut is_unread = false;
+            for ((cell, value), is_known) in cells.iter().zip(&mut *values).zip(&mut is_known) {
+                if *is_known {
+                    continue;
+                }
+                let code = Code::from_cell(self.header().form.dimension, level, *cell);
+                let found = code.map_or(Ok(None), |code| self.value_at(code));
+                if let Some(found) = rounds::go_on(found, &mut is_unread)? {
+                    (*value, *is_known) = (found, true);
+                }
+            }
+            rounds::all_read(is_unread)
+        })
+    }
+
+    /// Gets ready to answer for about `count` cells of a level, anywhere in the tree of a mapped file. The more there are the
     /// more of the upper levels goes into the table.
     ///
     /// # Errors
@@ -109,9 +135,7 @@ impl Goblin {
         check_level(level, self.header().depth())?;
         let dimension = self.header().form.dimension;
         let worth = (count / WORTH).min(MAX_NODES);
-        // Segments that are not mapped stay in memory for as long as somebody has them: better one by one.
-        let deepest = if self.is_mapped() { level } else { 0 };
-        let top = (0..=deepest).take_while(|top| dimension.cells(*top) <= worth).last().unwrap_or(0);
+        let top = (0..=level).take_while(|top| dimension.cells(*top) <= worth).last().unwrap_or(0);
         let mut points = Points {
             tree: self,
             layout: *self.layout(),

@@ -7,6 +7,7 @@ use crate::store::records::subtree::BadSkip;
 use crate::store::records::{RunChild, RunChildren, RunNode, with_record_type};
 use crate::tree::{CellBlock, Child, Source, no_children};
 use spinney_base::Form;
+use spinney_base::io::rounds::all_read;
 use spinney_base::space::{Bounds, Code, Cover};
 use spinney_base::value::{Tally, Value};
 use spinney_base::{Error, Result};
@@ -127,6 +128,21 @@ pub(super) trait Visitor {
     }
     /// The walk goes into a segment's records.
     fn enter_segment(&mut self) {}
+    /// The walk goes on behind a part whose bytes have not been fetched: what it has found is not all, and it fails in the end.
+    fn miss_part(&mut self) {}
+}
+
+/// Lets a walk go on where a part lacks bytes.
+#[inline]
+fn go_on(walked: Walked, visitor: &mut impl Visitor, is_unread: &mut bool) -> Walked {
+    match walked {
+        Err(Halt::Failed(Error::Unread)) => {
+            visitor.miss_part();
+            *is_unread = true;
+            Ok(())
+        }
+        walked => walked,
+    }
 }
 
 /// The cells of a node that are selected.
@@ -243,13 +259,15 @@ fn source_node<S: Source>(
         let cells = Cells { block: &block, form: source.form(), levels };
         return cells.walk(code, [0; 3], levels, (selected, selection), visitor);
     }
-    let mut children = no_children();
+    let (mut children, mut is_unread) = (no_children(), false);
     source.children(inner, &mut children)?;
     for (step, child) in children[..dimension.children()].iter().enumerate() {
         let space = space.map(|space| space.child(dimension, step));
         let selected = Selected::of(space, selection);
-        source_node(source, code.child(step), child, (selected, selection), visitor)?;
+        let walked = source_node(source, code.child(step), child, (selected, selection), visitor);
+        go_on(walked, visitor, &mut is_unread)?;
     }
+    all_read(is_unread)?;
     visitor.leave(code)
 }
 
@@ -393,6 +411,7 @@ impl<S: Selection> Walk<'_, S> {
         layout.run_children(records, at, &mut children).ok_or_else(bad_skip)?;
         let dimension = code.dimension();
         let candidates = !inline && shape.is_candidate(code.level() + 1);
+        let mut is_unread = false;
         for (step, RunChild { state, value, node: at }) in children[..dimension.children()].iter().enumerate()
         {
             let child = code.child(step);
@@ -408,27 +427,38 @@ impl<S: Selection> Walk<'_, S> {
                         visitor.outside()?;
                         continue;
                     }
-                    let space = selected.space();
-                    // A child that owns a segment has a zone there, and records that reach deeper than those
-                    // here.
-                    let deepest = if candidates { self.tree.find_segment(child)? } else { None };
-                    match deepest {
-                        Some(own) if own != segment.index() && self.tree.segment(own)?.code() == child => {
-                            self.segment(child, Some(own), space, visitor)?;
-                        }
-                        deepest if state == INNER => {
-                            // A node that might own a segment and does not is too small to be cut: all below
-                            // it has its records here.
-                            let inline = inline || deepest == Some(segment.index());
-                            let node = Node { at: *at, code: child, space, inline };
-                            self.node(segment, records, node, visitor)?;
-                        }
-                        _ => return Err(self.tree.bad_cut(child).into()),
-                    }
+                    let node = Node { at: *at, code: child, space: selected.space(), inline };
+                    let walked = self.child(segment, records, (node, state, candidates), visitor);
+                    go_on(walked, visitor, &mut is_unread)?;
                 }
             }
         }
+        all_read(is_unread)?;
         visitor.leave(code)
+    }
+
+    /// A node of a state below one of a segment, which owns a segment perhaps.
+    fn child(
+        &self,
+        segment: &Segment<'_>,
+        records: &[u8],
+        (node, state, is_candidate): (Node, u8, bool),
+        visitor: &mut impl Visitor,
+    ) -> Walked {
+        // One that owns a segment has a zone there, and records that reach deeper than those here.
+        let deepest = if is_candidate { self.tree.find_segment(node.code)? } else { None };
+        match deepest {
+            Some(own) if own != segment.index() && self.tree.segment_code(own)? == Some(node.code) => {
+                self.segment(node.code, Some(own), node.space, visitor)
+            }
+            deepest if state == INNER => {
+                // A node that might own a segment and does not is too small to be cut: all below
+                // it has its records here.
+                let inline = node.inline || deepest == Some(segment.index());
+                self.node(segment, records, Node { inline, ..node }, visitor)
+            }
+            _ => Err(self.tree.bad_cut(node.code).into()),
+        }
     }
 
     /// Walks a node of a dense block of cells: its code, and its index in its level.

@@ -10,6 +10,7 @@ use crate::store::goblin::{Goblin, Located, Segment};
 use crate::store::records::{Record, with_record_type};
 use crate::tree::Child;
 use spinney_base::Result;
+use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Value;
 use spinney_container::{CUT, INNER, VOID};
@@ -155,17 +156,18 @@ impl<R: Record> Drawing<'_, '_, R> {
         let Some(level) = self.window.divided_at(part)? else { return self.draw_down(part) };
         let side = 1u64 << (self.window.level - level);
         let nodes = |axis: usize| part.min[axis] / side..part.max[axis].div_ceil(side);
+        let mut is_unread = false;
         for z in nodes(2) {
             for y in nodes(1) {
                 for x in nodes(0) {
                     // (A quadtree has no nodes along z but one.)
                     let min = [x, y, z].map(|node| node * side);
                     let node = Bounds { min, max: min.map(|min| min + side) };
-                    self.draw_down(&node.intersect(part))?;
+                    go_on(self.draw_down(&node.intersect(part)), &mut is_unread)?;
                 }
             }
         }
-        Ok(())
+        all_read(is_unread)
     }
 
     /// Draws a part of the window, starting from the deepest segment that has all of it.
@@ -216,6 +218,7 @@ impl<R: Record> Drawing<'_, '_, R> {
         let halves = self.painter.halves(min, below);
         let end = at + record.skip() as usize;
         let mut next = at + 1;
+        let mut is_unread = false;
         for child in 0..R::CHILDREN {
             let state = record.state(child);
             let under = next;
@@ -239,21 +242,25 @@ impl<R: Record> Drawing<'_, '_, R> {
                     let child_min =
                         std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
                     if state == INNER && !jump {
-                        self.node(segment, records, under, level + 1, child_min)?;
+                        let drawn = self.node(segment, records, under, level + 1, child_min);
+                        go_on(drawn, &mut is_unread)?;
                         continue;
                     }
                     let cell = child_min.map(|cell| (cell >> below) as u32);
                     let code = Code::from_cell(R::DIMENSION, level + 1, cell);
-                    if state == CUT && !self.window.has_deeper(segment, code)? {
+                    let deeper = if state == CUT { self.window.has_deeper(segment, code) } else { Ok(true) };
+                    let Some(deeper) = go_on(deeper, &mut is_unread)? else { continue };
+                    if !deeper {
                         return Err(tree.bad_cut(code.unwrap_or(Code::root(R::DIMENSION))));
                     }
                     let side = |axis: usize| if axis < R::AXES { 1 << below } else { 1 };
                     let max = std::array::from_fn(|axis| child_min[axis] + side(axis));
-                    self.draw(&Bounds { min: child_min, max }.intersect(&self.window.bounds))?;
+                    let part = Bounds { min: child_min, max }.intersect(&self.window.bounds);
+                    go_on(self.draw(&part), &mut is_unread)?;
                 }
                 _ => self.painter.fill(start, size, Some(record.values()[child])),
             }
         }
-        Ok(())
+        all_read(is_unread)
     }
 }

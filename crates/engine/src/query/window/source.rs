@@ -4,6 +4,7 @@ use super::check_buffers;
 use crate::tree::{CellBlock, Child, Source, no_children};
 use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;
 
@@ -97,11 +98,13 @@ impl<'a> Canvas<'a> {
                     self.copy(&block, &space, &part);
                     return Ok(());
                 }
-                let mut children = no_children();
+                let (mut children, mut is_unread) = (no_children(), false);
                 source.children(node, &mut children)?;
                 for (step, child) in children[..self.form.children()].iter().enumerate() {
-                    self.node(source, child, space.child(self.form.dimension, step), levels - 1)?;
+                    let space = space.child(self.form.dimension, step);
+                    go_on(self.node(source, child, space, levels - 1), &mut is_unread)?;
                 }
+                all_read(is_unread)?;
             }
             // (VOID is there already.)
             node => {

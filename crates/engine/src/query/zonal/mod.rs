@@ -11,6 +11,7 @@ mod request;
 mod values;
 
 use std::cell::RefCell;
+use std::collections::BTreeMap;
 
 use super::walk::{Walked, ended, walk, walk_source};
 use crate::store::goblin::Goblin;
@@ -20,6 +21,7 @@ use cells::{FoundCells, ZoneCells};
 use gather::Gather;
 pub use request::{ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValues};
 use spinney_base::Form;
+use spinney_base::io::rounds;
 use spinney_base::parallel;
 use spinney_base::space::{Bounds, Polygon};
 use spinney_base::{Progress, Result};
@@ -96,8 +98,20 @@ pub(crate) fn zonal(
             groups.iter().try_for_each(|group| group.zone(*number, (request, memory), progress, &mut all))?;
             Ok(all)
         };
-        let found: Vec<Result<Vec<ZoneStatistics>>> = parallel::map(batch, zone_of);
-        found.into_iter().try_for_each(|found| take(found?))?;
+        // Zones that are done are not asked again where others lack bytes.
+        let mut done: BTreeMap<usize, Vec<ZoneStatistics>> = BTreeMap::new();
+        rounds::ask(|| {
+            let left: Vec<usize> =
+                batch.iter().copied().filter(|number| !done.contains_key(number)).collect();
+            let mut is_unread = false;
+            for (number, found) in left.iter().zip(parallel::map(&left, zone_of)) {
+                if let Some(found) = rounds::go_on(found, &mut is_unread)? {
+                    done.insert(*number, found);
+                }
+            }
+            rounds::all_read(is_unread)
+        })?;
+        done.into_values().try_for_each(&mut *take)?;
         progress.check()?;
         progress.advance((batch.len() * trees) as u64, (polygons * trees) as u64);
     }

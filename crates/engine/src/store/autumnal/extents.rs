@@ -1,8 +1,10 @@
 //! Extents: checksummed runs of bytes, from which everything but the first three pages of a file is made.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
@@ -10,7 +12,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 use super::meta::{Slot, slots};
 use super::pages::{FIRST_EXTENT, PAGE, SECTOR};
 use super::sectors::{MOST_BYTES, Sectors};
-use spinney_base::io::{ReadBackend, Stamp};
+use spinney_base::io::{FileBytes, ReadBackend, Stamp};
 use spinney_base::{Error, Result};
 
 /// Bytes of an extent's head.
@@ -20,6 +22,10 @@ pub(super) const FULL_EXTENT: usize = 1 << 16;
 
 /// Bytes of the longest extent, behind its head. A hostile length must not ask for more.
 const MAX_WHOLE: u64 = 16 << 20;
+/// Bytes behind the start of an extent that is read as a whole which have most of those.
+const WHOLE_READ: u64 = 16 << 10;
+/// Extents of a file that is not mapped whose places are remembered.
+const MOST_READ: usize = 1 << 16;
 /// Bytes that are read at a time where only their checksum is wanted.
 const CHECK_BYTES: u64 = 1 << 20;
 
@@ -100,6 +106,8 @@ pub(super) struct Extents {
     pub(super) end: u64,
     /// Sectors of extents of records that were found to be good.
     verified: Sectors,
+    /// Extents among these that were read lately, by their starts, if the file is not mapped.
+    read: Mutex<BTreeMap<u64, Extent>>,
     check: bool,
 }
 
@@ -131,14 +139,19 @@ impl<'a> ByteAccess<'a> for MappedBytes<'a> {
     }
 }
 
-/// Positioned reads: every answer is a copy.
+/// Bytes that are read, each extent as a whole.
 impl<'a> ByteAccess<'a> for &'a Extents {
-    type Bytes = Cow<'a, [u8]>;
+    type Bytes = FileBytes<'a>;
 
-    fn bytes(self, address: u64, most: usize) -> Result<Cow<'a, [u8]>> {
-        self.check_at(address)?;
-        let rest = self.end.saturating_sub(address);
-        self.backend.read(address, rest.min(most as u64) as usize)
+    fn bytes(self, address: u64, most: usize) -> Result<FileBytes<'a>> {
+        if let Some(mapped) = self.mapped() {
+            return mapped.bytes(address, most).map(FileBytes::Mapped);
+        }
+        let extent = self.read_extent(address)?;
+        let bytes = self.backend.share(extent.payload_start(), extent.length as usize)?;
+        let start = (address - extent.payload_start()) as usize;
+        let end = start.saturating_add(most).min(bytes.len());
+        Ok(bytes.part(start..end))
     }
 }
 
@@ -153,7 +166,7 @@ impl Extents {
             return Err(Error::unsupported(path, found, format!("files may have {MOST_BYTES} bytes")));
         }
         let verified = Sectors::new(end);
-        Ok(Extents { path: path.to_path_buf(), backend, end, verified, check })
+        Ok(Extents { path: path.to_path_buf(), backend, end, verified, read: Mutex::default(), check })
     }
 
     /// Both meta slots as they are now.
@@ -198,6 +211,24 @@ impl Extents {
         if self.verified.contains(address / SECTOR) { Ok(()) } else { self.verify_extent(address) }
     }
 
+    /// The extent of records that an address is in, which is good, of a file that is not mapped.
+    fn read_extent(&self, address: u64) -> Result<Extent> {
+        let read = || self.read.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = read().range(..=address).next_back().map(|(_, extent)| *extent);
+        if let Some(extent) = known.filter(|extent| address < extent.end()) {
+            return Ok(extent);
+        }
+        self.check_at(address)?;
+        let extent = self.extent_of(address)?;
+        let mut read = read();
+        // (Which of them are forgotten does not matter: finding one again costs a look.)
+        if read.len() >= MOST_READ {
+            read.clear();
+        }
+        read.insert(extent.start, extent);
+        Ok(extent)
+    }
+
     /// Finds the extent of records that an address is in, checks it, and remembers that it is good.
     #[cold]
     fn verify_extent(&self, address: u64) -> Result<()> {
@@ -227,7 +258,15 @@ impl Extents {
         // Back to the nearest head, but no further than an extent can be long: a file may be nearly all holes.
         let mut start = address / SECTOR * SECTOR;
         let first = address.saturating_sub(MAX_WHOLE + HEAD_SIZE as u64).max(FIRST_EXTENT);
+        let mut fetched = start + 1;
         let extent = loop {
+            if start < fetched {
+                // (Nearly all extents are that long: this has the head and all that is behind it.)
+                let around = start.saturating_sub(FULL_EXTENT as u64).max(FIRST_EXTENT);
+                let end = (address + FULL_EXTENT as u64).min(self.end);
+                self.backend.prefetch(std::slice::from_ref(&(around..end.max(around))))?;
+                fetched = around;
+            }
             if let Some(extent) = self.extent_at(start)? {
                 break extent;
             }
@@ -278,6 +317,8 @@ impl Extents {
 
     /// All bytes of the extent of a kind that starts at an offset of the file, checked.
     pub(super) fn whole(&self, kind: ExtentKind, start: u64) -> Result<Cow<'_, [u8]>> {
+        let near = (start + WHOLE_READ).min(self.end);
+        self.backend.prefetch(std::slice::from_ref(&(start.min(near)..near)))?;
         let extent = self.extent_at(start)?.filter(|extent| extent.kind == kind as u8);
         let extent = extent.ok_or_else(|| {
             self.corrupt(format!("byte {start}"), "something else", &format!("an extent of kind {kind:?}"))

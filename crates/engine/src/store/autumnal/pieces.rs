@@ -5,6 +5,7 @@ use super::node::AutumnalNode;
 use super::reader::Autumnal;
 use crate::store::records::{RunChildren, RunNode};
 use crate::tree::Child;
+use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
@@ -56,7 +57,7 @@ impl Autumnal {
         let stride = record.height - below;
         let dimension = layout.form.dimension;
         let mut open = vec![(RunNode::default(), 0, *space)];
-        let mut children = RunChildren::default();
+        let (mut children, mut is_unread) = (RunChildren::default(), false);
         for above in (0..stride).rev() {
             let mut deeper = Vec::new();
             for (place, path, space) in open {
@@ -79,12 +80,14 @@ impl Autumnal {
                     } else {
                         let next = self.follow(&record, path)?;
                         let next = next.ok_or_else(|| self.no_pointer(node.address))?;
-                        self.pieces_below(access, (next, levels - stride), &space, (bounds, each))?;
+                        let below =
+                            self.pieces_below(access, (next, levels - stride), &space, (bounds, each));
+                        go_on(below, &mut is_unread)?;
                     }
                 }
             }
             open = deeper;
         }
-        Ok(())
+        all_read(is_unread)
     }
 }

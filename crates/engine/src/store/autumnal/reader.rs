@@ -1,6 +1,5 @@
 //! Reads one commit of an Autumnal file.
 
-use std::borrow::Cow;
 use std::cell::Cell;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
@@ -16,7 +15,7 @@ use super::pages::FIRST_EXTENT;
 use super::zone::{BadZone, Zone, records};
 use crate::store::records::Descent;
 use crate::tree::{Child, Source};
-use spinney_base::io::FileId;
+use spinney_base::io::{FileBytes, FileId};
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
@@ -72,7 +71,7 @@ impl<B: Deref<Target = [u8]>> PointeredRecord<B> {
 }
 
 /// One that was asked for by itself.
-type OneRecord<'a> = PointeredRecord<Cow<'a, [u8]>>;
+type OneRecord<'a> = PointeredRecord<FileBytes<'a>>;
 
 impl Autumnal {
     /// Opens a commit of a file: `map.autumn@12` is the twelfth, `map.autumn` the newest; and `map.autumn:NAME` a layer, the first if
@@ -319,7 +318,7 @@ impl Autumnal {
         Ok(match self.extents().mapped() {
             Some(mapped) => {
                 let PointeredRecord { address, height, bytes, parts } = self.record_in(mapped, node)?;
-                PointeredRecord { address, height, bytes: Cow::Borrowed(bytes), parts }
+                PointeredRecord { address, height, bytes: FileBytes::Mapped(bytes), parts }
             }
             None => self.record_in(self.extents(), node)?,
         })
@@ -466,12 +465,11 @@ impl Autumnal {
     }
 
     /// Bytes of a node's zone, and what is behind, up to `most`.
-    fn behind(&self, node: AutumnalNode, most: usize) -> Result<Cow<'_, [u8]>> {
+    fn behind(&self, node: AutumnalNode, most: usize) -> Result<FileBytes<'_>> {
         let length = self.record(node)?.parts.end;
-        self.extents().bytes(node.address, length + most).map(|bytes| match bytes {
-            Cow::Borrowed(bytes) => Cow::Borrowed(&bytes[length.min(bytes.len())..]),
-            Cow::Owned(mut bytes) => Cow::Owned(bytes.split_off(length.min(bytes.len()))),
-        })
+        let bytes = self.extents().bytes(node.address, length + most)?;
+        let end = bytes.len();
+        Ok(bytes.part(length.min(end)..end))
     }
 
     /// Whether a node has a zone.

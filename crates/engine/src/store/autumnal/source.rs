@@ -1,8 +1,5 @@
 //! Walking a commit: its nodes as a source, and as what is kept or taken over.
 
-use std::borrow::Cow;
-use std::sync::Arc;
-
 use super::extents::ByteAccess;
 use super::node::AutumnalNode;
 use super::reader::{Autumnal, MAX_RECORDS, PointeredRecord};
@@ -10,7 +7,6 @@ use crate::store::builder::{RecordRef, ReusableSource, RunFile, StoredNode, Subt
 use crate::store::records::RunChildren;
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::Form;
-use spinney_base::io::FileBytes;
 use spinney_base::value::Tally;
 use spinney_base::{Error, Result};
 use spinney_container::{Header, INNER, LEAF, VOID};
@@ -148,10 +144,6 @@ impl RunFile for Autumnal {
         let skip = layout.head(records, at).map_or(0, |head| head.skip);
         let length = layout.subtree(records, at, skip).map_or(0, <[u8]>::len);
         let start = parts.run_start() + at * layout.size;
-        let bytes = match bytes {
-            Cow::Borrowed(bytes) => FileBytes::Mapped(bytes),
-            Cow::Owned(bytes) => FileBytes::Held(Arc::new(bytes)),
-        };
         Ok(Subtree::new(bytes, start..start + length))
     }
 }

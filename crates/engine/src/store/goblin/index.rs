@@ -1,6 +1,6 @@
 //! The way from a code, or a segment's number, to the page of the directory that has its entry.
 
-use std::ops::Range;
+use std::ops::{Deref, Range};
 
 use zerocopy::FromBytes;
 
@@ -9,6 +9,7 @@ use super::pages::{
     PageSlots, index_levels, page_slots,
 };
 use super::reader::Goblin;
+use spinney_base::io::FileBytes;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::Layer;
@@ -64,17 +65,42 @@ impl Directory {
 }
 
 /// A page of the directory.
-#[derive(Clone, Copy)]
 struct Page<'a> {
-    /// Numbers of the segments that are copied.
-    numbers: &'a [u8],
-    /// The copies, then the page's own entries.
-    entries: &'a [u8],
+    bytes: FileBytes<'a>,
     copies: usize,
 }
 
+impl Page<'_> {
+    /// Numbers of the segments that are copied.
+    fn numbers(&self) -> &[u8] {
+        &self.bytes[HEAD_SIZE..][..self.copies * 8]
+    }
+
+    /// The copies, then the page's own entries.
+    #[inline]
+    fn entries(&self) -> &[u8] {
+        &self.bytes[HEAD_SIZE + self.copies * 8..]
+    }
+}
+
+/// The bytes of an entry of the directory.
+pub(super) struct EntryBytes<'a> {
+    page: FileBytes<'a>,
+    start: usize,
+    size: usize,
+}
+
+impl Deref for EntryBytes<'_> {
+    type Target = [u8];
+
+    #[inline]
+    fn deref(&self) -> &[u8] {
+        &self.page[self.start..][..self.size]
+    }
+}
+
 /// Entries of the nodes above a page's own: their numbers, and their bytes.
-pub(super) type Copies<'a> = Vec<(u64, &'a [u8])>;
+pub(super) type Copies = Vec<(u64, Vec<u8>)>;
 
 impl Goblin {
     /// The error for a page of the directory or its index that is not what it should be.
@@ -89,7 +115,7 @@ impl Goblin {
 
     /// The bytes of a page of a level: 0 has those of the directory.
     #[inline]
-    fn page_bytes(&self, level: usize, page: u64) -> Result<(&[u8], usize)> {
+    fn page_bytes(&self, level: usize, page: u64) -> Result<(FileBytes<'_>, usize)> {
         let directory = &self.directory;
         let slots = if level == 0 { &directory.pages } else { &directory.levels[level - 1].pages };
         let slot = &slots[page as usize];
@@ -100,18 +126,18 @@ impl Goblin {
                 slot.get_or_init(|| checked)
             }
         };
-        let bytes = match (&checked.held, self.file.backend.bytes()) {
-            (Some(held), _) => Some(&**held),
+        let bytes = match self.file.backend.bytes() {
             // (The mapped bytes of a file can be cut off after they were checked.)
-            (None, Some(all)) => all.get(checked.start..).and_then(|rest| rest.get(..checked.length)),
-            (None, None) => None,
+            Some(all) => all
+                .get(checked.start..)
+                .and_then(|rest| rest.get(..checked.length))
+                .map(FileBytes::Mapped)
+                .ok_or_else(|| {
+                    self.bad_page(level, page, "fewer bytes than before", "a file that nobody writes to")
+                })?,
+            None => self.file.backend.share(checked.start as u64, checked.length)?,
         };
-        match bytes {
-            Some(bytes) => Ok((bytes, checked.copies)),
-            None => {
-                Err(self.bad_page(level, page, "fewer bytes than before", "a file that nobody writes to"))
-            }
-        }
+        Ok((bytes, checked.copies))
     }
 
     /// Reads a page for the first time, and checks what does not depend on what is looked for.
@@ -126,7 +152,7 @@ impl Goblin {
             return Err(corrupt(format!("{length} bytes at {offset}"), "bytes of the directory"));
         }
         let start = layer.run.offset + offset;
-        let bytes = self.file.backend.read(start, length as usize)?;
+        let bytes = self.file.backend.share(start, length as usize)?;
         let checksum = crc32c::crc32c(&bytes);
         if checksum != entry.checksum.get() {
             return Err(corrupt(format!("checksum {checksum:08x}"), &format!("{:08x}", entry.checksum)));
@@ -161,29 +187,26 @@ impl Goblin {
             let expected = format!("{:016x}, as the index has it", entry.first);
             return Err(corrupt(format!("first code {first:016x}"), &expected));
         }
-        let held = match self.file.backend.bytes() {
-            Some(_) => None,
-            None => Some(bytes.into_owned().into_boxed_slice()),
-        };
-        Ok(CheckedPage { start: start as usize, length: length as usize, copies, held })
+        Ok(CheckedPage { start: start as usize, length: length as usize, copies })
     }
 
     /// The entry of the index for a page of the level below.
     fn index_entry(&self, below: usize, page: u64) -> Result<IndexEntry> {
         let level = below + 1;
-        let bytes = if level == self.directory.levels.len() {
-            &self.directory.top[page as usize * INDEX_SIZE..]
-        } else {
-            let (bytes, _) = self.page_bytes(level, page / INDEX_ENTRIES)?;
-            &bytes[(page % INDEX_ENTRIES) as usize * INDEX_SIZE..]
+        let read = |bytes: &[u8], number: u64| {
+            let entry = IndexEntry::read_from_prefix(&bytes[number as usize * INDEX_SIZE..]);
+            entry.expect("pages of the index are whole").0
         };
-        Ok(IndexEntry::read_from_prefix(bytes).expect("pages of the index are whole").0)
+        if level == self.directory.levels.len() {
+            return Ok(read(&self.directory.top, page));
+        }
+        let (bytes, _) = self.page_bytes(level, page / INDEX_ENTRIES)?;
+        Ok(read(&bytes, page % INDEX_ENTRIES))
     }
 
     fn page(&self, number: u64) -> Result<Page<'_>> {
         let (bytes, copies) = self.page_bytes(0, number)?;
-        let (numbers, entries) = bytes[HEAD_SIZE..].split_at(copies * 8);
-        Ok(Page { numbers, entries, copies })
+        Ok(Page { bytes, copies })
     }
 
     /// The bytes of the entry of a segment.
@@ -194,15 +217,16 @@ impl Goblin {
     /// # Panics
     /// If there is no such segment.
     #[inline]
-    pub(super) fn entry_bytes(&self, index: usize) -> Result<&[u8]> {
+    pub(super) fn entry_bytes(&self, index: usize) -> Result<EntryBytes<'_>> {
         let size = self.directory.entry_size;
-        let page = self.page(index as u64 / PAGE_ENTRIES)?;
-        Ok(&page.entries[(page.copies + index % PAGE_ENTRIES as usize) * size..][..size])
+        let Page { bytes, copies } = self.page(index as u64 / PAGE_ENTRIES)?;
+        let start = HEAD_SIZE + copies * 8 + (copies + index % PAGE_ENTRIES as usize) * size;
+        Ok(EntryBytes { page: bytes, start, size })
     }
 
     /// The code of a segment's node, as it stands in the directory.
     pub(super) fn code_bits(&self, index: usize) -> Result<u64> {
-        Ok(first_code(self.entry_bytes(index)?))
+        Ok(first_code(&self.entry_bytes(index)?))
     }
 
     /// The level of a segment's node, as the directory tells it: 0 if that is no node, which loading the segment finds out.
@@ -210,39 +234,43 @@ impl Goblin {
     /// # Errors
     /// If the page with its entry is damaged.
     pub(crate) fn segment_level(&self, index: usize) -> Result<u8> {
-        let code = Code::from_bits(self.layout.dimension, self.code_bits(index)?);
-        Ok(code.map_or(0, Code::level))
+        Ok(self.segment_code(index)?.map_or(0, Code::level))
+    }
+
+    /// A segment's node, as the directory tells it; `None` if that is no node, which loading the segment finds out.
+    ///
+    /// # Errors
+    /// If the page with its entry is damaged.
+    #[inline]
+    pub(crate) fn segment_code(&self, index: usize) -> Result<Option<Code>> {
+        Ok(Code::from_bits(self.layout.dimension, self.code_bits(index)?))
     }
 
     /// The numbers and bytes of the entries that a page begins with, if a segment's entry is the first of the page's own.
     ///
     /// # Errors
     /// If the page is damaged.
-    pub(super) fn page_copies(&self, index: usize) -> Result<Option<Copies<'_>>> {
+    pub(super) fn page_copies(&self, index: usize) -> Result<Option<Copies>> {
         if !(index as u64).is_multiple_of(PAGE_ENTRIES) {
             return Ok(None);
         }
         let page = self.page(index as u64 / PAGE_ENTRIES)?;
         let size = self.directory.entry_size;
-        let numbers = page.numbers.chunks_exact(8).map(first_code);
-        Ok(Some(numbers.zip(page.entries.chunks_exact(size)).collect()))
+        let numbers = page.numbers().chunks_exact(8).map(first_code);
+        Ok(Some(numbers.zip(page.entries().chunks_exact(size).map(<[u8]>::to_vec)).collect()))
     }
 
     /// The last page whose first code is not after a code; `None` if there is none.
     fn page_of(&self, bits: u64) -> Result<Option<u64>> {
-        let (mut range, mut bytes) = (0..0, &*self.directory.top);
-        let mut start = 0;
-        for level in (1..=self.directory.levels.len()).rev() {
-            if level < self.directory.levels.len() {
-                start = range.start * INDEX_ENTRIES;
-                bytes = self.page_bytes(level, range.start)?.0;
-            }
-            let found = last_not_after(bytes, INDEX_SIZE, 0..bytes.len() / INDEX_SIZE, bits);
-            let Some(found) = found else { return Ok(None) };
-            let number = start + found as u64;
-            range = number..number + 1;
+        let search = |bytes: &[u8]| last_not_after(bytes, INDEX_SIZE, 0..bytes.len() / INDEX_SIZE, bits);
+        let Some(first) = search(&self.directory.top) else { return Ok(None) };
+        let mut page = first as u64;
+        for level in (1..self.directory.levels.len()).rev() {
+            let (bytes, _) = self.page_bytes(level, page)?;
+            let Some(found) = search(&bytes) else { return Ok(None) };
+            page = page * INDEX_ENTRIES + found as u64;
         }
-        Ok((!range.is_empty()).then_some(range.start))
+        Ok(Some(page))
     }
 
     /// The number of the deepest segment among those of `code`, a node of a tree of the file's dimension, and
@@ -253,14 +281,15 @@ impl Goblin {
     pub fn find_segment(&self, code: Code) -> Result<Option<usize>> {
         let Some(number) = self.page_of(code.bits())? else { return Ok(None) };
         let (page, size) = (self.page(number)?, self.directory.entry_size);
+        let entries = page.entries();
         let own = self.directory.page_entries(number) as usize;
         let dimension = self.layout.dimension;
         let mut searched = code;
         let mut high = page.copies + own;
         // The last entry that is not after the code. Codes sort in preorder, so if it is no ancestor, then every ancestor
         // with a segment is an ancestor of that entry too.
-        while let Some(index) = last_not_after(page.entries, size, page.copies..high, searched.bits()) {
-            let Some(before) = Code::from_bits(dimension, first_code(&page.entries[index * size..])) else {
+        while let Some(index) = last_not_after(entries, size, page.copies..high, searched.bits()) {
+            let Some(before) = Code::from_bits(dimension, first_code(&entries[index * size..])) else {
                 return Ok(None);
             };
             if before.contains(searched) {
@@ -276,10 +305,10 @@ impl Goblin {
         }
         // Its ancestors' entries are in earlier pages, and copied here.
         for index in (0..page.copies).rev() {
-            let bits = first_code(&page.entries[index * size..]);
+            let bits = first_code(&entries[index * size..]);
             let copied = Code::from_bits(dimension, bits).is_some_and(|above| above.contains(code));
             if copied {
-                let index = first_code(&page.numbers[index * 8..]) as usize;
+                let index = first_code(&page.numbers()[index * 8..]) as usize;
                 if index >= number as usize * PAGE_ENTRIES as usize || self.code_bits(index)? != bits {
                     let found = format!("a copy of entry {index}");
                     return Err(self.bad_page(0, number, found, "one that has its code"));

@@ -1,7 +1,6 @@
 //! Segments as they are needed: checked when they are used first, loaded from wherever the file's bytes are.
 
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, MutexGuard, PoisonError};
 
 use super::directory::{NOT_COUNTED, SegmentLocation};
 use super::reader::Goblin;
@@ -9,7 +8,6 @@ use super::segment::{COUNT_SIZE, Segment};
 use spinney_base::Result;
 use spinney_base::io::FileBytes;
 use spinney_base::space::Code;
-use spinney_container::SegmentCache;
 
 impl Goblin {
     /// One segment.
@@ -98,7 +96,7 @@ impl Goblin {
             let part = format!("directory entry {index}");
             self.corrupt(part, "other numbers than before", "a file that nobody writes to")
         };
-        let entry = SegmentLocation::read(self.entry_bytes(index)?).ok_or_else(changed)?;
+        let entry = SegmentLocation::read(&self.entry_bytes(index)?).ok_or_else(changed)?;
         let code = Code::from_bits(self.layout.dimension, entry.code).ok_or_else(changed)?;
         // (No overflow: both were within the run when they were checked; and if they changed, nothing is there.)
         let (offset, length) = (self.layer().run.offset.wrapping_add(entry.offset), entry.length as usize);
@@ -107,27 +105,12 @@ impl Goblin {
                 let bytes = all.get(offset as usize..).and_then(|rest| rest.get(..length));
                 FileBytes::Mapped(bytes.ok_or_else(changed)?)
             }
-            None => FileBytes::Held(self.cached(offset, length)?),
+            None => self.file.backend.share(offset, length)?,
         };
         let record_bytes = entry.records as usize * self.layout.size;
         if record_bytes > bytes.len() {
             return Err(changed());
         }
         Ok(Segment { code, index, bytes, record_bytes, width: self.layout.width })
-    }
-
-    /// The bytes of a segment of a file that is not mapped.
-    fn cached(&self, offset: u64, length: usize) -> Result<Arc<Vec<u8>>> {
-        if let Some(bytes) = self.cache().get(offset) {
-            return Ok(bytes);
-        }
-        // Nobody waits for others' reads: two threads may read the same, which is then held once.
-        let bytes = Arc::new(self.file.backend.read(offset, length)?.into_owned());
-        self.cache().put(offset, bytes.clone());
-        Ok(bytes)
-    }
-
-    fn cache(&self) -> MutexGuard<'_, SegmentCache> {
-        self.file.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

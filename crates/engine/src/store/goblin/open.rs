@@ -1,19 +1,19 @@
 //! Opening a file: header, trailer, table of layers, metadata, and where the directory is.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
-use std::sync::{Arc, Mutex};
 
 use super::directory::entry_size;
 use super::index::Directory;
 use super::reader::{Goblin, OpenFile};
 use crate::store::records::{RecordLayout, descend_in};
 use crate::tree::Child;
-use spinney_base::io::ReadBackend;
+use spinney_base::io::{ReadBackend, with_cache};
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 use spinney_container::{
-    FileHeader, LEAF, Layer, LayerTable, Metadata, OpenOptions, SegmentCache, TAIL, Trailer, TreeFormat, VOID,
+    FIRST_BYTES, FileHeader, LEAF, Layer, LayerTable, Metadata, OpenOptions, TAIL, Trailer, TreeFormat, VOID,
 };
 
 impl Goblin {
@@ -38,14 +38,15 @@ impl Goblin {
     /// # Errors
     /// As [`Goblin::open`].
     pub fn from_backend(path: &Path, backend: Box<dyn ReadBackend>, options: &OpenOptions) -> Result<Goblin> {
+        let backend = with_cache(backend, options.cache);
         // Before anything is read.
         let stamp = backend.stamp()?;
+        let (length, tail) = (backend.len(), backend.len().min(TAIL as u64));
+        backend.prefetch(&[0..length.min(FIRST_BYTES as u64), length - tail..length])?;
         let header = FileHeader::read_cells(path, &*backend)?;
         if header.format != TreeFormat::Goblin {
             return Err(Error::corrupt(path, "header", "an Autumnal file", "a Goblin file"));
         }
-        let length = backend.len();
-        let tail = length.min(TAIL as u64);
         let trailer = Trailer::from_bytes(path, &backend.read(length - tail, tail as usize)?, length)?;
         if trailer.header != header {
             return Err(Error::corrupt(
@@ -58,9 +59,8 @@ impl Goblin {
         let table = trailer.section(LayerTable::TAG);
         let layers =
             LayerTable::from_bytes(path, &header, length, &table.read(path, &*backend, "table of layers")?)?;
-        let cache = Mutex::new(SegmentCache::new(options.cache));
         let path = path.to_path_buf();
-        let file = OpenFile { path, backend, stamp, layers, table, check: options.check, cache };
+        let file = OpenFile { path, backend, stamp, layers, table, check: options.check };
         Goblin::of_file(Arc::new(file), 0)
     }
 
@@ -78,6 +78,7 @@ impl Goblin {
     fn of_file(file: Arc<OpenFile>, number: usize) -> Result<Goblin> {
         let (path, layer) = (&file.path, &file.layers[number]);
         Metadata::check_length(path, layer.metadata.length)?;
+        file.backend.prefetch(&[layer.metadata.range(), layer.top.range()])?;
         let metadata = layer.metadata.read(path, &*file.backend, "metadata")?;
         let metadata = Metadata { name: layer.name.clone(), ..Metadata::from_bytes(path, &metadata)? };
         let top = layer.top.read(path, &*file.backend, "top of the index")?;

@@ -67,8 +67,6 @@ pub(super) struct CheckedPage {
     pub(super) length: usize,
     /// Copies that it begins with.
     pub(super) copies: usize,
-    /// Its bytes, if the file is not mapped.
-    pub(super) held: Option<Box<[u8]>>,
 }
 
 /// The pages of one level, each as it is read first.

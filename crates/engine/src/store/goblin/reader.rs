@@ -1,8 +1,8 @@
 //! An open Goblin file, and what it says of itself.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
-use std::sync::{Arc, Mutex};
 
 use super::directory::{Entry, show_sums};
 use super::index::Directory;
@@ -11,7 +11,7 @@ use crate::tree::Child;
 use spinney_base::io::{ReadBackend, Stamp};
 use spinney_base::value::Tally;
 use spinney_base::{Error, Result};
-use spinney_container::{HEADER_SIZE, Header, Layer, Metadata, Section, SegmentCache};
+use spinney_container::{HEADER_SIZE, Header, Layer, Metadata, Section};
 
 /// A layer of a Goblin file, open for reading; may be shared by any number of threads.
 ///
@@ -49,7 +49,6 @@ pub(super) struct OpenFile {
     pub(super) table: Section,
     /// Whether each segment's checksum is checked when it is used first.
     pub(super) check: bool,
-    pub(super) cache: Mutex<SegmentCache>,
 }
 
 impl Goblin {
@@ -165,7 +164,7 @@ impl Goblin {
     /// If there is no such entry.
     pub fn entry(&self, index: usize) -> Result<Entry> {
         let form = self.header.form;
-        let entry = Entry::from_bytes(&self.file.path, index, self.entry_bytes(index)?, form)?;
+        let entry = Entry::from_bytes(&self.file.path, index, &self.entry_bytes(index)?, form)?;
         let height = self.header.depth().checked_sub(entry.code.level());
         let cells = height.map_or(0, |height| form.dimension.cells(height));
         let Tally { cells: counted, present, sum, squares, .. } = &entry.zone;

@@ -134,8 +134,9 @@ impl Checker<'_> {
                 self.place(&done, crown_level, &mut places);
             }
             if let Some(found) = self.file.page_copies(index)? {
-                let above =
-                    open.iter().map(|(number, _)| Ok((*number as u64, self.file.entry_bytes(*number)?)));
+                let above = open
+                    .iter()
+                    .map(|(number, _)| Ok((*number as u64, self.file.entry_bytes(*number)?.to_vec())));
                 if found != above.collect::<Result<Vec<_>>>()? {
                     let problem = format!("{} copies, which are not those of the nodes above", found.len());
                     self.add(format!("page of directory entry {index}"), problem);

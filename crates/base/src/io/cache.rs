@@ -1,0 +1,253 @@
+//! Bytes of files that were read lately, where these are not mapped.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::ops::{Deref, Range};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use super::read::{FileBytes, ReadBackend, Stamp};
+use crate::Result;
+
+/// Ranges of files, up to a number of bytes; those not used for longest give way. Any number of threads and files may share one.
+///
+/// A range within a longer one that is held is found there.
+pub struct RangeCache {
+    /// Bytes that may be held.
+    limit: u64,
+    state: Mutex<State>,
+}
+
+/// Number of a file in a cache, and the first byte of a range.
+type Place = (u64, u64);
+
+#[derive(Default)]
+struct State {
+    /// Bytes that are held.
+    held: u64,
+    /// Uses so far: the time of the next one.
+    time: u64,
+    ranges: BTreeMap<Place, Cached>,
+    /// Ranges by the time of their last use. Going through all of them for the oldest would take a time
+    /// that grows with the square of their number where a hostile file has very many small ones.
+    by_time: BTreeMap<u64, Place>,
+}
+
+struct Cached {
+    last_use: u64,
+    bytes: Arc<Vec<u8>>,
+}
+
+impl RangeCache {
+    /// Holds at most so many bytes, but always the range that was put last.
+    pub fn new(limit: u64) -> RangeCache {
+        RangeCache { limit, state: Mutex::default() }
+    }
+
+    /// Bytes that may be held.
+    pub fn limit(&self) -> u64 {
+        self.limit
+    }
+
+    /// A number for a file that no other one has.
+    pub fn file_number() -> u64 {
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        NEXT.fetch_add(1, Ordering::Relaxed)
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The bytes of a range of a file, if they are held.
+    pub fn get(&self, file: u64, range: &Range<u64>) -> Option<HeldBytes> {
+        let mut state = self.state();
+        let State { time, ranges, by_time, .. } = &mut *state;
+        let (place, cached) = ranges.range_mut((file, 0)..=(file, range.start)).next_back()?;
+        let start = (range.start - place.1) as usize;
+        let end = start + (range.end - range.start) as usize;
+        if end > cached.bytes.len() {
+            return None;
+        }
+        by_time.remove(&cached.last_use);
+        by_time.insert(*time, *place);
+        cached.last_use = *time;
+        *time += 1;
+        Some(HeldBytes { bytes: cached.bytes.clone(), range: start..end })
+    }
+
+    /// Holds bytes of a file from an offset on. (They may be there already if two threads have read them at the same time.)
+    pub fn put(&self, file: u64, offset: u64, bytes: Arc<Vec<u8>>) {
+        let mut state = self.state();
+        let place = (file, offset);
+        // What is there and longer has these, too.
+        if state.ranges.get(&place).is_some_and(|cached| cached.bytes.len() > bytes.len()) {
+            return;
+        }
+        state.remove(place);
+        state.held += bytes.len() as u64;
+        let last_use = state.time;
+        state.ranges.insert(place, Cached { last_use, bytes });
+        state.by_time.insert(last_use, place);
+        state.time += 1;
+        // The newest is the last of all by time, so that it is never what gives way.
+        while state.held > self.limit && state.ranges.len() > 1 {
+            let Some((_, oldest)) = state.by_time.pop_first() else { return };
+            state.remove(oldest);
+        }
+    }
+}
+
+impl State {
+    fn remove(&mut self, place: Place) {
+        if let Some(Cached { last_use, bytes }) = self.ranges.remove(&place) {
+            self.by_time.remove(&last_use);
+            self.held -= bytes.len() as u64;
+        }
+    }
+}
+
+/// Bytes that a cache holds, or held: they stay as long as somebody has them.
+#[derive(Clone)]
+pub struct HeldBytes {
+    bytes: Arc<Vec<u8>>,
+    range: Range<usize>,
+}
+
+impl HeldBytes {
+    /// A part of them, which must lie within.
+    #[must_use]
+    pub fn part(self, part: Range<usize>) -> HeldBytes {
+        let start = self.range.start;
+        debug_assert!(start + part.end <= self.range.end);
+        HeldBytes { bytes: self.bytes, range: start + part.start..start + part.end }
+    }
+}
+
+impl From<Arc<Vec<u8>>> for HeldBytes {
+    fn from(bytes: Arc<Vec<u8>>) -> HeldBytes {
+        let range = 0..bytes.len();
+        HeldBytes { bytes, range }
+    }
+}
+
+impl Deref for HeldBytes {
+    type Target = [u8];
+
+    #[inline]
+    fn deref(&self) -> &[u8] {
+        &self.bytes[self.range.clone()]
+    }
+}
+
+/// A file's bytes with a cache in front of those that are [shared](ReadBackend::share).
+struct CachedReads {
+    backend: Box<dyn ReadBackend>,
+    file: u64,
+    cache: RangeCache,
+}
+
+/// Gives a cache of so many bytes to a backend, unless its bytes are mapped, or it has one.
+pub fn with_cache(backend: Box<dyn ReadBackend>, limit: u64) -> Box<dyn ReadBackend> {
+    if backend.bytes().is_some() || backend.has_cache() {
+        return backend;
+    }
+    Box::new(CachedReads { backend, file: 0, cache: RangeCache::new(limit) })
+}
+
+impl ReadBackend for CachedReads {
+    fn len(&self) -> u64 {
+        self.backend.len()
+    }
+
+    fn bytes(&self) -> Option<&[u8]> {
+        None
+    }
+
+    fn stamp(&self) -> Result<Option<Stamp>> {
+        self.backend.stamp()
+    }
+
+    fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
+        self.backend.read(offset, length)
+    }
+
+    fn share(&self, offset: u64, length: usize) -> Result<FileBytes<'_>> {
+        if let Some(held) = self.cache.get(self.file, &(offset..offset + length as u64)) {
+            return Ok(FileBytes::Held(held));
+        }
+        // Nobody waits for others' reads: two threads may read the same, which is then held once.
+        let bytes = Arc::new(self.backend.read(offset, length)?.into_owned());
+        self.cache.put(self.file, offset, bytes.clone());
+        Ok(FileBytes::Held(bytes.into()))
+    }
+
+    fn has_cache(&self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bytes(length: usize) -> Arc<Vec<u8>> {
+        Arc::new((0..length as u8).collect())
+    }
+
+    #[test]
+    fn what_was_not_used_for_longest_gives_way() {
+        let cache = RangeCache::new(10);
+        let is_held = |offset: u64| cache.get(0, &(offset..offset + 3)).is_some();
+        (0..3).for_each(|index| cache.put(0, index * 10, bytes(3)));
+        assert!(is_held(0));
+        cache.put(0, 30, bytes(3));
+        assert_eq!([0, 10, 20, 30].map(is_held), [true, false, true, true]);
+        // The same again takes its own room.
+        cache.put(0, 30, bytes(4));
+        let counts = |cache: &RangeCache| {
+            let state = cache.state();
+            (state.held, state.ranges.len(), state.by_time.len())
+        };
+        assert_eq!(counts(&cache), (10, 3, 3));
+        // A shorter range does not take the place of a longer one.
+        cache.put(0, 30, bytes(2));
+        assert_eq!(counts(&cache), (10, 3, 3));
+        // One that is larger than all room is held alone.
+        cache.put(0, 40, bytes(20));
+        assert_eq!(counts(&cache), (20, 1, 1));
+    }
+
+    #[test]
+    fn parts_of_ranges_are_found_in_the_file_that_they_are_of() {
+        let cache = RangeCache::new(100);
+        cache.put(7, 100, bytes(50));
+        assert_eq!(&*cache.get(7, &(110..113)).unwrap(), [10, 11, 12]);
+        assert_eq!(cache.get(7, &(100..150)).unwrap().len(), 50);
+        for (file, range) in [(7, 100..151), (7, 99..101), (6, 110..113), (8, 110..113)] {
+            assert!(cache.get(file, &range).is_none(), "{file} {range:?}");
+        }
+    }
+
+    #[test]
+    fn threads_keep_to_the_limit_together() {
+        let cache = RangeCache::new(1000);
+        std::thread::scope(|scope| {
+            for thread in 0..8u64 {
+                let cache = &cache;
+                scope.spawn(move || {
+                    for step in 0..2000u64 {
+                        let place = (step * 7919 + thread * 31) % 97 * 100;
+                        match cache.get(step % 3, &(place..place + 64)) {
+                            Some(held) => assert_eq!(held[63], 63),
+                            None => cache.put(step % 3, place, bytes(64)),
+                        }
+                    }
+                });
+            }
+        });
+        let state = cache.state();
+        assert!(state.held <= 1000 && state.held == 64 * state.ranges.len() as u64);
+        assert_eq!(state.ranges.len(), state.by_time.len());
+    }
+}

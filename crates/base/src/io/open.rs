@@ -1,0 +1,125 @@
+//! Opening files wherever they are: on this machine, or elsewhere by a URL.
+
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use super::file_id::FileId;
+use super::read::{Mapped, Positioned, ReadBackend, open_input};
+use crate::{Error, Result};
+
+/// The way to files that are elsewhere.
+pub trait RemoteFiles: Send + Sync {
+    /// A file to be read.
+    ///
+    /// # Errors
+    /// If it cannot be reached, or not in ranges.
+    fn open(&self, url: &str, options: &[(String, String)]) -> Result<Box<dyn ReadBackend>>;
+
+    /// Puts a copy of a file of this machine in a place elsewhere, whole or not at all.
+    ///
+    /// # Errors
+    /// If that fails; nothing is left there then.
+    fn upload(&self, file: &Path, url: &str) -> Result<()>;
+}
+
+static REMOTE_FILES: OnceLock<Box<dyn RemoteFiles>> = OnceLock::new();
+
+/// Says how files that are elsewhere are reached, once in a process.
+pub fn set_remote_files(files: Box<dyn RemoteFiles>) {
+    // (A second one is as good as the first.)
+    let _ = REMOTE_FILES.set(files);
+}
+
+/// The way to a file that is elsewhere.
+///
+/// # Errors
+/// If nobody has said how.
+pub(super) fn remote_files(path: &Path) -> Result<&'static dyn RemoteFiles> {
+    REMOTE_FILES.get().map(|files| &**files).ok_or_else(|| {
+        let advice =
+            "use a program that was built with the feature `remote`, or copy the file to this machine";
+        Error::unsupported(path, "a file elsewhere", advice)
+    })
+}
+
+/// Schemes of URLs of files that are elsewhere.
+const SCHEMES: [&str; 12] =
+    ["http", "https", "s3", "s3a", "gs", "gcs", "az", "adl", "azure", "abfs", "abfss", "memory"];
+
+/// The URL that a path is, if the file is elsewhere.
+pub fn url_of(path: &Path) -> Option<&str> {
+    let text = path.to_str()?;
+    let (scheme, _) = text.split_once("://")?;
+    SCHEMES.iter().any(|known| scheme.eq_ignore_ascii_case(known)).then_some(text)
+}
+
+/// The path of a file of this machine, which may be given as `file://` URL.
+pub fn local_path(path: &Path) -> Cow<'_, Path> {
+    let url = path.to_str().and_then(|text| text.strip_prefix("file://"));
+    match url.map(|rest| rest.strip_prefix("localhost").unwrap_or(rest)) {
+        Some(rest) => Cow::Owned(PathBuf::from(decoded(rest))),
+        None => Cow::Borrowed(path),
+    }
+}
+
+/// Text of a URL without its escapes, such as `%20`.
+fn decoded(text: &str) -> String {
+    let bytes = text.as_bytes();
+    let hex = |at: usize| bytes.get(at).and_then(|digit| (*digit as char).to_digit(16));
+    let (mut plain, mut at) = (Vec::with_capacity(bytes.len()), 0);
+    while at < bytes.len() {
+        match (bytes[at], hex(at + 1), hex(at + 2)) {
+            (b'%', Some(high), Some(low)) => {
+                plain.push((high << 4 | low) as u8);
+                at += 3;
+            }
+            (byte, ..) => {
+                plain.push(byte);
+                at += 1;
+            }
+        }
+    }
+    String::from_utf8_lossy(&plain).into_owned()
+}
+
+/// The bytes of a file, and which file it is: two looks at a path may see two files. Those of this machine are mapped, or read at
+/// positions; `options` are those of the store of a file elsewhere, such as credentials.
+///
+/// # Errors
+/// If the file cannot be opened.
+pub fn open_file(
+    path: &Path,
+    positioned: bool,
+    options: &[(String, String)],
+) -> Result<(Box<dyn ReadBackend>, FileId)> {
+    if let Some(url) = url_of(path) {
+        return Ok((remote_files(path)?.open(url, options)?, FileId::unique()));
+    }
+    let path = &*local_path(path);
+    let file = open_input(path)?;
+    let id = FileId::of(&file).map_err(Error::io(path, "open"))?;
+    let backend: Box<dyn ReadBackend> =
+        if positioned { Box::new(Positioned::of(file, path)?) } else { Box::new(Mapped::of(&file, path)?) };
+    Ok((backend, id))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn urls_are_told_from_paths() {
+        let is_url = |text: &str| url_of(Path::new(text)).is_some();
+        assert!(is_url("https://host/x.goblin?sig=a:b") && is_url("S3://bucket/x") && is_url("az://c/x"));
+        assert!(!is_url("x.goblin") && !is_url("/a:b//c") && !is_url("file:///x") && !is_url("C://x"));
+        assert_eq!(*local_path(Path::new("file:///a%20b/c%C3%A4%")), *Path::new("/a b/cä%"));
+        assert_eq!(*local_path(Path::new("a%20b")), *Path::new("a%20b"));
+    }
+
+    #[test]
+    fn a_program_that_knows_no_servers_says_so() {
+        let error = open_file(Path::new("https://host/x"), false, &[]).err().unwrap();
+        assert!(matches!(error, Error::Unsupported { .. }), "{error}");
+    }
+}

@@ -1,0 +1,298 @@
+//! Files that come in ranges of bytes from elsewhere.
+
+use std::borrow::Cow;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::cache::RangeCache;
+use super::read::{FileBytes, ReadBackend};
+use super::rounds;
+use crate::{Error, Result};
+
+/// The way to a file's bytes.
+pub trait Fetch: Send + Sync {
+    /// The bytes of some ranges, in their order; all are asked for at the same time where that can be.
+    ///
+    /// # Errors
+    /// If one does not come, or the file is another one by now.
+    fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>>;
+
+    /// The bytes of a range that were kept, on disk perhaps.
+    fn kept(&self, _: &Range<u64>) -> Option<Vec<u8>> {
+        None
+    }
+
+    /// Keeps the bytes of a range, if there is a place for them.
+    fn keep(&self, _: &Range<u64>, _: &[u8]) {}
+}
+
+/// Bytes between two ranges up to which these are fetched as one, if nobody says otherwise: what they cost is less than a request.
+pub const DEFAULT_GAP: u64 = 32 << 10;
+
+/// Bytes that are fetched with one request at most, unless a single range has more.
+const MOST_JOINED: u64 = 8 << 20;
+
+/// A file whose bytes are fetched from elsewhere, and held by a cache. Copies are of the same file.
+#[derive(Clone)]
+pub struct RangeFile(Arc<Shared>);
+
+struct Shared {
+    /// The file's number in the cache.
+    number: u64,
+    path: PathBuf,
+    length: u64,
+    fetch: Box<dyn Fetch>,
+    cache: Arc<RangeCache>,
+    gap: u64,
+}
+
+impl RangeFile {
+    /// A file of so many bytes, which has a number in a cache; the path is for messages. Ranges that are no more than `gap` bytes apart are
+    /// fetched as one.
+    pub fn new(
+        path: &Path,
+        length: u64,
+        fetch: Box<dyn Fetch>,
+        (cache, number): (Arc<RangeCache>, u64),
+        gap: u64,
+    ) -> RangeFile {
+        rounds::need();
+        RangeFile(Arc::new(Shared { number, path: path.to_path_buf(), length, fetch, cache, gap }))
+    }
+
+    /// The file's number in its cache.
+    pub fn number(&self) -> u64 {
+        self.0.number
+    }
+
+    /// The path for messages.
+    pub fn path(&self) -> &Path {
+        &self.0.path
+    }
+
+    /// Bytes that the cache can hold.
+    pub(super) fn cache_limit(&self) -> u64 {
+        self.0.cache.limit()
+    }
+
+    /// Takes bytes that were fetched, from an offset on.
+    pub fn supply(&self, offset: u64, bytes: Vec<u8>) {
+        self.0.cache.put(self.0.number, offset, Arc::new(bytes));
+    }
+
+    /// Gets ranges, which ascend by their first bytes, for the cache; returns their bytes.
+    pub(super) fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Arc<Vec<u8>>>> {
+        let Shared { fetch, cache, number, .. } = &*self.0;
+        let mut found: Vec<Option<Vec<u8>>> = ranges.iter().map(|range| fetch.kept(range)).collect();
+        let missing = ranges.iter().zip(&found).filter(|(_, found)| found.is_none());
+        let missing: Vec<Range<u64>> = missing.map(|(range, _)| range.clone()).collect();
+        let mut came = self.fetch_joined(&missing)?.into_iter().zip(&missing);
+        for found in found.iter_mut().filter(|found| found.is_none()) {
+            let (bytes, range) = came.next().expect("as many as were missing");
+            fetch.keep(range, &bytes);
+            *found = Some(bytes);
+        }
+        let found = found.into_iter().flatten().zip(ranges).map(|(bytes, range)| {
+            let bytes = Arc::new(bytes);
+            cache.put(*number, range.start, bytes.clone());
+            bytes
+        });
+        Ok(found.collect())
+    }
+
+    /// Fetches ranges, which ascend by their first bytes; those near each other with one request.
+    fn fetch_joined(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
+        if ranges.is_empty() {
+            return Ok(Vec::new());
+        }
+        let joined = join(ranges, self.0.gap);
+        let wanted: Vec<Range<u64>> = joined.iter().map(|(whole, _)| whole.clone()).collect();
+        let came = self.0.fetch.fetch(&wanted)?;
+        rounds::count_traffic(wanted.len() as u64, came.iter().map(|bytes| bytes.len() as u64).sum());
+        let mut found = Vec::with_capacity(ranges.len());
+        for ((whole, count), bytes) in joined.into_iter().zip(came) {
+            let length = whole.end - whole.start;
+            if bytes.len() as u64 != length {
+                let place = format!("bytes {} to {}", whole.start, whole.end);
+                let came = format!("{} bytes", bytes.len());
+                return Err(Error::corrupt(self.path(), place, came, format!("{length}")));
+            }
+            let parts = &ranges[found.len()..found.len() + count];
+            if count == 1 {
+                found.push(bytes);
+                continue;
+            }
+            let place = |at: u64| (at - whole.start) as usize;
+            found.extend(parts.iter().map(|part| bytes[place(part.start)..place(part.end)].to_vec()));
+        }
+        Ok(found)
+    }
+}
+
+/// Joins ranges that ascend by their first bytes and are near each other: the joined ones, and how many are in each.
+fn join(ranges: &[Range<u64>], gap: u64) -> Vec<(Range<u64>, usize)> {
+    let mut joined: Vec<(Range<u64>, usize)> = Vec::new();
+    for range in ranges {
+        match joined.last_mut() {
+            Some((whole, count))
+                if range.start <= whole.end.saturating_add(gap)
+                    && range.end.saturating_sub(whole.start) <= MOST_JOINED =>
+            {
+                whole.end = whole.end.max(range.end);
+                *count += 1;
+            }
+            _ => joined.push((range.clone(), 1)),
+        }
+    }
+    joined
+}
+
+impl ReadBackend for RangeFile {
+    fn len(&self) -> u64 {
+        self.0.length
+    }
+
+    fn bytes(&self) -> Option<&[u8]> {
+        None
+    }
+
+    fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
+        Ok(Cow::Owned(self.share(offset, length)?.to_vec()))
+    }
+
+    fn share(&self, offset: u64, length: usize) -> Result<FileBytes<'_>> {
+        let range = offset..offset + length as u64;
+        if range.is_empty() {
+            return Ok(FileBytes::Mapped(&[]));
+        }
+        if let Some(held) = self.0.cache.get(self.0.number, &range) {
+            return Ok(FileBytes::Held(held));
+        }
+        if rounds::note(self, &range) {
+            return Err(Error::Unread);
+        }
+        let bytes = self.fetch(&[range])?.pop().expect("as many as were asked for");
+        Ok(FileBytes::Held(bytes.into()))
+    }
+
+    fn has_cache(&self) -> bool {
+        true
+    }
+
+    fn prefetch(&self, ranges: &[Range<u64>]) -> Result<()> {
+        let is_held = |range: &Range<u64>| self.0.cache.get(self.0.number, range).is_some();
+        let wanted = ranges.iter().filter(|range| !range.is_empty() && !is_held(range));
+        let mut wanted: Vec<Range<u64>> = wanted.cloned().collect();
+        crate::sort::by_key(&mut wanted, |range| range.start);
+        if wanted.is_empty() {
+            return Ok(());
+        }
+        // (In a round each of them is noted.)
+        if wanted.iter().filter(|range| rounds::note(self, range)).count() > 0 {
+            return Err(Error::Unread);
+        }
+        self.fetch(&wanted).map(drop)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::rounds::{all_read, ask, go_on};
+    use crate::parallel;
+    use std::sync::Mutex;
+
+    /// Bytes in memory, and each round of ranges that was fetched.
+    struct Counted {
+        bytes: Vec<u8>,
+        rounds: Arc<Mutex<Vec<Vec<Range<u64>>>>>,
+    }
+
+    impl Fetch for Counted {
+        fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
+            self.rounds.lock().unwrap().push(ranges.to_vec());
+            let part = |range: &Range<u64>| self.bytes[range.start as usize..range.end as usize].to_vec();
+            Ok(ranges.iter().map(part).collect())
+        }
+    }
+
+    type Rounds = Arc<Mutex<Vec<Vec<Range<u64>>>>>;
+
+    fn file(limit: u64) -> (RangeFile, Rounds) {
+        let rounds = Rounds::default();
+        let bytes = (0..100_000u32).map(|at| (at % 251) as u8).collect();
+        let fetch = Box::new(Counted { bytes, rounds: rounds.clone() });
+        let cache = (Arc::new(RangeCache::new(limit)), RangeCache::file_number());
+        (RangeFile::new(Path::new("x"), 100_000, fetch, cache, 10), rounds)
+    }
+
+    /// Sums of bytes at places that are found in the file, many branches and two steps.
+    fn question(file: &RangeFile) -> Result<u64> {
+        let mut is_unread = false;
+        let mut sum = 0;
+        for branch in 0..50u64 {
+            let first = go_on(file.share(branch * 1000, 4), &mut is_unread)?;
+            let Some(first) = first else { continue };
+            let next = u64::from(first[0]) * 300 + 7;
+            let bytes = go_on(file.share(next, 100), &mut is_unread)?;
+            sum += bytes.map_or(0, |bytes| bytes.iter().map(|byte| u64::from(*byte)).sum());
+        }
+        all_read(is_unread).map(|()| sum)
+    }
+
+    #[test]
+    fn questions_take_as_many_rounds_as_they_have_steps() {
+        let (far, rounds) = file(1 << 20);
+        let expected = question(&far).unwrap();
+        // (Outside of rounds every read waits.)
+        assert!(rounds.lock().unwrap().len() > 50);
+        let (far, rounds) = file(1 << 20);
+        assert_eq!(ask(|| question(&far)).unwrap(), expected);
+        assert_eq!(rounds.lock().unwrap().len(), 2);
+        assert_eq!(rounds.lock().unwrap()[0].len(), 50);
+        // What is held is not fetched again.
+        assert_eq!(ask(|| question(&far)).unwrap(), expected);
+        assert_eq!(rounds.lock().unwrap().len(), 2);
+        // Where there is no room for all of it, the answer comes in more rounds.
+        let (far, rounds) = file(600);
+        assert_eq!(ask(|| question(&far)).unwrap(), expected);
+        assert!(rounds.lock().unwrap().len() > 2);
+    }
+
+    #[test]
+    fn threads_are_in_the_round_of_their_question() {
+        let (far, rounds) = file(1 << 20);
+        let places: Vec<u64> = (0..64).map(|at| at * 1500).collect();
+        let sum = ask(|| {
+            let found = parallel::map(&places, |place| far.share(*place, 1).map(|bytes| u64::from(bytes[0])));
+            found.into_iter().sum::<Result<u64>>()
+        });
+        assert_eq!(sum.unwrap(), places.iter().map(|place| place % 251).sum());
+        let rounds = rounds.lock().unwrap();
+        assert_eq!(rounds.iter().map(Vec::len).collect::<Vec<_>>(), [64]);
+    }
+
+    #[test]
+    fn near_ranges_are_one_request() {
+        let (far, rounds) = file(1 << 20);
+        far.prefetch(&[500..510, 0..20, 25..40, 520..530, 600..600]).unwrap();
+        assert_eq!(rounds.lock().unwrap()[..], [vec![0..40, 500..530]]);
+        assert_eq!(&*far.read(26, 3).unwrap(), [26, 27, 28]);
+        far.prefetch(&[500..510, 600..600]).unwrap();
+        assert_eq!(rounds.lock().unwrap().len(), 1);
+        assert_eq!(&*far.read(0, 20).unwrap(), (0..20).collect::<Vec<u8>>());
+    }
+
+    #[test]
+    fn circles_end() {
+        // Each pass wants a place that nobody has seen.
+        let (far, _) = file(1 << 20);
+        let mut place = 0;
+        let end = ask(|| {
+            place += 100;
+            far.share(place, 1).map(|bytes| bytes[0])
+        });
+        assert_eq!(end.unwrap(), ((65 * 100) % 251) as u8);
+    }
+}

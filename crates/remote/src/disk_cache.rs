@@ -1,0 +1,123 @@
+//! Ranges of files that are kept on disk from one run to the next.
+
+use std::fs;
+use std::io::Write;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use spinney_base::{Error, Result, sort};
+use xxhash_rust::xxh3::{xxh3_64, xxh3_128};
+
+/// A folder of ranges, in a folder for each state of a file.
+pub(super) struct DiskCache {
+    folder: PathBuf,
+}
+
+/// The ranges of one state of a file.
+pub(super) struct KeptFile {
+    folder: PathBuf,
+}
+
+/// Name of the folder below that of the user, so that nothing else is ever removed.
+const NAME: &str = "spinney-ranges";
+
+impl DiskCache {
+    /// The ranges in a folder, which is made. Those that were kept first are removed beyond so many bytes.
+    ///
+    /// # Errors
+    /// If the folder cannot be made or read.
+    pub(super) fn new(folder: &Path, most: u64) -> Result<DiskCache> {
+        let folder = folder.join(NAME);
+        fs::create_dir_all(&folder).map_err(Error::io(&folder, "make the folder"))?;
+        trim(&folder, most).map_err(Error::io(&folder, "look through the folder"))?;
+        Ok(DiskCache { folder })
+    }
+
+    /// The ranges of a state of a file, given as text.
+    pub(super) fn file(&self, key: &str) -> KeptFile {
+        KeptFile { folder: self.folder.join(format!("{:032x}", xxh3_128(key.as_bytes()))) }
+    }
+}
+
+/// Removes the oldest ranges beyond so many bytes.
+fn trim(folder: &Path, most: u64) -> std::io::Result<()> {
+    let mut all: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
+    for file in fs::read_dir(folder)? {
+        let file = file?.path();
+        // (Another process may be at it.)
+        let Ok(ranges) = fs::read_dir(&file) else { continue };
+        for range in ranges.flatten() {
+            let Ok(metadata) = range.metadata() else { continue };
+            all.push((metadata.modified()?, metadata.len(), range.path()));
+        }
+    }
+    let mut bytes: u64 = all.iter().map(|(_, length, _)| length).sum();
+    sort::by(&mut all, &mut Ord::cmp);
+    for (_, length, path) in all {
+        if bytes <= most {
+            break;
+        }
+        bytes -= length;
+        let _ = fs::remove_file(&path);
+        // (Of a folder that has nothing any more nothing is left.)
+        let _ = path.parent().map(fs::remove_dir);
+    }
+    Ok(())
+}
+
+impl KeptFile {
+    fn path(&self, range: &Range<u64>) -> PathBuf {
+        self.folder.join(format!("{}-{}", range.start, range.end))
+    }
+
+    /// The bytes of a range, if they are there and whole.
+    pub(super) fn get(&self, range: &Range<u64>) -> Option<Vec<u8>> {
+        let mut bytes = fs::read(self.path(range)).ok()?;
+        let sum = bytes.split_off(bytes.len().checked_sub(8)?);
+        let is_whole = bytes.len() as u64 == range.end - range.start && sum == xxh3_64(&bytes).to_le_bytes();
+        is_whole.then_some(bytes)
+    }
+
+    /// Keeps the bytes of a range. (Where that cannot be, they are fetched again the next time.)
+    pub(super) fn put(&self, range: &Range<u64>, bytes: &[u8]) {
+        let _ = self.write(range, bytes);
+    }
+
+    fn write(&self, range: &Range<u64>, bytes: &[u8]) -> std::io::Result<()> {
+        fs::create_dir_all(&self.folder)?;
+        // Whole or not at all: others may read at the same time.
+        let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
+        file.write_all(bytes)?;
+        file.write_all(&xxh3_64(bytes).to_le_bytes())?;
+        file.persist(self.path(range))?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_come_back_as_they_were_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = DiskCache::new(folder.path(), 1 << 20).unwrap();
+        let file = cache.file("https://host/x\ntag");
+        assert_eq!(file.get(&(3..6)), None);
+        file.put(&(3..6), b"abc");
+        assert_eq!(file.get(&(3..6)), Some(b"abc".to_vec()));
+        assert_eq!(cache.file("https://host/x\nother").get(&(3..6)), None);
+        fs::write(file.path(&(3..6)), b"abd\0\0\0\0\0\0\0\0").unwrap();
+        assert_eq!(file.get(&(3..6)), None);
+        fs::write(file.path(&(3..6)), b"ab").unwrap();
+        assert_eq!(file.get(&(3..6)), None);
+        // What does not fit any more goes.
+        file.put(&(3..6), b"abc");
+        file.put(&(10..13), b"abc");
+        DiskCache::new(folder.path(), 11).unwrap();
+        assert_eq!([3..6, 10..13].iter().filter(|range| file.get(range).is_some()).count(), 1);
+        DiskCache::new(folder.path(), 0).unwrap();
+        assert_eq!(fs::read_dir(folder.path().join(NAME)).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,44 @@
+//! Errors of stores as those of files.
+
+use std::error::Error as _;
+use std::io;
+use std::path::Path;
+
+use object_store::Error as StoreError;
+use spinney_base::Error;
+
+/// The error for a store that refuses to do something with a file.
+pub(super) fn of_store(path: &Path, doing: &'static str, error: StoreError) -> Error {
+    match &error {
+        StoreError::NotSupported { .. } => {
+            let advice = "copy the file to this machine, or to a host that serves ranges of bytes";
+            return Error::unsupported(path, "a host that sends whole files only", advice);
+        }
+        StoreError::Precondition { .. } => {
+            return Error::Changed { path: path.to_path_buf(), what: "was overwritten" };
+        }
+        _ => {}
+    }
+    let kind = match &error {
+        StoreError::NotFound { .. } => io::ErrorKind::NotFound,
+        StoreError::PermissionDenied { .. } | StoreError::Unauthenticated { .. } => {
+            io::ErrorKind::PermissionDenied
+        }
+        _ => io::ErrorKind::Other,
+    };
+    Error::io(path, doing)(io::Error::new(kind, text(&error)))
+}
+
+/// The texts of an error and of its causes that say something new.
+fn text(error: &StoreError) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(next) = cause {
+        let more = next.to_string();
+        if !text.contains(&more) {
+            text = format!("{text}: {more}");
+        }
+        cause = next.source();
+    }
+    text
+}

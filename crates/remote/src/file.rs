@@ -1,0 +1,189 @@
+//! A file elsewhere: opened by its two ends, read in ranges, all of one state.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use futures_util::StreamExt;
+use futures_util::stream;
+use object_store::{Attribute, GetOptions, GetRange, GetResult, ObjectMeta};
+use spinney_base::io::{Fetch, RangeFile, rounds};
+use spinney_base::{Error, Result};
+
+use super::disk_cache::{DiskCache, KeptFile};
+use super::store::Place;
+use super::{RemoteOptions, Stores, error, runtime};
+
+/// Bytes at a file's beginning and at its end that are fetched to open it: header and meta pages, trailer, metadata and the top of the index.
+const HEAD: u64 = 16 << 10;
+const TAIL: u64 = 64 << 10;
+
+/// Requests of a file at the same time.
+const AT_ONCE: usize = 32;
+
+/// State of a file elsewhere: where it is the same, all bytes are.
+#[derive(Clone, PartialEq, Eq)]
+struct FileState {
+    tag: Option<String>,
+    modified: i64,
+    length: u64,
+}
+
+impl FileState {
+    fn of(meta: &ObjectMeta) -> FileState {
+        // (Hosts without tags tell the time of the last change.)
+        let modified = if meta.e_tag.is_some() { 0 } else { meta.last_modified.timestamp_millis() };
+        FileState { tag: meta.e_tag.clone(), modified, length: meta.size }
+    }
+
+    /// The state as text, of a file with a URL.
+    fn key(&self, url: &str) -> String {
+        let FileState { tag, modified, length } = self;
+        format!("{url}\n{}\n{modified}\n{length}", tag.as_deref().unwrap_or_default())
+    }
+}
+
+/// The way to one file.
+struct RemoteFile {
+    place: Place,
+    path: PathBuf,
+    state: FileState,
+    kept: Option<KeptFile>,
+    is_stopped: fn() -> bool,
+}
+
+/// Opens a file: one round for its two ends.
+///
+/// # Errors
+/// If it is not there, may not be read, or does not come in ranges.
+pub(super) fn open(url: &str, storage: &[(String, String)], stores: &Stores) -> Result<RangeFile> {
+    let path = Path::new(url);
+    let RemoteOptions { gap, is_stopped, .. } = stores.options;
+    let place = Place::of(url, storage, &stores.options)?;
+    let ends = [GetRange::Bounded(0..HEAD), GetRange::Suffix(TAIL)];
+    let both = async {
+        let [head, tail] = ends.map(|range| get(&place, range));
+        futures_util::future::join(head, tail).await
+    };
+    let (head, tail) = runtime::wait(path, is_stopped, both)?;
+    let head = head.map_err(|cause| cause.of_file(path, "open"))?;
+    let state = FileState::of(&head.meta);
+    let mut came = vec![head];
+    let mut requests = 2;
+    match tail {
+        Ok(tail) => came.push(tail),
+        // Azure knows no ranges from the end.
+        Err(Failed::Store(object_store::Error::NotSupported { .. })) if state.length > HEAD => {
+            let range = GetRange::Bounded(state.length.saturating_sub(TAIL).max(HEAD)..state.length);
+            let tail = runtime::wait(path, is_stopped, get(&place, range))?;
+            came.push(tail.map_err(|cause| cause.of_file(path, "open"))?);
+            requests += 1;
+        }
+        Err(Failed::Store(object_store::Error::NotSupported { .. })) => {}
+        Err(failed) => return Err(failed.of_file(path, "open")),
+    }
+    rounds::count_traffic(requests, came.iter().map(|part| part.bytes.len() as u64).sum());
+    let key = state.key(url);
+    let kept = stores.folder.as_ref().map(|folder: &Arc<DiskCache>| folder.file(&key));
+    let number = stores.number(&key);
+    let length = state.length;
+    let remote = RemoteFile { place, path: path.to_path_buf(), state, kept, is_stopped };
+    came.iter().try_for_each(|part| remote.check(part))?;
+    let file = RangeFile::new(path, length, Box::new(remote), (stores.cache.clone(), number), gap);
+    for part in came {
+        file.supply(part.range.start, part.bytes);
+    }
+    Ok(file)
+}
+
+/// A part of a file that came.
+struct Part {
+    meta: ObjectMeta,
+    range: Range<u64>,
+    bytes: Vec<u8>,
+}
+
+/// Reason why a part has not come.
+enum Failed {
+    Store(object_store::Error),
+    /// The host packs what it sends, in this way.
+    Packed(String),
+}
+
+impl From<object_store::Error> for Failed {
+    fn from(error: object_store::Error) -> Failed {
+        Failed::Store(error)
+    }
+}
+
+impl Failed {
+    fn of_file(self, path: &Path, doing: &'static str) -> Error {
+        match self {
+            Failed::Store(cause) => error::of_store(path, doing, cause),
+            Failed::Packed(how) => {
+                let advice = "tell the host to send such files as they are, or copy the file to this machine";
+                Error::unsupported(path, format!("a host that compresses what it sends ({how})"), advice)
+            }
+        }
+    }
+}
+
+/// Asks for a part of a file.
+async fn get(place: &Place, range: GetRange) -> std::result::Result<Part, Failed> {
+    let options = GetOptions { range: Some(range), ..GetOptions::default() };
+    let result: GetResult = place.store.get_opts(&place.name, options).await?;
+    if let Some(how) = result.attributes.get(&Attribute::ContentEncoding)
+        && !how.as_ref().is_empty()
+        && how.as_ref() != "identity"
+    {
+        return Err(Failed::Packed(how.as_ref().to_string()));
+    }
+    let (meta, range) = (result.meta.clone(), result.range.clone());
+    let bytes = result.bytes().await?;
+    Ok(Part { meta, range, bytes: bytes.into() })
+}
+
+impl RemoteFile {
+    /// Makes sure that a part is of the state in which the file was opened.
+    fn check(&self, part: &Part) -> Result<()> {
+        if FileState::of(&part.meta) != self.state {
+            return Err(Error::Changed { path: self.path.clone(), what: "was overwritten" });
+        }
+        let length = part.range.end.saturating_sub(part.range.start);
+        if part.bytes.len() as u64 != length {
+            let place = format!("bytes {} to {}", part.range.start, part.range.end);
+            let found = format!("{} bytes", part.bytes.len());
+            return Err(Error::corrupt(&self.path, place, found, format!("{length}")));
+        }
+        Ok(())
+    }
+}
+
+impl Fetch for RemoteFile {
+    fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
+        let parts = ranges.iter().map(|range| get(&self.place, GetRange::Bounded(range.clone())));
+        let all = stream::iter(parts).buffered(AT_ONCE).collect::<Vec<_>>();
+        let came = runtime::wait(&self.path, self.is_stopped, all)?;
+        let one = |(part, range): (std::result::Result<Part, Failed>, &Range<u64>)| {
+            let part = part.map_err(|cause| cause.of_file(&self.path, "fetch a part"))?;
+            self.check(&part)?;
+            if part.range != *range {
+                let place = format!("bytes {} to {}", range.start, range.end);
+                let found = format!("bytes {} to {}", part.range.start, part.range.end);
+                return Err(Error::corrupt(&self.path, place, found, "those that were asked for"));
+            }
+            Ok(part.bytes)
+        };
+        came.into_iter().zip(ranges).map(one).collect()
+    }
+
+    fn kept(&self, range: &Range<u64>) -> Option<Vec<u8>> {
+        self.kept.as_ref()?.get(range)
+    }
+
+    fn keep(&self, range: &Range<u64>, bytes: &[u8]) {
+        if let Some(kept) = &self.kept {
+            kept.put(range, bytes);
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! Files on web servers and in buckets: reading in ranges, writing by upload.
+//!
+//! Requests, retries, credentials and proxies are [`object_store`]'s. What is read stands in one cache of the process, and on disk if
+//! a folder is named.
+
+mod disk_cache;
+mod error;
+mod file;
+mod profile;
+mod runtime;
+mod store;
+mod upload;
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use disk_cache::DiskCache;
+use spinney_base::Result;
+use spinney_base::io::{DEFAULT_GAP, RangeCache, RangeFile, ReadBackend, RemoteFiles, set_remote_files};
+
+/// Options of files elsewhere, for all of a process.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct RemoteOptions {
+    /// Bytes that are held in memory, of all files together.
+    pub cache: u64,
+    /// Folder in which bytes are kept from one run to the next.
+    pub folder: Option<PathBuf>,
+    /// Bytes that the folder may have.
+    pub folder_bytes: u64,
+    /// Bytes between two ranges up to which these are fetched with one request.
+    pub gap: u64,
+    /// Time that a request may take.
+    pub timeout: Duration,
+    /// Times that a request is repeated if the host is busy or the connection breaks, each after a longer pause.
+    pub retries: usize,
+    /// Asked several times a second while something is waited for: whether to give up.
+    pub is_stopped: fn() -> bool,
+}
+
+impl Default for RemoteOptions {
+    fn default() -> RemoteOptions {
+        RemoteOptions {
+            cache: 64 << 20,
+            folder: None,
+            folder_bytes: 10 << 30,
+            gap: DEFAULT_GAP,
+            timeout: Duration::from_secs(30),
+            retries: 5,
+            is_stopped: || false,
+        }
+    }
+}
+
+/// Makes files on web servers (`https://`), in S3 (`s3://`), Google Cloud Storage (`gs://`) and Azure (`az://`) be read wherever a file is, and
+/// written wherever an output is. To be called once, before any is opened; what is called later changes nothing.
+///
+/// # Errors
+/// If the folder for what is kept cannot be used.
+pub fn enable(options: RemoteOptions) -> Result<()> {
+    let folder = options.folder.as_deref().map(|folder| DiskCache::new(folder, options.folder_bytes));
+    let cache = Arc::new(RangeCache::new(options.cache));
+    let stores = Stores {
+        cache,
+        folder: folder.transpose()?.map(Arc::new),
+        options,
+        opened: Mutex::default(),
+        numbers: Mutex::default(),
+    };
+    set_remote_files(Box::new(stores));
+    Ok(())
+}
+
+/// Time for which a file that was opened is the same for whoever opens it again: finding out what a file is and reading it are one thing to
+/// users.
+const SAME_FOR: Duration = Duration::from_secs(1);
+
+/// The options of a store, and the URL of a file in it.
+type StoredAt = (String, Vec<(String, String)>);
+
+/// Files elsewhere that this process reads.
+struct Stores {
+    options: RemoteOptions,
+    cache: Arc<RangeCache>,
+    folder: Option<Arc<DiskCache>>,
+    /// Files that were opened lately, and when.
+    opened: Mutex<HashMap<StoredAt, (Instant, RangeFile)>>,
+    /// Numbers in the cache, by URL and state of the file.
+    numbers: Mutex<HashMap<String, u64>>,
+}
+
+impl RemoteFiles for Stores {
+    fn open(&self, url: &str, storage: &[(String, String)]) -> Result<Box<dyn ReadBackend>> {
+        let at = (url.to_string(), storage.to_vec());
+        let lately = |opened: &HashMap<StoredAt, (Instant, RangeFile)>| {
+            opened.get(&at).filter(|(when, _)| when.elapsed() < SAME_FOR).map(|(_, opened)| opened.clone())
+        };
+        if let Some(opened) = lately(&self.opened.lock().unwrap_or_else(PoisonError::into_inner)) {
+            return Ok(Box::new(opened));
+        }
+        let opened = file::open(url, storage, self)?;
+        let mut all = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|_, (when, _)| when.elapsed() < SAME_FOR);
+        all.insert(at, (Instant::now(), opened.clone()));
+        Ok(Box::new(opened))
+    }
+
+    fn upload(&self, file: &Path, url: &str) -> Result<()> {
+        upload::upload(file, url, &self.options)
+    }
+}
+
+impl Stores {
+    /// The number in the cache of a state of a file.
+    fn number(&self, state: &str) -> u64 {
+        let mut numbers = self.numbers.lock().unwrap_or_else(PoisonError::into_inner);
+        *numbers.entry(state.to_string()).or_insert_with(RangeCache::file_number)
+    }
+}

@@ -1,0 +1,49 @@
+//! Waiting for requests.
+
+use std::future::Future;
+use std::path::Path;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use spinney_base::{Error, Result};
+use tokio::runtime::{Builder, Runtime};
+
+/// Time between two questions whether to give up.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// Threads that requests run on: they wait nearly always.
+const THREADS: usize = 2;
+
+fn runtime(path: &Path) -> Result<&'static Runtime> {
+    static RUNTIME: OnceLock<Runtime> = OnceLock::new();
+    if let Some(runtime) = RUNTIME.get() {
+        return Ok(runtime);
+    }
+    let made = Builder::new_multi_thread()
+        .worker_threads(THREADS)
+        .enable_all()
+        .thread_name("spinney-remote")
+        .build();
+    let made = made.map_err(Error::io(path, "start threads for requests"))?;
+    Ok(RUNTIME.get_or_init(|| made))
+}
+
+/// Waits for some work, which is dropped if somebody wants to stop; the path is for messages.
+///
+/// # Errors
+/// On interruption, or if the system gives no threads.
+pub(super) fn wait<T>(path: &Path, is_stopped: fn() -> bool, work: impl Future<Output = T>) -> Result<T> {
+    let stopped = async {
+        while !is_stopped() {
+            tokio::time::sleep(PATIENCE).await;
+        }
+    };
+    let work = std::pin::pin!(work);
+    let stopped = std::pin::pin!(stopped);
+    runtime(path)?.block_on(async {
+        match futures_util::future::select(work, stopped).await {
+            futures_util::future::Either::Left((done, _)) => Ok(done),
+            futures_util::future::Either::Right(_) => Err(Error::Interrupted),
+        }
+    })
+}

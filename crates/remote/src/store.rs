@@ -1,0 +1,146 @@
+//! The store that a URL leads to, as users and their environment have set it up.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey};
+use object_store::azure::{AzureConfigKey, MicrosoftAzureBuilder};
+use object_store::gcp::{GoogleCloudStorageBuilder, GoogleConfigKey};
+use object_store::http::HttpBuilder;
+use object_store::memory::InMemory;
+use object_store::path::Path as StorePath;
+use object_store::{BackoffConfig, ClientConfigKey, ClientOptions, ObjectStore, RetryConfig};
+use spinney_base::{Error, Result};
+use url::Url;
+
+use super::{RemoteOptions, error, profile};
+
+/// A store, and the name of a file in it.
+#[derive(Clone)]
+pub(super) struct Place {
+    pub(super) store: Arc<dyn ObjectStore>,
+    pub(super) name: StorePath,
+}
+
+/// Time for which a request is repeated at most.
+const RETRY_FOR: Duration = Duration::from_secs(120);
+
+impl Place {
+    /// The place that a URL leads to. Options that are given go before those of the environment (`AWS_...`, `GOOGLE_...`, `AZURE_...`).
+    ///
+    /// # Errors
+    /// If the URL leads nowhere, or an option makes no sense.
+    pub(super) fn of(url: &str, storage: &[(String, String)], options: &RemoteOptions) -> Result<Place> {
+        let path = Path::new(url);
+        let parsed = Url::parse(url).map_err(|cause| {
+            Error::invalid("URL", format!("`{url}` ({cause})"), "scheme://host/path of a file")
+        })?;
+        let retry = RetryConfig {
+            backoff: BackoffConfig::default(),
+            max_retries: options.retries,
+            retry_timeout: RETRY_FOR,
+        };
+        // (What is asked for without encryption by name may be.)
+        let client = ClientOptions::new()
+            .with_timeout(options.timeout)
+            .with_connect_timeout(options.timeout.min(Duration::from_secs(10)))
+            .with_allow_http(true);
+        let bad = |cause| error::of_store(path, "set up access", cause);
+        let name = StorePath::from_url_path(parsed.path()).map_err(|cause| bad(cause.into()))?;
+        let store: Arc<dyn ObjectStore> = match parsed.scheme() {
+            "s3" | "s3a" => {
+                let mut builder = AmazonS3Builder::new()
+                    .with_url(bucket(&parsed))
+                    .with_retry(retry)
+                    .with_client_options(client);
+                for (key, value) in
+                    profile::settings().into_iter().chain(environment("AWS_")).chain(storage.iter().cloned())
+                {
+                    builder = builder.with_config(known::<AmazonS3ConfigKey>(&key)?, value);
+                }
+                // (Nobody is asked for credentials that an anonymous reader does not need.)
+                let has_any = [
+                    AmazonS3ConfigKey::AccessKeyId,
+                    AmazonS3ConfigKey::WebIdentityTokenFile,
+                    AmazonS3ConfigKey::ContainerCredentialsRelativeUri,
+                    AmazonS3ConfigKey::ContainerCredentialsFullUri,
+                ];
+                let is_anonymous = has_any.iter().all(|key| builder.get_config_value(key).is_none())
+                    && builder.get_config_value(&AmazonS3ConfigKey::SkipSignature).is_none()
+                    && profile::is_unsigned();
+                if is_anonymous {
+                    builder = builder.with_skip_signature(true);
+                }
+                Arc::new(builder.build().map_err(bad)?)
+            }
+            "gs" | "gcs" => {
+                let url = bucket(&parsed).replacen("gcs://", "gs://", 1);
+                let mut builder = GoogleCloudStorageBuilder::new()
+                    .with_url(url)
+                    .with_retry(retry)
+                    .with_client_options(client);
+                for (key, value) in environment("GOOGLE_").into_iter().chain(storage.iter().cloned()) {
+                    builder = builder.with_config(known::<GoogleConfigKey>(&key)?, value);
+                }
+                Arc::new(builder.build().map_err(bad)?)
+            }
+            "az" | "adl" | "azure" | "abfs" | "abfss" => {
+                let mut builder = MicrosoftAzureBuilder::new()
+                    .with_url(bucket(&parsed))
+                    .with_retry(retry)
+                    .with_client_options(client);
+                for (key, value) in environment("AZURE_").into_iter().chain(storage.iter().cloned()) {
+                    builder = builder.with_config(known::<AzureConfigKey>(&key)?, value);
+                }
+                Arc::new(builder.build().map_err(bad)?)
+            }
+            "memory" => memory(),
+            _ => {
+                // The URL as it is, with a query that may have a signature: the name below it is empty.
+                let mut client = client;
+                for (key, value) in storage {
+                    client = client.with_config(known::<ClientConfigKey>(key)?, value);
+                }
+                let builder = HttpBuilder::new().with_url(url).with_retry(retry).with_client_options(client);
+                let store = builder.build().map_err(bad)?;
+                return Ok(Place { store: Arc::new(store), name: StorePath::default() });
+            }
+        };
+        Ok(Place { store, name })
+    }
+}
+
+/// The bucket's part of a URL, with what stands before it.
+fn bucket(url: &Url) -> String {
+    url[..url::Position::BeforePath].to_string()
+}
+
+/// The key of a setting.
+fn known<K: std::str::FromStr>(key: &str) -> Result<K> {
+    key.to_ascii_lowercase().parse().map_err(|_| {
+        let expected = "an option of this store, such as `aws_region`, `endpoint`, `token`, `google_service_account`, `account_name` or `proxy_url`";
+        Error::invalid("storage option", format!("`{key}`"), expected)
+    })
+}
+
+/// Settings that the environment has, by their names in small letters; of those of other programs none.
+fn environment(prefix: &str) -> Vec<(String, String)> {
+    let is_known = |key: &str| match prefix {
+        "AWS_" => known::<AmazonS3ConfigKey>(key).is_ok(),
+        "GOOGLE_" => known::<GoogleConfigKey>(key).is_ok(),
+        _ => known::<AzureConfigKey>(key).is_ok(),
+    };
+    let all = std::env::vars_os()
+        .filter_map(|(key, value)| Some((key.into_string().ok()?, value.into_string().ok()?)));
+    let mut settings: Vec<(String, String)> =
+        all.filter(|(key, value)| key.starts_with(prefix) && is_known(key) && !value.is_empty()).collect();
+    spinney_base::sort::by(&mut settings, &mut Ord::cmp);
+    settings
+}
+
+/// The store in memory that all of this process share, for tests.
+fn memory() -> Arc<dyn ObjectStore> {
+    static STORE: std::sync::LazyLock<Arc<InMemory>> = std::sync::LazyLock::new(Default::default);
+    STORE.clone()
+}
