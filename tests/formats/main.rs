@@ -46,4 +46,5 @@ mod layers_races;
 mod literature;
 mod missing;
 mod model_verify;
+mod ranges;
 mod wide;

@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::faults::{Faults, MayFail};
 use super::file_id::FileId;
+use super::open::{local_path, remote_files, url_of};
 use super::platform::{free_space, set_output_permissions};
 use super::regular::open_regular;
 use super::write::{FileBackend, check_limit};
@@ -33,6 +34,8 @@ enum Sink {
         _unfinished: Unfinished,
         /// The place of the file, which the path may lead to by symbolic links.
         target: PathBuf,
+        /// Whether the place is elsewhere: the file is copied there in the end, and what is named here is beside the temporary file.
+        is_remote: bool,
         /// Whether a file that is there by the end is an error.
         must_be_new: bool,
     },
@@ -60,11 +63,13 @@ impl Write for TemporaryFile {
 const BUFFER: usize = 1 << 16;
 
 impl Output {
-    /// Starts a file at `path`; `-` is standard output. Devices and named pipes are written to as they are.
+    /// Starts a file at `path`; `-` is standard output. Devices and named pipes are written to as they are. A file elsewhere, which is
+    /// given by its URL, is written to the system's folder for temporary files first, and uploaded when it is whole.
     ///
     /// # Errors
     /// If `path` is a folder, or no file can be made in its folder.
     pub fn create(path: &Path) -> Result<Output> {
+        let path = &*local_path(path);
         let sink = if path == Path::new("-") {
             Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(io::stdout())))
         } else if path.is_dir() {
@@ -74,13 +79,21 @@ impl Output {
             let stream = File::options().write(true).open(path).map_err(Error::io(path, "open"))?;
             Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(stream)))
         } else {
-            let target = follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?;
+            let is_remote = url_of(path).is_some();
+            let target = if is_remote {
+                // (Known to be reached before anything is made.)
+                remote_files(path)?;
+                std::env::temp_dir().join("spinney-upload")
+            } else {
+                follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?
+            };
             let file =
                 temporary(&target).map_err(Error::io(path, "create a temporary file beside the target"))?;
             Sink::File {
                 _unfinished: Unfinished::new(file.path()),
                 file: BufWriter::with_capacity(BUFFER, TemporaryFile { file, faults: MayFail::default() }),
                 target,
+                is_remote,
                 must_be_new: false,
             }
         };
@@ -93,6 +106,11 @@ impl Output {
     /// # Errors
     /// If it cannot be made or read, or is being written by somebody else.
     pub fn resumable(path: &Path) -> Result<(Output, u64)> {
+        if url_of(path).is_some() {
+            let advice = "write it to this machine, and copy it when it is whole";
+            return Err(Error::unsupported(path, "going on with a file elsewhere", advice));
+        }
+        let path = &*local_path(path);
         let target = follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?;
         let partial = partial_of(&target);
         let mut options = File::options();
@@ -117,6 +135,7 @@ impl Output {
             _unfinished: Unfinished(PathBuf::new()),
             file: BufWriter::with_capacity(BUFFER, TemporaryFile { file, faults: MayFail::default() }),
             target,
+            is_remote: false,
             must_be_new: false,
         };
         Ok((Output { path: path.to_path_buf(), sink, written: there, most: u64::MAX }, there))
@@ -238,9 +257,12 @@ impl Output {
         let path = self.path;
         match self.sink {
             Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
-            Sink::File { file, target, must_be_new, _unfinished } => {
+            Sink::File { file, target, is_remote, must_be_new, _unfinished } => {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
                 let TemporaryFile { file, faults } = file;
+                if is_remote {
+                    return upload(file.path(), &path, must_be_new);
+                }
                 set_output_permissions(file.as_file(), &path)
                     .map_err(Error::io(&path, "set the permissions"))?;
                 // The bytes are durable before the name leads to them; the folder comes last, which makes the
@@ -263,6 +285,17 @@ impl Output {
             }
         }
     }
+}
+
+/// Copies a finished file to its place elsewhere.
+fn upload(file: &Path, path: &Path, must_be_new: bool) -> Result<()> {
+    let (files, url) = (remote_files(path)?, url_of(path).unwrap_or_default());
+    // (Between this look and the copy another one may appear.)
+    if must_be_new && files.open(url, &[]).is_ok() {
+        let advice = "nothing was written; choose another name, or remove that file first";
+        return Err(Error::unsupported(path, "replacing a file elsewhere", advice));
+    }
+    files.upload(file, url)
 }
 
 /// Temporary files of this process.

@@ -9,6 +9,7 @@ use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
 use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::value::{Rule, Tally, Value};
 
@@ -125,10 +126,12 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
 
     /// All children of the node that the source nodes are around.
     fn children<N>(&mut self, children: &mut Children<N>, node_of: impl Fn(ViewNode) -> N) -> Result<()> {
+        let mut is_unread = false;
         for (step, child) in children[..1 << AXES].iter_mut().enumerate() {
-            *child = self.classify(self.around.code.child(step))?.map_node(&node_of);
+            let found = go_on(self.classify(self.around.code.child(step)), &mut is_unread)?;
+            *child = found.unwrap_or(Child::Void).map_node(&node_of);
         }
-        Ok(())
+        all_read(is_unread)
     }
 
     /// The view's node at a code below the node that the source nodes are around.
@@ -248,13 +251,13 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         let size = around.size;
         let last = image.high.map(|cell| cell >> size);
         let mut uniform = None;
-        let (mut same, mut void) = (true, true);
+        let (mut same, mut void, mut is_unread) = (true, true, false);
         for index in 0..1 << AXES {
             let at = around.coordinates(index);
             if (0..AXES).any(|axis| at[axis] > last[axis]) {
                 continue;
             }
-            let child = self.source_node(at, size)?;
+            let Some(child) = go_on(self.source_node(at, size), &mut is_unread)? else { continue };
             void &= matches!(child, Child::Void);
             match (child, uniform) {
                 (Child::Leaf(value), None) => uniform = Some(value),
@@ -263,6 +266,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
             }
             around.nodes[index] = child;
         }
+        all_read(is_unread)?;
         Ok(match uniform {
             _ if void => Common::Void,
             Some(value) if same => Common::Leaf(value),
@@ -290,10 +294,10 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         // Siblings of one parent are asked for one after the other: their parent's children are read once.
         let children = match &mut self.children[first] {
             Some(children) => children,
-            unread => {
-                let children = unread.insert(no_children());
-                source.children(node, children)?;
-                children
+            unknown => {
+                let mut children = no_children();
+                source.children(node, &mut children)?;
+                unknown.insert(children)
             }
         };
         let mut child = children[step(up, [0; 3])];
@@ -328,9 +332,12 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         let mut area = Area::new(&self.view.source, self.view.form, rule, covered);
         // (A step to coarser cells is exact.)
         area.goes_to_cells = self.view.source.is_approximate() && !self.view.is_level;
+        let mut is_unread = false;
         for (index, child) in around.nodes.iter().enumerate() {
-            area.add(child, around.coordinates(index).map(|at| at << around.size), around.size)?;
+            let at = around.coordinates(index).map(|at| at << around.size);
+            go_on(area.add(child, at, around.size), &mut is_unread)?;
         }
+        all_read(is_unread)?;
         Ok(area.value())
     }
 }

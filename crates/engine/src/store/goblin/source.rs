@@ -6,6 +6,7 @@ use crate::store::records::{RunChild, RunChildren, RunNode};
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::space::Code;
 use spinney_container::{CUT, Header, LEAF, VOID};
 
@@ -76,6 +77,7 @@ impl Goblin {
         let read = layout.run_children(segment.records(), node.place, &mut here);
         read.ok_or_else(|| self.bad_skip(&segment, node.place.record as usize))?;
         let candidates = shape.is_candidate(level);
+        let mut is_unread = false;
         for (step, (child, here)) in children.iter_mut().zip(&here[..layout.children()]).enumerate() {
             let RunChild { state, value, node: place } = *here;
             *child = match state {
@@ -86,10 +88,11 @@ impl Goblin {
                     if level == shape.depth {
                         return Err(self.corrupt(format!("node {code}"), "INNER", "a cell, VOID or LEAF"));
                     }
-                    let own = if candidates { self.find_segment(code)? } else { None };
+                    let own = if candidates { self.find_segment(code) } else { Ok(None) };
+                    let Some(own) = go_on(own, &mut is_unread)? else { continue };
                     let node = match own {
                         // What is found may be the segment of an ancestor.
-                        Some(own) if own != segment.index() && self.segment(own)?.code() == code => {
+                        Some(own) if own != segment.index() && self.segment_code(own)? == Some(code) => {
                             GoblinNode { code, segment: own as u32, place: RunNode::default() }
                         }
                         _ if state == CUT => return Err(self.bad_cut(code)),
@@ -99,7 +102,7 @@ impl Goblin {
                 }
             };
         }
-        Ok(())
+        all_read(is_unread)
     }
 
     /// The cells below a node that is a dense block down to the cells, which are so many levels below it.

@@ -1,0 +1,308 @@
+//! Files that come in ranges from elsewhere: the same answers as from mapped files, in few rounds.
+
+use std::fmt::Debug;
+use std::ops::Range;
+use std::path::Path;
+use std::sync::{Arc, LazyLock, Mutex};
+
+use spinney::dataset::Dataset;
+use spinney::io::rounds::{ask, attempt};
+use spinney::io::{Fetch, RangeCache, RangeFile};
+use spinney::query::{Condition, PointSamples, ZonalRequest, ZoneMeasure};
+use spinney::space::{Bounds, Code, Dimension, EdgeRule, Polygon};
+use spinney::store::OpenOptions;
+use spinney::store::goblin::Goblin;
+use spinney::value::{Kind, Rule, SampleType};
+use spinney::{Error, Result};
+
+use crate::common::{BYTE, Cells, QUAD, Random, goblin_bytes, oct, quad};
+
+/// Rounds that were fetched: requests and bytes of each.
+type Rounds = Arc<Mutex<Vec<(usize, u64)>>>;
+
+/// Bytes in memory, and the rounds in which they were asked for.
+struct Far {
+    bytes: Arc<Vec<u8>>,
+    rounds: Rounds,
+}
+
+impl Fetch for Far {
+    fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
+        let bytes = ranges.iter().map(|range| range.end - range.start).sum();
+        self.rounds.lock().unwrap().push((ranges.len(), bytes));
+        Ok(ranges.iter().map(|range| self.bytes[range.start as usize..range.end as usize].to_vec()).collect())
+    }
+}
+
+/// The file far away, with a cache of so many bytes, and no joining of ranges that are near each other.
+fn far(bytes: &Arc<Vec<u8>>, cache: u64) -> (RangeFile, Rounds) {
+    let rounds = Rounds::default();
+    let fetch = Box::new(Far { bytes: bytes.clone(), rounds: rounds.clone() });
+    let cache = (Arc::new(RangeCache::new(cache)), RangeCache::file_number());
+    (RangeFile::new(Path::new("far"), bytes.len() as u64, fetch, cache, 0), rounds)
+}
+
+fn opened(file: RangeFile) -> Result<Dataset> {
+    Dataset::of(Goblin::from_backend(Path::new("far"), Box::new(file), &OpenOptions::new())?.into())
+}
+
+/// A question, as text.
+type Question = (&'static str, Box<dyn Fn(&Dataset) -> Result<String>>);
+
+fn question<T: Debug>(name: &'static str, ask: impl Fn(&Dataset) -> Result<T> + 'static) -> Question {
+    (name, Box::new(move |tree| ask(tree).map(|answer| format!("{answer:?}"))))
+}
+
+/// A box in the middle of a picture, a little off.
+fn middle(tree: &Dataset, level: u8) -> Bounds {
+    let all = tree.extent_at(level);
+    let axis = |axis: usize, part: u64| (all.max[axis] * part / 16).max(u64::from(part > 8));
+    Bounds {
+        min: [0, 1, 2].map(|at| axis(at, 5)),
+        max: [0, 1, 2].map(|at| axis(at, 11).max(axis(at, 5) + 1)),
+    }
+}
+
+fn window(tree: &Dataset, level: u8) -> Result<(Vec<u8>, Vec<bool>)> {
+    let bounds = middle(tree, level);
+    let cells = bounds.volume() as usize;
+    let (mut values, mut valid) = (vec![0; cells * tree.header().form.width()], vec![false; cells]);
+    tree.window(level, &bounds, 0.0, &mut values, Some(&mut valid))?;
+    Ok((values, valid))
+}
+
+fn points(tree: &Dataset) -> Result<Vec<Option<spinney::value::Value>>> {
+    let mut random = Random(7);
+    let size = tree.header().extent;
+    let cells: Vec<[u64; 3]> = (0..2000).map(|_| size.map(|cells| random.below(cells + 1))).collect();
+    let mut samples = PointSamples::default();
+    tree.points(&cells, tree.depth(), &mut samples)?;
+    Ok((0..cells.len()).map(|index| samples.value(index)).collect())
+}
+
+fn zones(tree: &Dataset, request: &ZonalRequest) -> Result<Vec<spinney::query::ZoneStatistics>> {
+    let [width, height, _] = tree.header().extent.map(|cells| cells as f64);
+    let ring = |x: f64, y: f64, side: f64| {
+        vec![[x, y], [x + side, y + side / 3.0], [x + side / 2.0, y + side], [x - side / 5.0, y + side / 2.0]]
+    };
+    let polygons = (0..7).map(|zone| {
+        let at = f64::from(zone) / 8.0;
+        Polygon::new(&[ring(width * at, height * (1.0 - at) / 2.0, height / 3.0)])
+    });
+    tree.zonal(&polygons.collect::<Result<Vec<_>>>()?, request, &())
+}
+
+fn questions() -> Vec<Question> {
+    let rotated = |tree: &Dataset| -> Result<Dataset> {
+        let path = tree.whole_source().expect("a tree without steps");
+        Dataset::of(Arc::try_unwrap(path).unwrap_or_else(|_| panic!("one owner")))?
+            .view(&["rotate=20".parse()?])
+    };
+    let mut measured = ZonalRequest::from(EdgeRule::Area);
+    measured.measures = vec![ZoneMeasure::Median, ZoneMeasure::Variety];
+    vec![
+        question("window", |tree| window(tree, tree.depth())),
+        question("window of a coarse level", |tree| window(tree, tree.depth() - 3)),
+        question("points", points),
+        question("point", |tree| {
+            let mut value = Default::default();
+            tree.point([17, 33, 0], tree.depth(), &mut value).map(|found| (found, value))
+        }),
+        question("node", |tree| {
+            tree.node(Code::from_cell(tree.header().form.dimension, 3, [3, 2, 0]).unwrap())
+        }),
+        question("statistics", |tree| tree.statistics(None, &())),
+        question("statistics of a box", |tree| tree.statistics(Some(middle(tree, tree.depth())), &())),
+        question("histogram", |tree| tree.histogram(&middle(tree, tree.depth()), 0.0, 50.0, 10, &())),
+        question("extremes", |tree| tree.exact_bounds()),
+        question("VOID", |tree| tree.may_have_void(middle(tree, tree.depth()))),
+        question("search", |tree| {
+            let mut found = Vec::new();
+            let take = &mut |block| {
+                found.push(block);
+                Ok(found.len() < 5000)
+            };
+            tree.find(Condition::Above(100.0.into()), None, &(), take).map(|()| found)
+        }),
+        question("zones", |tree| zones(tree, &EdgeRule::Centre.into())),
+        question("zones by area", move |tree| zones(tree, &measured)),
+        question("a rotated view", move |tree| window(&rotated(tree)?, tree.depth())),
+        question("verification", |tree| tree.verify_quickly(64 << 20, &())),
+    ]
+}
+
+/// A file of many segments, in which no two cells are alike.
+fn large() -> Arc<Vec<u8>> {
+    static LARGE: LazyLock<Arc<Vec<u8>>> = LazyLock::new(|| {
+        let cells = Cells::random(QUAD, 8, [2100, 1500, 1], 200, false);
+        Arc::new(goblin_bytes(&cells, Rule::Mean, Kind::Continuous))
+    });
+    LARGE.clone()
+}
+
+#[test]
+fn all_questions_have_the_same_answers_wherever_the_file_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = |form, size, kind| {
+        let rule = if kind == Kind::Categorical { Rule::Majority } else { Rule::Mean };
+        Arc::new(goblin_bytes(&Cells::random(form, 3, size, 30, true), rule, kind))
+    };
+    let files = [
+        large(),
+        small(QUAD, [700, 900, 1], Kind::Categorical),
+        small(quad(SampleType::F32, 2), [600, 500, 1], Kind::Continuous),
+        small(oct(SampleType::U16, 1), [130, 90, 100], Kind::Continuous),
+    ];
+    for (number, bytes) in files.iter().enumerate() {
+        let path = folder.path().join(format!("{number}.goblin"));
+        std::fs::write(&path, &**bytes).unwrap();
+        let mapped = spinney::dataset::open(&path, &OpenOptions::new()).unwrap();
+        let positioned = spinney::dataset::open(&path, &OpenOptions::new().positioned(1 << 20)).unwrap();
+        for (name, question) in questions() {
+            let expected = question(&mapped).map_err(|error| error.to_string());
+            let same = question(&positioned).map_err(|error| error.to_string());
+            assert!(same == expected, "{name} of file {number}, positioned");
+            // Each with nothing held, and where hardly anything can be.
+            for cache in [64 << 20, 200_000] {
+                let (file, _) = far(bytes, cache);
+                let found = opened(file).and_then(|tree| question(&tree)).map_err(|error| error.to_string());
+                assert!(found == expected, "{name} of file {number} with {cache} bytes");
+            }
+        }
+    }
+}
+
+/// Rounds that a question takes: the directory, and the levels of segments on the way down.
+#[test]
+fn questions_take_few_rounds() {
+    let bytes = large();
+    for (name, question) in questions() {
+        let (file, rounds) = far(&bytes, 64 << 20);
+        let tree = opened(file).unwrap();
+        let opening = std::mem::take(&mut *rounds.lock().unwrap());
+        assert!(opening.len() <= 3, "opening: {opening:?}");
+        question(&tree).unwrap();
+        let cold = std::mem::take(&mut *rounds.lock().unwrap());
+        let most = match name {
+            "point" | "points" | "node" => 2,
+            "verification" => 40,
+            "a rotated view" => 9,
+            _ => 6,
+        };
+        assert!(cold.len() <= most, "{name}: {cold:?}");
+        question(&tree).unwrap();
+        assert_eq!(rounds.lock().unwrap().len(), 0, "{name} is held by now");
+    }
+}
+
+/// A window of 256 x 256 cells needs a page of the directory or two, and as many segments as of a mapped file, each once.
+#[test]
+fn windows_read_no_segment_too_many() {
+    let bytes = large();
+    let (file, rounds) = far(&bytes, 64 << 20);
+    let tree = opened(file).unwrap();
+    // (The directory first.)
+    let all = tree.header().picture();
+    let pages = |level| Bounds { min: [0; 3], max: tree.extent_at(level).max };
+    for level in 0..=4 {
+        let mut values = vec![0; pages(level).volume() as usize];
+        tree.window(level, &pages(level), 0.0, &mut values, None).unwrap();
+    }
+    let mut random = Random(3);
+    let mut values = vec![0u8; 1 << 16];
+    for _ in 0..100 {
+        let level = 8 + random.below(u64::from(tree.depth()) - 7) as u8;
+        let room = tree.extent_at(level).max.map(|end| end.saturating_sub(256) + 1);
+        let min = [random.below(room[0]), random.below(room[1]), 0];
+        let bounds = Bounds { min, max: [min[0] + 256, min[1] + 256, 1] };
+        let (file, rounds) = far(&bytes, 64 << 20);
+        let cold = opened(file).unwrap();
+        rounds.lock().unwrap().clear();
+        cold.window(level, &bounds, 0.0, &mut values, None).unwrap();
+        let rounds = rounds.lock().unwrap();
+        let requests: usize = rounds.iter().map(|(requests, _)| requests).sum();
+        assert!(rounds.len() <= 2 && requests <= 9 + 4, "level {level}, {bounds:?}: {rounds:?}");
+    }
+    assert!(!all.is_empty() && !rounds.lock().unwrap().is_empty());
+}
+
+/// Who has no thread that may wait, such as a page in a browser, fetches what a pass has found missing, and asks again.
+#[test]
+fn rounds_can_be_driven_by_others() {
+    let bytes = large();
+    let (file, rounds) = far(&bytes, 64 << 20);
+    let mut answer = None;
+    let mut passes = 0;
+    loop {
+        let (result, missing) = attempt(&mut || {
+            let tree = opened(file.clone())?;
+            answer = Some(window(&tree, tree.depth())?);
+            Ok(())
+        });
+        if missing.is_empty() {
+            result.unwrap();
+            break;
+        }
+        passes += 1;
+        assert!(passes < 8 && matches!(result, Err(Error::Unread)), "{passes}");
+        for part in missing {
+            let range = part.range.start as usize..part.range.end as usize;
+            part.file.supply(part.range.start, bytes[range].to_vec());
+        }
+    }
+    assert_eq!(rounds.lock().unwrap().len(), 0, "nothing was fetched by the library");
+    let mapped = Dataset::of(Goblin::from_bytes(bytes.to_vec()).unwrap().into()).unwrap();
+    assert_eq!(answer.unwrap(), window(&mapped, mapped.depth()).unwrap());
+}
+
+/// Bytes that change in any place give an error or the right answer, and never more rounds than there are.
+#[test]
+fn hostile_files_end_after_some_rounds() {
+    let bytes =
+        goblin_bytes(&Cells::random(QUAD, 5, [900, 700, 1], 90, true), Rule::Majority, Kind::Categorical);
+    let mut random = Random(11);
+    for _ in 0..60 {
+        let mut changed = bytes.clone();
+        // The directory and what is behind it tell where everything is.
+        let end = changed.len() as u64;
+        let place = end - 1 - random.below(end / 8);
+        changed[place as usize] ^= 1 << random.below(8);
+        let changed = Arc::new(changed);
+        let (file, rounds) = far(&changed, 4 << 20);
+        let Ok(tree) = opened(file) else { continue };
+        for (_, question) in questions() {
+            let _ = question(&tree);
+        }
+        let rounds = rounds.lock().unwrap().len();
+        assert!(rounds < 15 * 70, "{rounds} rounds with byte {place} changed");
+    }
+}
+
+/// What one thread asks in rounds does not disturb what others ask.
+#[test]
+fn threads_ask_at_the_same_time() {
+    let bytes = large();
+    let (file, _) = far(&bytes, 3 << 20);
+    let tree = opened(file).unwrap();
+    let mapped = Dataset::of(Goblin::from_bytes(bytes.to_vec()).unwrap().into()).unwrap();
+    std::thread::scope(|scope| {
+        for thread in 0..8u64 {
+            let (tree, mapped) = (&tree, &mapped);
+            scope.spawn(move || {
+                let mut random = Random(thread + 1);
+                let (mut found, mut expected) = (vec![0u8; 1 << 14], vec![0u8; 1 << 14]);
+                for _ in 0..20 {
+                    let min = [random.below(1900), random.below(1300), 0];
+                    let bounds = Bounds { min, max: [min[0] + 128, min[1] + 128, 1] };
+                    tree.window(tree.depth(), &bounds, 0.0, &mut found, None).unwrap();
+                    mapped.window(tree.depth(), &bounds, 0.0, &mut expected, None).unwrap();
+                    assert!(found == expected);
+                    let zones = ask(|| zones(tree, &EdgeRule::Centre.into())).unwrap();
+                    assert_eq!(zones.len(), 7);
+                }
+            });
+        }
+    });
+    assert_eq!(tree.header().form.value, BYTE);
+    assert_eq!(tree.header().form.dimension, Dimension::Quad);
+}

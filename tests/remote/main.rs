@@ -1,0 +1,276 @@
+//! Files on web servers and in buckets: what servers do wrong, and what comes of it.
+
+mod server;
+
+use std::path::Path;
+use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use assert_cmd::Command;
+use server::{Fault, Server};
+use spinney::dataset::{Dataset, open};
+use spinney::io::Output;
+use spinney::remote::{RemoteOptions, enable};
+use spinney::space::Bounds;
+use spinney::{Error, Result, ops};
+
+/// The server, for one test at a time, with files of all kinds.
+fn server() -> MutexGuard<'static, Server> {
+    static SERVER: LazyLock<Mutex<Server>> = LazyLock::new(|| {
+        let mut options = RemoteOptions::default();
+        options.timeout = Duration::from_secs(5);
+        options.retries = 3;
+        enable(options).unwrap();
+        Mutex::new(Server::start())
+    });
+    let server = SERVER.lock().unwrap_or_else(PoisonError::into_inner);
+    server.set_fault(Fault::None);
+    server.take_counts();
+    server
+}
+
+/// Puts a frozen file on the server, by a name of the test's own: what was opened lately counts as open.
+fn put(server: &Server, test: &str, name: &str) -> String {
+    server.put(&format!("{test}/{name}"), std::fs::read(fixture(name)).unwrap())
+}
+
+fn fixture(name: &str) -> String {
+    format!("{}/fixtures/v1/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn opened(url: &str) -> Result<Dataset> {
+    open(Path::new(url), &Default::default())
+}
+
+/// All cells of a picture.
+fn cells(tree: &Dataset) -> Result<Vec<u8>> {
+    let bounds = tree.header().picture();
+    let mut values = vec![0; bounds.volume() as usize * tree.header().form.width()];
+    tree.window(tree.depth(), &bounds, 0.0, &mut values, None)?;
+    Ok(values)
+}
+
+#[test]
+fn files_of_all_kinds_are_read() {
+    let server = server();
+    for name in ["classes.goblin", "elevation.goblin", "segments.goblin", "ball.goblin", "history.autumn"] {
+        let (far, near) = (opened(&put(&server, "kinds", name)).unwrap(), opened(&fixture(name)).unwrap());
+        assert!(cells(&far).unwrap() == cells(&near).unwrap(), "{name}");
+        assert_eq!(far.statistics(None, &()).unwrap(), near.statistics(None, &()).unwrap());
+        assert_eq!(far.metadata(), near.metadata());
+        far.check_unchanged().unwrap();
+    }
+    for (place, name) in [(":1", "stack.goblin"), ("@1", "history.autumn"), ("@1:0", "stack.autumn")] {
+        let far = format!("{}{place}", put(&server, "places", name));
+        let near = format!("{}{place}", fixture(name));
+        let signed = format!("{far}?signature=a:b/c@2");
+        for url in [far, signed] {
+            assert!(
+                cells(&opened(&url).unwrap()).unwrap() == cells(&opened(&near).unwrap()).unwrap(),
+                "{url}"
+            );
+        }
+    }
+    let path = put(&server, "models", "chapel.goblin");
+    let far = spinney::brep::ExactModel::open(Path::new(&path), &Default::default()).unwrap();
+    let near =
+        spinney::brep::ExactModel::open(Path::new(&fixture("chapel.goblin")), &Default::default()).unwrap();
+    let point = [1.0, 1.0, 1.0];
+    assert_eq!(far.locate(point).unwrap(), near.locate(point).unwrap());
+    assert_eq!(far.nearest(point).unwrap(), near.nearest(point).unwrap());
+    // (A file elsewhere that is on this machine.)
+    let url = format!("file://{}", fixture("classes.goblin"));
+    assert!(
+        cells(&opened(&url).unwrap()).unwrap()
+            == cells(&opened(&fixture("classes.goblin")).unwrap()).unwrap()
+    );
+}
+
+#[test]
+fn servers_that_are_busy_or_break_off_are_asked_again() {
+    let server = server();
+    let expected = cells(&opened(&fixture("segments.goblin")).unwrap()).unwrap();
+    for (number, fault) in
+        [Fault::Busy(2), Fault::CutBodies(2), Fault::Redirects, Fault::Slow(Duration::from_millis(30))]
+            .into_iter()
+            .enumerate()
+    {
+        let url = put(&server, &format!("again{number}"), "segments.goblin");
+        server.set_fault(fault);
+        assert!(cells(&opened(&url).unwrap()).unwrap() == expected, "{fault:?}");
+    }
+}
+
+#[test]
+fn servers_that_cannot_be_used_are_told() {
+    let server = server();
+    let refused = |fault: Fault| {
+        let url = put(&server, &format!("{fault:?}"), "segments.goblin");
+        server.set_fault(fault);
+        opened(&url).and_then(|tree| cells(&tree)).unwrap_err()
+    };
+    for (fault, says) in [
+        (Fault::NoRanges, "whole files only"),
+        (Fault::Compresses, "compresses what it sends (gzip)"),
+        (Fault::Busy(usize::MAX), "500"),
+        (Fault::Forbidden, "403"),
+        (Fault::WrongLength, ""),
+        (Fault::CutBodies(usize::MAX), ""),
+    ] {
+        let started = Instant::now();
+        let error = refused(fault);
+        let mut text = error.to_string();
+        let mut cause = std::error::Error::source(&error);
+        while let Some(next) = cause {
+            text = format!("{text}: {next}");
+            cause = next.source();
+        }
+        assert!(text.contains(says) && text.contains(&server.address), "{fault:?}: {text}");
+        assert!(started.elapsed() < Duration::from_secs(60));
+    }
+    server.set_fault(Fault::None);
+    let missing = opened(&format!("{}/nothing.goblin", server.address)).unwrap_err();
+    assert!(
+        matches!(&missing, Error::Io { cause, .. } if cause.kind() == std::io::ErrorKind::NotFound),
+        "{missing}"
+    );
+    let text =
+        server.put("text.goblin", b"no tree, but a page of the server, long enough to be looked at".to_vec());
+    assert!(opened(&text).is_err());
+    let empty = server.put("empty.goblin", Vec::new());
+    assert!(opened(&empty).is_err());
+    assert!(opened("http://127.0.0.1:1/x.goblin").is_err());
+}
+
+/// Bytes of two states are never one answer.
+#[test]
+fn a_file_that_changes_is_an_error() {
+    let server = server();
+    let bytes = std::fs::read(fixture("stack.goblin")).unwrap();
+    assert!(bytes.len() > 100_000, "more than its ends");
+    for after in 2..6 {
+        let url = server.put(&format!("changes{after}.goblin"), bytes.clone());
+        server.set_fault(Fault::Changes(after));
+        let mut has_failed = false;
+        // (Layers are read one after the other, so that some come before the change.)
+        for layer in 0..3 {
+            let tree = opened(&url).and_then(|tree| tree.layer(&layer.to_string()));
+            match tree.and_then(|tree| cells(&tree)) {
+                Ok(found) => {
+                    let near = opened(&format!("{}:{layer}", fixture("stack.goblin"))).unwrap();
+                    assert!(found == cells(&near).unwrap(), "after {after} requests");
+                }
+                Err(Error::Changed { .. }) => has_failed = true,
+                Err(error) => panic!("{error}"),
+            }
+        }
+        assert!(has_failed || server.take_counts().0 <= after, "after {after} requests");
+    }
+}
+
+#[test]
+fn what_was_read_is_held() {
+    let server = server();
+    let url = put(&server, "held", "stack.goblin");
+    let first = cells(&opened(&url).unwrap()).unwrap();
+    assert!(server.take_counts().0 > 0);
+    // The same file again, by another handle: its state is looked at, its bytes are here.
+    std::thread::sleep(Duration::from_millis(1100));
+    assert!(cells(&opened(&url).unwrap()).unwrap() == first);
+    let (requests, _) = server.take_counts();
+    assert_eq!(requests, 2);
+}
+
+#[test]
+fn outputs_are_uploaded_whole_or_not_at_all() {
+    let _server = server();
+    let url = "memory:///folder/copy.goblin";
+    let output = Output::create(Path::new(url)).unwrap();
+    ops::convert(Path::new(&fixture("segments.goblin")), false, output, 64 << 20, &()).unwrap();
+    let copy = opened(url).unwrap();
+    assert!(cells(&copy).unwrap() == cells(&opened(&fixture("segments.goblin")).unwrap()).unwrap());
+    // One that is dropped has never been.
+    let url = "memory:///folder/dropped.goblin";
+    let mut output = Output::create(Path::new(url)).unwrap();
+    std::io::Write::write_all(&mut output, b"half").unwrap();
+    drop(output);
+    assert!(opened(url).is_err());
+    // A history is begun once.
+    let url = "memory:///folder/map.autumn";
+    let made = |url: &str| {
+        let mut output = Output::create(Path::new(url)).unwrap();
+        output.keep_existing();
+        ops::convert(Path::new(&fixture("classes.goblin")), false, output, 64 << 20, &())
+    };
+    made(url).unwrap();
+    assert!(matches!(made(url), Err(Error::Unsupported { .. })));
+    assert!(Output::resumable(Path::new(url)).is_err());
+}
+
+/// The program, if it was built to read files elsewhere.
+fn program(arguments: &[&str]) -> Option<std::process::Output> {
+    let output = Command::cargo_bin("spinney").unwrap().args(arguments).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    if text.contains("built with the feature `remote`") {
+        eprintln!("skipped: the program was built without `remote`");
+        return None;
+    }
+    Some(output)
+}
+
+#[test]
+fn the_program_reads_urls_wherever_it_reads_a_file() {
+    let server = server();
+    let folder = tempfile::tempdir().unwrap();
+    let url = put(&server, "program", "elevation.goblin");
+    let near = fixture("elevation.goblin");
+    for arguments in [
+        vec!["stats", "FILE"],
+        vec!["point", "FILE", "20,30", "100,50"],
+        vec!["find", "FILE", "--above", "100"],
+        vec!["get", "FILE", "OUT.png", "--size", "100"],
+        vec!["get", "FILE", "OUT.npy", "--window", "30,40,50,60"],
+        vec!["contours", "FILE", "--every", "50", "-o", "OUT.geojson"],
+        vec!["transform", "FILE", "rotate=90", "-o", "OUT.goblin"],
+        vec!["export", "FILE", "-o", "OUT.tif"],
+        vec!["verify", "FILE"],
+    ] {
+        let run = |file: &str, name: &str| {
+            let name = folder.path().join(name).display().to_string();
+            let arguments: Vec<String> =
+                arguments.iter().map(|word| word.replace("FILE", file).replace("OUT", &name)).collect();
+            let output = program(&arguments.iter().map(String::as_str).collect::<Vec<_>>())?;
+            assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+            Some(String::from_utf8(output.stdout).unwrap().replace(file, "FILE").replace(&name, "OUT"))
+        };
+        let Some(far) = run(&url, "far") else { return };
+        assert_eq!(Some(far), run(&near, "near"), "{arguments:?}");
+        for ending in ["png", "npy", "geojson", "goblin", "tif"] {
+            let [far, near] =
+                ["far", "near"].map(|name| std::fs::read(folder.path().join(format!("{name}.{ending}"))));
+            if let (Ok(far), Ok(near)) = (far, near) {
+                // (Trees have the name of what they were made of.)
+                let is_same = far == near || ending == "goblin" && far.len().abs_diff(near.len()) < 100;
+                assert!(is_same, "{arguments:?}");
+            }
+        }
+    }
+    let told = program(&["-v", "stats", &url]).unwrap();
+    let text = String::from_utf8(told.stderr).unwrap();
+    assert!(text.contains("1 rounds, 2 requests"), "{text}");
+    let kept = folder.path().join("kept").display().to_string();
+    for requests in [2, 2] {
+        server.take_counts();
+        program(&["--cache", &kept, "stats", &url, "--window", "10,10,100,100"]).unwrap();
+        assert!(server.take_counts().0 >= requests);
+    }
+    assert_eq!(cells_of_box(&url), cells_of_box(&near));
+}
+
+fn cells_of_box(path: &str) -> Vec<u8> {
+    let tree = opened(path).unwrap();
+    let bounds = Bounds { min: [5, 5, 0], max: [25, 15, 1] };
+    let mut values = vec![0; bounds.volume() as usize * tree.header().form.width()];
+    tree.window(tree.depth(), &bounds, 0.0, &mut values, None).unwrap();
+    values
+}

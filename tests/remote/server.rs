@@ -1,0 +1,177 @@
+//! A web server for the tests: files in memory, ranges, counts, and all that can go wrong.
+
+use std::collections::HashMap;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// What the server does wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Fault {
+    None,
+    /// So many requests are answered by "500", each anew.
+    Busy(usize),
+    /// Bodies end before their time, so many times.
+    CutBodies(usize),
+    /// Ranges are ignored.
+    NoRanges,
+    /// The length that it tells is not that of the range.
+    WrongLength,
+    /// Says that bytes are compressed.
+    Compresses,
+    /// Sends to the file of another name.
+    Redirects,
+    /// Other bytes, of another tag, after so many requests.
+    Changes(usize),
+    /// No answer for a while.
+    Slow(Duration),
+    /// Nobody may read it.
+    Forbidden,
+}
+
+pub(crate) struct Server {
+    pub(crate) address: String,
+    state: Arc<State>,
+}
+
+struct State {
+    files: Mutex<HashMap<String, Arc<Vec<u8>>>>,
+    fault: Mutex<Fault>,
+    requests: AtomicUsize,
+    bytes: AtomicU64,
+}
+
+impl Server {
+    /// A server that runs as long as the process.
+    pub(crate) fn start() -> Server {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = format!("http://{}", listener.local_addr().unwrap());
+        let state = Arc::new(State {
+            files: Mutex::default(),
+            fault: Mutex::new(Fault::None),
+            requests: AtomicUsize::new(0),
+            bytes: AtomicU64::new(0),
+        });
+        let shared = state.clone();
+        std::thread::spawn(move || {
+            for stream in listener.incoming().flatten() {
+                let state = shared.clone();
+                std::thread::spawn(move || state.serve(stream));
+            }
+        });
+        Server { address, state }
+    }
+
+    /// Puts a file there; returns its URL.
+    pub(crate) fn put(&self, name: &str, bytes: Vec<u8>) -> String {
+        self.state.files.lock().unwrap().insert(format!("/{name}"), Arc::new(bytes));
+        format!("{}/{name}", self.address)
+    }
+
+    pub(crate) fn set_fault(&self, fault: Fault) {
+        self.state.requests.store(0, Ordering::SeqCst);
+        *self.state.fault.lock().unwrap() = fault;
+    }
+
+    /// Requests and bytes since the last time.
+    pub(crate) fn take_counts(&self) -> (usize, u64) {
+        (self.state.requests.swap(0, Ordering::SeqCst), self.state.bytes.swap(0, Ordering::SeqCst))
+    }
+}
+
+impl State {
+    /// Answers requests of a connection until there are no more.
+    fn serve(&self, stream: TcpStream) {
+        let _ = stream.set_nodelay(true);
+        let mut reader = BufReader::new(stream.try_clone().unwrap());
+        let mut writer = stream;
+        while let Some((path, range)) = request(&mut reader) {
+            if self.answer(&mut writer, &path, range).is_none() {
+                return;
+            }
+        }
+    }
+
+    /// Answers a request; nothing if the connection is to be closed.
+    fn answer(&self, out: &mut TcpStream, path: &str, range: Option<String>) -> Option<()> {
+        let number = self.requests.fetch_add(1, Ordering::SeqCst);
+        let fault = *self.fault.lock().unwrap();
+        let path = path.split('?').next().unwrap();
+        let plain = |out: &mut TcpStream, status: &str, more: &str| {
+            write!(out, "HTTP/1.1 {status}\r\nContent-Length: 0\r\n{more}\r\n").ok()
+        };
+        match fault {
+            Fault::Busy(times) if number < times => return plain(out, "500 Internal Server Error", ""),
+            Fault::Forbidden => return plain(out, "403 Forbidden", ""),
+            Fault::Slow(time) => std::thread::sleep(time),
+            Fault::Redirects if !path.starts_with("/moved/") => {
+                return plain(out, "302 Found", &format!("Location: /moved{path}\r\n"));
+            }
+            _ => {}
+        }
+        let name = path.strip_prefix("/moved").unwrap_or(path);
+        let Some(file) = self.files.lock().unwrap().get(name).cloned() else {
+            return plain(out, "404 Not Found", "");
+        };
+        let has_changed = matches!(fault, Fault::Changes(after) if number >= after);
+        let tag = format!("\"{:x}-{has_changed}\"", file.len());
+        let all = file.len();
+        let (first, last) = match range.filter(|_| fault != Fault::NoRanges).as_deref().map(str::trim) {
+            None => {
+                let head = format!("HTTP/1.1 200 OK\r\nContent-Length: {all}\r\nETag: {tag}\r\n\r\n");
+                out.write_all(head.as_bytes()).ok()?;
+                return out.write_all(&file).ok();
+            }
+            Some(range) => match range.split_once('-').unwrap() {
+                ("", suffix) => (all.saturating_sub(suffix.parse().unwrap()), all),
+                (first, last) => {
+                    (first.parse().unwrap(), last.parse().map_or(all, |last: usize| (last + 1).min(all)))
+                }
+            },
+        };
+        if first >= all {
+            return plain(out, "416 Range Not Satisfiable", "");
+        }
+        let mut body = file[first..last].to_vec();
+        if has_changed {
+            body.iter_mut().for_each(|byte| *byte ^= 0x55);
+        }
+        let told = if fault == Fault::WrongLength { (last - first) / 2 + 1 } else { last - first };
+        let more = if fault == Fault::Compresses { "Content-Encoding: gzip\r\n" } else { "" };
+        let head = format!(
+            "HTTP/1.1 206 Partial Content\r\nContent-Length: {told}\r\nETag: {tag}\r\n{more}Content-Range: bytes {first}-{}/{all}\r\n\r\n",
+            last - 1
+        );
+        out.write_all(head.as_bytes()).ok()?;
+        if matches!(fault, Fault::CutBodies(times) if number < times) {
+            out.write_all(&body[..body.len() / 2]).ok()?;
+            return None;
+        }
+        self.bytes.fetch_add(body.len() as u64, Ordering::SeqCst);
+        out.write_all(&body[..told.min(body.len())]).ok()
+    }
+}
+
+/// The path of the next request, and the range that it asks for.
+fn request(reader: &mut BufReader<TcpStream>) -> Option<(String, Option<String>)> {
+    let mut line = String::new();
+    reader.read_line(&mut line).ok().filter(|read| *read > 0)?;
+    let path = line.split(' ').nth(1)?.to_string();
+    let mut range = None;
+    let mut length = 0;
+    loop {
+        let mut header = String::new();
+        reader.read_line(&mut header).ok().filter(|read| *read > 0)?;
+        let Some((name, value)) = header.trim_end().split_once(':') else { break };
+        match name.to_ascii_lowercase().as_str() {
+            "range" => range = value.trim().strip_prefix("bytes=").map(str::to_string),
+            "content-length" => length = value.trim().parse().ok()?,
+            _ => {}
+        }
+    }
+    let mut body = vec![0; length];
+    reader.read_exact(&mut body).ok()?;
+    Some((path, range))
+}
