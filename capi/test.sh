@@ -127,6 +127,18 @@ capi/gdal/build.sh "$work/prefix" > /dev/null
 export GDAL_DRIVER_PATH=$work/prefix/lib/gdalplugins
 [[ $(gdalinfo --formats) == *Spinney* ]] || fail 'GDAL does not know the driver'
 raw() { gdal_translate -q -of ENVI "$@"; }
+# What GDAL reads by its own ways: from servers, in archives, in memory.
+python3 tests/servers/ranges.py $fixtures > "$work/url" &
+server=$!
+trap 'kill $server; rm -rf "$work"' EXIT
+while [ ! -s "$work/url" ]; do sleep 0.1; done
+url=/vsicurl/$(cat "$work/url")
+for name in classes.goblin stack.goblin stack.goblin:height history.autumn@1; do
+    raw "$fixtures/$name" "$work/near.img"
+    raw "$url/$name" "$work/far.img"
+    cmp "$work/near.img" "$work/far.img" || fail "$name: other samples from a server through GDAL"
+done
+if gdalinfo "$url/missing.goblin" > /dev/null 2>&1; then fail 'a file that is not there was opened'; fi
 for name in classes elevation rgb; do
     "$spinney" get -q $fixtures/$name.goblin "$work/$name.tif"
     raw $fixtures/$name.goblin "$work/ours.img"

@@ -135,8 +135,8 @@ pub mod tree {
 /// Trees on disk: the two formats, what they have in common, and how trees are built.
 pub mod store {
     pub use spinney_container::{
-        Codec, FilePlace, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape, Tag,
-        TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
+        ByteSource, Codec, FilePlace, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape,
+        Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
         BuildOptions, Slab, Slabs, TreeWriter, build_slabs, build_source, build_tree, depth_for,

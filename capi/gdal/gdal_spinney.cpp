@@ -10,6 +10,7 @@
 #include <limits>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <utility>
 #include <vector>
@@ -388,17 +389,46 @@ bool is_commit(const char *name) {
   return at != nullptr && at[1] != '\0' && std::strspn(at + 1, "0123456789") == std::strlen(at + 1);
 }
 
+// Whether a file is read by GDAL's own readers: `/vsicurl/https://...`, `/vsis3/...`, `/vsizip/...`.
+bool is_elsewhere(const char *name) {
+  return STARTS_WITH(name, "/vsi");
+}
+
+// A file that GDAL reads, one call at a time.
+struct VirtualFile {
+  VSILFILE *file;
+  std::mutex mutex;
+
+  explicit VirtualFile(VSILFILE *opened) : file(opened) {}
+  ~VirtualFile() { VSIFCloseL(file); }
+  VirtualFile(const VirtualFile &) = delete;
+  VirtualFile &operator=(const VirtualFile &) = delete;
+
+  static int32_t fetch(void *user, size_t count, const uint64_t *offsets, const size_t *lengths, uint8_t *const *buffers) {
+    auto *const self = static_cast<VirtualFile *>(user);
+    const std::lock_guard<std::mutex> lock(self->mutex);
+    std::vector<void *> data(buffers, buffers + count);
+    std::vector<vsi_l_offset> starts(offsets, offsets + count);
+    std::vector<size_t> sizes(lengths, lengths + count);
+    return VSIFReadMultiRangeL(static_cast<int>(count), data.data(), starts.data(), sizes.data(), self->file);
+  }
+
+  static void release(void *user) { delete static_cast<VirtualFile *>(user); }
+};
+
 bool is_tree(const void *header) {
   return std::memcmp(header, "\x93Goblin\n", 8) == 0 || std::memcmp(header, "\x93" "Autumn\n", 8) == 0;
 }
 
 // The file of a name that is that of a layer: `stack.goblin:B08`, `stack.autumn@12:B08`. Empty if there is none.
 std::string file_of_layer(const char *name) {
-  // (Names that are whole documents, or lie elsewhere, have many colons, and none of them is worth a look.)
-  if (STARTS_WITH(name, "/vsi") || std::strchr("<{[", name[0]) != nullptr || std::strlen(name) > 8192) {
+  // (Names that are whole documents have many colons, and none of them is worth a look.)
+  if (std::strchr("<{[", name[0]) != nullptr || std::strlen(name) > 8192) {
     return "";
   }
-  const char *colon = std::strchr(name, ':');
+  // (What lies elsewhere has colons of its own, before its last part.)
+  const char *const last = is_elsewhere(name) ? std::strrchr(name, '/') : name;
+  const char *colon = std::strchr(last, ':');
   for (; colon != nullptr; colon = std::strchr(colon + 1, ':')) {
     const std::string whole(name, colon);
     std::string file = whole;
@@ -427,11 +457,51 @@ int Level::identify(GDALOpenInfo *info) {
   return is_tree(info->pabyHeader);
 }
 
+// Opens the first layer of a file that GDAL reads, or the one that is named; false, with GDAL's error, if that cannot be.
+bool open_elsewhere(const char *name, bool is_layer, spinney_dataset **opened) {
+  std::string whole = name;
+  std::string layer;
+  if (is_layer) {
+    const size_t colon = whole.find(':', whole.rfind('/'));
+    layer = whole.substr(colon + 1);
+    whole.resize(colon);
+  }
+  std::string file = whole;
+  VSIStatBufL found;
+  if (VSIStatL(file.c_str(), &found) != 0 && is_commit(whole.c_str())) {
+    file.resize(file.rfind('@'));
+  }
+  VSILFILE *const reader = VSIStatL(file.c_str(), &found) == 0 ? VSIFOpenL(file.c_str(), "rb") : nullptr;
+  if (reader == nullptr) {
+    CPLError(CE_Failure, CPLE_OpenFailed, "%s: cannot be read", file.c_str());
+    return false;
+  }
+  auto *const source = new VirtualFile(reader);
+  const auto length = static_cast<uint64_t>(found.st_size);
+  if (spinney_open_parts(whole.c_str(), length, VirtualFile::fetch, VirtualFile::release, source, opened) != SPINNEY_OK) {
+    report();
+    return false;
+  }
+  if (layer.empty()) {
+    return true;
+  }
+  const Handle first(*opened);
+  if (spinney_open_layer(first.get(), layer.c_str(), 0, opened) != SPINNEY_OK) {
+    report();
+    return false;
+  }
+  return true;
+}
+
 // Opens the layers of a file, or the one that is named; null, with GDAL's error, if they cannot be shown.
 std::shared_ptr<const Stack> open_stack(const char *name, bool is_layer) {
   auto stack = std::make_shared<Stack>();
   spinney_dataset *opened = nullptr;
-  if (spinney_open(name, nullptr, 0, 0, &opened) != SPINNEY_OK) {
+  if (is_elsewhere(name)) {
+    if (!open_elsewhere(name, is_layer, &opened)) {
+      return nullptr;
+    }
+  } else if (spinney_open(name, nullptr, 0, 0, &opened) != SPINNEY_OK) {
     report();
     return nullptr;
   }

@@ -11,6 +11,7 @@ mod exact;
 mod layers;
 mod metadata;
 mod model;
+mod parts;
 mod questions;
 mod status;
 #[cfg(test)]
@@ -21,5 +22,6 @@ pub use dataset::*;
 pub use exact::*;
 pub use layers::*;
 pub use model::*;
+pub use parts::*;
 pub use questions::*;
 pub use status::*;

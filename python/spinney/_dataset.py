@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._arrays import points_of, rows_of
+from ._elsewhere import elsewhere_of, kept_name
 from ._files import MEMORY, log
 from ._features import Edge, features_over
 from ._progress import memory_of, working
@@ -46,6 +48,7 @@ def open(
     commit: int | None = None,
     positioned: bool = False,
     layer: str | int | None = None,
+    storage_options: Mapping[str, Any] | None = None,
 ) -> Dataset:
     """Opens a tree file of either format, or a commit of one: `map.autumn@12`, or `commit=12`.
 
@@ -58,6 +61,11 @@ def open(
     `"calc=(b4-b3)/(b4+b3)"`, `"calc=(nir-b1)/(nir+b1),nir=B08.goblin"`, `"reduce=median,type=u16"`. A coarse level of these is calculated
     from that level's numbers (`Level.is_approximate`); statistics, zones and searches are made of the cells.
 
+    Files on web servers and in buckets are opened by their URLs (`https://`, `s3://`, `gs://`, `az://`), with credentials as their own
+    programs find them, or with `storage_options` (`{"aws_region": "eu-north-1", "skip_signature": True}`); so are files of fsspec
+    (`fsspec.open("github://...")`), which have no tag that tells their states apart. Only what an answer needs is fetched, in few rounds
+    of parallel requests, and held.
+
     Files are mapped. If one is cut short or its disk fails meanwhile, the system ends the whole process (SIGBUS):
     `positioned=True` reads files that may be replaced in place, or that lie on network folders, without mapping them.
 
@@ -66,11 +74,12 @@ def open(
     """
     steps = [view] if isinstance(view, str) else list(view)
     layer = None if layer is None else str(layer)
+    name, elsewhere = elsewhere_of(path, storage_options)
     try:
-        return Dataset(os.fsdecode(path), steps, commit, positioned, layer)
+        return Dataset(name, steps, commit, positioned, layer, elsewhere)
     except OSError:
-        if commit is not None and os.path.exists(path):
-            with Dataset(os.fsdecode(path), steps, None, positioned, layer) as ds:
+        if commit is not None and (os.path.exists(name) or "://" in name):
+            with Dataset(name, steps, None, positioned, layer, elsewhere) as ds:
                 if ds.commit is None:
                     raise ValueError(f"{ds.path}: has no commits, as it is a {ds.format} file; leave commit out") from None
         raise
@@ -94,7 +103,9 @@ class Dataset(Writers):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # (The commit that is read, so that whoever gets it sees the same.)
-        return _reopen, (os.path.abspath(self.path), self.view, self.commit, self.positioned, self.layer or None)
+        storage, file = self._elsewhere
+        name = kept_name(self.path, file)
+        return _reopen, (name, self.view, self.commit, self.positioned, self.layer or None, storage, file and file[2])
 
     def __repr__(self) -> str:
         name = str(self.path)
@@ -198,6 +209,18 @@ class Dataset(Writers):
         if wanted.size and not 1 <= wanted.min() <= wanted.max() <= self.count:
             raise IndexError(f"bands: {bands}, the file's bands are 1 to {self.count}")
         return result[:, wanted - 1]  # type: ignore[no-any-return]
+
+    async def aread(self, *args: Any, **options: Any) -> Any:
+        """`read`, on a thread beside the event loop: many of them fetch their parts of a file elsewhere at the same time."""
+        return await asyncio.to_thread(self.read, *args, **options)
+
+    async def asample(self, points: Points, **options: Any) -> Any:
+        """`sample`, on a thread beside the event loop."""
+        return await asyncio.to_thread(self.sample, points, **options)
+
+    async def azonal(self, geometries: Any, *args: Any, **options: Any) -> Any:
+        """`zonal`, on a thread beside the event loop."""
+        return await asyncio.to_thread(self.zonal, geometries, *args, **options)
 
     def stats(self, window: Window | None = None, *, coordinates: Coordinates = None) -> Statistics:
         """Exact statistics of a part, which take time for its border and not for its cells.
@@ -580,8 +603,16 @@ class Level:
         return f"<level {self.level} of {str(self.dataset.path)!r}: {size} cells>"
 
 
-def _reopen(path: str, view: list[str], commit: int | None, positioned: bool, layer: str | None = None) -> Dataset:
-    return Dataset(path, view, commit, positioned, layer)
+def _reopen(
+    path: str,
+    view: list[str],
+    commit: int | None,
+    positioned: bool,
+    layer: str | None = None,
+    storage: list[tuple[str, str]] | None = None,
+    file: Any = None,
+) -> Dataset:
+    return Dataset(path, view, commit, positioned, layer, elsewhere_of(file or path, dict(storage or []))[1])
 
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, Self, overload
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from . import _native
 from ._arrays import points_of, rows_of
+from ._elsewhere import elsewhere_of, kept_name
 from ._told import crs_text
 from ._sources import is_mesh, mesh_file, paths_of
 from ._files import MEMORY
@@ -86,15 +87,18 @@ def build_brep(
     return BuiltModel(**facts)
 
 
-def open_brep(path: Path, *, positioned: bool = False) -> ExactModel:
+def open_brep(
+    path: Path, *, positioned: bool = False, storage_options: Mapping[str, Any] | None = None
+) -> ExactModel:
     """Opens a file of an exact model, made by `build_brep` or `spinney build --brep`.
 
     Files are mapped; `positioned=True` reads those that may be replaced in place, or that lie on network folders, without
-    mapping them (see `open`).
+    mapping them. URLs and files of fsspec are opened, too (see `open`).
 
     Raises FileNotFoundError or another OSError if it cannot be read, is damaged, or is a tree of cells (which `open` opens).
     """
-    return ExactModel(os.fsdecode(path), positioned)
+    name, elsewhere = elsewhere_of(path, storage_options)
+    return ExactModel(name, positioned, elsewhere)
 
 
 class ExactModel(_native.Model):
@@ -115,7 +119,8 @@ class ExactModel(_native.Model):
         self.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _reopen, (os.path.abspath(self.path), self.positioned)
+        storage, file = self._elsewhere
+        return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2])
 
     def __repr__(self) -> str:
         name = str(self.path)
@@ -364,5 +369,5 @@ def _box(box: BBox) -> tuple[list[float], list[float]]:
     return numbers[:3], numbers[3:]
 
 
-def _reopen(path: str, positioned: bool) -> ExactModel:
-    return open_brep(path, positioned=positioned)
+def _reopen(path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None) -> ExactModel:
+    return ExactModel(path, positioned, elsewhere_of(file or path, dict(storage or []))[1])

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import disjoint_base
 
+from ._elsewhere import Elsewhere
 from ._types import Array
 
 version: str
@@ -24,8 +25,11 @@ class Tree:
         commit: int | None,
         positioned: bool,
         layer: str | None,
+        elsewhere: Elsewhere = ...,
         beside: Tree | None = None,
     ) -> Tree: ...
+    @property
+    def _elsewhere(self) -> Elsewhere: ...
     def close(self) -> None: ...
     @property
     def closed(self) -> bool: ...
@@ -225,7 +229,9 @@ class Tree:
 
 @disjoint_base
 class Model:
-    def __new__(cls, path: Any, positioned: bool) -> Model: ...
+    def __new__(cls, path: Any, positioned: bool, elsewhere: Elsewhere = ...) -> Model: ...
+    @property
+    def _elsewhere(self) -> Elsewhere: ...
     def close(self) -> None: ...
     @property
     def closed(self) -> bool: ...

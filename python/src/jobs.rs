@@ -1,11 +1,12 @@
 //! Long work: on a thread of its own, while the calling one heeds Ctrl-C and tells how far it is.
 
+use std::cell::RefCell;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::process;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -13,6 +14,7 @@ use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
 use pyo3::prelude::*;
 use rayon::ThreadPoolBuilder;
 use spinney::io::Output;
+use spinney::remote::{RemoteOptions, enable};
 use spinney::store::create_tree_file;
 use spinney::{Error, Progress};
 
@@ -20,6 +22,22 @@ use crate::error::raised;
 
 /// Time between looks at signals.
 const TICK: Duration = Duration::from_millis(50);
+
+thread_local! {
+    /// Whether the work of this thread should stop.
+    static STOP: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
+}
+
+/// Makes files elsewhere be read. Who waits for one gives up when the work should stop, or where Python has a signal for this thread.
+pub(crate) fn enable_remote() {
+    let mut options = RemoteOptions::default();
+    options.is_stopped = || match STOP.with_borrow(Clone::clone) {
+        Some(stop) => stop.load(Ordering::Relaxed),
+        None => Python::attach(|py| py.check_signals().is_err()),
+    };
+    // (It fails where there is no folder for what is kept, and none is asked for.)
+    let _ = enable(options);
+}
 
 /// The process that has the usual pool of threads.
 static HOME: AtomicU32 = AtomicU32::new(0);
@@ -60,7 +78,7 @@ fn on_threads<R: Send>(
 pub(crate) struct Work {
     done: AtomicU64,
     total: AtomicU64,
-    stop: AtomicBool,
+    stop: Arc<AtomicBool>,
     max_bytes: Option<u64>,
     warnings: Mutex<Vec<String>>,
     /// An exception of what Python had to do for the work.
@@ -183,6 +201,7 @@ pub(crate) fn run<R: Send>(
             let work = &work;
             let worker = scope.spawn(move || {
                 let _done = done;
+                STOP.set(Some(work.stop.clone()));
                 on_threads(threads, || job(work))
             });
             while let Err(RecvTimeoutError::Timeout) = is_done.recv_timeout(TICK) {

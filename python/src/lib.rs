@@ -8,6 +8,7 @@ mod buffers;
 mod build;
 mod contours;
 mod edit;
+mod elsewhere;
 mod error;
 mod export;
 mod features;
@@ -63,6 +64,7 @@ mod _native {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         super::jobs::remember_process();
+        super::jobs::enable_remote();
         module.add("version", env!("CARGO_PKG_VERSION"))
     }
 }

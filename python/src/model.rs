@@ -14,9 +14,10 @@ use spinney::brep::{ExactModel, Faces, NodeCounts};
 use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::import::mesh::{self, ExactOptions};
 use spinney::space::Crs;
-use spinney::store::{OpenOptions, Tag};
+use spinney::store::Tag;
 use spinney::{Progress, Result};
 
+use crate::elsewhere::Elsewhere;
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
@@ -29,6 +30,7 @@ pub(crate) struct Model {
     opened: RwLock<Option<Arc<ExactModel>>>,
     path: PathBuf,
     positioned: bool,
+    elsewhere: Elsewhere,
 }
 
 impl Model {
@@ -97,15 +99,15 @@ fn node_counts<'py>(py: Python<'py>, nodes: &NodeCounts) -> PyResult<Bound<'py, 
 #[pymethods]
 impl Model {
     #[new]
-    #[pyo3(signature = (path, positioned))]
-    fn new(py: Python<'_>, path: PathBuf, positioned: bool) -> PyResult<Model> {
-        let mut options = OpenOptions::new();
+    #[pyo3(signature = (path, positioned, elsewhere=Elsewhere::default()))]
+    fn new(py: Python<'_>, path: PathBuf, positioned: bool, elsewhere: Elsewhere) -> PyResult<Model> {
+        let mut options = elsewhere.options();
         if positioned {
             let cache = options.cache;
             options = options.positioned(cache);
         }
         let model = py.detach(|| ExactModel::open(&path, &options)).or_raise()?;
-        Ok(Model { opened: RwLock::new(Some(Arc::new(model))), path, positioned })
+        Ok(Model { opened: RwLock::new(Some(Arc::new(model))), path, positioned, elsewhere })
     }
 
     /// Forgets the file; whoever is reading it at the moment can finish.
@@ -121,6 +123,12 @@ impl Model {
     #[getter]
     fn path(&self) -> PathBuf {
         self.path.clone()
+    }
+
+    /// What it is opened with besides: the file that Python reads, and options of the store.
+    #[getter]
+    fn _elsewhere(&self) -> &Elsewhere {
+        &self.elsewhere
     }
 
     #[getter]

@@ -11,9 +11,10 @@ use spinney::dataset::{self, Dataset};
 use spinney::export::void_number;
 use spinney::ops::{Calculation, Step};
 use spinney::space::Crs;
-use spinney::store::{FilePlace, OpenOptions};
+use spinney::store::FilePlace;
 use spinney::value::{Mask, Number};
 
+use crate::elsewhere::Elsewhere;
 use crate::error::{OrRaise, invalid};
 use crate::numbers::{PyNumber, told, told_names};
 use crate::{jobs, samples};
@@ -30,6 +31,8 @@ pub(crate) struct Tree {
     positioned: bool,
     /// Name or number of the layer; the first if there is none.
     layer: Option<String>,
+    /// Files elsewhere.
+    elsewhere: Elsewhere,
 }
 
 /// A coordinate system as pyproj and rasterio read it: `EPSG:4326`, else WKT 2, else as it came.
@@ -108,7 +111,15 @@ impl Tree {
         let steps: Vec<String> = self.steps.iter().map(Step::to_string).collect();
         // (The commit that is read, so that all layers are of one state.)
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
-        this.get_type().call1((self.path.clone(), steps, commit, self.positioned, name, this))
+        this.get_type().call1((
+            self.path.clone(),
+            steps,
+            commit,
+            self.positioned,
+            name,
+            &self.elsewhere,
+            this,
+        ))
     }
 
     /// Layers of the file as the channels of one tree, on the smallest of their cells, opened in the same way: an object of the same class.
@@ -126,7 +137,7 @@ impl Tree {
         let finest = names.iter().find(|name| Some(depth(name)) == deepest && file.layer(name).is_ok());
         let steps: Vec<String> = [&composite].into_iter().chain(&self.steps).map(Step::to_string).collect();
         let layer = finest.cloned();
-        this.get_type().call1((self.path.clone(), steps, commit, self.positioned, layer))
+        this.get_type().call1((self.path.clone(), steps, commit, self.positioned, layer, &self.elsewhere))
     }
 
     /// Whether it is seen as it is in the file.
@@ -164,16 +175,15 @@ impl Tree {
 
     /// Opens the file, or a commit of it: its first layer.
     fn open_file(&self, commit: Option<u64>) -> spinney::Result<Dataset> {
-        let mut options = OpenOptions::new();
+        let mut options = self.elsewhere.options();
         if self.positioned {
             let cache = options.cache;
             options = options.positioned(cache);
         }
         let path = match commit {
             Some(number) => {
-                let mut name = self.path.clone().into_os_string();
-                name.push(format!("@{number}"));
-                name.into()
+                let place = FilePlace { file: (&self.path).into(), commit: Some(number), layer: None };
+                place.of_commit()
             }
             None => self.path.clone(),
         };
@@ -191,7 +201,7 @@ impl Tree {
 #[pymethods]
 impl Tree {
     #[new]
-    #[pyo3(signature = (path, view, commit, positioned, layer, beside=None))]
+    #[pyo3(signature = (path, view, commit, positioned, layer, elsewhere=Elsewhere::default(), beside=None))]
     #[allow(clippy::too_many_arguments)] // those of the Python class
     fn new(
         py: Python<'_>,
@@ -200,6 +210,7 @@ impl Tree {
         commit: Option<u64>,
         positioned: bool,
         layer: Option<String>,
+        elsewhere: Elsewhere,
         beside: Option<&Bound<'_, Tree>>,
     ) -> PyResult<Tree> {
         let FilePlace { file, commit: named, layer: layer_named } = FilePlace::of(&path);
@@ -212,7 +223,7 @@ impl Tree {
         }
         let (path, commit) = (file.into_owned(), commit.or(named));
         let steps = view.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
-        let tree = Tree { opened: RwLock::new(None), path, steps, commit, positioned, layer };
+        let tree = Tree { opened: RwLock::new(None), path, steps, commit, positioned, layer, elsewhere };
         // (Layers of a file that is open share it: there may be thousands. A view knows its own layer alone.)
         let file = beside.filter(|_| tree.is_file()).map(|beside| beside.get().get()).transpose()?;
         let opened = py.detach(|| tree.open(file.as_deref())).or_raise()?;
@@ -258,6 +269,12 @@ impl Tree {
         self.path.clone()
     }
 
+    /// What it is opened with besides: the file that Python reads, and options of the store.
+    #[getter]
+    fn _elsewhere(&self) -> &Elsewhere {
+        &self.elsewhere
+    }
+
     #[getter]
     fn view(&self) -> Vec<String> {
         self.steps.iter().map(Step::to_string).collect()
@@ -270,7 +287,7 @@ impl Tree {
 
     /// Names of the file's layers.
     #[getter]
-    fn names(&self) -> PyResult<Vec<String>> {
+    fn names(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let opened = self.get()?;
         // (A view is of one layer, but others of its file can be seen in the same way.)
         let layers = match self.steps.is_empty() {
@@ -278,7 +295,8 @@ impl Tree {
             false => {
                 let (opened, path, steps) = (RwLock::new(None), self.path.clone(), Vec::new());
                 let (commit, positioned) = (self.commit, self.positioned);
-                let file = Tree { opened, path, steps, commit, positioned, layer: None };
+                let elsewhere = self.elsewhere.clone_ref(py);
+                let file = Tree { opened, path, steps, commit, positioned, layer: None, elsewhere };
                 file.open(None).and_then(|file| file.tree.layers()).or_raise()?
             }
         };

@@ -113,16 +113,23 @@ impl<'p> FilePlace<'p> {
 
     /// The path that means this file and commit, and a layer of it.
     pub fn of_layer(&self, name: &str) -> PathBuf {
+        self.with(&format!(":{name}"))
+    }
+
+    /// The path that means this file and commit.
+    pub fn of_commit(&self) -> PathBuf {
+        self.with("")
+    }
+
+    /// The file and the commit, and something behind.
+    fn with(&self, more: &str) -> PathBuf {
+        let commit = self.commit.map_or(String::new(), |commit| format!("@{commit}"));
         if let Some(url) = url_of(&self.file) {
             let (before, query) = url.split_at(url.find(['?', '#']).unwrap_or(url.len()));
-            let commit = self.commit.map_or(String::new(), |commit| format!("@{commit}"));
-            return format!("{before}{commit}:{name}{query}").into();
+            return format!("{before}{commit}{more}{query}").into();
         }
         let mut path = self.file.clone().into_owned().into_os_string();
-        if let Some(commit) = self.commit {
-            path.push(format!("@{commit}"));
-        }
-        path.push(format!(":{name}"));
+        path.push(format!("{commit}{more}"));
         path.into()
     }
 

@@ -22,7 +22,7 @@ pub use header::{Codec, Header};
 pub use layer::{Layer, LayerTable};
 pub use level_counts::LevelCounts;
 pub use metadata::{Metadata, ScopedTags, TagScope};
-pub use options::OpenOptions;
+pub use options::{ByteSource, OpenOptions};
 pub use other_formats::{FIRST_BYTES, OtherFormat, check_tree_name, create_tree_file};
 pub use shape::{HEAVY_THRESHOLD, STRIDE, Shape, reach};
 pub use state::{CUT, INNER, LEAF, VOID};

@@ -1,6 +1,8 @@
 //! Options of opening tree files.
 
+use std::fmt;
 use std::path::Path;
+use std::sync::Arc;
 
 use spinney_base::Result;
 use spinney_base::io::{FileId, ReadBackend, open_file, positioned_reads_are_preferred, with_cache};
@@ -18,6 +20,27 @@ pub struct OpenOptions {
     pub check: bool,
     /// Options of the store of a file elsewhere, as its programs name them: `aws_region`, `aws_access_key_id`, `endpoint`, ...
     pub storage: Vec<(String, String)>,
+    /// The way to the file's bytes, if they are not where its name says.
+    pub source: Option<ByteSource>,
+}
+
+/// Opens the bytes of a file, whatever it is in.
+#[derive(Clone)]
+pub struct ByteSource(Arc<OpenBytes>);
+
+type OpenBytes = dyn Fn(&Path) -> Result<Box<dyn ReadBackend>> + Send + Sync;
+
+impl ByteSource {
+    /// A source that is asked each time that the file is opened, with the name that it is opened by.
+    pub fn new(open: impl Fn(&Path) -> Result<Box<dyn ReadBackend>> + Send + Sync + 'static) -> ByteSource {
+        ByteSource(Arc::new(open))
+    }
+}
+
+impl fmt::Debug for ByteSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("ByteSource")
+    }
 }
 
 impl Default for OpenOptions {
@@ -27,6 +50,7 @@ impl Default for OpenOptions {
             cache: 64 << 20,
             check: true,
             storage: Vec::new(),
+            source: None,
         }
     }
 }
@@ -56,6 +80,12 @@ impl OpenOptions {
         OpenOptions { storage: options.into_iter().collect(), ..self }
     }
 
+    /// Reads bytes that are not where the file's name says: see [`OpenOptions::source`](field@OpenOptions::source).
+    #[must_use]
+    pub fn source(self, source: ByteSource) -> OpenOptions {
+        OpenOptions { source: Some(source), ..self }
+    }
+
     /// The file's bytes, the way that was asked for.
     ///
     /// # Errors
@@ -70,7 +100,10 @@ impl OpenOptions {
     /// # Errors
     /// If the file cannot be opened.
     pub fn open_with_id(&self, path: &Path) -> Result<(Box<dyn ReadBackend>, FileId)> {
-        let (backend, id) = open_file(path, self.positioned, &self.storage)?;
+        let (backend, id) = match &self.source {
+            Some(ByteSource(open)) => (open(path)?, FileId::unique()),
+            None => open_file(path, self.positioned, &self.storage)?,
+        };
         Ok((with_cache(backend, self.cache), id))
     }
 }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use futures_util::StreamExt;
 use futures_util::stream;
@@ -45,11 +45,13 @@ impl FileState {
 
 /// The way to one file.
 struct RemoteFile {
-    place: Place,
+    /// The place, and the process whose connections it has: a forked one makes its own.
+    place: Mutex<(u32, Place)>,
+    storage: Vec<(String, String)>,
+    options: RemoteOptions,
     path: PathBuf,
     state: FileState,
     kept: Option<KeptFile>,
-    is_stopped: fn() -> bool,
 }
 
 /// Opens a file: one round for its two ends.
@@ -87,7 +89,14 @@ pub(super) fn open(url: &str, storage: &[(String, String)], stores: &Stores) -> 
     let kept = stores.folder.as_ref().map(|folder: &Arc<DiskCache>| folder.file(&key));
     let number = stores.number(&key);
     let length = state.length;
-    let remote = RemoteFile { place, path: path.to_path_buf(), state, kept, is_stopped };
+    let remote = RemoteFile {
+        place: Mutex::new((std::process::id(), place)),
+        storage: storage.to_vec(),
+        options: stores.options.clone(),
+        path: path.to_path_buf(),
+        state,
+        kept,
+    };
     came.iter().try_for_each(|part| remote.check(part))?;
     let file = RangeFile::new(path, length, Box::new(remote), (stores.cache.clone(), number), gap);
     for part in came {
@@ -144,6 +153,15 @@ async fn get(place: &Place, range: GetRange) -> std::result::Result<Part, Failed
 }
 
 impl RemoteFile {
+    fn place(&self) -> Result<Place> {
+        let mut place = self.place.lock().unwrap_or_else(PoisonError::into_inner);
+        if place.0 != std::process::id() {
+            let url = self.path.to_str().unwrap_or_default();
+            *place = (std::process::id(), Place::of(url, &self.storage, &self.options)?);
+        }
+        Ok(place.1.clone())
+    }
+
     /// Makes sure that a part is of the state in which the file was opened.
     fn check(&self, part: &Part) -> Result<()> {
         if FileState::of(&part.meta) != self.state {
@@ -161,9 +179,10 @@ impl RemoteFile {
 
 impl Fetch for RemoteFile {
     fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
-        let parts = ranges.iter().map(|range| get(&self.place, GetRange::Bounded(range.clone())));
+        let place = self.place()?;
+        let parts = ranges.iter().map(|range| get(&place, GetRange::Bounded(range.clone())));
         let all = stream::iter(parts).buffered(AT_ONCE).collect::<Vec<_>>();
-        let came = runtime::wait(&self.path, self.is_stopped, all)?;
+        let came = runtime::wait(&self.path, self.options.is_stopped, all)?;
         let one = |(part, range): (std::result::Result<Part, Failed>, &Range<u64>)| {
             let part = part.map_err(|cause| cause.of_file(&self.path, "fetch a part"))?;
             self.check(&part)?;

@@ -2,7 +2,7 @@
 
 use std::future::Future;
 use std::path::Path;
-use std::sync::OnceLock;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use spinney_base::{Error, Result};
@@ -14,9 +14,12 @@ const PATIENCE: Duration = Duration::from_millis(100);
 /// Threads that requests run on: they wait nearly always.
 const THREADS: usize = 2;
 
+/// The threads of this process. A forked process has a copy of its parent's memory but none of its threads, and gets its own.
 fn runtime(path: &Path) -> Result<&'static Runtime> {
-    static RUNTIME: OnceLock<Runtime> = OnceLock::new();
-    if let Some(runtime) = RUNTIME.get() {
+    static RUNTIME: Mutex<Option<(u32, &'static Runtime)>> = Mutex::new(None);
+    let mut known = RUNTIME.lock().unwrap_or_else(PoisonError::into_inner);
+    let process = std::process::id();
+    if let Some((_, runtime)) = known.filter(|(of, _)| *of == process) {
         return Ok(runtime);
     }
     let made = Builder::new_multi_thread()
@@ -25,7 +28,10 @@ fn runtime(path: &Path) -> Result<&'static Runtime> {
         .thread_name("spinney-remote")
         .build();
     let made = made.map_err(Error::io(path, "start threads for requests"))?;
-    Ok(RUNTIME.get_or_init(|| made))
+    // (For as long as the process is there.)
+    let runtime: &'static Runtime = Box::leak(Box::new(made));
+    *known = Some((process, runtime));
+    Ok(runtime)
 }
 
 /// Waits for some work, which is dropped if somebody wants to stop; the path is for messages.

@@ -6,6 +6,7 @@ use crate::exact::normal::ring_normal;
 use crate::store::segment::LeafRule;
 use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
 use spinney_base::Result;
+use spinney_base::io::rounds::{all_read, ask, go_on};
 
 /// Location of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +35,7 @@ impl ExactModel {
     /// # Errors
     /// If the file is damaged or cannot be read.
     pub fn locate(&self, point: [f64; 3]) -> Result<Location> {
-        self.locate_with(point, &mut FaceBuffer::default())
+        ask(|| self.locate_with(point, &mut FaceBuffer::default()))
     }
 
     /// Where many points of the world lie, as [`ExactModel::locate`] says it.
@@ -43,10 +44,20 @@ impl ExactModel {
     /// If the file is damaged or cannot be read.
     pub fn locate_all(&self, points: &[[f64; 3]], locations: &mut Vec<Location>) -> Result<()> {
         let mut buffer = FaceBuffer::default();
-        for point in points {
-            locations.push(self.locate_with(*point, &mut buffer)?);
+        let before = locations.len();
+        let found = ask(|| {
+            locations.truncate(before);
+            let mut is_unread = false;
+            for point in points {
+                let found = go_on(self.locate_with(*point, &mut buffer), &mut is_unread)?;
+                locations.push(found.unwrap_or(Location::Outside));
+            }
+            all_read(is_unread)
+        });
+        if found.is_err() {
+            locations.truncate(before);
         }
-        Ok(())
+        found
     }
 
     fn locate_with(&self, point: [f64; 3], buffer: &mut FaceBuffer) -> Result<Location> {

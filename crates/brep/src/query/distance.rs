@@ -9,6 +9,7 @@ use super::visited::{Recent, Visited, half_of};
 use crate::exact::bounds::DISTANCE_ROUNDING;
 use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
 use spinney_base::Result;
+use spinney_base::io::rounds::ask;
 
 /// A point of a model's surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,6 +62,12 @@ impl ExactModel {
         if from.iter().any(|at| !at.is_finite()) {
             return Ok(None);
         }
+        ask(|| self.nearest_from(from, most))
+    }
+
+    /// The nearest point of the surface to a place of the grid, if it is no farther than so much in the world.
+    fn nearest_from(&self, from: [f64; 3], most: f64) -> Result<Option<SurfacePoint>> {
+        let grid = self.grid();
         let limit = (most / grid.width()).powi(2);
         let mut visited = Visited::default();
         let (mut recent, mut buffer) = (Recent::new(), FaceBuffer::default());

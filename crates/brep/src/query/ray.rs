@@ -4,6 +4,7 @@ use super::line::{Crossing, Line, Passage};
 use super::plane::Plane;
 use super::visited::{Recent, Visited};
 use crate::{ExactModel, Face, FaceBuffer, Faces, ModelNode, ModelNodeState};
+use spinney_base::io::rounds::ask;
 use spinney_base::{Result, sort};
 
 /// A place where a line passes through the surface of a model.
@@ -52,10 +53,12 @@ impl ExactModel {
         let Some(line) = Line::between(grid, grid.to_grid(from), grid.to_grid(to)) else {
             return Ok(Vec::new());
         };
-        let mut remembered = Remembered::new(1);
-        let mut walk = Walk::new(self, line, false, &mut remembered);
-        walk.root()?;
-        let mut all = walk.found;
+        let mut all = ask(|| {
+            let mut remembered = Remembered::new(1);
+            let mut walk = Walk::new(self, line, false, &mut remembered);
+            walk.root()?;
+            Ok(walk.found)
+        })?;
         sort::by_key(&mut all, |(number, _)| *number);
         all.dedup_by_key(|(number, _)| *number);
         // Of those at one place one comes out before another is entered.
@@ -67,10 +70,12 @@ impl ExactModel {
 
     fn first_hit(&self, line: Option<Line>) -> Result<(Option<Hit>, Visited)> {
         let Some(line) = line else { return Ok((None, Visited::default())) };
-        let mut remembered = Remembered::new(1);
-        let mut walk = Walk::new(self, line, true, &mut remembered);
-        walk.root()?;
-        Ok((walk.first(), walk.visited))
+        ask(|| {
+            let mut remembered = Remembered::new(1);
+            let mut walk = Walk::new(self, line, true, &mut remembered);
+            walk.root()?;
+            Ok((walk.first(), walk.visited))
+        })
     }
 
     /// Casts many rays through the model: see [`ModelRays`].

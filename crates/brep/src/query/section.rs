@@ -10,6 +10,7 @@ use super::plane::Plane;
 use super::visited::half_of;
 use crate::exact::vector::{cross, dot};
 use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState, show_place};
+use spinney_base::io::rounds::{all_read, ask, go_on};
 use spinney_base::{Error, Progress, Result, parallel, sort};
 
 /// A plane of the world: the points whose product with the normal is `distance`.
@@ -113,11 +114,12 @@ impl ExactModel {
         distances: &[f64],
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<SectionPolygon>>> {
-        let mut cut = PlaneCut::new(self.grid(), normal, distances);
-        let known = HashSet::new();
-        let mut walk = Walk { model: self, progress, cut: &mut cut, known, buffer: FaceBuffer::default() };
-        walk.node(&self.root()?)?;
-        drop(walk);
+        let mut cut = ask(|| {
+            let mut cut = PlaneCut::new(self.grid(), normal, distances);
+            let (known, buffer) = (HashSet::new(), FaceBuffer::default());
+            Walk { model: self, progress, cut: &mut cut, known, buffer }.node(&self.root()?)?;
+            Ok(cut)
+        })?;
         let world = |point: &[f64; 3]| self.grid().to_world_between(*point);
         let mut found = Vec::with_capacity(distances.len());
         for (plane, distance) in distances.iter().enumerate() {
@@ -192,6 +194,7 @@ struct Walk<'a> {
 
 impl Walk<'_> {
     fn node(&mut self, node: &ModelNode<'_>) -> Result<()> {
+        let mut is_unread = false;
         match node.state() {
             ModelNodeState::Void | ModelNodeState::Full => {}
             ModelNodeState::Inner => {
@@ -199,20 +202,23 @@ impl Walk<'_> {
                 let bounds = node.bounds(self.model.grid());
                 for child in 0..8 {
                     if self.cut.may_meet(&half_of(&bounds, child)) {
-                        self.node(&self.model.child(node, child)?)?;
+                        let child = self.model.child(node, child);
+                        go_on(child.and_then(|child| self.node(&child)), &mut is_unread)?;
                     }
                 }
             }
             ModelNodeState::Leaf { .. } => {
                 for number in node.faces() {
                     if self.known.insert(number) {
-                        self.model.face(number, &mut self.buffer)?;
-                        self.cut.face(&self.buffer.face());
+                        let read = self.model.face(number, &mut self.buffer);
+                        if go_on(read, &mut is_unread)?.is_some() {
+                            self.cut.face(&self.buffer.face());
+                        }
                     }
                 }
             }
         }
-        Ok(())
+        all_read(is_unread)
     }
 }
 

@@ -139,13 +139,15 @@ impl<'a> ByteAccess<'a> for MappedBytes<'a> {
     }
 }
 
-/// Bytes that are read, each extent as a whole.
+/// Bytes that are read, each extent as a whole; no more than were asked for.
 impl<'a> ByteAccess<'a> for &'a Extents {
     type Bytes = FileBytes<'a>;
 
     fn bytes(self, address: u64, most: usize) -> Result<FileBytes<'a>> {
         if let Some(mapped) = self.mapped() {
-            return mapped.bytes(address, most).map(FileBytes::Mapped);
+            return mapped
+                .bytes(address, most)
+                .map(|bytes| FileBytes::Mapped(&bytes[..most.min(bytes.len())]));
         }
         let extent = self.read_extent(address)?;
         let bytes = self.backend.share(extent.payload_start(), extent.length as usize)?;

@@ -1,0 +1,187 @@
+#!/usr/bin/env python3
+"""Files on a web server that takes 50 ms for each answer: tiles, class areas of countries and random points, each with nothing held, against
+rasterio and exactextract on COGs (ZSTD) from the same server.
+
+    pip install numpy rasterio exactextract
+    npm, for the countries (world-atlas, of Natural Earth)
+    cargo build --release --features remote
+    PYTHON=python benches/peers/remote.py [tiles] [countries] [points]
+
+Seconds are wall time: what is measured is waiting. Ours are whole runs of the program; the others' begin when everything is imported.
+"""
+
+import json
+import os
+import random
+import re
+import statistics
+import subprocess
+import sys
+import time
+
+from common import RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, start, table, tree, verdict
+
+sys.path.insert(0, str(ROOT / "tests" / "servers"))
+from ranges import serve  # noqa: E402
+
+PYTHON = os.environ.get("PYTHON", sys.executable)
+LATENCY = 0.05
+
+# Nothing is held from one question to the next.
+COLD = {"CPL_VSIL_CURL_NON_CACHED": "/vsicurl/", "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "VSI_CACHE": "FALSE"}
+
+TILES = """
+import json, sys, time
+import rasterio
+from rasterio.windows import Window
+times = []
+for left, top, cells, factor in json.load(sys.stdin):
+    began = time.perf_counter()
+    with rasterio.open(sys.argv[1]) as picture:
+        picture.read(1, window=Window(left, top, cells, cells), out_shape=(256, 256))
+    times.append(time.perf_counter() - began)
+print(json.dumps(times))
+"""
+
+COUNTRIES = """
+import json, sys, time
+from exactextract import exact_extract
+times, areas = [], []
+for country in json.load(sys.stdin):
+    began = time.perf_counter()
+    found = exact_extract(sys.argv[1], [country], ["unique", "frac", "count"])[0]["properties"]
+    times.append(time.perf_counter() - began)
+    areas.append({int(u): float(x) * found["count"] for u, x in zip(found["unique"], found["frac"])})
+print(json.dumps([times, areas]))
+"""
+
+POINTS = """
+import json, sys, time
+import rasterio
+points = json.load(sys.stdin)
+began = time.perf_counter()
+with rasterio.open(sys.argv[1]) as picture:
+    values = [int(value[0]) for value in picture.sample(points)]
+print(json.dumps([time.perf_counter() - began, values]))
+"""
+
+
+def peer(script, url, given):
+    """What a script of Python answers."""
+    run = subprocess.run([PYTHON, "-c", script, url], input=json.dumps(given), capture_output=True, text=True, env={**os.environ, **COLD})
+    if run.returncode:
+        sys.exit(f"failed: {run.stderr}")
+    return json.loads(run.stdout)
+
+
+def ours(*words, given=None):
+    """Seconds of a run of the program, its output, and rounds, requests and bytes."""
+    began = time.perf_counter()
+    run = subprocess.run([SPINNEY, "-v", *words], input=given, capture_output=True, text=True)
+    seconds = time.perf_counter() - began
+    if run.returncode:
+        sys.exit(f"failed: {' '.join(map(str, words))}: {run.stderr}")
+    return seconds, run.stdout, list(map(int, re.search(r"(\d+) rounds, (\d+) requests, (\d+) bytes", run.stderr).groups()))
+
+
+def tiles(server):
+    rows = []
+    for name, picture, size in [("relief", RELIEF, (4320, 2160)), ("shoreline", SHORELINE, (43200, 21600))]:
+        cog(picture, WORK / f"{name}_zstd.tif", "COMPRESS=ZSTD", "PREDICTOR=YES")
+        tree(picture, WORK / f"{name}.goblin")
+        rng = random.Random(5)
+        wanted = []
+        for _ in range(20):
+            factor = 2 ** rng.randrange(4 if name == "relief" else 7)
+            cells = 256 * factor
+            wanted.append((rng.randrange(max(1, size[0] - cells)), rng.randrange(max(1, size[1] - cells)), cells, factor))
+        depth = json.loads(subprocess.check_output([SPINNEY, "info", "--json", WORK / f"{name}.goblin"]))["depth"]
+        theirs = peer(TILES, f"{server.url}/{name}_zstd.tif", wanted)
+        found = []
+        for left, top, cells, factor in wanted:
+            level = depth - factor.bit_length() + 1
+            found.append(ours("get", f"{server.url}/{name}.goblin", WORK / "tile.npy", "--window", f"{left},{top},{cells},{cells}", "--level", str(level)))
+        seconds = statistics.median(seconds for seconds, _, _ in found)
+        rounds = [counts[0] for _, _, counts in found]
+        kib = statistics.median(counts[2] for _, _, counts in found) / 1024
+        ratio = seconds / statistics.median(theirs)
+        rows.append([name, f"{seconds:.3f}", f"{statistics.median(theirs):.3f}", verdict(ratio, 0.7, least=False), f"{statistics.median(rounds)}, at most {max(rounds)}", f"{kib:.0f}"])
+    table(["cold open and a tile of 256 x 256", "ours, s", "rasterio, s", "ratio (0.7)", "rounds (3)", "KiB"], rows)
+
+
+def countries():
+    """Features of 40 countries, from the archive that npm has."""
+    folder = WORK / "world-atlas"
+    if not folder.exists():
+        subprocess.run(["npm", "install", "--silent", "--no-save", "--prefix", folder, "world-atlas@2"], check=True)
+    world = json.loads((folder / "node_modules" / "world-atlas" / "countries-110m.json").read_text())
+    scale, move = world["transform"]["scale"], world["transform"]["translate"]
+    arcs = []
+    for arc in world["arcs"]:
+        x = y = 0
+        points = []
+        for dx, dy in arc:
+            x, y = x + dx, y + dy
+            points.append([x * scale[0] + move[0], y * scale[1] + move[1]])
+        arcs.append(points)
+
+    def ring(numbers):
+        points = []
+        for number in numbers:
+            arc = arcs[number] if number >= 0 else arcs[~number][::-1]
+            points += arc[1 if points else 0 :]
+        return points
+
+    found = []
+    for country in world["objects"]["countries"]["geometries"]:
+        polygons = country["arcs"] if country["type"] == "MultiPolygon" else [country["arcs"]]
+        rings = [[ring(numbers) for numbers in polygon] for polygon in polygons]
+        geometry = {"type": "MultiPolygon", "coordinates": rings}
+        found.append({"type": "Feature", "properties": {"name": country["properties"]["name"]}, "geometry": geometry})
+    return random.Random(7).sample(found, 40)
+
+
+def class_areas(server):
+    cog(SHORELINE, WORK / "shoreline_zstd.tif", "COMPRESS=ZSTD", "PREDICTOR=YES")
+    tree(SHORELINE, WORK / "shoreline.goblin")
+    wanted = countries()
+    theirs, areas = peer(COUNTRIES, f"{server.url}/shoreline_zstd.tif", wanted)
+    found, worst = [], 0.0
+    for country, expected in zip(wanted, areas):
+        path = WORK / "country.geojson"
+        path.write_text(json.dumps({"type": "FeatureCollection", "features": [country]}))
+        seconds, text, counts = ours("stats", f"{server.url}/shoreline.goblin", "--zones", str(path), "--edge", "area", "--json")
+        classes = {int(c["value"]): c["cells"] for c in json.loads(text)["zones"][0]["classes"]}
+        worst = max(worst, *(abs(classes.get(number, 0) - cells) / sum(expected.values()) for number, cells in expected.items()))
+        found.append((seconds, counts))
+    seconds = statistics.median(seconds for seconds, _ in found)
+    rounds, most = [counts[0] for _, counts in found], max(counts[2] for _, counts in found)
+    ratio = sum(seconds for seconds, _ in found) / sum(theirs)
+    row = [f"{seconds:.3f}", f"{statistics.median(theirs):.3f}", f"{sum(s for s, _ in found):.1f} and {sum(theirs):.1f}", verdict(ratio, 1 / 20, least=False)]
+    row += [f"{statistics.median(rounds)}, at most {max(rounds)}", f"{statistics.median(c[2] for _, c in found) / 1e6:.2f}, at most {most / 1e6:.2f}", f"{worst:.1e}"]
+    table(["class areas of a country", "rasterio + exactextract, s", "all 40, s", "ratio (1/20)", "rounds (4)", "MB (2)", "largest difference"], [row])
+
+
+def points(server):
+    rows = []
+    for name, picture in [("relief", RELIEF), ("shoreline", SHORELINE)]:
+        cog(picture, WORK / f"{name}_zstd.tif", "COMPRESS=ZSTD", "PREDICTOR=YES")
+        tree(picture, WORK / f"{name}.goblin")
+        rng = random.Random(2)
+        places = [(rng.uniform(-179.9, 179.9), rng.uniform(-89.9, 89.9)) for _ in range(10_000)]
+        theirs, expected = peer(POINTS, f"{server.url}/{name}_zstd.tif", places)
+        text = "".join(f"{x!r},{y!r}\n" for x, y in places)
+        seconds, output, counts = ours("point", f"{server.url}/{name}.goblin", "--in", "world", given=text)
+        values = [line.split()[-1] for line in output.splitlines()]
+        same = sum(value == str(number) for value, number in zip(values, expected))
+        rows.append([name, f"{seconds:.3f}", f"{theirs:.3f}", verdict(seconds / theirs, 1 / 20, least=False), counts[0], f"{counts[2] / 1e6:.1f}", same])
+    table(["10,000 random points", "ours, s", "rasterio, s", "ratio (1/20)", "rounds", "MB", "values alike"], rows)
+
+
+if __name__ == "__main__":
+    start()
+    asked = sys.argv[1:] or ["tiles", "countries", "points"]
+    with serve(WORK, LATENCY) as running:
+        for name, work in [("tiles", tiles), ("countries", class_areas), ("points", points)]:
+            if name in asked:
+                work(running)

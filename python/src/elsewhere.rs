@@ -1,0 +1,109 @@
+//! Files elsewhere: options of stores, and files that Python itself reads.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::{Arc, LazyLock};
+
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyTuple};
+use spinney::io::{Fetch, RangeCache, RangeFile};
+use spinney::store::{ByteSource, OpenOptions};
+use spinney::{Error, Result};
+
+/// How a file elsewhere is opened.
+#[derive(Default)]
+pub(crate) struct Elsewhere {
+    /// Options of the store.
+    storage: Vec<(String, String)>,
+    /// A file that Python reads, and who reads it.
+    file: Option<(Arc<PythonFile>, Py<PyAny>)>,
+}
+
+/// Bytes that are held of all files that Python reads.
+const CACHE: u64 = 64 << 20;
+
+static CACHED: LazyLock<Arc<RangeCache>> = LazyLock::new(|| Arc::new(RangeCache::new(CACHE)));
+
+/// Gap in bytes up to which parts are asked for as one.
+const GAP: u64 = 32 << 10;
+
+/// A file that a function of Python reads.
+struct PythonFile {
+    /// Takes first bytes, and those behind the last; returns the bytes of each.
+    fetch: Py<PyAny>,
+    length: u64,
+    number: u64,
+}
+
+/// Storage options; then nothing, or the length of a file, the function that reads it, and what a copy of it is made of.
+impl<'py> FromPyObject<'_, 'py> for Elsewhere {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Elsewhere> {
+        let (storage, file): (Vec<(String, String)>, Option<(u64, Py<PyAny>, Py<PyAny>)>) =
+            given.extract()?;
+        let file = file.map(|(length, fetch, whole)| {
+            (Arc::new(PythonFile { fetch, length, number: RangeCache::file_number() }), whole)
+        });
+        Ok(Elsewhere { storage, file })
+    }
+}
+
+impl<'py> IntoPyObject<'py> for &Elsewhere {
+    type Target = PyTuple;
+    type Output = Bound<'py, PyTuple>;
+    type Error = PyErr;
+
+    fn into_pyobject(self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let file = self.file.as_ref();
+        let file = file.map(|(file, whole)| (file.length, file.fetch.clone_ref(py), whole.clone_ref(py)));
+        (self.storage.clone(), file).into_pyobject(py)
+    }
+}
+
+impl Elsewhere {
+    pub(crate) fn clone_ref(&self, py: Python<'_>) -> Elsewhere {
+        let file = self.file.as_ref().map(|(file, whole)| (file.clone(), whole.clone_ref(py)));
+        Elsewhere { storage: self.storage.clone(), file }
+    }
+
+    /// The options to open the file with.
+    pub(crate) fn options(&self) -> OpenOptions {
+        let options = OpenOptions::new().storage(self.storage.iter().cloned());
+        let Some((file, _)) = &self.file else { return options };
+        let file = file.clone();
+        options.source(ByteSource::new(move |path| {
+            let cache = (CACHED.clone(), file.number);
+            let fetch = Box::new(Reader { file: file.clone(), path: path.to_path_buf() });
+            Ok(Box::new(RangeFile::new(path, file.length, fetch, cache, GAP)))
+        }))
+    }
+}
+
+/// The way to the bytes of a file of Python.
+struct Reader {
+    file: Arc<PythonFile>,
+    path: std::path::PathBuf,
+}
+
+impl Fetch for Reader {
+    fn fetch(&self, ranges: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
+        let starts: Vec<u64> = ranges.iter().map(|range| range.start).collect();
+        let ends: Vec<u64> = ranges.iter().map(|range| range.end).collect();
+        let fetched = Python::attach(|py| {
+            let parts = self.file.fetch.call1(py, (starts, ends))?;
+            let parts: Vec<Bound<'_, PyBytes>> = parts.extract(py)?;
+            PyResult::Ok(parts.iter().map(|part| part.as_bytes().to_vec()).collect::<Vec<_>>())
+        });
+        let parts = fetched.map_err(|error| failed(&self.path, error))?;
+        if parts.len() == ranges.len() {
+            return Ok(parts);
+        }
+        let found = format!("{} parts", parts.len());
+        Err(Error::corrupt(&self.path, "answer of the file system", found, format!("{}", ranges.len())))
+    }
+}
+
+fn failed(path: &Path, error: PyErr) -> Error {
+    Error::Io { path: path.to_path_buf(), doing: "fetch a part", cause: std::io::Error::other(error) }
+}

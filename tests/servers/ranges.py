@@ -1,0 +1,112 @@
+"""A web server of the files in a folder, which serves ranges, waits for a while before each answer, and counts.
+
+    python3 tests/servers/ranges.py FOLDER [LATENCY]
+
+prints its URL; `URL/-counts` tells requests and bytes since the last time, as JSON. Or, in Python: `with serve(folder) as url:`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http.server
+import json
+import re
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+
+class _Server(http.server.ThreadingHTTPServer):
+    daemon_threads = True
+    request_queue_size = 128
+
+    def __init__(self, folder: str | Path, latency: float) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.folder, self.latency = Path(folder), latency
+        self.lock, self.requests, self.bytes = threading.Lock(), 0, 0
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_address[1]}"
+
+    def counts(self) -> dict[str, int]:
+        """Requests and bytes since the last time."""
+        with self.lock:
+            counts = {"requests": self.requests, "bytes": self.bytes}
+            self.requests = self.bytes = 0
+        return counts
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
+    server: _Server
+
+    def log_message(self, *_: Any) -> None:
+        pass
+
+    def do_HEAD(self) -> None:
+        self.answer(False)
+
+    def do_GET(self) -> None:
+        self.answer(True)
+
+    def send(self, status: int, body: bytes = b"", length: int | None = None, **headers: str) -> None:
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body) if length is None else length))
+        for name, value in headers.items():
+            self.send_header(name.replace("_", "-"), value)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def answer(self, has_body: bool) -> None:
+        if self.path == "/-counts":
+            return self.send(200, json.dumps(self.server.counts()).encode())
+        time.sleep(self.server.latency)
+        file = self.server.folder / self.path.split("?")[0].lstrip("/")
+        with self.server.lock:
+            self.server.requests += 1
+        if not file.is_file():
+            return self.send(404)
+        state = file.stat()
+        first, end = 0, state.st_size
+        asked = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
+        if asked and asked[1]:
+            first, end = int(asked[1]), min(int(asked[2]) + 1 if asked[2] else end, end)
+        elif asked:
+            first = max(0, end - int(asked[2]))
+        if asked and first >= state.st_size:
+            return self.send(416)
+        headers = {"ETag": f'"{state.st_mtime_ns:x}-{state.st_size:x}"', "Accept_Ranges": "bytes"}
+        if asked:
+            headers["Content_Range"] = f"bytes {first}-{end - 1}/{state.st_size}"
+        body = b""
+        if has_body:
+            with file.open("rb") as bytes_of_file:
+                bytes_of_file.seek(first)
+                body = bytes_of_file.read(end - first)
+            with self.server.lock:
+                self.server.bytes += len(body)
+        self.send(206 if asked else 200, body, end - first, **headers)
+
+
+@contextlib.contextmanager
+def serve(folder: str | Path, latency: float = 0.0) -> Iterator[_Server]:
+    """A server that runs meanwhile."""
+    server = _Server(folder, latency)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+if __name__ == "__main__":
+    started = _Server(sys.argv[1], float(sys.argv[2]) if len(sys.argv) > 2 else 0.0)
+    print(started.url, flush=True)
+    started.serve_forever()
