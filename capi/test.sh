@@ -28,7 +28,7 @@ diff -u capi/include/spinney.h "$work/spinney.h" || fail 'capi/include/spinney.h
 
 say 'installing'
 PROFILE=dev FEATURES=program CARGO_TARGET_DIR=$target capi/install.sh "$work/prefix" > /dev/null
-cargo build --quiet --locked --bin spinney
+cargo build --quiet --locked --features remote --bin spinney
 spinney=$target/debug/spinney
 export PKG_CONFIG_PATH=$work/prefix/lib/pkgconfig LD_LIBRARY_PATH=$work/prefix/lib
 command -v pkg-config > /dev/null || install pkg-config || fail 'pkg-config is needed'

@@ -32,7 +32,7 @@ pack() {
 
 program() {
     local name=spinney-$version-$system
-    cargo build --quiet --locked --profile "$profile" --bin spinney
+    cargo build --quiet --locked --profile "$profile" --features remote --bin spinney
     mkdir -p "$work/$name/completions"
     cp "$built/spinney" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT LICENSE-DEJAVU "$work/$name/"
     cp -r docs "$work/$name/docs"

@@ -32,7 +32,7 @@ export PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv CARGO_TARGET_DIR=$target
 (cd tests/foreign && mypy --strict --allow-untyped-calls --no-warn-return-any --cache-dir "$target/mypy-foreign" ./*.py)
 python -m pytest -p no:cacheprovider -q tests/foreign
 
-cargo build --locked --bin spinney
+cargo build --locked --features remote --bin spinney
 export SPINNEY_PROGRAM=$target/debug/spinney
 wheels=$target/python-wheels
 rm -rf "$wheels"

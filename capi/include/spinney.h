@@ -206,6 +206,18 @@ typedef struct {
   bool is_hit;
 } spinney_hit;
 
+// Reads parts of a file: `count` of them, the first from `offsets[0]` on, `lengths[0]` bytes to `buffers[0]`, and so on; `user` is what
+// spinney_open_parts() was given. Returns 0, or another number if one of them cannot be read. All parts of a call are needed before
+// anything goes on, so that they are best asked for at the same time. May be called by any thread, and by several at once.
+typedef int32_t (*spinney_fetch)(void *user,
+                                 size_t count,
+                                 const uint64_t *offsets,
+                                 const size_t *lengths,
+                                 uint8_t *const *buffers);
+
+// Called when nothing of a file is read any more, with what spinney_open_parts() was given.
+typedef void (*spinney_release)(void *user);
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -432,6 +444,16 @@ spinney_status spinney_model_ray(const spinney_model *model,
                                  const double *direction,
                                  spinney_hit *hit,
                                  size_t hit_size);
+
+// Opens a tree file that the caller reads, of `length` bytes; `name` is for messages, and says which commit is read if it ends with one
+// (`map.autumn@12`). What an answer needs is asked for in few calls of `fetch`, and held. `release` (which may be NULL) is called once
+// when the dataset and all others of the file are closed, also if opening fails. The dataset is to be closed by spinney_close().
+spinney_status spinney_open_parts(const char *name,
+                                  uint64_t length,
+                                  spinney_fetch fetch,
+                                  spinney_release release,
+                                  void *user,
+                                  spinney_dataset **dataset);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -35,13 +35,15 @@ struct PythonFile {
     number: u64,
 }
 
+/// Length of a file, the function that reads it, and what a copy of it is made of.
+type GivenFile = (u64, Py<PyAny>, Py<PyAny>);
+
 /// Storage options; then nothing, or the length of a file, the function that reads it, and what a copy of it is made of.
 impl<'py> FromPyObject<'_, 'py> for Elsewhere {
     type Error = PyErr;
 
     fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Elsewhere> {
-        let (storage, file): (Vec<(String, String)>, Option<(u64, Py<PyAny>, Py<PyAny>)>) =
-            given.extract()?;
+        let (storage, file): (Vec<(String, String)>, Option<GivenFile>) = given.extract()?;
         let file = file.map(|(length, fetch, whole)| {
             (Arc::new(PythonFile { fetch, length, number: RangeCache::file_number() }), whole)
         });

@@ -20,6 +20,7 @@ fn server() -> MutexGuard<'static, Server> {
         let mut options = RemoteOptions::default();
         options.timeout = Duration::from_secs(5);
         options.retries = 3;
+        options.folder_bytes = 1 << 30;
         enable(options).unwrap();
         Mutex::new(Server::start())
     });

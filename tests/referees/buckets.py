@@ -1,0 +1,153 @@
+"""Trees in an S3 bucket: written by upload, read in ranges, with moto as the bucket.
+
+    pip install 'moto[s3,server]' boto3 numpy
+    tests/referees/buckets.py PROGRAM FIXTURES
+
+PROGRAM must be built with the feature `remote`.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+try:
+    import boto3
+    import numpy as np
+    from moto import settings
+    from moto.server import ThreadedMotoServer
+except ImportError as missing:
+    print(f"skipped: {missing}")
+    sys.exit()
+
+PROGRAM, FIXTURES = sys.argv[1], Path(sys.argv[2])
+REGION = "eu-north-1"
+
+
+def run(*words: str | Path, code: int = 0, **environment: str) -> str:
+    """What the program prints, or says if it fails."""
+    done = subprocess.run([PROGRAM, *map(str, words)], capture_output=True, text=True, env={**os.environ, **environment})
+    assert done.returncode == code, (words, done.returncode, done.stderr)
+    return done.stderr if code else done.stdout
+
+
+class SlowProxy:
+    """Hands bytes on to a server, those to it slowly."""
+
+    def __init__(self, port: int) -> None:
+        self.to, self.listener = port, socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.bytes = 0
+        threading.Thread(target=self.accept, daemon=True).start()
+
+    def accept(self) -> None:
+        while True:
+            near, _ = self.listener.accept()
+            far = socket.create_connection(("127.0.0.1", self.to))
+            threading.Thread(target=self.copy, args=(near, far, 0.02), daemon=True).start()
+            threading.Thread(target=self.copy, args=(far, near, 0.0), daemon=True).start()
+
+    def copy(self, source: socket.socket, target: socket.socket, pause: float) -> None:
+        try:
+            while data := source.recv(1 << 16):
+                target.sendall(data)
+                self.bytes += len(data)
+                time.sleep(pause * len(data) / (1 << 16))
+        except OSError:
+            pass
+        for end in (source, target):
+            try:
+                end.shutdown(socket.SHUT_RDWR)
+            except OSError:
+                pass
+
+
+def main() -> None:
+    help_text = subprocess.run([PROGRAM, "info", "s3://maps/none.goblin"], capture_output=True, text=True).stderr
+    if "feature `remote`" in help_text:
+        print("skipped: the program was built without `remote`")
+        return
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    port = server.get_host_and_port()[1]
+    endpoint = f"http://127.0.0.1:{port}"
+    for name in [name for name in os.environ if name.startswith("AWS_")]:
+        del os.environ[name]
+    keys = {"AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test", "AWS_REGION": REGION}
+    os.environ.update(keys, AWS_ENDPOINT_URL=endpoint, HOME=tempfile.gettempdir())
+    client = boto3.client("s3", endpoint_url=endpoint, region_name=REGION)
+    client.create_bucket(Bucket="maps", CreateBucketConfiguration={"LocationConstraint": REGION})
+
+    def uploads() -> list[object]:
+        return client.list_multipart_uploads(Bucket="maps").get("Uploads", [])
+
+    def objects() -> list[str]:
+        return [item["Key"] for item in client.list_objects_v2(Bucket="maps").get("Contents", [])]
+
+    # Small files, each by one request.
+    for name in ["classes.goblin", "elevation.goblin", "history.autumn"]:
+        url = f"s3://maps/folder/{name}"
+        run("convert", FIXTURES / name, "-o", url)
+        near, far = json.loads(run("stats", "--json", FIXTURES / name)), json.loads(run("stats", "--json", url))
+        near.pop("file", None), far.pop("file", None)
+        assert near == far, name
+        assert "good" in run("verify", url)
+    assert objects() == [f"folder/{name}" for name in ("classes.goblin", "elevation.goblin", "history.autumn")]
+
+    with tempfile.TemporaryDirectory() as folder:
+        # A large one, in parts.
+        noise = Path(folder) / "noise.npy"
+        np.save(noise, np.random.default_rng(1).integers(0, 255, (256, 300, 300), dtype=np.uint8))
+        near = Path(folder) / "noise.goblin"
+        run("build", noise, "-o", near)
+        assert near.stat().st_size > 20 << 20
+        run("convert", near, "-o", "s3://maps/noise.goblin")
+        assert client.head_object(Bucket="maps", Key="noise.goblin")["ContentLength"] == near.stat().st_size
+        copy = client.get_object(Bucket="maps", Key="noise.goblin")["Body"].read()
+        assert copy == near.read_bytes() and not uploads()
+        window = ("--window", "20,30,50,40", "--slice", "z=100")
+        cells = [Path(folder) / name for name in ("near.npy", "far.npy")]
+        run("get", near, cells[0], *window)
+        told = subprocess.run([PROGRAM, "-v", "get", "s3://maps/noise.goblin", cells[1], *window], capture_output=True, text=True)
+        assert cells[0].read_bytes() == cells[1].read_bytes()
+        assert int(told.stderr.split(", ")[-1].split()[0]) < 8 << 20, told.stderr
+
+        # One that is interrupted leaves nothing.
+        proxy = SlowProxy(port)
+        slow = {**os.environ, "AWS_ENDPOINT_URL": f"http://127.0.0.1:{proxy.port}"}
+        process = subprocess.Popen(
+            [PROGRAM, "-q", "convert", str(near), "-o", "s3://maps/never.goblin"],
+            env=slow,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )
+        while proxy.bytes < 2 << 20:
+            time.sleep(0.05)
+            assert process.poll() is None, "it was done before it could be interrupted"
+        process.send_signal(signal.SIGINT)
+        began = time.monotonic()
+        assert process.wait(60) == 130
+        print(f"interrupted: {time.monotonic() - began:.1f} s")
+        assert "never.goblin" not in objects() and not uploads()
+
+    # What has no keys, or wrong ones, is refused, and says so.
+    settings.INITIAL_NO_AUTH_ACTION_COUNT = 0
+    refused = run("info", "s3://maps/folder/classes.goblin", code=1)
+    assert "403" in refused and "s3://maps/folder/classes.goblin" in refused, refused
+    refused = run("convert", FIXTURES / "classes.goblin", "-o", "s3://maps/no.goblin", code=1)
+    assert "403" in refused, refused
+    print("good")
+    server.stop()
+
+
+if __name__ == "__main__":
+    main()
