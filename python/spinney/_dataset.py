@@ -216,7 +216,7 @@ class Dataset(Writers):
 
     async def asample(self, points: Points, **options: Any) -> Any:
         """`sample`, on a thread beside the event loop."""
-        return await asyncio.to_thread(self.sample, points, **options)
+        return await asyncio.to_thread(lambda: self.sample(points, **options))
 
     async def azonal(self, geometries: Any, *args: Any, **options: Any) -> Any:
         """`zonal`, on a thread beside the event loop."""

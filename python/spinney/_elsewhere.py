@@ -28,7 +28,7 @@ def elsewhere_of(path: Any, storage_options: Mapping[str, Any] | None) -> tuple[
 
 def kept_name(path: Any, file: Any) -> str:
     """The name by which a file is opened again, wherever that is."""
-    name = os.fspath(path)
+    name = str(os.fspath(path))
     return name if file is not None or "://" in name else os.path.abspath(name)
 
 

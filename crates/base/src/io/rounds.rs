@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::ranges::RangeFile;
-use crate::{Error, Result};
+use crate::{Error, Result, parallel};
 
 /// Rounds of a question at most. A tree has 29 levels, and few of them depend on each other; what needs more is read range by range.
 const MOST_ROUNDS: usize = 64;
@@ -168,6 +168,27 @@ pub fn ask<T>(mut question: impl FnMut() -> Result<T>) -> Result<T> {
         Ok(())
     })?;
     Ok(answer.expect("a question without an error has an answer"))
+}
+
+/// Applies a function to each item with all threads, in rounds: what is done is kept, and not asked again where others lack bytes. The results have
+/// the items' order.
+///
+/// # Errors
+/// That of the first item whose function fails.
+pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> Result<R> + Sync) -> Result<Vec<R>> {
+    if !IS_NEEDED.load(Ordering::Relaxed) {
+        return parallel::map(items, make).into_iter().collect();
+    }
+    let mut done: Vec<Option<R>> = items.iter().map(|_| None).collect();
+    ask(|| {
+        let left: Vec<usize> = (0..items.len()).filter(|index| done[*index].is_none()).collect();
+        let mut is_unread = false;
+        for (index, made) in left.iter().zip(parallel::map(&left, |index| make(&items[*index]))) {
+            done[*index] = go_on(made, &mut is_unread)?;
+        }
+        all_read(is_unread)
+    })?;
+    Ok(done.into_iter().flatten().collect())
 }
 
 fn ask_again(question: &mut dyn FnMut() -> Result<()>) -> Result<()> {

@@ -17,7 +17,7 @@ use super::image::tiff_tags::word;
 use super::image::{Format, ImageSpec, write_sidecar};
 use super::window::{DEFAULT_MEMORY, Detail, OutputGrid, VoidCells, WindowRequest, image_spec};
 use spinney_base::io::Output;
-use spinney_base::parallel;
+use spinney_base::io::rounds;
 use spinney_base::value::{Kind, Number};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Metadata, TagScope};
@@ -244,15 +244,14 @@ impl Writer<'_> {
         let mut stored_tiles = StoredTiles::new(level);
         for first in (0..level.count()).step_by(self.batch as usize) {
             let numbers: Vec<u64> = (first..level.count().min(first + self.batch)).collect();
-            let tiles = parallel::map(&numbers, |number| {
+            let tiles: Vec<Option<EncodedTile>> = rounds::map(&numbers, |number| {
                 self.progress.check()?;
                 // Where the level above has nothing, there is nothing below.
                 let may_be = above.is_none_or(|above| above.is_above(level, *number));
                 let tile = if may_be { self.encoder.encode(level, *number)? } else { None };
                 self.progress.advance(level.cells_of(*number), self.cells);
                 Ok(tile)
-            });
-            let tiles = tiles.into_iter().collect::<Result<Vec<Option<EncodedTile>>>>()?;
+            })?;
             let (mut places, mut mask_places) = (Vec::new(), Vec::new());
             for (number, tile) in numbers.iter().zip(&tiles) {
                 let stored = tile.as_ref().map(|tile| &tile.cells);

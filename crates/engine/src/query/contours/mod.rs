@@ -32,7 +32,7 @@ use self::polygons::Polygons;
 use self::rows::TileRows;
 use self::tile::{LinePiece, trace};
 use crate::tree::Child;
-use spinney_base::parallel;
+use spinney_base::io::rounds;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::{Progress, Result};
 use spinney_crs::Frame;
@@ -213,13 +213,13 @@ pub(crate) fn trace_contours(
         let wanted = rows.next(row)?;
         tracer.summary.tiles_read += wanted.len() as u64;
         for columns in wanted.chunks(batch) {
-            let traced = parallel::map(columns, |column| {
+            let traced = rounds::map(columns, |column| {
                 progress.check()?;
                 trace(&read_tile(ground, &levels, tiles, [*column, row])?, &levels, tracing, is_reversed)
-            });
+            })?;
             for pieces in traced {
                 progress.check()?;
-                tracer.take(pieces?)?;
+                tracer.take(pieces)?;
             }
         }
         tracer.settle(((row as i64 + 1) << TILE) - 1)?;

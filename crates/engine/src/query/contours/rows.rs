@@ -5,7 +5,7 @@ use super::nodes::Tracing;
 use super::{Extremes, Relief};
 use crate::tree::Child;
 use spinney_base::Result;
-use spinney_base::parallel;
+use spinney_base::io::rounds;
 use spinney_base::space::{Code, Dimension};
 
 /// Neighbouring tiles of a row, up to but without `end`, whose cells have the same extremes.
@@ -98,16 +98,16 @@ impl<'a> TileRows<'a> {
         self.visit(Code::root(Dimension::Quad), row, &mut runs)?;
         let unknown: Vec<u64> =
             runs.iter().filter(|(_, extremes)| extremes.is_none()).map(|(column, _)| *column).collect();
-        let found = parallel::map(&unknown, |column| {
+        let found = rounds::map(&unknown, |column| {
             let code = Code::from_cell(Dimension::Quad, self.level, [*column as u32, row as u32, 0]);
             code.map_or(Ok(Extremes::NONE), |code| self.relief.extremes(code))
-        });
+        })?;
         let mut found = found.into_iter();
         let mut all: Vec<Run> = Vec::with_capacity(runs.len());
         for (column, extremes) in &runs {
             let extremes = match extremes {
                 Some(extremes) => *extremes,
-                None => found.next().unwrap_or(Ok(Extremes::NONE))?,
+                None => found.next().unwrap_or(Extremes::NONE),
             };
             if let Some(last) = all.last_mut() {
                 last.end = *column;

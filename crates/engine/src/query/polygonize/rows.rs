@@ -2,8 +2,9 @@
 
 use super::ClassGround;
 use crate::tree::Child;
+use spinney_base::Result;
+use spinney_base::io::rounds;
 use spinney_base::space::{Bounds, Code, Dimension};
-use spinney_base::{Result, parallel};
 
 /// A class, by the bytes of its value as a number. What is VOID comes before all others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -120,7 +121,7 @@ pub(super) fn read_strip(ground: &ClassGround<'_>, first: u32, rows: u32) -> Res
             (column * width, end, *class)
         })
         .collect();
-    let tiles = parallel::map(&all, |(start, end, class)| {
+    let tiles = rounds::map(&all, |(start, end, class)| {
         let cells = match class {
             Some(class) => TileCells::Same(*class),
             None => {
@@ -129,8 +130,8 @@ pub(super) fn read_strip(ground: &ClassGround<'_>, first: u32, rows: u32) -> Res
             }
         };
         Ok(Tile { end: *end as u32, cells })
-    });
-    Ok(Strip { tiles: tiles.into_iter().collect::<Result<_>>()?, rows })
+    })?;
+    Ok(Strip { tiles, rows })
 }
 
 /// Adds the tiles of a row below a node: the first column of each, and the class if all are of one.

@@ -11,7 +11,6 @@ mod request;
 mod values;
 
 use std::cell::RefCell;
-use std::collections::BTreeMap;
 
 use super::walk::{Walked, ended, walk, walk_source};
 use crate::store::goblin::Goblin;
@@ -98,20 +97,7 @@ pub(crate) fn zonal(
             groups.iter().try_for_each(|group| group.zone(*number, (request, memory), progress, &mut all))?;
             Ok(all)
         };
-        // Zones that are done are not asked again where others lack bytes.
-        let mut done: BTreeMap<usize, Vec<ZoneStatistics>> = BTreeMap::new();
-        rounds::ask(|| {
-            let left: Vec<usize> =
-                batch.iter().copied().filter(|number| !done.contains_key(number)).collect();
-            let mut is_unread = false;
-            for (number, found) in left.iter().zip(parallel::map(&left, zone_of)) {
-                if let Some(found) = rounds::go_on(found, &mut is_unread)? {
-                    done.insert(*number, found);
-                }
-            }
-            rounds::all_read(is_unread)
-        })?;
-        done.into_values().try_for_each(&mut *take)?;
+        rounds::map(batch, zone_of)?.into_iter().try_for_each(&mut *take)?;
         progress.check()?;
         progress.advance((batch.len() * trees) as u64, (polygons * trees) as u64);
     }

@@ -14,6 +14,7 @@ use crate::store::records::RecordLayout;
 use crate::store::records::dense::MAX_DENSE_LEVELS;
 use crate::tree::{Child, no_children};
 use spinney_base::Form;
+use spinney_base::io::rounds;
 use spinney_base::parallel;
 use spinney_base::sort;
 use spinney_base::space::Code;
@@ -300,8 +301,7 @@ impl<'a> Builder<'a> {
                 _ => Ok(plan.uniform(*code, node.value().filter(|value| !plan.form.value.is_nan(*value)))),
             }
         };
-        let built: Vec<Result<BuiltBlock>> = parallel::map(&batch, build);
-        built.into_iter().try_for_each(|built| self.sink.push(built?))?;
+        rounds::map(&batch, build)?.into_iter().try_for_each(|built| self.sink.push(built))?;
         progress.advance(batch.iter().map(|(code, _)| self.cells(*code)).sum(), total);
         Ok(())
     }
