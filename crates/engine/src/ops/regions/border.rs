@@ -16,7 +16,8 @@ pub(super) fn in_common<T: Span>(a: &T, b: &T) -> u64 {
 
 /// Hands out all pairs of pieces of two lines beside each other that touch: those that have cells of the same places, or of places
 /// `reach` cells away.
-pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, meet: &mut dyn FnMut(&T, &T)) {
+#[inline]
+pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, mut meet: impl FnMut(&T, &T)) {
     let (mut i, mut j) = (0, 0);
     while let (Some(one), Some(other)) = (a.get(i), b.get(j)) {
         let touches = |a: &T, b: &T| a.start() < b.end() + reach && b.start() < a.end() + reach;
@@ -147,9 +148,9 @@ impl Face {
     }
 
     fn meet(&self, other: &Face, reach: u32, meet: &mut Meet<'_>) {
-        touching(&self.bands, &other.bands, reach, &mut |a, b| {
+        touching(&self.bands, &other.bands, reach, |a, b| {
             let rows = in_common(a, b);
-            touching(&a.runs, &b.runs, reach, &mut |a, b| meet(a, b, rows * in_common(a, b)));
+            touching(&a.runs, &b.runs, reach, |a, b| meet(a, b, rows * in_common(a, b)));
         });
     }
 
