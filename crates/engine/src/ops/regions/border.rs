@@ -25,9 +25,10 @@ pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, mut meet: impl FnM
             meet(one, other);
         }
         // Invariant: of two pieces that end at different places, the one that ends first touches nothing behind the other; where both end at
-        // one place each may touch what follows the other, across the corner.
+        // one place each may touch what follows the other, across the corner, if corners touch.
         if one.end() == other.end() {
-            if let Some(next) = b.get(j + 1)
+            if reach > 0
+                && let Some(next) = b.get(j + 1)
                 && touches(one, next)
             {
                 meet(one, next);

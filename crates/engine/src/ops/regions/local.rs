@@ -116,7 +116,10 @@ impl Local {
             for before in self.rows_before(row, reach) {
                 touching(&self.runs[self.row(before)], &self.runs[self.row(row)], reach, |a, b| {
                     let value_of_a = values[before * side + usize::from(a.start)];
-                    if value_of_a == values[row * side + usize::from(b.start)] {
+                    // (Most that touch lead to the same one already.)
+                    if value_of_a == values[row * side + usize::from(b.start)]
+                        && parents[a.component as usize] != parents[b.component as usize]
+                    {
                         let (a, b) = (root(&mut parents, a.component), root(&mut parents, b.component));
                         parents[a.max(b) as usize] = a.min(b);
                     }
@@ -126,20 +129,24 @@ impl Local {
         parents
     }
 
+    /// The place of a row along the other axes.
+    fn place(&self, row: usize) -> [u32; 2] {
+        let row = row as u32;
+        [row & (self.side - 1), row >> self.side.ilog2()]
+    }
+
     /// The rows before a row whose cells touch those of the row.
     fn rows_before(&self, row: usize, reach: u32) -> impl Iterator<Item = usize> + use<> {
-        let (side, reach) = (self.side as i64, i64::from(reach));
-        let layers = if self.axes > 2 { side } else { 1 };
-        let (y, z) = (row as i64 % side, row as i64 / side);
-        let beside = (-reach..=reach).map(|y| (y, -1));
-        let touching = [(-1, 0)]
-            .into_iter()
-            .chain((layers > 1).then_some((0, -1)).into_iter().filter(move |_| reach == 0))
-            .chain(beside.filter(move |_| reach > 0));
-        touching
-            .map(move |(dy, dz)| (y + dy, z + dz))
-            .filter(move |(y, z)| (0..side).contains(y) && (0..layers).contains(z))
-            .map(move |(y, z)| (z * side + y) as usize)
+        let side = self.side as usize;
+        let [y, z] = self.place(row);
+        let diagonal = z > 0 && reach > 0;
+        let candidates = [
+            (y > 0).then(|| row - 1),
+            (z > 0).then(|| row - side),
+            (diagonal && y > 0).then(|| row - side - 1),
+            (diagonal && y + 1 < self.side).then(|| row - side + 1),
+        ];
+        candidates.into_iter().flatten()
     }
 
     fn row(&self, row: usize) -> Range<usize> {
@@ -157,7 +164,7 @@ impl Local {
         let encoded: Vec<u64> = (0..side).map(|place| morton_encode(dimension, place)).collect();
         let last = side - 1;
         for row in 0..self.count_rows() {
-            let (y, z) = (row as u32 % side, row as u32 / side);
+            let [y, z] = self.place(row);
             let high = encoded[y as usize] << 1 | if self.axes > 2 { encoded[z as usize] << 2 } else { 0 };
             let is_outer = y == 0 || y == last || self.axes > 2 && (z == 0 || z == last);
             for number in self.row(row) {
@@ -230,15 +237,15 @@ impl Local {
 
     /// Whether rows have faces in common, and not only edges.
     fn is_beside(&self, before: usize, row: usize) -> bool {
-        let side = self.side as usize;
-        before + 1 == row && !row.is_multiple_of(side) || before + side == row
+        let [y, _] = self.place(row);
+        y > 0 && before + 1 == row || before + self.side as usize == row
     }
 
     /// The box of each component's cells in the block: its first cell along each axis, and the one behind its last.
     pub(super) fn boxes(&self) -> Vec<[[u32; 3]; 2]> {
         let mut boxes = vec![[[u32::MAX; 3], [0; 3]]; self.components.len()];
         for row in 0..self.count_rows() {
-            let (y, z) = (row as u32 % self.side, row as u32 / self.side);
+            let [y, z] = self.place(row);
             for run in &self.runs[self.row(row)] {
                 let [low, high] = &mut boxes[run.component as usize];
                 *low = std::array::from_fn(|axis| low[axis].min([run.start(), y, z][axis]));
@@ -254,7 +261,7 @@ impl Local {
         let last = self.side - 1;
         for row in 0..self.count_rows() {
             let runs = &self.runs[self.row(row)];
-            let (y, z) = (row as u32 % self.side, row as u32 / self.side);
+            let [y, z] = self.place(row);
             let run = |start: u32, end: u32, component: u32| Run {
                 start,
                 end,
@@ -299,8 +306,8 @@ impl Local {
     }
 }
 
-/// The first of those that a run was united with; ways are made shorter as they are gone.
-fn root(parents: &mut [u32], mut number: u32) -> u32 {
+/// The one that a number leads to in the end, which leads to itself; ways are made shorter as they are gone.
+pub(super) fn root(parents: &mut [u32], mut number: u32) -> u32 {
     while parents[number as usize] != number {
         let above = parents[parents[number as usize] as usize];
         parents[number as usize] = above;

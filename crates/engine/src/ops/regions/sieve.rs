@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 
 use super::border::Run;
+use super::local::root;
 use super::sweep::{Cells, Content, Sweeper, Unit};
 use super::units::Units;
 use spinney_base::value::Value;
@@ -78,13 +79,8 @@ struct Forest {
 }
 
 impl Forest {
-    fn root(&mut self, mut number: u32) -> u32 {
-        while self.parents[number as usize] != number {
-            let above = self.parents[self.parents[number as usize] as usize];
-            self.parents[number as usize] = above;
-            number = above;
-        }
-        number
+    fn root(&mut self, number: u32) -> u32 {
+        root(&mut self.parents, number)
     }
 
     /// Makes one component, which leads to itself, lead to another such.
