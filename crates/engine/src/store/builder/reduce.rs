@@ -9,8 +9,9 @@
 
 use zerocopy::{FromBytes, IntoBytes};
 
-use super::averaging::{Averaging, Local, Majorities, Means, sum_by_value};
+use super::averaging::{Averaging, Local, Majorities, Means};
 use super::block::{Block, for_nodes};
+use super::counts::ValueCounts;
 use super::encode::encode;
 use super::level::Level;
 use super::masked::MaskedMeans;
@@ -71,7 +72,7 @@ impl Block {
 
     /// Cells of each value.
     fn classes(&self) -> Vec<(Value, u64)> {
-        let mut leaves = LeafCounts::default();
+        let mut leaves = ValueCounts::default();
         with_record_type!(RecordLayout::new(self.form), R => {
             let (mut last, mut sum) = (R::ZERO, 0);
             for_nodes::<R>(self, &mut |value, cells| {
@@ -84,36 +85,7 @@ impl Block {
             });
             leaves.add(last.as_bytes(), sum);
         });
-        sum_by_value(self.form.value, &mut leaves.counts);
-        leaves.counts
-    }
-}
-
-/// Counts of values, most of which are there once.
-#[derive(Default)]
-struct LeafCounts {
-    counts: Vec<(Value, u64)>,
-    /// Where values that came last are, by a hash of their bytes.
-    recent: [u32; 32],
-}
-
-impl LeafCounts {
-    fn add(&mut self, bytes: &[u8], cells: u64) {
-        if cells == 0 {
-            return;
-        }
-        let value = Value::from_bytes(bytes);
-        let hash = bytes
-            .iter()
-            .fold(0u32, |hash, byte| (hash.rotate_left(5) ^ u32::from(*byte)).wrapping_mul(0x9e37_79b1));
-        let place = &mut self.recent[hash as usize >> 27];
-        match self.counts.get_mut(*place as usize) {
-            Some(count) if count.0 == value => count.1 += cells,
-            _ => {
-                *place = self.counts.len() as u32;
-                self.counts.push((value, cells));
-            }
-        }
+        leaves.finish(self.form.value)
     }
 }
 
