@@ -16,7 +16,8 @@ pub(super) fn in_common<T: Span>(a: &T, b: &T) -> u64 {
 
 /// Hands out all pairs of pieces of two lines beside each other that touch: those that have cells of the same places, or of places
 /// `reach` cells away.
-pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, meet: &mut dyn FnMut(&T, &T)) {
+#[inline]
+pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, mut meet: impl FnMut(&T, &T)) {
     let (mut i, mut j) = (0, 0);
     while let (Some(one), Some(other)) = (a.get(i), b.get(j)) {
         let touches = |a: &T, b: &T| a.start() < b.end() + reach && b.start() < a.end() + reach;
@@ -24,9 +25,10 @@ pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, meet: &mut dyn FnM
             meet(one, other);
         }
         // Invariant: of two pieces that end at different places, the one that ends first touches nothing behind the other; where both end at
-        // one place each may touch what follows the other, across the corner.
+        // one place each may touch what follows the other, across the corner, if corners touch.
         if one.end() == other.end() {
-            if let Some(next) = b.get(j + 1)
+            if reach > 0
+                && let Some(next) = b.get(j + 1)
                 && touches(one, next)
             {
                 meet(one, next);
@@ -147,9 +149,9 @@ impl Face {
     }
 
     fn meet(&self, other: &Face, reach: u32, meet: &mut Meet<'_>) {
-        touching(&self.bands, &other.bands, reach, &mut |a, b| {
+        touching(&self.bands, &other.bands, reach, |a, b| {
             let rows = in_common(a, b);
-            touching(&a.runs, &b.runs, reach, &mut |a, b| meet(a, b, rows * in_common(a, b)));
+            touching(&a.runs, &b.runs, reach, |a, b| meet(a, b, rows * in_common(a, b)));
         });
     }
 

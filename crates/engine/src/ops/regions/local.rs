@@ -1,5 +1,7 @@
 //! Components of the cells of one block, found by the runs of equal cells in its rows.
 
+use std::ops::Range;
+
 use super::border::{Borders, Run, Span, in_common, touching};
 use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
@@ -7,18 +9,18 @@ use spinney_base::value::Value;
 
 /// Some cells of a row that are alike and not VOID.
 struct LocalRun {
-    start: u32,
-    end: u32,
+    start: u16,
+    end: u16,
     component: u32,
 }
 
 impl Span for LocalRun {
     fn start(&self) -> u32 {
-        self.start
+        self.start.into()
     }
 
     fn end(&self) -> u32 {
-        self.end
+        self.end.into()
     }
 }
 
@@ -33,7 +35,11 @@ pub(super) struct Component {
     pub(super) is_at_border: bool,
 }
 
+/// Pairs of components that are looked for among those that came last: a power of two.
+const RECENT_PAIRS: usize = 1024;
+
 /// Two components of a block that touch, the lower number first, and how many faces of cells they have in common.
+#[derive(Clone, Copy)]
 pub(super) struct Pair {
     pub(super) components: [u32; 2],
     pub(super) faces: u64,
@@ -62,70 +68,88 @@ impl Local {
         let side = 1u32 << height;
         let mut local =
             Local { axes: dimension.axes(), side, rows: vec![0], runs: Vec::new(), components: Vec::new() };
-        let length = side as usize;
-        for (values, valid) in values.chunks_exact(length * width).zip(valid.chunks_exact(length)) {
-            local.find_runs(width, values, valid);
-            local.rows.push(local.runs.len() as u32);
-        }
-        local.unite(width, values, reach);
-        local.number(dimension, width, values);
+        let parents = match width {
+            1 => local.find_runs::<1>(values, valid, reach),
+            2 => local.find_runs::<2>(values, valid, reach),
+            3 => local.find_runs::<3>(values, valid, reach),
+            4 => local.find_runs::<4>(values, valid, reach),
+            6 => local.find_runs::<6>(values, valid, reach),
+            8 => local.find_runs::<8>(values, valid, reach),
+            12 => local.find_runs::<12>(values, valid, reach),
+            _ => local.find_runs::<16>(values, valid, reach),
+        };
+        local.number(dimension, width, values, parents);
         local
     }
 
-    fn find_runs(&mut self, width: usize, values: &[u8], valid: &[bool]) {
-        match width {
-            1 => self.runs_of::<1>(values, valid),
-            2 => self.runs_of::<2>(values, valid),
-            3 => self.runs_of::<3>(values, valid),
-            4 => self.runs_of::<4>(values, valid),
-            6 => self.runs_of::<6>(values, valid),
-            8 => self.runs_of::<8>(values, valid),
-            12 => self.runs_of::<12>(values, valid),
-            _ => self.runs_of::<16>(values, valid),
+    /// Finds the runs of all rows, and for each a run that it is united with: one before it, or itself. A mover: compiled for each width of
+    /// values.
+    fn find_runs<const WIDTH: usize>(&mut self, values: &[u8], valid: &[bool], reach: u32) -> Vec<u32> {
+        let (values, _) = values.as_chunks::<WIDTH>();
+        let side = self.side as usize;
+        let mut parents: Vec<u32> = Vec::new();
+        let mut changes = vec![0u8; side.next_multiple_of(8)];
+        for (row, (cells, valid)) in values.chunks_exact(side).zip(valid.chunks_exact(side)).enumerate() {
+            // (First where something changes, without a way out in the middle, so that many cells are looked at a time.)
+            let pairs = cells.iter().zip(&cells[1..]).zip(valid.iter().zip(&valid[1..]));
+            for (change, ((a, b), (is_a, is_b))) in changes[1..].iter_mut().zip(pairs) {
+                *change = u8::from(a != b) | u8::from(is_a != is_b);
+            }
+            let mut start = 0;
+            let mut end_at = |end: usize| {
+                if valid[start] {
+                    let component = self.runs.len() as u32;
+                    self.runs.push(LocalRun { start: start as u16, end: end as u16, component });
+                    parents.push(component);
+                }
+                start = end;
+            };
+            for (at, eight) in changes.as_chunks::<8>().0.iter().enumerate() {
+                let mut left = u64::from_le_bytes(*eight);
+                while left > 0 {
+                    end_at(8 * at + left.trailing_zeros() as usize / 8);
+                    left &= left - 1;
+                }
+            }
+            end_at(side);
+            self.rows.push(self.runs.len() as u32);
+            for before in self.rows_before(row, reach) {
+                touching(&self.runs[self.row(before)], &self.runs[self.row(row)], reach, |a, b| {
+                    let value_of_a = values[before * side + usize::from(a.start)];
+                    // (Most that touch lead to the same one already.)
+                    if value_of_a == values[row * side + usize::from(b.start)]
+                        && parents[a.component as usize] != parents[b.component as usize]
+                    {
+                        let (a, b) = (root(&mut parents, a.component), root(&mut parents, b.component));
+                        parents[a.max(b) as usize] = a.min(b);
+                    }
+                });
+            }
         }
+        parents
     }
 
-    /// Adds the runs of a row. A mover: compiled for each width of values.
-    fn runs_of<const WIDTH: usize>(&mut self, values: &[u8], valid: &[bool]) {
-        let (values, _) = values.as_chunks::<WIDTH>();
-        let mut start = 0;
-        while start < valid.len() {
-            if !valid[start] {
-                start += 1;
-                continue;
-            }
-            let value = values[start];
-            let alike = values[start..]
-                .iter()
-                .zip(&valid[start..])
-                .take_while(|(other, valid)| **valid && **other == value);
-            let end = start + alike.count();
-            self.runs.push(LocalRun {
-                start: start as u32,
-                end: end as u32,
-                component: self.runs.len() as u32,
-            });
-            start = end;
-        }
+    /// The place of a row along the other axes.
+    fn place(&self, row: usize) -> [u32; 2] {
+        let row = row as u32;
+        [row & (self.side - 1), row >> self.side.ilog2()]
     }
 
     /// The rows before a row whose cells touch those of the row.
     fn rows_before(&self, row: usize, reach: u32) -> impl Iterator<Item = usize> + use<> {
-        let (side, reach) = (self.side as i64, i64::from(reach));
-        let layers = if self.axes > 2 { side } else { 1 };
-        let (y, z) = (row as i64 % side, row as i64 / side);
-        let beside = (-reach..=reach).map(|y| (y, -1));
-        let touching = [(-1, 0)]
-            .into_iter()
-            .chain((layers > 1).then_some((0, -1)).into_iter().filter(move |_| reach == 0))
-            .chain(beside.filter(move |_| reach > 0));
-        touching
-            .map(move |(dy, dz)| (y + dy, z + dz))
-            .filter(move |(y, z)| (0..side).contains(y) && (0..layers).contains(z))
-            .map(move |(y, z)| (z * side + y) as usize)
+        let side = self.side as usize;
+        let [y, z] = self.place(row);
+        let diagonal = z > 0 && reach > 0;
+        let candidates = [
+            (y > 0).then(|| row - 1),
+            (z > 0).then(|| row - side),
+            (diagonal && y > 0).then(|| row - side - 1),
+            (diagonal && y + 1 < self.side).then(|| row - side + 1),
+        ];
+        candidates.into_iter().flatten()
     }
 
-    fn row(&self, row: usize) -> std::ops::Range<usize> {
+    fn row(&self, row: usize) -> Range<usize> {
         self.rows[row] as usize..self.rows[row + 1] as usize
     }
 
@@ -133,55 +157,34 @@ impl Local {
         self.rows.len() - 1
     }
 
-    /// Unites runs of equal values that touch: afterwards each leads to one before it, or to itself.
-    fn unite(&mut self, width: usize, values: &[u8], reach: u32) {
-        let side = self.side as usize;
-        let mut parents: Vec<u32> = (0..self.runs.len() as u32).collect();
-        for row in 0..self.count_rows() {
-            for before in self.rows_before(row, reach) {
-                let (a, b) = (self.row(before), self.row(row));
-                let value = |row: usize, run: &LocalRun| {
-                    &values[(row * side + run.start as usize) * width..][..width]
-                };
-                let mut unite = |a: &LocalRun, b: &LocalRun| {
-                    if value(before, a) == value(row, b) {
-                        let (a, b) = (root(&mut parents, a.component), root(&mut parents, b.component));
-                        parents[a.max(b) as usize] = a.min(b);
-                    }
-                };
-                touching(&self.runs[a], &self.runs[b], reach, &mut unite);
-            }
-        }
-        for run in 0..self.runs.len() {
-            self.runs[run].component = root(&mut parents, run as u32);
-        }
-    }
-
     /// Numbers the components in Z order of their first cells.
-    fn number(&mut self, dimension: Dimension, width: usize, values: &[u8]) {
+    fn number(&mut self, dimension: Dimension, width: usize, values: &[u8], mut parents: Vec<u32>) {
         let side = self.side;
-        let mut numbers = vec![0u32; self.runs.len()];
+        // (Runs lead to those before them, which have their component already: its number takes their place.)
+        let encoded: Vec<u64> = (0..side).map(|place| morton_encode(dimension, place)).collect();
         let last = side - 1;
         for row in 0..self.count_rows() {
-            let (y, z) = (row as u32 % side, row as u32 / side);
-            let high = morton_encode(dimension, y) << 1
-                | if self.axes > 2 { morton_encode(dimension, z) << 2 } else { 0 };
+            let [y, z] = self.place(row);
+            let high = encoded[y as usize] << 1 | if self.axes > 2 { encoded[z as usize] << 2 } else { 0 };
             let is_outer = y == 0 || y == last || self.axes > 2 && (z == 0 || z == last);
             for number in self.row(row) {
                 let run = &mut self.runs[number];
-                let at = row * side as usize + run.start as usize;
-                let first = morton_encode(dimension, run.start) | high;
-                // (Runs lead to those before them, which have their component already.)
-                if run.component as usize == number {
-                    numbers[number] = self.components.len() as u32;
-                    let value = Value::from_bytes(&values[at * width..][..width]);
-                    self.components.push(Component { first, cells: 0, value, is_at_border: false });
-                }
-                run.component = numbers[run.component as usize];
+                let at = row * side as usize + usize::from(run.start);
+                let first = encoded[usize::from(run.start)] | high;
+                let parent = parents[number];
+                run.component = match parent as usize == number {
+                    true => {
+                        let value = Value::from_bytes(&values[at * width..][..width]);
+                        self.components.push(Component { first, cells: 0, value, is_at_border: false });
+                        self.components.len() as u32 - 1
+                    }
+                    false => parents[parent as usize],
+                };
+                parents[number] = run.component;
                 let component = &mut self.components[run.component as usize];
                 component.first = component.first.min(first);
                 component.cells += u64::from(run.end - run.start);
-                component.is_at_border |= is_outer || run.start == 0 || run.end == side;
+                component.is_at_border |= is_outer || run.start == 0 || run.end() == side;
             }
         }
         let mut order: Vec<u32> = (0..self.components.len() as u32).collect();
@@ -194,16 +197,26 @@ impl Local {
         self.runs.iter_mut().for_each(|run| run.component = ranks[run.component as usize]);
     }
 
-    /// Pairs of components that touch, each once.
+    /// Pairs of components that touch. Each may come several times, and most come once.
     pub(super) fn pairs(&self, reach: u32) -> Vec<Pair> {
-        let mut pairs: Vec<u128> = Vec::new();
+        // Pairs that came last, by a hash of their numbers; those that another takes the place of are handed out.
+        let none = Pair { components: [0, 0], faces: 0 };
+        let mut recent = vec![none; RECENT_PAIRS];
+        let mut pairs: Vec<Pair> = Vec::new();
         let mut pair = |a: &LocalRun, b: &LocalRun, faces: u64| {
-            let (a, b) = (a.component.min(b.component), a.component.max(b.component));
-            let key = u128::from(a) << 32 | u128::from(b);
-            match pairs.last_mut() {
-                _ if a == b => {}
-                Some(last) if *last >> 64 == key => *last += u128::from(faces),
-                _ => pairs.push(key << 64 | u128::from(faces)),
+            if a.component == b.component {
+                return;
+            }
+            let components = [a.component.min(b.component), a.component.max(b.component)];
+            let hash = components[0].wrapping_mul(0x9e37_79b1) ^ components[1].wrapping_mul(0x85eb_ca6b);
+            let place = &mut recent[hash as usize >> (u32::BITS - RECENT_PAIRS.ilog2())];
+            if place.components == components {
+                place.faces += faces;
+                return;
+            }
+            let before = std::mem::replace(place, Pair { components, faces });
+            if before.components != none.components {
+                pairs.push(before);
             }
         };
         for row in 0..self.count_rows() {
@@ -213,38 +226,30 @@ impl Local {
             }
             for before in self.rows_before(row, reach) {
                 let is_beside = self.is_beside(before, row);
-                touching(&self.runs[self.row(before)], here, reach, &mut |a, b| {
+                touching(&self.runs[self.row(before)], here, reach, |a, b| {
                     pair(a, b, if is_beside { in_common(a, b) } else { 0 });
                 });
             }
         }
-        sort::numbers128(&mut pairs);
-        let mut once: Vec<Pair> = Vec::new();
-        for pair in pairs {
-            let (components, faces) = ([(pair >> 96) as u32, (pair >> 64) as u32], pair as u64);
-            match once.last_mut() {
-                Some(last) if last.components == components => last.faces += faces,
-                _ => once.push(Pair { components, faces }),
-            }
-        }
-        once
+        pairs.extend(recent.into_iter().filter(|pair| pair.components != none.components));
+        pairs
     }
 
     /// Whether rows have faces in common, and not only edges.
     fn is_beside(&self, before: usize, row: usize) -> bool {
-        let side = self.side as usize;
-        before + 1 == row && !row.is_multiple_of(side) || before + side == row
+        let [y, _] = self.place(row);
+        y > 0 && before + 1 == row || before + self.side as usize == row
     }
 
     /// The box of each component's cells in the block: its first cell along each axis, and the one behind its last.
     pub(super) fn boxes(&self) -> Vec<[[u32; 3]; 2]> {
         let mut boxes = vec![[[u32::MAX; 3], [0; 3]]; self.components.len()];
         for row in 0..self.count_rows() {
-            let (y, z) = (row as u32 % self.side, row as u32 / self.side);
+            let [y, z] = self.place(row);
             for run in &self.runs[self.row(row)] {
                 let [low, high] = &mut boxes[run.component as usize];
-                *low = std::array::from_fn(|axis| low[axis].min([run.start, y, z][axis]));
-                *high = std::array::from_fn(|axis| high[axis].max([run.end, y + 1, z + 1][axis]));
+                *low = std::array::from_fn(|axis| low[axis].min([run.start(), y, z][axis]));
+                *high = std::array::from_fn(|axis| high[axis].max([run.end(), y + 1, z + 1][axis]));
             }
         }
         boxes
@@ -256,15 +261,16 @@ impl Local {
         let last = self.side - 1;
         for row in 0..self.count_rows() {
             let runs = &self.runs[self.row(row)];
-            let (y, z) = (row as u32 % self.side, row as u32 / self.side);
+            let [y, z] = self.place(row);
             let run = |start: u32, end: u32, component: u32| Run {
                 start,
                 end,
                 id: component.into(),
                 value: self.components[component as usize].value,
             };
-            let whole =
-                || runs.iter().map(|local| run(local.start, local.end, local.component)).collect::<Vec<_>>();
+            let whole = || {
+                runs.iter().map(|local| run(local.start(), local.end(), local.component)).collect::<Vec<_>>()
+            };
             for (side, at) in [0, last].into_iter().enumerate() {
                 if y == at {
                     borders.faces[1][side].push_row(z, whole());
@@ -274,7 +280,8 @@ impl Local {
                 }
             }
             // Cells of the first and the last column, one below the other.
-            let ends = [runs.first().filter(|run| run.start == 0), runs.last().filter(|run| run.end > last)];
+            let ends =
+                [runs.first().filter(|run| run.start == 0), runs.last().filter(|run| run.end() > last)];
             for (side, end) in ends.into_iter().enumerate() {
                 if let Some(end) = end {
                     borders.faces[0][side].push_cell(z, run(y, y + 1, end.component));
@@ -284,19 +291,23 @@ impl Local {
         borders
     }
 
-    /// Hands out the runs with their components: the place of the first cell in rows, and the end.
-    pub(super) fn each_run(&self, mut each: impl FnMut(std::ops::Range<usize>, usize)) {
+    /// Hands out the runs of each row with their components: their cells in the row.
+    pub(super) fn each_run(&self, mut each: impl FnMut(usize, Range<u32>, u32)) {
         for row in 0..self.count_rows() {
-            let first = row * self.side as usize;
             for run in &self.runs[self.row(row)] {
-                each(first + run.start as usize..first + run.end as usize, run.component as usize);
+                each(row, run.start()..run.end(), run.component);
             }
         }
     }
+
+    /// Cells along an edge of the block.
+    pub(super) fn side(&self) -> u32 {
+        self.side
+    }
 }
 
-/// The first of those that a run was united with; ways are made shorter as they are gone.
-fn root(parents: &mut [u32], mut number: u32) -> u32 {
+/// The one that a number leads to in the end, which leads to itself; ways are made shorter as they are gone.
+pub(super) fn root(parents: &mut [u32], mut number: u32) -> u32 {
     while parents[number as usize] != number {
         let above = parents[parents[number as usize] as usize];
         parents[number as usize] = above;

@@ -5,6 +5,7 @@
 mod border;
 mod labels;
 mod local;
+mod pattern;
 mod rows;
 mod sieve;
 mod source;
@@ -13,6 +14,7 @@ mod sweep;
 mod table;
 #[cfg(test)]
 mod tests;
+mod units;
 mod words;
 
 pub(super) use source::Passes;

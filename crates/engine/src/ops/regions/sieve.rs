@@ -2,244 +2,291 @@
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
 
 use super::border::Run;
-use super::labels::Labels;
+use super::local::root;
 use super::sweep::{Cells, Content, Sweeper, Unit};
+use super::units::Units;
 use spinney_base::value::Value;
 use spinney_base::{Error, Progress, Result, sort};
 
-/// Bytes of a component, and of a pair of a small component and a neighbour.
+/// Bytes of a component of a block, and of a pair of them that touch.
 const COMPONENT_BYTES: u64 = 28;
-const PAIR_BYTES: u64 = 8;
+const PAIR_BYTES: u64 = 16;
 
 /// No component.
 const NONE: u32 = u32::MAX;
 
 /// The values that components have when all small ones have been given away.
 pub(super) struct Sieved {
+    pub(super) units: Units,
+    /// The number of the first component of each unit.
+    firsts: Vec<u32>,
     values: Vec<Value>,
-    /// Numbers of the values of components, by their labels.
-    of_labels: Vec<u32>,
+    /// Numbers of the values of components.
+    of_components: Vec<u32>,
 }
 
 impl Sieved {
-    /// The value of a component.
-    pub(super) fn value(&self, label: u64) -> Value {
-        self.values[self.of_labels[label as usize - 1] as usize]
+    /// The value of the `index`-th component of a unit.
+    pub(super) fn value(&self, unit: usize, index: usize) -> Value {
+        self.values[self.of_components[self.firsts[unit] as usize + index] as usize]
     }
 
-    /// Sieves components of fewer cells than `least`.
+    /// The values of so many components of a unit.
+    pub(super) fn values(&self, unit: usize, count: usize) -> Vec<Value> {
+        (0..count).map(|index| self.value(unit, index)).collect()
+    }
+
+    /// Sieves components of fewer cells than `least`. About `memory` bytes are used besides those of the blocks at work.
     ///
     /// # Errors
     /// If they need more memory than there is, the tree is damaged, or on interruption.
-    pub(super) fn of(
-        cells: &Cells,
-        labels: &Labels,
-        least: u64,
-        memory: u64,
-        progress: &dyn Progress,
-    ) -> Result<Sieved> {
-        let room = memory / 2;
-        let name = cells.view.source().name();
-        if labels.count >= u64::from(NONE) || labels.count * COMPONENT_BYTES > room {
-            return Err(too_large(name, labels.count * COMPONENT_BYTES, room));
-        }
-        let count = labels.count as usize;
-        let mut neighbours = Neighbours {
-            labels,
+    pub(super) fn of(cells: &Cells, least: u64, memory: u64, progress: &dyn Progress) -> Result<Sieved> {
+        let mut pieces = Pieces {
+            units: Units::new(memory / 4),
+            firsts: Vec::new(),
+            depth: cells.view.depth(),
             least,
-            sizes: vec![0; count],
-            of_labels: vec![0; count],
+            forest: Forest::default(),
+            of_pieces: Vec::new(),
             values: Vec::new(),
             numbers: HashMap::new(),
             pairs: Vec::new(),
-            compacted: 1 << 16,
-            most: ((room - labels.count * COMPONENT_BYTES) / PAIR_BYTES) as usize,
-            name,
+            room: memory / 2,
+            name: cells.view.source().name().into(),
         };
-        cells.sweep(true, memory / 4, &mut neighbours, progress)?;
-        neighbours.compact();
-        let Neighbours { sizes, of_labels, values, pairs, .. } = neighbours;
-        let mut graph = Graph::new(sizes, of_labels, pairs);
-        graph.merge(least, progress)?;
-        let of_labels = (0..count as u32).map(|component| graph.value(component)).collect();
-        Ok(Sieved { values, of_labels })
+        cells.sweep(true, memory / 4, &mut pieces, progress)?;
+        let Pieces { units, firsts, forest, of_pieces: mut of_components, values, pairs, .. } = pieces;
+        let mut graph = Graph::new(forest, pairs, least);
+        graph.merge(&of_components, least, progress)?;
+        for component in 0..of_components.len() as u32 {
+            // (What others were given to keeps its value.)
+            let root = graph.forest.root(component);
+            of_components[component as usize] = of_components[root as usize];
+        }
+        Ok(Sieved { units, firsts, values, of_components })
     }
 }
 
-fn too_large(name: &std::path::Path, needed: u64, room: u64) -> Error {
-    Error::TooLarge {
-        path: name.into(),
-        what: "sieving so many components".into(),
-        needed: 2 * needed,
-        limit: 2 * room,
-        advice: "allow more with --memory, or sieve windows of it".into(),
-    }
-}
-
-/// Collects sizes and values of components, and which small ones are beside which others.
-struct Neighbours<'a> {
-    labels: &'a Labels,
-    least: u64,
+/// Components of blocks, each of which leads to another that it is one with, or to itself.
+#[derive(Default)]
+struct Forest {
+    parents: Vec<u32>,
+    /// Cells of those that lead to themselves.
     sizes: Vec<u64>,
-    of_labels: Vec<u32>,
-    values: Vec<Value>,
-    /// Numbers of values.
-    numbers: HashMap<Value, u32>,
-    /// Components that are small, each with one beside it: those of different labels less 1.
-    pairs: Vec<u64>,
-    /// Pairs of which there were none twice.
-    compacted: usize,
-    most: usize,
-    name: &'a std::path::Path,
 }
 
-impl Neighbours<'_> {
-    fn note(&mut self, label: u64, size: u64, value: Value) {
+impl Forest {
+    fn root(&mut self, number: u32) -> u32 {
+        root(&mut self.parents, number)
+    }
+
+    /// Makes one component, which leads to itself, lead to another such.
+    fn give(&mut self, component: u32, to: u32) {
+        self.parents[component as usize] = to;
+        self.sizes[to as usize] += self.sizes[component as usize];
+    }
+
+    fn size(&self, component: u32) -> u64 {
+        self.sizes[component as usize]
+    }
+}
+
+/// Collects the components of units, pieces of larger ones maybe, and which of them are beside which others.
+///
+/// Components are united with those that come before them, so that what they lead to is numbered by its first cell.
+struct Pieces {
+    units: Units,
+    firsts: Vec<u32>,
+    depth: u8,
+    least: u64,
+    forest: Forest,
+    /// Numbers of their values.
+    of_pieces: Vec<u32>,
+    values: Vec<Value>,
+    numbers: HashMap<Value, u32>,
+    /// Pairs that touch, of which one may be small.
+    pairs: Vec<u64>,
+    /// Bytes for all of them.
+    room: u64,
+    name: PathBuf,
+}
+
+impl Pieces {
+    fn add(&mut self, cells: u64, value: Value) -> u64 {
         let next = self.values.len() as u32;
         let number = *self.numbers.entry(value).or_insert(next);
         if number == next {
             self.values.push(value);
         }
-        self.sizes[label as usize - 1] = size;
-        self.of_labels[label as usize - 1] = number;
+        let piece = self.forest.parents.len() as u32;
+        self.forest.parents.push(piece);
+        self.forest.sizes.push(cells);
+        self.of_pieces.push(number);
+        piece.into()
     }
 
-    fn pair(&mut self, a: u64, b: u64) -> Result<()> {
-        if a == b {
+    /// Notes that two touch, unless both are known to be large.
+    fn pair(&mut self, a: u32, b: u32) {
+        if self.forest.size(a).min(self.forest.size(b)) < self.least {
+            self.pairs.push(u64::from(a) << 32 | u64::from(b));
+        }
+    }
+
+    fn needed(&self) -> u64 {
+        self.forest.parents.len() as u64 * COMPONENT_BYTES + self.pairs.len() as u64 * PAIR_BYTES
+    }
+
+    /// Makes sure that there is room for more.
+    fn check_room(&mut self) -> Result<()> {
+        let count = self.forest.parents.len().max(self.pairs.len());
+        if self.needed() <= self.room && count < NONE as usize / 2 {
             return Ok(());
         }
-        for (small, other) in [(a - 1, b - 1), (b - 1, a - 1)] {
-            if self.sizes[small as usize] < self.least {
-                self.pairs.push(small << 32 | other);
-            }
+        self.compact();
+        let count = self.forest.parents.len().max(self.pairs.len());
+        // (An eighth has to be left, so that pairs are not put into order over and over again.)
+        if self.needed() <= self.room - self.room / 8 && count < NONE as usize / 4 {
+            return Ok(());
         }
-        if self.pairs.len() >= 2 * self.compacted || self.pairs.len() > self.most {
-            self.compact();
-            if self.pairs.len() > self.most {
-                let needed = self.labels.count * COMPONENT_BYTES + 2 * self.pairs.len() as u64 * PAIR_BYTES;
-                return Err(too_large(
-                    self.name,
-                    needed,
-                    self.labels.count * COMPONENT_BYTES + self.most as u64 * PAIR_BYTES,
-                ));
-            }
-        }
-        Ok(())
+        Err(Error::TooLarge {
+            path: self.name.clone(),
+            what: "sieving so many components".into(),
+            needed: 2 * self.needed(),
+            limit: 2 * self.room,
+            advice: "allow more with --memory, or sieve windows of it".into(),
+        })
     }
 
+    /// Leaves each pair once, and none of two that are large by now.
     fn compact(&mut self) {
+        let (forest, least) = (&mut self.forest, self.least);
+        for pair in &mut self.pairs {
+            let (a, b) = (forest.root((*pair >> 32) as u32), forest.root(*pair as u32));
+            *pair = u64::from(a.min(b)) << 32 | u64::from(a.max(b));
+        }
+        let is_wanted = |pair: &u64| {
+            let (a, b) = ((*pair >> 32) as u32, *pair as u32);
+            a != b && forest.size(a).min(forest.size(b)) < least
+        };
+        self.pairs.retain(is_wanted);
         sort::numbers64(&mut self.pairs);
         self.pairs.dedup();
-        self.compacted = self.pairs.len().max(1 << 16);
     }
 }
 
-impl Sweeper for Neighbours<'_> {
+impl Sweeper for Pieces {
     fn take(&mut self, unit: &Unit<'_>) -> Result<Vec<u64>> {
-        let number = self.labels.number_of(unit.code);
-        match unit.content {
+        self.units.push(unit);
+        let first = self.forest.parents.len() as u32;
+        self.firsts.push(first);
+        let ids = match unit.content {
             Content::Uniform(value) => {
-                let label = self.labels.of_uniform(number);
-                self.note(label, self.labels.sizes_of(number, None)?[0], value);
-                Ok(vec![label])
+                let cells = unit.code.dimension().cells(self.depth - unit.code.level());
+                vec![self.add(cells, value)]
             }
             Content::Block(local, pairs) => {
-                let labels = self.labels.of_block(number, local)?;
-                let sizes = self.labels.sizes_of(number, Some(local))?;
-                for ((label, size), component) in labels.iter().zip(sizes).zip(&local.components) {
-                    self.note(*label, size, component.value);
-                }
+                let components = local.components.iter();
+                let ids = components.map(|component| self.add(component.cells, component.value)).collect();
                 for pair in pairs {
-                    let [a, b] = pair.components.map(|component| labels[component as usize]);
-                    self.pair(a, b)?;
+                    let [a, b] = pair.components;
+                    self.pair(first + a, first + b);
                 }
-                Ok(labels)
+                ids
             }
-        }
+        };
+        self.check_room()?;
+        Ok(ids)
     }
 
     fn meet(&mut self, a: &Run, b: &Run, _: u64) -> Result<()> {
-        self.pair(a.id, b.id)
+        let (a, b, is_one) = (a.id as u32, b.id as u32, a.value == b.value);
+        if !is_one {
+            self.pair(a, b);
+            return Ok(());
+        }
+        let (a, b) = (self.forest.root(a), self.forest.root(b));
+        if a != b {
+            self.forest.give(a.max(b), a.min(b));
+        }
+        Ok(())
     }
 }
 
-/// Components that become fewer: each is one of the numbers, or was given to another.
+/// Components that become fewer.
 struct Graph {
-    /// The component that each was given to; itself, if it is there.
-    parents: Vec<u32>,
-    sizes: Vec<u64>,
-    of_labels: Vec<u32>,
-    /// Sorted pairs of small components and neighbours.
-    pairs: Vec<u64>,
+    forest: Forest,
+    /// The neighbours of small components, one after the other; where those of each begin, and the end.
+    neighbours: Vec<u32>,
+    begin: Vec<u32>,
     /// Those that were given to a small component, as a list from it on: the next, and the last.
     next: Vec<u32>,
     last: Vec<u32>,
 }
 
 impl Graph {
-    fn new(sizes: Vec<u64>, of_labels: Vec<u32>, pairs: Vec<u64>) -> Graph {
-        let count = sizes.len() as u32;
-        Graph {
-            parents: (0..count).collect(),
-            sizes,
-            of_labels,
-            pairs,
-            next: vec![NONE; count as usize],
-            last: (0..count).collect(),
+    fn new(mut forest: Forest, mut pairs: Vec<u64>, least: u64) -> Graph {
+        let count = forest.parents.len();
+        let mut begin = vec![0u32; count + 1];
+        for pair in &mut pairs {
+            let (a, b) = (forest.root((*pair >> 32) as u32), forest.root(*pair as u32));
+            *pair = u64::from(a) << 32 | u64::from(b);
+            for one in [a, b] {
+                begin[one as usize + 1] += u32::from(a != b && forest.size(one) < least);
+            }
         }
-    }
-
-    fn root(&mut self, mut number: u32) -> u32 {
-        while self.parents[number as usize] != number {
-            let above = self.parents[self.parents[number as usize] as usize];
-            self.parents[number as usize] = above;
-            number = above;
+        for at in 0..count {
+            begin[at + 1] += begin[at];
         }
-        number
-    }
-
-    /// The number of the value that a component has in the end.
-    fn value(&mut self, component: u32) -> u32 {
-        let root = self.root(component);
-        self.of_labels[root as usize]
+        // Each is put where those of the next one begin, counted back from there.
+        let mut neighbours = vec![0; begin[count] as usize];
+        for pair in pairs {
+            let (a, b) = ((pair >> 32) as u32, pair as u32);
+            for (one, other) in [(a, b), (b, a)] {
+                if a != b && forest.size(one) < least {
+                    begin[one as usize + 1] -= 1;
+                    neighbours[begin[one as usize + 1] as usize] = other;
+                }
+            }
+        }
+        begin.remove(0);
+        begin.push(neighbours.len() as u32);
+        Graph { forest, neighbours, begin, next: vec![NONE; count], last: (0..count as u32).collect() }
     }
 
     /// The components beside a small one, each once, in order.
-    fn around(&mut self, small: u32) -> Vec<u32> {
-        let mut found = Vec::new();
+    fn around(&mut self, small: u32, found: &mut Vec<u32>) {
+        found.clear();
         let mut member = small;
         while member != NONE {
-            let first = self.pairs.partition_point(|pair| *pair < u64::from(member) << 32);
-            for at in first..self.pairs.len() {
-                let pair = self.pairs[at];
-                if pair >> 32 != u64::from(member) {
-                    break;
-                }
-                let other = self.root(pair as u32);
+            let neighbours = self.begin[member as usize] as usize..self.begin[member as usize + 1] as usize;
+            for at in neighbours {
+                let other = self.forest.root(self.neighbours[at]);
                 if other != small {
                     found.push(other);
                 }
             }
             member = self.next[member as usize];
         }
-        sort::numbers32(&mut found);
+        sort::numbers32(found);
         found.dedup();
-        found
     }
 
-    /// Gives components of fewer cells than `least` to their largest neighbours (of two alike to the one with the lower label), the
-    /// smallest first (of two alike the one with the lower label), until none that is so small has a neighbour.
-    fn merge(&mut self, least: u64, progress: &dyn Progress) -> Result<()> {
+    /// Gives components of fewer cells than `least` to their largest neighbours (of two alike to the one with the lower number), the
+    /// smallest first (of two alike the one with the lower number), until none that is so small has a neighbour.
+    fn merge(&mut self, values: &[u32], least: u64, progress: &dyn Progress) -> Result<()> {
         // Invariant: what grows becomes larger than what it was given, so that nothing comes to a size that was gone through.
         let mut of_sizes: BTreeMap<u64, Vec<u32>> = BTreeMap::new();
-        for (component, size) in self.sizes.iter().enumerate().filter(|(_, size)| **size < least) {
-            of_sizes.entry(*size).or_default().push(component as u32);
+        for (component, size) in self.forest.sizes.iter().enumerate().filter(|(_, size)| **size < least) {
+            if self.forest.parents[component] == component as u32 {
+                of_sizes.entry(*size).or_default().push(component as u32);
+            }
         }
         while let Some((size, mut components)) = of_sizes.pop_first() {
             sort::numbers32(&mut components);
-            self.merge_alike((size, &components), least, &mut of_sizes, progress)?;
+            self.merge_alike((size, &components), (values, least), &mut of_sizes, progress)?;
         }
         Ok(())
     }
@@ -248,30 +295,31 @@ impl Graph {
     fn merge_alike(
         &mut self,
         (size, components): (u64, &[u32]),
-        least: u64,
+        (values, least): (&[u32], u64),
         of_sizes: &mut BTreeMap<u64, Vec<u32>>,
         progress: &dyn Progress,
     ) -> Result<()> {
+        let mut around = Vec::new();
         for (step, component) in components.iter().copied().enumerate() {
             if step.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
             // (Those that have grown, or were given away, are no longer what they were.)
-            if self.parents[component as usize] != component || self.sizes[component as usize] != size {
+            if self.forest.parents[component as usize] != component || self.forest.size(component) != size {
                 continue;
             }
-            let around = self.around(component);
-            let by_size = |other: &&u32| (self.sizes[**other as usize], Reverse(**other));
+            self.around(component, &mut around);
+            let by_size = |other: &&u32| (self.forest.size(**other), Reverse(**other));
             let Some(&largest) = around.iter().max_by_key(by_size) else { continue };
-            let value = self.of_labels[largest as usize];
+            let value = values[largest as usize];
             self.give(component, largest, least);
             // What has the same value is one with it, now that they touch.
-            for other in around {
-                if other != largest && self.of_labels[other as usize] == value {
-                    self.give(other, largest, least);
+            for other in &around {
+                if *other != largest && values[*other as usize] == value {
+                    self.give(*other, largest, least);
                 }
             }
-            let grown = self.sizes[largest as usize];
+            let grown = self.forest.size(largest);
             if grown < least {
                 of_sizes.entry(grown).or_default().push(largest);
             }
@@ -280,10 +328,9 @@ impl Graph {
     }
 
     fn give(&mut self, component: u32, to: u32, least: u64) {
-        self.parents[component as usize] = to;
-        self.sizes[to as usize] += self.sizes[component as usize];
+        self.forest.give(component, to);
         // (Nobody asks for the neighbours of one that is large.)
-        if self.sizes[to as usize] < least {
+        if self.forest.size(to) < least {
             let last = self.last[to as usize];
             self.next[last as usize] = component;
             self.last[to as usize] = self.last[component as usize];

@@ -3,16 +3,18 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::labels::{Labels, Standing};
+use super::labels::Labels;
+use super::pattern::Pattern;
 use super::sieve::Sieved;
 use super::step::{Connectivity, Sieve};
 use super::sweep::Cells;
+use super::units::{Standing, Units};
 use crate::ops::affine::View;
 use crate::ops::view_source::ViewSource;
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
-use spinney_base::{Form, PartOfWork, Progress, Result};
+use spinney_base::{Form, Progress, Result};
 use spinney_container::{Codec, Header, Metadata, Shape};
 
 /// Blocks that are kept for those who go through nodes.
@@ -20,9 +22,6 @@ const KEPT: usize = 16;
 
 /// Labels that are u32; what has more has labels of u64. (The greatest is left free.)
 const MOST_NARROW: u64 = u32::MAX as u64 - 1;
-
-/// Units of one of two passes, for the progress.
-const PASS: u64 = 1 << 32;
 
 /// Room and progress of steps that go through all cells before the first is handed out.
 #[derive(Clone, Copy)]
@@ -34,12 +33,16 @@ pub(in crate::ops) struct Passes<'a> {
     pub(in crate::ops) progress: &'a dyn Progress,
 }
 
+/// What components become.
+enum Made {
+    Labels(Labels),
+    Sieved(Sieved),
+}
+
 /// Components of cells of equal value: their labels, or the tree without the small ones.
 pub struct Regions {
     cells: Cells,
-    labels: Labels,
-    /// Values of components, if these become no labels.
-    sieved: Option<Sieved>,
+    made: Made,
     header: Header,
     metadata: Metadata,
     kept: Mutex<Vec<(Code, Arc<CellBlock>)>>,
@@ -63,7 +66,7 @@ impl Regions {
     /// Labels of some cells, of u64 if there are more than a number of them.
     pub(super) fn labelled(cells: Cells, most_narrow: u64, passes: &Passes<'_>) -> Result<Regions> {
         let view = &cells.view;
-        let labels = Labels::of(&cells, false, (passes.folder, passes.memory), passes.progress)?;
+        let labels = Labels::of(&cells, passes.memory / 4, (passes.folder, passes.memory), passes.progress)?;
         let sample = if labels.count > most_narrow { SampleType::U64 } else { SampleType::U32 };
         let own = view.metadata(false);
         let metadata = Metadata {
@@ -80,7 +83,7 @@ impl Regions {
             kind: Kind::Categorical,
             ..header_of(view)
         };
-        Ok(Regions { cells, labels, sieved: None, header, metadata, kept: Mutex::default() })
+        Ok(Regions { cells, made: Made::Labels(labels), header, metadata, kept: Mutex::default() })
     }
 
     /// A view's cells, those of small components with the values of their largest neighbours.
@@ -96,11 +99,9 @@ impl Regions {
 
     /// Some cells without components of fewer cells than `least`.
     pub(super) fn sieved_cells(cells: Cells, least: u64, passes: &Passes<'_>) -> Result<Regions> {
-        let part = || PartOfWork::new(passes.progress, PASS, 2 * PASS);
-        let labels = Labels::of(&cells, true, (passes.folder, passes.memory), &part())?;
-        let sieved = Sieved::of(&cells, &labels, least, passes.memory, &part())?;
+        let sieved = Sieved::of(&cells, least, passes.memory, passes.progress)?;
         let (metadata, header) = (cells.view.metadata(false), header_of(&cells.view));
-        Ok(Regions { cells, labels, sieved: Some(sieved), header, metadata, kept: Mutex::default() })
+        Ok(Regions { cells, made: Made::Sieved(sieved), header, metadata, kept: Mutex::default() })
     }
 
     /// The tree whose components these are.
@@ -118,29 +119,63 @@ impl Regions {
         &self.metadata
     }
 
-    /// The value of a component's cells.
-    fn value(&self, label: u64) -> Value {
-        match &self.sieved {
-            Some(sieved) => sieved.value(label),
-            None if self.header.form.value.sample == SampleType::U32 => Value::from([label as u32]),
-            None => Value::from([label]),
+    fn units(&self) -> &Units {
+        match &self.made {
+            Made::Labels(labels) => &labels.units,
+            Made::Sieved(sieved) => &sieved.units,
         }
+    }
+
+    /// A label as the value of cells.
+    fn label(&self, label: u64) -> Value {
+        match self.header.form.value.sample {
+            SampleType::U32 => Value::from([label as u32]),
+            _ => Value::from([label]),
+        }
+    }
+
+    /// The value of a node of one value, which is given by its number.
+    fn value(&self, number: usize) -> Value {
+        match &self.made {
+            Made::Labels(labels) => self.label(labels.of_uniform(number)),
+            Made::Sieved(sieved) => sieved.value(number, 0),
+        }
+    }
+
+    /// The values of the components of a block, which is given by its number.
+    fn values(&self, number: usize, is_at_border: &[bool]) -> Result<Vec<Value>> {
+        Ok(match &self.made {
+            Made::Labels(labels) => {
+                let labels = labels.of_block(number, is_at_border.iter().copied())?;
+                labels.into_iter().map(|label| self.label(label)).collect()
+            }
+            Made::Sieved(sieved) => sieved.values(number, is_at_border.len()),
+        })
     }
 
     /// The cells of a block, which is given by its number.
     fn block(&self, code: Code, number: usize) -> Result<CellBlock> {
-        let local = self.cells.local(code)?;
-        let labels = self.labels.of_block(number, &local)?;
-        let values: Vec<Value> = labels.into_iter().map(|label| self.value(label)).collect();
+        let made;
+        let pattern = match self.units().pattern(number) {
+            Some(pattern) => pattern,
+            None => {
+                made = Pattern::new(&self.cells.local(code)?);
+                &made
+            }
+        };
+        let values = self.values(number, pattern.at_border())?;
         let width = self.header.form.width();
         let mut block = CellBlock::void(code.bounds(self.header.depth()).volume() as usize, width);
-        local.each_run(|cells, component| {
-            block.present[cells.clone()].fill(true);
-            let value = values[component].to_bytes();
-            for cell in block.values[cells.start * width..cells.end * width].chunks_exact_mut(width) {
-                cell.copy_from_slice(&value[..width]);
-            }
-        });
+        match width {
+            1 => fill::<1>(&mut block, pattern, &values),
+            2 => fill::<2>(&mut block, pattern, &values),
+            3 => fill::<3>(&mut block, pattern, &values),
+            4 => fill::<4>(&mut block, pattern, &values),
+            6 => fill::<6>(&mut block, pattern, &values),
+            8 => fill::<8>(&mut block, pattern, &values),
+            12 => fill::<12>(&mut block, pattern, &values),
+            _ => fill::<16>(&mut block, pattern, &values),
+        }
         Ok(block)
     }
 
@@ -162,9 +197,9 @@ impl Regions {
     /// A node: INNER ones stand for all that may have more below.
     fn node(&self, code: Code) -> Result<Child<Code>> {
         let inner = Child::Inner { representative: Value::ZERO, node: code };
-        match self.labels.at(code) {
+        match self.units().at(code) {
             Standing::Void => Ok(Child::Void),
-            Standing::Uniform(label) => Ok(Child::Leaf(self.value(label))),
+            Standing::Uniform(number) => Ok(Child::Leaf(self.value(number))),
             Standing::Above => Ok(inner),
             Standing::Block(number) => {
                 let (level, depth) = (self.cells.block_level(), self.header.depth());
@@ -202,10 +237,10 @@ impl Regions {
                 for x in blocks(0) {
                     let cell = [x, y, z].map(|cell| cell as u32);
                     let Some(code) = Code::from_cell(form.dimension, level, cell) else { continue };
-                    match self.labels.at(code) {
+                    match self.units().at(code) {
                         Standing::Void | Standing::Above => {}
-                        Standing::Uniform(label) => {
-                            let value = self.value(label);
+                        Standing::Uniform(number) => {
+                            let value = self.value(number);
                             paint((bounds, code.bounds(depth)), form.width(), (values, valid), |_| {
                                 Some(value)
                             });
@@ -237,6 +272,23 @@ fn header_of(view: &View) -> Header {
         shape: Shape { depth: view.depth(), ..header.shape },
         extent: view.extent(),
     }
+}
+
+/// Gives the cells of a block the values of their components. A mover: compiled for each width of values.
+fn fill<const WIDTH: usize>(block: &mut CellBlock, pattern: &Pattern, values: &[Value]) {
+    let values: Vec<[u8; WIDTH]> = values
+        .iter()
+        .map(|value| {
+            let mut bytes = [0; WIDTH];
+            value.write(&mut bytes);
+            bytes
+        })
+        .collect();
+    let (cells, _) = block.values.as_chunks_mut::<WIDTH>();
+    pattern.each_run(|run, component| {
+        block.present[run.clone()].fill(true);
+        cells[run].fill(values[component]);
+    });
 }
 
 /// Paints the part of a box that lies in a block, whose cells are given by their place in its rows.
@@ -303,7 +355,7 @@ impl Source for Regions {
         for (step, child) in children[..self.header.form.children()].iter_mut().enumerate() {
             *child = match node.level() < self.cells.block_level() {
                 // (Whether a block is of one value does not matter to who builds it.)
-                true => match self.labels.at(node.child(step)) {
+                true => match self.units().at(node.child(step)) {
                     Standing::Block(_) => {
                         Child::Inner { representative: Value::ZERO, node: node.child(step) }
                     }
@@ -316,7 +368,7 @@ impl Source for Regions {
     }
 
     fn cells(&self, node: &Code, _: u8) -> Result<Option<CellBlock>> {
-        match self.labels.at(*node) {
+        match self.units().at(*node) {
             Standing::Block(number) if node.level() == self.cells.block_level() => {
                 self.block(*node, number).map(Some)
             }

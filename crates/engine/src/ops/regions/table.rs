@@ -247,7 +247,7 @@ impl Sweeper for Collector<'_> {
         match unit.content {
             Content::Uniform(value) => {
                 let label = match self.labels {
-                    Some(labels) => labels.of_uniform(labels.number_of(unit.code)),
+                    Some(labels) => labels.of_uniform(labels.units.number_of(unit.code)),
                     None => self.name(value),
                 };
                 let [min, max] = [min, max].map(|corner| corner.map(|cell| cell as u32));
@@ -257,7 +257,10 @@ impl Sweeper for Collector<'_> {
             }
             Content::Block(local, pairs) => {
                 let ids = match self.labels {
-                    Some(labels) => labels.of_block(labels.number_of(unit.code), local)?,
+                    Some(labels) => {
+                        let at_border = local.components.iter().map(|component| component.is_at_border);
+                        labels.of_block(labels.units.number_of(unit.code), at_border)?
+                    }
                     None => local.components.iter().map(|component| self.name(component.value)).collect(),
                 };
                 let at = min.map(|cell| cell as u32);
@@ -317,7 +320,7 @@ pub(super) fn table_of(
     let passes = 1 + u64::from(request.connect.is_some());
     let part = || PartOfWork::new(progress, PASS, passes * PASS);
     let labels = match request.connect {
-        Some(_) => Some(Labels::of(cells, false, (folder, request.memory), &part())?),
+        Some(_) => Some(Labels::of(cells, 0, (folder, request.memory), &part())?),
         None => None,
     };
     let names = match labels {

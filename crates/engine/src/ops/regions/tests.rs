@@ -199,6 +199,8 @@ fn labels_go_on_across_blocks() {
     let holes = |[x, y, _]: [u32; 3]| (x % 7 > 0 || y % 5 > 0).then(|| Value::from([0u8]));
     check_labels(&Model::new(byte, 9, &mut { spiral }), 1, 8, u64::MAX);
     check_labels(&Model::new(byte, 7, &mut { board }), 0, 6, u64::MAX);
+    // (As many components as a block can have, whose numbers take four bytes.)
+    check_labels(&Model::new(byte, 8, &mut { board }), 0, 8, u64::MAX);
     check_labels(&Model::new(byte, 8, &mut { holes }), 1, 6, u64::MAX);
     let mut random = Random(7);
     let bits = Model::random(form(Dimension::Oct, SampleType::U16), 5, &mut random);

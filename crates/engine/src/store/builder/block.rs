@@ -9,7 +9,7 @@ use crate::store::records::{Record, RecordLayout};
 use crate::tree::Child;
 use spinney_base::Form;
 use spinney_base::space::Code;
-use spinney_container::{LEAF, LevelCounts, VOID};
+use spinney_container::{INNER, LEAF, LevelCounts, VOID};
 
 /// The nodes of a block, from its root down to its cells or to the leaves where a source had them.
 pub(super) struct Block {
@@ -88,6 +88,31 @@ pub(super) fn for_leaves<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Byte
             None if index + 1 < block.levels.len() => {}
             // The level of the cells.
             None => leaves.filter(|(state, _)| **state == LEAF).for_each(|(_, value)| leaf(*value, 1)),
+        }
+    }
+}
+
+/// Hands out the leaves of the block's tree once it is reduced, level by level, with their cells.
+#[inline]
+pub(super) fn for_nodes<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Bytes, u32)) {
+    let root = &block.levels[0];
+    if root.states[0] == LEAF {
+        leaf(root.values_of::<R>()[0], block.cells_at(0));
+    }
+    for (index, level) in block.levels.iter().enumerate() {
+        let cells = block.cells_at(index);
+        for node in &level.reused {
+            let reused = block.reused_records::<R>(node);
+            reused_leaves(reused, block.height - index as u8, &mut |value, cells| leaf(value, cells));
+        }
+        let Some(above) = index.checked_sub(1).map(|above| &block.levels[above]) else { continue };
+        let values = level.values_of::<R>().chunks_exact(R::CHILDREN);
+        for (group, (states, values)) in level.states.chunks_exact(R::CHILDREN).zip(values).enumerate() {
+            // (Those of parents that are uniform are leaves no more.)
+            if above.states[above.parent(group)] == INNER {
+                let leaves = states.iter().zip(values).filter(|(state, _)| **state == LEAF);
+                leaves.for_each(|(_, value)| leaf(*value, cells));
+            }
         }
     }
 }

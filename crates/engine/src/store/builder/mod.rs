@@ -6,6 +6,7 @@
 
 mod averaging;
 mod block;
+mod counts;
 mod encode;
 mod fold;
 mod gather;

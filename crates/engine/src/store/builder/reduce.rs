@@ -9,8 +9,9 @@
 
 use zerocopy::{FromBytes, IntoBytes};
 
-use super::averaging::{Averaging, Local, Majorities, Means, sum_by_value};
-use super::block::{Block, for_leaves};
+use super::averaging::{Averaging, Local, Majorities, Means};
+use super::block::{Block, for_nodes};
+use super::counts::ValueCounts;
 use super::encode::encode;
 use super::level::Level;
 use super::masked::MaskedMeans;
@@ -71,19 +72,20 @@ impl Block {
 
     /// Cells of each value.
     fn classes(&self) -> Vec<(Value, u64)> {
-        let mut leaves: Vec<(Value, u64)> = Vec::new();
+        let mut leaves = ValueCounts::default();
         with_record_type!(RecordLayout::new(self.form), R => {
-            for_leaves::<R>(self, &mut |value, cells| {
-                let value = Value::from_bytes(value.as_bytes());
-                match leaves.last_mut() {
-                    // Neighbours are alike.
-                    Some(last) if last.0 == value => last.1 += u64::from(cells),
-                    _ => leaves.push((value, u64::from(cells))),
+            let (mut last, mut sum) = (R::ZERO, 0);
+            for_nodes::<R>(self, &mut |value, cells| {
+                // Neighbours are alike.
+                if value != last {
+                    leaves.add(last.as_bytes(), sum);
+                    (last, sum) = (value, 0);
                 }
+                sum += u64::from(cells);
             });
+            leaves.add(last.as_bytes(), sum);
         });
-        sum_by_value(self.form.value, &mut leaves);
-        leaves
+        leaves.finish(self.form.value)
     }
 }
 
@@ -134,9 +136,11 @@ fn reduce_level<R: Record, A: Averaging<R>>(
     for (group, (child_states, child_values)) in groups.enumerate() {
         let parent = expanded.as_ref().map_or(group, |expanded| expanded[group] as usize);
         let first = child_states[0];
+        // (Without ways out in the middle, so that several are looked at a time.)
         let uniform = first != INNER
-            && child_states.iter().all(|state| *state == first)
-            && (first == VOID || child_values.iter().all(|value| *value == child_values[0]));
+            && child_states.iter().fold(true, |alike, state| alike & (*state == first))
+            && (first == VOID
+                || child_values.iter().fold(true, |alike, value| alike & (*value == child_values[0])));
         if uniform {
             states[parent] = first;
             representatives[parent] = child_values[0];

@@ -171,16 +171,20 @@ impl Slab {
         let nodata = nodata.map(from_value::<R>);
         let is_void = |bytes: R::Bytes| decode::<R, V>(bytes).is_nan() || nodata == Some(bytes);
         let never_void = self.valid.is_none() && nodata.is_none() && !V::TYPE.sample.is_float();
+        let by_flags_alone = nodata.is_none()
+            && !V::TYPE.sample.is_float()
+            && part.size.iter().take(R::AXES).all(|cells| *cells == 1 << height);
         let cells_in_block = 1 << (R::AXES * height as usize);
         let is_whole = never_void && part.size.iter().product::<usize>() == cells_in_block;
         let mut states = vec![if is_whole { LEAF } else { VOID }; cells_in_block];
         let mut bytes = vec![0; cells_in_block * size_of::<R::Bytes>()];
         let values = <[R::Bytes]>::mut_from_bytes(&mut bytes).expect("whole values");
-        // Indices of pairs along x, which stay together in Z order.
-        let encoded: Vec<u32> = (0..1 << height).map(|x| morton_encode(R::DIMENSION, x) as u32).collect();
+        let encoded: Vec<usize> = (0..1 << height).map(|x| morton_encode(R::DIMENSION, x) as usize).collect();
+        // Those of pairs along x, which stay together in Z order.
+        let firsts: Vec<usize> = encoded.iter().copied().step_by(2).collect();
         for (y, z, row) in self.rows(part) {
             let row_index = encoded[y] << 1 | if R::AXES > 2 { encoded[z] << 2 } else { 0 };
-            let pairs = encoded.iter().step_by(2).map(|x| (row_index | x) as usize);
+            let pairs = firsts.iter().map(|x| row_index | x);
             if is_whole {
                 for (index, pair) in pairs.zip(cells[row].chunks(2)) {
                     for (value, cell) in values[index..].iter_mut().zip(pair) {
@@ -190,6 +194,17 @@ impl Slab {
                 continue;
             }
             let valid = self.valid.as_ref().map(|valid| &valid[row.clone()]);
+            if let (Some(valid), true) = (valid, by_flags_alone) {
+                let (cells, valid) = (cells[row].as_chunks::<2>().0, valid.as_chunks::<2>().0);
+                for ((index, cells), valid) in pairs.zip(cells).zip(valid) {
+                    let (values, states) = (&mut values[index..index + 2], &mut states[index..index + 2]);
+                    for j in 0..2 {
+                        values[j] = if valid[j] { cells[j] } else { R::ZERO };
+                        states[j] = if valid[j] { LEAF } else { VOID };
+                    }
+                }
+                continue;
+            }
             for (i, (index, pair)) in pairs.zip(cells[row].chunks(2)).enumerate() {
                 for (j, cell) in pair.iter().enumerate() {
                     if never_void || valid.is_none_or(|valid| valid[2 * i + j]) && !is_void(*cell) {

@@ -2,11 +2,12 @@
 //!
 //! As in [`block`](super::block), level after level is reduced to the next one in flat arrays. Without VOID all nodes of all
 //! levels are there, so that levels can be rows as the input is, and as dense blocks are: cells come in and go out by
-//! copying, and the kernels ([`means`], [`classes`]) are loops over pairs of neighbours, which compilers make instructions
+//! copying, and the kernels ([`means`], [`classes`], [`firsts`]) are loops over pairs of neighbours, which compilers make instructions
 //! for many at a time of.
 
 mod classes;
 mod encode;
+mod firsts;
 mod means;
 #[cfg(test)]
 mod tests;
@@ -60,7 +61,8 @@ impl RowBlock {
             Rule::Mean | Rule::Occupancy => !matches!(form.value.mask, Mask::Missing(_)) && !count_classes,
             // (Whose bytes are in the order of the values.)
             Rule::Majority => form.value == ValueType::new(SampleType::U8, 1),
-            Rule::Dominant | Rule::Min | Rule::Max | Rule::Nearest => false,
+            Rule::Nearest => count_classes && form.value.sample.has_exact_squares(),
+            Rule::Dominant | Rule::Min | Rule::Max => false,
         }
     }
 
@@ -75,11 +77,10 @@ impl RowBlock {
     /// one that is supported.
     pub(super) fn build(mut self, rule: Rule, shape: &Shape, most_dense: u8) -> BuiltBlock {
         let form = self.form;
-        let tally = if rule == Rule::Majority {
-            let classes = classes::majorities(&mut self);
-            tally::of_classes(form.value, classes)
-        } else {
-            with_native_type!(form.value, V => means::means::<V>(&mut self))
+        let tally = match rule {
+            Rule::Majority => tally::of_classes(form.value, classes::majorities(&mut self)),
+            Rule::Nearest => tally::of_classes(form.value, firsts::firsts(&mut self)),
+            _ => with_native_type!(form.value, V => means::means::<V>(&mut self)),
         };
         let below = self.counts();
         let mut counts = LevelCounts::default();

@@ -83,11 +83,15 @@ fn blocks_in_rows_are_those_in_z_order() {
             let level = shape.block_level();
             let code = Code::from_cell(dimension, level, [1, 0, 0]).unwrap();
             let height = DEPTH - level;
-            for (spread, rule) in
-                [(7, Rule::Mean), (200, Rule::Occupancy), (12, Rule::Majority), (255, Rule::Majority)]
-            {
+            for (spread, rule) in [
+                (7, Rule::Mean),
+                (200, Rule::Occupancy),
+                (12, Rule::Majority),
+                (255, Rule::Majority),
+                (200, Rule::Nearest),
+            ] {
                 let slab = slab(form, [1 << height, 0, 0], 1 << height, spread);
-                let count_classes = rule == Rule::Majority;
+                let count_classes = matches!(rule, Rule::Majority | Rule::Nearest);
                 let name = format!("{dimension:?} {value} {height} levels, {rule}");
                 if !RowBlock::supports(form, rule, count_classes) {
                     continue;
