@@ -61,7 +61,7 @@ pub use self::layer::{AttributeType, AttributeValue, GeometryKind, VectorLayer};
 pub use self::polygons::export_polygons;
 pub use self::sections::{SectionPlanes, SectionSummary, export_section};
 pub use self::smooth::Smoothed;
-pub use self::zones::{ZoneWriter, quantile_name};
+pub use self::zones::{export_zones, quantile_name};
 
 use self::geometry::Shape;
 use spinney_base::io::Output;

@@ -9,11 +9,13 @@ use super::{
     VectorWriter,
 };
 use crate::import::feature::{Feature, FeatureSchema};
-use crate::import::zones::PolygonLayer;
+use crate::import::zones::{PolygonLayer, PolygonReader};
+use crate::zonal::{FeatureZones, in_file};
 use spinney_base::io::Output;
 use spinney_base::space::EdgeRule;
 use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
+use spinney_crs::{Coordinates, Crs};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ZonalRequest, ZoneMeasure, ZoneStatistics};
 
@@ -38,13 +40,80 @@ enum Answer {
     Class(Number, f64),
 }
 
-/// Writes features as they came, in their order, joined with the statistics of the cells in them.
+/// Writes the features of a file as they came, in their order, joined with the statistics of the cells in them, of each of some layers; returns their
+/// number. Features that are no polygons have none.
 ///
 /// There is a column for each measure and quantile, and for each class of trees that count classes: its area in square metres (`area_3`) where
 /// the coordinate system tells, else its cells (`cells_3`). Names begin with the layer's (`B08_mean`) if there are several, and end with
 /// the channel's number (`mean_2`) if there are several channels; those of attributes that are the same get a number. Ids are those of the
-/// format if it has such, else an attribute `id`.
-pub struct ZoneWriter {
+/// format if it has such, else an attribute `id`. Corners are in the coordinates that are given, or in the file's own, and stay in these.
+///
+/// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// use spinney::export::vector::{VectorFormat, export_zones};
+/// use spinney::import::feature::{FeatureOptions, PolygonReader};
+/// use spinney::io::Output;
+/// use spinney::space::{Coordinates, EdgeRule};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let (path, table) = (folder.path().join("parcels.geojson"), folder.path().join("parcels.csv"));
+/// let map = spinney::open("fixtures/v1/classes.goblin")?;
+/// let [low, high] = map.metadata().frame.world_box(&map.header().picture());
+/// let ring = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], low[1]]];
+/// std::fs::write(&path, format!(r#"{{"type":"Polygon","coordinates":[{ring:?}]}}"#)).unwrap();
+/// let reader = PolygonReader::open(&path, &FeatureOptions::default())?;
+/// let (request, output) = (EdgeRule::Area.into(), Output::create(&table)?);
+/// let count = export_zones(reader, Some(&Coordinates::World), &[&map], &request, output, VectorFormat::Csv, &())?;
+/// assert_eq!(count, 1);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the features cannot be read, all of them lie outside of the trees, a tree has too many classes to be columns, is damaged, or knows no way
+/// to its cells; if the output cannot be written, or on interruption.
+pub fn export_zones(
+    reader: PolygonReader,
+    coordinates: Option<&Coordinates>,
+    trees: &[&Dataset],
+    request: &ZonalRequest,
+    output: Output,
+    format: VectorFormat,
+    progress: &dyn Progress,
+) -> Result<u64> {
+    let mut reader = reader.with_others();
+    let mut zones = FeatureZones::new(&reader, coordinates, trees, request, progress)?;
+    let mut schema = reader.schema().clone();
+    schema.crs = system_of(coordinates, schema.crs, trees);
+    let (mut output, mut writer, mut count) = (Some(output), None, 0u64);
+    while let Some(layer) = reader.next_layer().map_err(|error| in_file(reader.path(), error))? {
+        if let Some(output) = output.take() {
+            let told = (&schema, &layer);
+            writer = Some(ZoneWriter::create(output, format, told, trees, request, progress)?);
+        }
+        zones.each(&layer, progress, &mut |number, zone| {
+            count += 1;
+            writer.as_mut().map_or(Ok(()), |writer| writer.write(&layer.features[number], zone))
+        })?;
+    }
+    zones.finish()?;
+    match writer {
+        Some(writer) => writer.finish(progress).map(|()| count),
+        None => Err(Error::invalid(format!("{}: features", reader.path().display()), "none", "some")),
+    }
+}
+
+/// The system that corners are in: that which was given, or the file's own.
+fn system_of(coordinates: Option<&Coordinates>, own: Option<Crs>, trees: &[&Dataset]) -> Option<Crs> {
+    match coordinates {
+        None => own,
+        Some(Coordinates::System(crs)) => Some(crs.clone()),
+        Some(Coordinates::World) => trees.first().and_then(|tree| tree.metadata().frame.crs.clone()),
+        Some(Coordinates::Cells) => None,
+    }
+}
+
+/// A file of features with statistics in the making.
+struct ZoneWriter {
     writer: VectorWriter,
     path: PathBuf,
     columns: Vec<Column>,
@@ -56,10 +125,7 @@ pub struct ZoneWriter {
 
 impl ZoneWriter {
     /// Starts a file for features of such a description, of which `first` has the first ones, with answers to a request about layers.
-    ///
-    /// # Errors
-    /// If the output cannot be written, or a tree has too many classes to be columns.
-    pub fn create(
+    fn create(
         output: Output,
         format: VectorFormat,
         (schema, first): (&FeatureSchema, &PolygonLayer),
@@ -130,10 +196,7 @@ impl ZoneWriter {
     }
 
     /// Writes the next feature with its statistics, of each layer.
-    ///
-    /// # Errors
-    /// If the output cannot be written.
-    pub fn write(&mut self, feature: &Feature, zones: &[ZoneStatistics]) -> Result<()> {
+    fn write(&mut self, feature: &Feature, zones: &[ZoneStatistics]) -> Result<()> {
         self.with_heights += u64::from(feature.has_heights);
         let mut values: Vec<AttributeValue<'_>> =
             feature.attributes.iter().map(AttributeValue::from).collect();
@@ -159,10 +222,7 @@ impl ZoneWriter {
     }
 
     /// Ends the file and puts it in its place.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    pub fn finish(self, progress: &dyn Progress) -> Result<()> {
+    fn finish(self, progress: &dyn Progress) -> Result<()> {
         if self.with_heights > 0 {
             let count = self.with_heights;
             progress.warn(&self.path, &format!("heights and measures of {count} features are left out"));
