@@ -99,3 +99,31 @@ def test_what_cannot_be_written(island: str, tmp_path: Path) -> None:
         with pytest.raises(ValueError, match="outside of the tree"):
             ds.zonal(far, crs="world", out=tmp_path / "out.csv")
         assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_lost_is_a_warning(island: str, tmp_path: Path) -> None:
+    document = json.loads(DISTRICTS.read_text())
+    for feature in document["features"]:
+        feature["properties"]["description_of_it"] = "x" * 300
+    with spinney.open(island) as ds:
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            ds.zonal(document, ["count"], out=tmp_path / "out.shp")
+        texts = " ".join(str(warning.message) for warning in told)
+        assert "`description_of_it` is `descriptio`" in texts and "cut to 254 bytes: 2" in texts
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            ds.zonal(document, ["count"], out=tmp_path / "out.fgb")
+
+
+def test_whole_numbers_of_64_bits_are_exact(tmp_path: Path) -> None:
+    with spinney.open(FIXTURES / "v1" / "stack.goblin", layer="label") as ds:
+        assert ds.dtype == "uint64"
+        box = shapely.box(*ds.bounds)
+        (told,) = ds.zonal(box, ["min", "max", "majority"], crs="world")
+        for ending in ("geojson", "gpkg"):
+            out = tmp_path / f"out.{ending}"
+            ds.zonal(box, ["min", "max", "majority"], crs="world", out=out)
+        (found,) = json.loads((tmp_path / "out.geojson").read_text())["features"]
+        assert max(told.values()) > 2**53
+        assert [int(found["properties"][name]) for name in told] == list(told.values())

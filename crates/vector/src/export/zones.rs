@@ -8,12 +8,12 @@ use super::{
     AttributeType, AttributeValue, FeatureParts, Geometry, VectorFeature, VectorFormat, VectorLayer,
     VectorWriter,
 };
-use crate::import::feature::{Feature, FeatureSchema};
+use crate::import::feature::{Feature, FeatureAttribute, FeatureSchema};
 use crate::import::zones::{PolygonLayer, PolygonReader};
 use crate::zonal::{FeatureZones, in_file};
 use spinney_base::io::Output;
 use spinney_base::space::EdgeRule;
-use spinney_base::value::Number;
+use spinney_base::value::{Number, SampleType};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::{Coordinates, Crs};
 use spinney_engine::dataset::Dataset;
@@ -188,9 +188,6 @@ impl ZoneWriter {
             crs: schema.crs.clone(),
             bounds: bounds_of(&mut parts.iter().flat_map(FeatureParts::corners)),
         };
-        if let Some(remark) = layer.remark(format) {
-            progress.warn(&path, &remark);
-        }
         let writer = VectorWriter::create(output, format, layer)?;
         Ok(ZoneWriter { writer, path, columns, has_id_column, keeps_ids, with_heights: 0 })
     }
@@ -198,6 +195,8 @@ impl ZoneWriter {
     /// Writes the next feature with its statistics, of each layer.
     fn write(&mut self, feature: &Feature, zones: &[ZoneStatistics]) -> Result<()> {
         self.with_heights += u64::from(feature.has_heights);
+        let answers: Vec<FeatureAttribute> =
+            self.columns.iter().map(|column| column.value(&zones[column.layer])).collect();
         let mut values: Vec<AttributeValue<'_>> =
             feature.attributes.iter().map(AttributeValue::from).collect();
         let id = feature.id.as_ref().map(|id| match id {
@@ -212,7 +211,7 @@ impl ZoneWriter {
                 _ => AttributeValue::None,
             });
         }
-        values.extend(self.columns.iter().map(|column| column.value(&zones[column.layer])));
+        values.extend(answers.iter().map(AttributeValue::from));
         let geometry = feature.geometry.as_ref().map(FeatureParts::of);
         self.writer.write_feature(&VectorFeature {
             id: feature.id.as_ref().filter(|_| self.keeps_ids),
@@ -227,12 +226,12 @@ impl ZoneWriter {
             let count = self.with_heights;
             progress.warn(&self.path, &format!("heights and measures of {count} features are left out"));
         }
-        self.writer.finish()
+        self.writer.finish(progress)
     }
 }
 
 impl Column {
-    fn value(&self, zone: &ZoneStatistics) -> AttributeValue<'static> {
+    fn value(&self, zone: &ZoneStatistics) -> FeatureAttribute {
         let number = match &self.answer {
             Answer::Measure(measure) => zone.number(*measure, self.channel),
             Answer::Quantile(place) => {
@@ -244,15 +243,22 @@ impl Column {
                 Some(Number::from(found.map_or(0.0, |(_, cells)| cells * area)))
             }
         };
-        let Some(number) = number else { return AttributeValue::None };
-        let whole = number.to_integer().and_then(|whole| i64::try_from(whole).ok());
-        match whole.filter(|_| self.kind == AttributeType::Integer) {
-            Some(whole) => AttributeValue::Integer(whole),
-            // (Beyond 63 bits an integer is a number that is about as large.)
-            None if self.kind == AttributeType::Integer => AttributeValue::None,
-            None => AttributeValue::Number(number.to_f64()),
+        let Some(number) = number else { return FeatureAttribute::None };
+        match (self.kind, number.to_integer().and_then(|whole| i64::try_from(whole).ok())) {
+            (AttributeType::Integer, Some(whole)) => FeatureAttribute::Integer(whole),
+            // (Of no cells.)
+            (AttributeType::Integer, None) => FeatureAttribute::None,
+            (AttributeType::Text, _) if number.to_f64().is_nan() => FeatureAttribute::None,
+            (AttributeType::Text, _) => FeatureAttribute::Text(number.to_string()),
+            _ => FeatureAttribute::Number(number.to_f64()),
         }
     }
+}
+
+/// Whether a tree has whole numbers beyond 63 bits.
+fn exceeds(tree: &Dataset, progress: &dyn Progress) -> Result<bool> {
+    let most = Number::from(i64::MAX as u64);
+    Ok(tree.statistics(None, progress)?.channels.iter().any(|own| own.cells > 0 && own.max > most))
 }
 
 /// Names and columns of the answers about a layer.
@@ -270,9 +276,11 @@ fn columns_of(
         false => request.measures.contains(measure),
     };
     let cells = if request.edge == EdgeRule::Area { AttributeType::Number } else { AttributeType::Integer };
-    let samples = match sample.is_float() || sample.size() == 8 {
-        true => AttributeType::Number,
-        false => AttributeType::Integer,
+    let samples = match sample {
+        sample if sample.is_float() => AttributeType::Number,
+        // (Whole numbers beyond 63 bits are texts, which lose nothing.)
+        SampleType::U64 if exceeds(tree, progress)? => AttributeType::Text,
+        _ => AttributeType::Integer,
     };
     let of_channel = |name: &str, channel: usize| match channels {
         1 => name.to_owned(),
