@@ -196,7 +196,7 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         };
         let mut writer = create(Output::create(&path)?, format_of(&path).unwrap(), &spec)?;
         writer.write_rows(&samples[..(width * height) as usize * value.size()], None)?;
-        writer.finish()?;
+        writer.finish(&())?;
         put(target, name, &fs::read(&path).unwrap());
     }
     use tiff_file::{Ifd, Values};
@@ -277,6 +277,7 @@ fn features(put: Put<'_>, folder: &Path) -> Result<()> {
         let layer = VectorLayer {
             name: "n".into(),
             kind: Some(GeometryKind::Polygon),
+            is_multi: false,
             has_z: false,
             attributes: vec![("a".into(), AttributeType::Number), ("t".into(), AttributeType::Text)],
             crs: Some(Crs::epsg(25832)),
@@ -288,7 +289,7 @@ fn features(put: Put<'_>, folder: &Path) -> Result<()> {
         let hole = vec![[1.0, 2.0, 0.0], [1.0, 3.0, 0.0], [2.0, 2.0, 0.0], [1.0, 2.0, 0.0]];
         writer.write(&[ring(0.0), hole], &[AttributeValue::Number(0.5), AttributeValue::Text("t")])?;
         writer.write(&[ring(9.0)], &[AttributeValue::None, AttributeValue::None])?;
-        writer.finish()?;
+        writer.finish(&())?;
         put(target, "polygons", &fs::read(&path).unwrap());
     }
     // (As long as the only shape of the target: one row.)

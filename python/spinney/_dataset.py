@@ -35,10 +35,8 @@ from ._types import (
     Statistics,
     Transform,
     Window,
-    ZoneStatistics,
 )
-from ._writers import Writers
-from ._zonal import definition_of, documents_of, is_frame, measures_of, named, table_of, usual_of, values_of, zone_of
+from ._zones import Zones
 
 
 def open(
@@ -85,7 +83,7 @@ def open(
         raise
 
 
-class Dataset(Writers):
+class Dataset(Zones):
     """An open tree, or a view of one: see `spinney.open`.
 
     Indexes are those of cells: `ds[y0:y1, x0:x1]`, of octrees `ds[z, y, x]`, with steps and `...` as in NumPy; of files with several
@@ -229,130 +227,6 @@ class Dataset(Writers):
         facts = self._statistics(window, coordinates)
         bands = tuple(BandStatistics(*band) for band in facts["channels"])
         return Statistics(facts["cells"], facts["void_cells"], bands, dict(facts["classes"]))
-
-    @overload
-    def zonal(
-        self,
-        geometries: Any,
-        measures: None = None,
-        *,
-        quantiles: Sequence[float] = (),
-        edge: Literal["centre", "touch", "area"] = "centre",
-        crs: Any = None,
-        where: Mapping[str, Any] | str | None = None,
-        memory: int | str = MEMORY,
-        layers: None = None,
-        threads: int | None = None,
-        progress: Progress = None,
-    ) -> list[ZoneStatistics]: ...
-
-    @overload
-    def zonal(
-        self,
-        geometries: Any,
-        measures: Sequence[str],
-        *,
-        quantiles: Sequence[float] = (),
-        edge: Literal["centre", "touch", "area"] = "centre",
-        crs: Any = None,
-        where: Mapping[str, Any] | str | None = None,
-        memory: int | str = MEMORY,
-        layers: None = None,
-        threads: int | None = None,
-        progress: Progress = None,
-    ) -> list[dict[str, Any]]: ...
-
-    @overload
-    def zonal(
-        self,
-        geometries: Any,
-        measures: None = None,
-        *,
-        quantiles: Sequence[float] = (),
-        edge: Literal["centre", "touch", "area"] = "centre",
-        crs: Any = None,
-        where: Mapping[str, Any] | str | None = None,
-        memory: int | str = MEMORY,
-        layers: Sequence[str],
-        threads: int | None = None,
-        progress: Progress = None,
-    ) -> dict[str, list[ZoneStatistics]]: ...
-
-    @overload
-    def zonal(
-        self,
-        geometries: Any,
-        measures: Sequence[str],
-        *,
-        quantiles: Sequence[float] = (),
-        edge: Literal["centre", "touch", "area"] = "centre",
-        crs: Any = None,
-        where: Mapping[str, Any] | str | None = None,
-        memory: int | str = MEMORY,
-        layers: Sequence[str],
-        threads: int | None = None,
-        progress: Progress = None,
-    ) -> dict[str, list[dict[str, Any]]]: ...
-
-    def zonal(
-        self,
-        geometries: Any,
-        measures: Sequence[str] | None = None,
-        *,
-        quantiles: Sequence[float] = (),
-        edge: Literal["centre", "touch", "area"] = "centre",
-        crs: Any = None,
-        where: Mapping[str, Any] | str | None = None,
-        memory: int | str = MEMORY,
-        layers: Sequence[str] | None = None,
-        threads: int | None = None,
-        progress: Progress = None,
-    ) -> Any:
-        """Statistics of the cells in each of many polygons, of which the tree is read only where an edge cuts it.
-
-        Geometries are polygons (with holes, or of several parts): anything with a `__geo_interface__` (of shapely, a
-        GeoDataFrame, ...), GeoJSON as dictionaries, the path of a file of features (GeoJSON, GeoPackage, also `x.gpkg:LAYER`,
-        FlatGeobuf, shapefile, CSV), or a list of such. They are brought to the tree's coordinate system
-        from that which they have themselves (a GeoDataFrame's `crs`, a file's own; features of GeoJSON are in degrees unless a
-        member `crs` says otherwise; geometries alone are in the tree's own), or from `crs`, if given: "EPSG:4326", WKT, a system
-        of pyproj, or "world" for the tree's own. Polygons that all lie outside of the tree are an error. At edges,
-        cells count whole if their `"centre"` is inside or if they `"touch"` the polygon, or by the part of their `"area"` that is
-        inside, exactly. `where` takes only the features that have these values of attributes: `{"kind": "lake", "lod": 2}`,
-        or for which all of this holds: `"kind!=lake,lod>=2"`. The features of a file must fit into `memory`; values of which that has no
-        room for all go to temporary files.
-
-        With the names of some `measures` ("count", "void", "void_share", "outside", "sum", "min", "max", "mean", "std", "majority",
-        "minority", "variety", "median", "classes") there is a dictionary of these for each polygon, of the first band, and of `quantiles`, from 0 to 1,
-        by names such as "q10" for 0.1. Quantiles are those of `numpy.quantile`, with shares of cells as weights.
-        "majority", "minority", "variety", "median" and quantiles are of all values of a polygon, which are read unless the file counts
-        classes; without names they are in `ZoneBand.values` if there are `quantiles`.
-
-        Of a GeoDataFrame, or another frame with a `__geo_interface__`, there is a pandas DataFrame with its index: a column for each
-        measure and quantile, and of classes one for the cells of each. Without names it has count, void, sum, min, max, mean and std,
-        of files that count classes count, void and classes.
-
-        With names of `layers` (`ds.names` are all) there is a list (or a table) for each of them, by its name; `ds[name].time` tells when it is of. The
-        polygons' cells are found once, so that a hundred layers take little more than their cells.
-        """
-        if isinstance(layers, str):
-            raise TypeError("layers: expected a list of names, such as ds.names")
-        names, levels = measures_of(measures, quantiles)
-        if is_frame(geometries) and where is not None:
-            raise ValueError("where: expected rows of the frame that are chosen beforehand, as in frame[frame.kind == 'lake']")
-        with working(progress, threads) as terms:
-            documents = documents_of(geometries, None if crs is None else definition_of(crs))
-            chosen = where if isinstance(where, str) else values_of(where)
-            asked = (chosen, memory_of(memory), names, levels)
-            found = self._zones(documents, edge, asked, None if layers is None else list(layers), terms)
-        told = [[zone_of(zone, levels) for zone in zones] for zones in found]
-
-        def answer(zones: list[ZoneStatistics]) -> Any:
-            if is_frame(geometries):
-                usual = names or usual_of(zones)
-                return table_of(geometries, named(zones, usual, levels))
-            return zones if measures is None else named(zones, names, levels)
-
-        return answer(told[0]) if layers is None else {layer: answer(zones) for layer, zones in zip(layers, told)}
 
     def level_counts(self, *, progress: Progress = None) -> list[LevelCounts]:
         """Nodes of each level of the file's tree, the root first: `ds.level_counts()[-1].leaf` are cells with values of their own.

@@ -136,6 +136,16 @@ class Tree:
         layers: list[str] | None,
         terms: _Terms,
     ) -> list[list[tuple[tuple[float, float, float], list[_ZoneBand], list[tuple[float, float]]]]]: ...
+    def _write_zones(
+        self,
+        features: tuple[str, str | None],
+        edge: str,
+        asked: tuple[str | list[tuple[str, str]], int, list[str], list[float]],
+        attributes: list[str] | None,
+        layers: list[str] | None,
+        out: Any,
+        terms: _Terms,
+    ) -> int: ...
     def _labels(
         self, connect: int | None, neighbours: bool, memory: int, terms: _Terms
     ) -> tuple[

@@ -1,18 +1,21 @@
 //! Statistics of the cells in polygons.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use pyo3::prelude::*;
 use spinney::Progress as _;
 use spinney::dataset::Dataset;
+use spinney::export::vector::{VectorFormat, export_zones};
 use spinney::import::feature::{
-    AttributeCondition, FeatureFilter, FeatureOptions, PolygonLayer, Relation, parse_polygons, read_polygons,
+    AttributeCondition, FeatureFilter, FeatureOptions, PolygonLayer, PolygonReader, Relation, parse_polygons,
+    read_polygons,
 };
 use spinney::query::{ZonalRequest, ZoneMeasure, ZoneStatistics, ZoneValues};
 use spinney::space::{Coordinates, EdgeRule, Places, Polygon};
 
-use crate::error::OrRaise;
+use crate::error::{OrRaise, invalid};
+use crate::files::check_output;
 use crate::jobs::{self, Terms, Work};
 use crate::tree::{Opened, Tree};
 
@@ -36,26 +39,13 @@ impl Tree {
         py: Python<'py>,
         documents: Vec<Document>,
         edge: &str,
-        asked: (Chosen, u64, Vec<String>, Vec<f64>),
+        asked: Asked,
         layers: Option<Vec<String>>,
         terms: Terms,
     ) -> PyResult<Vec<Vec<Zone<'py>>>> {
-        let opened = match layers {
-            Some(names) => py.detach(|| self.open_layers(&names)).or_raise()?,
-            None => vec![self.get()?],
-        };
-        let edge: EdgeRule = edge.parse().or_raise()?;
-        let (chosen, memory, measures, quantiles) = asked;
-        let measures =
-            measures.iter().map(|name| name.parse()).collect::<spinney::Result<Vec<ZoneMeasure>>>();
-        let request = ZonalRequest { edge, measures: measures.or_raise()?, quantiles, memory };
-        let filter = match chosen {
-            Chosen::Conditions(text) => text.parse().or_raise()?,
-            Chosen::Values(values) => {
-                let equal = |(name, value)| AttributeCondition { name, relation: Relation::Equal, value };
-                FeatureFilter { conditions: values.into_iter().map(equal).collect() }
-            }
-        };
+        let opened = self.asked_layers(py, layers)?;
+        let memory = asked.1;
+        let (filter, request) = request_of(edge, asked)?;
         let zones = jobs::run(py, terms, |work| {
             let trees: Vec<&Dataset> = opened.iter().map(|opened| &opened.tree).collect();
             let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
@@ -89,6 +79,72 @@ impl Tree {
         };
         opened.iter().zip(&zones).map(of_layer).collect()
     }
+
+    /// Writes the features of a file, in coordinates that are given, or in its own, joined with the statistics of the cells in them; returns their
+    /// number.
+    #[pyo3(name = "_write_zones")]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
+    fn write_zones(
+        &self,
+        py: Python<'_>,
+        features: (PathBuf, Option<String>),
+        edge: &str,
+        asked: Asked,
+        attributes: Option<Vec<String>>,
+        layers: Option<Vec<String>>,
+        out: PathBuf,
+        terms: Terms,
+    ) -> PyResult<u64> {
+        let opened = self.asked_layers(py, layers)?;
+        let (path, coordinates) = features;
+        let format = VectorFormat::of(&out)
+            .ok_or_else(|| invalid("out: expected .geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply"))?;
+        let trees = opened.iter().map(|opened| opened.tree.name().to_path_buf());
+        check_output(&trees.chain([path.clone()]).collect::<Vec<_>>(), &out)?;
+        let coordinates: Option<Coordinates> = coordinates.map(|text| text.parse()).transpose().or_raise()?;
+        let memory = asked.1;
+        let (filter, mut request) = request_of(edge, asked)?;
+        // (Half is for values, where they are asked for.)
+        request.memory = memory / 2;
+        let memory = if request.needs_values() { memory - request.memory } else { memory };
+        let options = FeatureOptions { memory, filter, attributes, ..FeatureOptions::default() };
+        jobs::run(py, terms, |work| {
+            let trees: Vec<&Dataset> = opened.iter().map(|opened| &opened.tree).collect();
+            let reader = PolygonReader::open(&path, &options)?;
+            let output = work.create(&out)?;
+            let count = export_zones(reader, coordinates.as_ref(), &trees, &request, output, format, work)?;
+            trees.iter().try_for_each(|tree| tree.check_unchanged())?;
+            Ok(count)
+        })
+    }
+}
+
+impl Tree {
+    /// The layers of these names, or the one that is open.
+    fn asked_layers(&self, py: Python<'_>, layers: Option<Vec<String>>) -> PyResult<Vec<Arc<Opened>>> {
+        match layers {
+            Some(names) => py.detach(|| self.open_layers(&names)).or_raise(),
+            None => Ok(vec![self.get()?]),
+        }
+    }
+}
+
+/// What is asked: which features, bytes of memory, names of measures, and quantiles.
+type Asked = (Chosen, u64, Vec<String>, Vec<f64>);
+
+fn request_of(edge: &str, asked: Asked) -> PyResult<(FeatureFilter, ZonalRequest)> {
+    let edge: EdgeRule = edge.parse().or_raise()?;
+    let (chosen, memory, measures, quantiles) = asked;
+    let measures = measures.iter().map(|name| name.parse()).collect::<spinney::Result<Vec<ZoneMeasure>>>();
+    let request = ZonalRequest { edge, measures: measures.or_raise()?, quantiles, memory };
+    let filter = match chosen {
+        Chosen::Conditions(text) => text.parse().or_raise()?,
+        Chosen::Values(values) => {
+            let equal = |(name, value)| AttributeCondition { name, relation: Relation::Equal, value };
+            FeatureFilter { conditions: values.into_iter().map(equal).collect() }
+        }
+    };
+    Ok((filter, request))
 }
 
 /// Features that are asked for.

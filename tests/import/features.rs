@@ -125,7 +125,7 @@ fn what_our_writers_write_is_read_again() {
                     let parts: Vec<Vec<[f64; 3]>> = parts.iter().map(lift).collect();
                     writer.write(&Parts(parts), &[size, name]).unwrap();
                 }
-                writer.finish().unwrap();
+                writer.finish(&()).unwrap();
                 let (schema, mut features) = read(&path);
                 // (An index puts features into another order.)
                 features.sort_by_key(|feature| feature.attributes[0] == FeatureAttribute::None);

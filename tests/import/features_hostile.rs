@@ -47,7 +47,7 @@ fn fixture(folder: &Path, ending: &str) -> Vec<PathBuf> {
         let name = format!("no. {number}: \"é\", ü");
         writer.write(&rings, &[AttributeValue::Number(x / 2.0), AttributeValue::Text(&name)]).unwrap();
     }
-    writer.finish().unwrap();
+    writer.finish(&()).unwrap();
     assert_eq!(count(&path).unwrap(), 4, "{ending}");
     let beside = if ending == "shp" { &["shp", "shx", "dbf", "cpg", "prj"][..] } else { &[ending][..] };
     beside.iter().map(|ending| path.with_extension(ending)).collect()

@@ -81,7 +81,7 @@ fn written(path: &Path, kind: Option<GeometryKind>, features: &[Feature]) -> spi
             attributes: &attributes,
         })?;
     }
-    writer.finish()
+    writer.finish(&())
 }
 
 fn read(path: &Path) -> Vec<Feature> {
@@ -193,7 +193,7 @@ fn an_index_of_flatgeobuf_is_around_its_features() {
             let [x, y] = place(number);
             writer.write(&[vec![[x, y, 0.0]]], &[AttributeValue::Integer(number as i64)]).unwrap();
         }
-        writer.finish().unwrap();
+        writer.finish(&()).unwrap();
         let features = read(&path);
         assert_eq!(features.len(), count);
         let mut seen: Vec<usize> = Vec::new();
@@ -275,7 +275,7 @@ fn heights_are_told_of() {
             let format = VectorFormat::of(&path).unwrap();
             let mut writer = VectorWriter::create(Output::create(&path).unwrap(), format, layer).unwrap();
             writer.write(&[vec![[0.0, 0.0, 5.0], [1.0, 1.0, 6.0]]], &[]).unwrap();
-            writer.finish().unwrap();
+            writer.finish(&()).unwrap();
             let features = read(&path);
             assert_eq!(features.len(), 1);
             assert_eq!(features[0].has_heights, has_z, "{ending}");

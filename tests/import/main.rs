@@ -23,6 +23,7 @@ mod exact_searches;
 mod features;
 #[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]
 mod features_hostile;
+mod features_losses;
 #[cfg(feature = "vector")]
 mod features_over;
 mod features_written;

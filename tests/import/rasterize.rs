@@ -143,6 +143,9 @@ fn texts_are_classes_and_what_is_left_out_is_told() {
     let names: Vec<_> =
         tree.metadata().class_names.iter().map(|(class, name)| (class.to_f64(), &name[..])).collect();
     assert_eq!(names, [(1.0, "lake"), (2.0, "wood")]);
+    // Each class has a colour, whatever else there is.
+    let colours = &tree.metadata().palette.as_ref().unwrap().colours;
+    assert_eq!(colours[..], [[0; 4], [0, 114, 178, 255], [230, 159, 0, 255]]);
     assert_eq!(tree.header().kind, Kind::Categorical);
     let classes = tree.statistics(None, &()).unwrap().classes;
     assert_eq!(classes, [(1.into(), 16), (2.into(), 16)]);

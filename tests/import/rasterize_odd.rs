@@ -5,11 +5,13 @@ use std::fs;
 use std::path::Path;
 
 use spinney::dataset::Dataset;
-use spinney::import::rasterize::{FeatureGrid, RasterizeOptions, plan_features};
+use spinney::import::rasterize::{FeatureGrid, Overlaps, RasterizeOptions, plan_features};
 use spinney::io::Output;
 use spinney::ops::WarpGrid;
 use spinney::space::{Crs, EdgeRule, Frame};
 use spinney::value::Number;
+
+use crate::common::Random;
 
 /// Cells that are not VOID, as column and row, of features on a grid.
 fn cells(folder: &Path, geometries: &[&str], crs: &str, grid: &WarpGrid, edge: EdgeRule) -> Vec<[u64; 2]> {
@@ -179,4 +181,55 @@ fn the_world_has_no_edge_at_the_antimeridian_and_a_pole_is_a_place() {
     let expected: Vec<[u64; 2]> =
         all.filter(|[column, row]| away(*column).hypot(away(*row)) < 1.638_783).collect();
     assert_eq!(found, expected);
+}
+
+/// Very many rings that touch: quadrangles between corners that are moved at random, as features and as one multipolygon, have each cell once.
+#[test]
+fn rings_that_touch_have_neither_gaps_nor_cells_twice() {
+    const SIDE: usize = 80;
+    let mut random = Random(5);
+    // (Those along the edge stay, so that all together are a square.)
+    let corners: Vec<[f64; 2]> = (0..=SIDE)
+        .flat_map(|y| (0..=SIDE).map(move |x| [x, y]))
+        .map(|at| {
+            at.map(|at| match at {
+                0 | SIDE => at as f64,
+                at => at as f64 + random.below(1000) as f64 / 2500.0 - 0.2,
+            })
+        })
+        .collect();
+    let ring = |number: usize| {
+        let first = number / SIDE * (SIDE + 1) + number % SIDE;
+        let turn = [first, first + 1, first + SIDE + 2, first + SIDE + 1, first];
+        format!("[{:?}]", turn.map(|corner| corners[corner]))
+    };
+    let rings: Vec<String> = (0..SIDE * SIDE).map(ring).collect();
+    let polygon = |ring: &String| format!(r#"{{"type":"Polygon","coordinates":{ring}}}"#);
+    let each: Vec<String> = rings.iter().map(polygon).collect();
+    let whole = format!(r#"{{"type":"MultiPolygon","coordinates":[{}]}}"#, rings.join(","));
+    let folder = tempfile::tempdir().unwrap();
+    let (path, output) = (folder.path().join("touching.geojson"), folder.path().join("touching.goblin"));
+    for (geometries, count) in [(each, SIDE * SIDE), (vec![whole], 1)] {
+        let feature =
+            |geometry: &String| format!(r#"{{"type":"Feature","properties":{{}},"geometry":{geometry}}}"#);
+        let features: Vec<String> = geometries.iter().map(feature).collect();
+        let crs = r#"{"type":"name","properties":{"name":"urn:ogc:def:crs:EPSG::32633"}}"#;
+        let text =
+            format!(r#"{{"type":"FeatureCollection","crs":{crs},"features":[{}]}}"#, features.join(","));
+        fs::write(&path, text).unwrap();
+        for edge in [EdgeRule::Centre, EdgeRule::Area] {
+            let mut options = RasterizeOptions::new(FeatureGrid::Cell(0.3125));
+            options.edge = edge;
+            if edge == EdgeRule::Centre {
+                options.overlaps = Overlaps::Count;
+            }
+            let plan = plan_features(std::slice::from_ref(&path), &options, &()).unwrap();
+            plan.build(Output::create(&output).unwrap(), &()).unwrap();
+            let tree = spinney::open(&output).unwrap();
+            let found = tree.statistics(None, &()).unwrap();
+            assert_eq!(found.cells, 256 * 256, "{count} {edge}");
+            let [least, most] = [found.channels[0].min, found.channels[0].max];
+            assert_eq!([least, most], [Number::from(1u64); 2], "{count} {edge}");
+        }
+    }
 }

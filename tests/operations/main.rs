@@ -24,6 +24,7 @@ mod isosurfaces;
 mod operations;
 mod overlay;
 mod pixels;
+mod polygons;
 mod queries;
 mod set_operations;
 mod solid_measures;

@@ -113,3 +113,33 @@ fn all_features_are_kept_and_no_attribute_is_lost() {
         assert!(said.contains(reason), "{said}");
     }
 }
+
+/// What a shapefile has no room for is told, and so is the system that corners were said to be in.
+#[test]
+fn what_is_lost_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (tree, zones) = (at("i.goblin"), at("z.geojson"));
+    spinney(&["-q", "build", CLASSES, "-o", &tree]).success();
+    let text = std::fs::read_to_string(DISTRICTS).unwrap();
+    let long = "x".repeat(300);
+    let text = text.replace("\"name\":", &format!("\"description_of_it\": \"{long}\", \"name\":"));
+    std::fs::write(&zones, &text).unwrap();
+    let asked = |output: &str| stderr(spinney(&["stats", &tree, "--zones", &zones, "-o", output]).success());
+    let said = asked(&at("z.shp"));
+    assert!(said.contains("`description_of_it` is `descriptio`"), "{said}");
+    assert!(said.contains("texts that are cut to 254 bytes: 2"), "{said}");
+    let said = asked(&at("z.gpkg"));
+    assert!(!said.contains("cut") && !said.contains("other names"), "{said}");
+    // Corners that `--in` says to be in the tree's system are written as such.
+    let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let mut unnamed = value.clone();
+    unnamed.as_object_mut().unwrap().remove("crs");
+    std::fs::write(&zones, unnamed.to_string()).unwrap();
+    let output = at("w.geojson");
+    spinney(&["-q", "stats", &tree, "--zones", &zones, "--in", "world", "-o", &output]).success();
+    let system = |path: &str| {
+        open_features(path.as_ref(), &FeatureOptions::default()).unwrap().schema().crs.clone().unwrap()
+    };
+    assert_eq!(system(&output), system(DISTRICTS));
+}

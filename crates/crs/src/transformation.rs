@@ -6,23 +6,40 @@ use spinney_base::Result;
 /// A transformation of points from one coordinate system to another, by way of longitude and latitude in WGS 84.
 pub struct Transformation {
     from: Crs,
-    to: Crs,
     /// Projections of the two, where these differ.
     projections: Option<(Projection, Projection)>,
+    remarks: Vec<String>,
+}
+
+/// Projections of two systems, where these differ, and remarks on them.
+type Way = (Option<(Projection, Projection)>, Vec<String>);
+
+/// The way between two systems.
+fn between(from: &Crs, to: &Crs, allow_ballpark: bool) -> Result<Way> {
+    // (How a datum is shifted to WGS 84 does not matter where both have it.)
+    if from.is_same(to) || from.is_same_plane(to) {
+        return Ok((None, Vec::new()));
+    }
+    let open = |crs: &Crs| Projection::new(crs, allow_ballpark);
+    let (own, other) = (open(from)?, open(to)?);
+    let of =
+        |(projection, crs): (&Projection, &Crs)| projection.remark().map(|remark| format!("{crs}: {remark}"));
+    let remarks = [(&own, from), (&other, to)].into_iter().filter_map(of).collect();
+    Ok(((!own.is_same(&other)).then_some((own, other)), remarks))
 }
 
 /// How far a point may be from where it comes back to, in degrees.
 const CLOSE: f64 = 1e-6;
 
 impl Transformation {
-    /// The transformation between two systems; where they are the same, points stay as they are, however they are defined.
+    /// The transformation between two systems. Where they are the same, points stay as they are, however they are defined: if the definitions
+    /// say the same ([`Crs::is_same`]), and if they come to the same formula, such as one by number and one in well-known text.
     ///
     /// # Errors
     /// Those of [`Projection::new`] if they differ.
     pub fn new(from: &Crs, to: &Crs, allow_ballpark: bool) -> Result<Transformation> {
-        let open = |crs: &Crs| Projection::new(crs, allow_ballpark);
-        let projections = if from.is_same(to) { None } else { Some((open(from)?, open(to)?)) };
-        Ok(Transformation { from: from.clone(), to: to.clone(), projections })
+        let (projections, remarks) = between(from, to, allow_ballpark)?;
+        Ok(Transformation { from: from.clone(), projections, remarks })
     }
 
     /// The first system.
@@ -43,10 +60,7 @@ impl Transformation {
 
     /// Remarks on how well the systems are known, each with the system's name.
     pub fn remarks(&self) -> Vec<String> {
-        let of =
-            |projection: &Projection, crs: &Crs| projection.remark().map(|remark| format!("{crs}: {remark}"));
-        let Some((from, to)) = &self.projections else { return Vec::new() };
-        [of(from, &self.from), of(to, &self.to)].into_iter().flatten().collect()
+        self.remarks.clone()
     }
 
     /// The point in the second system; `None` where it has none.
@@ -66,5 +80,74 @@ impl Transformation {
         let Some((from, to)) = &self.projections else { return Some(point) };
         let [longitude, latitude] = to.inverse(point)?;
         from.forward([(longitude + 180.0).rem_euclid(360.0) - 180.0, latitude])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn between(from: &Crs, to: &Crs) -> Transformation {
+        Transformation::new(from, to, false).unwrap()
+    }
+
+    /// Definitions of other kinds that say the same are the same system, whatever its datum is.
+    #[test]
+    fn equal_definitions_are_the_identity() {
+        let numbers = [
+            25832, 32633, 32733, 3035, 3034, 3857, 2056, 2154, 3031, 27700, 31467, 4326, 4258, 28992, 2193,
+            26917, 3395, 6933, 2263,
+        ];
+        for number in numbers {
+            let crs = Crs::epsg(number);
+            // (As it stands beside a shapefile, without a number.)
+            let written = Crs::Wkt(crs.to_esri_wkt().unwrap());
+            assert_eq!(written.numbers(), None);
+            for (from, to) in [(&written, &crs), (&crs, &written)] {
+                let made = between(from, to);
+                assert!(made.is_identity() && made.remarks().is_empty(), "{number}");
+                assert_eq!(made.forward([0.1, 5e6 + 0.3]), Some([0.1, 5e6 + 0.3]));
+            }
+        }
+        let zone = "+proj=utm +zone=32 +ellps=GRS80 +units=m +no_defs";
+        let plane =
+            "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=500000 +y_0=0 +ellps=GRS80 +units=m +type=crs";
+        let [zone, plane] = [zone, plane].map(|text| Crs::parse(text).unwrap());
+        for crs in [&zone, &plane] {
+            assert!(between(crs, &Crs::epsg(25832)).is_identity());
+        }
+        assert!(between(&zone, &plane).is_identity());
+    }
+
+    /// A difference in anything is a difference.
+    #[test]
+    fn definitions_that_differ_are_not_the_identity() {
+        let plane = |parts: &str| Crs::parse(&format!("+proj=tmerc +lon_0=9 {parts} +no_defs")).unwrap();
+        let own = plane("+k=0.9996 +x_0=500000 +ellps=GRS80");
+        for other in [
+            plane("+k=0.9996 +x_0=500000.001 +ellps=GRS80"),
+            plane("+k=0.99960001 +x_0=500000 +ellps=GRS80"),
+            plane("+k=0.9996 +x_0=500000 +ellps=WGS84"),
+            plane("+k=0.9996 +x_0=500000 +lat_0=0.00000001 +ellps=GRS80"),
+            plane("+k=0.9996 +x_0=500000 +ellps=GRS80 +units=us-ft"),
+            plane("+k=0.9996 +x_0=500000 +ellps=GRS80 +towgs84=0,0,1"),
+            plane("+k=0.9996 +x_0=500000 +ellps=GRS80 +pm=0.0001"),
+            plane("+k=0.9996 +x_0=500000 +ellps=GRS80 +axis=wsu"),
+            Crs::epsg(25833),
+            Crs::epsg(4258),
+            Crs::epsg(3857),
+        ] {
+            assert!(!between(&own, &other).is_identity(), "{other:?}");
+        }
+        let shifted =
+            plane("+k=0.9996 +x_0=500000 +ellps=bessel +towgs84=598.1,73.7,418.2,0.202,0.045,-2.455,6.7");
+        let less =
+            plane("+k=0.9996 +x_0=500000 +ellps=bessel +towgs84=598.1,73.7,418.2,0.202,0.045,-2.455,6.6");
+        assert!(between(&shifted, &shifted.clone()).is_identity());
+        assert!(!between(&shifted, &less).is_identity());
+        // Feet are no metres, and Web Mercator is no Mercator.
+        assert!(!between(&Crs::epsg(2263), &Crs::epsg(32118)).is_identity());
+        assert!(!between(&Crs::epsg(3857), &Crs::epsg(3395)).is_identity());
+        assert!(!between(&Crs::epsg(2056), &Crs::epsg(21781)).is_identity());
     }
 }

@@ -187,10 +187,7 @@ pub fn overlay_features(
         crs: layers.layers[0].1.crs.clone(),
         bounds,
     };
-    let remark = layer.remark(format);
-    let path = output.path().to_path_buf();
     let mut writer = VectorWriter::create(output, format, layer)?;
-    remark.iter().for_each(|remark| progress.warn(&path, remark));
     let mut overlay = PolygonOverlay::new(grid, request.memory);
     let mut layers = layers;
     layers.move_to(&mut overlay, request.within.as_ref())?;
@@ -230,7 +227,7 @@ pub fn overlay_features(
         Ok(())
     })?;
     shared += written.iter().filter(|key| is_shared.get(*key) == Some(&true)).count() as u64;
-    writer.finish()?;
+    writer.finish(progress)?;
     Ok(OverlayReport { summary, parts, polygons, area, shared })
 }
 

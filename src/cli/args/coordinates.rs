@@ -39,15 +39,11 @@ impl CoordinatesOption {
 
     /// The way from these coordinates to cells, from others if none were given; remarks on how well it is known are printed.
     pub(crate) fn places(&self, tree: &Dataset, usual: Coordinates) -> Result<Places> {
-        places(tree, self.given.as_ref().unwrap_or(&usual))
+        let coordinates = self.given.as_ref().unwrap_or(&usual);
+        let places = Places::new(coordinates, &tree.metadata().frame, tree.header().extent)?;
+        for remark in places.remarks() {
+            warn(&remark);
+        }
+        Ok(places)
     }
-}
-
-/// The way from coordinates to cells of a tree; remarks on how well it is known are printed.
-pub(crate) fn places(tree: &Dataset, coordinates: &Coordinates) -> Result<Places> {
-    let places = Places::new(coordinates, &tree.metadata().frame, tree.header().extent)?;
-    for remark in places.remarks() {
-        warn(&remark);
-    }
-    Ok(places)
 }

@@ -23,7 +23,7 @@ use anyhow::{Result, ensure};
 use spinney::dataset::Dataset;
 
 pub(crate) use commit::CommitOptions;
-pub(crate) use coordinates::{CoordinatesOption, places};
+pub(crate) use coordinates::CoordinatesOption;
 pub(crate) use crs::parse_crs;
 pub(crate) use global::Global;
 pub(crate) use layer::LayerOption;

@@ -87,6 +87,12 @@ impl Crs {
         parts::read(self).ok()?.identity()
     }
 
+    /// Whether another definition says the same of the plane, by number or not, whatever the order of its axes is, and whatever they say of heights.
+    pub(crate) fn is_same_plane(&self, other: &Crs) -> bool {
+        let identity = |crs: &Crs| parts::read(crs).ok()?.plane_identity();
+        identity(self).is_some_and(|own| Some(own) == identity(other))
+    }
+
     fn not_written(&self, form: &str, found: String) -> Error {
         let expected =
             format!("a definition that can be said in {form}; as it came it says `{}`", self.excerpt());

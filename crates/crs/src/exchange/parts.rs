@@ -96,41 +96,24 @@ impl Parts {
     /// Text that is the same for the same systems, whatever their names are; `None` where nobody says where the plane lies.
     pub(super) fn identity(&self) -> Option<String> {
         let Horizontal::Earth(earth) = &self.horizontal else { return None };
-        // (Numbers may have been converted to other units and back.)
-        let number = |number: f64| format!("{:.10e}", number + 0.0);
-        let numbers = |numbers: &[f64]| numbers.iter().map(|one| number(*one)).collect::<Vec<_>>().join(",");
-        let datum = match (earth.registered(), &earth.base.datum) {
-            (Some(known), _) => known.datum_name.into(),
-            (None, Name::Text(name)) => datum_names::key(name),
-            (None, Name::Epsg(number)) => format!("EPSG:{number}"),
-        };
-        let ellipsoid = earth.ellipsoid();
-        let figure = numbers(&[ellipsoid.1, ellipsoid.2, earth.base.prime_meridian, earth.unit]);
-        let mut values: Vec<_> = earth.projection.iter().flat_map(|(_, values)| values.iter()).collect();
-        values.retain(|(word, value)| *value != if *word == "k_0" { 1.0 } else { 0.0 });
-        values.sort_by_key(|(word, _)| *word);
-        let values: Vec<_> =
-            values.into_iter().map(|(word, value)| format!("{word}={}", number(*value))).collect();
         let directions: Vec<_> = earth.axes.iter().map(|axis| axis.direction.as_str()).collect();
         let directions = if directions == ["east", "north"] { String::new() } else { directions.join(",") };
-        let shift = match &earth.shift {
-            None => String::new(),
-            // (A factor of a scale has fewer digits than the part by which it differs from one.)
-            Some(Shift::Helmert(shift)) => shift.iter().map(|one| format!("{:.6e} ", one + 0.0)).collect(),
-            Some(Shift::Grid(name)) => name.clone(),
-        };
         let vertical = self.vertical.as_ref().map(|vertical| match vertical.number {
             Some(number) => format!("EPSG:{number}"),
             None => {
                 format!("{} {} {}", datum_names::key(&vertical.datum), number(vertical.unit), vertical.is_up)
             }
         });
-        let words = earth.projection.as_ref().map_or("", |(words, _)| words);
-        Some(format!(
-            "{words} {} {datum} {figure} {directions} {shift} {:?} {vertical:?}",
-            values.join(" "),
-            earth.height
-        ))
+        Some(format!("{} {directions} {:?} {vertical:?}", earth.identity(), earth.height))
+    }
+
+    /// Text that is the same where coordinates in the plane are, whatever their order, and whatever is said of heights.
+    pub(super) fn plane_identity(&self) -> Option<String> {
+        let Horizontal::Earth(earth) = &self.horizontal else { return None };
+        let mut directions: Vec<_> = earth.axes.iter().map(|axis| axis.direction.as_str()).collect();
+        directions.sort_unstable();
+        let directions = if directions == ["east", "north"] { String::new() } else { directions.join(",") };
+        Some(format!("{} {directions}", earth.identity()))
     }
 
     /// Fails if numbers make no sense.
@@ -156,6 +139,11 @@ impl Parts {
             None => Ok(()),
         }
     }
+}
+
+/// A number as text: it may have been converted to other units and back.
+fn number(number: f64) -> String {
+    format!("{:.10e}", number + 0.0)
 }
 
 fn axis(direction: &str) -> Axis {
@@ -265,6 +253,31 @@ impl Earth {
         let projection = told.projection;
         let shift = told.shift;
         Ok(Earth { name: None, number: None, base, projection, axes, unit, height: None, shift })
+    }
+
+    /// Text that is the same for systems of the same method, datum and units.
+    fn identity(&self) -> String {
+        let numbers = |numbers: &[f64]| numbers.iter().map(|one| number(*one)).collect::<Vec<_>>().join(",");
+        let datum = match (self.registered(), &self.base.datum) {
+            (Some(known), _) => known.datum_name.into(),
+            (None, Name::Text(name)) => datum_names::key(name),
+            (None, Name::Epsg(number)) => format!("EPSG:{number}"),
+        };
+        let ellipsoid = self.ellipsoid();
+        let figure = numbers(&[ellipsoid.1, ellipsoid.2, self.base.prime_meridian, self.unit]);
+        let mut values: Vec<_> = self.projection.iter().flat_map(|(_, values)| values.iter()).collect();
+        values.retain(|(word, value)| *value != if *word == "k_0" { 1.0 } else { 0.0 });
+        values.sort_by_key(|(word, _)| *word);
+        let values: Vec<_> =
+            values.into_iter().map(|(word, value)| format!("{word}={}", number(*value))).collect();
+        let shift = match &self.shift {
+            None => String::new(),
+            // (A factor of a scale has fewer digits than the part by which it differs from one.)
+            Some(Shift::Helmert(shift)) => shift.iter().map(|one| format!("{:.6e} ", one + 0.0)).collect(),
+            Some(Shift::Grid(name)) => name.clone(),
+        };
+        let words = self.projection.as_ref().map_or("", |(words, _)| words);
+        format!("{words} {} {datum} {figure} {shift}", values.join(" "))
     }
 
     /// The geographic system of the registry that the datum is of.

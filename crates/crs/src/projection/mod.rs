@@ -4,6 +4,7 @@ pub(crate) mod axis;
 mod datum;
 pub(crate) mod datum_names;
 mod definition;
+mod formula;
 pub(crate) mod geo_keys;
 pub(crate) mod methods;
 pub(crate) mod proj_string;
@@ -22,6 +23,7 @@ use proj4rs::transform::transform;
 
 use self::datum::Datum;
 use self::definition::Definition;
+use self::formula::Formula;
 use self::verified::is_verified;
 use super::{Crs, WEB_MERCATOR};
 use spinney_base::{Error, Result};
@@ -42,8 +44,8 @@ enum Form {
     Degrees,
     /// Web mercator: spherical formulas over WGS 84.
     WebMercator,
-    /// Any other: its definition, and the same for degrees in WGS 84.
-    Other(Box<Proj>, Box<Proj>),
+    /// Any other: its definition, the same for degrees in WGS 84, and what it is to be known by.
+    Other(Box<Proj>, Box<Proj>, Formula),
 }
 
 /// Radius of the sphere of web mercator in metres.
@@ -118,7 +120,7 @@ impl Projection {
         };
         let shifted = datum.words().map(|shift| format!("{words} {shift}"));
         // (Some datums that have a name are shifted by numbers that it stands for, others need grids.)
-        let shifted = match datum {
+        let shifted = match &datum {
             Datum::Named(_) => shifted.filter(|text| Proj::from_proj_string(text).is_ok()),
             _ => shifted,
         };
@@ -131,7 +133,14 @@ impl Projection {
         let proj = open(definition)?;
         let form = match proj.is_latlong() && !shifts && proj.from_greenwich() == 0.0 {
             true => Form::Degrees,
-            false => Form::Other(Box::new(proj), Box::new(open("+proj=longlat +datum=WGS84 +no_defs")?)),
+            false => {
+                let formula = Formula::of(&words, &proj, &datum);
+                if formula.is_web_mercator(RADIUS) {
+                    return Ok(Projection { form: Form::WebMercator, remark });
+                }
+                let degrees = open("+proj=longlat +datum=WGS84 +no_defs")?;
+                Form::Other(Box::new(proj), Box::new(degrees), formula)
+            }
         };
         Ok(Projection { form, remark })
     }
@@ -141,12 +150,21 @@ impl Projection {
         self.remark.as_deref()
     }
 
+    /// Whether coordinates are those of another projection, so that nothing changes on the way from one to the other.
+    pub(crate) fn is_same(&self, other: &Projection) -> bool {
+        match (&self.form, &other.form) {
+            (Form::Degrees, Form::Degrees) | (Form::WebMercator, Form::WebMercator) => true,
+            (Form::Other(.., own), Form::Other(.., other)) => own.is_same(other),
+            _ => false,
+        }
+    }
+
     /// Whether coordinates are longitude and latitude, so that they come again after 360 degrees.
     pub fn is_geographic(&self) -> bool {
         match &self.form {
             Form::Degrees => true,
             Form::WebMercator => false,
-            Form::Other(proj, _) => proj.is_latlong(),
+            Form::Other(proj, ..) => proj.is_latlong(),
         }
     }
 
@@ -164,7 +182,7 @@ impl Projection {
         let point = match &self.form {
             Form::Degrees => [x, y],
             Form::WebMercator => [(x / RADIUS).to_degrees(), (y / RADIUS).sinh().atan().to_degrees()],
-            Form::Other(proj, degrees) => {
+            Form::Other(proj, degrees, _) => {
                 let mut point = match proj.is_latlong() {
                     true => (x.to_radians(), y.to_radians(), 0.0),
                     false => (x, y, 0.0),
@@ -186,7 +204,7 @@ impl Projection {
             Form::WebMercator => {
                 [RADIUS * longitude.to_radians(), RADIUS * latitude.to_radians().tan().asinh()]
             }
-            Form::Other(proj, degrees) => {
+            Form::Other(proj, degrees, _) => {
                 let mut point = (longitude.to_radians(), latitude.to_radians(), 0.0);
                 transform(degrees, proj, &mut point).ok()?;
                 match proj.is_latlong() {

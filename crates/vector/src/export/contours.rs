@@ -77,9 +77,7 @@ pub fn export_contours(
         crs: frame.crs.clone(),
         bounds: [[low[0], low[1]], [high[0], high[1]]],
     };
-    let remark = layer.remark(format);
     let mut writer = VectorWriter::create(output, format, layer)?;
-    remark.iter().for_each(|remark| progress.warn(&path, remark));
     let mut each = |contour: &Contour<'_>| match features.filled {
         false => {
             let line = Smoothed::new(contour, contour.is_closed(), features.smooth);
@@ -91,5 +89,5 @@ pub fn export_contours(
         false => tree.contours(&request, progress, &mut each),
         true => tree.contour_bands(&request, progress, &mut each),
     }?;
-    writer.finish().map(|()| summary)
+    writer.finish(progress).map(|()| summary)
 }

@@ -82,6 +82,11 @@ impl NodeBox {
 
 impl FlatGeobuf {
     pub(super) fn new(output: Output, layer: VectorLayer) -> Result<FlatGeobuf> {
+        // (Values tell their columns in 16 bits.)
+        if layer.attributes.len() > 1 << 16 {
+            let found = format!("{} attributes", layer.attributes.len());
+            return Err(Error::unsupported(output.path(), found, "choose those that are needed, or GeoJSON"));
+        }
         let folder = temporary_folder(&output);
         let file = tempfile::tempfile_in(&folder).map_err(Error::io(&folder, "make a temporary file in"))?;
         Ok(FlatGeobuf {

@@ -83,10 +83,7 @@ pub fn export_intersection(
         crs: a.crs().or(b.crs()).cloned(),
         bounds: bounds(found).map_or_else(|| a.bounds().map(|bounds| bounds.map(|[x, y, _]| [x, y])), Ok)?,
     };
-    let path = output.path().to_path_buf();
-    let remark = layer.remark(format);
     let mut writer = VectorWriter::create(output, format, layer)?;
-    remark.iter().for_each(|remark| progress.warn(&path, remark));
     let none = AttributeValue::None;
     for line in &found.lines {
         progress.check()?;
@@ -144,7 +141,7 @@ pub fn export_intersection(
     }
     a.check_unchanged()?;
     b.check_unchanged()?;
-    writer.finish().map(|()| IntersectionSummary::of(found))
+    writer.finish(progress).map(|()| IntersectionSummary::of(found))
 }
 
 /// Least and greatest x and y of what was found.

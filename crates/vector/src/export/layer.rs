@@ -3,6 +3,9 @@
 use super::{VectorFormat, shapefile};
 use spinney_crs::Crs;
 
+/// Bytes that a text has at most in a table of dBASE.
+pub(super) const TEXT_BYTES: usize = 254;
+
 /// Kind of a feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GeometryKind {
@@ -146,7 +149,7 @@ pub struct VectorLayer {
 
 impl VectorLayer {
     /// What a file of the format cannot tell of the layer's coordinate system, for whoever reads it: nothing if it tells all.
-    pub fn remark(&self, format: VectorFormat) -> Option<String> {
+    pub(super) fn unknown_system(&self, format: VectorFormat) -> Option<String> {
         let crs = self.crs.as_ref()?;
         let is_told = match format {
             VectorFormat::GeoJson => crs.numbers().is_some(),

@@ -21,7 +21,7 @@
 //! let mut writer = VectorWriter::create(Output::create(&path)?, VectorFormat::GeoJson, layer)?;
 //! let path_of_points = [vec![[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]]];
 //! writer.write(&path_of_points, &[AttributeValue::Number(5.0)])?;
-//! writer.finish()?;
+//! writer.finish(&())?;
 //! # let text = std::fs::read_to_string(path).unwrap();
 //! # assert!(text.contains(r#""properties":{"length":5},"geometry":{"type":"LineString","coordinates":[[0,0],[3,4]]}"#), "{text}");
 //! # Ok::<(), spinney::Error>(())
@@ -38,6 +38,8 @@ mod geometry;
 mod geopackage;
 mod intersection;
 mod layer;
+mod losses;
+mod names;
 mod obj;
 mod ply;
 mod polygons;
@@ -48,7 +50,7 @@ mod svg;
 mod text;
 mod zones;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 pub use self::contours::{ContourFeatures, export_contours};
@@ -61,11 +63,12 @@ pub use self::layer::{AttributeType, AttributeValue, GeometryKind, VectorLayer};
 pub use self::polygons::export_polygons;
 pub use self::sections::{SectionPlanes, SectionSummary, export_section};
 pub use self::smooth::Smoothed;
-pub use self::zones::{ZoneWriter, quantile_name};
+pub use self::zones::{export_zones, quantile_name};
 
 use self::geometry::Shape;
+use self::losses::Losses;
 use spinney_base::io::Output;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Progress, Result};
 
 /// Format of a file of lines, polygons or points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -141,18 +144,26 @@ trait FormatWriter {
 /// A layer that is being written. The file appears when it is finished.
 pub struct VectorWriter {
     writer: Box<dyn FormatWriter>,
+    path: PathBuf,
     kind: Option<GeometryKind>,
     is_multi: bool,
     attributes: Vec<(String, AttributeType)>,
+    /// What the file cannot tell of the layer, and of its features.
+    remarks: Vec<String>,
+    losses: Losses,
 }
 
 impl VectorWriter {
-    /// Starts a file of a layer.
+    /// Starts a file of a layer. Attributes whose names the format cannot have get others.
     ///
     /// # Errors
     /// If the output cannot be written, or is a stream and the format is a database; or if the format has no features of several kinds, or no
     /// points.
-    pub fn create(output: Output, format: VectorFormat, layer: VectorLayer) -> Result<VectorWriter> {
+    pub fn create(output: Output, format: VectorFormat, mut layer: VectorLayer) -> Result<VectorWriter> {
+        let path = output.path().to_path_buf();
+        let names = names::of(format, &layer.attributes);
+        let remarks = losses::of_layer(format, &layer, &names);
+        layer.attributes.iter_mut().zip(names).for_each(|((own, _), name)| *own = name);
         let (kind, is_multi, attributes) = (layer.kind, layer.is_multi, layer.attributes.clone());
         let writer: Box<dyn FormatWriter> = match format {
             VectorFormat::GeoJson => Box::new(geojson::GeoJson::new(output, layer)?),
@@ -171,7 +182,7 @@ impl VectorWriter {
                 return Err(Error::unsupported(output.path(), format!("writing {format:?}"), advice));
             }
         };
-        Ok(VectorWriter { writer, kind, is_multi, attributes })
+        Ok(VectorWriter { writer, path, kind, is_multi, attributes, remarks, losses: Losses::new(format) })
     }
 
     /// Writes a feature of the layer's kind with its attributes, which are as many as the layer has, and of their types or none.
@@ -211,14 +222,19 @@ impl VectorWriter {
                 return Err(Error::invalid("geometry of a feature", found, "one, since the layer says so"));
             }
         }
-        self.writer.write(feature.id, shape.as_ref(), attributes)
+        self.writer.write(feature.id, shape.as_ref(), attributes)?;
+        self.losses.count(feature, shape.as_ref(), &self.attributes);
+        Ok(())
     }
 
-    /// Ends the file and puts it in its place.
+    /// Ends the file and puts it in its place; warns of all that it cannot tell of what was written to it.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn finish(self) -> Result<()> {
-        self.writer.finish()
+    pub fn finish(self, progress: &dyn Progress) -> Result<()> {
+        let VectorWriter { writer, path, remarks, losses, .. } = self;
+        writer.finish()?;
+        remarks.iter().chain(&losses.told()).for_each(|text| progress.warn(&path, text));
+        Ok(())
     }
 }

@@ -71,7 +71,7 @@ impl FormatWriter for ObjLines {
         for ((name, _), value) in told {
             // A comment ends with its line.
             let plain = |text: &str| text.replace(|letter: char| letter.is_control(), " ");
-            text.push(&format!("# {} ", plain(name)));
+            text.push(&format!("# {name} "));
             match value {
                 AttributeValue::Number(number) => text.push_number(*number),
                 value => text.push(&plain(&value.to_text())),

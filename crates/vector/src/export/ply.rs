@@ -35,8 +35,6 @@ impl PlyEdges {
                     AttributeType::PerSegment => "uint",
                     _ => return None,
                 };
-                // (A name ends with a blank.)
-                let name = name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "_");
                 Some(format!("property {kind} {name}\n"))
             })
             .collect();

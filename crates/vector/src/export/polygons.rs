@@ -105,9 +105,7 @@ pub fn export_polygons(
         crs: metadata.frame.crs.clone(),
         bounds: [[low[0], low[1]], [high[0], high[1]]],
     };
-    let remark = layer.remark(format);
     let mut writer = VectorWriter::create(output, format, layer)?;
-    remark.iter().for_each(|remark| progress.warn(&path, remark));
     let summary = tree.polygons(&request, progress, &mut |region| {
         let class = region.class();
         let name = metadata.class_names.get(&class);
@@ -127,7 +125,7 @@ pub fn export_polygons(
         }
         writer.write(&Region::new(region), &values)
     })?;
-    writer.finish().map(|()| summary)
+    writer.finish(progress).map(|()| summary)
 }
 
 /// The colour that the tree has for a class.

@@ -139,10 +139,7 @@ pub fn export_section(
         crs: if is_flat { None } else { model.crs().cloned() },
         bounds: bounds_of(model, planes, is_flat)?,
     };
-    let path = output.path().to_path_buf();
-    let remark = layer.remark(format);
     let mut writer = VectorWriter::create(output, format, layer)?;
-    remark.iter().for_each(|remark| progress.warn(&path, remark));
     let mut made = SectionSummary::default();
     for planes in planes {
         made.planes += u64::from(planes.count);
@@ -166,7 +163,7 @@ pub fn export_section(
         })?;
     }
     model.check_unchanged()?;
-    writer.finish().map(|()| made)
+    writer.finish(progress).map(|()| made)
 }
 
 /// Least and greatest coordinates that sections may have.

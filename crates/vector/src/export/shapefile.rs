@@ -5,6 +5,8 @@ use std::io::Write;
 use serde_json::Value;
 
 use super::geometry::Shape;
+use super::layer::TEXT_BYTES;
+use super::names::cut;
 use super::{AttributeType, AttributeValue, FormatWriter, GeometryKind, VectorLayer};
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
@@ -19,7 +21,7 @@ fn field(kind: AttributeType) -> (u8, usize, u8) {
         AttributeType::Number => (b'N', 24, 15),
         AttributeType::Integer => (b'N', 20, 0),
         AttributeType::Boolean => (b'L', 1, 0),
-        _ => (b'C', 254, 0),
+        _ => (b'C', TEXT_BYTES, 0),
     }
 }
 
@@ -33,8 +35,6 @@ pub(super) struct Shapefile {
     /// Small files beside these.
     others: Vec<Output>,
     layer: VectorLayer,
-    /// Names of its attributes in the table.
-    names: Vec<String>,
     /// Bytes of shapes so far, and number of features.
     length: u64,
     count: u32,
@@ -76,9 +76,8 @@ impl Shapefile {
             }
         }
         let (low, high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        let names = short_names(&layer.attributes);
         let mut file =
-            Shapefile { shapes, places, table, others, layer, names, length: HEADER, count: 0, low, high };
+            Shapefile { shapes, places, table, others, layer, length: HEADER, count: 0, low, high };
         let header = file.header(0);
         write(&mut file.shapes, &header)?;
         write(&mut file.places, &header)?;
@@ -123,7 +122,7 @@ impl Shapefile {
         header.extend_from_slice(&length.to_le_bytes());
         header.extend_from_slice(&width.to_le_bytes());
         header.extend_from_slice(&[0; 20]);
-        for ((_, kind), name) in self.layer.attributes.iter().zip(&self.names) {
+        for (name, kind) in &self.layer.attributes {
             let mut bytes = [0; 32];
             bytes[..name.len()].copy_from_slice(name.as_bytes());
             let (letter, width, decimals) = field(*kind);
@@ -161,7 +160,8 @@ impl Shapefile {
             let field = match value.told() {
                 AttributeValue::Number(number) => {
                     let short = number.to_string();
-                    let text = if short.len() <= width { short } else { format!("{number:.15e}") };
+                    // (The shortest with an exponent always has room, and loses nothing.)
+                    let text = if short.len() <= width { short } else { format!("{number:e}") };
                     format!("{text:>width$}")
                 }
                 AttributeValue::Integer(number) => format!("{number:>width$}"),
@@ -201,29 +201,6 @@ impl Area {
     fn is_clockwise(&self) -> bool {
         self.twice < 0.0
     }
-}
-
-/// Names of at most ten bytes, each once: what is cut to one that there is ends with a number.
-fn short_names(attributes: &[(String, AttributeType)]) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for (name, _) in attributes {
-        let mut short = cut(name, 10).to_owned();
-        for number in 1.. {
-            if !names.contains(&short) {
-                break;
-            }
-            let end = format!("_{number}");
-            short = format!("{}{end}", cut(name, 10usize.saturating_sub(end.len())));
-        }
-        names.push(short);
-    }
-    names
-}
-
-/// As much of a text as has so many bytes.
-fn cut(text: &str, most: usize) -> &str {
-    let end = (0..=most.min(text.len())).rev().find(|end| text.is_char_boundary(*end));
-    &text[..end.unwrap_or(0)]
 }
 
 fn write(output: &mut Output, bytes: &[u8]) -> Result<()> {

@@ -50,12 +50,6 @@ fn push_escaped(text: &mut Text, value: &str) {
     }
 }
 
-/// A name as one of XML: what is no letter, digit or low line becomes a low line.
-fn name_of(name: &str) -> String {
-    let allowed = |character: char| character.is_ascii_alphanumeric() || character == '_';
-    name.chars().map(|character| if allowed(character) { character } else { '_' }).collect()
-}
-
 impl FormatWriter for Svg {
     fn write(
         &mut self,
@@ -74,7 +68,7 @@ impl FormatWriter for Svg {
             if *value == AttributeValue::None {
                 continue;
             }
-            text.push(&format!(" data-{}=\"", name_of(name)));
+            text.push(&format!(" data-{name}=\""));
             match value {
                 AttributeValue::Number(number) => text.push_number(*number),
                 value => push_escaped(text, &value.to_text()),

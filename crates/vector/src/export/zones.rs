@@ -8,12 +8,14 @@ use super::{
     AttributeType, AttributeValue, FeatureParts, Geometry, VectorFeature, VectorFormat, VectorLayer,
     VectorWriter,
 };
-use crate::import::feature::{Feature, FeatureSchema};
-use crate::import::zones::PolygonLayer;
+use crate::import::feature::{Feature, FeatureAttribute, FeatureSchema};
+use crate::import::zones::{PolygonLayer, PolygonReader};
+use crate::zonal::{FeatureZones, in_file};
 use spinney_base::io::Output;
 use spinney_base::space::EdgeRule;
-use spinney_base::value::Number;
+use spinney_base::value::{Number, SampleType};
 use spinney_base::{Error, Progress, Result};
+use spinney_crs::{Coordinates, Crs};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ZonalRequest, ZoneMeasure, ZoneStatistics};
 
@@ -38,13 +40,80 @@ enum Answer {
     Class(Number, f64),
 }
 
-/// Writes features as they came, in their order, joined with the statistics of the cells in them.
+/// Writes the features of a file as they came, in their order, joined with the statistics of the cells in them, of each of some layers; returns their
+/// number. Features that are no polygons have none.
 ///
 /// There is a column for each measure and quantile, and for each class of trees that count classes: its area in square metres (`area_3`) where
 /// the coordinate system tells, else its cells (`cells_3`). Names begin with the layer's (`B08_mean`) if there are several, and end with
 /// the channel's number (`mean_2`) if there are several channels; those of attributes that are the same get a number. Ids are those of the
-/// format if it has such, else an attribute `id`.
-pub struct ZoneWriter {
+/// format if it has such, else an attribute `id`. Corners are in the coordinates that are given, or in the file's own, and stay in these.
+///
+/// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// use spinney::export::vector::{VectorFormat, export_zones};
+/// use spinney::import::feature::{FeatureOptions, PolygonReader};
+/// use spinney::io::Output;
+/// use spinney::space::{Coordinates, EdgeRule};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let (path, table) = (folder.path().join("parcels.geojson"), folder.path().join("parcels.csv"));
+/// let map = spinney::open("fixtures/v1/classes.goblin")?;
+/// let [low, high] = map.metadata().frame.world_box(&map.header().picture());
+/// let ring = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], low[1]]];
+/// std::fs::write(&path, format!(r#"{{"type":"Polygon","coordinates":[{ring:?}]}}"#)).unwrap();
+/// let reader = PolygonReader::open(&path, &FeatureOptions::default())?;
+/// let (request, output) = (EdgeRule::Area.into(), Output::create(&table)?);
+/// let count = export_zones(reader, Some(&Coordinates::World), &[&map], &request, output, VectorFormat::Csv, &())?;
+/// assert_eq!(count, 1);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the features cannot be read, all of them lie outside of the trees, a tree has too many classes to be columns, is damaged, or knows no way
+/// to its cells; if the output cannot be written, or on interruption.
+pub fn export_zones(
+    reader: PolygonReader,
+    coordinates: Option<&Coordinates>,
+    trees: &[&Dataset],
+    request: &ZonalRequest,
+    output: Output,
+    format: VectorFormat,
+    progress: &dyn Progress,
+) -> Result<u64> {
+    let mut reader = reader.with_others();
+    let mut zones = FeatureZones::new(&reader, coordinates, trees, request, progress)?;
+    let mut schema = reader.schema().clone();
+    schema.crs = system_of(coordinates, schema.crs, trees);
+    let (mut output, mut writer, mut count) = (Some(output), None, 0u64);
+    while let Some(layer) = reader.next_layer().map_err(|error| in_file(reader.path(), error))? {
+        if let Some(output) = output.take() {
+            let told = (&schema, &layer);
+            writer = Some(ZoneWriter::create(output, format, told, trees, request, progress)?);
+        }
+        zones.each(&layer, progress, &mut |number, zone| {
+            count += 1;
+            writer.as_mut().map_or(Ok(()), |writer| writer.write(&layer.features[number], zone))
+        })?;
+    }
+    zones.finish()?;
+    match writer {
+        Some(writer) => writer.finish(progress).map(|()| count),
+        None => Err(Error::invalid(format!("{}: features", reader.path().display()), "none", "some")),
+    }
+}
+
+/// The system that corners are in: that which was given, or the file's own.
+fn system_of(coordinates: Option<&Coordinates>, own: Option<Crs>, trees: &[&Dataset]) -> Option<Crs> {
+    match coordinates {
+        None => own,
+        Some(Coordinates::System(crs)) => Some(crs.clone()),
+        Some(Coordinates::World) => trees.first().and_then(|tree| tree.metadata().frame.crs.clone()),
+        Some(Coordinates::Cells) => None,
+    }
+}
+
+/// A file of features with statistics in the making.
+struct ZoneWriter {
     writer: VectorWriter,
     path: PathBuf,
     columns: Vec<Column>,
@@ -56,10 +125,7 @@ pub struct ZoneWriter {
 
 impl ZoneWriter {
     /// Starts a file for features of such a description, of which `first` has the first ones, with answers to a request about layers.
-    ///
-    /// # Errors
-    /// If the output cannot be written, or a tree has too many classes to be columns.
-    pub fn create(
+    fn create(
         output: Output,
         format: VectorFormat,
         (schema, first): (&FeatureSchema, &PolygonLayer),
@@ -122,19 +188,15 @@ impl ZoneWriter {
             crs: schema.crs.clone(),
             bounds: bounds_of(&mut parts.iter().flat_map(FeatureParts::corners)),
         };
-        if let Some(remark) = layer.remark(format) {
-            progress.warn(&path, &remark);
-        }
         let writer = VectorWriter::create(output, format, layer)?;
         Ok(ZoneWriter { writer, path, columns, has_id_column, keeps_ids, with_heights: 0 })
     }
 
     /// Writes the next feature with its statistics, of each layer.
-    ///
-    /// # Errors
-    /// If the output cannot be written.
-    pub fn write(&mut self, feature: &Feature, zones: &[ZoneStatistics]) -> Result<()> {
+    fn write(&mut self, feature: &Feature, zones: &[ZoneStatistics]) -> Result<()> {
         self.with_heights += u64::from(feature.has_heights);
+        let answers: Vec<FeatureAttribute> =
+            self.columns.iter().map(|column| column.value(&zones[column.layer])).collect();
         let mut values: Vec<AttributeValue<'_>> =
             feature.attributes.iter().map(AttributeValue::from).collect();
         let id = feature.id.as_ref().map(|id| match id {
@@ -149,7 +211,7 @@ impl ZoneWriter {
                 _ => AttributeValue::None,
             });
         }
-        values.extend(self.columns.iter().map(|column| column.value(&zones[column.layer])));
+        values.extend(answers.iter().map(AttributeValue::from));
         let geometry = feature.geometry.as_ref().map(FeatureParts::of);
         self.writer.write_feature(&VectorFeature {
             id: feature.id.as_ref().filter(|_| self.keeps_ids),
@@ -159,20 +221,17 @@ impl ZoneWriter {
     }
 
     /// Ends the file and puts it in its place.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    pub fn finish(self, progress: &dyn Progress) -> Result<()> {
+    fn finish(self, progress: &dyn Progress) -> Result<()> {
         if self.with_heights > 0 {
             let count = self.with_heights;
             progress.warn(&self.path, &format!("heights and measures of {count} features are left out"));
         }
-        self.writer.finish()
+        self.writer.finish(progress)
     }
 }
 
 impl Column {
-    fn value(&self, zone: &ZoneStatistics) -> AttributeValue<'static> {
+    fn value(&self, zone: &ZoneStatistics) -> FeatureAttribute {
         let number = match &self.answer {
             Answer::Measure(measure) => zone.number(*measure, self.channel),
             Answer::Quantile(place) => {
@@ -184,15 +243,22 @@ impl Column {
                 Some(Number::from(found.map_or(0.0, |(_, cells)| cells * area)))
             }
         };
-        let Some(number) = number else { return AttributeValue::None };
-        let whole = number.to_integer().and_then(|whole| i64::try_from(whole).ok());
-        match whole.filter(|_| self.kind == AttributeType::Integer) {
-            Some(whole) => AttributeValue::Integer(whole),
-            // (Beyond 63 bits an integer is a number that is about as large.)
-            None if self.kind == AttributeType::Integer => AttributeValue::None,
-            None => AttributeValue::Number(number.to_f64()),
+        let Some(number) = number else { return FeatureAttribute::None };
+        match (self.kind, number.to_integer().and_then(|whole| i64::try_from(whole).ok())) {
+            (AttributeType::Integer, Some(whole)) => FeatureAttribute::Integer(whole),
+            // (Of no cells.)
+            (AttributeType::Integer, None) => FeatureAttribute::None,
+            (AttributeType::Text, _) if number.to_f64().is_nan() => FeatureAttribute::None,
+            (AttributeType::Text, _) => FeatureAttribute::Text(number.to_string()),
+            _ => FeatureAttribute::Number(number.to_f64()),
         }
     }
+}
+
+/// Whether a tree has whole numbers beyond 63 bits.
+fn exceeds(tree: &Dataset, progress: &dyn Progress) -> Result<bool> {
+    let most = Number::from(i64::MAX as u64);
+    Ok(tree.statistics(None, progress)?.channels.iter().any(|own| own.cells > 0 && own.max > most))
 }
 
 /// Names and columns of the answers about a layer.
@@ -210,9 +276,11 @@ fn columns_of(
         false => request.measures.contains(measure),
     };
     let cells = if request.edge == EdgeRule::Area { AttributeType::Number } else { AttributeType::Integer };
-    let samples = match sample.is_float() || sample.size() == 8 {
-        true => AttributeType::Number,
-        false => AttributeType::Integer,
+    let samples = match sample {
+        sample if sample.is_float() => AttributeType::Number,
+        // (Whole numbers beyond 63 bits are texts, which lose nothing.)
+        SampleType::U64 if exceeds(tree, progress)? => AttributeType::Text,
+        _ => AttributeType::Integer,
     };
     let of_channel = |name: &str, channel: usize| match channels {
         1 => name.to_owned(),

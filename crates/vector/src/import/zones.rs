@@ -279,6 +279,11 @@ impl PolygonReader {
         self.reader.schema()
     }
 
+    /// The file that is read.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Features that were read: all that were handed out, and one more if it waits.
     fn layer(&self) -> PolygonLayer {
         let FeatureSchema { crs, attributes, .. } = self.schema();
@@ -315,7 +320,7 @@ impl PolygonReader {
     }
 
     /// Takes features, too, that are no polygons: they have no cells.
-    pub fn with_others(mut self) -> PolygonReader {
+    pub(crate) fn with_others(mut self) -> PolygonReader {
         self.takes_others = true;
         self
     }

@@ -5,19 +5,19 @@ mod print;
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use spinney::dataset::Dataset;
-use spinney::export::vector::ZoneWriter;
+use spinney::export::vector::export_zones;
 use spinney::import::feature::{
-    AttributeCondition, FeatureFilter, FeatureOptions, PolygonLayer, PolygonReader,
+    AttributeCondition, FeatureFilter, FeatureOptions, FeatureZones, PolygonReader,
 };
 use spinney::io::Output;
-use spinney::query::{ZonalRequest, ZoneMeasure, ZoneStatistics};
-use spinney::space::{Coordinates, EdgeRule, Places};
+use spinney::query::{ZonalRequest, ZoneMeasure};
+use spinney::space::{Coordinates, EdgeRule};
 
 use super::super::Global;
-use super::super::args::{Memory, check_output, places, vector_format};
-use super::super::report::{Work, report_output, warn};
+use super::super::args::{Memory, check_output, vector_format};
+use super::super::report::{Work, report_output};
 pub(super) use print::Format;
 use print::Report;
 
@@ -83,28 +83,10 @@ pub(super) fn write(
     let (request, memory) = options.request();
     // (Of attributes all that are not left out.)
     let reading = options.reading(Format::Json, memory);
-    let mut reader = PolygonReader::open(file, &reading).map_err(|error| named(error, file))?.with_others();
-    let mut zones = Zones::of(&trees, coordinates, reader.schema().crs.clone(), request)?;
+    let reader = PolygonReader::open(file, &reading).map_err(|error| named(error, file))?;
     let work = Work::start(global, "polygons")?;
-    let (mut writer, mut count) = (None, 0u64);
-    while let Some(layer) = reader.next_layer().map_err(|error| named(error, file))? {
-        let writer = match &mut writer {
-            Some(writer) => writer,
-            None => {
-                let told = (reader.schema(), &layer);
-                let made =
-                    ZoneWriter::create(Output::create(output)?, format, told, &trees, &zones.request, &work)?;
-                writer.insert(made)
-            }
-        };
-        zones.each(&layer, file, &work, &mut |number, zone| {
-            count += 1;
-            Ok(writer.write(&layer.features[number], zone)?)
-        })?;
-    }
-    zones.finish(file)?;
-    let writer = writer.with_context(|| format!("{}: has no features", file.display()))?;
-    writer.finish(&work).with_context(|| format!("cannot write {}", output.display()))?;
+    let made = Output::create(output)?;
+    let count = export_zones(reader, coordinates, &trees, &request, made, format, &work)?;
     drop(work);
     global.report("zones", format_args!("{count} features"));
     report_output(global, output, start);
@@ -124,13 +106,21 @@ pub(super) fn run(
     let (request, memory) = options.request();
     let mut reader =
         PolygonReader::open(file, &options.reading(format, memory)).map_err(|error| named(error, file))?;
-    let mut zones = Zones::of(&trees, coordinates, reader.schema().crs.clone(), request)?;
-    let mut report = Report::begin(&trees, options, format);
     let work = Work::start(global, "polygons")?;
+    let mut zones = FeatureZones::new(&reader, coordinates, &trees, &request, &work)?;
+    let mut report = Report::begin(&trees, options, format);
     while let Some(layer) = reader.next_layer().map_err(|error| named(error, file))? {
-        zones.each(&layer, file, &work, &mut |number, zone| report.add(&layer, number, zone))?;
+        let mut failure = None;
+        let walked = zones.each(&layer, &work, &mut |number, zone| {
+            report.add(&layer, number, zone).map_err(|error| {
+                failure = Some(error);
+                spinney::Error::Interrupted
+            })
+        });
+        failure.map_or(Ok(()), Err)?;
+        walked?;
     }
-    zones.finish(file)?;
+    zones.finish()?;
     drop(work);
     report.finish()
 }
@@ -142,86 +132,5 @@ fn named(error: spinney::Error, file: &Path) -> anyhow::Error {
             anyhow::Error::from(error).context(file.display().to_string())
         }
         error => error.into(),
-    }
-}
-
-/// Layers that are asked for zones.
-struct Zones<'a> {
-    trees: &'a [&'a Dataset],
-    request: ZonalRequest,
-    /// For each layer the number of the first with the same grid.
-    same: Vec<usize>,
-    /// The numbers of these, ascending, and places in their cells, to which polygons are brought once.
-    grids: Vec<usize>,
-    places: Vec<(Places, [u64; 3])>,
-    /// Whether some polygons reach into a tree; or why those of the first batch do not.
-    is_met: bool,
-    outside: Option<spinney::Error>,
-}
-
-impl<'a> Zones<'a> {
-    /// Layers, and the coordinates of features: those that were asked for, or in whose system they are.
-    fn of(
-        trees: &'a [&'a Dataset],
-        coordinates: Option<&Coordinates>,
-        crs: Option<spinney::space::Crs>,
-        request: ZonalRequest,
-    ) -> Result<Zones<'a>> {
-        let mut own = crs.map_or(Coordinates::World, Coordinates::System);
-        let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
-        if !has_system && coordinates.is_none() && own != Coordinates::World {
-            warn("the tree has no coordinate system: corners are taken to be in its own coordinates");
-            own = Coordinates::World;
-        }
-        let same = Dataset::same_cells(trees);
-        let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
-        let places = grids.iter().map(|grid| {
-            let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
-            let coordinates = coordinates.unwrap_or(&own);
-            // (What is to be said of a system is said once.)
-            let places = match grid {
-                0 => places(trees[0], coordinates)?,
-                _ => Places::new(coordinates, frame, header.extent)?,
-            };
-            Ok((places, header.extent))
-        });
-        let places = places.collect::<Result<Vec<_>>>()?;
-        Ok(Zones { trees, request, same, grids, places, is_met: false, outside: None })
-    }
-
-    /// Hands out the statistics of each feature of a layer, by its number in it, of all layers of the tree.
-    fn each(
-        &mut self,
-        layer: &PolygonLayer,
-        file: &Path,
-        work: &Work,
-        take: &mut dyn FnMut(usize, &[ZoneStatistics]) -> Result<()>,
-    ) -> Result<()> {
-        let found = layer.in_cells_of(&self.places).with_context(|| file.display().to_string())?;
-        match found.outside {
-            None => self.is_met = true,
-            Some(error) => self.outside = self.outside.take().or(Some(error)),
-        }
-        let of_grid =
-            |first: &usize| &found.trees[self.grids.binary_search(first).expect("one of the list")][..];
-        let asked: Vec<_> = self.trees.iter().copied().zip(self.same.iter().map(of_grid)).collect();
-        let (mut failure, mut number) = (None, 0);
-        let walked = Dataset::zonal_layers(&asked, &self.request, work, &mut |zone| {
-            number += 1;
-            take(number - 1, &zone).map_err(|error| {
-                failure = Some(error);
-                spinney::Error::Interrupted
-            })
-        });
-        failure.map_or(Ok(()), Err)?;
-        Ok(walked?)
-    }
-
-    /// Fails if there were polygons, and all of them lie outside.
-    fn finish(self, file: &Path) -> Result<()> {
-        match self.outside {
-            Some(error) if !self.is_met => Err(error).with_context(|| file.display().to_string()),
-            _ => Ok(()),
-        }
     }
 }

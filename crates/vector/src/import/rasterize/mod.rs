@@ -1,5 +1,6 @@
 //! Rasterization: features become quadtrees, without a raster between. Shapes are clipped to nodes from the root down, by their edges.
 
+mod colours;
 mod coverage;
 mod edge;
 mod ladder;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use spinney_base::io::Output;
 use spinney_base::space::{Dimension, EdgeRule};
-use spinney_base::value::{Kind, Number, ValueType};
+use spinney_base::value::{Kind, Number, Palette, ValueType};
 use spinney_base::{Error, Form, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::{Coordinates, Crs, Frame, Places};
@@ -12,6 +12,7 @@ use spinney_engine::ops::{Blockwise, ViewSource};
 use spinney_engine::store::builder::BuildOptions;
 use spinney_engine::store::{build, depth_for};
 
+use super::colours;
 use super::edge::{MOST_CELLS, PARTS};
 use super::ladder::Ladder;
 use super::load::Loader;
@@ -239,6 +240,7 @@ impl FeatureImport {
         let tree = self.load(progress)?.tree;
         let metadata = Metadata {
             frame: self.frame.clone(),
+            palette: self.palette(),
             class_names: self.values.class_names().collect(),
             provenance: self.inputs.iter().map(|input| self.provenance(input)).collect(),
             ..Metadata::default()
@@ -254,6 +256,13 @@ impl FeatureImport {
         let header = options.header(Form::new(Dimension::Quad, self.value_type), self.extent)?;
         let tree = Blockwise::new(Box::new(tree), &self.inputs[0], header, metadata);
         build(&tree, self.extent, &options, output, progress).map(|_| ())
+    }
+
+    /// Colours of the classes that texts become, where cells have these.
+    fn palette(&self) -> Option<Palette> {
+        let has_classes =
+            self.kind == Kind::Categorical && !self.options.fractions && !self.options.overlaps.is_computed();
+        colours::palette(if has_classes { self.values.class_names().count() } else { 0 })
     }
 
     /// Makes a tree of the features on the cells of the one that they are laid over: see [`RasterizeOptions::over`]. Nothing is painted before

@@ -1,0 +1,137 @@
+//! What a file of a format cannot tell of the features that are written to it.
+
+use super::geometry::Shape;
+use super::layer::TEXT_BYTES;
+use super::{AttributeType, AttributeValue, GeometryKind, VectorFeature, VectorFormat, VectorLayer};
+
+/// Whole numbers up to here, and no further, are all numbers of double precision.
+const EXACT: u64 = 1 << f64::MANTISSA_DIGITS;
+
+/// Names that are listed.
+const LISTED: usize = 20;
+
+/// What is lost of single features.
+#[derive(Clone, Copy)]
+enum Loss {
+    Id,
+    Infinite,
+    Rounded,
+    Cut,
+    Blank,
+    Control,
+    Unplaced,
+    Zero,
+}
+
+/// What is said of each of them, before a count.
+const TEXTS: [&str; 8] = [
+    "ids that are left out, since the format has none",
+    "infinite numbers that are left out",
+    "whole numbers beyond 2^53 that are rounded",
+    "texts that are cut to 254 bytes",
+    "texts that are empty or end with blanks, which the format cannot tell",
+    "texts whose control characters have become blanks",
+    "features whose attributes are left out, since they have no edges",
+    "attributes of segments that are 0, since the format has no word for nothing",
+];
+
+/// Losses, counted.
+pub(super) struct Losses {
+    format: VectorFormat,
+    counts: [u64; TEXTS.len()],
+}
+
+impl Losses {
+    pub(super) fn new(format: VectorFormat) -> Losses {
+        Losses { format, counts: [0; TEXTS.len()] }
+    }
+
+    fn add(&mut self, loss: Loss, is_lost: bool) {
+        self.counts[loss as usize] += u64::from(is_lost);
+    }
+
+    /// Counts what is lost of a feature.
+    pub(super) fn count(
+        &mut self,
+        feature: &VectorFeature<'_>,
+        shape: Option<&Shape<'_>>,
+        attributes: &[(String, AttributeType)],
+    ) {
+        let format = self.format;
+        let has_ids = matches!(format, VectorFormat::GeoJson | VectorFormat::GeoPackage);
+        self.add(Loss::Id, feature.id.is_some() && !has_ids);
+        for (value, (_, kind)) in feature.attributes.iter().zip(attributes) {
+            self.count_value(value, *kind);
+        }
+        if format == VectorFormat::Ply {
+            // (Attributes of that format are those of edges.)
+            let kinds = shape.iter().flat_map(|shape| &shape.members).map(|(kind, _)| *kind);
+            let has_edges = kinds.into_iter().any(|kind| kind != GeometryKind::Point);
+            let is_told = feature.attributes.iter().any(|value| value.told() != AttributeValue::None);
+            self.add(Loss::Unplaced, !has_edges && is_told);
+            let values = feature.attributes.iter().zip(attributes).filter(|(value, (_, kind))| {
+                **value == AttributeValue::None && *kind == AttributeType::PerSegment
+            });
+            self.counts[Loss::Zero as usize] += if has_edges { values.count() as u64 } else { 0 };
+        }
+    }
+
+    fn count_value(&mut self, value: &AttributeValue<'_>, kind: AttributeType) {
+        use VectorFormat::{Csv, FlatGeobuf, GeoPackage, Obj, Ply, Shapefile, Svg};
+        match value {
+            AttributeValue::Number(number) => self.add(Loss::Infinite, number.is_infinite()),
+            AttributeValue::Integer(number) => {
+                let is_double = match self.format {
+                    GeoPackage | FlatGeobuf => kind == AttributeType::Number,
+                    Ply => true,
+                    _ => false,
+                };
+                self.add(Loss::Rounded, is_double && number.unsigned_abs() > EXACT);
+            }
+            AttributeValue::Text(text) | AttributeValue::Json(text) => {
+                let (is_table, is_drawn) = (self.format == Shapefile, matches!(self.format, Svg | Obj));
+                self.add(Loss::Cut, is_table && text.len() > TEXT_BYTES);
+                let is_blank = is_table && (text.is_empty() || text.ends_with([' ', '\0']));
+                self.add(Loss::Blank, is_blank || self.format == Csv && text.is_empty());
+                self.add(Loss::Control, is_drawn && text.contains(char::is_control));
+            }
+            AttributeValue::Boolean(_) | AttributeValue::PerSegment(_) | AttributeValue::None => {}
+        }
+    }
+
+    /// What was lost of features, in words.
+    pub(super) fn told(&self) -> Vec<String> {
+        let lost = TEXTS.iter().zip(self.counts).filter(|(_, count)| *count > 0);
+        lost.map(|(text, count)| format!("{text}: {count}")).collect()
+    }
+}
+
+/// What a file of the format cannot tell of a layer, whose attributes have these names there.
+pub(super) fn of_layer(format: VectorFormat, layer: &VectorLayer, names: &[String]) -> Vec<String> {
+    let mut told: Vec<String> = layer.unknown_system(format).into_iter().collect();
+    let renamed = layer.attributes.iter().zip(names).filter(|((own, _), name)| own != *name);
+    let renamed: Vec<String> = renamed.map(|((own, _), name)| format!("`{own}` is `{name}`")).collect();
+    if !renamed.is_empty() {
+        told.push(format!("attributes have other names there: {}", listed(&renamed)));
+    }
+    if format == VectorFormat::Ply {
+        use AttributeType::{Integer, Number, PerSegment};
+        let is_told = |kind: &AttributeType| matches!(kind, Integer | Number | PerSegment);
+        let lost = layer.attributes.iter().filter(|(_, kind)| !is_told(kind));
+        let lost: Vec<String> = lost.map(|(name, _)| format!("`{name}`")).collect();
+        if !lost.is_empty() {
+            told.push(format!("attributes that are not numbers are left out: {}", listed(&lost)));
+        }
+    }
+    if format == VectorFormat::Svg && layer.has_z {
+        told.push("the third coordinate is left out, since a drawing is flat".into());
+    }
+    told
+}
+
+/// The first of some names, and how many there are.
+fn listed(names: &[String]) -> String {
+    let more = names.len().saturating_sub(LISTED);
+    let first = names[..names.len() - more].join(", ");
+    if more > 0 { format!("{first} and {more} more") } else { first }
+}

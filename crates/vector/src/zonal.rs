@@ -1,0 +1,110 @@
+//! Statistics of the cells in features that are read one batch after the other.
+
+use std::path::{Path, PathBuf};
+
+use crate::import::zones::{PolygonLayer, PolygonReader};
+use spinney_base::{Error, Progress, Result};
+use spinney_crs::{Coordinates, Places};
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::{ZonalRequest, ZoneStatistics};
+
+/// Layers of a tree that are asked for the features of a file.
+pub struct FeatureZones<'a> {
+    trees: &'a [&'a Dataset],
+    request: &'a ZonalRequest,
+    /// The features' file.
+    path: PathBuf,
+    /// For each layer the number of the first with the same grid.
+    same: Vec<usize>,
+    /// The numbers of these, ascending, and places in their cells, to which polygons are brought once.
+    grids: Vec<usize>,
+    places: Vec<(Places, [u64; 3])>,
+    /// Whether some polygons reach into a tree; or why those of the first batch do not.
+    is_met: bool,
+    outside: Option<Error>,
+}
+
+impl<'a> FeatureZones<'a> {
+    /// Layers that are asked for the features of a reader, whose corners are in the coordinates that are given, or else in the file's own; in those
+    /// of trees that have no coordinate system, which is told.
+    ///
+    /// # Errors
+    /// If there is no way from the coordinates to the cells of a tree.
+    pub fn new(
+        reader: &PolygonReader,
+        coordinates: Option<&Coordinates>,
+        trees: &'a [&'a Dataset],
+        request: &'a ZonalRequest,
+        progress: &dyn Progress,
+    ) -> Result<FeatureZones<'a>> {
+        let path = reader.path().to_path_buf();
+        let own = reader.schema().crs.clone().map_or(Coordinates::World, Coordinates::System);
+        let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
+        let coordinates = match coordinates {
+            Some(given) => given,
+            None if !has_system && own != Coordinates::World => {
+                let text =
+                    "the tree has no coordinate system: corners are taken to be in its own coordinates";
+                progress.warn(&path, text);
+                &Coordinates::World
+            }
+            None => &own,
+        };
+        let same = Dataset::same_cells(trees);
+        let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
+        let places = grids.iter().map(|grid| {
+            let (header, frame) = (trees[*grid].header(), &trees[*grid].metadata().frame);
+            let places = Places::new(coordinates, frame, header.extent)?;
+            // (What is to be said of a system is said once.)
+            if *grid == 0 {
+                places.remarks().iter().for_each(|remark| progress.warn(&path, remark));
+            }
+            Ok((places, header.extent))
+        });
+        let places = places.collect::<Result<Vec<_>>>()?;
+        Ok(FeatureZones { trees, request, path, same, grids, places, is_met: false, outside: None })
+    }
+
+    /// Hands out the statistics of each feature of a batch, by its number in it, of all layers of the tree.
+    ///
+    /// # Errors
+    /// If a ring has too few corners, or one that is nowhere, with the feature's number; if a tree is damaged, on interruption, or if `take` fails.
+    pub fn each(
+        &mut self,
+        layer: &PolygonLayer,
+        progress: &dyn Progress,
+        take: &mut dyn FnMut(usize, &[ZoneStatistics]) -> Result<()>,
+    ) -> Result<()> {
+        let found = layer.in_cells_of(&self.places).map_err(|error| in_file(&self.path, error))?;
+        match found.outside {
+            None => self.is_met = true,
+            Some(error) => self.outside = self.outside.take().or(Some(error)),
+        }
+        let of_grid =
+            |first: &usize| &found.trees[self.grids.binary_search(first).expect("one of the list")][..];
+        let asked: Vec<_> = self.trees.iter().copied().zip(self.same.iter().map(of_grid)).collect();
+        let mut numbers = 0..;
+        Dataset::zonal_layers(&asked, self.request, progress, &mut |zone| {
+            numbers.next().map_or(Ok(()), |number| take(number, &zone))
+        })
+    }
+
+    /// Ends the questions.
+    ///
+    /// # Errors
+    /// If there were polygons, and all of them lie outside of the trees.
+    pub fn finish(self) -> Result<()> {
+        let FeatureZones { path, is_met, outside, .. } = self;
+        outside.filter(|_| !is_met).map_or(Ok(()), |error| Err(in_file(&path, error)))
+    }
+}
+
+/// An error with the name of the file. (All others name it.)
+pub(crate) fn in_file(path: &Path, error: Error) -> Error {
+    match error {
+        Error::Invalid { what, found, expected } => {
+            Error::invalid(format!("{}: {what}", path.display()), found, expected)
+        }
+        other => other,
+    }
+}

@@ -1,0 +1,208 @@
+"""Questions about the cells in polygons."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any, overload
+
+from ._features import Edge, features_over
+from ._files import MEMORY
+from ._progress import memory_of, working
+from ._types import Path, Progress, ZoneStatistics
+from ._writers import Writers
+from ._zonal import definition_of, documents_of, is_frame, measures_of, named, table_of, usual_of, values_of, zone_of
+
+
+class Zones(Writers):
+    """The part of a dataset that answers for polygons."""
+
+    @overload
+    def zonal(
+        self,
+        geometries: Any,
+        measures: None = None,
+        *,
+        quantiles: Sequence[float] = (),
+        edge: Edge = "centre",
+        crs: Any = None,
+        where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
+        layers: None = None,
+        out: None = None,
+        attribute: None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> list[ZoneStatistics]: ...
+
+    @overload
+    def zonal(
+        self,
+        geometries: Any,
+        measures: Sequence[str],
+        *,
+        quantiles: Sequence[float] = (),
+        edge: Edge = "centre",
+        crs: Any = None,
+        where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
+        layers: None = None,
+        out: None = None,
+        attribute: None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> list[dict[str, Any]]: ...
+
+    @overload
+    def zonal(
+        self,
+        geometries: Any,
+        measures: None = None,
+        *,
+        quantiles: Sequence[float] = (),
+        edge: Edge = "centre",
+        crs: Any = None,
+        where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
+        layers: Sequence[str],
+        out: None = None,
+        attribute: None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> dict[str, list[ZoneStatistics]]: ...
+
+    @overload
+    def zonal(
+        self,
+        geometries: Any,
+        measures: Sequence[str],
+        *,
+        quantiles: Sequence[float] = (),
+        edge: Edge = "centre",
+        crs: Any = None,
+        where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
+        layers: Sequence[str],
+        out: None = None,
+        attribute: None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> dict[str, list[dict[str, Any]]]: ...
+
+    @overload
+    def zonal(
+        self,
+        geometries: Any,
+        measures: Sequence[str] | None = None,
+        *,
+        quantiles: Sequence[float] = (),
+        edge: Edge = "centre",
+        crs: Any = None,
+        where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
+        layers: Sequence[str] | None = None,
+        out: Path,
+        attribute: Sequence[str] | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> int: ...
+
+    def zonal(
+        self,
+        geometries: Any,
+        measures: Sequence[str] | None = None,
+        *,
+        quantiles: Sequence[float] = (),
+        edge: Edge = "centre",
+        crs: Any = None,
+        where: Mapping[str, Any] | str | None = None,
+        memory: int | str = MEMORY,
+        layers: Sequence[str] | None = None,
+        out: Path | None = None,
+        attribute: Sequence[str] | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> Any:
+        """Statistics of the cells in each of many polygons, of which the tree is read only where an edge cuts it.
+
+        Geometries are polygons (with holes, or of several parts): anything with a `__geo_interface__` (of shapely, a
+        GeoDataFrame, ...), GeoJSON as dictionaries, the path of a file of features (GeoJSON, GeoPackage, also `x.gpkg:LAYER`,
+        FlatGeobuf, shapefile, CSV), or a list of such. They are brought to the tree's coordinate system
+        from that which they have themselves (a GeoDataFrame's `crs`, a file's own; features of GeoJSON are in degrees unless a
+        member `crs` says otherwise; geometries alone are in the tree's own), or from `crs`, if given: "EPSG:4326", WKT, a system
+        of pyproj, or "world" for the tree's own. Polygons that all lie outside of the tree are an error. At edges,
+        cells count whole if their `"centre"` is inside or if they `"touch"` the polygon, or by the part of their `"area"` that is
+        inside, exactly. `where` takes only the features that have these values of attributes: `{"kind": "lake", "lod": 2}`,
+        or for which all of this holds: `"kind!=lake,lod>=2"`. The features of a file must fit into `memory`; values of which that has no
+        room for all go to temporary files.
+
+        With the names of some `measures` ("count", "void", "void_share", "outside", "sum", "min", "max", "mean", "std", "majority",
+        "minority", "variety", "median", "classes") there is a dictionary of these for each polygon, of the first band, and of `quantiles`, from 0 to 1,
+        by names such as "q10" for 0.1. Quantiles are those of `numpy.quantile`, with shares of cells as weights.
+        "majority", "minority", "variety", "median" and quantiles are of all values of a polygon, which are read unless the file counts
+        classes; without names they are in `ZoneBand.values` if there are `quantiles`.
+
+        Of a GeoDataFrame, or another frame with a `__geo_interface__`, there is a pandas DataFrame with its index: a column for each
+        measure and quantile, and of classes one for the cells of each. Without names it has count, void, sum, min, max, mean and std,
+        of files that count classes count, void and classes.
+
+        With names of `layers` (`ds.names` are all) there is a list (or a table) for each of them, by its name; `ds[name].time` tells when it is of. The
+        polygons' cells are found once, so that a hundred layers take little more than their cells.
+
+        With `out`, a file by its name's ending (.gpkg, .fgb, .geojson, .csv, .shp, .svg), the features are written there, as they came, with their ids
+        and attributes (or those that `attribute` names alone), joined with the answers of all bands, as `spinney stats --zones -o` does; returns how many
+        there are. Features of a file may be any number then, as many at a time as fit into `memory`, and features that are no polygons are
+        kept, without cells. What the format has no room for is told in a warning.
+        """
+        if isinstance(layers, str):
+            raise TypeError("layers: expected a list of names, such as ds.names")
+        names, levels = measures_of(measures, quantiles)
+        if is_frame(geometries) and where is not None:
+            raise ValueError("where: expected rows of the frame that are chosen beforehand, as in frame[frame.kind == 'lake']")
+        if out is not None:
+            return self._write_joined(geometries, (names, levels), edge, crs, where, memory, layers, (out, attribute), (progress, threads))
+        if attribute is not None:
+            raise TypeError("attribute: is for out=, whose features have attributes")
+        with working(progress, threads) as terms:
+            documents = documents_of(geometries, None if crs is None else definition_of(crs))
+            chosen = where if isinstance(where, str) else values_of(where)
+            asked = (chosen, memory_of(memory), names, levels)
+            found = self._zones(documents, edge, asked, None if layers is None else list(layers), terms)
+        told = [[zone_of(zone, levels) for zone in zones] for zones in found]
+
+        def answer(zones: list[ZoneStatistics]) -> Any:
+            if is_frame(geometries):
+                usual = names or usual_of(zones)
+                return table_of(geometries, named(zones, usual, levels))
+            return zones if measures is None else named(zones, names, levels)
+
+        return answer(told[0]) if layers is None else {layer: answer(zones) for layer, zones in zip(layers, told)}
+
+    def _write_joined(
+        self,
+        geometries: Any,
+        asked: tuple[list[str], list[float]],
+        edge: Edge,
+        crs: Any,
+        where: Mapping[str, Any] | str | None,
+        memory: int | str,
+        layers: Sequence[str] | None,
+        written: tuple[Path, Sequence[str] | None],
+        terms: tuple[Progress, int | None],
+    ) -> int:
+        """Writes features with their answers."""
+        (out, attribute), (progress, threads) = written, terms
+        if isinstance(attribute, str):
+            raise TypeError("attribute: expected a list of names")
+        coordinates = None if crs is None else definition_of(crs)
+        chosen = where if isinstance(where, str) else values_of(where)
+        with features_over(geometries, coordinates=coordinates) as told, working(progress, threads) as work:
+            return self._write_zones(
+                (told["path"], told["coordinates"]),
+                edge,
+                (chosen, memory_of(memory), *asked),
+                None if attribute is None else list(attribute),
+                None if layers is None else list(layers),
+                os.fspath(out),
+                work,
+            )

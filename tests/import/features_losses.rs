@@ -1,0 +1,202 @@
+//! What a file of features cannot tell of what is written to it is told, and nothing else is lost.
+
+use std::path::Path;
+use std::sync::Mutex;
+
+use spinney::Progress;
+use spinney::export::vector::{
+    AttributeType, AttributeValue, Geometry, GeometryKind, VectorFeature, VectorFormat, VectorLayer,
+    VectorWriter,
+};
+use spinney::import::feature::{FeatureAttribute, FeatureOptions, open_features};
+use spinney::io::Output;
+
+/// Whoever is told.
+#[derive(Default)]
+struct Told(Mutex<Vec<String>>);
+
+impl Progress for Told {
+    fn warn(&self, file: &Path, text: &str) {
+        assert!(file.exists(), "{text}");
+        self.0.lock().unwrap().push(text.into());
+    }
+}
+
+/// Writes features of squares (or none) with attributes; returns what was told.
+fn written(
+    path: &Path,
+    attributes: &[(&str, AttributeType)],
+    features: &[(Option<i64>, bool, &[AttributeValue<'_>])],
+) -> Vec<String> {
+    let layer = VectorLayer {
+        name: "things".into(),
+        kind: Some(GeometryKind::Polygon),
+        is_multi: false,
+        has_z: false,
+        attributes: attributes.iter().map(|(name, kind)| ((*name).into(), *kind)).collect(),
+        crs: None,
+        bounds: [[0.0, 0.0], [1.0, 1.0]],
+    };
+    let format = VectorFormat::of(path).unwrap();
+    let mut writer = VectorWriter::create(Output::create(path).unwrap(), format, layer).unwrap();
+    let ring = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.0]].map(|[x, y]| [x, y, 0.0]).to_vec();
+    let square = [ring];
+    for (id, has_geometry, attributes) in features {
+        let id = id.map(serde_json::Value::from);
+        let geometry = has_geometry.then_some((GeometryKind::Polygon, &square as &dyn Geometry));
+        writer.write_feature(&VectorFeature { id: id.as_ref(), geometry, attributes }).unwrap();
+    }
+    let told = Told::default();
+    writer.finish(&told).unwrap();
+    told.0.into_inner().unwrap()
+}
+
+/// Names of attributes, and those of all features.
+fn read(path: &Path) -> (Vec<String>, Vec<Vec<FeatureAttribute>>) {
+    let mut reader = open_features(path, &FeatureOptions::default()).unwrap();
+    let mut features = Vec::new();
+    while let Some(feature) = reader.next().unwrap() {
+        features.push(feature.attributes);
+    }
+    (reader.schema().attributes.iter().map(|(name, _)| name.clone()).collect(), features)
+}
+
+#[test]
+fn what_shapefiles_cut_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.shp");
+    let attributes = [
+        ("population_total", AttributeType::Text),
+        ("population_density", AttributeType::Text),
+        ("Name", AttributeType::Text),
+        ("name", AttributeType::Text),
+    ];
+    let long = "é".repeat(200);
+    let rows = [
+        [AttributeValue::Text(&long), AttributeValue::Text("b"), AttributeValue::None, AttributeValue::None],
+        [
+            AttributeValue::Text("a"),
+            AttributeValue::Text(&long),
+            AttributeValue::Text(""),
+            AttributeValue::Text("d "),
+        ],
+    ];
+    let told = written(&path, &attributes, &[(None, true, &rows[0]), (Some(2), false, &rows[1])]);
+    assert_eq!(
+        told,
+        [
+            "attributes have other names there: `population_total` is `population`, `population_density` is `populati_2`, `name` is `name_2`",
+            "ids that are left out, since the format has none: 1",
+            "texts that are cut to 254 bytes: 2",
+            "texts that are empty or end with blanks, which the format cannot tell: 2",
+        ]
+    );
+    let (names, features) = read(&path);
+    assert_eq!(names, ["population", "populati_2", "Name", "name_2"]);
+    assert_eq!(features[0][0], FeatureAttribute::Text("é".repeat(127)));
+}
+
+/// Numbers, truths and dates come back from every format as they were, and nothing is told of these.
+#[test]
+fn numbers_are_not_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let attributes = [
+        ("whole", AttributeType::Integer),
+        ("number", AttributeType::Number),
+        ("truth", AttributeType::Boolean),
+        ("day", AttributeType::Text),
+    ];
+    let numbers = [
+        -1.234_567_890_123_456_7e-300,
+        f64::MAX,
+        f64::MIN_POSITIVE,
+        5e-324,
+        0.1 + 0.2,
+        -1.0 / 3.0,
+        123_456_789_012.345_67,
+        -98_765_432_109_876_540_000.0,
+    ];
+    let wholes = [i64::MIN, i64::MAX, (1 << 53) + 1, -1, 0, 7, -(1 << 60) - 1, 999_999_999_999_999_999];
+    let rows: Vec<[AttributeValue<'_>; 4]> = numbers
+        .iter()
+        .zip(wholes)
+        .map(|(number, whole)| {
+            let truth = match whole % 3 {
+                0 => AttributeValue::None,
+                rest => AttributeValue::Boolean(rest == 1),
+            };
+            [
+                AttributeValue::Integer(whole),
+                AttributeValue::Number(*number),
+                truth,
+                AttributeValue::Text("2026-02-28"),
+            ]
+        })
+        .collect();
+    let features: Vec<_> = rows.iter().map(|row| (None, true, &row[..])).collect();
+    for ending in ["geojson", "csv", "gpkg", "fgb", "shp"] {
+        let path = folder.path().join(format!("a.{ending}"));
+        assert_eq!(written(&path, &attributes, &features), Vec::<String>::new(), "{ending}");
+        let (_, mut found) = read(&path);
+        let key = |row: &Vec<FeatureAttribute>| match row[0] {
+            FeatureAttribute::Integer(number) => number,
+            _ => panic!("{ending}: {row:?}"),
+        };
+        found.sort_by_key(key);
+        let mut wanted: Vec<Vec<FeatureAttribute>> = rows
+            .iter()
+            .map(|row| {
+                row.iter()
+                    .map(|value| match value {
+                        AttributeValue::Integer(number) => FeatureAttribute::Integer(*number),
+                        AttributeValue::Number(number) => FeatureAttribute::Number(*number),
+                        // (Tables have texts for these.)
+                        AttributeValue::Boolean(is) if ending == "csv" => {
+                            FeatureAttribute::Text(is.to_string())
+                        }
+                        AttributeValue::Boolean(is) => FeatureAttribute::Boolean(*is),
+                        AttributeValue::Text(text) => FeatureAttribute::Text((*text).into()),
+                        _ => FeatureAttribute::None,
+                    })
+                    .collect()
+            })
+            .collect();
+        wanted.sort_by_key(key);
+        assert_eq!(found, wanted, "{ending}");
+    }
+}
+
+#[test]
+fn what_other_formats_cannot_tell_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let attributes =
+        [("fid", AttributeType::Number), ("a b", AttributeType::Text), ("a_b", AttributeType::Integer)];
+    let row = [
+        AttributeValue::Integer((1 << 53) + 1),
+        AttributeValue::Text("x\ny"),
+        AttributeValue::Integer(i64::MAX),
+    ];
+    let infinite = [AttributeValue::Number(f64::INFINITY), AttributeValue::None, AttributeValue::None];
+    let told = |ending: &str| {
+        let path = folder.path().join(format!("a.{ending}"));
+        let told = written(&path, &attributes, &[(None, true, &row), (None, false, &infinite)]);
+        told.join("; ")
+    };
+    let infinite = "infinite numbers that are left out: 1";
+    let rounded = |count: u64| format!("whole numbers beyond 2^53 that are rounded: {count}");
+    let control = "texts whose control characters have become blanks: 1";
+    let other = "attributes have other names there: ";
+    assert_eq!(told("geojson"), infinite);
+    assert_eq!(told("csv"), infinite);
+    assert_eq!(told("fgb"), format!("{infinite}; {}", rounded(1)));
+    assert_eq!(told("gpkg"), format!("{other}`fid` is `fid_2`; {infinite}; {}", rounded(1)));
+    let names = format!("{other}`a b` is `a_b`, `a_b` is `a_b_2`");
+    assert_eq!(told("svg"), format!("{names}; {infinite}; {control}"));
+    assert_eq!(told("obj"), format!("{infinite}; {control}"));
+    let texts = "attributes that are not numbers are left out: `a b`";
+    assert_eq!(told("ply"), format!("{names}; {texts}; {infinite}; {}", rounded(2)));
+    // Of a point or nothing, there are no edges that could tell attributes.
+    let path = folder.path().join("b.ply");
+    let told = written(&path, &attributes[2..], &[(None, false, &row[2..])]);
+    assert!(told.iter().any(|text| text.contains("since they have no edges: 1")), "{told:?}");
+}
