@@ -111,7 +111,9 @@ pub mod io {
 
     /// Questions about files that come in ranges, answered in rounds.
     pub mod rounds {
-        pub use spinney_base::io::rounds::{MissingRange, Traffic, ask, attempt, outside, traffic};
+        pub use spinney_base::io::rounds::{
+            MissingRange, Traffic, all_read, ask, attempt, go_on, map, outside, traffic,
+        };
     }
 }
 

@@ -10,6 +10,7 @@ mod files;
 mod importers;
 pub mod layers;
 pub mod models;
+mod rounds;
 pub mod seal;
 mod texts;
 pub mod trees;
@@ -21,6 +22,7 @@ pub use importers::{
 };
 pub use layers::{autumnal_layers, goblin_layers};
 pub use models::model_read;
+pub use rounds::rounds;
 pub use texts::{calculation_text, crs_text, df_text, step_text};
 pub use trees::{autumnal_read, goblin_read};
 
@@ -28,7 +30,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 33] = [
+pub const TARGETS: [(&str, Target); 34] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_layers", autumnal_layers),
@@ -53,6 +55,7 @@ pub const TARGETS: [(&str, Target); 33] = [
     ("off", off),
     ("ply", ply),
     ("png", png),
+    ("rounds", rounds),
     ("shapefile", shapefile),
     ("shapefile_table", shapefile_table),
     ("sidecar", sidecar),

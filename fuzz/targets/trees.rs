@@ -14,6 +14,7 @@ use spinney::store::autumnal::Autumnal;
 use spinney::store::goblin::Goblin;
 use spinney::value::Number;
 
+use super::rounds::far;
 use super::seal;
 
 /// Bytes that cannot be seen where they are, as those of files that are read at positions.
@@ -33,10 +34,15 @@ impl ReadBackend for Copied {
     }
 }
 
-/// One way to the bytes or the other, the same for the same bytes.
+/// One way to the bytes or another, the same for the same bytes.
 pub fn backend(file: Vec<u8>) -> Box<dyn ReadBackend> {
-    let is_copied = crc32c::crc32c(&file).is_multiple_of(4);
-    if is_copied { Box::new(Copied(file)) } else { Box::new(file) }
+    let file_length = file.len();
+    match crc32c::crc32c(&file) % 4 {
+        0 => Box::new(Copied(file)),
+        // (A cache that hardly anything fits into, or all.)
+        1 => Box::new(far(Arc::new(file), 1 << 10 << (file_length % 11), 64)),
+        _ => Box::new(file),
+    }
 }
 
 /// A Goblin file whose checksums are made right.

@@ -7,13 +7,13 @@ use std::sync::{Arc, LazyLock, Mutex};
 
 use spinney::dataset::Dataset;
 use spinney::io::rounds::{ask, attempt};
-use spinney::io::{Fetch, RangeCache, RangeFile};
+use spinney::io::{Fetch, Output, RangeCache, RangeFile};
 use spinney::query::{Condition, PointSamples, ZonalRequest, ZoneMeasure};
 use spinney::space::{Bounds, Code, Dimension, EdgeRule, Polygon};
-use spinney::store::OpenOptions;
 use spinney::store::goblin::Goblin;
+use spinney::store::{ByteSource, OpenOptions};
 use spinney::value::{Kind, Rule, SampleType};
-use spinney::{Error, Result};
+use spinney::{Error, Result, ops};
 
 use crate::common::{BYTE, Cells, QUAD, Random, goblin_bytes, oct, quad};
 
@@ -169,6 +169,44 @@ fn all_questions_have_the_same_answers_wherever_the_file_is() {
                 assert!(found == expected, "{name} of file {number} with {cache} bytes");
             }
         }
+    }
+}
+
+/// An Autumnal file is read extent by extent: a window of 256 x 256 cells needs those of the records on the way to it, and of its own.
+#[test]
+fn autumnal_files_are_read_in_few_rounds() {
+    let folder = tempfile::tempdir().unwrap();
+    let [goblin, path] = ["a.goblin", "a.autumn"].map(|name| folder.path().join(name));
+    std::fs::write(&goblin, &**large()).unwrap();
+    ops::convert(&goblin, false, Output::create(&path).unwrap(), 64 << 20, &()).unwrap();
+    let bytes = Arc::new(std::fs::read(&path).unwrap());
+    let near = spinney::dataset::open(&path, &OpenOptions::new()).unwrap();
+    let open = |cache: u64| {
+        let (file, rounds) = far(&bytes, cache);
+        let source = ByteSource::new(move |_| Ok(Box::new(file.clone())));
+        let tree = spinney::dataset::open(Path::new("far"), &OpenOptions::new().source(source));
+        (tree, rounds)
+    };
+    for (name, question) in questions() {
+        let expected = question(&near).map_err(|error| error.to_string());
+        for cache in [64 << 20, 300_000] {
+            let found = open(cache).0.and_then(|tree| question(&tree)).map_err(|error| error.to_string());
+            assert!(found == expected, "{name} with {cache} bytes");
+        }
+    }
+    let mut random = Random(2);
+    let mut values = vec![0u8; 1 << 16];
+    for _ in 0..30 {
+        let min = [random.below(1800), random.below(1200), 0];
+        let bounds = Bounds { min, max: [min[0] + 256, min[1] + 256, 1] };
+        let (tree, rounds) = open(64 << 20);
+        let tree = tree.unwrap();
+        assert!(rounds.lock().unwrap().len() <= 4, "opening: {rounds:?}");
+        rounds.lock().unwrap().clear();
+        tree.window(tree.depth(), &bounds, 0.0, &mut values, None).unwrap();
+        let rounds = rounds.lock().unwrap();
+        let (requests, read) = rounds.iter().fold((0, 0), |sum, round| (sum.0 + round.0, sum.1 + round.1));
+        assert!(rounds.len() <= 8 && requests <= 30 && read < 4 << 20, "{bounds:?}: {rounds:?}");
     }
 }
 

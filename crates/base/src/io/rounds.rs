@@ -156,6 +156,35 @@ pub fn attempt(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Mis
 /// Asks a question in rounds, until it lacks nothing; within a round, and where no file comes in ranges, once. It must not do twice what may be
 /// done only once.
 ///
+/// ```
+/// # use std::{ops::Range, path::Path, sync::Arc};
+/// use spinney::io::rounds::{all_read, ask, go_on};
+/// use spinney::io::{Fetch, RangeCache, RangeFile, ReadBackend};
+///
+/// /// A host that is far away.
+/// struct Host;
+///
+/// impl Fetch for Host {
+///     fn fetch(&self, ranges: &[Range<u64>]) -> spinney::Result<Vec<Vec<u8>>> {
+///         Ok(ranges.iter().map(|range| range.clone().map(|at| at as u8).collect()).collect())
+///     }
+/// }
+///
+/// let cache = (Arc::new(RangeCache::new(1 << 20)), RangeCache::file_number());
+/// let file = RangeFile::new(Path::new("https://host/file"), 200, Box::new(Host), cache, 0);
+/// // The four bytes are fetched at the same time.
+/// let sum = ask(|| {
+///     let (mut sum, mut is_unread) = (0, false);
+///     for at in [10, 70, 130, 190] {
+///         let byte = go_on(file.read(at, 1), &mut is_unread)?;
+///         sum += byte.map_or(0, |byte| u32::from(byte[0]));
+///     }
+///     all_read(is_unread).map(|()| sum)
+/// })?;
+/// assert_eq!(sum, 400);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
 /// Those of the question, and of fetching.
 pub fn ask<T>(mut question: impl FnMut() -> Result<T>) -> Result<T> {
