@@ -110,6 +110,10 @@ impl Classes {
 }
 
 impl Count for Classes {
+    fn reads_zones(&self) -> bool {
+        true
+    }
+
     fn block(&mut self, value: Value, cells: u64) {
         if self.value_type.size() == 1 {
             self.add_byte(value.to_bytes()[0], cells);

@@ -30,6 +30,10 @@ pub(super) trait Count {
     /// # Errors
     /// If the zone is damaged.
     fn zone(&mut self, zone: &dyn Zone) -> Result<bool>;
+    /// Whether zones are read in their segments, and not in the directory alone.
+    fn reads_zones(&self) -> bool {
+        false
+    }
     /// Counts all cells of a subtree of so many levels, given its records.
     ///
     /// # Errors

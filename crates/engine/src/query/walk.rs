@@ -128,6 +128,10 @@ pub(super) trait Visitor {
     }
     /// The walk goes into a segment's records.
     fn enter_segment(&mut self) {}
+    /// Whether zones that are selected as a whole are read in their segments, as counts of classes are.
+    fn reads_zones(&self) -> bool {
+        false
+    }
     /// The walk goes on behind a part whose bytes have not been fetched: what it has found is not all, and it fails in the end.
     fn miss_part(&mut self) {}
 }
@@ -368,10 +372,41 @@ impl<S: Selection> Walk<'_, S> {
             return Ok(());
         }
         visitor.enter_segment();
-        let segment = self.tree.segment(index)?;
+        let segment = self.tree.segment(index);
+        if let (Err(Error::Unread), Some(space)) = (&segment, &space) {
+            self.miss_below(code, space, visitor);
+        }
+        let segment = segment?;
         // Below the level of the blocks no node owns a segment.
         let inline = code.level() >= self.shape.block_level();
         self.node(&segment, segment.records(), Node { at: RunNode::default(), code, space, inline }, visitor)
+    }
+
+    /// Asks for the segments below a node whose own one has not been fetched, as far as the directory tells that the walk needs them: what is cut by the
+    /// selection and owns a segment is gone into. So all of them are fetched at the same time, and not level by level.
+    #[cold]
+    fn miss_below(&self, code: Code, space: &Bounds, visitor: &impl Visitor) {
+        let dimension = code.dimension();
+        for step in 0..dimension.children() {
+            let (child, space) = (code.child(step), space.child(dimension, step));
+            let cover = self.selection.cover(&space);
+            let is_wanted = cover == Cover::Part || cover == Cover::Whole && visitor.reads_zones();
+            if !is_wanted || child.level() > self.shape.block_level() {
+                continue;
+            }
+            if self.shape.is_candidate(child.level()) {
+                let own = self.tree.find_segment(child).ok().flatten();
+                let own =
+                    own.filter(|own| matches!(self.tree.segment_code(*own), Ok(Some(code)) if code == child));
+                let Some(own) = own else { continue };
+                // (What it lacks is noted; nothing else of it is needed now.)
+                let _ = self.tree.segment(own);
+            }
+            // (Of what is selected as a whole the uppermost zone is enough.)
+            if cover == Cover::Part || !self.shape.is_candidate(child.level()) {
+                self.miss_below(child, &space, visitor);
+            }
+        }
     }
 
     fn node(&self, segment: &Segment<'_>, records: &[u8], node: Node, visitor: &mut impl Visitor) -> Walked {

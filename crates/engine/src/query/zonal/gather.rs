@@ -133,6 +133,10 @@ impl Visitor for Gather<'_> {
         true
     }
 
+    fn reads_zones(&self) -> bool {
+        self.count.reads_zones()
+    }
+
     fn leave(&mut self, _: Code) -> Walked {
         Ok(self.progress.check()?)
     }
