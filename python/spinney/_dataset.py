@@ -461,7 +461,9 @@ class Level:
         """The level's cells as those of a tree."""
         ds = self.dataset
         steps = [] if self.level == ds.depth else [f"depth={self.level}"]
-        return Dataset(str(ds.path), [*ds.view, *steps], ds.commit, ds.positioned, ds.layer or None) if steps else ds
+        if not steps:
+            return ds
+        return Dataset(str(ds.path), [*ds.view, *steps], ds.commit, ds.positioned, ds.layer or None, ds._elsewhere)
 
     def __getitem__(self, key: Any) -> Any:
         return self.dataset._at_index(self.level, key)

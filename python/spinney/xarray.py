@@ -143,7 +143,7 @@ def _closing(trees: Iterable[Dataset]) -> Callable[[], None]:
 
 def _names_layer(path: Any) -> bool:
     """Whether a path names a layer."""
-    return ":" in os.path.basename(os.fspath(path)) and not os.path.exists(path)
+    return ":" in os.path.basename(str(path)) and not os.path.exists(str(path))
 
 
 def open_levels(path: Path, **options: Any) -> xr.DataTree:

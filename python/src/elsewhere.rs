@@ -10,6 +10,14 @@ use spinney::io::{Fetch, RangeCache, RangeFile};
 use spinney::store::{ByteSource, OpenOptions};
 use spinney::{Error, Result};
 
+/// The name of a file for Python: a path, or the text of a URL, of which a path would not keep both slashes.
+pub(crate) fn path_object<'py>(py: Python<'py>, path: &Path) -> PyResult<Bound<'py, PyAny>> {
+    match path.to_str().filter(|text| text.contains("://") || text.contains("::")) {
+        Some(text) => Ok(text.into_pyobject(py)?.into_any()),
+        None => Ok(path.into_pyobject(py)?.into_any()),
+    }
+}
+
 /// How a file elsewhere is opened.
 #[derive(Default)]
 pub(crate) struct Elsewhere {

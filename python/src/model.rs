@@ -17,7 +17,7 @@ use spinney::space::Crs;
 use spinney::store::Tag;
 use spinney::{Progress, Result};
 
-use crate::elsewhere::Elsewhere;
+use crate::elsewhere::{Elsewhere, path_object};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
@@ -121,8 +121,8 @@ impl Model {
     }
 
     #[getter]
-    fn path(&self) -> PathBuf {
-        self.path.clone()
+    fn path<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        path_object(py, &self.path)
     }
 
     /// What it is opened with besides: the file that Python reads, and options of the store.

@@ -14,7 +14,7 @@ use spinney::space::Crs;
 use spinney::store::FilePlace;
 use spinney::value::{Mask, Number};
 
-use crate::elsewhere::Elsewhere;
+use crate::elsewhere::{Elsewhere, path_object};
 use crate::error::{OrRaise, invalid};
 use crate::numbers::{PyNumber, told, told_names};
 use crate::{jobs, samples};
@@ -112,7 +112,7 @@ impl Tree {
         // (The commit that is read, so that all layers are of one state.)
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
         this.get_type().call1((
-            self.path.clone(),
+            path_object(this.py(), &self.path)?,
             steps,
             commit,
             self.positioned,
@@ -137,7 +137,8 @@ impl Tree {
         let finest = names.iter().find(|name| Some(depth(name)) == deepest && file.layer(name).is_ok());
         let steps: Vec<String> = [&composite].into_iter().chain(&self.steps).map(Step::to_string).collect();
         let layer = finest.cloned();
-        this.get_type().call1((self.path.clone(), steps, commit, self.positioned, layer, &self.elsewhere))
+        let path = path_object(this.py(), &self.path)?;
+        this.get_type().call1((path, steps, commit, self.positioned, layer, &self.elsewhere))
     }
 
     /// Whether it is seen as it is in the file.
@@ -265,8 +266,8 @@ impl Tree {
     }
 
     #[getter]
-    fn path(&self) -> PathBuf {
-        self.path.clone()
+    fn path<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        path_object(py, &self.path)
     }
 
     /// What it is opened with besides: the file that Python reads, and options of the store.

@@ -7,6 +7,7 @@ use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
 use serde_json::json;
 use spinney::dataset::Dataset;
+use spinney::io::url_of;
 use spinney::query::PointSamples;
 use spinney::space::{Coordinates, Places};
 use spinney::value::{Number, SampleType};
@@ -72,6 +73,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         level,
         places,
         from,
+        is_elsewhere: trees.iter().any(|tree| url_of(tree.name()).is_some()),
         outside: Mutex::default(),
         headings: args.json.then(|| trees.iter().map(heading).collect()),
     };
@@ -97,6 +99,8 @@ struct Points<'a> {
     axes: usize,
     level: u8,
     places: Places,
+    /// Whether the file is read from elsewhere.
+    is_elsewhere: bool,
     /// Points outside of the picture so far.
     outside: Mutex<OutsidePoints>,
     /// Name of what a point's number counts, for people.
@@ -142,8 +146,10 @@ impl Points<'_> {
                     continue;
                 }
             };
-            // The threads take parts of the batch, cut at ends of lines.
-            let parts = split_lines(&rest[..whole], rayon::current_num_threads() * 4);
+            // The threads take parts of the batch, cut at ends of lines. (Of a file elsewhere the places of all points are fetched at the same
+            // time.)
+            let parts = if self.is_elsewhere { 1 } else { rayon::current_num_threads() * 4 };
+            let parts = split_lines(&rest[..whole], parts);
             let starts = parts.iter().scan(line, |next, part| {
                 let start = *next;
                 *next += part.iter().filter(|byte| **byte == b'\n').count() as u64;

@@ -43,7 +43,7 @@ pub struct RemoteOptions {
 impl Default for RemoteOptions {
     fn default() -> RemoteOptions {
         RemoteOptions {
-            cache: 64 << 20,
+            cache: 32 << 20,
             folder: None,
             folder_bytes: 10 << 30,
             gap: DEFAULT_GAP,

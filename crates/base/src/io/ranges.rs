@@ -410,6 +410,6 @@ mod tests {
             place += 100;
             far.share(place, 1).map(|bytes| bytes[0])
         });
-        assert_eq!(end.unwrap(), ((65 * 100) % 251) as u8);
+        assert_eq!(end.unwrap(), ((257 * 100) % 251) as u8);
     }
 }

@@ -17,8 +17,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::ranges::RangeFile;
 use crate::{Error, Result, parallel};
 
-/// Rounds of a question at most. A tree has 29 levels, and few of them depend on each other; what needs more is read range by range.
-const MOST_ROUNDS: usize = 64;
+/// Rounds of a question at most. A tree has 29 levels, and few of them depend on each other, but of very many points some are answered in each round;
+/// what needs more is read range by range.
+const MOST_ROUNDS: usize = 256;
+
+/// Part of the cache that a round's ranges may take: while they arrive they are there twice.
+const ROUND_SHARE: u64 = 4;
 
 /// Whether there may be files that come in ranges.
 static IS_NEEDED: AtomicBool = AtomicBool::new(false);
@@ -249,7 +253,7 @@ type Fetched = HashSet<(u64, u64)>;
 /// before, and has given way since.
 fn fetch(missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize> {
     let mut files: BTreeMap<u64, (RangeFile, Vec<Range<u64>>)> = BTreeMap::new();
-    let mut room = missing.iter().map(|missing| missing.file.cache_limit()).min().unwrap_or(0) / 2;
+    let mut room = missing.iter().map(|missing| missing.file.cache_limit()).min().unwrap_or(0) / ROUND_SHARE;
     let mut count = 0;
     for MissingRange { file, range } in missing {
         let length = range.end - range.start;

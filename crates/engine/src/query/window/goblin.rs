@@ -9,10 +9,10 @@ use crate::query::check_level;
 use crate::store::goblin::{Goblin, Located, Segment};
 use crate::store::records::{Record, with_record_type};
 use crate::tree::Child;
-use spinney_base::Result;
 use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::Value;
+use spinney_base::{Error, Result};
 use spinney_container::{CUT, INNER, VOID};
 
 /// Nodes along an axis that a part of a window is divided by at most.
@@ -106,7 +106,13 @@ impl<'a> Window<'a> {
         if code.level() >= level || (0..3).any(|axis| nodes(axis) > MOST_DIVIDED) {
             return Ok(None);
         }
-        let Some(index) = self.tree.find_segment(code)? else { return Ok(None) };
+        let index = match self.tree.find_segment(code) {
+            Ok(Some(index)) => index,
+            Ok(None) => return Ok(None),
+            // (Divided or not, the parts tell what they lack.)
+            Err(Error::Unread) => return Ok(Some(level)),
+            Err(error) => return Err(error),
+        };
         let own = self.tree.segment_level(index)?;
         let has_all = shape.cut_level(own) >= self.level || shape.segment_level(code.level()) > own;
         Ok((!has_all).then_some(level))

@@ -27,6 +27,9 @@ pub(super) struct Directory {
     top: Box<[u8]>,
 }
 
+/// Bytes of a level of the index that are asked for at once at most.
+const MOST_PREFETCHED: u64 = 256 << 10;
+
 /// A level of the index, but for the top.
 struct IndexLevel {
     /// Number of entries.
@@ -144,6 +147,7 @@ impl Goblin {
     #[cold]
     fn check_page(&self, level: usize, page: u64) -> Result<CheckedPage> {
         let entry = self.index_entry(level, page)?;
+        self.prefetch_index(level)?;
         let layer = self.layer();
         let (offset, length) = (entry.offset.get(), u64::from(entry.length.get()));
         let corrupt = |found: String, expected: &str| self.bad_page(level, page, found, expected);
@@ -188,6 +192,28 @@ impl Goblin {
             return Err(corrupt(format!("first code {first:016x}"), &expected));
         }
         Ok(CheckedPage { start: start as usize, length: length as usize, copies })
+    }
+
+    /// Asks for all pages of a level of the index, which stand one behind the other and lead to all of the directory, if they are not too large.
+    fn prefetch_index(&self, level: usize) -> Result<()> {
+        let pages = if level == 0 { 0 } else { self.directory.levels[level - 1].pages.len() as u64 };
+        // (Only below the top, whose entries are there.)
+        if pages < 2 || level + 1 != self.directory.levels.len() {
+            return Ok(());
+        }
+        let (first, last) = (self.index_entry(level, 0)?, self.index_entry(level, pages - 1)?);
+        let layer = self.layer();
+        let (start, end) =
+            (first.offset.get(), last.offset.get().saturating_add(u64::from(last.length.get())));
+        if start >= layer.directory
+            && end <= layer.run.length
+            && (start..end).contains(&start)
+            && end - start <= MOST_PREFETCHED
+        {
+            let range = layer.run.offset + start..layer.run.offset + end;
+            self.file.backend.prefetch(std::slice::from_ref(&range))?;
+        }
+        Ok(())
     }
 
     /// The entry of the index for a page of the level below.
