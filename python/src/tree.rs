@@ -54,7 +54,9 @@ impl Opened {
         if let Some(number) = self.void.get() {
             return Ok(*number);
         }
-        let number = void_number(&self.tree).or_raise()?.unwrap_or_default();
+        // (It is read, and whoever serves the file may be another thread of this interpreter.)
+        let number = Python::attach(|py| py.detach(|| void_number(&self.tree))).or_raise()?;
+        let number = number.unwrap_or_default();
         Ok(*self.void.get_or_init(|| number))
     }
 
@@ -130,11 +132,14 @@ impl Tree {
     ) -> PyResult<Bound<'py, PyAny>> {
         let composite = Step::Calculation(Box::new(Calculation::composite(names).or_raise()?));
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
-        let file = self.open_file(commit).or_raise()?;
-        // (A name that is no layer's may be that of a channel.)
-        let depth = |name: &&String| file.layer(name).map_or(0, |layer| layer.depth());
-        let deepest = names.iter().map(|name| depth(&name)).max();
-        let finest = names.iter().find(|name| Some(depth(name)) == deepest && file.layer(name).is_ok());
+        let finest = this.py().detach(|| -> spinney::Result<Option<&String>> {
+            let file = self.open_file(commit)?;
+            // (A name that is no layer's may be that of a channel.)
+            let depth = |name: &&String| file.layer(name).map_or(0, |layer| layer.depth());
+            let deepest = names.iter().map(|name| depth(&name)).max();
+            Ok(names.iter().find(|name| Some(depth(name)) == deepest && file.layer(name).is_ok()))
+        });
+        let finest = finest.or_raise()?;
         let steps: Vec<String> = [&composite].into_iter().chain(&self.steps).map(Step::to_string).collect();
         let layer = finest.cloned();
         let path = path_object(this.py(), &self.path)?;
@@ -298,7 +303,7 @@ impl Tree {
                 let (commit, positioned) = (self.commit, self.positioned);
                 let elsewhere = self.elsewhere.clone_ref(py);
                 let file = Tree { opened, path, steps, commit, positioned, layer: None, elsewhere };
-                file.open(None).and_then(|file| file.tree.layers()).or_raise()?
+                py.detach(|| file.open(None).and_then(|file| file.tree.layers())).or_raise()?
             }
         };
         Ok(layers.into_iter().map(|layer| layer.name).collect())
