@@ -275,7 +275,7 @@ impl Tree {
         path_object(py, &self.path)
     }
 
-    /// What it is opened with besides: the file that Python reads, and options of the store.
+    /// Options of the store, and the file that Python reads.
     #[getter]
     fn _elsewhere(&self) -> &Elsewhere {
         &self.elsewhere

@@ -129,7 +129,7 @@ impl Tree {
     }
 }
 
-/// What is asked: which features, bytes of memory, names of measures, and quantiles.
+/// Questions to zones: which features, bytes of memory, names of measures, and quantiles.
 type Asked = (Chosen, u64, Vec<String>, Vec<f64>);
 
 fn request_of(edge: &str, asked: Asked) -> PyResult<(FeatureFilter, ZonalRequest)> {

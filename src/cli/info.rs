@@ -6,6 +6,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
+use spinney::io::rounds::{Traffic, traffic};
+use spinney::io::url_of;
 use spinney::ops::LayerInfo;
 use spinney::query::ChannelStatistics;
 use spinney::space::{Crs, Frame};
@@ -38,6 +40,15 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
+    describe(args)?;
+    if url_of(&args.file).is_some() && !args.json {
+        let Traffic { rounds, requests, bytes, .. } = traffic();
+        print_text(&format!("fetched     {bytes} bytes by {requests} requests, in {rounds} rounds\n"))?;
+    }
+    Ok(())
+}
+
+fn describe(args: &Args) -> Result<()> {
     if let Some(model) = exact::open(&args.file)? {
         exact::refuse(&args.file, &[("--levels", args.levels)])?;
         exact::info(&model, args.json)?;

@@ -11,7 +11,7 @@ use spinney::export::vector::{
 use spinney::import::feature::{FeatureAttribute, FeatureOptions, open_features};
 use spinney::io::Output;
 
-/// Whoever is told.
+/// Progress that notes warnings.
 #[derive(Default)]
 struct Told(Mutex<Vec<String>>);
 

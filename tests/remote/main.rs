@@ -141,6 +141,10 @@ fn servers_that_cannot_be_used_are_told() {
     let empty = server.put("empty.goblin", Vec::new());
     assert!(opened(&empty).is_err());
     assert!(opened("http://127.0.0.1:1/x.goblin").is_err());
+    // Other files than trees are not read from elsewhere, and say so.
+    let history = put(&server, "edited", "history.autumn");
+    let edited = spinney::store::autumnal::Editor::open(Path::new(&history), 1 << 20).err().unwrap();
+    assert!(matches!(&edited, Error::Unsupported { .. }), "{edited}");
 }
 
 /// Bytes of two states are never one answer.

@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::io::url_of;
+
 /// Result of anything in this library that can fail.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
@@ -166,7 +168,18 @@ impl Error {
     /// An operating-system error while `doing` something to `path`; use with `map_err`.
     pub fn io(path: impl Into<PathBuf>, doing: &'static str) -> impl FnOnce(io::Error) -> Error {
         let path = path.into();
-        move |cause| Error::Io { path, doing, cause }
+        move |cause| {
+            // (The system knows no URLs: that there is no file of that name would say the wrong thing.)
+            if cause.raw_os_error().is_some() && url_of(&path).is_some() {
+                let advice = "copy it to this machine first (trees and exact models are read where they are)";
+                return Error::unsupported(
+                    path,
+                    "a file elsewhere, where one of this machine is needed,",
+                    advice,
+                );
+            }
+            Error::Io { path, doing, cause }
+        }
     }
 
     /// Bytes of `path` that break the format's rules.

@@ -84,7 +84,7 @@ impl<'p> FilePlace<'p> {
         }
     }
 
-    /// What a URL means: commit and layer stand behind the last name of its path, before a query.
+    /// The place that a URL means: commit and layer stand behind the last name of its path, before a query.
     fn of_url(url: &'p str) -> FilePlace<'p> {
         let (before, query) = url.split_at(url.find(['?', '#']).unwrap_or(url.len()));
         let name = before.rfind('/').map_or(0, |slash| slash + 1);
@@ -105,7 +105,7 @@ impl<'p> FilePlace<'p> {
         FilePlace { file, commit, layer }
     }
 
-    /// The same place, whatever it was made of.
+    /// The place without what it borrows.
     fn into_owned<'o>(self) -> FilePlace<'o> {
         let FilePlace { file, commit, layer } = self;
         FilePlace { file: Cow::Owned(file.into_owned()), commit, layer }

@@ -126,14 +126,10 @@ impl RangeFile {
             let mut all = under_way();
             ranges.iter().cloned().partition(|range| all.insert(key(range)))
         };
-        let fetched = self.fetch_own(&own);
-        {
-            let mut all = under_way();
-            for range in &own {
-                all.remove(&key(range));
-            }
-            self.0.arrived.notify_all();
-        }
+        let fetched = {
+            let _arriving = Arriving { file: &self.0, ranges: &own };
+            self.fetch_own(&own)
+        };
         let mut found: HashMap<(u64, u64), Arc<Vec<u8>>> = own.iter().map(key).zip(fetched?).collect();
         for range in &others {
             let waits = self.0.arrived.wait_while(under_way(), |all| all.contains(&key(range)));
@@ -176,6 +172,10 @@ impl RangeFile {
         let joined = join(ranges, self.0.gap);
         let wanted: Vec<Range<u64>> = joined.iter().map(|(whole, _)| whole.clone()).collect();
         let came = self.0.fetch.fetch(&wanted)?;
+        if came.len() != wanted.len() {
+            let (found, expected) = (format!("{} parts", came.len()), format!("{}", wanted.len()));
+            return Err(Error::corrupt(self.path(), "answer of the host", found, expected));
+        }
         rounds::count_traffic(wanted.len() as u64, came.iter().map(|bytes| bytes.len() as u64).sum());
         let mut found = Vec::with_capacity(ranges.len());
         for ((whole, count), bytes) in joined.into_iter().zip(came) {
@@ -195,9 +195,7 @@ impl RangeFile {
         }
         Ok(found)
     }
-}
 
-impl RangeFile {
     /// A range that is read outside of rounds, with what is behind it if such ranges come one after the other.
     fn with_next(&self, range: &Range<u64>) -> Range<u64> {
         let mut streams = self.0.streams.lock().unwrap_or_else(PoisonError::into_inner);
@@ -211,6 +209,22 @@ impl RangeFile {
             streams.remove(0);
         }
         range.start..end
+    }
+}
+
+/// Ranges that a thread is getting. When it is done, or has failed, or has panicked, others need not wait for it any more.
+struct Arriving<'a> {
+    file: &'a Shared,
+    ranges: &'a [Range<u64>],
+}
+
+impl Drop for Arriving<'_> {
+    fn drop(&mut self) {
+        let mut all = self.file.under_way.lock().unwrap_or_else(PoisonError::into_inner);
+        for range in self.ranges {
+            all.remove(&(range.start, range.end));
+        }
+        self.file.arrived.notify_all();
     }
 }
 

@@ -11,6 +11,7 @@
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
+use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -86,7 +87,7 @@ pub(crate) fn current() -> Option<Round> {
 
 /// Does some work in a round, or in none.
 pub(crate) fn with<R>(round: Option<Round>, work: impl FnOnce() -> R) -> R {
-    /// What the thread goes back to, even if the work panics.
+    /// The round that the thread goes back to, even if the work panics.
     struct Before(Option<Round>);
     impl Drop for Before {
         fn drop(&mut self) {
@@ -273,7 +274,9 @@ fn fetch(missing: Vec<MissingRange>, fetched: &mut Fetched) -> Result<usize> {
         let others: Vec<_> =
             files.map(|(file, ranges)| scope.spawn(move || file.fetch(&ranges).map(drop))).collect();
         let first = first.map_or(Ok(()), |(file, ranges)| file.fetch(&ranges).map(drop));
-        let others = others.into_iter().map(|other| other.join().expect("fetching does not panic"));
+        // (A panic goes on in the thread that asks.)
+        let others =
+            others.into_iter().map(|other| other.join().unwrap_or_else(|panic| resume_unwind(panic)));
         others.fold(first, Result::and)
     })?;
     Ok(count)

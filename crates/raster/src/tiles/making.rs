@@ -9,8 +9,8 @@ use serde_json::{Map, Value as Json, json};
 use super::encode::TileFormat;
 use super::source::DataPlace;
 use crate::style::PercentileNumbers;
-use spinney_base::io::platform::read_exact_at;
 use spinney_base::{Error, Result};
+use spinney_container::OpenOptions;
 use spinney_engine::dataset::Dataset;
 
 /// The tree from which an archive was made, in one state.
@@ -37,12 +37,12 @@ impl SourceState {
             let state = format!("{} cells, {} records, {:?}", commit.cells, commit.records, commit.note);
             return Ok(SourceState { file, commit: Some(commit.number), state: hashed(state.as_bytes()) });
         }
-        let failed = || Error::io(path, "read");
-        let input = std::fs::File::open(path).map_err(failed())?;
-        let length = tree.file_size();
+        let (input, length) = (OpenOptions::new().open(path)?, tree.file_size());
+        if input.len() < length {
+            return Err(Error::Changed { path: path.to_path_buf(), what: "was cut short" });
+        }
         let start = length.saturating_sub(4096);
-        let mut tail = vec![0; (length - start) as usize];
-        read_exact_at(&input, &mut tail, start).map_err(failed())?;
+        let tail = input.read(start, (length - start) as usize)?;
         Ok(SourceState { file, commit: None, state: format!("{length} bytes, {}", hashed(&tail)) })
     }
 }

@@ -148,7 +148,7 @@ pub struct VectorLayer {
 }
 
 impl VectorLayer {
-    /// What a file of the format cannot tell of the layer's coordinate system, for whoever reads it: nothing if it tells all.
+    /// Parts of the layer's coordinate system that a file of the format cannot tell, in words: nothing if it tells all.
     pub(super) fn unknown_system(&self, format: VectorFormat) -> Option<String> {
         let crs = self.crs.as_ref()?;
         let is_told = match format {

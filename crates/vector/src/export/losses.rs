@@ -4,13 +4,13 @@ use super::geometry::Shape;
 use super::layer::TEXT_BYTES;
 use super::{AttributeType, AttributeValue, GeometryKind, VectorFeature, VectorFormat, VectorLayer};
 
-/// Whole numbers up to here, and no further, are all numbers of double precision.
+/// Bound up to which all whole numbers are numbers of double precision.
 const EXACT: u64 = 1 << f64::MANTISSA_DIGITS;
 
 /// Names that are listed.
 const LISTED: usize = 20;
 
-/// What is lost of single features.
+/// Losses of single features.
 #[derive(Clone, Copy)]
 enum Loss {
     Id,
@@ -23,7 +23,7 @@ enum Loss {
     Zero,
 }
 
-/// What is said of each of them, before a count.
+/// Texts about each of them, before a count.
 const TEXTS: [&str; 8] = [
     "ids that are left out, since the format has none",
     "infinite numbers that are left out",
@@ -99,14 +99,14 @@ impl Losses {
         }
     }
 
-    /// What was lost of features, in words.
+    /// Losses of features, in words.
     pub(super) fn told(&self) -> Vec<String> {
         let lost = TEXTS.iter().zip(self.counts).filter(|(_, count)| *count > 0);
         lost.map(|(text, count)| format!("{text}: {count}")).collect()
     }
 }
 
-/// What a file of the format cannot tell of a layer, whose attributes have these names there.
+/// Remarks on what a file of the format cannot tell of a layer, whose attributes have these names there.
 pub(super) fn of_layer(format: VectorFormat, layer: &VectorLayer, names: &[String]) -> Vec<String> {
     let mut told: Vec<String> = layer.unknown_system(format).into_iter().collect();
     let renamed = layer.attributes.iter().zip(names).filter(|((own, _), name)| own != *name);

@@ -148,7 +148,7 @@ pub struct VectorWriter {
     kind: Option<GeometryKind>,
     is_multi: bool,
     attributes: Vec<(String, AttributeType)>,
-    /// What the file cannot tell of the layer, and of its features.
+    /// Remarks on what the file cannot tell of the layer, and of its features.
     remarks: Vec<String>,
     losses: Losses,
 }

@@ -7,7 +7,7 @@ use super::{AttributeType, VectorFormat};
 /// Bytes of a name in a table of dBASE.
 const SHORT: usize = 10;
 
-/// What a format asks of names.
+/// A format's demands on names.
 struct Rule {
     /// Whether it may have the letter.
     allows: fn(char) -> bool,
@@ -35,7 +35,7 @@ impl Rule {
         }
     }
 
-    /// What two names have in common that are the same.
+    /// The key of a name, which names that the format takes for the same have in common.
     fn key(&self, name: &str) -> String {
         if self.folds_case { name.to_lowercase() } else { name.into() }
     }

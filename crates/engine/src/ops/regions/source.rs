@@ -33,7 +33,7 @@ pub(in crate::ops) struct Passes<'a> {
     pub(in crate::ops) progress: &'a dyn Progress,
 }
 
-/// What components become.
+/// Values that components get.
 enum Made {
     Labels(Labels),
     Sieved(Sieved),

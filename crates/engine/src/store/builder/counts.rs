@@ -10,7 +10,7 @@ const RECENT_BITS: u32 = 5;
 #[derive(Default)]
 pub(super) struct ValueCounts {
     counts: Vec<(Value, u64)>,
-    /// Where values that came last are, by a hash of their bytes.
+    /// Places of the values that came last, by a hash of their bytes.
     recent: [u32; 1 << RECENT_BITS],
 }
 
