@@ -147,7 +147,7 @@ def class_areas(server):
     wanted = countries()
     theirs, areas = peer(COUNTRIES, f"{server.url}/shoreline_zstd.tif", wanted)
     found, worst = [], 0.0
-    # (Russia crosses the antimeridian, about which the two do not agree.)
+    # (Russia's rings cross themselves, where each has a rule of its own.)
     for country, expected in zip(wanted, areas):
         path = WORK / "country.geojson"
         path.write_text(json.dumps({"type": "FeatureCollection", "features": [country]}))
