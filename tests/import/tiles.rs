@@ -255,10 +255,14 @@ fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
             // It does not go on with other options.
             let mut other = request.clone();
             other.side = 512;
-            assert!(matches!(
-                export_tiles(&source, &painter, &other, &target, &()),
-                Err(Error::Unsupported { .. })
-            ));
+            loop {
+                match export_tiles(&source, &painter, &other, &target, &()) {
+                    Err(Error::Unsupported { .. }) => break,
+                    // (A process that another test is starting has a copy of the file, and of its lock, for a moment.)
+                    Err(Error::Locked { .. }) => std::thread::yield_now(),
+                    other => panic!("{:?}", other.map(|_| "an export that went on")),
+                }
+            }
         }
         assert!(starts > 1);
         request.resume = false;
