@@ -14,7 +14,8 @@ use crate::common::command::command;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// Pages that have no commands of their own.
-const WITHOUT: [&str; 5] = ["c.md", "how-it-works.md", "literature.md", "options.md", "python.md"];
+const WITHOUT: [&str; 6] =
+    ["c.md", "how-it-works.md", "literature.md", "options.md", "python.md", "remote.md"];
 
 /// A block of commands.
 struct Block {
