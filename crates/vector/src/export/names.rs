@@ -51,7 +51,9 @@ pub(super) fn of(format: VectorFormat, attributes: &[(String, AttributeType)]) -
     let mut name_of = |own: &str| {
         let letters = own.chars().map(|letter| if (rule.allows)(letter) { letter } else { '_' });
         let plain: String = letters.collect();
-        let plain = if plain.is_empty() { "_".into() } else { plain };
+        // (JSON has members without a name.)
+        let needs_one = plain.is_empty() && !matches!(format, VectorFormat::GeoJson);
+        let plain = if needs_one { "_".into() } else { plain };
         let mut name = cut(&plain, rule.most).to_owned();
         let number = last.entry(rule.key(&name)).or_insert(1);
         while !taken.insert(rule.key(&name)) {
