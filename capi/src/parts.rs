@@ -3,10 +3,10 @@
 use std::ffi::{CStr, c_char, c_void};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, LazyLock};
+use std::sync::Arc;
 
 use engine::dataset;
-use engine::io::{Fetch, RangeCache, RangeFile};
+use engine::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
 use engine::store::{ByteSource, OpenOptions};
 use engine::{Error, Result};
 
@@ -28,14 +28,6 @@ pub type spinney_fetch = Option<
 
 /// Called when nothing of a file is read any more, with what spinney_open_parts() was given.
 pub type spinney_release = Option<unsafe extern "C" fn(user: *mut c_void)>;
-
-/// Bytes that are held of all files that callers read.
-const CACHE: u64 = 64 << 20;
-
-/// Bytes between two parts up to which they are read as one.
-const GAP: u64 = 32 << 10;
-
-static CACHED: LazyLock<Arc<RangeCache>> = LazyLock::new(|| Arc::new(RangeCache::new(CACHE)));
 
 /// A file that the caller reads.
 struct CallersFile {
@@ -108,8 +100,14 @@ pub unsafe extern "C" fn spinney_open_parts(
         let number = RangeCache::file_number();
         let file = Arc::new(CallersFile { user, fetch, release, path: path.clone(), length, number });
         let source = ByteSource::new(move |path: &Path| {
-            let cache = (CACHED.clone(), file.number);
-            Ok(Box::new(RangeFile::new(path, file.length, Box::new(Reader(file.clone())), cache, GAP)))
+            let cache = (RangeCache::shared(), file.number);
+            Ok(Box::new(RangeFile::new(
+                path,
+                file.length,
+                Box::new(Reader(file.clone())),
+                cache,
+                DEFAULT_GAP,
+            )))
         });
         let opened = dataset::open(&path, &OpenOptions::new().source(source))?;
         // SAFETY: it is not NULL, and the caller's.

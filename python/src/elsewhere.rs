@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 use std::path::Path;
-use std::sync::{Arc, LazyLock};
+use std::sync::Arc;
 
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyTuple};
-use spinney::io::{Fetch, RangeCache, RangeFile};
+use spinney::io::{DEFAULT_GAP, Fetch, RangeCache, RangeFile};
 use spinney::store::{ByteSource, OpenOptions};
 use spinney::{Error, Result};
 
@@ -26,14 +26,6 @@ pub(crate) struct Elsewhere {
     /// A file that Python reads, and who reads it.
     file: Option<(Arc<PythonFile>, Py<PyAny>)>,
 }
-
-/// Bytes that are held of all files that Python reads.
-const CACHE: u64 = 64 << 20;
-
-static CACHED: LazyLock<Arc<RangeCache>> = LazyLock::new(|| Arc::new(RangeCache::new(CACHE)));
-
-/// Gap in bytes up to which parts are asked for as one.
-const GAP: u64 = 32 << 10;
 
 /// A file that a function of Python reads.
 struct PythonFile {
@@ -83,9 +75,9 @@ impl Elsewhere {
         let Some((file, _)) = &self.file else { return options };
         let file = file.clone();
         options.source(ByteSource::new(move |path| {
-            let cache = (CACHED.clone(), file.number);
+            let cache = (RangeCache::shared(), file.number);
             let fetch = Box::new(Reader { file: file.clone(), path: path.to_path_buf() });
-            Ok(Box::new(RangeFile::new(path, file.length, fetch, cache, GAP)))
+            Ok(Box::new(RangeFile::new(path, file.length, fetch, cache, DEFAULT_GAP)))
         }))
     }
 }

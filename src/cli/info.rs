@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
-use spinney::io::rounds::{Traffic, traffic};
+use spinney::io::rounds::traffic;
 use spinney::io::url_of;
 use spinney::ops::LayerInfo;
 use spinney::query::ChannelStatistics;
@@ -42,8 +42,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> Result<()> {
     describe(args)?;
     if url_of(&args.file).is_some() && !args.json {
-        let Traffic { rounds, requests, bytes, .. } = traffic();
-        print_text(&format!("fetched     {bytes} bytes by {requests} requests, in {rounds} rounds\n"))?;
+        print_text(&format!("fetched     {}\n", traffic()))?;
     }
     Ok(())
 }

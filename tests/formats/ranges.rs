@@ -316,7 +316,7 @@ fn hostile_files_end_after_some_rounds() {
     }
 }
 
-/// What one thread asks in rounds does not disturb what others ask.
+/// Rounds of one thread do not disturb those of others.
 #[test]
 fn threads_ask_at_the_same_time() {
     let bytes = large();

@@ -7,6 +7,9 @@ use spinney::value::{Kind, Rule};
 
 use crate::common::{Cells, QUAD, Random, as_byte, byte, dataset, made};
 
+/// Error of distances between corners, which are whole cells below 2^10, in double precision, with room to spare.
+const ROUNDING: f64 = 1e-9;
+
 type Point = [f64; 2];
 
 /// A region: its class, and rings, which end with the point that they begin with.
@@ -149,7 +152,9 @@ fn simplified_borders_are_those_of_both_neighbours() {
                 // (The same ring, with the same turn.)
                 assert_eq!(area(ring) > 0.0, area(simple) > 0.0, "{seed}");
                 let near = |point: &&Point| {
-                    simple.windows(2).any(|pair| distance(**point, [pair[0], pair[1]]) <= tolerance + 1e-9)
+                    simple
+                        .windows(2)
+                        .any(|pair| distance(**point, [pair[0], pair[1]]) <= tolerance + ROUNDING)
                 };
                 assert_eq!(ring.iter().find(|point| !near(point)), None, "{seed}");
             }

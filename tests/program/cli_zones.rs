@@ -114,7 +114,7 @@ fn all_features_are_kept_and_no_attribute_is_lost() {
     }
 }
 
-/// What a shapefile has no room for is told, and so is the system that corners were said to be in.
+/// Losses of a shapefile are told, and so is the system that corners were said to be in.
 #[test]
 fn what_is_lost_is_told() {
     let folder = tempfile::tempdir().unwrap();

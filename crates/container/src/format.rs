@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use super::file_header::FileHeader;
-use spinney_base::io::{local_path, open_file, url_of};
+use spinney_base::io::{local_path, open_file, split_query, url_of};
 use spinney_base::{Error, Result};
 
 /// The formats of tree files.
@@ -19,6 +19,7 @@ pub enum TreeFormat {
 impl TreeFormat {
     /// The format that a file of this name gets: Autumnal if it ends with `.autumn`, else Goblin.
     pub fn of(path: &Path) -> TreeFormat {
+        let path = url_of(path).map_or(path, |url| Path::new(split_query(url).0));
         let is_autumnal = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("autumn"));
         if is_autumnal { TreeFormat::Autumnal } else { TreeFormat::Goblin }
     }
@@ -86,7 +87,7 @@ impl<'p> FilePlace<'p> {
 
     /// The place that a URL means: commit and layer stand behind the last name of its path, before a query.
     fn of_url(url: &'p str) -> FilePlace<'p> {
-        let (before, query) = url.split_at(url.find(['?', '#']).unwrap_or(url.len()));
+        let (before, query) = split_query(url);
         let name = before.rfind('/').map_or(0, |slash| slash + 1);
         let (file, layer) = match before[name..].split_once(':') {
             Some((file, layer)) => (&before[..name + file.len()], Some(layer.to_string())),
@@ -125,7 +126,7 @@ impl<'p> FilePlace<'p> {
     fn with(&self, more: &str) -> PathBuf {
         let commit = self.commit.map_or(String::new(), |commit| format!("@{commit}"));
         if let Some(url) = url_of(&self.file) {
-            let (before, query) = url.split_at(url.find(['?', '#']).unwrap_or(url.len()));
+            let (before, query) = split_query(url);
             return format!("{before}{commit}{more}{query}").into();
         }
         let mut path = self.file.clone().into_owned().into_os_string();
@@ -190,6 +191,7 @@ mod tests {
         let signed = "s3://bucket/x.autumn?sig=a@1:b/c";
         assert_eq!(place("s3://bucket/x.autumn?sig=a@1:b/c"), (signed.into(), None, None));
         assert_eq!(place("s3://bucket/x.autumn@12:B?sig=a@1:b/c"), (signed.into(), Some(12), layer("B")));
+        assert_eq!(TreeFormat::of(Path::new(signed)), TreeFormat::Autumnal);
         let path = FilePlace { file: Path::new(signed).into(), commit: Some(3), layer: None }.of_layer("B");
         assert_eq!(path.to_str(), Some("s3://bucket/x.autumn@3:B?sig=a@1:b/c"));
     }

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use futures_util::StreamExt;
 use futures_util::stream;
 use object_store::{Attribute, GetOptions, GetRange, GetResult, ObjectMeta};
-use spinney_base::io::{Fetch, RangeFile, rounds};
+use spinney_base::io::{Fetch, RangeCache, RangeFile, rounds};
 use spinney_base::{Error, Result};
 
 use super::disk_cache::{DiskCache, KeptFile};
@@ -98,7 +98,7 @@ pub(super) fn open(url: &str, storage: &[(String, String)], stores: &Stores) -> 
         kept,
     };
     came.iter().try_for_each(|part| remote.check(part))?;
-    let file = RangeFile::new(path, length, Box::new(remote), (stores.cache.clone(), number), gap);
+    let file = RangeFile::new(path, length, Box::new(remote), (RangeCache::shared(), number), gap);
     for part in came {
         file.supply(part.range.start, part.bytes);
     }

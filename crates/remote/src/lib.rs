@@ -20,12 +20,11 @@ use disk_cache::DiskCache;
 use spinney_base::Result;
 use spinney_base::io::{DEFAULT_GAP, RangeCache, RangeFile, ReadBackend, RemoteFiles, set_remote_files};
 
-/// Options of files elsewhere, for all of a process.
+/// Options of files elsewhere, for all of a process. How much of them is held in memory is said to
+/// [`RangeCache::shared`].
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct RemoteOptions {
-    /// Bytes that are held in memory, of all files together.
-    pub cache: u64,
     /// Folder in which bytes are kept from one run to the next.
     pub folder: Option<PathBuf>,
     /// Bytes that the folder may have.
@@ -43,7 +42,6 @@ pub struct RemoteOptions {
 impl Default for RemoteOptions {
     fn default() -> RemoteOptions {
         RemoteOptions {
-            cache: 32 << 20,
             folder: None,
             folder_bytes: 10 << 30,
             gap: DEFAULT_GAP,
@@ -61,9 +59,7 @@ impl Default for RemoteOptions {
 /// If the folder for what is kept cannot be used.
 pub fn enable(options: RemoteOptions) -> Result<()> {
     let folder = options.folder.as_deref().map(|folder| DiskCache::new(folder, options.folder_bytes));
-    let cache = Arc::new(RangeCache::new(options.cache));
     let stores = Stores {
-        cache,
         folder: folder.transpose()?.map(Arc::new),
         options,
         opened: Mutex::default(),
@@ -83,7 +79,6 @@ type StoredAt = (String, Vec<(String, String)>);
 /// Files elsewhere that this process reads.
 struct Stores {
     options: RemoteOptions,
-    cache: Arc<RangeCache>,
     folder: Option<Arc<DiskCache>>,
     /// Files that were opened lately, and when.
     opened: Mutex<HashMap<StoredAt, (Instant, RangeFile)>>,

@@ -55,8 +55,7 @@ impl Global {
     /// Tells how files elsewhere were read, if that was asked for.
     pub(crate) fn finish(&self) {
         if self.verbose {
-            let traffic = spinney::io::rounds::traffic();
-            eprintln!("{} rounds, {} requests, {} bytes", traffic.rounds, traffic.requests, traffic.bytes);
+            eprintln!("{}", spinney::io::rounds::traffic());
         }
     }
 }

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::{Deref, Range};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, MutexGuard, PoisonError};
 
 use super::read::{FileBytes, ReadBackend, Stamp};
 use crate::Result;
@@ -14,9 +14,12 @@ use crate::Result;
 /// A range within a longer one that is held is found there.
 pub struct RangeCache {
     /// Bytes that may be held.
-    limit: u64,
+    limit: AtomicU64,
     state: Mutex<State>,
 }
+
+/// Bytes that the cache of all files elsewhere may hold, if nobody says otherwise.
+const SHARED: u64 = 32 << 20;
 
 /// Number of a file in a cache, and the first byte of a range.
 type Place = (u64, u64);
@@ -41,12 +44,23 @@ struct Cached {
 impl RangeCache {
     /// Holds at most so many bytes, but always the range that was put last.
     pub fn new(limit: u64) -> RangeCache {
-        RangeCache { limit, state: Mutex::default() }
+        RangeCache { limit: limit.into(), state: Mutex::default() }
+    }
+
+    /// The cache of all files elsewhere that this process reads, in whatever way.
+    pub fn shared() -> Arc<RangeCache> {
+        static CACHE: LazyLock<Arc<RangeCache>> = LazyLock::new(|| Arc::new(RangeCache::new(SHARED)));
+        CACHE.clone()
     }
 
     /// Bytes that may be held.
     pub fn limit(&self) -> u64 {
-        self.limit
+        self.limit.load(Ordering::Relaxed)
+    }
+
+    /// Changes how many bytes may be held from the next range on.
+    pub fn set_limit(&self, limit: u64) {
+        self.limit.store(limit, Ordering::Relaxed);
     }
 
     /// A number for a file that no other one has.
@@ -91,7 +105,7 @@ impl RangeCache {
         state.by_time.insert(last_use, place);
         state.time += 1;
         // The newest is the last of all by time, so that it is never what gives way.
-        while state.held > self.limit && state.ranges.len() > 1 {
+        while state.held > self.limit() && state.ranges.len() > 1 {
             let Some((_, oldest)) = state.by_time.pop_first() else { return };
             state.remove(oldest);
         }
@@ -143,16 +157,18 @@ impl Deref for HeldBytes {
 /// A file's bytes with a cache in front of those that are [shared](ReadBackend::share).
 struct CachedReads {
     backend: Box<dyn ReadBackend>,
-    file: u64,
     cache: RangeCache,
 }
+
+/// The number of the only file of a cache.
+const ONLY: u64 = 0;
 
 /// Gives a cache of so many bytes to a backend, unless its bytes are mapped, or it has one.
 pub fn with_cache(backend: Box<dyn ReadBackend>, limit: u64) -> Box<dyn ReadBackend> {
     if backend.bytes().is_some() || backend.has_cache() {
         return backend;
     }
-    Box::new(CachedReads { backend, file: 0, cache: RangeCache::new(limit) })
+    Box::new(CachedReads { backend, cache: RangeCache::new(limit) })
 }
 
 impl ReadBackend for CachedReads {
@@ -173,12 +189,12 @@ impl ReadBackend for CachedReads {
     }
 
     fn share(&self, offset: u64, length: usize) -> Result<FileBytes<'_>> {
-        if let Some(held) = self.cache.get(self.file, &(offset..offset + length as u64)) {
+        if let Some(held) = self.cache.get(ONLY, &(offset..offset + length as u64)) {
             return Ok(FileBytes::Held(held));
         }
         // Nobody waits for others' reads: two threads may read the same, which is then held once.
         let bytes = Arc::new(self.backend.read(offset, length)?.into_owned());
-        self.cache.put(self.file, offset, bytes.clone());
+        self.cache.put(ONLY, offset, bytes.clone());
         Ok(FileBytes::Held(bytes.into()))
     }
 

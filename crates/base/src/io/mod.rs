@@ -24,7 +24,7 @@ pub use faults::Faults;
 pub use file_id::FileId;
 pub use lock::{LockedFile, ReplaceLock};
 pub use lock_file::LockFile;
-pub use open::{RemoteFiles, local_path, open_file, set_remote_files, url_of};
+pub use open::{RemoteFiles, local_path, open_file, set_remote_files, split_query, url_of};
 pub use output::Output;
 pub use output::folder;
 pub use output::{Unfinished, partial_of, sidecar_of, sync_folder};

@@ -54,6 +54,11 @@ pub fn url_of(path: &Path) -> Option<&str> {
     SCHEMES.iter().any(|known| scheme.eq_ignore_ascii_case(known)).then_some(text)
 }
 
+/// A URL up to its query, and the query, which may have a signature.
+pub fn split_query(url: &str) -> (&str, &str) {
+    url.split_at(url.find(['?', '#']).unwrap_or(url.len()))
+}
+
 /// The path of a file of this machine, which may be given as `file://` URL.
 pub fn local_path(path: &Path) -> Cow<'_, Path> {
     let url = path.to_str().and_then(|text| text.strip_prefix("file://"));

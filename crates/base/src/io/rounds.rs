@@ -9,7 +9,9 @@
 //! Files that are mapped, or read at positions, lack nothing, and their questions are asked once.
 
 use std::cell::RefCell;
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashSet};
+use std::fmt;
 use std::ops::Range;
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -57,6 +59,13 @@ pub struct Traffic {
     pub bytes: u64,
 }
 
+impl fmt::Display for Traffic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Traffic { rounds, requests, bytes } = self;
+        write!(f, "{rounds} rounds, {requests} requests, {bytes} bytes")
+    }
+}
+
 static ROUNDS: AtomicU64 = AtomicU64::new(0);
 static REQUESTS: AtomicU64 = AtomicU64::new(0);
 static BYTES: AtomicU64 = AtomicU64::new(0);
@@ -96,11 +105,6 @@ pub(crate) fn with<R>(round: Option<Round>, work: impl FnOnce() -> R) -> R {
     }
     let _before = Before(CURRENT.replace(round));
     work()
-}
-
-/// Does some work in no round: reads in it wait for their bytes. For threads of a pool, which may take up new work while they wait for a round's.
-pub fn outside<R>(work: impl FnOnce() -> R) -> R {
-    with(None, work)
 }
 
 /// Notes a range that is not here, if this thread is in a round.
@@ -147,11 +151,9 @@ pub fn attempt(question: &mut dyn FnMut() -> Result<()>) -> (Result<()>, Vec<Mis
     let round = Round::default();
     let result = with(Some(round.clone()), question);
     let mut missing = std::mem::take(&mut *round.0.lock().unwrap_or_else(PoisonError::into_inner));
-    // (Sorting keeps the order of what is alike.)
-    crate::sort::by_wide_key(&mut missing, |missing| {
-        u128::from(missing.range.start) << 64 | u128::from(!missing.range.end)
-    });
-    crate::sort::by_key(&mut missing, |missing| missing.file.number());
+    let order =
+        |missing: &MissingRange| (missing.file.number(), missing.range.start, Reverse(missing.range.end));
+    crate::sort::by(&mut missing, &mut |a, b| order(a).cmp(&order(b)));
     // (What lies in another range comes with it.)
     missing
         .dedup_by(|next, kept| next.file.number() == kept.file.number() && next.range.end <= kept.range.end);
@@ -210,9 +212,6 @@ pub fn ask<T>(mut question: impl FnMut() -> Result<T>) -> Result<T> {
 /// # Errors
 /// That of the first item whose function fails.
 pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> Result<R> + Sync) -> Result<Vec<R>> {
-    if !IS_NEEDED.load(Ordering::Relaxed) {
-        return parallel::map(items, make).into_iter().collect();
-    }
     let mut done: Vec<Option<R>> = items.iter().map(|_| None).collect();
     ask(|| {
         let left: Vec<usize> = (0..items.len()).filter(|index| done[*index].is_none()).collect();
@@ -231,12 +230,14 @@ fn ask_again(question: &mut dyn FnMut() -> Result<()>) -> Result<()> {
     }
     let mut fetched = HashSet::new();
     for _ in 0..MOST_ROUNDS {
+        // Invariant: a read in a round either has its bytes, or is noted. So an answer, or an error, counts if nothing is noted, and only then:
+        // whoever has passed over a failed read has passed over bytes that were there to be had.
         let (result, missing) = attempt(question);
-        if missing.is_empty() {
-            match result {
-                Err(Error::Unread) => break,
-                result => return result,
-            }
+        match result {
+            Err(Error::Interrupted) => return result,
+            Err(Error::Unread) if missing.is_empty() => break,
+            result if missing.is_empty() => return result,
+            _ => {}
         }
         if fetch(missing, &mut fetched)? == 0 {
             break;

@@ -6,11 +6,11 @@ use super::{Dataset, Tree};
 use crate::ops::{Combined, Operation, Prefer, TreeFile, View, ViewSource};
 use crate::query::{
     Condition, FoundBlock, PointSamples, Statistics, StoredRows, autumnal_histogram, autumnal_statistics,
-    check_level, source_find, source_histogram, source_statistics,
+    check_level, source_find, source_histogram, source_statistics, values_one_by_one,
 };
 use crate::query::{PixelGrid, PixelSums};
 use crate::tree::{Child, Source, no_children};
-use spinney_base::io::rounds::{all_read, ask, go_on};
+use spinney_base::io::rounds::ask;
 use spinney_base::space::{Bounds, Cell, Code};
 use spinney_base::value::{Number, Value};
 use spinney_base::{Progress, Result};
@@ -50,23 +50,15 @@ impl Dataset {
     pub fn points(&self, cells: &[[u64; 3]], level: u8, samples: &mut PointSamples) -> Result<()> {
         let value_type = self.header().form.value;
         let values = samples.start(value_type, cells.len());
+        let plain = || cells.iter().map(|cell| saturated(*cell)).collect::<Vec<Cell>>();
         match &self.tree {
-            Tree::Goblin(file) => {
-                let cells: Vec<Cell> = cells.iter().map(|cell| saturated(*cell)).collect();
-                file.values_at(level, &cells, values)?;
+            Tree::Goblin(file) => file.values_at(level, &plain(), values),
+            Tree::Autumnal(file) => {
+                let dimension = self.header().form.dimension;
+                values_one_by_one((dimension, level), &plain(), values, &|code| file.value_at(code))
             }
-            Tree::Autumnal(file) => ask(|| {
-                let mut is_unread = false;
-                for (cell, value) in cells.iter().zip(&mut *values) {
-                    let code = self.code(level, saturated(*cell));
-                    let found = code.map_or(Ok(None), |code| file.value_at(code));
-                    *value = go_on(found, &mut is_unread)?.flatten();
-                }
-                all_read(is_unread)
-            })?,
-            Tree::View(viewed) => ask(|| viewed.values_at(level, cells, values))?,
+            Tree::View(viewed) => ask(|| viewed.values_at(level, cells, values)),
         }
-        Ok(())
     }
 
     /// The state of a node: VOID or LEAF if all of its cells are that, with the value; else INNER, with a representative that

@@ -141,6 +141,8 @@ impl<'a> Search<'a> {
     /// Hands out all that is pending.
     #[inline(never)]
     fn hand_out(&mut self) -> Walked {
+        // Invariant: all passes find the same blocks in the same order, up to the first part that one has missed. So the blocks that a pass has
+        // handed out are the first ones of the next, which leaves out as many.
         if self.has_missed {
             self.pending.clear();
             return Ok(());

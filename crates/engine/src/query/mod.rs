@@ -39,6 +39,7 @@ pub(crate) use occupancy::{Filling, HALF, OccupancyLevel};
 pub use pixels::PixelGrid;
 pub(crate) use pixels::PixelSums;
 pub use points::PointSamples;
+pub(crate) use points::values_one_by_one;
 pub(crate) use polygonize::{ClassCells, ClassGround, find_regions};
 pub use polygonize::{ClassRegion, PolygonRequest, PolygonSummary, TakeRegion};
 pub use ray::{CellHit, Ray, Rays, SurfaceHit};

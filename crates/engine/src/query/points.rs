@@ -13,7 +13,7 @@ use crate::store::records::dense::dense_block;
 use crate::store::records::{Record, RecordLayout, child_record, with_record_type};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::io::rounds;
-use spinney_base::space::{Cell, Code};
+use spinney_base::space::{Cell, Code, Dimension};
 use spinney_base::value::{Numbers, Value, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{CUT, INNER, VOID};
@@ -98,32 +98,13 @@ impl Goblin {
             return Err(Error::invalid("points", found, format!("{}, one per cell", cells.len())));
         }
         if !self.is_mapped() {
-            return self.values_one_by_one(level, cells, values);
+            // Segments that are not mapped stay in memory for as long as somebody has them, so that a table of them has no bound.
+            check_level(level, self.header().depth())?;
+            let dimension = self.header().form.dimension;
+            return values_one_by_one((dimension, level), cells, values, &|code| self.value_at(code));
         }
         let points = self.points_of(level, cells.len() as u64)?;
         with_record_type!(points.layout, R => points.values::<R>(cells, values))
-    }
-
-    /// [`Goblin::values_at`] without a table of the upper levels. Segments that are not mapped stay in memory for as long as somebody has them, so
-    /// that a table of them has no bound.
-    fn values_one_by_one(&self, level: u8, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
-        check_level(level, self.header().depth())?;
-        // Cells that are answered are not asked again: all of them together may need more segments than are held.
-        let mut is_known = vec![false; cells.len()];
-        rounds::ask(|| {
-            let mut is_unread = false;
-            for ((cell, value), is_known) in cells.iter().zip(&mut *values).zip(&mut is_known) {
-                if *is_known {
-                    continue;
-                }
-                let code = Code::from_cell(self.header().form.dimension, level, *cell);
-                let found = code.map_or(Ok(None), |code| self.value_at(code));
-                if let Some(found) = rounds::go_on(found, &mut is_unread)? {
-                    (*value, *is_known) = (found, true);
-                }
-            }
-            rounds::all_read(is_unread)
-        })
     }
 
     /// Gets ready to answer for about `count` cells of a level, anywhere in the tree of a mapped file. The more there are the
@@ -152,6 +133,31 @@ impl Goblin {
         }
         Ok(points)
     }
+}
+
+/// Writes the values of many cells of a level to `values`, each found by itself. Those that are answered are not asked again in later rounds: all of
+/// them together may need more bytes of a file elsewhere than are held.
+///
+/// # Errors
+/// Those of `value_at`.
+pub(crate) fn values_one_by_one(
+    (dimension, level): (Dimension, u8),
+    cells: &[Cell],
+    values: &mut [Option<Value>],
+    value_at: &dyn Fn(Code) -> Result<Option<Value>>,
+) -> Result<()> {
+    let mut is_known = vec![false; cells.len()];
+    rounds::ask(|| {
+        let mut is_unread = false;
+        let all = cells.iter().zip(&mut *values).zip(&mut is_known);
+        for ((cell, value), is_known) in all.filter(|(_, is_known)| !**is_known) {
+            let found = Code::from_cell(dimension, level, *cell).map_or(Ok(None), value_at);
+            if let Some(found) = rounds::go_on(found, &mut is_unread)? {
+                (*value, *is_known) = (found, true);
+            }
+        }
+        rounds::all_read(is_unread)
+    })
 }
 
 impl Points<'_> {

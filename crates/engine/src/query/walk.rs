@@ -137,6 +137,9 @@ pub(super) trait Visitor {
 }
 
 /// Lets a walk go on where a part lacks bytes.
+///
+/// Invariant: a node below which a part was missed fails in the end (`all_read`) and is not left, so that no visitor takes what it has seen of
+/// it for the whole, and the walk as such fails, too.
 #[inline]
 fn go_on(walked: Walked, visitor: &mut impl Visitor, is_unread: &mut bool) -> Walked {
     match walked {
