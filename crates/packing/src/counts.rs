@@ -1,0 +1,63 @@
+//! Class counts of a segment.
+
+use spinney_base::Form;
+
+use crate::bits::BitCoder;
+use crate::layout::{CUT, LEAF};
+use crate::nodes::{FIRST_VALUE, Nodes};
+use crate::plain::each_leaf;
+use crate::values::{Numbers, bytes, numbers};
+
+/// The values and cells of class counts as they stand in a plain segment.
+pub(crate) fn parse_counts(form: Form, counts: &[u8]) -> Vec<(Numbers, u64)> {
+    let entries = counts.chunks_exact(form.width() + 8);
+    let entry = |entry: &[u8]| {
+        let (value, cells) = entry.split_at(form.width());
+        (numbers(form, value), u64::from_le_bytes(*cells.first_chunk().unwrap_or(&[0; 8])))
+    };
+    entries.map(entry).collect()
+}
+
+/// Codes the cells of each value of a table, of which class counts list those that have any; `counts` are those to be written.
+/// `nodes` has all nodes and a symbol for each value, if that is so.
+///
+/// Where nothing is cut off, the nodes tell them.
+pub(crate) fn code_counts<K: BitCoder>(
+    coder: &mut K,
+    (form, height): (Form, u8),
+    table: &[Numbers],
+    nodes: Option<&Nodes>,
+    counts: &[u8],
+) -> Vec<u8> {
+    let counts = parse_counts(form, counts);
+    let mut cells = vec![0; table.len()];
+    // (Both are sorted, and the table has all that is counted.)
+    let mut listed = counts.iter().peekable();
+    for (value, cells) in table.iter().zip(&mut cells) {
+        if let Some((_, counted)) = listed.next_if(|(listed, _)| listed == value) {
+            *cells = *counted;
+        }
+    }
+    let whole = nodes.filter(|nodes| (0..nodes.len()).all(|node| nodes.state(node) != CUT));
+    let found = whole.map(|nodes| {
+        let mut found = vec![0; table.len()];
+        each_leaf(nodes, form.axes(), height, &mut |node, cells| {
+            debug_assert_eq!(nodes.state(node), LEAF);
+            if let Some(found) = found.get_mut((nodes.symbol(node).wrapping_sub(FIRST_VALUE)) as usize) {
+                *found += cells;
+            }
+        });
+        found
+    });
+    let is_told = coder.raw(u64::from(found.as_ref() != Some(&cells)), 1) == 1;
+    match found {
+        Some(found) if !is_told => cells = found,
+        _ => cells.iter_mut().for_each(|cells| *cells = coder.number(*cells)),
+    }
+    let mut plain = Vec::new();
+    for (value, cells) in table.iter().zip(cells).filter(|(_, cells)| *cells > 0) {
+        plain.extend_from_slice(&bytes(form, *value)[..form.width()]);
+        plain.extend_from_slice(&cells.to_le_bytes());
+    }
+    plain
+}

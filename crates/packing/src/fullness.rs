@@ -1,0 +1,58 @@
+//! How full the nodes of solids are, from what is below them.
+
+use crate::bits::{AdaptiveSymbols, BitCoder};
+use crate::layout::{CUT, INNER, LEAF};
+use crate::nodes::{Nodes, ROOT};
+
+/// Codes how full INNER nodes are, from the bottom up: exactly what is below them makes it where all of that is known, else about that.
+/// `leaf` tells the value of a LEAF; `truth` has what is to be written.
+pub(crate) fn code_fullness<K: BitCoder>(
+    coder: &mut K,
+    nodes: &mut Nodes,
+    (axes, height): (usize, u8),
+    truth: &[u8],
+    leaf: impl Fn(u32) -> u8,
+) {
+    // (What is below a node has higher numbers than it.)
+    let mut heights = vec![height; nodes.len() as usize];
+    for node in ROOT..nodes.len() {
+        if let Some(first) = nodes.first(node) {
+            let below = heights[node as usize].saturating_sub(1);
+            heights[first as usize..][..1 << axes].fill(below);
+        }
+    }
+    // Sums of all cells below, and whether they are known.
+    let mut sums = vec![(0u128, true); nodes.len() as usize];
+    let mut contexts = [AdaptiveSymbols::default(); 2];
+    for node in (ROOT + 1..nodes.len()).rev() {
+        let at = node as usize;
+        let cells = 1u128 << (axes * usize::from(heights[at]));
+        sums[at] = match nodes.state(node) {
+            LEAF => (u128::from(leaf(node)) * cells, true),
+            CUT => (u128::from(nodes.fullness[at]) * cells, false),
+            INNER => {
+                let below = nodes.first(node).map_or(0..0, |first| first as usize..first as usize + (1 << axes));
+                let (sum, is_known) =
+                    sums[below].iter().fold((0, true), |(sum, known), below| (sum + below.0, known && below.1));
+                let expected = ((2 * sum + cells) / (2 * cells)) as u8;
+                let error = truth.get(at).map_or(0, |truth| truth.wrapping_sub(expected));
+                let error = if is_known { 0 } else { code_error(coder, &mut contexts, error) };
+                nodes.fullness[at] = expected.wrapping_add(error);
+                (sum, is_known)
+            }
+            _ => (0, true),
+        };
+    }
+}
+
+/// Codes a difference of two bytes, which is mostly small: differences from -7 to 7 have a symbol each.
+fn code_error<K: BitCoder>(coder: &mut K, contexts: &mut [AdaptiveSymbols; 2], error: u8) -> u8 {
+    let near = error.wrapping_add(8);
+    match coder.symbol(&mut contexts[0], usize::from(if (1..16).contains(&near) { near } else { 0 })) {
+        0 => {
+            let upper = coder.symbol(&mut contexts[1], usize::from(error >> 4));
+            (upper as u8) << 4 | coder.short(u32::from(error & 15), 4) as u8
+        }
+        near => (near as u8).wrapping_sub(8),
+    }
+}

@@ -1,0 +1,19 @@
+//! Segments of trees in few bytes, and back: the packed codec (section 7 of formats.md).
+//!
+//! A segment's nodes are coded level by level, each in the context of the nodes around it, and dense blocks of numbers plane by plane, foretold by
+//! the level above. What is unpacked is the plain segment, byte for byte. Knows what stands in a segment, and nothing of files.
+
+mod around;
+mod bits;
+mod counts;
+mod fullness;
+mod layout;
+mod masks;
+mod nodes;
+mod plain;
+mod planes;
+mod samples;
+mod segment;
+mod values;
+
+pub use segment::{Damage, Effort, SegmentForm, pack, unpack};

@@ -1,0 +1,247 @@
+//! Plain segments as nodes, and back.
+
+use crate::layout::{CUT, Dense, Head, INNER, LEAF, Layout, VOID};
+use crate::nodes::{NOTHING, Nodes, ROOT};
+
+/// A plain segment, taken apart.
+pub(crate) struct Parsed {
+    /// All nodes, but for those below the roots of dense blocks if these are apart; none has its symbol yet.
+    pub nodes: Nodes,
+    /// Where each node's value begins in the segment.
+    pub values: Vec<u32>,
+    /// Dense blocks that are apart: the node that each begins at, and the place of its record.
+    pub blocks: Vec<(u32, Dense, usize)>,
+}
+
+/// An INNER node whose children come next: its number, the place of its record or of its dense block's, and in a block its level there
+/// and its number in that level.
+#[derive(Clone, Copy)]
+struct Pending {
+    node: u32,
+    place: usize,
+    level: u8,
+    index: usize,
+}
+
+/// Takes a segment's records apart. `None` if they contradict themselves.
+pub(crate) fn parse(layout: &Layout, records: &[u8], dense_apart: bool) -> Option<Parsed> {
+    let mut parsed = Parsed { nodes: Nodes::new(), values: vec![0; 2], blocks: Vec::new() };
+    let mut level = vec![Pending { node: ROOT, place: 0, level: 0, index: 0 }];
+    while !level.is_empty() {
+        let mut next = Vec::new();
+        for pending in level {
+            let head = layout.head(records, pending.place)?;
+            if head.mark == 0 {
+                parsed.record(layout, records, head, pending, &mut next)?;
+                continue;
+            }
+            let dense = layout.dense(head)?;
+            if records.len() / layout.size < pending.place.checked_add(head.skip)? {
+                return None;
+            }
+            if pending.level == 0 {
+                parsed.nodes.set_dense(pending.node, dense);
+                if dense_apart {
+                    parsed.blocks.push((pending.node, dense, pending.place));
+                    continue;
+                }
+            }
+            parsed.in_block(layout, records, dense, pending, &mut next);
+        }
+        // (Records that several nodes claim would make many nodes of few bytes.)
+        if parsed.values.len() > 2 + records.len() / layout.width {
+            return None;
+        }
+        level = next;
+    }
+    Some(parsed)
+}
+
+impl Parsed {
+    fn push(&mut self, state: u8, value: usize) -> u32 {
+        let node = self.nodes.len();
+        self.nodes.push(state, NOTHING);
+        self.values.push(value as u32);
+        node
+    }
+
+    fn record(
+        &mut self,
+        layout: &Layout,
+        records: &[u8],
+        head: Head,
+        parent: Pending,
+        next: &mut Vec<Pending>,
+    ) -> Option<()> {
+        self.nodes.set_first(parent.node, self.nodes.len());
+        let mut place = parent.place + 1;
+        for child in 0..layout.children {
+            let state = head.state(child);
+            let node = self.push(state, parent.place * layout.size + child * layout.width);
+            if state == INNER {
+                next.push(Pending { node, place, level: 0, index: 0 });
+                place = place.checked_add(layout.head(records, place)?.skip.max(1))?;
+            }
+        }
+        Some(())
+    }
+
+    fn in_block(
+        &mut self,
+        layout: &Layout,
+        records: &[u8],
+        dense: Dense,
+        parent: Pending,
+        next: &mut Vec<Pending>,
+    ) {
+        let start = parent.place * layout.size;
+        let block = &records[start..][..layout.dense_places(dense) * layout.size];
+        self.nodes.set_first(parent.node, self.nodes.len());
+        let level = parent.level + 1;
+        for child in 0..layout.children {
+            let index = layout.dense_child(level, parent.index, child);
+            let value = start + layout.dense_values(level) + index * layout.width;
+            let state = dense_state(layout, block, dense, level, index);
+            let node = self.push(state, value);
+            if state == INNER {
+                next.push(Pending { node, level, index, ..parent });
+            }
+        }
+    }
+}
+
+/// The state of a node of a dense block, of whose bytes these are the first.
+fn dense_state(layout: &Layout, block: &[u8], dense: Dense, level: u8, index: usize) -> u8 {
+    let (set, other) = dense.bottom();
+    let bits = &block[layout.dense_bits(dense.levels)..];
+    let state = |at: usize| if dense.has_bits() && bits[at / 8] >> (at % 8) & 1 == 0 { other } else { set };
+    let values = &block[layout.dense_values(dense.levels)..];
+    let value = |at: usize| &values[at * layout.width..][..layout.width];
+    let below = dense.levels - level;
+    if below == 0 {
+        return state(index);
+    }
+    // The bottom nodes below the node: rows of them.
+    let (mask, bottom) = ((1 << level) - 1, dense.levels);
+    let [x, y, z] = [index & mask, index >> level & mask, index >> (2 * level)].map(|place| place << below);
+    let row = |y: usize, z: usize| (z << bottom | y) << bottom | x;
+    let (first, side) = (row(y, z), 1 << below);
+    let depth = if layout.axes == 3 { side } else { 1 };
+    let found = state(first);
+    let is_alike = found != CUT
+        && (z..z + depth).all(|z| {
+            (y..y + side).all(|y| {
+                (row(y, z)..row(y, z) + side)
+                    .all(|at| state(at) == found && (found == VOID || value(at) == value(first)))
+            })
+        });
+    if is_alike { found } else { INNER }
+}
+
+/// What makes a segment of nodes.
+pub(crate) struct Writer<'w> {
+    pub layout: &'w Layout,
+    pub nodes: &'w Nodes,
+    /// The value of a node.
+    pub value: &'w dyn Fn(u32) -> &'w [u8],
+    /// Dense blocks that were apart, by the nodes that they begin at: all their bytes, but for the states of the record.
+    pub blocks: &'w [(u32, Vec<u8>)],
+}
+
+impl Writer<'_> {
+    /// Writes the record of an INNER node and what is below it, into so many places at most. `None` if these are not enough, or nodes
+    /// make no dense block where one is said to be.
+    pub(crate) fn write(&self, node: u32, records: &mut Vec<u8>, most: usize) -> Option<()> {
+        let (layout, nodes) = (self.layout, self.nodes);
+        let start = records.len();
+        if let Some(dense) = nodes.dense(node) {
+            let is_kind = dense.mark < 6 && dense.mark > 0 && layout.dense_levels().contains(&dense.levels);
+            let skip = if is_kind { layout.dense_places(dense) } else { usize::MAX };
+            if skip > most.checked_sub(start / layout.size)? {
+                return None;
+            }
+            match self.blocks.binary_search_by_key(&node, |(node, _)| *node) {
+                Ok(found) => records.extend_from_slice(&self.blocks[found].1),
+                Err(_) => {
+                    records.resize(start + skip * layout.size, 0);
+                    self.fill(dense, (node, 0, 0), &mut records[start..])?;
+                }
+            }
+            let block = &mut records[start..];
+            let state = |child: usize| u32::from(dense_state(layout, block, dense, 1, child)) << (2 * child);
+            let states = (0..layout.children).map(state).sum();
+            layout.write_head(block, Head { states, skip, mark: dense.mark });
+            return Some(());
+        }
+        if start / layout.size >= most {
+            return None;
+        }
+        let first = nodes.first(node)?;
+        records.resize(start + layout.size, 0);
+        let mut states = 0;
+        for child in 0..layout.children {
+            let node = first + child as u32;
+            let state = nodes.state(node);
+            states |= u32::from(state) << (2 * child);
+            if state != VOID {
+                records[start + child * layout.width..][..layout.width].copy_from_slice((self.value)(node));
+            }
+        }
+        for node in (first..).take(layout.children).filter(|node| nodes.state(*node) == INNER) {
+            self.write(node, records, most)?;
+        }
+        let skip = (records.len() - start) / layout.size;
+        layout.write_head(&mut records[start..][..layout.size], Head { states, skip, mark: 0 });
+        Some(())
+    }
+
+    /// Writes what is below a node of a dense block, which has a number in a level of it.
+    fn fill(&self, dense: Dense, (node, level, index): (u32, u8, usize), block: &mut [u8]) -> Option<()> {
+        let (layout, nodes) = (self.layout, self.nodes);
+        // (A uniform node above the bottom has none: all below are as it is.)
+        let children = nodes.first(node);
+        if children.is_none() && nodes.state(node) == INNER {
+            return None;
+        }
+        for child in 0..layout.children {
+            let below = children.map_or(node, |first| first + child as u32);
+            let (state, at) = (nodes.state(below), layout.dense_child(level + 1, index, child));
+            if state != VOID {
+                let start = layout.dense_values(level + 1) + at * layout.width;
+                block[start..][..layout.width].copy_from_slice((self.value)(below));
+            }
+            if level + 1 < dense.levels {
+                self.fill(dense, (below, level + 1, at), block)?;
+                continue;
+            }
+            let (set, other) = dense.bottom();
+            if state == set && dense.has_bits() {
+                block[layout.dense_bits(dense.levels) + at / 8] |= 1 << (at % 8);
+            } else if state != set && state != other {
+                return None;
+            }
+        }
+        Some(())
+    }
+}
+
+/// Cells of each LEAF, and what all nodes' values are made of: calls `each` for every LEAF with its value's node and cells.
+pub(crate) fn each_leaf(nodes: &Nodes, axes: usize, height: u8, each: &mut dyn FnMut(u32, u64)) {
+    let mut level = vec![ROOT];
+    let mut below = height;
+    while !level.is_empty() && below > 0 {
+        below -= 1;
+        let mut next = Vec::new();
+        for node in level {
+            let Some(first) = nodes.first(node) else { continue };
+            for child in (first..).take(1 << axes) {
+                match nodes.state(child) {
+                    LEAF => each(child, 1 << (axes * usize::from(below))),
+                    INNER => next.push(child),
+                    _ => {}
+                }
+            }
+        }
+        level = next;
+    }
+}

@@ -1,0 +1,275 @@
+//! A whole segment: what it is taken for, and all of its parts in order.
+
+use spinney_base::Form;
+use spinney_base::value::{Kind, Rule, SampleType, ValueType};
+
+use crate::bits::{BitCoder, BitReader, BitWriter};
+use crate::counts::{code_counts, parse_counts};
+use crate::fullness::code_fullness;
+use crate::layout::{Dense, INNER, Layout, VOID};
+use crate::nodes::{FIRST_VALUE, MIXED, NOTHING, NewValues, NodeForm, Nodes, ROOT, code_nodes};
+use crate::plain::{Parsed, Writer, parse};
+use crate::planes::{code_block, plane_contexts};
+use crate::values::{NumberValues, Numbers, TableValues, bytes, code_table, numbers, order};
+
+/// What the bytes of a segment mean.
+#[derive(Clone, Copy, Debug)]
+pub struct SegmentForm {
+    /// Quadtree or octree, and the type of the values.
+    pub form: Form,
+    /// Rule of the representatives.
+    pub rule: Rule,
+    /// The meaning of the values.
+    pub kind: Kind,
+    /// Levels from the segment's node down to the cells.
+    pub height: u8,
+    /// Levels from the segment's node down to where what is heavy is cut off.
+    pub reach: u8,
+}
+
+/// How hard packing tries.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Effort {
+    /// Little time for most of the gain.
+    #[default]
+    Fast,
+    /// As few bytes as can be: all ways that there are are tried.
+    Small,
+}
+
+/// What is wrong with the bytes of a packed segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Damage(pub &'static str);
+
+/// What the values of a segment are taken for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Model {
+    /// Names, in a table; dense blocks are nodes like all others.
+    Names,
+    /// Numbers; dense blocks are coded plane by plane.
+    Numbers,
+    /// How full a solid is: as names, but that INNER nodes have what is below them.
+    Solid,
+}
+
+impl Model {
+    const ALL: [Model; 3] = [Model::Names, Model::Numbers, Model::Solid];
+
+    /// Those worth a try.
+    fn candidates(segment: &SegmentForm, effort: Effort) -> Vec<Model> {
+        let one = |model| vec![model];
+        match (segment.rule, segment.kind, effort) {
+            (Rule::Occupancy, ..) if can_be_solid(segment.form.value) => one(Model::Solid),
+            (.., Effort::Small) => vec![Model::Names, Model::Numbers],
+            (_, Kind::Categorical, _) => one(Model::Names),
+            (_, Kind::Continuous, _) => one(Model::Numbers),
+        }
+    }
+}
+
+fn can_be_solid(value: ValueType) -> bool {
+    value.sample == SampleType::U8 && value.channels == 1
+}
+
+/// Bytes of the checksum of the plain segment and the number of the model, which come first.
+const START: usize = 5;
+
+/// Packs a segment of so many places, whose class counts follow its records. `None` where it would not shrink.
+pub fn pack(segment: &SegmentForm, places: u32, plain: &[u8], effort: Effort) -> Option<Vec<u8>> {
+    let layout = Layout::new(segment.form);
+    let (records, counts) = plain.split_at_checked(places as usize * layout.size)?;
+    let candidates = Model::candidates(segment, effort).into_iter();
+    let packed = candidates.filter_map(|model| pack_as(model, segment, &layout, records, counts));
+    let packed = packed.min_by_key(Vec::len).filter(|packed| packed.len() < plain.len())?;
+    // Bytes that the model has no words for (another writer's, or damaged ones) would be lost: they stay plain.
+    let classes = (counts.len() / (layout.width + 8)) as u16;
+    let is_same = unpack(segment, places, classes, &packed).is_ok_and(|unpacked| unpacked == plain);
+    is_same.then_some(packed)
+}
+
+fn pack_as(
+    model: Model,
+    segment: &SegmentForm,
+    layout: &Layout,
+    records: &[u8],
+    counts: &[u8],
+) -> Option<Vec<u8>> {
+    let form = segment.form;
+    let Parsed { mut nodes, values, blocks } = parse(layout, records, model == Model::Numbers)?;
+    let value = |node: u32| &records[values[node as usize] as usize..][..layout.width];
+    let is_mixed = |nodes: &Nodes, node| model == Model::Solid && nodes.state(node) >= INNER;
+    // The values that there are, sorted.
+    let has_value = |node: &u32| nodes.state(*node) != VOID && !is_mixed(&nodes, *node);
+    let mut known: Vec<Numbers> = (ROOT + 1..nodes.len()).filter(has_value).map(|node| numbers(form, value(node))).collect();
+    let counted = parse_counts(form, counts).into_iter().map(|(value, _)| value);
+    let in_table = model != Model::Numbers;
+    let mut table: Vec<Numbers> = counted.collect();
+    if in_table {
+        known.append(&mut table);
+    }
+    for list in [&mut known, &mut table] {
+        list.sort_unstable_by_key(|numbers| order(form, numbers));
+        list.dedup();
+    }
+    for node in ROOT + 1..nodes.len() {
+        let symbol = if nodes.state(node) == VOID {
+            NOTHING
+        } else if is_mixed(&nodes, node) {
+            nodes.fullness[node as usize] = value(node)[0];
+            MIXED
+        } else {
+            let key = order(form, &numbers(form, value(node)));
+            FIRST_VALUE + known.binary_search_by_key(&key, |numbers| order(form, numbers)).ok()? as u32
+        };
+        nodes.set_symbol(node, symbol);
+    }
+    let mut blocks = blocks.into_iter().map(|(node, dense, place)| {
+        let start = place * layout.size;
+        (node, records[start..][..layout.dense_places(dense) * layout.size].to_vec())
+    }).collect();
+    let mut writer = BitWriter::default();
+    let contents = Contents { nodes: &nodes, table: if in_table { &known } else { &table }, known: &known, counts };
+    code_segment(&mut writer, model, segment, layout, records.len(), contents, &mut blocks)?;
+    let mut packed = crc32c::crc32c_append(crc32c::crc32c(records), counts).to_le_bytes().to_vec();
+    packed.push(model as u8);
+    writer.finish(&mut packed);
+    Some(packed)
+}
+
+/// Unpacks a segment that has so many places and class counts.
+///
+/// # Errors
+/// If the bytes are not those of such a segment.
+pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -> Result<Vec<u8>, Damage> {
+    let layout = Layout::new(segment.form);
+    let length = places as usize * layout.size;
+    let (start, rest) = packed.split_at_checked(START).ok_or(Damage("too few bytes"))?;
+    let model = Model::ALL.get(usize::from(start[4])).filter(|model| **model != Model::Solid || can_be_solid(segment.form.value));
+    let model = *model.ok_or(Damage("no such model"))?;
+    let mut reader = BitReader::new(rest).ok_or(Damage("too few bytes"))?;
+    let mut blocks = Vec::new();
+    let none = Nodes::default();
+    let contents = Contents { nodes: &none, table: &[], known: &[], counts: &[] };
+    let coded = code_segment(&mut reader, model, segment, &layout, length, contents, &mut blocks);
+    let Coded { nodes, values, counts } = coded.ok_or(Damage("nodes that cannot be"))?;
+    let value = |node: u32| match nodes.symbol(node) {
+        MIXED => &nodes.fullness[node as usize..][..1],
+        symbol => values.get(symbol.wrapping_sub(FIRST_VALUE) as usize).map_or(&[][..], |value| &value[..layout.width]),
+    };
+    let mut plain = Vec::with_capacity(length + counts.len());
+    let writer = Writer { layout: &layout, nodes: &nodes, value: &value, blocks: &blocks };
+    writer.write(ROOT, &mut plain, places as usize).ok_or(Damage("records that cannot be"))?;
+    let is_whole = reader.is_whole() && plain.len() == length;
+    plain.extend_from_slice(&counts);
+    if !is_whole || counts.len() != usize::from(classes) * (layout.width + 8) {
+        return Err(Damage("another length"));
+    }
+    if crc32c::crc32c(&plain).to_le_bytes() != start[..4] {
+        return Err(Damage("another checksum"));
+    }
+    Ok(plain)
+}
+
+/// What is to be written; nothing where it is read.
+struct Contents<'c> {
+    nodes: &'c Nodes,
+    /// Values with numbers: of all nodes, or of class counts alone where the nodes' are numbers.
+    table: &'c [Numbers],
+    /// Values by their symbols.
+    known: &'c [Numbers],
+    counts: &'c [u8],
+}
+
+/// What was read.
+struct Coded {
+    nodes: Nodes,
+    values: Vec<[u8; 16]>,
+    counts: Vec<u8>,
+}
+
+/// Codes all parts of a segment, in their order. Its records take `length` bytes.
+fn code_segment<K: BitCoder>(
+    coder: &mut K,
+    model: Model,
+    segment: &SegmentForm,
+    layout: &Layout,
+    length: usize,
+    contents: Contents<'_>,
+    blocks: &mut Vec<(u32, Vec<u8>)>,
+) -> Option<Coded> {
+    let SegmentForm { form, rule, height, reach, .. } = *segment;
+    // (Each value takes its width, in records or class counts.)
+    let table = code_table(coder, form, contents.table, length / layout.width + usize::from(u16::MAX))?;
+    let node_form = NodeForm {
+        height,
+        reach,
+        is_mixed: model == Model::Solid,
+        dense_apart: model == Model::Numbers,
+        // An INNER node has at least the values of its children, in a record or a dense block.
+        most: length / (layout.children * layout.width),
+    };
+    let (mut nodes, known) = match model {
+        Model::Numbers => {
+            let mut values = NumberValues::new(form, contents.known.to_vec());
+            (code_all(&node_form, coder, contents.nodes, &mut values, layout.axes)?, values.known)
+        }
+        Model::Names | Model::Solid => {
+            let mut values = TableValues::new(table.len());
+            (code_all(&node_form, coder, contents.nodes, &mut values, layout.axes)?, table.clone())
+        }
+    };
+    let values: Vec<[u8; 16]> = known.into_iter().map(|value| bytes(form, value)).collect();
+    if model == Model::Solid {
+        let leaf = |node: u32, nodes: &Nodes| {
+            values.get(nodes.symbol(node).wrapping_sub(FIRST_VALUE) as usize).map_or(0, |value| value[0])
+        };
+        let leaves: Vec<u8> = (0..nodes.len()).map(|node| leaf(node, &nodes)).collect();
+        code_fullness(coder, &mut nodes, (layout.axes, height), &contents.nodes.fullness, |node| leaves[node as usize]);
+    }
+    if model == Model::Numbers {
+        code_blocks(coder, (form, rule), layout, length, &nodes, &values, blocks)?;
+    }
+    let all = (model != Model::Numbers).then_some(&nodes);
+    let counts = code_counts(coder, (form, height), &table, all, contents.counts);
+    Some(Coded { nodes, values, counts })
+}
+
+fn code_all<K: BitCoder>(
+    form: &NodeForm,
+    coder: &mut K,
+    truth: &Nodes,
+    values: &mut impl NewValues,
+    axes: usize,
+) -> Option<Nodes> {
+    match axes {
+        2 => code_nodes::<K, 4, 8>(form, coder, truth, values),
+        _ => code_nodes::<K, 8, 18>(form, coder, truth, values),
+    }
+}
+
+/// Codes the dense blocks that are apart.
+fn code_blocks<K: BitCoder>(
+    coder: &mut K,
+    (form, rule): (Form, Rule),
+    layout: &Layout,
+    length: usize,
+    nodes: &Nodes,
+    values: &[[u8; 16]],
+    blocks: &mut Vec<(u32, Vec<u8>)>,
+) -> Option<()> {
+    let mut contexts = plane_contexts(form);
+    let (mut rest, mut number) = (length, 0);
+    for node in ROOT..nodes.len() {
+        let Some(dense) = nodes.dense(node) else { continue };
+        let is_kind = (1..6).contains(&dense.mark) && layout.dense_levels().contains(&dense.levels);
+        let size = layout.dense_places(Dense { levels: dense.levels.min(8), ..dense }) * layout.size;
+        rest = rest.checked_sub(size).filter(|_| is_kind)?;
+        if K::READS {
+            blocks.push((node, vec![0; size]));
+        }
+        let root = values.get(nodes.symbol(node).wrapping_sub(FIRST_VALUE) as usize).copied().unwrap_or_default();
+        code_block(coder, &mut contexts, (form, rule), dense, &root, &mut blocks[number].1);
+        number += 1;
+    }
+    Some(())
+}

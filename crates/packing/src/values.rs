@@ -1,0 +1,144 @@
+//! Values of nodes: the table of those that a segment has, and how new ones are coded.
+
+use std::collections::HashMap;
+
+use spinney_base::Form;
+use spinney_base::value::SampleType;
+
+use crate::bits::{Adaptive, AdaptiveSymbols, BitCoder};
+use crate::nodes::{FIRST_VALUE, NOTHING, NewValues};
+use crate::planes::{SIZES, channel_order, code_error, size_context};
+use crate::samples;
+
+/// The samples of a value as whole numbers.
+pub(crate) type Numbers = [i64; 4];
+
+/// The samples of a value.
+pub(crate) fn numbers(form: Form, value: &[u8]) -> Numbers {
+    let (sample, channels) = (form.value.sample, usize::from(form.value.channels));
+    let mut numbers = [0; 4];
+    let samples = value.chunks_exact(sample.size()).take(channels);
+    numbers.iter_mut().zip(samples).for_each(|(number, bytes)| *number = samples::read(sample, bytes));
+    numbers
+}
+
+/// The bytes of a value.
+pub(crate) fn bytes(form: Form, numbers: Numbers) -> [u8; 16] {
+    let (sample, channels) = (form.value.sample, usize::from(form.value.channels));
+    let mut bytes = [0; 16];
+    let samples = bytes.chunks_exact_mut(sample.size()).take(channels);
+    samples.zip(numbers).for_each(|(bytes, number)| samples::write(sample, number, bytes));
+    bytes
+}
+
+/// What values are sorted by: the order of section 7 of formats.md.
+pub(crate) fn order(form: Form, numbers: &Numbers) -> [u64; 4] {
+    let turned = if form.value.sample == SampleType::U64 { 0 } else { 1 << 63 };
+    numbers.map(|number| number as u64 ^ turned)
+}
+
+/// Codes a list of values that are sorted, each by its difference from the one before. `None` if there are more than `most`.
+pub(crate) fn code_table<K: BitCoder>(
+    coder: &mut K,
+    form: Form,
+    table: &[Numbers],
+    most: usize,
+) -> Option<Vec<Numbers>> {
+    let count = usize::try_from(coder.number(table.len() as u64)).ok().filter(|count| *count <= most)?;
+    let (mut last, mut coded) = ([0; 4], Vec::new());
+    for at in 0..count {
+        let value = table.get(at).copied().unwrap_or_default();
+        for (channel, last) in last.iter_mut().enumerate().take(usize::from(form.value.channels)) {
+            let change = value[channel].wrapping_sub(*last);
+            let whole = coder.number((change << 1 ^ change >> 63) as u64);
+            *last = last.wrapping_add((whole >> 1) as i64 ^ -((whole & 1) as i64));
+        }
+        coded.push(last);
+    }
+    Some(coded)
+}
+
+/// Values that are in a table: new ones are coded by their number there.
+pub(crate) struct TableValues {
+    bits: u32,
+    count: usize,
+    /// Probabilities of the bits of a number, by those above them.
+    contexts: Vec<Adaptive>,
+}
+
+impl TableValues {
+    pub(crate) fn new(count: usize) -> TableValues {
+        let bits = usize::BITS - count.leading_zeros();
+        TableValues { bits, count, contexts: vec![Adaptive::default(); 1 << bits] }
+    }
+}
+
+impl NewValues for TableValues {
+    fn new_value<K: BitCoder>(&mut self, coder: &mut K, symbol: u32, _: &[u32]) -> Option<u32> {
+        // (0 is VOID.)
+        let number = if symbol == NOTHING { 0 } else { symbol.wrapping_sub(FIRST_VALUE - 1) };
+        let mut path = 1;
+        for bit in (0..self.bits).rev() {
+            let is_set = coder.bit(&mut self.contexts[path], number >> bit & 1 == 1);
+            path = path << 1 | usize::from(is_set);
+        }
+        match path - (1 << self.bits) {
+            0 => Some(NOTHING),
+            number => (number <= self.count).then_some(number as u32 + FIRST_VALUE - 1),
+        }
+    }
+}
+
+/// Values that are numbers: new ones are coded by what they differ from the mean of neighbours.
+pub(crate) struct NumberValues {
+    form: Form,
+    /// Values so far, by their symbols less [`FIRST_VALUE`].
+    pub known: Vec<Numbers>,
+    symbols: HashMap<Numbers, u32>,
+    is_void: Adaptive,
+    errors: Vec<AdaptiveSymbols>,
+}
+
+impl NumberValues {
+    /// With values that are to be written, or none.
+    pub(crate) fn new(form: Form, known: Vec<Numbers>) -> NumberValues {
+        let errors = vec![AdaptiveSymbols::default(); SIZES * usize::from(form.value.channels)];
+        NumberValues { form, known, symbols: HashMap::new(), is_void: Adaptive::default(), errors }
+    }
+}
+
+impl NewValues for NumberValues {
+    fn new_value<K: BitCoder>(&mut self, coder: &mut K, symbol: u32, near: &[u32]) -> Option<u32> {
+        if coder.bit(&mut self.is_void, symbol == NOTHING) {
+            return Some(NOTHING);
+        }
+        let near = near.iter().filter_map(|symbol| self.known.get(symbol.checked_sub(FIRST_VALUE)? as usize));
+        let value = if K::READS { [0; 4] } else { self.known[(symbol - FIRST_VALUE) as usize] };
+        let mut coded = [0; 4];
+        let mut error_like = [0; 4];
+        for (channel, like) in channel_order(self.form) {
+            let numbers = near.clone().map(|near| near[*channel]);
+            let count = numbers.clone().count() as i128;
+            let sum: i128 = numbers.clone().map(i128::from).sum();
+            let mean = sum.checked_div_euclid(count).unwrap_or(0) as i64;
+            let (least, most) = (numbers.clone().min().unwrap_or(0), numbers.max().unwrap_or(0));
+            let size = size_context(most.wrapping_sub(least) as u64);
+            let expected = mean.wrapping_add(like.map_or(0, |like| error_like[like]));
+            let contexts = &mut self.errors[channel * SIZES..][..SIZES];
+            let error = code_error(coder, contexts, size, value[*channel].wrapping_sub(expected));
+            coded[*channel] = expected.wrapping_add(error);
+            error_like[*channel] = coded[*channel].wrapping_sub(mean);
+        }
+        if !K::READS {
+            return Some(symbol);
+        }
+        // (Bits that a sample has no room for are lost.)
+        let coded = numbers(self.form, &bytes(self.form, coded));
+        let next = FIRST_VALUE + self.known.len() as u32;
+        let symbol = *self.symbols.entry(coded).or_insert(next);
+        if symbol == next {
+            self.known.push(coded);
+        }
+        Some(symbol)
+    }
+}
