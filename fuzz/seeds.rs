@@ -11,7 +11,7 @@ use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, add_layer, edit};
 use spinney::space::{Bounds, Crs, Dimension, Frame};
 use spinney::store::autumnal::Note;
-use spinney::store::{BuildOptions, Metadata, build_tree, depth_for};
+use spinney::store::{BuildOptions, Metadata, WriteOptions, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 use spinney_fuzz::targets::seal;
@@ -158,7 +158,7 @@ fn layers(put: Put<'_>, folder: &Path) -> Result<()> {
             let path = folder.join(format!("layers.{extension}"));
             build(&path, first, size, continuous, false)?;
             for layer in ["b", "c"] {
-                add_layer(&path, layer, &Chain::of(&other), Note::default(), 1 << 20, &())?;
+                add_layer(&path, layer, &Chain::of(&other), Note::default(), WriteOptions::new(1 << 20), &())?;
             }
             let file = fs::read(&path).unwrap();
             match extension {

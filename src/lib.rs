@@ -141,12 +141,13 @@ pub mod store {
         Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
-        BuildOptions, Slab, Slabs, TreeWriter, build_slabs, build_source, build_tree, depth_for,
+        BuildOptions, Effort, Slab, Slabs, TreeWriter, WriteOptions, build_slabs, build_source, build_tree,
+        depth_for,
     };
 
     /// The compact, read-only format.
     pub mod goblin {
-        pub use spinney_engine::store::goblin::{Entry, Goblin, GoblinNode, Segment};
+        pub use spinney_engine::store::goblin::{Entry, Goblin, GoblinNode, LevelBytes, Segment};
     }
 
     /// The pointered format, which is edited and has a history.

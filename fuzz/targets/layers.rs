@@ -7,7 +7,7 @@ use spinney::io::Output;
 use spinney::ops::{self, Chain, Edit, Operation, Universe, apply_edits};
 use spinney::space::Bounds;
 use spinney::store::autumnal::{Editor, History, Keep, Note, compact};
-use spinney::store::{FilePlace, Header, OpenOptions};
+use spinney::store::{FilePlace, Header, OpenOptions, WriteOptions};
 use spinney::{Error, Result};
 
 use super::files::in_file;
@@ -88,15 +88,17 @@ fn ask(path: &Path, converted: &str) {
         target
     };
     let other = target(converted);
-    let made = Output::create(&other).and_then(|output| ops::convert(path, false, output, MEMORY, &()));
+    let made = Output::create(&other)
+        .and_then(|output| ops::convert(path, false, output, WriteOptions::new(MEMORY), &()));
     if was_good {
         made.unwrap();
         same(&other, &trees, "conversion");
     }
     // (On what metadata tell of the frame it may be impossible.)
     let (joined, files) = (target("combined.goblin"), [path, path].map(PathBuf::from));
-    let _ = Output::create(&joined)
-        .and_then(|output| ops::combine(Operation::Over, None, Universe::Usual, &files, output, MEMORY, &()));
+    let _ = Output::create(&joined).and_then(|output| {
+        ops::combine(Operation::Over, None, Universe::Usual, &files, output, WriteOptions::new(MEMORY), &())
+    });
     let has_changed = match converted.ends_with("goblin") {
         true => change_autumnal(path, was_good, &trees),
         false => change_goblin(path, &trees),
@@ -140,7 +142,7 @@ fn change_goblin(path: &Path, trees: &[Dataset]) -> Result<()> {
     }
     // (Frames need not fit.)
     let chain = Chain::of(&FilePlace::of(&copy).of_layer(&name));
-    let _ = ops::add_layer(path, "again", &chain, Note::default(), MEMORY, &());
+    let _ = ops::add_layer(path, "again", &chain, Note::default(), WriteOptions::new(MEMORY), &());
     Ok(())
 }
 

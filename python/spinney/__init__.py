@@ -33,7 +33,7 @@ from ._build import build
 from ._dataset import Dataset, Level, open
 from ._edit import Edit, edit
 from ._exact import ExactModel, build_brep, open_brep
-from ._files import add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, transform, verify
+from ._files import add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, set_cache_memory, transform, verify
 from ._native import version as __version__
 from ._types import (
     BandStatistics,
@@ -117,6 +117,7 @@ __all__ = [
     "open",
     "open_brep",
     "recover",
+    "set_cache_memory",
     "transform",
     "verify",
 ]

@@ -9,8 +9,22 @@ from typing import Any, Literal
 
 from . import _native
 from ._features import Edge, Overlaps, divided, features_over
-from ._progress import ALONE, memory_of, working
-from ._types import CombinedModel, CombinedPolygons, Commit, Differences, Finding, Outcome, Path, Progress, Resampling, commit_of, outcome_of
+from ._progress import ALONE, bytes_of, memory_of, working
+from ._types import (
+    Codec,
+    CombinedModel,
+    CombinedPolygons,
+    Commit,
+    Differences,
+    Effort,
+    Finding,
+    Outcome,
+    Path,
+    Progress,
+    Resampling,
+    commit_of,
+    outcome_of,
+)
 
 MEMORY = "256M"
 
@@ -24,6 +38,8 @@ def transform(
     allow_ballpark: bool = False,
     move: bool = False,
     memory: int | str = MEMORY,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -38,7 +54,7 @@ def transform(
     chain = [steps] if isinstance(steps, str) else list(steps)
     with working(progress, threads, max_bytes) as terms:
         made = _native.transform(
-            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, memory_of(memory), terms
+            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, memory_of(memory), (codec, effort), terms
         )
     return outcome_of(made)
 
@@ -58,6 +74,8 @@ def combine(
     where: Mapping[str, Any] | str | None = None,
     edge: Edge | None = None,
     memory: int | str = MEMORY,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -79,7 +97,7 @@ def combine(
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
     trees, features = divided(paths)
     if features and not trees:
-        given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge}
+        given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge, "codec": codec != "plain", "effort": effort}
         if refused := [name for name, own in given.items() if own not in (None, False)]:
             raise ValueError(f"{', '.join(refused)}: not for polygons")
         region = os.fspath(within) if isinstance(within, str | os.PathLike) else None if within is None else list(within)
@@ -102,7 +120,7 @@ def combine(
         told = [(place, stack.enter_context(features_over(source, **over))) for place, source in features]  # type: ignore[arg-type]
         terms = stack.enter_context(working(progress, threads, max_bytes))
         made = _native.combine(
-            operation, names, os.fspath(out), values == "second", fill, box, margin, told, memory_of(memory), terms
+            operation, names, os.fspath(out), values == "second", fill, box, margin, told, memory_of(memory), (codec, effort), terms
         )
     return CombinedModel(**made) if "faces" in made else outcome_of(made)
 
@@ -135,13 +153,18 @@ def convert(
     *,
     share: bool = False,
     memory: int | str = MEMORY,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> None:
-    """Writes a tree, or one of its commits, in the format that the output's name asks for: .goblin or .autumn."""
+    """Writes a tree, or one of its commits, in the format that the output's name asks for: .goblin or .autumn.
+
+    Segments are packed as `codec` says, whatever those of the file are.
+    """
     with working(progress, threads, max_bytes) as terms:
-        _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), terms)
+        _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), (codec, effort), terms)
 
 
 def add_layer(
@@ -154,17 +177,19 @@ def add_layer(
     author: str = "",
     time: int | None = None,
     memory: int | str = MEMORY,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> int | None:
     """Adds a tree, or a view of one, to a file as a layer: one that lies on the file's cells, or on 2, 4, 8 ... of them.
 
-    A Goblin file is written anew, its other layers as they are; an Autumnal file gets a commit, whose number is returned.
+    A Goblin file is written anew, its other layers as they are, packed or not; an Autumnal file gets a commit, whose number is returned.
     """
     steps = [view] if isinstance(view, str) else list(view)
     note = (time, author, message or f"Add layer {name}")
     with working(progress, threads, None) as terms:
-        return _native.add_layer(os.fspath(path), os.fspath(tree), name, steps, note, memory_of(memory), terms)
+        return _native.add_layer(os.fspath(path), os.fspath(tree), name, steps, note, memory_of(memory), (codec, effort), terms)
 
 
 def drop_layer(
@@ -189,13 +214,15 @@ def blame(
     out: Path,
     *,
     memory: int | str = MEMORY,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> None:
     """Makes a tree of the numbers of the commits that changed each cell of an Autumnal file last."""
     with working(progress, threads, max_bytes) as terms:
-        _native.blame(os.fspath(path), os.fspath(out), memory_of(memory), terms)
+        _native.blame(os.fspath(path), os.fspath(out), memory_of(memory), (codec, effort), terms)
 
 
 def compact(
@@ -228,3 +255,8 @@ def recover(path: Path, to: int, *, threads: int | None = None, progress: Progre
 def log(path: Path) -> list[Commit]:
     """The commits of an Autumnal file, the newest first."""
     return [commit_of(facts) for facts in _native.log(os.fspath(path))]
+
+
+def set_cache_memory(bytes: int | str) -> None:
+    """Changes how much of packed segments, unpacked, this process keeps for the next use: 64 MiB if nobody does."""
+    _native.set_cache_memory(bytes_of(bytes, "bytes"))

@@ -20,6 +20,10 @@ Window = Any
 Coordinates = Any
 """What coordinates count: `"cells"`, `"world"` (the tree's own system), `"lonlat"` (degrees, WGS 84), or a coordinate system: text such
 as `"EPSG:3035"`, or an object of pyproj or rasterio. Of a window in others than cells least and then greatest ones are given."""
+Codec = Literal["plain", "packed"]
+"""Packing of segments: plain ones are used where they are in the file, packed ones take few bytes."""
+Effort = Literal["fast", "small"]
+"""Effort of packing."""
 Resampling = Literal["nearest", "bilinear", "cubic", "area", "majority"]
 """Ways in which cells get their values from those of another grid."""
 Style = str | Mapping[str, Any] | os.PathLike[str]

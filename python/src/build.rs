@@ -22,6 +22,7 @@ use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms, Work};
 use crate::numbers::{PyNumber, names_of};
+use crate::packing::Packing;
 use crate::samples::{copy_bytes, sample_of};
 
 /// Facts that are told about an array.
@@ -47,6 +48,7 @@ pub(crate) struct ArrayOptions {
     depth: Option<u8>,
     memory: u64,
     share: bool,
+    packing: Packing,
     /// Time of an Autumnal file's first commit.
     time: Option<i64>,
     categories: BTreeMap<PyNumber, String>,
@@ -143,7 +145,8 @@ impl ArrayOptions {
         };
         let depth = self.depth.unwrap_or(depth_for(self.extent));
         let options = BuildOptions::new(kind, depth).rule(rule).metadata(metadata);
-        Ok(options.memory(self.memory / 2).share(self.share).time(self.time))
+        let options = options.written(self.packing.with(self.memory / 2));
+        Ok(options.share(self.share).time(self.time))
     }
 }
 
@@ -332,6 +335,7 @@ pub(crate) struct FileOptions {
     pub(crate) filter: Option<String>,
     pub(crate) memory: u64,
     pub(crate) share: bool,
+    pub(crate) packing: Packing,
     /// Time of an Autumnal file's first commit.
     pub(crate) time: Option<i64>,
     pub(crate) cells: Option<u64>,
@@ -366,6 +370,7 @@ impl FileOptions {
         }
         (options.keep_transparent, options.share) = (self.keep_transparent, self.share);
         (options.memory, options.time) = (Some(self.memory), self.time);
+        (options.codec, options.effort) = (self.packing.codec, self.packing.effort);
         Ok(options)
     }
 
@@ -418,6 +423,7 @@ impl FileOptions {
         options.nodata = self.nodata.map(|number| number.0);
         (options.depth, options.share) = (self.depth, self.share);
         (options.memory, options.time) = (Some(self.memory), self.time);
+        (options.codec, options.effort) = (self.packing.codec, self.packing.effort);
         Ok(options)
     }
 
@@ -468,6 +474,7 @@ impl FileOptions {
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
         (options.shell, options.memory, options.share) = (self.shell, self.memory, self.share);
         options.time = self.time;
+        (options.codec, options.effort) = (self.packing.codec, self.packing.effort);
         Ok(options)
     }
 }

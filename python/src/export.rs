@@ -28,7 +28,7 @@ pub(crate) struct TileOptions {
     style: Option<String>,
     tile_format: Option<String>,
     tile_size: Option<usize>,
-    effort: Option<u8>,
+    png_effort: Option<u8>,
     quality: Option<u8>,
     resampling: Option<String>,
     allow_ballpark: bool,
@@ -151,7 +151,7 @@ impl Tree {
         if target.format().is_some_and(|named| named != format) {
             return Err(invalid("tile_format: the names of tiles say another one"));
         }
-        request.encoding = TileEncoding { format, effort: options.effort, quality: options.quality };
+        request.encoding = TileEncoding { format, png_effort: options.png_effort, quality: options.quality };
         request.zooms = options.zoom.map(|(first, last)| first..=last);
         request.side = options.tile_size.unwrap_or(256);
         request.resume = options.resume;

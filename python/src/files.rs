@@ -11,13 +11,14 @@ use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
 use spinney::store::autumnal::{self, Commit, History, Keep, Note};
-use spinney::store::{Header, Metadata, OpenOptions, file_of};
+use spinney::store::{Codec, Header, Metadata, OpenOptions, file_of};
 use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
 use crate::features_over::{FeatureTerms, operand};
 use crate::jobs::{self, Terms};
 use crate::numbers::{PyNumber, plain};
+use crate::packing::Packing;
 
 /// Fails if one of the inputs is the output.
 pub(crate) fn check_output(inputs: &[PathBuf], output: &Path) -> PyResult<()> {
@@ -69,6 +70,7 @@ pub(crate) fn transform<'py>(
     allow_ballpark: bool,
     moves: bool,
     memory: u64,
+    packing: Packing,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
@@ -79,7 +81,8 @@ pub(crate) fn transform<'py>(
     warp.resampling = resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
     warp.allow_ballpark = allow_ballpark;
     let chain = Chain { steps, moves, warp, ..Chain::of(&path) };
-    let made = jobs::run(py, terms, |work| ops::transform(&chain, work.create_tree(&out)?, memory, work))?;
+    let how = packing.with(memory);
+    let made = jobs::run(py, terms, |work| ops::transform(&chain, work.create_tree(&out)?, how, work))?;
     outcome(py, &made)
 }
 
@@ -97,6 +100,7 @@ pub(crate) fn combine<'py>(
     margin: Option<u32>,
     features: Vec<(usize, FeatureTerms<'py>)>,
     memory: u64,
+    packing: Packing,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let fill = fill.map(|number| number.0);
@@ -120,6 +124,9 @@ pub(crate) fn combine<'py>(
         }
         if prefer_second || fill.is_some() || universe.is_some() {
             return Err(invalid("values, fill, within and margin mean nothing for exact models"));
+        }
+        if packing.codec != Codec::Plain {
+            return Err(invalid("codec: exact models have none"));
         }
         return combine_exact(py, operation, &paths, &out, memory, terms);
     }
@@ -146,7 +153,15 @@ pub(crate) fn combine<'py>(
             .zip(&makers)
             .map(|((place, features), make)| operand(*place, &features.path, make))
             .collect();
-        ops::combine_with(operation, how, &paths, &operands, work.create_tree(&out)?, memory, work)
+        ops::combine_with(
+            operation,
+            how,
+            &paths,
+            &operands,
+            work.create_tree(&out)?,
+            packing.with(memory),
+            work,
+        )
     })?;
     outcome(py, &made)
 }
@@ -253,10 +268,12 @@ pub(crate) fn convert(
     out: PathBuf,
     share: bool,
     memory: u64,
+    packing: Packing,
     terms: Terms,
 ) -> PyResult<()> {
     check_output(std::slice::from_ref(&path), &out)?;
-    jobs::run(py, terms, |work| ops::convert(&path, share, work.create_tree(&out)?, memory, work))
+    let how = packing.with(memory);
+    jobs::run(py, terms, |work| ops::convert(&path, share, work.create_tree(&out)?, how, work))
 }
 
 /// Adds a tree to a file as a layer; the commit's number, if the file has commits.
@@ -270,12 +287,13 @@ pub(crate) fn add_layer(
     steps: Vec<String>,
     note: (Option<i64>, String, String),
     memory: u64,
+    packing: Packing,
     terms: Terms,
 ) -> PyResult<Option<u64>> {
     let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
     let (chain, note) = (Chain { steps, ..Chain::of(&tree) }, note_of(note));
     jobs::run(py, terms, |work| {
-        let commit = ops::add_layer(&path, &name, &chain, note, memory, work)?;
+        let commit = ops::add_layer(&path, &name, &chain, note, packing.with(memory), work)?;
         Ok(commit.map(|commit| commit.number))
     })
 }
@@ -303,9 +321,17 @@ fn note_of((time, author, message): (Option<i64>, String, String)) -> Note {
 
 /// Writes a tree of the numbers of the commits that changed each cell last.
 #[pyfunction]
-pub(crate) fn blame(py: Python<'_>, path: PathBuf, out: PathBuf, memory: u64, terms: Terms) -> PyResult<()> {
+pub(crate) fn blame(
+    py: Python<'_>,
+    path: PathBuf,
+    out: PathBuf,
+    memory: u64,
+    packing: Packing,
+    terms: Terms,
+) -> PyResult<()> {
     check_output(std::slice::from_ref(&path), &out)?;
-    jobs::run(py, terms, |work| ops::blame(&path, work.create_tree(&out)?, memory, work))
+    let how = packing.with(memory);
+    jobs::run(py, terms, |work| ops::blame(&path, work.create_tree(&out)?, how, work))
 }
 
 /// Writes some commits of a file to a new one: the newest, or those with these numbers.

@@ -21,6 +21,7 @@ mod model;
 mod model_faces;
 mod numbers;
 mod overlay;
+mod packing;
 mod part;
 mod questions;
 mod read;
@@ -53,6 +54,8 @@ mod _native {
     use super::model::{Model, build_brep};
     #[pymodule_export]
     use super::overlay::combine_polygons;
+    #[pymodule_export]
+    use super::packing::set_cache_memory;
     #[pymodule_export]
     use super::rebuild::is_tree;
     #[pymodule_export]

@@ -13,6 +13,7 @@ use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
 use crate::numbers::{PyNumber, names_of};
+use crate::packing::Packing;
 use crate::tree::Tree;
 
 /// What is said anew of a tree; all else stays as it is.
@@ -32,6 +33,7 @@ pub(crate) struct TreeOptions {
     tags: BTreeMap<String, String>,
     memory: u64,
     share: bool,
+    packing: Packing,
     time: Option<i64>,
 }
 
@@ -48,6 +50,7 @@ impl TreeOptions {
         }
         options.depth = self.depth.unwrap_or(options.depth);
         (options.share, options.time) = (self.share, self.time);
+        (options.codec, options.effort) = (self.packing.codec, self.packing.effort);
         let metadata = &mut options.metadata;
         if let Some(numbers) = self.transform {
             metadata.frame.matrix = matrix_of(&numbers)?;

@@ -7,7 +7,7 @@ use anyhow::Result;
 use spinney::ops;
 
 use super::Global;
-use super::args::{Memory, OutputFile, OutputLimit, check_output};
+use super::args::{Memory, OutputFile, OutputLimit, Packing, check_output};
 use super::report::{Work, report_output};
 
 const EXAMPLES: &str = "Examples:
@@ -29,6 +29,8 @@ pub(crate) struct Args {
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
+    packing: Packing,
+    #[command(flatten)]
     limit: OutputLimit,
 }
 
@@ -36,8 +38,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let output = args.output.path();
     check_output([args.file.as_path()], output)?;
+    let how = args.packing.with(args.memory)?;
     let work = Work::start(global, "cells")?;
-    ops::blame(&args.file, args.limit.create_tree(output)?, args.memory.bytes, &work)?;
+    ops::blame(&args.file, args.limit.create_tree(output)?, how, &work)?;
     work.finish();
     report_output(global, output, start);
     Ok(())

@@ -9,7 +9,7 @@ use spinney::import::feature::is_feature_file;
 use spinney::ops::{self, Prefer, Universe};
 use spinney::value::Number;
 
-use super::args::{Memory, OperationName, OutputLimit, check_output, numbers, parse_operation};
+use super::args::{Memory, OperationName, OutputLimit, Packing, check_output, numbers, parse_operation};
 use super::features::{FeatureOperands, are_mixed};
 use super::overlay::{self, Question, Region};
 use super::report::statistics::class_as_json;
@@ -56,6 +56,8 @@ pub(crate) struct Args {
     json: bool,
     #[command(flatten)]
     memory: Memory,
+    #[command(flatten)]
+    packing: Packing,
     #[command(flatten)]
     limit: OutputLimit,
     #[command(flatten)]
@@ -136,6 +138,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         snap,
         json,
         memory,
+        packing,
         limit,
         features,
     } = args;
@@ -146,7 +149,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     ensure!(!json, "--json is for the table of cross");
     if files.iter().all(|file| is_feature_file(file)) {
         let given = [("--values", values != "a"), ("--fill", fill.is_some()), ("--margin", margin.is_some())];
-        let given = given.iter().find(|(_, is_given)| *is_given);
+        let given = given.into_iter().chain(packing.given()).find(|(_, is_given)| *is_given);
         ensure!(given.is_none(), "{} is not for polygons", given.map_or("", |(name, _)| name));
         let path = output.context("--output is missing: where should the result go?")?;
         let is_solid = matches!(&within, Some(Within::Box(low, high)) if low[2] != high[2]);
@@ -187,19 +190,18 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             ("--within or --margin", universe.is_some()),
         ];
         exact::refuse(&files[0], &given)?;
+        exact::refuse(&files[0], &packing.given())?;
         return exact::combine(operation, &files, limit.create_tree(&path)?, memory.bytes, global);
     }
+    let how = packing.with(memory)?;
     let work = Work::start(global, "cells")?;
     let universe = universe.unwrap_or_default();
     let output = limit.create_tree(&path)?;
     let (outcome, counts) = if are_mixed(&files) {
-        features.combine(operation, (fill, universe), &files, output, memory.bytes, &work)?
+        features.combine(operation, (fill, universe), &files, output, how, &work)?
     } else {
         features.refuse()?;
-        (
-            ops::combine(operation, fill, universe, &files, output, memory.bytes, &work)?,
-            vec![None; files.len()],
-        )
+        (ops::combine(operation, fill, universe, &files, output, how, &work)?, vec![None; files.len()])
     };
     work.finish();
     for ((file, cells), features) in files.iter().zip(&outcome.before).zip(counts) {

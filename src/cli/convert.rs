@@ -7,14 +7,15 @@ use anyhow::Result;
 use spinney::ops;
 
 use super::Global;
-use super::args::{Memory, OutputFile, OutputLimit, check_output};
+use super::args::{Memory, OutputFile, OutputLimit, Packing, check_output};
 use super::report::{Work, report_output};
 
 /// Write a tree as it is to a file of the other format (or of the same).
 ///
 /// Makes a compact, read-only Goblin file of an Autumnal file or of one of its commits, or an Autumnal file,
 /// to be edited, if the output's name ends with .autumn. From Goblin to Autumnal and back the bytes stay the
-/// same.
+/// same. Segments are packed as options say, whatever those of the file are: plain if nothing is said. (Commands that copy layers, such as
+/// edit add-layer, leave these as they are.)
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -28,6 +29,8 @@ pub(crate) struct Args {
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
+    packing: Packing,
+    #[command(flatten)]
     limit: OutputLimit,
 }
 
@@ -35,14 +38,16 @@ const EXAMPLES: &str = "\
 Examples:
   spinney convert map.autumn map.goblin
   spinney convert map.autumn@12 release.goblin
+  spinney convert release.goblin small.goblin --codec packed
   spinney convert release.goblin next.autumn --share";
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let output = args.output.path();
     check_output([Path::new(&args.file)], output)?;
+    let how = args.packing.with(args.memory)?;
     let work = Work::start(global, "cells")?;
-    ops::convert(&args.file, args.share, args.limit.create_tree(output)?, args.memory.bytes, &work)?;
+    ops::convert(&args.file, args.share, args.limit.create_tree(output)?, how, &work)?;
     work.finish();
     report_output(global, output, start);
     Ok(())

@@ -10,7 +10,7 @@ use spinney::Error;
 use spinney::ops::{self, Operation, Universe};
 
 use super::Global;
-use super::args::{Memory, OutputLimit, check_output};
+use super::args::{Memory, OutputLimit, Packing, check_output};
 use super::report::{Work, print_json, print_text, report_output};
 
 /// Show where two trees differ, most often two commits of one file.
@@ -35,6 +35,8 @@ pub(crate) struct Args {
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
+    packing: Packing,
+    #[command(flatten)]
     limit: OutputLimit,
 }
 
@@ -46,6 +48,7 @@ Examples:
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
+    let how = args.packing.with(args.memory)?;
     let paths = [args.first.as_path(), &args.second];
     let sum = if args.ranges {
         let mut out = std::io::BufWriter::new(std::io::stdout().lock());
@@ -78,7 +81,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         Universe::Usual,
         &files,
         args.limit.create_tree(output)?,
-        args.memory.bytes,
+        how,
         &work,
     )?;
     work.finish();

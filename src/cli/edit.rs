@@ -19,7 +19,8 @@ use spinney::store::{FilePlace, TreeFormat, file_is_tree};
 use spinney::value::Number;
 
 use super::args::{
-    CommitOptions, OperationName, PartOptions, number, numbers, parse_operation, parse_step, same_file,
+    CommitOptions, OperationName, Packing, PartOptions, number, numbers, parse_operation, parse_step,
+    same_file,
 };
 use super::features::{FeatureCells, FeatureTerms, check_features, feature_value};
 use super::report::Work;
@@ -149,6 +150,8 @@ struct AddLayer {
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,
     #[command(flatten)]
+    packing: Packing,
+    #[command(flatten)]
     options: CommitOptions,
 }
 
@@ -166,14 +169,14 @@ fn change_layers(file: &Path, change: &Change, global: &Global) -> Result<()> {
     let options = change.options();
     let work = Work::start(global, "cells")?;
     let commit = match change {
-        Change::AddLayer(AddLayer { tree, name, steps, .. }) => {
+        Change::AddLayer(AddLayer { tree, name, steps, packing, .. }) => {
             let place = FilePlace::of(tree);
             let stem = place.file.file_stem().map(|stem| stem.to_string_lossy().into_owned());
             let name = name.clone().or(place.layer.clone()).or(stem).unwrap_or_default();
             let chain = Chain { steps: steps.clone(), ..Chain::of(tree) };
             only_layer(tree)?;
             let note = options.note(format!("Add layer {name} of {}", tree.display()));
-            add_layer(file, &name, &chain, note, options.memory.bytes, &work)?
+            add_layer(file, &name, &chain, note, packing.with(options.memory)?, &work)?
         }
         Change::DropLayer(DropLayer { name, .. }) => {
             let note = options.note(format!("Drop layer {name}"));

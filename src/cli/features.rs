@@ -10,7 +10,7 @@ use spinney::import::rasterize::{FeatureValue, Overlaps, RasterizeOptions, plan_
 use spinney::io::Output;
 use spinney::ops::{MadeOperand, Operation, Outcome, Universe, ViewSource, combine_with};
 use spinney::space::{Coordinates, EdgeRule};
-use spinney::store::{Header, Metadata};
+use spinney::store::{Header, Metadata, WriteOptions};
 use spinney::value::{Number, Rule};
 
 use super::report::Work;
@@ -136,10 +136,10 @@ impl FeatureOperands {
     pub(crate) fn combine(
         &self,
         operation: Operation,
-        how: (Option<Number>, Universe),
+        (fill, universe): (Option<Number>, Universe),
         files: &[PathBuf],
         output: Output,
-        memory: u64,
+        how: WriteOptions,
         work: &Work,
     ) -> Result<(Outcome, Vec<Option<u64>>)> {
         let is_feature: Vec<bool> = files.iter().map(|file| is_feature_file(file)).collect();
@@ -148,7 +148,7 @@ impl FeatureOperands {
             value: self.values.value.clone(),
             overlaps: self.values.overlaps.unwrap_or_default(),
             coordinates: None,
-            memory,
+            memory: how.memory,
             tells_beyond: true,
         };
         let make = |number: usize, header: &Header, metadata: &Metadata| {
@@ -172,7 +172,7 @@ impl FeatureOperands {
             })
             .collect();
         let trees: Vec<PathBuf> = files.iter().filter(|file| !is_feature_file(file)).cloned().collect();
-        let outcome = combine_with(operation, how, &trees, &made, output, memory, work)?;
+        let outcome = combine_with(operation, (fill, universe), &trees, &made, output, how, work)?;
         let counts = counts.iter().zip(is_feature).map(|(count, is)| is.then(|| count.get())).collect();
         Ok((outcome, counts))
     }

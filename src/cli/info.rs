@@ -11,7 +11,8 @@ use spinney::io::url_of;
 use spinney::ops::LayerInfo;
 use spinney::query::ChannelStatistics;
 use spinney::space::{Crs, Frame};
-use spinney::store::{FilePlace, LevelCounts, Metadata, TagScope};
+use spinney::store::goblin::LevelBytes;
+use spinney::store::{Codec, FilePlace, LevelCounts, Metadata, TagScope};
 
 use super::args::LayerOption;
 use super::report::statistics::{channels_as_json, class_as_json};
@@ -65,10 +66,11 @@ fn describe(args: &Args) -> Result<()> {
     let most = if args.levels { u64::MAX } else { COUNTED };
     let levels = tree.level_counts(most, &())?;
     let levels = levels.as_ref().map(LevelCounts::levels);
+    let segments = tree.level_bytes(if args.levels { usize::MAX } else { SUMMED })?;
     if args.json {
-        print_json(&as_json(&tree, levels)?)?
+        print_json(&as_json(&tree, (levels, segments.as_deref()))?)?
     } else {
-        print_text(&as_text(&tree, levels)?)?
+        print_text(&as_text(&tree, (levels, segments.as_deref()))?)?
     }
     Ok(tree.check_unchanged()?)
 }
@@ -92,10 +94,11 @@ fn layers_as_text(tree: &Dataset, layers: &[LayerInfo]) -> Result<String> {
         let (name, size, value) = (&layer.name, size.join(" x "), header.form.value.to_string());
         writeln!(
             text,
-            "layer {number:<5} {name:<width$}  {value:<6} {}, {}, {size} cells, depth {}",
+            "layer {number:<5} {name:<width$}  {value:<6} {}, {}, {size} cells, depth {}{}",
             header.kind,
             header.rule,
-            header.depth()
+            header.depth(),
+            if header.codec == Codec::Plain { "" } else { ", packed" }
         )?;
     }
     writeln!(text, "next        spinney info {} --layer {}", tree.name().display(), layers[0].name)?;
@@ -106,7 +109,8 @@ fn layers_as_json(tree: &Dataset, layers: &[LayerInfo]) -> Result<serde_json::Va
     let all = layers.iter().enumerate().map(|(number, layer)| {
         let tree = tree.layer(&layer.name)?;
         let levels = tree.level_counts(COUNTED, &())?;
-        let mut json = as_json(&tree, levels.as_ref().map(LevelCounts::levels))?;
+        let segments = tree.level_bytes(SUMMED)?;
+        let mut json = as_json(&tree, (levels.as_ref().map(LevelCounts::levels), segments.as_deref()))?;
         json["number"] = json!(number);
         Ok(json)
     });
@@ -122,8 +126,13 @@ fn layers_as_json(tree: &Dataset, layers: &[LayerInfo]) -> Result<serde_json::Va
 /// Records of which the nodes are counted without being asked to: a matter of a second.
 const COUNTED: u64 = 1 << 22;
 
+/// Segments whose bytes are summed without being asked to: about a megabyte of the directory tells them.
+const SUMMED: usize = 1 << 14;
+
 /// VOID, LEAF and INNER nodes of each level.
 type Levels<'a> = Option<&'a [[u64; 3]]>;
+/// Bytes of segments of each level.
+type Segments<'a> = Option<&'a [LevelBytes]>;
 
 /// Lengths of a cell's edges in the world.
 fn cell_size(frame: &Frame) -> [f64; 3] {
@@ -140,7 +149,7 @@ fn tree_name(tree: &Dataset) -> &'static str {
     if tree.header().form.axes() == 2 { "quadtree" } else { "octree" }
 }
 
-fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
+fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Result<serde_json::Value> {
     let header = tree.header();
     let metadata = tree.metadata();
     let stats = tree.statistics(None, &())?;
@@ -148,6 +157,11 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
     let row = |(level, [void, leaf, inner]): (usize, &[u64; 3])| json!({ "level": level, "void": void, "leaf": leaf, "inner": inner });
     let epsg = metadata.frame.crs.as_ref().and_then(Crs::numbers);
     let levels = levels.map(|levels| levels.iter().enumerate().map(row).collect::<Vec<_>>());
+    let of_level = |of: &LevelBytes| {
+        let LevelBytes { level, segments, packed, bytes, plain } = of;
+        json!({ "level": level, "segments": segments, "packed": packed, "bytes": bytes, "plain_bytes": plain })
+    };
+    let segments = segments.map(|levels| levels.iter().map(of_level).collect::<Vec<_>>());
     let [low, high] = metadata.frame.world_box(&header.picture());
     let sections: serde_json::Map<_, _> =
         tree.sections().into_iter().map(|(name, bytes)| (name.to_string(), json!(bytes))).collect();
@@ -193,6 +207,7 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         "raw_bytes": raw_bytes(tree),
         "sections": sections,
         "segments": tree.segments(),
+        "segment_levels": segments,
         "records": tree.commit().map_or(metadata.counts.records(), |_| tree.stored_records()),
         "stored_records": tree.stored_records(),
         "levels": levels,
@@ -219,10 +234,11 @@ fn crs_as_json(crs: &Crs) -> serde_json::Value {
     })
 }
 
-fn as_text(tree: &Dataset, levels: Levels<'_>) -> Result<String> {
+fn as_text(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Result<String> {
     let mut text = String::new();
     write_picture(&mut text, tree)?;
     write_storage(&mut text, tree)?;
+    write_segments(&mut text, tree, segments)?;
     write_values(&mut text, tree)?;
     write_levels(&mut text, levels)?;
     for line in &tree.metadata().provenance {
@@ -334,6 +350,19 @@ fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
             let records = tree.metadata().counts.records();
             writeln!(text, "records     {records}, in {places} places of {segments} segments")?;
         }
+    }
+    Ok(())
+}
+
+/// Writes how segments are packed, and how many bytes those of each level have.
+fn write_segments(text: &mut String, tree: &Dataset, segments: Segments<'_>) -> Result<()> {
+    let Some(levels) = segments else { return Ok(()) };
+    let is_packed = tree.header().codec != Codec::Plain;
+    writeln!(text, "codec       {}", tree.header().codec.name())?;
+    let headings = std::iter::once("segments").chain(std::iter::repeat(""));
+    for (heading, LevelBytes { level, segments, bytes, plain, .. }) in headings.zip(levels) {
+        let unpacked = if is_packed { format!(", {plain} unpacked") } else { String::new() };
+        writeln!(text, "{heading:<11} level {level}: {segments}, {bytes} bytes{unpacked}")?;
     }
     Ok(())
 }

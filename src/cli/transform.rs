@@ -7,7 +7,7 @@ use anyhow::Result;
 use spinney::ops::{self, Chain, Resampling, Step, WarpOptions};
 
 use super::Global;
-use super::args::{Memory, OutputLimit, check_output, parse_step};
+use super::args::{Memory, OutputLimit, Packing, check_output, parse_step};
 use super::report::{Work, report_output};
 
 /// Make a tree of a part of another, moved, scaled, mirrored or turned, or of what is calculated with others.
@@ -45,6 +45,8 @@ pub(crate) struct Args {
     moves: bool,
     #[command(flatten)]
     memory: Memory,
+    #[command(flatten)]
+    packing: Packing,
     #[command(flatten)]
     limit: OutputLimit,
 }
@@ -105,13 +107,14 @@ Examples:
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args { file, steps, output: path, resampling, allow_ballpark, moves, memory, limit } = args;
+    let Args { file, steps, output: path, resampling, allow_ballpark, moves, memory, packing, limit } = args;
     check_output([file.as_path()].into_iter().chain(steps.iter().flat_map(Step::files)), &path)?;
     let mut warp = WarpOptions::default();
     (warp.resampling, warp.allow_ballpark) = (resampling, allow_ballpark);
     let chain = Chain { path: file, steps, moves, warp };
+    let how = packing.with(memory)?;
     let work = Work::start(global, "cells")?;
-    let outcome = ops::transform(&chain, limit.create_tree(&path)?, memory.bytes, &work)?;
+    let outcome = ops::transform(&chain, limit.create_tree(&path)?, how, &work)?;
     work.finish();
     let [width, height, depth] = outcome.extent;
     let size =

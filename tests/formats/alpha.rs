@@ -7,7 +7,7 @@ use spinney::io::Output;
 use spinney::ops::{self, Chain, Edit, Operation, Prefer};
 use spinney::space::{Bounds, Dimension};
 use spinney::store::autumnal::Note;
-use spinney::store::{BuildOptions, build_slabs};
+use spinney::store::{BuildOptions, WriteOptions, build_slabs};
 use spinney::tree::Form;
 use spinney::value::{Kind, Mask, Rule, SampleType, Value, ValueType};
 
@@ -178,7 +178,8 @@ fn set_operations_see_through_transparent_cells() {
     ];
     for (operation, expected) in operations {
         let output = Output::create(&path("c.goblin")).unwrap();
-        ops::combine(operation, None, ops::Universe::Usual, &trees, output, 64 << 20, &()).unwrap();
+        ops::combine(operation, None, ops::Universe::Usual, &trees, output, WriteOptions::new(64 << 20), &())
+            .unwrap();
         let tree = spinney::open(path("c.goblin")).unwrap();
         assert!(tree.verify(64 << 20, &()).unwrap().is_empty());
         let (values, valid, _) = level(&tree, tree.depth());
@@ -214,7 +215,14 @@ fn views_without_transparent_cells() {
     // There and back.
     let bytes = |name: &str| std::fs::read(path(name)).unwrap();
     for (from, to) in [("a.goblin", "b.autumn"), ("b.autumn", "c.goblin")] {
-        ops::convert(&path(from), false, Output::create(&path(to)).unwrap(), 64 << 20, &()).unwrap();
+        ops::convert(
+            &path(from),
+            false,
+            Output::create(&path(to)).unwrap(),
+            WriteOptions::new(64 << 20),
+            &(),
+        )
+        .unwrap();
     }
     assert!(bytes("a.goblin") == bytes("c.goblin"));
 }

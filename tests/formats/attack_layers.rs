@@ -10,7 +10,7 @@ use spinney::ops::{Chain, Edit, FillRegion, add_layer, convert, edit};
 use spinney::space::{Bounds, Code, Dimension, Frame};
 use spinney::store::autumnal::Note;
 use spinney::store::goblin::Goblin;
-use spinney::store::{FilePlace, Metadata};
+use spinney::store::{FilePlace, Metadata, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType, ValueType};
 
@@ -40,7 +40,7 @@ fn goblin(size: [u64; 3]) -> Vec<u8> {
         let metadata = Metadata { frame: Frame::identity().coarser(coarser), ..Metadata::default() };
         let options = options(rule, kind, cells.depth()).metadata(metadata);
         write_cells(&other, &cells, &options);
-        add_layer(&path, name, &Chain::of(&other), Note::default(), 1 << 20, &()).unwrap();
+        add_layer(&path, name, &Chain::of(&other), Note::default(), WriteOptions::new(1 << 20), &()).unwrap();
     }
     std::fs::read(path).unwrap()
 }
@@ -50,7 +50,7 @@ fn autumnal(goblin: &[u8]) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let [from, path] = ["s.goblin", "s.autumn"].map(|name| folder.path().join(name));
     std::fs::write(&from, goblin).unwrap();
-    convert(&from, false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
+    convert(&from, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &()).unwrap();
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [3, 4, 1] });
     let place = FilePlace::of(&path).of_layer("classes");
     edit(&place, [Ok(Edit::Fill(region, Some(vec![77.into()])))], Note::default(), 1 << 20, &()).unwrap();

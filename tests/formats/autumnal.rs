@@ -8,7 +8,7 @@ use spinney::ops::convert;
 use spinney::query::Condition;
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::autumnal::Autumnal;
-use spinney::store::{OpenOptions, build_tree};
+use spinney::store::{OpenOptions, WriteOptions, build_tree};
 use spinney::tree::{Child, Form, MemTree, Source};
 use spinney::value::{Kind, Number, Rule, SampleType};
 
@@ -62,7 +62,8 @@ fn round_trip(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
     std::fs::write(&goblin_path, &published).unwrap();
     for share in [false, true] {
         let path = file(&format!("{share}.autumn"));
-        convert(&goblin_path, share, Output::create(&path).unwrap(), 1 << 24, &()).unwrap();
+        convert(&goblin_path, share, Output::create(&path).unwrap(), WriteOptions::new(1 << 24), &())
+            .unwrap();
         let autumnal = open(&path);
         same_trees(&autumnal, &tree);
         assert_eq!(autumnal.commit().records, tree.inner_nodes() as u64);
@@ -73,7 +74,7 @@ fn round_trip(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
         assert!(share || written.shared == 0);
         // Back to the same bytes.
         let back = file("back.goblin");
-        convert(&path, false, Output::create(&back).unwrap(), 1 << 24, &()).unwrap();
+        convert(&path, false, Output::create(&back).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
         assert!(std::fs::read(&back).unwrap() == published, "{form} {rule} {kind} {size:?}");
     }
     let positioned = OpenOptions::new().positioned(64 << 20);
@@ -288,7 +289,7 @@ fn which_subtrees_are_shared_does_not_depend_on_the_memory() {
     let source = folder.path().join(format!("{}.autumn", 1 << 20));
     let copies = [1 << 20, 1 << 28].map(|memory| {
         let copy = folder.path().join(format!("copy-{memory}.autumn"));
-        convert(&source, true, Output::create(&copy).unwrap(), memory, &()).unwrap();
+        convert(&source, true, Output::create(&copy).unwrap(), WriteOptions::new(memory), &()).unwrap();
         std::fs::read(copy).unwrap()
     });
     assert!(copies[0] == copies[1]);

@@ -8,8 +8,8 @@ use std::sync::Mutex;
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::space::Bounds;
-use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact, recover};
+use spinney::store::{OpenOptions, WriteOptions};
 use spinney::{Error, Progress};
 use tempfile::TempDir;
 
@@ -37,7 +37,7 @@ fn file(commits: u64) -> (TempDir, PathBuf) {
 
 fn publish(path: &Path) {
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
-    convert(&goblin, false, Output::create(path).unwrap(), 1 << 20, &()).unwrap();
+    convert(&goblin, false, Output::create(path).unwrap(), WriteOptions::new(1 << 20), &()).unwrap();
 }
 
 fn open(path: &Path) -> spinney::Result<Autumnal> {
@@ -213,7 +213,9 @@ fn a_file_that_appears_meanwhile_is_not_replaced() {
         edit(&target, [Ok(fill(9.0))], Note::default(), 1 << 20, &()).unwrap();
     };
     let meanwhile = Meanwhile::new(appear);
-    let refused = convert(&goblin, false, Output::create(&target).unwrap(), 1 << 20, &meanwhile).unwrap_err();
+    let refused =
+        convert(&goblin, false, Output::create(&target).unwrap(), WriteOptions::new(1 << 20), &meanwhile)
+            .unwrap_err();
     assert!(refused.to_string().contains("has appeared"), "{refused}");
     assert_eq!(open(&target).unwrap().commit().number, 2);
 

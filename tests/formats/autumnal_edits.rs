@@ -9,8 +9,8 @@ use spinney::ops::{
     Chain, Edit, FillRegion, Operation, Prefer, TreeFile, apply_edits, convert, diff_files, edit,
 };
 use spinney::space::{Bounds, Dimension, Polygon};
-use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact};
+use spinney::store::{OpenOptions, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType, Value};
 
@@ -28,7 +28,7 @@ fn open(path: &Path) -> Autumnal {
 pub(super) fn write(path: &Path, cells: &Cells, (rule, kind): (Rule, Kind), share: bool) {
     let goblin = path.with_extension("first.goblin");
     std::fs::write(&goblin, goblin_bytes(cells, rule, kind)).unwrap();
-    convert(&goblin, share, Output::create(path).unwrap(), MEMORY, &()).unwrap();
+    convert(&goblin, share, Output::create(path).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
     std::fs::remove_file(goblin).unwrap();
 }
 
@@ -168,7 +168,7 @@ fn script(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind, share: 
         assert!(!reader.refresh().unwrap());
         // The same bytes as a tree built from the cells.
         let published = folder.path().join("t.goblin");
-        convert(&path, false, Output::create(&published).unwrap(), MEMORY, &()).unwrap();
+        convert(&path, false, Output::create(&published).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
         let built = folder.path().join("b.goblin");
         std::fs::write(&built, goblin_bytes(&cells, rule, kind)).unwrap();
         assert!(std::fs::read(&published).unwrap() == std::fs::read(&built).unwrap());
@@ -359,7 +359,7 @@ fn pieces_of_other_commits_are_kept_not_copied() {
         spinney::ops::Universe::Usual,
         &files,
         output,
-        MEMORY,
+        WriteOptions::new(MEMORY),
         &(),
     )
     .unwrap();
@@ -396,8 +396,9 @@ fn an_autumnal_file_is_not_replaced() {
     write(&path, &cells, (Rule::Mean, Kind::Continuous), false);
     let before = std::fs::read(&path).unwrap();
     let goblin = folder.path().join("t.goblin");
-    convert(&path, false, Output::create(&goblin).unwrap(), MEMORY, &()).unwrap();
-    let refused = convert(&goblin, false, Output::create(&path).unwrap(), MEMORY, &()).unwrap_err();
+    convert(&path, false, Output::create(&goblin).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
+    let refused =
+        convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(MEMORY), &()).unwrap_err();
     assert!(matches!(refused, Error::Unsupported { .. }), "{refused}");
     assert_eq!(std::fs::read(&path).unwrap(), before);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);

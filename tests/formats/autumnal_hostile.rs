@@ -9,6 +9,7 @@ use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::query::Condition;
 use spinney::space::{Bounds, Code, Dimension};
+use spinney::store::WriteOptions;
 use spinney::store::autumnal::{Autumnal, Note};
 use spinney::tree::{Child, Source};
 use spinney::value::Number;
@@ -26,7 +27,7 @@ fn two_commits() -> (Vec<u8>, [Cells; 2]) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
-    convert(&goblin, false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
+    convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &()).unwrap();
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] });
     edit(&path, [Ok(Edit::Fill(region, Some(vec![3.0.into()])))], Note::default(), 1 << 20, &()).unwrap();
     let first = made(QUAD, [8, 8, 1], |[x, y, _]| Some(byte(CLASSIC[y as usize][x as usize])));
@@ -127,7 +128,7 @@ fn is_refused(what: &str, bytes: Vec<u8>) -> bool {
     let path = folder.path().join("t.autumn");
     std::fs::write(&path, bytes).unwrap();
     let goblin = folder.path().join("t.goblin");
-    let _ = convert(&path, false, Output::create(&goblin).unwrap(), 1 << 20, &());
+    let _ = convert(&path, false, Output::create(&goblin).unwrap(), WriteOptions::new(1 << 20), &());
     assert!(start.elapsed() < Duration::from_secs(20), "{what}: {:?}", start.elapsed());
     found
 }

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, convert, edit};
 use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, History, Keep, Note, compact, recover};
+use spinney::store::{OpenOptions, WriteOptions};
 use spinney::value::{Kind, Rule, SampleType, Value};
 use tempfile::TempDir;
 
@@ -30,7 +30,7 @@ fn with_message(message: &str) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
-    convert(&goblin, false, Output::create(&path).unwrap(), MEMORY, &()).unwrap();
+    convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
     for (value, message) in [(3.0, message), (2.0, "")] {
         let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] });
         let note = Note { message: message.into(), ..Note::default() };

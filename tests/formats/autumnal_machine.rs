@@ -10,8 +10,8 @@ use std::sync::Mutex;
 use spinney::dataset;
 use spinney::io::Output;
 use spinney::ops::{Edit, apply_edits, convert, edit};
-use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact};
+use spinney::store::{OpenOptions, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Progress};
@@ -265,7 +265,7 @@ impl Machine {
         let refused = if self.random.below(2) == 0 {
             compact(&source, &Keep::Last(2), false, output, MEMORY, &appear).map(drop)
         } else {
-            convert(&source, false, output, MEMORY, &appear)
+            convert(&source, false, output, WriteOptions::new(MEMORY), &appear)
         };
         drop(appear);
         if target.exists() {

@@ -10,6 +10,7 @@ use spinney::dataset::open;
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::space::{Bounds, Code, Dimension};
+use spinney::store::WriteOptions;
 use spinney::store::autumnal::{Autumnal, Editor, Note};
 use spinney::value::{Kind, Rule};
 use tempfile::TempDir;
@@ -24,7 +25,7 @@ fn file() -> (TempDir, PathBuf) {
     let (goblin, path) = (folder.path().join("t.goblin"), folder.path().join("t.autumn"));
     let cells = made(QUAD, [SIDE, SIDE, 1], |_| Some(byte(7)));
     std::fs::write(&goblin, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
-    convert(&goblin, false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
+    convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &()).unwrap();
     std::fs::remove_file(goblin).unwrap();
     (folder, path)
 }

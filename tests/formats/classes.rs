@@ -6,9 +6,9 @@ use spinney::dataset::{self, Dataset};
 use spinney::io::Output;
 use spinney::ops::{Edit, apply_edits, convert};
 use spinney::space::Bounds;
-use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Note};
 use spinney::store::goblin::Goblin;
+use spinney::store::{OpenOptions, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Number, Rule, SampleType, Value};
 
@@ -96,7 +96,7 @@ fn lists_of_classes_are_bounded_and_answers_exact() {
             std::fs::write(file("a.goblin"), &bytes).unwrap();
             let to = |from: &str, to: &str| {
                 let output = Output::create(&file(to)).unwrap();
-                convert(&file(from), false, output, 1 << 24, &()).unwrap();
+                convert(&file(from), false, output, WriteOptions::new(1 << 24), &()).unwrap();
             };
             to("a.goblin", "b.autumn");
             to("b.autumn", "c.goblin");

@@ -6,6 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 use spinney::io::Output;
 use spinney::ops::convert;
+use spinney::store::WriteOptions;
 
 use crate::targets::seal::{FIRST_EXTENT, HEAD, HEAD_MAGIC};
 
@@ -142,7 +143,7 @@ pub(super) fn crafted_behind(hole: usize, records: &[u8], claims: Claims) -> Vec
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
-    convert(&goblin, false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
+    convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &()).unwrap();
     let original = std::fs::read(&path).unwrap();
     // The header page, for a tree of this depth.
     let mut file = original[..FIRST_EXTENT].to_vec();

@@ -7,6 +7,7 @@ use spinney::io::Output;
 use spinney::ops::{self, Operation, Prefer, View, ViewSource};
 use spinney::query::Condition;
 use spinney::space::{Bounds, Code, Dimension};
+use spinney::store::WriteOptions;
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Child, Form, MemTree, Source, df};
 use spinney::value::{Kind, Rule, SampleType, Value};
@@ -341,8 +342,10 @@ fn conversion_there_and_back_gives_the_same_bytes() {
                 let path = |name: &str| folder.path().join(name);
                 std::fs::write(path("a.goblin"), &bytes).unwrap();
                 let output = |name| Output::create(&path(name)).unwrap();
-                ops::convert(&path("a.goblin"), share, output("b.autumn"), 1 << 24, &()).unwrap();
-                ops::convert(&path("b.autumn"), false, output("c.goblin"), 1 << 24, &()).unwrap();
+                ops::convert(&path("a.goblin"), share, output("b.autumn"), WriteOptions::new(1 << 24), &())
+                    .unwrap();
+                ops::convert(&path("b.autumn"), false, output("c.goblin"), WriteOptions::new(1 << 24), &())
+                    .unwrap();
                 assert!(std::fs::read(path("c.goblin")).unwrap() == bytes, "{form} {content:?}");
             }
         }

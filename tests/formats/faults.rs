@@ -14,7 +14,7 @@ use spinney::io::{Faults, Output};
 use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::space::Bounds;
 use spinney::store::autumnal::{Keep, Note, compact};
-use spinney::store::{OpenOptions, build_slabs};
+use spinney::store::{OpenOptions, WriteOptions, build_slabs};
 use spinney::value::{Kind, Rule, SampleType, ValueType};
 use spinney::{Error, Result};
 
@@ -151,8 +151,8 @@ fn conversions_and_compaction() {
     let (goblin, autumn) = (noise(folder.path(), "a.goblin"), noise(folder.path(), "a.autumn"));
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [99, 77, 1] });
     edit(&autumn, [Ok(Edit::Fill(region, Some(vec![3.0.into()])))], Note::default(), MEMORY, &()).unwrap();
-    fails_well("t.autumn", &|output| convert(&goblin, false, output, MEMORY, &()));
-    fails_well("t.goblin", &|output| convert(&autumn, false, output, MEMORY, &()));
+    fails_well("t.autumn", &|output| convert(&goblin, false, output, WriteOptions::new(MEMORY), &()));
+    fails_well("t.goblin", &|output| convert(&autumn, false, output, WriteOptions::new(MEMORY), &()));
     fails_well("t.autumn", &|output| compact(&autumn, &Keep::Last(2), true, output, MEMORY, &()).map(|_| ()));
 }
 

@@ -11,8 +11,8 @@ use spinney::ops::{
     Chain, Differences, Operation, Universe, combine, convert, diff_files, differences, transform,
 };
 use spinney::space::Bounds;
-use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Keep, compact};
+use spinney::store::{OpenOptions, WriteOptions};
 
 use super::autumnal_hostile::{folded, folded_of, full};
 use super::counted::CountedFile;
@@ -129,7 +129,7 @@ fn copies_that_share_take_the_work_of_the_records() {
     let folder = tempfile::tempdir().unwrap();
     let from = write(folder.path(), "from.autumn", &folded(18, full));
     let to = folder.path().join("to.autumn");
-    convert(&from, true, Output::create(&to).unwrap(), 1 << 24, &()).unwrap();
+    convert(&from, true, Output::create(&to).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
     let tree = Autumnal::open(&to, &OpenOptions::new()).unwrap();
     assert_eq!((tree.commit().records, tree.commit().cells), (full(18) as u64, 1 << 36));
     // One for each height of nodes with records.
@@ -160,12 +160,20 @@ fn what_has_no_room_is_refused_before_it_is_written() {
     let records = full(18) as u64;
     for (name, needed) in [("to.goblin", 4 * records), ("to.autumn", 4 * records)] {
         let output = || Output::create(&folder.path().join(name)).unwrap().with_limit(MOST);
-        let converted = convert(&from, false, output(), 1 << 24, &());
+        let converted = convert(&from, false, output(), WriteOptions::new(1 << 24), &());
         let whole = Chain::of(&from);
-        let transformed = transform(&whole, output(), 1 << 24, &()).map(drop);
+        let transformed = transform(&whole, output(), WriteOptions::new(1 << 24), &()).map(drop);
         let files = [from.clone(), from.clone()];
-        let combined =
-            combine(Operation::Over, None, Universe::Usual, &files, output(), 1 << 24, &()).map(drop);
+        let combined = combine(
+            Operation::Over,
+            None,
+            Universe::Usual,
+            &files,
+            output(),
+            WriteOptions::new(1 << 24),
+            &(),
+        )
+        .map(drop);
         for refused in [converted, transformed, combined] {
             match refused.unwrap_err() {
                 Error::NoRoom { needed: found, limit: MOST, whose: "are allowed", .. } => {
@@ -181,7 +189,7 @@ fn what_has_no_room_is_refused_before_it_is_written() {
     // More than any disk has.
     let from = write(folder.path(), "from.autumn", &folded(29, full));
     let output = Output::create(&folder.path().join("to.goblin")).unwrap();
-    let error = convert(&from, false, output, 1 << 24, &()).unwrap_err().to_string();
+    let error = convert(&from, false, output, WriteOptions::new(1 << 24), &()).unwrap_err().to_string();
     assert!(error.contains(&(4 * full(29)).to_string()) && error.contains("free in its folder"), "{error}");
     assert_eq!(names(folder.path()), ["from.autumn"]);
 }
@@ -195,18 +203,19 @@ fn limits_hold_while_writing() {
     for name in ["to.goblin", "to.autumn"] {
         let path = folder.path().join(name);
         let output = Output::create(&path).unwrap().with_limit(MOST);
-        let error = transform(&part, output, 1 << 24, &()).unwrap_err();
+        let error = transform(&part, output, WriteOptions::new(1 << 24), &()).unwrap_err();
         let Error::Io { cause, .. } = &error else { panic!("{error}") };
         assert!(cause.to_string().contains(&MOST.to_string()), "{cause}");
         assert_eq!(names(folder.path()), ["from.autumn"]);
         // As long as it may be.
-        transform(&part, Output::create(&path).unwrap(), 1 << 24, &()).unwrap();
+        transform(&part, Output::create(&path).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
         let length = std::fs::metadata(&path).unwrap().len();
         std::fs::remove_file(&path).unwrap();
-        transform(&part, Output::create(&path).unwrap().with_limit(length), 1 << 24, &()).unwrap();
+        transform(&part, Output::create(&path).unwrap().with_limit(length), WriteOptions::new(1 << 24), &())
+            .unwrap();
         std::fs::remove_file(&path).unwrap();
         let less = Output::create(&path).unwrap().with_limit(length - 1);
-        assert!(transform(&part, less, 1 << 24, &()).is_err());
+        assert!(transform(&part, less, WriteOptions::new(1 << 24), &()).is_err());
         assert_eq!(names(folder.path()), ["from.autumn"]);
     }
 }

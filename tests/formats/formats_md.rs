@@ -8,7 +8,7 @@ use spinney::brep::{ExactModel, Face, Grid, ModelBuilder};
 use spinney::io::Output;
 use spinney::space::{Code, Dimension};
 use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, Metadata, build_tree};
+use spinney::store::{BuildOptions, Metadata, WriteOptions, build_tree};
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule};
 
@@ -101,7 +101,8 @@ fn the_dumps_of_pointered_records_are_what_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("classic.autumn");
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
-    spinney::ops::convert(&goblin, false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
+    spinney::ops::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(1 << 20), &())
+        .unwrap();
     let is_end = |file: &[u8], length: usize| {
         // The extent ends there, and the dump has all of it.
         let told = u64::from_le_bytes(file[12288 + 16..][..8].try_into().unwrap());

@@ -131,7 +131,7 @@ fn damaged(bytes: &[u8], good: &Answers, what: &str) {
     }
 }
 
-fn truncate_and_flip(bytes: &[u8], cuts: usize, flips: u64) {
+pub(super) fn truncate_and_flip(bytes: &[u8], cuts: usize, flips: u64) {
     let good = ask(Goblin::from_bytes(bytes.to_vec()));
     assert!(good.iter().all(Result::is_ok));
     for answers in ask_all(bytes) {

@@ -8,7 +8,7 @@ use spinney::ops::{self, Chain, Edit, FillRegion};
 use spinney::space::{Bounds, Code, Dimension, Frame};
 use spinney::store::autumnal::{Autumnal, History, Note};
 use spinney::store::goblin::Goblin;
-use spinney::store::{FilePlace, Metadata, OpenOptions, TreeWriter};
+use spinney::store::{FilePlace, Metadata, OpenOptions, TreeWriter, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType, ValueType};
 
@@ -116,7 +116,8 @@ fn each_layer_is_the_tree_that_it_would_be_alone() {
             assert!(file.layer("no such").is_err());
         }
         // To the other format and back: the same bytes.
-        ops::convert(&autumn, false, Output::create(&back).unwrap(), 1 << 24, &()).unwrap();
+        ops::convert(&autumn, false, Output::create(&back).unwrap(), WriteOptions::new(1 << 24), &())
+            .unwrap();
         assert!(std::fs::read(&back).unwrap() == bytes);
     }
 }
@@ -128,7 +129,7 @@ fn bytes_do_not_depend_on_the_order_of_the_input() {
     let [rows, tree] = ["rows.goblin", "tree.goblin"].map(|name| folder.path().join(name));
     // In bands of rows, which is not the order of the file, and node by node.
     std::fs::write(&rows, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
-    ops::convert(&rows, false, Output::create(&tree).unwrap(), 1 << 24, &()).unwrap();
+    ops::convert(&rows, false, Output::create(&tree).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
     assert!(std::fs::read(&rows).unwrap() == std::fs::read(&tree).unwrap());
 }
 
@@ -144,9 +145,14 @@ fn layers_come_and_go() {
             let alone = folder.path().join("alone.goblin");
             write(std::slice::from_ref(layer), &alone);
             let chain = Chain::of(&alone);
-            let commit = ops::add_layer(&path, &layer.name, &chain, Note::default(), 1 << 24, &()).unwrap();
+            let commit =
+                ops::add_layer(&path, &layer.name, &chain, Note::default(), WriteOptions::new(1 << 24), &())
+                    .unwrap();
             assert_eq!(commit.is_some(), name.ends_with("autumn"));
-            assert!(ops::add_layer(&path, &layer.name, &chain, Note::default(), 1 << 24, &()).is_err());
+            assert!(
+                ops::add_layer(&path, &layer.name, &chain, Note::default(), WriteOptions::new(1 << 24), &())
+                    .is_err()
+            );
         }
         let (found, expected) = (spinney::open(&path).unwrap(), spinney::open(&all).unwrap());
         assert_eq!(found.verify(1 << 24, &()).unwrap(), []);
@@ -178,7 +184,14 @@ fn layers_lie_in_one_frame() {
         let options = options(Rule::Mean, Kind::Continuous, 5).metadata(metadata);
         write_cells(&other, &cells, &options);
         let name = format!("by {matrix}");
-        let added = ops::add_layer(&path, &name, &Chain::of(&other), Note::default(), 1 << 24, &());
+        let added = ops::add_layer(
+            &path,
+            &name,
+            &Chain::of(&other),
+            Note::default(),
+            WriteOptions::new(1 << 24),
+            &(),
+        );
         assert_eq!(added.is_ok(), fits, "{matrix}: {:?}", added.err());
     }
     let file = spinney::open(&path).unwrap();

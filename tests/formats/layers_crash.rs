@@ -12,7 +12,7 @@ use spinney::io::Output;
 use spinney::ops::{Edit, apply_edits};
 use spinney::space::{Dimension, Frame};
 use spinney::store::autumnal::{Autumnal, Editor, Note};
-use spinney::store::{Header, Metadata, TreeWriter};
+use spinney::store::{Header, Metadata, TreeWriter, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Result};
@@ -350,7 +350,8 @@ fn killed_programs_leave_all_layers_or_none_of_a_change() {
         println!("{name}: {killed} of 24 were killed, {changes} changed something");
         // Whatever a killed one has left does not keep the next one away.
         let added = spinney::ops::Chain::of(&other);
-        spinney::ops::add_layer(&path, "at last", &added, Note::default(), 1 << 24, &()).unwrap();
+        spinney::ops::add_layer(&path, "at last", &added, Note::default(), WriteOptions::new(1 << 24), &())
+            .unwrap();
         assert!(whole(&path).iter().any(|(name, _)| name == "at last"));
     }
 }

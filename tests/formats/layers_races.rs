@@ -12,7 +12,7 @@ use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, add_layer, apply_edits, drop_layer, edit};
 use spinney::space::{Bounds, Dimension, Frame};
 use spinney::store::autumnal::{Editor, Keep, Note, compact};
-use spinney::store::{FilePlace, Metadata, OpenOptions, TreeWriter};
+use spinney::store::{FilePlace, Metadata, OpenOptions, TreeWriter, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Number, Rule, SampleType};
 use tempfile::TempDir;
@@ -141,7 +141,10 @@ fn who_edits_one_layer_edits_the_file() {
     let second = Editor::open(&FilePlace::of(&path).of_layer("b"), MEMORY);
     assert!(matches!(second, Err(Error::Locked { .. })));
     let chain = Chain::of(&other);
-    assert!(matches!(add_layer(&path, "d", &chain, Note::default(), MEMORY, &()), Err(Error::Locked { .. })));
+    assert!(matches!(
+        add_layer(&path, "d", &chain, Note::default(), WriteOptions::new(MEMORY), &()),
+        Err(Error::Locked { .. })
+    ));
     assert!(matches!(drop_layer(&path, "b", Note::default(), MEMORY, &()), Err(Error::Locked { .. })));
     let (of_layer, other) = (format!("{text}:b"), other.display().to_string());
     for arguments in [
@@ -195,7 +198,8 @@ fn nobody_loses_a_layer_that_another_one_adds() {
                     for round in 0..5 {
                         let name = format!("layer {thread} {round}");
                         until_done(&|| {
-                            add_layer(path, &name, &chain, Note::default(), MEMORY, &()).map(drop)
+                            add_layer(path, &name, &chain, Note::default(), WriteOptions::new(MEMORY), &())
+                                .map(drop)
                         });
                         let file = open(path, &OpenOptions::new()).unwrap();
                         assert!(file.layer(&name).is_ok(), "{name} is lost");
@@ -246,7 +250,8 @@ fn readers_of_an_old_commit_go_on() {
         match random.below(4) {
             0 => {
                 let name = format!("other {round}");
-                add_layer(&path, &name, &Chain::of(&other), Note::default(), MEMORY, &()).unwrap();
+                add_layer(&path, &name, &Chain::of(&other), Note::default(), WriteOptions::new(MEMORY), &())
+                    .unwrap();
             }
             1 => {
                 let layers = open(&path, &OpenOptions::new()).unwrap().layers().unwrap();
@@ -274,7 +279,7 @@ fn readers_of_an_old_commit_go_on() {
         assert_eq!(open(&path, &OpenOptions::new()).unwrap().verify(1 << 24, &()).unwrap(), []);
     }
     // Who moves on is at the same layer of what is there now; where it is gone, it stays, and says so.
-    add_layer(&path, "before", &Chain::of(&other), Note::default(), MEMORY, &()).unwrap();
+    add_layer(&path, "before", &Chain::of(&other), Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
     drop_layer(&path, "b", Note::default(), MEMORY, &()).unwrap();
     let newest = open(&path, &OpenOptions::new()).unwrap();
     for (layer, (name, ..)) in old.iter_mut().zip(LAYERS) {
@@ -293,7 +298,7 @@ fn readers_of_an_old_commit_go_on() {
 fn moving_on_is_by_name() {
     let (folder, path) = file("s.autumn");
     let other = other(folder.path());
-    add_layer(&path, "1", &Chain::of(&other), Note::default(), MEMORY, &()).unwrap();
+    add_layer(&path, "1", &Chain::of(&other), Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
     let mut layer = open(&FilePlace::of(&path).of_layer("1"), &OpenOptions::new()).unwrap();
     assert_eq!(layer.layer_number(), 3);
     drop_layer(&path, "1", Note::default(), MEMORY, &()).unwrap();

@@ -46,5 +46,6 @@ mod layers_races;
 mod literature;
 mod missing;
 mod model_verify;
+mod packed;
 mod ranges;
 mod wide;

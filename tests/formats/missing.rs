@@ -6,7 +6,7 @@ use spinney::dataset::Dataset;
 use spinney::io::Output;
 use spinney::ops::{self, Step};
 use spinney::space::{Bounds, Dimension};
-use spinney::store::{BuildOptions, build_slabs};
+use spinney::store::{BuildOptions, WriteOptions, build_slabs};
 use spinney::tree::Form;
 use spinney::value::{Kind, Mask, Number, Rule, SampleType, Value, ValueType};
 
@@ -158,10 +158,22 @@ fn trees_of_such_values_stay_such() {
     let tree = write(&path("a.goblin"), &cells, Rule::Mean);
     assert_eq!(tree.header().form.value.mask, Mask::Missing([9, 0, 0, 0, 0, 0, 0, 0]));
     // There and back.
-    ops::convert(&path("a.goblin"), false, Output::create(&path("b.autumn")).unwrap(), 64 << 20, &())
-        .unwrap();
-    ops::convert(&path("b.autumn"), false, Output::create(&path("c.goblin")).unwrap(), 64 << 20, &())
-        .unwrap();
+    ops::convert(
+        &path("a.goblin"),
+        false,
+        Output::create(&path("b.autumn")).unwrap(),
+        WriteOptions::new(64 << 20),
+        &(),
+    )
+    .unwrap();
+    ops::convert(
+        &path("b.autumn"),
+        false,
+        Output::create(&path("c.goblin")).unwrap(),
+        WriteOptions::new(64 << 20),
+        &(),
+    )
+    .unwrap();
     let bytes = |name| std::fs::read(path(name)).unwrap();
     assert!(bytes("a.goblin") == bytes("c.goblin"));
     // Whole cells of a coarser tree are made of the same samples as the level of that size.
@@ -187,7 +199,7 @@ fn what_is_computed_is_missing_where_one_sample_is() {
     }
     let output = Output::create(&path("c.goblin")).unwrap();
     let usual = ops::Universe::Usual;
-    ops::combine(ops::Operation::Max, None, usual, &trees, output, 64 << 20, &()).unwrap();
+    ops::combine(ops::Operation::Max, None, usual, &trees, output, WriteOptions::new(64 << 20), &()).unwrap();
     let tree = spinney::open(path("c.goblin")).unwrap();
     assert!(tree.verify(64 << 20, &()).unwrap().is_empty());
     let value_type = models[0].form.value;

@@ -11,14 +11,14 @@ use spinney::io::{Fetch, Output, RangeCache, RangeFile};
 use spinney::query::{Condition, PointSamples, ZonalRequest, ZoneMeasure};
 use spinney::space::{Bounds, Code, Dimension, EdgeRule, Polygon};
 use spinney::store::goblin::Goblin;
-use spinney::store::{ByteSource, OpenOptions};
+use spinney::store::{ByteSource, OpenOptions, WriteOptions};
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Result, ops};
 
 use crate::common::{BYTE, Cells, QUAD, Random, goblin_bytes, oct, quad};
 
 /// Rounds that were fetched: requests and bytes of each.
-type Rounds = Arc<Mutex<Vec<(usize, u64)>>>;
+pub(super) type Rounds = Arc<Mutex<Vec<(usize, u64)>>>;
 
 /// Bytes in memory, and the rounds in which they were asked for.
 struct Far {
@@ -35,21 +35,24 @@ impl Fetch for Far {
 }
 
 /// The file far away, with a cache of so many bytes, and no joining of ranges that are near each other.
-fn far(bytes: &Arc<Vec<u8>>, cache: u64) -> (RangeFile, Rounds) {
+pub(super) fn far(bytes: &Arc<Vec<u8>>, cache: u64) -> (RangeFile, Rounds) {
     let rounds = Rounds::default();
     let fetch = Box::new(Far { bytes: bytes.clone(), rounds: rounds.clone() });
     let cache = (Arc::new(RangeCache::new(cache)), RangeCache::file_number());
     (RangeFile::new(Path::new("far"), bytes.len() as u64, fetch, cache, 0), rounds)
 }
 
-fn opened(file: RangeFile) -> Result<Dataset> {
+pub(super) fn opened(file: RangeFile) -> Result<Dataset> {
     Dataset::of(Goblin::from_backend(Path::new("far"), Box::new(file), &OpenOptions::new())?.into())
 }
 
 /// A question, as text.
-type Question = (&'static str, Box<dyn Fn(&Dataset) -> Result<String>>);
+pub(super) type Question = (&'static str, Box<dyn Fn(&Dataset) -> Result<String>>);
 
-fn question<T: Debug>(name: &'static str, ask: impl Fn(&Dataset) -> Result<T> + 'static) -> Question {
+pub(super) fn question<T: Debug>(
+    name: &'static str,
+    ask: impl Fn(&Dataset) -> Result<T> + 'static,
+) -> Question {
     (name, Box::new(move |tree| ask(tree).map(|answer| format!("{answer:?}"))))
 }
 
@@ -92,7 +95,7 @@ fn zones(tree: &Dataset, request: &ZonalRequest) -> Result<Vec<spinney::query::Z
     tree.zonal(&polygons.collect::<Result<Vec<_>>>()?, request, &())
 }
 
-fn questions() -> Vec<Question> {
+pub(super) fn questions() -> Vec<Question> {
     let rotated = |tree: &Dataset| -> Result<Dataset> {
         let path = tree.whole_source().expect("a tree without steps");
         Dataset::of(Arc::try_unwrap(path).unwrap_or_else(|_| panic!("one owner")))?
@@ -178,7 +181,7 @@ fn autumnal_files_are_read_in_few_rounds() {
     let folder = tempfile::tempdir().unwrap();
     let [goblin, path] = ["a.goblin", "a.autumn"].map(|name| folder.path().join(name));
     std::fs::write(&goblin, &**large()).unwrap();
-    ops::convert(&goblin, false, Output::create(&path).unwrap(), 64 << 20, &()).unwrap();
+    ops::convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
     let bytes = Arc::new(std::fs::read(&path).unwrap());
     let near = spinney::dataset::open(&path, &OpenOptions::new()).unwrap();
     let open = |cache: u64| {

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use spinney::io::Output;
 use spinney::ops::convert;
 use spinney::space::{Bounds, Code, Dimension};
+use spinney::store::WriteOptions;
 use spinney::tree::{Child, Form, MemTree, Source};
 use spinney::value::{Kind, Number, Rule, SampleType, Sums, Value, ValueType};
 
@@ -171,7 +172,7 @@ fn check(form: Form, seed: u64, size: [u64; 3], void: bool) {
     let folder = tempfile::tempdir().unwrap();
     let [one, two] = ["a.goblin", "b.autumn"].map(|name| folder.path().join(name));
     std::fs::write(&one, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
-    convert(&one, false, Output::create(&two).unwrap(), 1 << 24, &()).unwrap();
+    convert(&one, false, Output::create(&two).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
     let edited = spinney::open(&two).unwrap();
     assert_eq!(edited.verify(1 << 24, &()).unwrap(), []);
     let part = Bounds { min: [3, 5, 0], max: size.map(|cells| cells - cells / 3) };

@@ -15,7 +15,7 @@ use spinney::ops::{
 use spinney::query::Condition;
 use spinney::space::{Bounds, Crs, Dimension, EdgeRule, Frame, Polygon};
 use spinney::store::autumnal::Note;
-use spinney::store::{Header, Metadata, OpenOptions};
+use spinney::store::{Header, Metadata, OpenOptions, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
@@ -230,7 +230,16 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         // On the grid of what is combined, which a union of the trees tells.
         let union = folder.path().join("union.goblin");
         let create = |path: &Path| Output::create(path).unwrap();
-        combine(Operation::Over, None, Universe::Usual, trees, create(&union), 32 << 20, &()).unwrap();
+        combine(
+            Operation::Over,
+            None,
+            Universe::Usual,
+            trees,
+            create(&union),
+            WriteOptions::new(32 << 20),
+            &(),
+        )
+        .unwrap();
         let like = opened(&union);
         let cells = WarpGrid { frame: like.metadata().frame.clone(), extent: like.header().extent };
         let mut options = RasterizeOptions::new(FeatureGrid::Like(cells));
@@ -242,7 +251,16 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
             .unwrap();
         let mut files = trees.to_vec();
         files.insert(place, built.clone());
-        combine(operation, None, Universe::Usual, &files, create(&expected), 32 << 20, &()).unwrap();
+        combine(
+            operation,
+            None,
+            Universe::Usual,
+            &files,
+            create(&expected),
+            WriteOptions::new(32 << 20),
+            &(),
+        )
+        .unwrap();
         let make = |header: &Header, metadata: &Metadata| {
             let mut options = RasterizeOptions::over(header, metadata, None)?;
             (options.edge, options.value) = (edge, FeatureValue::Attribute("v".into()));
@@ -250,7 +268,9 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         };
         let made = [MadeOperand { place, name: "stars".into(), make: &make }];
         let how = (None, Universe::Usual);
-        let outcome = combine_with(operation, how, trees, &made, create(&found), 32 << 20, &()).unwrap();
+        let outcome =
+            combine_with(operation, how, trees, &made, create(&found), WriteOptions::new(32 << 20), &())
+                .unwrap();
         let (expected, found) = (opened(&expected), opened(&found));
         assert_eq!(outcome.after, expected.statistics(None, &()).unwrap().cells);
         assert_eq!(found.header(), expected.header());

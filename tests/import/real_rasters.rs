@@ -14,6 +14,7 @@ use spinney::import::raster::{self, ImportOptions, Pixels, RasterOptions};
 use spinney::io::Output;
 use spinney::ops::{self, Chain, Operation, Prefer};
 use spinney::space::{Crs, Region};
+use spinney::store::WriteOptions;
 use spinney::value::{Kind, SampleType, Value};
 use tempfile::TempDir;
 
@@ -141,7 +142,7 @@ impl Bench {
         let out = self.path(&format!("{}.goblin", self.made));
         let steps = steps.split_whitespace().map(|step| step.parse().unwrap()).collect();
         let chain = Chain { steps, moves, ..Chain::of(&tree.file) };
-        ops::transform(&chain, Output::create(&out).unwrap(), MEMORY, &()).unwrap();
+        ops::transform(&chain, Output::create(&out).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
         out
     }
 
@@ -155,7 +156,7 @@ impl Bench {
             ops::Universe::Usual,
             &files,
             Output::create(&out).unwrap(),
-            MEMORY,
+            WriteOptions::new(MEMORY),
             &(),
         )?;
         Ok(out)

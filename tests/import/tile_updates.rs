@@ -13,8 +13,8 @@ use spinney::export::tiles::{
 use spinney::io::Output;
 use spinney::ops::{CellValue, Edit, FillRegion, convert, edit};
 use spinney::space::{Bounds, Code, web_mercator};
-use spinney::store::Metadata;
 use spinney::store::autumnal::Note;
+use spinney::store::{Metadata, WriteOptions};
 use spinney::style::Style;
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType, ValueType};
@@ -39,7 +39,8 @@ impl Place {
         let metadata = Metadata { frame: web_mercator(10), ..Metadata::default() };
         let goblin = place.path("w.goblin");
         write_cells(&goblin, &cells, &options(rule, kind, 10).metadata(metadata));
-        convert(&goblin, false, Output::create(&place.tree()).unwrap(), 64 << 20, &()).unwrap();
+        convert(&goblin, false, Output::create(&place.tree()).unwrap(), WriteOptions::new(64 << 20), &())
+            .unwrap();
         std::fs::remove_file(goblin).unwrap();
         place
     }

@@ -15,8 +15,8 @@ use spinney::export::{Detail, WindowRequest, export_window};
 use spinney::io::{Faults, Output};
 use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::space::{Bounds, web_mercator};
-use spinney::store::Metadata;
 use spinney::store::autumnal::Note;
+use spinney::store::{Metadata, WriteOptions};
 use spinney::style::Style;
 use spinney::value::{Kind, Palette, Rule};
 use spinney::{Error, Progress, Result};
@@ -290,7 +290,7 @@ fn an_update_is_like_doing_it_again() {
     let path = folder.path().join("w.autumn");
     let goblin = folder.path().join("w.goblin");
     drop(world(&goblin, 11));
-    convert(&goblin, false, Output::create(&path).unwrap(), 64 << 20, &()).unwrap();
+    convert(&goblin, false, Output::create(&path).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let map = open(&path, &Default::default()).unwrap();
     let targets = |part: &str| {
@@ -347,11 +347,11 @@ fn an_update_is_like_doing_it_again() {
         }
         // What was made with other options is not mixed.
         let mut smaller = request.clone();
-        smaller.encoding.effort = Some(9);
+        smaller.encoding.png_effort = Some(9);
         let update = TileUpdate::open(&to, None, &()).unwrap();
         let refused = update.run(&map, &source, &painter, &smaller, &Default::default(), &());
         let Err(Error::Invalid { found, expected, .. }) = refused else { panic!("{target}") };
-        assert!(found == "effort 9" && expected.ends_with(": effort none"), "{found}, {expected}");
+        assert!(found == "png-effort 9" && expected.ends_with(": png-effort none"), "{found}, {expected}");
     }
 }
 

@@ -10,7 +10,7 @@ use spinney::import::raster;
 use spinney::io::Output;
 use spinney::ops::{Chain, Resampling, Step, WarpOptions, transform};
 use spinney::space::{Code, Crs, Dimension, Frame, Projection, web_mercator};
-use spinney::store::{Metadata, build_tree};
+use spinney::store::{Metadata, WriteOptions, build_tree};
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule, SampleType, Value};
 
@@ -24,7 +24,7 @@ fn native_and_warped(input: &str, way: Resampling, zoom: u8, folder: &Path) -> (
     let mut chain = Chain::of(&native);
     chain.steps = vec![Step::WebMercator(Some(zoom))];
     chain.warp.resampling = Some(way);
-    transform(&chain, Output::create(&warped).unwrap(), 64 << 20, &()).unwrap();
+    transform(&chain, Output::create(&warped).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
     (spinney::open(native).unwrap(), spinney::open(warped).unwrap())
 }
 

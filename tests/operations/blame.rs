@@ -5,6 +5,7 @@ use std::path::Path;
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, blame, edit};
 use spinney::space::Bounds;
+use spinney::store::WriteOptions;
 use spinney::store::autumnal::Note;
 use spinney::tree::Form;
 use spinney::value::{Kind, Number, Rule};
@@ -58,11 +59,11 @@ fn ages(form: Form, size: [u64; 3], share: bool, seed: u64) {
         let number = index + 1;
         let out = name(&format!("age{number}.goblin"));
         let at = folder.path().join(format!("t.autumn@{number}"));
-        blame(&at, Output::create(&out).unwrap(), MEMORY, &()).unwrap();
+        blame(&at, Output::create(&out).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
         assert_eq!(values(&out, size), *expected, "{form} {share} {seed}: commit {number}");
     }
     let newest = name("newest.goblin");
-    blame(&path, Output::create(&newest).unwrap(), MEMORY, &()).unwrap();
+    blame(&path, Output::create(&newest).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
     let last = name(&format!("age{}.goblin", history.len()));
     let cells_of = |path: &Path| values(path, size);
     assert_eq!(cells_of(&newest), cells_of(&last));
@@ -85,7 +86,8 @@ fn files_without_commits_are_refused() {
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 5, true);
     write_cells(&path, &cells, &options(Rule::Majority, Kind::Categorical, cells.depth()));
     let out = folder.path().join("o.goblin");
-    let error = blame(&path, Output::create(&out).unwrap(), MEMORY, &()).unwrap_err().to_string();
+    let error =
+        blame(&path, Output::create(&out).unwrap(), WriteOptions::new(MEMORY), &()).unwrap_err().to_string();
     assert!(error.contains("commits"), "{error}");
     assert!(!out.exists());
 }

@@ -8,7 +8,7 @@ use spinney::io::Output;
 use spinney::ops::{Chain, Step, transform};
 use spinney::query::{Condition, FoundBlock};
 use spinney::space::{Bounds, Cell, Dimension, EdgeRule, Frame, Polygon};
-use spinney::store::{BuildOptions, Metadata, OpenOptions, build_tree, depth_for};
+use spinney::store::{BuildOptions, Metadata, OpenOptions, WriteOptions, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Number, Rule, SampleType, Value, ValueType};
 
@@ -153,7 +153,8 @@ fn check_file_and_view(folder: &Path, base: &TestFile, steps: &[&str]) -> Datase
     let path = folder.join("made.goblin");
     let mut chain = Chain::of(&base.path);
     chain.steps = steps.iter().map(|step| step.parse().unwrap()).collect();
-    let outcome = transform(&chain, Output::create(&path).unwrap(), 64 << 20, &()).unwrap();
+    let outcome =
+        transform(&chain, Output::create(&path).unwrap(), WriteOptions::new(64 << 20), &()).unwrap();
     let made = dataset::open(&path, &OpenOptions::default()).unwrap();
     assert!(made.verify(64 << 20, &()).unwrap().is_empty());
     assert_eq!(made.header().form, tree.header().form);

@@ -7,7 +7,7 @@ use spinney::io::Output;
 use spinney::ops::{Chain, Step, add_layer, transform};
 use spinney::space::{Bounds, Dimension, Frame};
 use spinney::store::autumnal::Note;
-use spinney::store::{Metadata, TreeWriter};
+use spinney::store::{Metadata, TreeWriter, WriteOptions};
 use spinney::value::{Kind, Rule, SampleType, Value};
 
 use crate::common::{Cells, goblin_from_tree, options, quad, value};
@@ -151,7 +151,13 @@ fn composites_are_their_layers_side_by_side() {
 fn made(path: &Path, steps: &[&str], name: &str) -> PathBuf {
     let steps: Vec<Step> = steps.iter().map(|step| step.parse().unwrap()).collect();
     let out = path.with_file_name(name);
-    transform(&Chain { steps, ..Chain::of(path) }, Output::create(&out).unwrap(), 1 << 24, &()).unwrap();
+    transform(
+        &Chain { steps, ..Chain::of(path) },
+        Output::create(&out).unwrap(),
+        WriteOptions::new(1 << 24),
+        &(),
+    )
+    .unwrap();
     out
 }
 
@@ -206,7 +212,15 @@ fn numbers_that_are_in_use_stand_for_nothing() {
         let own = folder.path().join(format!("l{number}.goblin"));
         std::fs::write(&own, goblin_from_tree(&tree, SIZE, Rule::Mean, Kind::Continuous)).unwrap();
         if number > 0 {
-            add_layer(&path, &format!("l{number}"), &Chain::of(&own), Note::default(), 1 << 24, &()).unwrap();
+            add_layer(
+                &path,
+                &format!("l{number}"),
+                &Chain::of(&own),
+                Note::default(),
+                WriteOptions::new(1 << 24),
+                &(),
+            )
+            .unwrap();
         }
     }
     let tree = composite(&path, "l0,l1,l2").unwrap();

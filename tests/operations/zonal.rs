@@ -7,6 +7,7 @@ use spinney::io::Output;
 use spinney::ops::convert;
 use spinney::query::{ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics, ZoneValues};
 use spinney::space::{Bounds, EdgeRule, Polygon};
+use spinney::store::WriteOptions;
 use spinney::tree::Form;
 use spinney::value::{Kind, Number, Rule, SampleType};
 
@@ -220,7 +221,7 @@ fn zones(form: Form, seed: u64, size: [u64; 3], (rule, kind): (Rule, Kind)) {
     let [goblin, autumnal] = ["t.goblin", "t.autumn"].map(|name| folder.path().join(name));
     let cells = Cells::random(form, seed, size, 5 + seed % 30, true);
     write_cells(&goblin, &cells, &options(rule, kind, cells.depth()));
-    convert(&goblin, false, Output::create(&autumnal).unwrap(), 1 << 24, &()).unwrap();
+    convert(&goblin, false, Output::create(&autumnal).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
     let files: Vec<Dataset> = [&goblin, &autumnal].map(|path| spinney::open(path).unwrap()).into();
     let view = spinney::open(&goblin).unwrap().view(&["translate=0,0".parse().unwrap()]).unwrap();
     let counts_classes = files[0].header().counts_classes();

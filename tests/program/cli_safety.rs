@@ -10,8 +10,8 @@ use spinney::dataset::open;
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::space::Bounds;
-use spinney::store::OpenOptions;
 use spinney::store::autumnal::Note;
+use spinney::store::{OpenOptions, WriteOptions};
 
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
 
@@ -82,7 +82,14 @@ fn outputs_are_no_longer_than_they_may_be() {
 fn an_edited_file_may_grow_but_not_lose_commits() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
-    convert(&fixture("v1/classic.goblin"), false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
+    convert(
+        &fixture("v1/classic.goblin"),
+        false,
+        Output::create(&path).unwrap(),
+        WriteOptions::new(1 << 20),
+        &(),
+    )
+    .unwrap();
     let fill = |value: f64| {
         let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] });
         edit(&path, [Ok(Edit::Fill(region, Some(vec![value.into()])))], Note::default(), 1 << 20, &())

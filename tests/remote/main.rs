@@ -12,6 +12,7 @@ use spinney::dataset::{Dataset, open};
 use spinney::io::Output;
 use spinney::remote::{RemoteOptions, enable};
 use spinney::space::Bounds;
+use spinney::store::WriteOptions;
 use spinney::{Error, Result, ops};
 
 /// The server, for one test at a time, with files of all kinds.
@@ -191,7 +192,8 @@ fn outputs_are_uploaded_whole_or_not_at_all() {
     let _server = server();
     let url = "memory:///folder/copy.goblin";
     let output = Output::create(Path::new(url)).unwrap();
-    ops::convert(Path::new(&fixture("segments.goblin")), false, output, 64 << 20, &()).unwrap();
+    ops::convert(Path::new(&fixture("segments.goblin")), false, output, WriteOptions::new(64 << 20), &())
+        .unwrap();
     let copy = opened(url).unwrap();
     assert!(cells(&copy).unwrap() == cells(&opened(&fixture("segments.goblin")).unwrap()).unwrap());
     // One that is dropped has never been.
@@ -205,7 +207,7 @@ fn outputs_are_uploaded_whole_or_not_at_all() {
     let made = |url: &str| {
         let mut output = Output::create(Path::new(url)).unwrap();
         output.keep_existing();
-        ops::convert(Path::new(&fixture("classes.goblin")), false, output, 64 << 20, &())
+        ops::convert(Path::new(&fixture("classes.goblin")), false, output, WriteOptions::new(64 << 20), &())
     };
     made(url).unwrap();
     assert!(matches!(made(url), Err(Error::Unsupported { .. })));

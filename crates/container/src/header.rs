@@ -1,6 +1,7 @@
 //! The header of a tree: what its values are, and how it is cut into segments.
 
 use std::path::Path;
+use std::str::FromStr;
 
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
@@ -12,16 +13,45 @@ use spinney_base::value::{Kind, Mask, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
 
 /// Packing of records.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Codec {
     /// Not at all: mapped records are used where they stand.
+    #[default]
     Plain,
+    /// Few bytes: each segment is unpacked before it is used. Of a tree: some segments may be packed.
+    Packed,
 }
 
 impl Codec {
+    /// All codecs, by their numbers in files.
+    pub const ALL: [Codec; 2] = [Codec::Plain, Codec::Packed];
+
     /// The codec's name.
     pub fn name(self) -> &'static str {
-        "plain"
+        match self {
+            Codec::Plain => "plain",
+            Codec::Packed => "packed",
+        }
+    }
+
+    /// The codec of a number in a file.
+    ///
+    /// # Errors
+    /// If there is none; `what` says whose it is.
+    pub fn of_number(path: &Path, number: u8, what: &str) -> Result<Codec> {
+        Codec::ALL.get(usize::from(number)).copied().ok_or_else(|| {
+            let advice = "read it with a program that has this codec";
+            Error::unsupported(path, format!("codec number {number}{what}"), advice)
+        })
+    }
+}
+
+impl FromStr for Codec {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Codec> {
+        let codec = Codec::ALL.into_iter().find(|codec| codec.name() == name);
+        codec.ok_or_else(|| Error::invalid("codec", format!("`{name}`"), "plain or packed"))
     }
 }
 
@@ -186,13 +216,7 @@ impl Header {
                 1 => Kind::Continuous,
                 other => return Err(number("kind", other, "0 or 1")),
             },
-            codec: match raw.codec {
-                0 => Codec::Plain,
-                other => {
-                    let advice = "read it with a program that has this codec";
-                    return Err(Error::unsupported(path, format!("codec number {other}"), advice));
-                }
-            },
+            codec: Codec::of_number(path, raw.codec, "")?,
             shape,
             extent,
         })

@@ -16,6 +16,9 @@ pub(crate) struct Global {
     /// Keep what is read of files elsewhere (https://, s3://, gs://, az://) in a folder, for the next time
     #[arg(long, global = true, value_name = "FOLDER")]
     cache: Option<std::path::PathBuf>,
+    /// Bytes of packed segments, unpacked, that are kept in memory for the next use [default: 64M]
+    #[arg(long, global = true, value_name = "BYTES", value_parser = super::memory::parse_bytes)]
+    cache_memory: Option<u64>,
     /// Bytes between two parts of a file elsewhere up to which these are fetched with one request [default: 32K]
     #[arg(long, global = true, value_name = "BYTES", value_parser = super::memory::parse_bytes)]
     request_gap: Option<u64>,
@@ -36,6 +39,9 @@ impl Global {
     pub(crate) fn start(&self) -> spinney::Result<()> {
         if self.positioned {
             spinney::io::prefer_positioned_reads();
+        }
+        if let Some(bytes) = self.cache_memory {
+            spinney::io::RangeCache::unpacked().set_limit(bytes);
         }
         if let Some(threads) = self.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.min(MAX_THREADS).into());

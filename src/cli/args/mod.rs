@@ -9,6 +9,7 @@ mod list;
 mod memory;
 mod operation;
 mod output;
+mod packing;
 mod part;
 mod size;
 mod slice;
@@ -33,6 +34,7 @@ pub(crate) use operation::{OperationName, parse_operation};
 pub(crate) use output::{
     OutputFile, OutputLimit, VECTOR_FORMATS, check_output, picture_format, same_file, vector_format,
 };
+pub(crate) use packing::Packing;
 pub(crate) use part::PartOptions;
 pub(crate) use size::{Size, parse_size};
 pub(crate) use slice::{Slice, parse_slice};

@@ -27,7 +27,7 @@ use self::features::FeatureArgs;
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use self::tree::TreeImport;
-use super::args::{Memory, OutputLimit, check_output, expand_lists, parse_crs};
+use super::args::{Memory, OutputLimit, Packing, check_output, expand_lists, parse_crs};
 use super::report::{Work, report_built};
 use super::{Global, open};
 
@@ -85,6 +85,8 @@ struct Common {
     crs: Option<Crs>,
     #[command(flatten)]
     memory: Memory,
+    #[command(flatten)]
+    packing: Packing,
     #[command(flatten)]
     limit: OutputLimit,
     /// Store equal subtrees once; for .autumn files

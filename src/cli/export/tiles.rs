@@ -32,7 +32,7 @@ pub(super) struct ArchiveOptions {
     tile_format: Option<TileFormat>,
     /// Effort of PNG, from 1 (fast) to 9 (small)
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=9))]
-    effort: Option<u8>,
+    png_effort: Option<u8>,
     /// Quality of JPEG, from 1 to 100 (85 if nothing is said); also of WebP in programs built with libwebp, which is without loss
     /// otherwise
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=100))]
@@ -82,7 +82,7 @@ impl ArchiveOptions {
             ("--zoom", self.zoom.is_some()),
             ("--style", self.style.is_some()),
             ("--tile-format", self.tile_format.is_some()),
-            ("--effort", self.effort.is_some()),
+            ("--png-effort", self.png_effort.is_some()),
             ("--quality", self.quality.is_some()),
             ("--resampling", self.resampling.is_some()),
             ("--allow-ballpark", self.allow_ballpark),
@@ -120,7 +120,7 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
         }
         (asked, named) => asked.or(named).unwrap_or_default(),
     };
-    request.encoding = TileEncoding { format, effort: options.effort, quality: options.quality };
+    request.encoding = TileEncoding { format, png_effort: options.png_effort, quality: options.quality };
     request.zooms = options.zoom.clone();
     request.degrees = degrees(args, &tree)?;
     request.side = args.tiles.tile_size.unwrap_or(256) as usize;

@@ -21,6 +21,9 @@ pub struct RangeCache {
 /// Bytes that the cache of all files elsewhere may hold, if nobody says otherwise.
 const SHARED: u64 = 32 << 20;
 
+/// Bytes that the cache of what was unpacked may hold, if nobody says otherwise.
+const UNPACKED: u64 = 64 << 20;
+
 /// Number of a file in a cache, and the first byte of a range.
 type Place = (u64, u64);
 
@@ -51,6 +54,12 @@ impl RangeCache {
     pub fn shared() -> Arc<RangeCache> {
         static CACHE: LazyLock<Arc<RangeCache>> = LazyLock::new(|| Arc::new(RangeCache::new(SHARED)));
         CACHE.clone()
+    }
+
+    /// The cache of what was unpacked of all files that this process reads.
+    pub fn unpacked() -> &'static RangeCache {
+        static CACHE: LazyLock<RangeCache> = LazyLock::new(|| RangeCache::new(UNPACKED));
+        &CACHE
     }
 
     /// Bytes that may be held.
@@ -88,6 +97,19 @@ impl RangeCache {
         cached.last_use = *time;
         *time += 1;
         Some(HeldBytes { bytes: cached.bytes.clone(), range: start..end })
+    }
+
+    /// Bytes that are held.
+    pub fn held(&self) -> u64 {
+        self.state().held
+    }
+
+    /// Lets go of all ranges of a file.
+    pub fn forget(&self, file: u64) {
+        let mut state = self.state();
+        let places: Vec<Place> =
+            state.ranges.range((file, 0)..=(file, u64::MAX)).map(|(place, _)| *place).collect();
+        places.into_iter().for_each(|place| state.remove(place));
     }
 
     /// Holds bytes of a file from an offset on. (They may be there already if two threads have read them at the same time.)
@@ -129,6 +151,11 @@ pub struct HeldBytes {
 }
 
 impl HeldBytes {
+    /// All bytes of the range that they are of.
+    pub fn whole(&self) -> &Arc<Vec<u8>> {
+        &self.bytes
+    }
+
     /// A part of them, which must lie within.
     #[must_use]
     pub fn part(self, part: Range<usize>) -> HeldBytes {
@@ -243,6 +270,10 @@ mod tests {
         for (file, range) in [(7, 100..151), (7, 99..101), (6, 110..113), (8, 110..113)] {
             assert!(cache.get(file, &range).is_none(), "{file} {range:?}");
         }
+        cache.put(8, 0, bytes(3));
+        cache.forget(7);
+        assert_eq!((cache.held(), cache.get(7, &(110..113)).is_none()), (3, true));
+        assert!(cache.get(8, &(0..3)).is_some());
     }
 
     #[test]

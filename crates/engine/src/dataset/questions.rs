@@ -9,6 +9,7 @@ use crate::query::{
     check_level, source_find, source_histogram, source_statistics, values_one_by_one,
 };
 use crate::query::{PixelGrid, PixelSums};
+use crate::store::goblin::LevelBytes;
 use crate::tree::{Child, Source, no_children};
 use spinney_base::io::rounds::ask;
 use spinney_base::space::{Bounds, Cell, Code};
@@ -55,7 +56,7 @@ impl Dataset {
             Tree::Goblin(file) => file.values_at(level, &plain(), values),
             Tree::Autumnal(file) => {
                 let dimension = self.header().form.dimension;
-                values_one_by_one((dimension, level), &plain(), values, &|code| file.value_at(code))
+                values_one_by_one((dimension, level, false), &plain(), values, &|code| file.value_at(code))
             }
             Tree::View(viewed) => ask(|| viewed.values_at(level, cells, values)),
         }
@@ -199,6 +200,18 @@ impl Dataset {
             Some(TreeFile::Autumnal(file)) => file.level_counts(most, progress),
             Some(TreeFile::Goblin(file)) => Ok(Some(file.metadata().counts.clone())),
             None => Ok(None),
+        }
+    }
+
+    /// The bytes of the segments of a Goblin file by the levels of their nodes, as its directory has them: `None` if it has more than
+    /// `most` segments, or is none.
+    ///
+    /// # Errors
+    /// If the directory is damaged.
+    pub fn level_bytes(&self, most: usize) -> Result<Option<Vec<LevelBytes>>> {
+        match self.file() {
+            Some(TreeFile::Goblin(file)) if file.segments() <= most => ask(|| file.level_bytes()).map(Some),
+            _ => Ok(None),
         }
     }
 

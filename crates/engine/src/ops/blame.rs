@@ -7,7 +7,7 @@ use super::diff::is_same_record;
 use super::tree_file::{TreeFile, TreeFileNode};
 use crate::store::autumnal::History;
 use crate::store::builder::ReusableSource;
-use crate::store::{BuildOptions, build};
+use crate::store::{BuildOptions, WriteOptions, build};
 use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::io::Output;
 use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
@@ -22,11 +22,11 @@ use spinney_container::{FilePlace, Metadata, OpenOptions, Tag};
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops};
+/// use spinney::{io::Output, ops, store::WriteOptions};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("age.goblin");
-/// ops::blame("fixtures/v1/history.autumn".as_ref(), Output::create(&path)?, 64 << 20, &())?;
+/// ops::blame("fixtures/v1/history.autumn".as_ref(), Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
 /// assert_eq!(spinney::open(&path)?.value_bounds()?[0].0, 1.0);
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -34,7 +34,7 @@ use spinney_container::{FilePlace, Metadata, OpenOptions, Tag};
 /// # Errors
 /// If it is no Autumnal file, cannot be read, has a commit whose number is 2^32 or more, the output cannot be written, or on
 /// interruption.
-pub fn blame(path: &Path, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
+pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Progress) -> Result<()> {
     let asked = TreeFile::open_only(path, &OpenOptions::default())?;
     let TreeFile::Autumnal(commit) = &asked else {
         let expected = "an Autumnal file, which has commits";
@@ -78,8 +78,7 @@ pub fn blame(path: &Path, output: Output, memory: u64, progress: &dyn Progress) 
     if let Some(unit) = own.tag(Tag::Unit) {
         metadata.set_tag(Tag::Unit, unit);
     }
-    let options =
-        BuildOptions::new(Kind::Continuous, depth).rule(Rule::Max).memory(memory).metadata(metadata);
+    let options = BuildOptions::new(Kind::Continuous, depth).rule(Rule::Max).written(how).metadata(metadata);
     build(&ages, asked.header().extent, &options, output, progress)?;
     history.check_unchanged()
 }

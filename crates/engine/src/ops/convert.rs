@@ -6,29 +6,35 @@ use super::layers::{file_depth, layer_paths};
 use super::tree_file::TreeFile;
 use super::view_source::ViewSource;
 use crate::store::builder::ReusableSource;
-use crate::store::{BuildOptions, TreeWriter, build, check_room};
+use crate::store::{BuildOptions, TreeWriter, WriteOptions, build, check_room};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
 use spinney_container::OpenOptions;
 
 /// Writes a tree, or all layers of a file, as they are, in the format that the output's name asks for: an Autumnal tree (or one of its
 /// commits) to be published, or a published one to be edited. From Goblin to Autumnal and back the bytes stay
-/// the same.
+/// the same. Segments are packed as is asked for, whatever those of the file are.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops};
+/// use spinney::{io::Output, ops, store::WriteOptions};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("published.goblin");
 /// let history = "fixtures/v1/history.autumn@1";
-/// ops::convert(history.as_ref(), false, Output::create(&path)?, 64 << 20, &())?;
+/// ops::convert(history.as_ref(), false, Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
 /// # Errors
 /// If the file cannot be read, the output not be written, there is no room for all of its nodes, or on interruption.
-pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
+pub fn convert(
+    path: &Path,
+    share: bool,
+    output: Output,
+    how: WriteOptions,
+    progress: &dyn Progress,
+) -> Result<()> {
     let paths = layer_paths(path)?;
     let files = paths.iter().map(|path| TreeFile::open(path, &OpenOptions::default()));
     let files = files.collect::<Result<Vec<TreeFile>>>()?;
@@ -45,7 +51,7 @@ pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: 
     ViewSource::from(files[0].clone()).tell_remark(progress);
     for file in files {
         let (header, metadata) = (file.header(), file.metadata().clone());
-        let options = BuildOptions { metadata, share, ..BuildOptions::like(header, memory) };
+        let options = BuildOptions { metadata, share, ..BuildOptions::written_like(header, how) };
         writer.source(&ViewSource::from(file.clone()), header.extent, &options, progress)?;
     }
     writer.finish()

@@ -13,7 +13,7 @@ use super::tree_file::TreeFile;
 use super::universe::Universe;
 use super::view_source::{ViewSource, check_form};
 use super::warp::{Resampling, WarpOptions};
-use crate::store::{BuildOptions, TreeWriter, check_room};
+use crate::store::{BuildOptions, TreeWriter, WriteOptions, check_room};
 use crate::tree::Source;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Bounds;
@@ -98,25 +98,29 @@ impl Chain {
     }
 }
 
-/// Makes a tree of a file and the steps of what is done to it; without steps a condensed copy. `memory` is as
-/// in [`BuildOptions`].
+/// Makes a tree of a file and the steps of what is done to it; without steps a condensed copy.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops};
+/// use spinney::{io::Output, ops, store::WriteOptions};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("turned.goblin");
 /// let mut chain = ops::Chain::of("fixtures/v1/classes.goblin".as_ref());
 /// chain.steps = vec!["rotate=90".parse()?, "crop".parse()?];
-/// let outcome = ops::transform(&chain, Output::create(&path)?, 64 << 20, &())?;
+/// let outcome = ops::transform(&chain, Output::create(&path)?, WriteOptions::new(64 << 20), &())?;
 /// assert_eq!(outcome.before, [outcome.after]);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
 /// # Errors
 /// If the file cannot be read, a step cannot be done, the output not be written, or on interruption.
-pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
+pub fn transform(
+    chain: &Chain,
+    output: Output,
+    how: WriteOptions,
+    progress: &dyn Progress,
+) -> Result<Outcome> {
     let mut derivations = Vec::new();
     let mut expected = Some(0.0);
     // (What is calculated with the layers of a file is one tree.)
@@ -134,7 +138,7 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
         let view = chain.open_with(&mut |view, step| {
             let part = PartOfWork::new(progress, WHOLE * step.passes(), total);
             // (What it finds out stays in memory until all is written.)
-            let memory = memory / layers;
+            let memory = how.memory / layers;
             // (Labels differ wherever values do, so that there are no fewer nodes of them.)
             if matches!(step, Step::Components(_)) && !view.has_windows() {
                 check_room(&output, view.form(), false, expected_records(&view)?)?;
@@ -161,7 +165,7 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
     }
     let part = PartOfWork::new(progress, WHOLE * layers, total);
     let progress = if passes > 1 { &part as &dyn Progress } else { progress };
-    Ok(Outcome { expected, ..store_all(derivations, output, memory, progress)? })
+    Ok(Outcome { expected, ..store_all(derivations, output, how, progress)? })
 }
 
 /// Merges files into one; those over other areas or with coarser cells are aligned with the finest. `fill` is
@@ -170,7 +174,7 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
-/// use spinney::{io::Output, ops};
+/// use spinney::{io::Output, ops, store::WriteOptions};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("nothing.goblin");
@@ -178,7 +182,7 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
 /// let trees = [map, "fixtures/v1/classes.goblin".into()];
 /// let output = Output::create(&path)?;
 /// let usual = ops::Universe::Usual;
-/// let changes = ops::combine(ops::Operation::Changed, None, usual, &trees, output, 64 << 20, &())?;
+/// let changes = ops::combine(ops::Operation::Changed, None, usual, &trees, output, WriteOptions::new(64 << 20), &())?;
 /// assert_eq!(changes.after, 0);
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -191,10 +195,10 @@ pub fn combine(
     universe: Universe,
     paths: &[PathBuf],
     output: Output,
-    memory: u64,
+    how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
-    combine_with(operation, (fill, universe), paths, &[], output, memory, progress)
+    combine_with(operation, (fill, universe), paths, &[], output, how, progress)
 }
 
 /// A tree that is made on the cells of others: its place among those that are combined, its name, and what makes it of the header and
@@ -219,7 +223,7 @@ pub fn combine_with(
     paths: &[PathBuf],
     made: &[MadeOperand<'_>],
     output: Output,
-    memory: u64,
+    how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
     let mut derivations = Vec::new();
@@ -249,7 +253,7 @@ pub fn combine_with(
             provenance: format!("{operation} of {}", names.join(" ")),
         });
     }
-    store_all(derivations, output, memory, progress)
+    store_all(derivations, output, how, progress)
 }
 
 /// The layers of some files that belong together: of files of several layers those of the same names. One that is named, or the only one of its
@@ -276,7 +280,7 @@ fn layers_in_pairs(paths: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
 fn store_all(
     derivations: Vec<Derivation>,
     output: Output,
-    memory: u64,
+    how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
     let least = derivations.iter().map(|derivation| (derivation.form(), derivation.least));
@@ -289,7 +293,7 @@ fn store_all(
     let mut writer = TreeWriter::create(output, (dimension, depth), prepared.len() as u32)?;
     let mut outcomes = Vec::with_capacity(prepared.len());
     for prepared in prepared {
-        outcomes.push(prepared.store(&mut writer, memory, progress)?);
+        outcomes.push(prepared.store(&mut writer, how, progress)?);
     }
     writer.finish()?;
     let finest = outcomes.iter().position(|outcome| outcome.depth == depth).unwrap_or(0);
@@ -432,9 +436,9 @@ impl Derivation {
 }
 
 impl Prepared {
-    fn store(self, writer: &mut TreeWriter, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
+    fn store(self, writer: &mut TreeWriter, how: WriteOptions, progress: &dyn Progress) -> Result<Outcome> {
         let Prepared { source, header, depth, extent, metadata, before, universe } = self;
-        let options = BuildOptions { depth, metadata, ..BuildOptions::like(&header, memory) };
+        let options = BuildOptions { depth, metadata, ..BuildOptions::written_like(&header, how) };
         let tally = writer.source(&source, extent, &options, progress)?;
         Ok(Outcome { extent, depth, before, after: tally.cells, expected: None, universe })
     }

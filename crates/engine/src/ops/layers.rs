@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::files::Chain;
 use super::tree_file::TreeFile;
 use crate::store::autumnal::{Commit, Editor, Note};
-use crate::store::{BuildOptions, TreeWriter};
+use crate::store::{BuildOptions, TreeWriter, WriteOptions};
 use crate::tree::Source;
 use spinney_base::io::{Output, ReplaceLock};
 use spinney_base::{Error, Progress, Result};
@@ -48,7 +48,7 @@ pub(super) fn file_depth<'h>(headers: impl IntoIterator<Item = &'h Header>) -> u
     headers.into_iter().map(Header::depth).max().unwrap_or(0)
 }
 
-/// Adds what is seen of a tree to a file as a layer. A Goblin file is written anew, its other layers' segments as they are; an Autumnal
+/// Adds what is seen of a tree to a file as a layer. A Goblin file is written anew, its other layers' bytes as they are; an Autumnal
 /// file gets a commit, which is returned.
 ///
 /// # Errors
@@ -58,7 +58,7 @@ pub fn add_layer(
     name: &str,
     chain: &Chain,
     note: Note,
-    memory: u64,
+    how: WriteOptions,
     progress: &dyn Progress,
 ) -> Result<Option<Commit>> {
     let (file, _lock) = open_to_change(path)?;
@@ -92,11 +92,11 @@ pub fn add_layer(
     }
     let (extent, header) = (view.extent(), view.source().header().clone());
     let view = view.deepened(layer_depth)?;
-    let options = BuildOptions { depth: layer_depth, metadata, ..BuildOptions::like(&header, memory) };
+    let options = BuildOptions { depth: layer_depth, metadata, ..BuildOptions::written_like(&header, how) };
     let source = super::combine::Combined::new(vec![view], super::operation::Operation::Over, extent)?;
     match &file {
         TreeFile::Autumnal(_) => {
-            let mut editor = Editor::open(&FilePlace::of(path).file, memory)?;
+            let mut editor = Editor::open(&FilePlace::of(path).file, how.memory)?;
             let header = options.header(header.form, extent)?;
             editor.name_layer(&stem(path))?;
             editor.add_layer(&header, options.metadata.clone())?;

@@ -13,6 +13,7 @@ use crate::store::records::dense::dense_block;
 use crate::store::records::{Record, RecordLayout, child_record, with_record_type};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::io::rounds;
+use spinney_base::sort;
 use spinney_base::space::{Cell, Code, Dimension};
 use spinney_base::value::{Numbers, Value, ValueType};
 use spinney_base::{Error, Result};
@@ -98,10 +99,11 @@ impl Goblin {
             return Err(Error::invalid("points", found, format!("{}, one per cell", cells.len())));
         }
         if !self.is_mapped() {
-            // Segments that are not mapped stay in memory for as long as somebody has them, so that a table of them has no bound.
+            // Segments that are not mapped stay in memory for as long as somebody has them, so that a table of them has no bound. In FD
+            // order each of them is needed once.
             check_level(level, self.header().depth())?;
             let dimension = self.header().form.dimension;
-            return values_one_by_one((dimension, level), cells, values, &|code| self.value_at(code));
+            return values_one_by_one((dimension, level, true), cells, values, &|code| self.value_at(code));
         }
         let points = self.points_of(level, cells.len() as u64)?;
         with_record_type!(points.layout, R => points.values::<R>(cells, values))
@@ -136,24 +138,30 @@ impl Goblin {
 }
 
 /// Writes the values of many cells of a level to `values`, each found by itself. Those that are answered are not asked again in later rounds: all of
-/// them together may need more bytes of a file elsewhere than are held.
+/// them together may need more bytes of a file elsewhere than are held. They may be asked in FD order, whatever theirs is.
 ///
 /// # Errors
 /// Those of `value_at`.
 pub(crate) fn values_one_by_one(
-    (dimension, level): (Dimension, u8),
+    (dimension, level, in_order): (Dimension, u8, bool),
     cells: &[Cell],
     values: &mut [Option<Value>],
     value_at: &dyn Fn(Code) -> Result<Option<Value>>,
 ) -> Result<()> {
     let mut is_known = vec![false; cells.len()];
+    let code_of = |at: usize| Code::from_cell(dimension, level, cells[at]);
+    let mut order: Vec<usize> = (0..cells.len()).collect();
+    if in_order {
+        sort::by_key(&mut order, |at| code_of(*at).map_or(u64::MAX, Code::bits));
+    }
     rounds::ask(|| {
         let mut is_unread = false;
-        let all = cells.iter().zip(&mut *values).zip(&mut is_known);
-        for ((cell, value), is_known) in all.filter(|(_, is_known)| !**is_known) {
-            let found = Code::from_cell(dimension, level, *cell).map_or(Ok(None), value_at);
-            if let Some(found) = rounds::go_on(found, &mut is_unread)? {
-                (*value, *is_known) = (found, true);
+        for at in &order {
+            if is_known[*at] {
+                continue;
+            }
+            if let Some(found) = rounds::go_on(code_of(*at).map_or(Ok(None), value_at), &mut is_unread)? {
+                (values[*at], is_known[*at]) = (found, true);
             }
         }
         rounds::all_read(is_unread)

@@ -9,7 +9,7 @@ use spinney_base::Form;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, PartOfWork, Progress, Result};
-use spinney_container::{OpenOptions, check_tree_name};
+use spinney_container::{Codec, OpenOptions, check_tree_name};
 use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
 use spinney_engine::store::{build_slabs, depth_for};
 
@@ -66,7 +66,8 @@ impl RasterImport {
         let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(near);
         let temporary = temporary.map_err(Error::io(near, "make a temporary folder in"))?;
         let native = temporary.path().join("native.goblin");
-        self.options.share = false;
+        // (What is written for a while is not packed.)
+        (self.options.share, self.options.codec) = (false, Codec::Plain);
         self.build(Output::create(&native)?, &PartOfWork::new(progress, cells, 2 * cells))?;
         let file = TreeFile::open(&native, &OpenOptions::default())?;
         let warped = Warped::new(Arc::new(file.into()), &frame, &grid, options)?;

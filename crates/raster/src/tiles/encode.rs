@@ -69,7 +69,7 @@ pub struct TileEncoding {
     /// The kind of file.
     pub format: TileFormat,
     /// Effort of PNG, from 1 (fast) to 9 (small); a good compromise if nothing is said.
-    pub effort: Option<u8>,
+    pub png_effort: Option<u8>,
     /// Quality of JPEG and of WebP with loss, 1 to 100.
     pub quality: Option<u8>,
 }
@@ -162,7 +162,7 @@ impl<'a> TileEncoder<'a> {
 
     fn with_scratch<R>(&self, job: impl FnOnce(&mut Scratch) -> Result<R>) -> Result<R> {
         let make = || {
-            let png = PngEncoder::new(self.encoding.effort);
+            let png = PngEncoder::new(self.encoding.png_effort);
             Ok(Scratch { samples: TileSamples::default(), pixels: TilePixels::default(), png })
         };
         self.scratch.with(make, job)

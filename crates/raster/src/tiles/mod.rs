@@ -244,14 +244,14 @@ fn plan<'a>(
         }
     };
     let encoder = TileEncoder::new(source, painter, request.encoding, side, request.void)?;
-    let TileEncoding { format, effort, quality } = request.encoding;
+    let TileEncoding { format, png_effort, quality } = request.encoding;
     let number = |number: Option<u8>| number.map_or("none".into(), |number| number.to_string());
     let mut options = BTreeMap::from([
         ("zooms".into(), format!("{}-{}", zooms.start(), zooms.end())),
         ("degrees".into(), degrees.map(|degrees| degrees.to_string()).join(",")),
         ("side".into(), side.to_string()),
         ("format".into(), format.extension().into()),
-        ("effort".into(), number(effort)),
+        ("png-effort".into(), number(png_effort)),
         ("quality".into(), number(quality)),
         ("void".into(), request.void.to_string()),
     ]);

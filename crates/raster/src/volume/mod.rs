@@ -16,9 +16,9 @@ use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::Metadata;
+use spinney_container::{Codec, Metadata};
 use spinney_crs::{Crs, Frame};
-use spinney_engine::store::{BuildOptions, build_slabs};
+use spinney_engine::store::{BuildOptions, Effort, build_slabs};
 
 /// Options for an import of a volume.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -42,6 +42,10 @@ pub struct VolumeOptions {
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
     pub time: Option<i64>,
+    /// Packing of segments, in Goblin files.
+    pub codec: Codec,
+    /// Effort of packing.
+    pub effort: Effort,
 }
 
 impl VolumeOptions {
@@ -176,7 +180,8 @@ fn planned(
         .memory(memory / 4)
         .metadata(metadata)
         .share(options.share)
-        .time(options.time);
+        .time(options.time)
+        .packed(options.codec, options.effort);
     Ok(VolumeImport { samples, value, options, memory, description })
 }
 

@@ -10,7 +10,7 @@ use super::sweep::Cells;
 use super::words::Words;
 use crate::ops::affine::View;
 use crate::ops::{Chain, transform};
-use crate::store::{BuildOptions, build_tree};
+use crate::store::{BuildOptions, WriteOptions, build_tree};
 use crate::tree::{MemTree, Source};
 use spinney_base::io::Output;
 use spinney_base::space::{Code, Dimension};
@@ -242,7 +242,7 @@ fn made(path: &Path, steps: &[&str], memory: u64) -> Vec<u8> {
     let mut chain = Chain::of(path);
     chain.steps = steps.iter().map(|step| step.parse().unwrap()).collect();
     let out = path.with_file_name("made.goblin");
-    transform(&chain, Output::create(&out).unwrap(), memory, &()).unwrap();
+    transform(&chain, Output::create(&out).unwrap(), WriteOptions::new(memory), &()).unwrap();
     std::fs::read(&out).unwrap()
 }
 
@@ -313,7 +313,7 @@ fn what_is_interrupted_leaves_nothing() {
             chain.steps = vec![step.parse().unwrap()];
             let out = folder.path().join("out.goblin");
             let stops = Stops(Default::default(), after);
-            let result = transform(&chain, Output::create(&out).unwrap(), 1 << 20, &stops);
+            let result = transform(&chain, Output::create(&out).unwrap(), WriteOptions::new(1 << 20), &stops);
             assert!(matches!(result, Err(Error::Interrupted)), "{step} {after}");
             let left: Vec<_> =
                 std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();

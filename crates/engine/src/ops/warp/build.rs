@@ -8,7 +8,7 @@ use spinney_base::value::Tally;
 use spinney_base::{Progress, Result};
 
 /// Writes a warped tree to a file, in the format that the output's name asks for; returns the tally of its cells. Of `how`
-/// the memory, the time and whether equal subtrees are stored once count; all else is the tree's own.
+/// the memory, the time, the packing and whether equal subtrees are stored once count; all else is the tree's own.
 ///
 /// # Errors
 /// If the source is damaged, the output cannot be written, or on interruption.
@@ -16,7 +16,8 @@ pub fn warp(warped: Warped, how: &BuildOptions, output: Output, progress: &dyn P
     let tree = ViewSource::from(warped);
     tree.tell_remark(progress);
     let (header, metadata) = (tree.header().clone(), tree.metadata().clone());
-    let BuildOptions { share, time, memory, .. } = *how;
-    let options = BuildOptions { metadata, share, time, ..BuildOptions::like(&header, memory) };
+    let BuildOptions { share, time, memory, codec, effort, .. } = *how;
+    let options =
+        BuildOptions { metadata, share, time, codec, effort, ..BuildOptions::like(&header, memory) };
     build(&tree, header.extent, &options, output, progress)
 }

@@ -14,6 +14,7 @@ use super::meta::Meta;
 use super::newest::Newest;
 use super::pages::FIRST_EXTENT;
 use super::reader::Autumnal;
+use super::write::check_plain;
 use crate::store::builder::{BuildOptions, Fill, ReusableSource, TreeSink, walk};
 use crate::tree::Source;
 use spinney_base::io::{FileBackend, LockedFile, WriteBackend};
@@ -180,6 +181,7 @@ impl Editor {
     /// # Errors
     /// If there is a layer of that name, or it does not fit into the file's space.
     pub fn add_layer(&mut self, header: &Header, metadata: Metadata) -> Result<()> {
+        check_plain(header, &self.draft.archive.extents.path)?;
         let file = &self.draft.archive.header;
         let name = &metadata.name;
         if header.form.dimension != file.dimension || header.depth() > file.depth {

@@ -19,7 +19,7 @@ use spinney_base::io::{FileBytes, FileId};
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
-use spinney_container::{FilePlace, Header, INNER, LEAF, Metadata, OpenOptions, VOID};
+use spinney_container::{Codec, FilePlace, Header, INNER, LEAF, Metadata, OpenOptions, VOID};
 
 /// A layer in one commit of an Autumnal file, open for reading; may be shared by any number of threads.
 ///
@@ -576,5 +576,10 @@ fn header_of(archive: &Archive, layer: &CommitLayer) -> Result<Header> {
         let found = format!("a header of {} bytes", layer.header.len());
         return Err(archive.extents.corrupt(place, found, "48 bytes"));
     };
-    Header::from_bytes(&archive.extents.path, &place, bytes, (file.dimension, file.depth))
+    let header = Header::from_bytes(&archive.extents.path, &place, bytes, (file.dimension, file.depth))?;
+    match header.codec {
+        Codec::Plain => Ok(header),
+        // (There are no segments that could be.)
+        Codec::Packed => Err(archive.extents.corrupt(place, "packed segments", "codec 0")),
+    }
 }

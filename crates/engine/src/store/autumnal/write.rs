@@ -1,12 +1,14 @@
 //! Makes a new file of the parts of trees, layer after layer.
 
+use std::path::Path;
+
 use super::commit::Note;
 use super::editor::Editor;
 use crate::store::builder::{BuildOptions, Fill};
 use spinney_base::io::{FileBackend, Output};
 use spinney_base::value::Tally;
 use spinney_base::{Error, Result};
-use spinney_container::{Header, LevelCounts, Metadata};
+use spinney_container::{Codec, Header, LevelCounts, Metadata};
 
 /// A file being made, with one commit. It has no time unless one is given, so that the same input makes the same bytes; its message is
 /// where the data come from.
@@ -35,6 +37,7 @@ impl NewFile {
         fill: &mut Fill<'_>,
         complete: &mut dyn FnMut(&mut Metadata),
     ) -> Result<Tally> {
+        check_plain(header, self.output.path())?;
         let editor = match &mut self.editor {
             Some(editor) => {
                 editor.add_layer(header, options.metadata.clone())?;
@@ -67,6 +70,18 @@ impl NewFile {
             editor.commit(Note { message, time: self.time, ..Note::default() })?;
         }
         self.output.commit()
+    }
+}
+
+/// Makes sure that a tree whose segments are to be packed does not become part of an Autumnal file, which has none.
+pub(super) fn check_plain(header: &Header, path: &Path) -> Result<()> {
+    match header.codec {
+        Codec::Plain => Ok(()),
+        Codec::Packed => {
+            let advice =
+                "history is made smaller by `spinney compact`; give the output a name that ends with .goblin";
+            Err(Error::unsupported(path, "packing in an Autumnal file", advice))
+        }
     }
 }
 

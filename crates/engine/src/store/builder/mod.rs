@@ -31,7 +31,7 @@ mod walk;
 pub use merge::{
     FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, joined_coverage,
 };
-pub use options::{BuildOptions, depth_for};
+pub use options::{BuildOptions, WriteOptions, depth_for};
 pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment};
 pub use reuse::ReusableSource;
 pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};

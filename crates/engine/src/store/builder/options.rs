@@ -4,6 +4,7 @@ use spinney_base::Form;
 use spinney_base::value::{Kind, Rule};
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
+use spinney_packing::Effort;
 
 /// Options of building. The format is that of the output's name: see
 /// [`TreeFormat`](spinney_container::TreeFormat).
@@ -24,6 +25,47 @@ pub struct BuildOptions {
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
     pub time: Option<i64>,
+    /// Packing of segments; only Goblin files can have packed ones.
+    pub codec: Codec,
+    /// Effort of packing.
+    pub effort: Effort,
+}
+
+/// What writing a tree of another one may use, and how its segments are packed.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct WriteOptions {
+    /// Bytes that writing may use.
+    pub memory: u64,
+    /// Packing of segments; only Goblin files can have packed ones.
+    pub codec: Codec,
+    /// Effort of packing.
+    pub effort: Effort,
+}
+
+impl WriteOptions {
+    /// Plain segments, and so many bytes of memory.
+    pub fn new(memory: u64) -> WriteOptions {
+        WriteOptions { memory, codec: Codec::Plain, effort: Effort::Fast }
+    }
+
+    /// Chooses how segments are packed.
+    #[must_use]
+    pub fn packed(self, codec: Codec, effort: Effort) -> WriteOptions {
+        WriteOptions { codec, effort, ..self }
+    }
+
+    /// The effort of a name: fast or small.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn effort_named(name: &str) -> Result<Effort> {
+        match name {
+            "fast" => Ok(Effort::Fast),
+            "small" => Ok(Effort::Small),
+            _ => Err(Error::invalid("effort", format!("`{name}`"), "fast or small")),
+        }
+    }
 }
 
 /// Bytes that building may use if nothing is said.
@@ -42,6 +84,8 @@ impl BuildOptions {
             metadata,
             share: false,
             time: None,
+            codec: Codec::Plain,
+            effort: Effort::Fast,
         }
     }
 
@@ -49,6 +93,18 @@ impl BuildOptions {
     pub fn like(header: &Header, memory: u64) -> BuildOptions {
         let Header { rule, kind, shape, .. } = *header;
         BuildOptions { rule, memory, ..BuildOptions::new(kind, shape.depth) }
+    }
+
+    /// [`BuildOptions::like`], written as is asked for.
+    pub(crate) fn written_like(header: &Header, how: WriteOptions) -> BuildOptions {
+        BuildOptions::like(header, how.memory).written(how)
+    }
+
+    /// Chooses all that is asked for of writing.
+    #[must_use]
+    pub fn written(self, how: WriteOptions) -> BuildOptions {
+        let WriteOptions { memory, codec, effort } = how;
+        BuildOptions { memory, codec, effort, ..self }
     }
 
     /// Chooses how representatives are made.
@@ -81,6 +137,12 @@ impl BuildOptions {
         BuildOptions { time, ..self }
     }
 
+    /// Chooses how segments are packed.
+    #[must_use]
+    pub fn packed(self, codec: Codec, effort: Effort) -> BuildOptions {
+        BuildOptions { codec, effort, ..self }
+    }
+
     pub(in crate::store) fn count_classes(&self) -> bool {
         self.kind == Kind::Categorical || self.rule == Rule::Majority
     }
@@ -109,7 +171,7 @@ impl BuildOptions {
             stride: STRIDE,
             heavy_threshold: HEAVY_THRESHOLD,
         };
-        Ok(Header { form, rule: self.rule, kind: self.kind, codec: Codec::Plain, shape, extent })
+        Ok(Header { form, rule: self.rule, kind: self.kind, codec: self.codec, shape, extent })
     }
 }
 

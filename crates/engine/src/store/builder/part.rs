@@ -30,6 +30,8 @@ pub(in crate::store) struct SealedSegment {
     pub(in crate::store) code: Code,
     pub(in crate::store) records: Vec<u8>,
     pub(in crate::store) tally: Tally,
+    /// Records and class counts in fewer bytes, where these are to be written instead.
+    pub(in crate::store) packed: Option<Vec<u8>>,
 }
 
 /// The uniform node that children make together, if they are all VOID or all LEAFs of one value.
@@ -161,6 +163,6 @@ impl Part {
             upper_levels(self, cut.saturating_sub(level))
         };
         let records = std::mem::replace(&mut self.records, above);
-        Some(SealedSegment { code: self.code, records, tally: self.tally.clone() })
+        Some(SealedSegment { code: self.code, records, tally: self.tally.clone(), packed: None })
     }
 }

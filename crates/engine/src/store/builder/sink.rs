@@ -18,6 +18,11 @@ pub(in crate::store) trait TreeSink: Send {
     /// Takes a block, or a uniform node above the blocks.
     fn push(&mut self, built: BuiltBlock) -> Result<()>;
 
+    /// Takes several, one after the other.
+    fn push_all(&mut self, built: Vec<BuiltBlock>) -> Result<()> {
+        built.into_iter().try_for_each(|built| self.push(built))
+    }
+
     /// Levels of the largest dense blocks that parts may have.
     fn dense_levels(&self) -> u8 {
         MAX_DENSE_LEVELS

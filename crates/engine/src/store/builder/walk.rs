@@ -246,7 +246,7 @@ impl<'a> Builder<'a> {
                 plan.built(*code, content)
             };
             let built: Vec<BuiltBlock> = parallel::map(batch, build);
-            built.into_iter().try_for_each(|built| self.sink.push(built))?;
+            self.sink.push_all(built)?;
             let blocks = ((i + 1) * self.batch).min(codes.len()) as u64;
             let done = cells * blocks / count;
             progress.advance(done - reported, total);
@@ -301,7 +301,7 @@ impl<'a> Builder<'a> {
                 _ => Ok(plan.uniform(*code, node.value().filter(|value| !plan.form.value.is_nan(*value)))),
             }
         };
-        rounds::map(&batch, build)?.into_iter().try_for_each(|built| self.sink.push(built))?;
+        self.sink.push_all(rounds::map(&batch, build)?)?;
         progress.advance(batch.iter().map(|(code, _)| self.cells(*code)).sum(), total);
         Ok(())
     }

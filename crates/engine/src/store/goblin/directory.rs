@@ -18,13 +18,15 @@ pub struct Entry {
     pub code: Code,
     /// Offset of the segment's bytes in the layer's run.
     pub offset: u64,
-    /// Number of bytes: records, then class counts.
+    /// Number of its bytes in the file: those of records, then of class counts, unless these are packed.
     pub length: u64,
     /// Records of the segment.
     pub records: u32,
     /// Class counts that follow the records; `u16::MAX` if there would be too many.
     pub classes: u16,
-    /// CRC-32C of the segment's bytes.
+    /// Packing of its bytes.
+    pub codec: Codec,
+    /// CRC-32C of its bytes in the file.
     pub checksum: u32,
     /// Zone statistics, but for the class counts, which stand in the segment.
     pub zone: Tally,
@@ -32,6 +34,12 @@ pub struct Entry {
 
 /// Number of class counts of a segment that has none because there would be too many.
 pub(super) const NOT_COUNTED: u16 = u16::MAX;
+
+/// Class counts that follow a segment's records, where the directory has a number of them.
+#[inline]
+pub(super) fn listed(classes: u16) -> u16 {
+    if classes == NOT_COUNTED { 0 } else { classes }
+}
 
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
@@ -69,6 +77,9 @@ pub(super) struct SegmentLocation {
     pub(super) offset: u64,
     pub(super) length: u64,
     pub(super) records: u32,
+    /// Class counts that follow the records.
+    pub(super) classes: u16,
+    pub(super) is_packed: bool,
 }
 
 impl SegmentLocation {
@@ -82,6 +93,8 @@ impl SegmentLocation {
             offset: raw.offset.get(),
             length: raw.length.get(),
             records: raw.records.get(),
+            classes: listed(raw.classes.get()),
+            is_packed: raw.codec == Codec::Packed as u8,
         })
     }
 }
@@ -100,7 +113,7 @@ impl Entry {
             length: self.length.into(),
             records: self.records.into(),
             classes: self.classes.into(),
-            codec: Codec::Plain as u8,
+            codec: self.codec as u8,
             table: 0,
             checksum: self.checksum.into(),
             cells: self.zone.cells.into(),
@@ -127,10 +140,7 @@ impl Entry {
         };
         let (raw, rest) = RawEntry::ref_from_prefix(bytes)
             .map_err(|_| corrupt(format!("{} bytes", bytes.len()), "a whole entry".into()))?;
-        if raw.codec != Codec::Plain as u8 {
-            let advice = "read it with a program that has this codec";
-            return Err(Error::unsupported(path, format!("codec number {} of a segment", raw.codec), advice));
-        }
+        let codec = Codec::of_number(path, raw.codec, " of a segment")?;
         let code = Code::from_bits(form.dimension, raw.code.get())
             .ok_or_else(|| corrupt(format!("code {:016x}", raw.code), "an FD code".into()))?;
         let count = usize::from(form.value.channels);
@@ -159,6 +169,7 @@ impl Entry {
             length: raw.length.get(),
             records: raw.records.get(),
             classes: raw.classes.get(),
+            codec,
             checksum: raw.checksum.get(),
             zone,
         })

@@ -8,12 +8,17 @@ use super::reader::Goblin;
 use super::segment_builder::SegmentBuilder;
 use crate::store::builder::{BuildOptions, Fill};
 use spinney_base::io::Output;
+use spinney_base::parallel;
 use spinney_base::value::Tally;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{FileHeader, HEADER_SIZE, Header, Layer, LayerTable, Metadata, Section, Trailer};
+use spinney_container::{
+    Codec, FileHeader, HEADER_SIZE, Header, Layer, LayerTable, Metadata, Section, Trailer,
+};
 
 /// Metadata of more bytes stand apart, before those of the other layers, so that the end of a file tells much in few bytes.
 const LARGE_METADATA: usize = 4096;
+/// Packed segments that are looked at at a time, by all threads.
+const UNPACKED_AT_ONCE: usize = 64;
 /// Bytes that are copied at a time.
 const PIECE: u64 = 1 << 20;
 
@@ -63,7 +68,7 @@ impl FileWriter {
         fill: &mut Fill<'_>,
         complete: &mut dyn FnMut(&mut Metadata),
     ) -> Result<Tally> {
-        let mut writer = LayerWriter::new(self, header, in_order, options.memory / 8);
+        let mut writer = LayerWriter::new(self, header, in_order, (options.memory / 8, options.effort));
         let mut builder = SegmentBuilder::new(header, covered, &mut writer);
         fill(&mut builder, header.shape)?;
         let (root, counts) = builder.finish();
@@ -84,9 +89,12 @@ impl FileWriter {
         progress: &dyn Progress,
     ) -> Result<()> {
         // (What is damaged is not taken over under the name of another file.)
-        for segment in 0..from.segments() {
+        let at_once = if from.header().codec == Codec::Packed { UNPACKED_AT_ONCE } else { 1 };
+        for first in (0..from.segments()).step_by(at_once) {
             progress.check()?;
-            from.segment(segment)?;
+            let some: Vec<usize> = (first..from.segments().min(first + at_once)).collect();
+            let read = parallel::map(&some, |segment| from.segment(*segment).map(drop));
+            read.into_iter().collect::<Result<()>>()?;
         }
         let layer = from.layer().clone();
         let (start, end) = (layer.run.offset, layer.run.offset + layer.run.length);

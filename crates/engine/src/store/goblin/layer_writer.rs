@@ -1,18 +1,18 @@
 //! Writes one layer: its segments as they come, then its crown, then its directory.
 
-use super::directory::{Entry, NOT_COUNTED, SegmentLocation, entry_size, set_offset};
+use super::directory::{Entry, SegmentLocation, entry_size, set_offset};
 use super::directory_writer::DirectoryWriter;
 use super::file_writer::FileWriter;
 use super::held::{HeldSegments, file_order};
-use super::segment::{COUNT_SIZE, Segment};
+use super::packed::class_counts;
 use super::segment_sink::SegmentSink;
 use crate::store::builder::SealedSegment;
 use crate::store::records::RecordLayout;
 use crate::tree::Child;
 use spinney_base::Result;
 use spinney_base::io::{Sorter, folder};
-use spinney_base::value::Value;
-use spinney_container::{Header, Layer, Metadata, Section};
+use spinney_container::{Codec, Header, Layer, Metadata, Section};
+use spinney_packing::Effort;
 
 /// A layer being written, append-only.
 pub(super) struct LayerWriter<'f> {
@@ -31,6 +31,8 @@ pub(super) struct LayerWriter<'f> {
     /// Segments that must wait for others.
     held: HeldSegments,
     stored_records: u64,
+    /// Effort of packing, if that is done.
+    effort: Option<Effort>,
 }
 
 impl<'f> LayerWriter<'f> {
@@ -39,7 +41,7 @@ impl<'f> LayerWriter<'f> {
         file: &'f mut FileWriter,
         header: &Header,
         in_order: bool,
-        memory: u64,
+        (memory, effort): (u64, Effort),
     ) -> LayerWriter<'f> {
         let size = entry_size(header.form.value);
         let entries = Sorter::new(folder(file.path()), size, memory / 2);
@@ -56,6 +58,7 @@ impl<'f> LayerWriter<'f> {
             entries,
             held,
             stored_records: 0,
+            effort: (header.codec == Codec::Packed).then_some(effort),
         }
     }
 
@@ -122,34 +125,31 @@ impl<'f> LayerWriter<'f> {
 }
 
 impl SegmentSink for LayerWriter<'_> {
+    fn effort(&self) -> Option<Effort> {
+        self.effort
+    }
+
     fn segment(&mut self, segment: SealedSegment) -> Result<()> {
-        let SealedSegment { code, records, tally } = segment;
-        let listed = if self.header.counts_classes() { tally.listed_classes() } else { Some(&[][..]) };
-        let classes = class_bytes(self.layout.width, listed.unwrap_or_default());
+        let (classes, counts) = class_counts(&self.header, &segment.tally);
+        let SealedSegment { code, records, tally, packed } = segment;
+        let (codec, parts) = match &packed {
+            Some(packed) => (Codec::Packed, [&packed[..], &[]]),
+            None => (Codec::Plain, [&records[..], &counts]),
+        };
         let entry = Entry {
             code,
             offset: 0,
-            length: (records.len() + classes.len()) as u64,
+            length: (parts[0].len() + parts[1].len()) as u64,
             records: self.layout.count(&records) as u32,
-            classes: listed.map_or(NOT_COUNTED, |classes| classes.len() as u16),
-            checksum: crc32c::crc32c_append(crc32c::crc32c(&records), &classes),
+            classes,
+            codec,
+            checksum: crc32c::crc32c_append(crc32c::crc32c(parts[0]), parts[1]),
             zone: tally,
         };
-        self.put([&records, &classes], entry)
+        self.put(parts, entry)
     }
 
-    fn copy(&mut self, segment: &Segment<'_>, entry: Entry) -> Result<()> {
-        self.put([segment.all_bytes(), &[]], entry)
+    fn copy(&mut self, bytes: &[u8], entry: Entry) -> Result<()> {
+        self.put([bytes, &[]], entry)
     }
-}
-
-/// Class counts as they stand behind a segment's records: the value's bytes, of which there are `width`, then
-/// the cells.
-fn class_bytes(width: usize, classes: &[(Value, u64)]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(classes.len() * (width + COUNT_SIZE));
-    for (value, cells) in classes {
-        bytes.extend_from_slice(&value.to_bytes()[..width]);
-        bytes.extend_from_slice(&cells.to_le_bytes());
-    }
-    bytes
 }

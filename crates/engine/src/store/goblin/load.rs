@@ -1,13 +1,17 @@
 //! Segments as they are needed: checked when they are used first, loaded from wherever the file's bytes are.
 
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use super::directory::{NOT_COUNTED, SegmentLocation};
+use super::directory::{Entry, SegmentLocation, listed};
+use super::packed::{may_unpack, segment_form};
 use super::reader::Goblin;
 use super::segment::{COUNT_SIZE, Segment};
-use spinney_base::Result;
 use spinney_base::io::FileBytes;
 use spinney_base::space::Code;
+use spinney_base::{Error, Result};
+use spinney_container::Codec;
+use spinney_packing::unpack;
 
 impl Goblin {
     /// One segment.
@@ -34,12 +38,13 @@ impl Goblin {
     fn check_segment(&self, index: usize) -> Result<Segment<'_>> {
         let entry = self.entry(index)?;
         let part = || format!("segment {} (entry {index})", entry.code);
-        let listed = if entry.classes == NOT_COUNTED { 0 } else { entry.classes };
-        let classes = u64::from(listed) * (self.layout.width + COUNT_SIZE) as u64;
-        let records = u64::from(entry.records) * self.layout.size as u64;
-        if entry.records == 0 || entry.length != records + classes {
+        let plain = self.plain_length(entry.records, listed(entry.classes));
+        if entry.records == 0 || entry.codec == Codec::Plain && entry.length != plain {
             let found = format!("{} bytes, {} records", entry.length, entry.records);
             return Err(self.corrupt(part(), found, "as many bytes as the records and class counts need"));
+        }
+        if entry.codec != Codec::Plain && self.header.codec == Codec::Plain {
+            return Err(self.corrupt(part(), "a packed segment", "a plain one, as all of the tree are"));
         }
         let room = self.layer().directory;
         if entry.offset.checked_add(entry.length).is_none_or(|end| end > room) {
@@ -57,14 +62,21 @@ impl Goblin {
         if self.checked_bytes.load(Ordering::Acquire) + entry.length > room && !self.is_checked(index) {
             return Err(self.corrupt(part(), "bytes of another segment", "segments that do not overlap"));
         }
-        let segment = self.load(index)?;
-        if self.file.check {
-            let checksum = crc32c::crc32c(segment.all_bytes());
-            if checksum != entry.checksum {
-                let expected = format!("{:08x}", entry.checksum);
-                return Err(self.corrupt(part(), format!("checksum {checksum:08x}"), &expected));
+        let segment = match entry.codec {
+            Codec::Plain => {
+                let segment = self.load(index)?;
+                self.check_checksum(index, &entry, segment.all_bytes())?;
+                segment
             }
-        }
+            Codec::Packed => {
+                let stored = self.stored_bytes(entry.offset, entry.length as usize);
+                let stored = stored?.ok_or_else(|| self.changed(index))?;
+                self.check_checksum(index, &entry, &stored)?;
+                let bytes =
+                    self.unpack(index, (entry.code, entry.records, listed(entry.classes)), &stored)?;
+                self.segment_of(index, entry.code, bytes, entry.records)?
+            }
+        };
         // All walks start from here: with the first record's extent known, each step down can check the next
         // one's.
         let skip = self.layout.head(segment.records(), 0).map_or(0, |head| head.skip);
@@ -76,7 +88,7 @@ impl Goblin {
         if entry.classes == 0 && self.header.counts_classes() {
             return Err(self.corrupt(part(), "no class counts", "some, or the number that means very many"));
         }
-        if listed > 0 && counted != Some(entry.zone.cells) {
+        if listed(entry.classes) > 0 && counted != Some(entry.zone.cells) {
             let expected = format!("{}, as the directory has it", entry.zone.cells);
             return Err(self.corrupt(part(), format!("class counts of {counted:?} cells"), &expected));
         }
@@ -88,29 +100,110 @@ impl Goblin {
         Ok(segment)
     }
 
+    /// Bytes of so many records and class counts.
+    #[inline]
+    pub(super) fn plain_length(&self, records: u32, classes: u16) -> u64 {
+        u64::from(records) * self.layout.size as u64
+            + u64::from(classes) * (self.layout.width + COUNT_SIZE) as u64
+    }
+
+    fn check_checksum(&self, index: usize, entry: &Entry, bytes: &[u8]) -> Result<()> {
+        let checksum = if self.file.check { crc32c::crc32c(bytes) } else { entry.checksum };
+        if checksum != entry.checksum {
+            let part = format!("segment {} (entry {index})", entry.code);
+            let expected = format!("{:08x}", entry.checksum);
+            return Err(self.corrupt(part, format!("checksum {checksum:08x}"), &expected));
+        }
+        Ok(())
+    }
+
+    /// The error for mapped bytes that are others than when they were checked. They must not lead out of the file then.
+    #[cold]
+    pub(super) fn changed(&self, index: usize) -> Error {
+        let part = format!("directory entry {index}");
+        self.corrupt(part, "other numbers than before", "a file that nobody writes to")
+    }
+
+    /// Bytes of the layer's run; `None` if there are not so many in a file that is mapped.
+    #[inline]
+    fn stored_bytes(&self, offset: u64, length: usize) -> Result<Option<FileBytes<'_>>> {
+        // (No overflow: both were within the run when they were checked; and if they changed, nothing is there.)
+        let offset = self.layer().run.offset.wrapping_add(offset);
+        match self.file.backend.bytes() {
+            Some(all) => {
+                let bytes = all.get(offset as usize..).and_then(|rest| rest.get(..length));
+                Ok(bytes.map(FileBytes::Mapped))
+            }
+            None => self.file.backend.share(offset, length).map(Some),
+        }
+    }
+
+    /// The bytes of a segment as they stand in the file.
+    pub(super) fn stored_segment(&self, index: usize) -> Result<FileBytes<'_>> {
+        let entry = SegmentLocation::read(&self.entry_bytes(index)?).ok_or_else(|| self.changed(index))?;
+        self.stored_bytes(entry.offset, entry.length as usize)?.ok_or_else(|| self.changed(index))
+    }
+
     /// A segment whose entry is known to be good.
     #[inline]
     fn load(&self, index: usize) -> Result<Segment<'_>> {
-        // The mapped bytes of a file can change after they were checked. They must not lead out of it then.
-        let changed = || {
-            let part = format!("directory entry {index}");
-            self.corrupt(part, "other numbers than before", "a file that nobody writes to")
-        };
+        let changed = || self.changed(index);
         let entry = SegmentLocation::read(&self.entry_bytes(index)?).ok_or_else(changed)?;
         let code = Code::from_bits(self.layout.dimension, entry.code).ok_or_else(changed)?;
-        // (No overflow: both were within the run when they were checked; and if they changed, nothing is there.)
-        let (offset, length) = (self.layer().run.offset.wrapping_add(entry.offset), entry.length as usize);
-        let bytes = match self.file.backend.bytes() {
-            Some(all) => {
-                let bytes = all.get(offset as usize..).and_then(|rest| rest.get(..length));
-                FileBytes::Mapped(bytes.ok_or_else(changed)?)
-            }
-            None => self.file.backend.share(offset, length)?,
+        let bytes = if self.header.codec != Codec::Plain && entry.is_packed {
+            self.unpacked(index, code, &entry)?
+        } else {
+            self.stored_bytes(entry.offset, entry.length as usize)?.ok_or_else(changed)?
         };
-        let record_bytes = entry.records as usize * self.layout.size;
+        self.segment_of(index, code, bytes, entry.records)
+    }
+
+    #[inline]
+    fn segment_of<'a>(
+        &self,
+        index: usize,
+        code: Code,
+        bytes: FileBytes<'a>,
+        records: u32,
+    ) -> Result<Segment<'a>> {
+        let record_bytes = records as usize * self.layout.size;
         if record_bytes > bytes.len() {
-            return Err(changed());
+            return Err(self.changed(index));
         }
         Ok(Segment { code, index, bytes, record_bytes, width: self.layout.width })
+    }
+
+    /// The bytes of a packed segment, unpacked.
+    #[inline(never)]
+    fn unpacked(&self, index: usize, code: Code, entry: &SegmentLocation) -> Result<FileBytes<'_>> {
+        let plain = self.plain_length(entry.records, entry.classes) as usize;
+        if let Some(held) = self.unpacked.get(index, plain) {
+            return Ok(FileBytes::Held(held));
+        }
+        let stored = self.stored_bytes(entry.offset, entry.length as usize)?;
+        let stored = stored.ok_or_else(|| self.changed(index))?;
+        self.unpack(index, (code, entry.records, entry.classes), &stored)
+    }
+
+    /// Unpacks the bytes of a node's segment, which has so many records and class counts.
+    fn unpack(
+        &self,
+        index: usize,
+        (node, records, classes): (Code, u32, u16),
+        packed: &[u8],
+    ) -> Result<FileBytes<'_>> {
+        let part = || format!("segment {node} (entry {index})");
+        let plain = self.plain_length(records, classes);
+        if !may_unpack(packed.len() as u64, plain) {
+            let found = format!("{} bytes that become {plain}", packed.len());
+            return Err(self.corrupt(part(), found, "bytes that become fewer"));
+        }
+        let form = segment_form(&self.header, node).ok_or_else(|| self.changed(index))?;
+        let bytes = unpack(&form, records, classes, packed)
+            .map_err(|damage| self.corrupt(part(), damage.0, "a segment that was packed"))?;
+        if bytes.len() as u64 != plain {
+            return Err(self.corrupt(part(), format!("{} bytes", bytes.len()), &format!("{plain}")));
+        }
+        Ok(FileBytes::Held(self.unpacked.put(index, Arc::new(bytes))))
     }
 }

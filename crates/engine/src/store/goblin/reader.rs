@@ -6,12 +6,13 @@ use std::sync::atomic::AtomicU64;
 
 use super::directory::{Entry, show_sums};
 use super::index::Directory;
+use super::unpacked::Unpacked;
 use crate::store::records::{Descend, RecordLayout};
 use crate::tree::Child;
 use spinney_base::io::{ReadBackend, Stamp};
 use spinney_base::value::Tally;
 use spinney_base::{Error, Result};
-use spinney_container::{HEADER_SIZE, Header, Layer, Metadata, Section};
+use spinney_container::{Codec, HEADER_SIZE, Header, Layer, Metadata, Section};
 
 /// A layer of a Goblin file, open for reading; may be shared by any number of threads.
 ///
@@ -34,8 +35,10 @@ pub struct Goblin {
     pub(super) directory: Directory,
     /// One bit per segment that was found to be good.
     pub(super) checked: Vec<AtomicU64>,
-    /// Bytes of those segments.
+    /// Bytes of those segments in the file.
     pub(super) checked_bytes: AtomicU64,
+    /// Segments that were packed.
+    pub(super) unpacked: Unpacked,
 }
 
 /// An open file with its table of layers.
@@ -52,9 +55,9 @@ pub(super) struct OpenFile {
 }
 
 impl Goblin {
-    /// Whether the file's bytes can be seen where they are, so that holding on to them costs nothing.
+    /// Whether all records can be seen where they are, so that holding on to them costs nothing.
     pub(crate) fn is_mapped(&self) -> bool {
-        self.file.backend.bytes().is_some()
+        self.header.codec == Codec::Plain && self.file.backend.bytes().is_some()
     }
 
     /// The file, for messages.

@@ -33,7 +33,7 @@ impl<'a> Segment<'a> {
         self.index
     }
 
-    /// Records and class counts, as they stand in the file.
+    /// Records and class counts: as they stand in the file, or stood before they were packed.
     pub(crate) fn all_bytes(&self) -> &[u8] {
         &self.bytes
     }

@@ -1,22 +1,23 @@
 //! Puts blocks together to the segments of a Goblin file, in whatever order they come.
 
+use super::packed::pack_sealed;
 use super::segment_copy::SegmentCopy;
 use super::segment_sink::SegmentSink;
-use crate::store::builder::{BuiltBlock, Part, Siblings, StoredNode, TreeSink};
-use spinney_base::Form;
+use crate::store::builder::{BuiltBlock, Part, SealedSegment, Siblings, StoredNode, TreeSink};
 use spinney_base::Result;
+use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::value::{Rule, Value};
-use spinney_container::{Header, LevelCounts, Shape};
+use spinney_container::{Header, LevelCounts};
 
 /// Merges parts whose siblings are complete, seals segments, and hands them to a sink.
 pub(super) struct SegmentBuilder<'k> {
-    form: Form,
-    shape: Shape,
-    rule: Rule,
+    header: Header,
     siblings: Siblings<Part>,
     root: Option<Part>,
     counts: LevelCounts,
+    /// Segments that are to be packed, in their order: those of a batch are packed by all threads.
+    unpacked: Vec<SealedSegment>,
     sink: &'k mut dyn SegmentSink,
 }
 
@@ -27,9 +28,36 @@ impl<'k> SegmentBuilder<'k> {
     /// For the tree of a header. `covered` is the extent of the parts that will come; what is outside is
     /// VOID.
     pub(super) fn new(header: &Header, covered: [u64; 3], sink: &'k mut dyn SegmentSink) -> Self {
-        let Header { form, shape, rule, .. } = *header;
-        let siblings = Siblings::new(form.dimension, shape.depth, covered);
-        SegmentBuilder { form, shape, rule, siblings, root: None, counts: LevelCounts::default(), sink }
+        let siblings = Siblings::new(header.form.dimension, header.depth(), covered);
+        let (header, counts) = (header.clone(), LevelCounts::default());
+        SegmentBuilder { header, siblings, root: None, counts, unpacked: Vec::new(), sink }
+    }
+
+    /// Takes a segment that is the next one: to be packed with others, or at once.
+    fn segment(&mut self, segment: SealedSegment) -> Result<()> {
+        match self.sink.effort() {
+            Some(_) => self.unpacked.push(segment),
+            None => self.sink.segment(segment)?,
+        }
+        Ok(())
+    }
+
+    /// Packs and hands on the segments that wait for that.
+    fn pack(&mut self) -> Result<()> {
+        let Some(effort) = self.sink.effort() else { return Ok(()) };
+        let segments = std::mem::take(&mut self.unpacked);
+        let packed = parallel::map(&segments, |segment| pack_sealed(&self.header, segment, effort));
+        let mut both = segments.into_iter().zip(packed);
+        both.try_for_each(|(segment, packed)| self.sink.segment(SealedSegment { packed, ..segment }))
+    }
+
+    /// Takes a block whose segments are not packed yet.
+    fn add(&mut self, (part, sealed, counts): BuiltBlock) -> Result<()> {
+        self.counts.merge(&counts);
+        if let Some(sealed) = sealed {
+            self.segment(sealed)?;
+        }
+        self.join(part)
     }
 
     /// Takes a part whose own segment is already taken off.
@@ -43,16 +71,16 @@ impl<'k> SegmentBuilder<'k> {
                 self.root = Some(part);
                 return Ok(());
             };
-            let (depth, value_type) = (self.shape.depth, self.form.value);
+            let (depth, value_type) = (self.header.depth(), self.header.form.value);
             let step = part.code.step(parent.level());
             let void = |code| Part::uniform(code, depth, value_type, None, false);
             let Some(parts) = self.siblings.join(parent, step, part, void) else { return Ok(()) };
-            part = Part::merge(parent, &parts, depth, self.rule, &mut self.counts);
+            part = Part::merge(parent, &parts, depth, self.header.rule, &mut self.counts);
             // Invariant: segments are sealed in postorder, each node's before its ancestors', since a part
             // waits for its siblings, and a parent is made of complete ones. So one pass over the cells is
             // one pass over the file, and what is kept of a subtree is what those above still need.
-            if let Some(sealed) = part.seal(&self.shape) {
-                self.sink.segment(sealed)?;
+            if let Some(sealed) = part.seal(&self.header.shape) {
+                self.segment(sealed)?;
             }
         }
     }
@@ -64,24 +92,26 @@ impl<'k> SegmentBuilder<'k> {
 }
 
 impl TreeSink for SegmentBuilder<'_> {
-    fn push(&mut self, (part, sealed, counts): BuiltBlock) -> Result<()> {
-        self.counts.merge(&counts);
-        if let Some(sealed) = sealed {
-            self.sink.segment(sealed)?;
-        }
-        self.join(part)
+    fn push(&mut self, built: BuiltBlock) -> Result<()> {
+        self.push_all(vec![built])
+    }
+
+    fn push_all(&mut self, built: Vec<BuiltBlock>) -> Result<()> {
+        built.into_iter().try_for_each(|built| self.add(built))?;
+        self.pack()
     }
 
     fn can_copy(&self, code: Code, node: &StoredNode<'_>) -> Result<bool> {
         // (Majorities above it are made of the counts of all classes.)
-        let needs_classes = self.rule == Rule::Majority;
-        SegmentCopy::is_possible(node, code, self.form, &self.shape, needs_classes)
+        let needs_classes = self.header.rule == Rule::Majority;
+        SegmentCopy::is_possible(node, code, (self.header.form, &self.header.shape), needs_classes)
     }
 
     fn copy(&mut self, code: Code, representative: Value, node: &StoredNode<'_>) -> Result<()> {
         let copy = SegmentCopy::of(node, code)?.expect(CAN_BE_COPIED);
-        let counts = copy.send(self.sink)?;
+        let counts = copy.send(&self.header, self.sink)?;
         self.counts.merge(&counts);
-        self.join(copy.part(representative, &self.shape)?)
+        self.join(copy.part(representative, &self.header.shape)?)?;
+        self.pack()
     }
 }

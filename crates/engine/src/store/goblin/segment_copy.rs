@@ -1,8 +1,10 @@
 //! Takes over what a file has stored below a node, segment by segment, without making it anew.
 
 use std::any::Any;
+use std::sync::Arc;
 
-use super::directory::NOT_COUNTED;
+use super::directory::{Entry, NOT_COUNTED};
+use super::packed::{are_packed_alike, pack_bytes};
 use super::reader::Goblin;
 use super::segment::Segment;
 use super::segment_sink::SegmentSink;
@@ -12,10 +14,12 @@ use crate::store::records::{RunChildren, RunNode};
 use crate::tree::Child;
 use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::io::FileBytes;
 use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::value::Value;
-use spinney_container::{CUT, INNER, LevelCounts, Shape};
+use spinney_container::{CUT, Codec, Header, INNER, LevelCounts, Shape};
+use spinney_packing::Effort;
 
 /// A node of a file that owns a segment, to be copied to another node.
 pub(super) struct SegmentCopy<'a> {
@@ -26,6 +30,17 @@ pub(super) struct SegmentCopy<'a> {
     own: usize,
     /// Segments of the node and of what is below it, a node's before its ancestors'.
     segments: Vec<usize>,
+}
+
+/// A segment that was counted, and thereby checked, as it is to be written.
+struct ReadySegment<'a> {
+    counts: LevelCounts,
+    entry: Entry,
+    bytes: FileBytes<'a>,
+}
+
+fn send_some(segments: &[ReadySegment<'_>], sink: &mut dyn SegmentSink) -> Result<()> {
+    segments.iter().try_for_each(|segment| sink.copy(&segment.bytes, segment.entry.clone()))
 }
 
 /// Segments that are checked and counted at a time: few enough to be in the processor's cache when they are
@@ -44,8 +59,7 @@ impl<'a> SegmentCopy<'a> {
     pub(super) fn is_possible(
         node: &StoredNode<'_>,
         to: Code,
-        form: Form,
-        shape: &Shape,
+        (form, shape): (Form, &Shape),
         needs_classes: bool,
     ) -> Result<bool> {
         let Some(file) = file_of(node) else { return Ok(false) };
@@ -71,40 +85,62 @@ impl<'a> SegmentCopy<'a> {
         Ok(Some(SegmentCopy { file, from, to, own, segments: below(file, own, from)? }))
     }
 
-    /// Hands the segments to a sink and tells their nodes per level: while some are written, the next are
-    /// counted.
-    pub(super) fn send(&self, sink: &mut dyn SegmentSink) -> Result<LevelCounts> {
+    /// Hands the segments to the sink of a tree with a header, and tells their nodes per level: while some are written, the next are
+    /// counted, and packed or unpacked where the trees differ in that.
+    pub(super) fn send(&self, header: &Header, sink: &mut dyn SegmentSink) -> Result<LevelCounts> {
         // A pipeline of two stages, which the empty batch at the end drains. Invariant: nothing is sent
         // before it was counted, since counting checks it. Records that contradict each other would otherwise
         // be in a new file, under good checksums.
         let mut counts = LevelCounts::default();
-        let mut ready: &[usize] = &[];
+        let mut ready = Vec::new();
+        let effort = sink.effort();
         for next in self.segments.chunks(BATCH).chain([&[][..]]) {
-            let (sent, counted) = parallel::join(|| self.send_some(ready, sink), || self.count(next));
+            let (sent, made) =
+                parallel::join(|| send_some(&ready, sink), || self.make_ready(next, header, effort));
             sent?;
-            counts.merge(&counted?);
-            ready = next;
+            ready = made?;
+            ready.iter().for_each(|ready| counts.merge(&ready.counts));
         }
         Ok(counts)
     }
 
-    fn count(&self, segments: &[usize]) -> Result<LevelCounts> {
-        let mut counts = LevelCounts::default();
-        for counted in parallel::map(segments, |index| self.count_segment(*index)) {
-            counts.merge(&counted?);
-        }
-        Ok(counts)
+    fn make_ready(
+        &self,
+        segments: &[usize],
+        header: &Header,
+        effort: Option<Effort>,
+    ) -> Result<Vec<ReadySegment<'a>>> {
+        let made = parallel::map(segments, |index| self.ready_segment(*index, header, effort));
+        made.into_iter().collect()
     }
 
-    /// Sends segments that were counted, and thereby checked.
-    fn send_some(&self, segments: &[usize], sink: &mut dyn SegmentSink) -> Result<()> {
-        for index in segments {
-            let segment = self.file.segment(*index)?;
-            let mut entry = self.file.entry(*index)?;
-            entry.code = moved(entry.code, self.from, self.to);
-            sink.copy(&segment, entry)?;
-        }
-        Ok(())
+    /// Counts a segment, and makes the bytes that the tree with a header is to have of it.
+    fn ready_segment(
+        &self,
+        index: usize,
+        header: &Header,
+        effort: Option<Effort>,
+    ) -> Result<ReadySegment<'a>> {
+        let segment = self.file.segment(index)?;
+        let counts = self.count_segment(index, &segment)?;
+        let mut entry = self.file.entry(index)?;
+        entry.code = moved(entry.code, self.from, self.to);
+        let (codec, bytes) = match (entry.codec, effort) {
+            (Codec::Plain, None) => return Ok(ReadySegment { counts, entry, bytes: segment.into_bytes() }),
+            (Codec::Packed, Some(_)) if are_packed_alike(self.file.header(), header) => {
+                let bytes = self.file.stored_segment(index)?;
+                return Ok(ReadySegment { counts, entry, bytes });
+            }
+            (_, None) => (Codec::Plain, segment.into_bytes()),
+            (_, Some(effort)) => {
+                match pack_bytes(header, entry.code, entry.records, segment.all_bytes(), effort) {
+                    Some(packed) => (Codec::Packed, FileBytes::Held(Arc::new(packed).into())),
+                    None => (Codec::Plain, segment.into_bytes()),
+                }
+            }
+        };
+        (entry.codec, entry.length, entry.checksum) = (codec, bytes.len() as u64, crc32c::crc32c(&bytes));
+        Ok(ReadySegment { counts, entry, bytes })
     }
 
     /// The part of the tree that the ancestors are merged from, in a tree of this shape.
@@ -126,8 +162,7 @@ impl<'a> SegmentCopy<'a> {
     }
 
     /// Counts the nodes below a segment's records that no deeper segment has, at the levels that they get.
-    fn count_segment(&self, index: usize) -> Result<LevelCounts> {
-        let segment = self.file.segment(index)?;
+    fn count_segment(&self, index: usize, segment: &Segment<'_>) -> Result<LevelCounts> {
         let (layout, shape) = (self.file.layout(), &self.file.header().shape);
         let records = segment.records();
         let mut counts = LevelCounts::default();
@@ -135,12 +170,12 @@ impl<'a> SegmentCopy<'a> {
         while let Some((code, at)) = pending.pop() {
             // Nodes below this level own no segments: all that is below is here.
             if code.level() >= shape.block_level() {
-                self.count_inline(&segment, code, at, &mut counts)?;
+                self.count_inline(segment, code, at, &mut counts)?;
                 continue;
             }
             let mut children = RunChildren::default();
             let read = layout.run_children(records, at, &mut children);
-            read.ok_or_else(|| self.file.bad_skip(&segment, at.record as usize))?;
+            read.ok_or_else(|| self.file.bad_skip(segment, at.record as usize))?;
             let candidates = shape.is_candidate(code.level() + 1);
             let mut nodes = [0; 3];
             for (step, child) in children[..layout.children()].iter().enumerate() {
@@ -156,7 +191,7 @@ impl<'a> SegmentCopy<'a> {
                     Some(found) if found != index && self.file.entry(found)?.code == code => {}
                     _ if is_cut => return Err(self.file.bad_cut(code)),
                     // It might own a segment and does not: it is inline.
-                    _ if candidates => self.count_inline(&segment, code, place, &mut counts)?,
+                    _ if candidates => self.count_inline(segment, code, place, &mut counts)?,
                     _ => pending.push((code, place)),
                 }
             }

@@ -5,7 +5,6 @@
 
 use super::directory::{Entry, show_sums};
 use super::reader::Goblin;
-use super::segment::Segment;
 use super::segment_builder::SegmentBuilder;
 use super::segment_sink::SegmentSink;
 use crate::store::builder::{BuildOptions, SealedSegment, walk};
@@ -13,6 +12,7 @@ use crate::tree::Child;
 use spinney_base::value::{Sums, Tally, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Finding, MAX_FINDINGS};
+use spinney_packing::Effort;
 
 impl Goblin {
     /// Checks all layers of the file: every checksum and every rule of their trees: preorder, skips that add up, representatives and
@@ -178,6 +178,11 @@ impl Checker<'_> {
 
 /// Takes the segments as they should be.
 impl SegmentSink for Checker<'_> {
+    // (What is compared is what segments become when they are unpacked.)
+    fn effort(&self) -> Option<Effort> {
+        None
+    }
+
     fn segment(&mut self, should: SealedSegment) -> Result<()> {
         let size = self.file.layout().size;
         let place = format!("segment {}", should.code);
@@ -207,7 +212,7 @@ impl SegmentSink for Checker<'_> {
         Ok(())
     }
 
-    fn copy(&mut self, _: &Segment<'_>, _: Entry) -> Result<()> {
+    fn copy(&mut self, _: &[u8], _: Entry) -> Result<()> {
         unreachable!("what is to be checked is made anew")
     }
 }

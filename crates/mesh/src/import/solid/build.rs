@@ -159,7 +159,8 @@ impl SolidImport {
             .memory(self.options.memory / 4)
             .metadata(metadata)
             .share(self.options.share)
-            .time(self.options.time);
+            .time(self.options.time)
+            .packed(self.options.codec, self.options.effort);
         let tally = build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
             report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
             report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");

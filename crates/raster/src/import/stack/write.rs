@@ -33,7 +33,8 @@ pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Re
             .memory(stack.memory / 4)
             .metadata(metadata)
             .share(stack.share)
-            .time(stack.time);
+            .time(stack.time)
+            .packed(stack.codec, stack.effort);
         let mut slabs = layer.slabs(&beside, stack.memory / 2, progress)?;
         let nodata = layer.nodata.and_then(|number| layer.value.splat(number));
         let form = Form::new(Dimension::Quad, layer.value);

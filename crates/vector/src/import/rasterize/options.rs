@@ -6,9 +6,10 @@ use std::str::FromStr;
 use spinney_base::space::{Dimension, EdgeRule};
 use spinney_base::value::{Kind, Number, Rule};
 use spinney_base::{Error, Result};
-use spinney_container::{Header, Metadata};
+use spinney_container::{Codec, Header, Metadata};
 use spinney_crs::{Coordinates, Crs, web_mercator};
 use spinney_engine::ops::WarpGrid;
+use spinney_engine::store::Effort;
 
 use crate::import::feature::{Feature, FeatureAttribute, FeatureOptions};
 
@@ -192,6 +193,10 @@ pub struct RasterizeOptions {
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
     pub time: Option<i64>,
+    /// Packing of segments, in Goblin files.
+    pub codec: Codec,
+    /// Effort of packing.
+    pub effort: Effort,
     pub(super) ground: Option<Box<Ground>>,
 }
 
@@ -213,6 +218,8 @@ impl RasterizeOptions {
             memory: DEFAULT_MEMORY,
             share: false,
             time: None,
+            codec: Codec::default(),
+            effort: Effort::default(),
             ground: None,
         }
     }

@@ -245,14 +245,15 @@ impl FeatureImport {
             provenance: self.inputs.iter().map(|input| self.provenance(input)).collect(),
             ..Metadata::default()
         };
-        let RasterizeOptions { rule, memory, share, time, .. } = &self.options;
+        let RasterizeOptions { rule, memory, share, time, codec, effort, .. } = &self.options;
         let used = self.survey.corners * BYTES_EACH;
         let options = BuildOptions::new(self.kind, depth)
             .rule(rule.unwrap_or(self.kind.default_rule()))
             .memory(memory.saturating_sub(used).max(memory / 4))
             .metadata(metadata.clone())
             .share(*share)
-            .time(*time);
+            .time(*time)
+            .packed(*codec, *effort);
         let header = options.header(Form::new(Dimension::Quad, self.value_type), self.extent)?;
         let tree = Blockwise::new(Box::new(tree), &self.inputs[0], header, metadata);
         build(&tree, self.extent, &options, output, progress).map(|_| ())

@@ -1,0 +1,93 @@
+//! Packed segments: what they are to whoever packs and unpacks them, and how many bytes they may become.
+
+use super::directory::NOT_COUNTED;
+use super::segment::COUNT_SIZE;
+use crate::store::builder::SealedSegment;
+use crate::store::records::RecordLayout;
+use spinney_base::space::Code;
+use spinney_base::value::Tally;
+use spinney_container::Header;
+use spinney_packing::{Effort, SegmentForm, pack};
+
+/// What the bytes of a node's segment mean in a tree that has it; `None` if that has no such level.
+pub(super) fn segment_form(header: &Header, node: Code) -> Option<SegmentForm> {
+    let Header { form, rule, kind, shape, .. } = *header;
+    let height = shape.depth.checked_sub(node.level())?;
+    Some(SegmentForm { form, rule, kind, height, reach: shape.reach })
+}
+
+/// Whether a segment means the same in two trees, at nodes with as many levels below them.
+pub(super) fn are_packed_alike(a: &Header, b: &Header) -> bool {
+    let of = |header: &Header| (header.form, header.rule, header.kind, header.shape.reach);
+    of(a) == of(b)
+}
+
+/// Bytes that a packed segment becomes at most, however many it has.
+const MOST_PLAIN: u64 = 64 << 20;
+/// Bytes that it becomes at most: so many, and for each byte of its own so many more.
+const PLAIN_FREE: u64 = 64 << 10;
+const PLAIN_PER_BYTE: u64 = 4096;
+
+/// Whether a segment of so many packed bytes may become so many plain ones: else a small file could ask for a lot of memory, and
+/// time. What would become more is written plain.
+pub(super) fn may_unpack(packed: u64, plain: u64) -> bool {
+    plain <= MOST_PLAIN && plain <= PLAIN_FREE.saturating_add(packed.saturating_mul(PLAIN_PER_BYTE))
+}
+
+/// Packs the bytes of a node's segment, which has so many places; `None` where they are to stay plain.
+pub(super) fn pack_bytes(
+    header: &Header,
+    node: Code,
+    places: u32,
+    plain: &[u8],
+    effort: Effort,
+) -> Option<Vec<u8>> {
+    let form = segment_form(header, node)?;
+    // (Nobody has to pack what nobody may unpack.)
+    if !may_unpack(plain.len() as u64, plain.len() as u64) {
+        return None;
+    }
+    pack(&form, places, plain, effort).filter(|packed| may_unpack(packed.len() as u64, plain.len() as u64))
+}
+
+/// Packs a segment, if that makes it smaller.
+pub(super) fn pack_sealed(header: &Header, segment: &SealedSegment, effort: Effort) -> Option<Vec<u8>> {
+    let (_, counts) = class_counts(header, &segment.tally);
+    let places = RecordLayout::new(header.form).count(&segment.records) as u32;
+    let joined = (!counts.is_empty()).then(|| [&segment.records[..], &counts].concat());
+    pack_bytes(header, segment.code, places, joined.as_ref().unwrap_or(&segment.records), effort)
+}
+
+/// The class counts that follow a segment's records: their number as the directory has it, and their bytes, of each the value's, then
+/// the cells.
+pub(super) fn class_counts(header: &Header, tally: &Tally) -> (u16, Vec<u8>) {
+    let listed = if header.counts_classes() { tally.listed_classes() } else { Some(&[][..]) };
+    let Some(classes) = listed else { return (NOT_COUNTED, Vec::new()) };
+    let width = header.form.width();
+    let mut bytes = Vec::with_capacity(classes.len() * (width + COUNT_SIZE));
+    for (value, cells) in classes {
+        bytes.extend_from_slice(&value.to_bytes()[..width]);
+        bytes.extend_from_slice(&cells.to_le_bytes());
+    }
+    (classes.len() as u16, bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_bytes_become_no_more_than_they_may() {
+        for (packed, plain, may) in [
+            (0, 65_536, true),
+            (0, 65_537, false),
+            (1, 69_632, true),
+            (1, 69_633, false),
+            (1 << 40, 64 << 20, true),
+            (1 << 40, (64 << 20) + 1, false),
+            (u64::MAX, u64::MAX, false),
+        ] {
+            assert_eq!(may_unpack(packed, plain), may, "{packed} {plain}");
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! Bytes of segments, as the directory tells them.
+
+use super::directory::SegmentLocation;
+use super::reader::Goblin;
+use spinney_base::Result;
+use spinney_base::space::Code;
+
+/// The segments of nodes of a level.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LevelBytes {
+    /// The level.
+    pub level: u8,
+    /// Number of segments.
+    pub segments: u64,
+    /// Number of those that are packed.
+    pub packed: u64,
+    /// Bytes of all of them in the file.
+    pub bytes: u64,
+    /// Bytes that they have when they are unpacked.
+    pub plain: u64,
+}
+
+impl Goblin {
+    /// The bytes of all segments by the levels of their nodes, from the root down. No segment is read, but all of the directory.
+    ///
+    /// # Errors
+    /// If a page of the directory is damaged.
+    pub fn level_bytes(&self) -> Result<Vec<LevelBytes>> {
+        let mut levels: Vec<LevelBytes> = Vec::new();
+        for index in 0..self.segments() {
+            let entry =
+                SegmentLocation::read(&self.entry_bytes(index)?).ok_or_else(|| self.changed(index))?;
+            let node = Code::from_bits(self.layout.dimension, entry.code);
+            let level = node.ok_or_else(|| self.changed(index))?.level();
+            let at = levels.binary_search_by_key(&level, |known| known.level).unwrap_or_else(|at| {
+                levels.insert(at, LevelBytes { level, segments: 0, packed: 0, bytes: 0, plain: 0 });
+                at
+            });
+            let sum = &mut levels[at];
+            sum.segments += 1;
+            sum.packed += u64::from(entry.is_packed);
+            sum.bytes = sum.bytes.saturating_add(entry.length);
+            sum.plain = sum.plain.saturating_add(self.plain_length(entry.records, entry.classes));
+        }
+        Ok(levels)
+    }
+}

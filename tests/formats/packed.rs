@@ -1,0 +1,480 @@
+//! Packed segments: the same trees and the same answers in fewer bytes, and errors where these are damaged.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use spinney::dataset::Dataset;
+use spinney::io::{Output, RangeCache};
+use spinney::ops::{self, Chain, Operation, Universe};
+use spinney::query::{ContourLevels, ContourRequest, LabelRequest, PointSamples, PolygonRequest};
+use spinney::space::{Bounds, Dimension};
+use spinney::store::autumnal::Note;
+use spinney::store::goblin::{Goblin, LevelBytes};
+use spinney::store::{BuildOptions, Codec, Effort, OpenOptions, WriteOptions, build_slabs};
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule, SampleType};
+use spinney::{Error, dataset};
+
+use super::attack_goblin::{TREE_FIELDS, changed, fields};
+use super::hostile::truncate_and_flip;
+use super::ranges::{self, Question, question, questions};
+use crate::common::{
+    Cells, QUAD, Random, bytes_of, goblin_bytes, oct, oct_size, options, quad, quad_size, value, value_types,
+    write_cells,
+};
+use crate::targets::seal;
+use crate::targets::trees::ask_goblin;
+
+const MEMORY: u64 = 64 << 20;
+
+fn packing(effort: Effort) -> WriteOptions {
+    WriteOptions::new(MEMORY).packed(Codec::Packed, effort)
+}
+
+/// The same file with other packing.
+fn converted(bytes: &[u8], how: WriteOptions) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let [from, to] = ["from.goblin", "to.goblin"].map(|name| folder.path().join(name));
+    std::fs::write(&from, bytes).unwrap();
+    ops::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
+    std::fs::read(&to).unwrap()
+}
+
+fn packed(bytes: &[u8]) -> Vec<u8> {
+    converted(bytes, packing(Effort::Fast))
+}
+
+fn plain(bytes: &[u8]) -> Vec<u8> {
+    converted(bytes, WriteOptions::new(MEMORY))
+}
+
+/// The bytes of the packed file that slabs make.
+fn built(cells: &Cells, rule: Rule, kind: Kind, memory: u64) -> Vec<u8> {
+    bytes_of(|path| {
+        let how = packing(Effort::Fast);
+        let options = options(rule, kind, cells.depth()).packed(how.codec, how.effort).memory(memory);
+        write_cells(path, cells, &options);
+    })
+}
+
+fn open(bytes: &[u8]) -> Dataset {
+    Dataset::of(Goblin::from_bytes(bytes.to_vec()).unwrap().into()).unwrap()
+}
+
+/// Segments, those of them that are packed, their bytes, and those that they become.
+fn sums(tree: &Dataset) -> [u64; 4] {
+    let levels = tree.level_bytes(usize::MAX).unwrap().unwrap();
+    let sum = |of: fn(&LevelBytes) -> u64| levels.iter().map(of).sum();
+    [sum(|of| of.segments), sum(|of| of.packed), sum(|of| of.bytes), sum(|of| of.plain)]
+}
+
+fn kind_of(rule: Rule) -> Kind {
+    if rule == Rule::Majority { Kind::Categorical } else { Kind::Continuous }
+}
+
+/// Trees of several segments, of both dimensions and of several types.
+fn large_files() -> Vec<Vec<u8>> {
+    let of = |cells: Cells, rule: Rule| goblin_bytes(&cells, rule, kind_of(rule));
+    vec![
+        of(Cells::random(QUAD, 8, [700, 600, 1], 100, true), Rule::Mean),
+        of(Cells::noise(QUAD, 3, [520, 400, 1], 30), Rule::Majority),
+        of(Cells::noise(quad(SampleType::F32, 2), 4, [520, 300, 1], 30), Rule::Mean),
+        of(Cells::noise(oct(SampleType::U16, 1), 5, [70, 90, 66], 30), Rule::Max),
+    ]
+}
+
+#[test]
+fn packed_and_back_the_bytes_are_the_same() {
+    let mut random = Random(71);
+    let mut sum = [0; 4];
+    for (number, value_type) in value_types().into_iter().enumerate() {
+        for dimension in [Dimension::Quad, Dimension::Oct] {
+            let form = Form::new(dimension, value_type);
+            for rule in Rule::ALL {
+                let size = if form.axes() == 2 { quad_size(&mut random) } else { oct_size(&mut random) };
+                let cells = Cells::random(form, number as u64 + 100, size, 60, true);
+                let kind = kind_of(rule);
+                let first = goblin_bytes(&cells, rule, kind);
+                let small = packed(&first);
+                let what = format!("{form}, {rule}, {size:?}");
+                assert!(small == built(&cells, rule, kind, MEMORY), "{what}: built otherwise");
+                assert!(plain(&small) == first, "{what}: not what it was");
+                let (tree, same) = (open(&small), open(&first));
+                assert_eq!(tree.header().codec, Codec::Packed, "{what}");
+                assert_eq!(tree.verify(MEMORY, &()).unwrap(), [], "{what}");
+                assert_eq!(tree.stored_records(), same.stored_records());
+                let [segments, packed, bytes, unpacked] = sums(&tree);
+                assert_eq!([segments, 0, unpacked, unpacked], sums(&same), "{what}");
+                assert!(bytes <= unpacked);
+                sum = [sum[0] + segments, sum[1] + packed, sum[2] + bytes, sum[3] + unpacked];
+            }
+        }
+    }
+    assert!(sum[1] > sum[0] / 2 && sum[2] < sum[3], "{sum:?}");
+}
+
+/// Questions beside those of files elsewhere; what a tree cannot answer, it refuses in the same words.
+fn more_questions() -> Vec<Question> {
+    vec![
+        question("all of it as text", |tree| tree.df_text(1 << 22)),
+        question("the classic table", |tree| tree.classic_table(1 << 22)),
+        question("codes of leaves", |tree| tree.leaf_codes(1 << 22)),
+        question("nodes by level", |tree| {
+            Ok(tree.level_counts(u64::MAX, &())?.map(|counts| counts.levels().to_vec()))
+        }),
+        question("rows as they are stored", |tree| {
+            // (Whoever has none copies.)
+            tree.stored_rows(tree.depth(), &Bounds { min: [0; 3], max: [16, 16, 1] }).map(|_| ())
+        }),
+        question("contours", |tree| {
+            let (mut lines, levels) = (Vec::new(), ContourLevels::Every { step: 40.0, base: 0.5 });
+            tree.contours(&ContourRequest::new(levels), &(), &mut |line| {
+                lines.push((line.value(), line.count(0), line.is_closed()));
+                Ok(())
+            })?;
+            Ok(lines)
+        }),
+        question("polygons", |tree| {
+            let mut regions = Vec::new();
+            tree.polygons(&PolygonRequest::new(), &(), &mut |region| {
+                regions.push(region.cells());
+                Ok(())
+            })?;
+            Ok(regions)
+        }),
+        question("labels", |tree| {
+            let mut request = LabelRequest::new();
+            request.connect = Some(if tree.header().form.axes() == 2 { "4" } else { "6" }.parse()?);
+            let mut labels = Vec::new();
+            tree.labels(&request, &(), &mut |label| {
+                labels.push(label.cells());
+                Ok(())
+            })?;
+            Ok(labels)
+        }),
+        question("a solid", |tree| tree.solid(tree.depth(), &()).map(|solid| format!("{solid:?}"))),
+        question("verification of all", |tree| tree.verify(MEMORY, &())),
+    ]
+}
+
+#[test]
+fn all_questions_have_the_same_answers() {
+    let folder = tempfile::tempdir().unwrap();
+    for (number, bytes) in large_files().iter().enumerate() {
+        let small = Arc::new(packed(bytes));
+        let path = folder.path().join(format!("{number}.goblin"));
+        std::fs::write(&path, &*small).unwrap();
+        let open_as = |options: &OpenOptions| dataset::open(&path, options).unwrap();
+        let trees =
+            [open(&small), open_as(&OpenOptions::new()), open_as(&OpenOptions::new().positioned(1 << 20))];
+        let (expected, [segments, packed, ..]) = (open(bytes), sums(&trees[0]));
+        assert!(segments > 2 && packed > segments / 2, "{packed} of {segments} of file {number}");
+        let name = path.display().to_string();
+        for (what, question) in questions().into_iter().chain(more_questions()) {
+            let answer =
+                |tree: &Dataset| question(tree).map_err(|error| error.to_string().replace(&name, "(memory)"));
+            let right = answer(&expected);
+            for (way, tree) in trees.iter().enumerate() {
+                assert!(answer(tree) == right, "{what} of file {number}, opened in way {way}");
+            }
+        }
+    }
+}
+
+#[test]
+fn files_elsewhere_have_the_same_answers() {
+    for (number, bytes) in large_files().iter().enumerate() {
+        let (expected, small) = (open(bytes), Arc::new(packed(bytes)));
+        for (what, question) in questions() {
+            let right = question(&expected).unwrap();
+            // Each with nothing held, and where hardly anything can be.
+            for cache in [64 << 20, 100_000] {
+                let (file, rounds) = ranges::far(&small, cache);
+                let found = ranges::opened(file).and_then(|tree| question(&tree)).unwrap();
+                assert!(found == right, "{what} of file {number} with {cache} bytes");
+                let rounds = rounds.lock().unwrap();
+                assert!(cache < 64 << 20 || rounds.len() <= 43, "{what}: {rounds:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn operations_make_the_same_of_packed_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let create = |name: &str| Output::create(&path(name)).unwrap();
+    for (number, bytes) in large_files().iter().enumerate() {
+        let other = open(bytes);
+        let form = other.header().form;
+        let second = Cells::random(form, 77, other.header().extent, 20, true);
+        let second = goblin_bytes(&second, other.header().rule, other.header().kind);
+        for (name, bytes) in [
+            ("a.goblin", bytes.clone()),
+            ("b.goblin", second.clone()),
+            ("pa.goblin", packed(bytes)),
+            ("pb.goblin", packed(&second)),
+        ] {
+            std::fs::write(path(name), bytes).unwrap();
+        }
+        // (Names of files are told by what is made of them.)
+        let cells_of = |name: &str| {
+            let tree = dataset::open(&path(name), &OpenOptions::new()).unwrap();
+            let mut options = tree.build_options(MEMORY);
+            options.metadata.provenance.clear();
+            let bytes = bytes_of(|to| tree.build(&options, Output::create(to).unwrap(), &()).unwrap());
+            (bytes, sums(&tree))
+        };
+        let shift = if form.axes() == 2 { "translate=64,64" } else { "translate=64,64,0" };
+        for step in [None, Some(shift), Some("scale=0.5")] {
+            let steps: Vec<ops::Step> = step.iter().map(|step| step.parse().unwrap()).collect();
+            let make = |name: &str, how| {
+                let chain = Chain { steps: steps.clone(), ..Chain::of(&path(name)) };
+                ops::transform(&chain, create("out.goblin"), how, &()).unwrap();
+                cells_of("out.goblin")
+            };
+            let [plain, packed] = [WriteOptions::new(MEMORY), packing(Effort::Fast)];
+            let expected = make("a.goblin", plain);
+            assert!(make("pa.goblin", plain) == expected, "{step:?} of file {number}");
+            let small = make("a.goblin", packed);
+            assert!(make("pa.goblin", packed) == small, "{step:?} of file {number}");
+            assert!(small.0 == expected.0, "{step:?} of file {number}, packed");
+        }
+        for operation in [Operation::Over, Operation::Changed] {
+            let made = [["a.goblin", "b.goblin"], ["pa.goblin", "b.goblin"], ["pa.goblin", "pb.goblin"]].map(
+                |names| {
+                    let files: Vec<PathBuf> = names.map(|name| path(name)).to_vec();
+                    let how = packing(Effort::Small);
+                    let outcome = ops::combine(
+                        operation,
+                        None,
+                        Universe::Usual,
+                        &files,
+                        create("out.goblin"),
+                        how,
+                        &(),
+                    );
+                    (outcome.unwrap(), cells_of("out.goblin"))
+                },
+            );
+            assert!(made[0] == made[1] && made[0] == made[2], "{operation} of file {number}");
+        }
+    }
+}
+
+#[test]
+fn bytes_depend_on_nothing_else() {
+    let cells = Cells::random(QUAD, 5, [1500, 900, 1], 9, true);
+    let build = |threads, memory| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| built(&cells, Rule::Majority, Kind::Categorical, memory))
+    };
+    let one = build(1, MEMORY);
+    for (threads, memory) in [(2, MEMORY), (5, MEMORY), (1, 1 << 16), (3, 1 << 16), (2, 4 << 30)] {
+        assert!(build(threads, memory) == one, "{threads} threads, {memory} bytes");
+    }
+    let plain = goblin_bytes(&cells, Rule::Majority, Kind::Categorical);
+    let convert = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| packed(&plain))
+    };
+    assert!(convert(1) == one && convert(4) == one);
+}
+
+#[test]
+fn layers_are_copied_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let cells = |seed| Cells::random(QUAD, seed, [700, 600, 1], 40, true);
+    let [first, second] = [1, 2].map(|seed| goblin_bytes(&cells(seed), Rule::Mean, Kind::Continuous));
+    std::fs::write(path("a.goblin"), packed(&first)).unwrap();
+    std::fs::write(path("b.goblin"), &second).unwrap();
+    let before = sums(&dataset::open(&path("a.goblin"), &OpenOptions::new()).unwrap());
+    let add = |name: &str, how| {
+        let chain = Chain::of(&path("b.goblin"));
+        ops::add_layer(&path("a.goblin"), name, &chain, Note::default(), how, &()).unwrap();
+    };
+    add("plain", WriteOptions::new(MEMORY));
+    add("packed", packing(Effort::Fast));
+    let all = dataset::open(&path("a.goblin"), &OpenOptions::new()).unwrap();
+    let codecs = all.layers().unwrap().iter().map(|layer| layer.header.codec).collect::<Vec<_>>();
+    assert_eq!(codecs, [Codec::Packed, Codec::Plain, Codec::Packed]);
+    assert_eq!(all.verify(MEMORY, &()).unwrap(), []);
+    assert_eq!(sums(&all.layer("a").unwrap()), before);
+    assert_eq!(sums(&all.layer("plain").unwrap())[1], 0);
+    let names = ["plain", "packed"].map(|name| all.layer(name).unwrap());
+    for (_, question) in questions() {
+        assert!(question(&names[0]).unwrap() == question(&names[1]).unwrap());
+    }
+    // Whoever converts is asked.
+    let how = WriteOptions::new(MEMORY);
+    ops::convert(&path("a.goblin"), false, Output::create(&path("c.goblin")).unwrap(), how, &()).unwrap();
+    let all = dataset::open(&path("c.goblin"), &OpenOptions::new()).unwrap();
+    assert!(all.layers().unwrap().iter().all(|layer| layer.header.codec == Codec::Plain));
+    ops::drop_layer(&path("a.goblin"), "plain", Note::default(), MEMORY, &()).unwrap();
+    let all = dataset::open(&path("a.goblin"), &OpenOptions::new()).unwrap();
+    assert!(all.layers().unwrap().iter().all(|layer| layer.header.codec == Codec::Packed));
+}
+
+#[test]
+fn history_is_not_packed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let cells = Cells::random(QUAD, 1, [90, 60, 1], 9, true);
+    std::fs::write(path("a.goblin"), goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    let create = || Output::create(&path("a.autumn")).unwrap();
+    let how = packing(Effort::Fast);
+    let converted = ops::convert(&path("a.goblin"), false, create(), how, &());
+    let options = BuildOptions::new(Kind::Continuous, 7).packed(how.codec, how.effort);
+    let nodata = Some(value(QUAD.value, 250));
+    let built = build_slabs(QUAD, &mut cells.slabs(value(QUAD.value, 250)), nodata, &options, create(), &());
+    for refused in [converted, built] {
+        let text = refused.unwrap_err().to_string();
+        assert!(text.contains("compact") && text.contains(".goblin"), "{text}");
+        assert!(!path("a.autumn").exists());
+    }
+    ops::convert(&path("a.goblin"), false, create(), WriteOptions::new(MEMORY), &()).unwrap();
+    let chain = Chain::of(&path("a.goblin"));
+    let added = ops::add_layer(&path("a.autumn"), "more", &chain, Note::default(), how, &());
+    assert!(matches!(added, Err(Error::Unsupported { .. })));
+    // From there it can be.
+    ops::convert(&path("a.autumn"), false, Output::create(&path("b.goblin")).unwrap(), how, &()).unwrap();
+    assert!(std::fs::read(path("b.goblin")).unwrap() == packed(&std::fs::read(path("a.goblin")).unwrap()));
+}
+
+#[test]
+fn damage_is_found() {
+    for bytes in [
+        goblin_bytes(&Cells::random(QUAD, 3, [600, 500, 1], 30, true), Rule::Majority, Kind::Categorical),
+        goblin_bytes(
+            &Cells::random(oct(SampleType::I16, 1), 4, [90, 70, 80], 9, true),
+            Rule::Mean,
+            Kind::Continuous,
+        ),
+    ] {
+        truncate_and_flip(&packed(&bytes), 12, 40);
+    }
+    let tiny = goblin_bytes(&Cells::random(QUAD, 9, [30, 20, 1], 4, true), Rule::Mean, Kind::Continuous);
+    truncate_and_flip(&packed(&tiny), 100, 100);
+}
+
+/// Places of the entries of the directory of a file's only layer.
+fn entries(file: &[u8]) -> Vec<usize> {
+    let layer = seal::layers(file)[0];
+    let size = seal::entry_size(file, layer);
+    let pages = seal::pages(file, layer);
+    pages.iter().flat_map(|(_, page)| seal::entries(file, page, size)).collect()
+}
+
+/// Each number that tells how a segment is packed set to whatever does harm, and bytes of packed segments, with right checksums.
+#[test]
+fn what_is_said_of_packed_segments_does_no_harm() {
+    let cells = Cells::random(QUAD, 3, [500, 300, 1], 5, true);
+    let file = packed(&goblin_bytes(&cells, Rule::Majority, Kind::Categorical));
+    let mut all = fields("the tree's header", seal::layers(&file)[0], &TREE_FIELDS);
+    for entry in entries(&file) {
+        all.extend(fields("an entry", entry, &[8, 8, 8, 4, 2, 1, 1, 4, 8]));
+    }
+    let ask = |mut file: Vec<u8>, what: String| {
+        let start = Instant::now();
+        seal::goblin(&mut file);
+        ask_goblin(file);
+        assert!(start.elapsed() < Duration::from_secs(10), "{what} took {:?}", start.elapsed());
+    };
+    for field in all {
+        changed(&file, &field, &mut |file, what| ask(file, what));
+    }
+    let mut random = Random(5);
+    let run = seal::long(&file, seal::layers(&file)[0] + 88) as usize;
+    for entry in entries(&file) {
+        let (start, length) = (run + seal::long(&file, entry + 8) as usize, seal::long(&file, entry + 16));
+        for _ in 0..30 {
+            let at = start + random.below(length) as usize;
+            let mut file = file.clone();
+            file[at] ^= 1 << random.below(8);
+            ask(file, format!("byte {at} of a segment"));
+        }
+    }
+}
+
+#[test]
+fn codecs_are_those_that_are_known() {
+    let cells = Cells::random(QUAD, 3, [500, 300, 1], 5, true);
+    let file = packed(&goblin_bytes(&cells, Rule::Mean, Kind::Continuous));
+    let changed = |at: usize, byte: u8| {
+        let mut file = file.clone();
+        file[at] = byte;
+        seal::goblin(&mut file);
+        Goblin::from_bytes(file)
+    };
+    let layer = seal::layers(&file)[0];
+    let unknown = changed(layer + 4, 2);
+    assert!(matches!(unknown, Err(Error::Unsupported { found, .. }) if found == "codec number 2"));
+    // A tree that has packed segments says so.
+    let text = |file: Goblin| file.segment(0).map(drop).unwrap_err().to_string();
+    assert!(text(changed(layer + 4, 0).unwrap()).contains("a packed segment"));
+    let entry = entries(&file)[0];
+    assert!(text(changed(entry + 30, 2).unwrap()).contains("codec number 2 of a segment"));
+    assert!(text(changed(entry + 30, 0).unwrap()).contains("bytes, "));
+    assert!(Goblin::from_bytes(file).unwrap().segment(0).is_ok());
+}
+
+#[test]
+fn few_bytes_do_not_become_very_many() {
+    let cells = Cells::random(QUAD, 3, [500, 300, 1], 5, true);
+    let file = packed(&goblin_bytes(&cells, Rule::Mean, Kind::Continuous));
+    for places in [u32::MAX, 1 << 24, 1 << 23] {
+        let mut bomb = file.clone();
+        for entry in entries(&file) {
+            seal::set_short(&mut bomb, entry + 24, places);
+        }
+        seal::goblin(&mut bomb);
+        let bomb = Goblin::from_bytes(bomb).unwrap();
+        for index in 0..bomb.segments() {
+            let refused = bomb.segment(index).map(drop).unwrap_err();
+            assert!(matches!(refused, Error::Corrupt { .. }), "{refused}");
+        }
+        assert!(!open_goblin(bomb).verify(MEMORY, &()).unwrap().is_empty());
+    }
+}
+
+fn open_goblin(file: Goblin) -> Dataset {
+    Dataset::of(file.into()).unwrap()
+}
+
+/// What is unpacked stays within the limit, whatever the threads do, and each answer is right.
+#[test]
+fn threads_share_what_is_unpacked() {
+    let bytes =
+        goblin_bytes(&Cells::random(QUAD, 8, [2100, 1500, 1], 200, false), Rule::Mean, Kind::Continuous);
+    let (tree, expected) = (open(&packed(&bytes)), open(&bytes));
+    let cache = RangeCache::unpacked();
+    let limit = cache.limit();
+    cache.set_limit(2 << 20);
+    std::thread::scope(|scope| {
+        for thread in 0..8u64 {
+            let (tree, expected) = (&tree, &expected);
+            scope.spawn(move || {
+                let mut random = Random(thread + 1);
+                let (mut found, mut right) = (vec![0u8; 1 << 14], vec![0u8; 1 << 14]);
+                let [mut points, mut right_points] = [PointSamples::default(), PointSamples::default()];
+                for _ in 0..4 {
+                    let min = [random.below(1900), random.below(1300), 0];
+                    let bounds = Bounds { min, max: [min[0] + 128, min[1] + 128, 1] };
+                    tree.window(tree.depth(), &bounds, 0.0, &mut found, None).unwrap();
+                    expected.window(tree.depth(), &bounds, 0.0, &mut right, None).unwrap();
+                    assert!(found == right);
+                    let cells: Vec<[u64; 3]> =
+                        (0..200).map(|_| [random.below(2200), random.below(1600), 0]).collect();
+                    tree.points(&cells, tree.depth(), &mut points).unwrap();
+                    expected.points(&cells, tree.depth(), &mut right_points).unwrap();
+                    assert!((0..200).all(|at| points.value(at) == right_points.value(at)));
+                    // (One segment may be larger than the limit.)
+                    assert!(cache.held() <= 8 << 20, "{}", cache.held());
+                }
+            });
+        }
+    });
+    cache.set_limit(limit);
+}
