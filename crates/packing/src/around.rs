@@ -45,7 +45,13 @@ pub(crate) const fn steps<const C: usize, const D: usize>() -> [[Step; D]; C] {
             let (mut towards, mut there, mut axis) = ([0i8; 3], 0u8, 0);
             while axis < axes {
                 let place = (child >> axis & 1) as i8 + directions[direction][axis];
-                towards[axis] = if place < 0 { -1 } else if place > 1 { 1 } else { 0 };
+                towards[axis] = if place < 0 {
+                    -1
+                } else if place > 1 {
+                    1
+                } else {
+                    0
+                };
                 there |= ((place & 1) as u8) << axis;
                 axis += 1;
             }

@@ -31,9 +31,11 @@ pub(crate) fn code_fullness<K: BitCoder>(
             LEAF => (u128::from(leaf(node)) * cells, true),
             CUT => (u128::from(nodes.fullness[at]) * cells, false),
             INNER => {
-                let below = nodes.first(node).map_or(0..0, |first| first as usize..first as usize + (1 << axes));
-                let (sum, is_known) =
-                    sums[below].iter().fold((0, true), |(sum, known), below| (sum + below.0, known && below.1));
+                let below =
+                    nodes.first(node).map_or(0..0, |first| first as usize..first as usize + (1 << axes));
+                let (sum, is_known) = sums[below]
+                    .iter()
+                    .fold((0, true), |(sum, known), below| (sum + below.0, known && below.1));
                 let expected = ((2 * sum + cells) / (2 * cells)) as u8;
                 let error = truth.get(at).map_or(0, |truth| truth.wrapping_sub(expected));
                 let error = if is_known { 0 } else { code_error(coder, &mut contexts, error) };

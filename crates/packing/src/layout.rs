@@ -28,7 +28,8 @@ pub(crate) struct Head {
 }
 
 /// States of the bottom nodes of a dense block by its mark: those whose bit is set, and all others.
-const BOTTOM: [(u8, u8); 6] = [(LEAF, LEAF), (LEAF, LEAF), (CUT, CUT), (LEAF, VOID), (CUT, VOID), (CUT, LEAF)];
+const BOTTOM: [(u8, u8); 6] =
+    [(LEAF, LEAF), (LEAF, LEAF), (CUT, CUT), (LEAF, VOID), (CUT, VOID), (CUT, LEAF)];
 
 impl Head {
     pub(crate) fn state(self, child: usize) -> u8 {

@@ -7,6 +7,7 @@ mod around;
 mod bits;
 mod counts;
 mod fullness;
+mod initial;
 mod layout;
 mod masks;
 mod nodes;
@@ -14,6 +15,8 @@ mod plain;
 mod planes;
 mod samples;
 mod segment;
+#[cfg(test)]
+mod tests;
 mod values;
 
 pub use segment::{Damage, Effort, SegmentForm, pack, unpack};

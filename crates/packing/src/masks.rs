@@ -2,29 +2,30 @@
 
 use crate::bits::{Adaptive, BitCoder};
 
-/// Neighbours that come before a bit: steps along x, y and z.
-const BEFORE: [[usize; 3]; 6] = [[1, 0, 0], [0, 1, 0], [1, 1, 0], [2, 0, 0], [0, 0, 1], [0, 1, 1]];
-
-/// Codes a bit for each bottom node, in the context of those before it.
+/// Codes a bit for each bottom node of a block with so many levels, row by row, in the context of six before it: the two before it in its
+/// row, three around it in the row before, and in octrees the one in the same place of the layer before.
 pub(crate) fn code_mask<K: BitCoder>(coder: &mut K, axes: usize, levels: u8, bits: &mut [u8]) {
-    let mut contexts = [Adaptive::default(); 1 << BEFORE.len()];
+    let mut contexts = [Adaptive::default(); 64];
     let side = 1usize << levels;
-    let is_set = |bits: &[u8], at: usize| bits[at / 8] >> (at % 8) & 1 == 1;
-    for z in 0..if axes == 3 { side } else { 1 } {
-        for y in 0..side {
-            for x in 0..side {
-                let at = (z * side + y) * side + x;
-                let mut context = 0;
-                for [dx, dy, dz] in BEFORE {
-                    let is_there = dx <= x && dy <= y && dz <= z;
-                    let before = is_there && is_set(bits, at - (dz * side + dy) * side - dx);
-                    context = context << 1 | usize::from(before);
-                }
-                let bit = coder.bit(&mut contexts[context], is_set(bits, at));
-                if K::READS && bit {
-                    bits[at / 8] |= 1 << (at % 8);
-                }
+    let rows = if axes == 3 { side * side } else { side };
+    let is_set = |bits: &[u8], at: usize| usize::from(bits[at / 8] >> (at % 8) & 1);
+    for row in 0..rows {
+        let start = row * side;
+        let before = (row % side > 0).then(|| start - side);
+        let below = start.checked_sub(side * side);
+        // The row's last two bits, and those of the row before up to the next place.
+        let mut own = 0;
+        let mut above = before.map_or(0, |before| is_set(bits, before));
+        for x in 0..side {
+            let next = before.filter(|_| x + 1 < side).map_or(0, |before| is_set(bits, before + x + 1));
+            above = (above << 1 | next) & 7;
+            let layer = below.map_or(0, |below| is_set(bits, below + x));
+            let bit = coder.bit(&mut contexts[own << 4 | above << 1 | layer], is_set(bits, start + x) == 1);
+            if K::READS && bit {
+                let at = start + x;
+                bits[at / 8] |= 1 << (at % 8);
             }
+            own = (own << 1 | usize::from(bit)) & 3;
         }
     }
 }

@@ -165,7 +165,7 @@ fn pattern<const D: usize>(words: &[u32; D], is_true: impl Fn(u32) -> bool) -> u
         bits(words)
     } else {
         let edges: usize = words[FACES..].iter().map(|word| usize::from(is_true(*word))).sum();
-        bits(&words[..FACES]) << 2 | edges.min(11) / 3
+        (bits(&words[..FACES]) << 2) | (edges.min(11) / 3)
     }
 }
 
@@ -319,7 +319,8 @@ fn code_fullness<K: BitCoder, const D: usize>(
 ) -> u8 {
     let faces = words[..FACES].iter();
     let is_value = |word: &&u32| **word & 1 == 0 && **word >> 1 >= FIRST_VALUE;
-    let (full, empty) = (faces.clone().filter(is_value).count(), faces.filter(|word| **word == NOTHING << 1).count());
+    let (full, empty) =
+        (faces.clone().filter(is_value).count(), faces.filter(|word| **word == NOTHING << 1).count());
     let context = &mut contexts.sixteenths[full * (FACES + 1) + empty];
     let upper = coder.symbol(context, usize::from(fullness >> 4));
     let lower = coder.symbol(&mut contexts.parts[upper], usize::from(fullness & 15));

@@ -111,7 +111,7 @@ impl Parsed {
 }
 
 /// The state of a node of a dense block, of whose bytes these are the first.
-fn dense_state(layout: &Layout, block: &[u8], dense: Dense, level: u8, index: usize) -> u8 {
+pub(crate) fn dense_state(layout: &Layout, block: &[u8], dense: Dense, level: u8, index: usize) -> u8 {
     let (set, other) = dense.bottom();
     let bits = &block[layout.dense_bits(dense.levels)..];
     let state = |at: usize| if dense.has_bits() && bits[at / 8] >> (at % 8) & 1 == 0 { other } else { set };

@@ -8,7 +8,8 @@
 use spinney_base::Form;
 use spinney_base::value::Rule;
 
-use crate::bits::{AdaptiveSymbols, BitCoder};
+use crate::bits::{AdaptiveSymbols, BitCoder, SYMBOLS};
+use crate::initial;
 use crate::layout::{Dense, Layout, VOID};
 use crate::masks::code_mask;
 use crate::samples::{self, Whole, is_narrow};
@@ -105,6 +106,17 @@ impl<T: Whole> Grid<T> {
         &mut self.values[start..start + self.side]
     }
 
+    /// Calls for each row with its number, y and z.
+    fn each_row(&self, each: impl FnMut(usize, usize, usize)) {
+        for_rows(self.side, self.axes, each);
+    }
+
+    /// Where the children with a number of a row of nodes stand in the grid of children: every second value.
+    fn child_row(&self, child: usize, y: usize, z: usize) -> std::ops::Range<usize> {
+        let start = self.row(2 * y + (child >> 1 & 1), 2 * z + (child >> 2), [(child & 1) as isize, 0, 0]);
+        start..start + self.side - 1
+    }
+
     /// Repeats the values at the border around all.
     fn pad(&mut self) {
         let (side, wide) = (self.side, self.side + 2);
@@ -123,6 +135,12 @@ impl<T: Whole> Grid<T> {
     }
 }
 
+/// Calls for each row of a level with its number, y and z.
+fn for_rows(side: usize, axes: usize, mut each: impl FnMut(usize, usize, usize)) {
+    let rows = (0..if axes == 3 { side } else { 1 }).flat_map(|z| (0..side).map(move |y| (y, z)));
+    rows.enumerate().for_each(|(row, (y, z))| each(row, y, z));
+}
+
 /// Contexts of a plane by how much is expected to be wrong: two per doubling.
 pub(crate) const SIZES: usize = 128;
 /// Contexts of sums: by what they are expected to be, in halves from -2 to 2, and by how much is expected to be wrong.
@@ -131,7 +149,7 @@ const SUM_SIZES: usize = 8;
 /// The symbol of a sum of 0.
 const NO_SUM: i64 = 8;
 /// From this context on, the lower bits of what is wrong are as often set as not: one more per doubling.
-const NOISE: usize = 10;
+const NOISE: usize = 14;
 
 /// The context of a size: two per doubling.
 #[inline(always)]
@@ -151,10 +169,24 @@ pub(crate) struct PlaneContexts {
 
 impl PlaneContexts {
     fn new(children: usize) -> PlaneContexts {
-        let some = |count| vec![AdaptiveSymbols::default(); count];
-        PlaneContexts { errors: some(children * SIZES), sums: some(SUMS * SUM_SIZES) }
+        let errors = (0..children * SIZES).map(|at| initial::of_errors(at % SIZES)).collect();
+        let sums = (0..SUMS * SUM_SIZES).map(|at| initial::of_sums(at / SUM_SIZES)).collect();
+        PlaneContexts { errors, sums }
     }
 }
+
+/// The least number of each symbol, and how many bits tell the others.
+static FIRST_OF: [(u8, u8); SYMBOLS] = {
+    let mut all = [(0, 0); SYMBOLS];
+    let mut symbol = 0;
+    while symbol < SYMBOLS {
+        let lower = if symbol < 4 { 0 } else { symbol / 2 - 1 };
+        let first = if symbol < 4 { symbol } else { (2 | symbol & 1) << lower };
+        all[symbol] = (first as u8, lower as u8);
+        symbol += 1;
+    }
+    all
+};
 
 /// Codes a number near 0 whose size is about that of its context.
 #[inline(always)]
@@ -168,142 +200,186 @@ pub(crate) fn code_error<K: BitCoder>(
     let whole = (error << 1 ^ error >> 63) as u64;
     let upper = whole >> noise;
     // Up to 4 each has a symbol; then there are two per doubling, and lower bits; the last is all that is larger.
-    let of = |upper: u64| {
-        if upper < 4 {
-            return (upper as usize, 0);
-        }
+    let symbol = if upper < 4 {
+        upper as usize
+    } else {
         let bits = 63 - upper.leading_zeros();
-        (2 * bits as usize + (upper >> (bits - 1) & 1) as usize, bits - 1)
+        (2 * bits as usize + (upper >> (bits - 1) & 1) as usize).min(15)
     };
-    let (symbol, _) = of(upper);
-    let symbol = coder.symbol(&mut contexts[context], symbol.min(15));
-    let upper = match symbol {
-        0..4 => symbol as u64,
-        15 => coder.number(upper),
-        _ => {
-            let lower = symbol as u32 / 2 - 1;
-            let first = (2 | symbol as u64 & 1) << lower;
-            first | u64::from(coder.short(upper as u32 & ((1 << lower) - 1), lower))
-        }
-    };
-    let lower = coder.raw(whole & ((1 << noise) - 1), noise);
-    let whole = upper.wrapping_shl(noise) | lower;
+    let symbol = coder.symbol(&mut contexts[context], symbol);
+    if symbol == 15 {
+        let upper = coder.number(upper);
+        return unfold(upper.wrapping_shl(noise) | coder.raw(whole & ((1 << noise) - 1), noise));
+    }
+    let (first, lower) = FIRST_OF[symbol];
+    let bits = u32::from(lower) + noise;
+    unfold((u64::from(first) << noise) + coder.raw(whole & ((1 << bits) - 1), bits))
+}
+
+/// The number of a whole one that has the sign in its lowest bit.
+#[inline(always)]
+fn unfold(whole: u64) -> i64 {
     (whole >> 1) as i64 ^ -((whole & 1) as i64)
 }
 
-/// Codes a block's numbers, level by level.
-struct Coder<'c, K, T> {
-    coder: &'c mut K,
+/// Codes a small sum.
+#[inline(always)]
+fn code_sum<K: BitCoder>(coder: &mut K, contexts: &mut [AdaptiveSymbols], context: usize, sum: i64) -> i64 {
+    let symbol = Some(sum.wrapping_add(NO_SUM)).filter(|symbol| (1..16).contains(symbol)).unwrap_or(0);
+    match coder.symbol(&mut contexts[context], symbol as usize) {
+        0 => unfold(coder.number((sum << 1 ^ sum >> 63) as u64)),
+        symbol => symbol as i64 - NO_SUM,
+    }
+}
+
+/// How a child is coded: by its error in one of [`SIZES`] contexts, from [`BY_SUM`] on by the sum of siblings, or not at all, if it is as its
+/// parent.
+const BY_SUM: u8 = SIZES as u8;
+const NOT_AT_ALL: u8 = u8::MAX;
+const _: () = assert!(SIZES + SUMS * SUM_SIZES < NOT_AT_ALL as usize);
+
+/// Codes the children of levels.
+struct LevelCoder<'c, T> {
     contexts: &'c mut PlaneContexts,
     planes: &'static [Plane],
     has_sums: bool,
-    rows: Rows<T>,
-}
-
-/// Rows that are used again and again.
-struct Rows<T> {
+    /// By how much each child of a plane is expected to differ from its parent, in parts of 64.
     expected: Vec<T>,
-    sizes: Vec<u64>,
+    how: Vec<u8>,
+    /// By how much it does.
+    changes: Vec<T>,
 }
 
-impl<K: BitCoder, T: Whole> Coder<'_, K, T> {
+impl<T: Whole> LevelCoder<'_, T> {
     /// Codes the children of a level: `children` has those to be written, and gets those that are read. Which of them are VOID
-    /// `void` tells; those are as their parents.
-    fn level(&mut self, parents: &Grid<T>, children: &mut Grid<T>, void: Option<&[bool]>) {
-        let side = parents.side;
+    /// the bits of `void` tell, of each parent; those are as their parents.
+    fn level<K: BitCoder>(
+        &mut self,
+        coder: &mut K,
+        parents: &Grid<T>,
+        children: &mut Grid<T>,
+        void: Option<&[u8]>,
+    ) {
+        let (side, planes) = (parents.side, self.planes);
         let slopes = Slopes::new(parents);
-        let mut wrong: Vec<Grid<T>> = (0..self.planes.len()).map(|_| Grid::new(0, parents.axes)).collect();
-        for (number, plane) in self.planes.iter().enumerate() {
-            let mut here = Grid::new(side, parents.axes);
-            let steps = [plane.child & 1, plane.child >> 1 & 1, plane.child >> 2];
-            let is_last = number + 1 == self.planes.len();
-            for (row, (z, y)) in (0..parents.depth()).flat_map(|z| (0..side).map(move |y| (z, y))).enumerate() {
-                let slope = slopes.row(row, plane.child);
-                self.foretell(plane, &wrong, &slopes, (row, y, z));
-                let parent = parents.at(y, z, [0; 3]);
-                let start = children.row(2 * y + steps[1], 2 * z + steps[2], [steps[0] as isize, 0, 0]);
-                let out = here.row_mut(y, z);
-                for x in 0..side {
-                    let is_void = |child: usize| {
-                        void.is_some_and(|void| {
-                            let at = [x, y, z];
-                            let [x, y, z]: [usize; 3] =
-                                std::array::from_fn(|axis| 2 * at[axis] + (child >> axis & 1));
-                            void[(z * 2 * side + y) * 2 * side + x]
-                        })
-                    };
-                    let at = start + 2 * x;
-                    let mut change = T::default();
-                    if !is_void(plane.child) {
-                        let expected = slope(x).add(self.rows.expected[x].down(4));
-                        let size = size_context(self.rows.sizes[x]);
-                        let truth = children.values[at].sub(parent[x]);
-                        let is_whole = void.is_none() || !(0..self.planes.len()).any(is_void);
-                        change = if is_last && self.has_sums && is_whole {
-                            let others = self.planes[..number].iter().fold(T::default(), |sum, plane| {
-                                let steps = [plane.child & 1, plane.child >> 1 & 1, plane.child >> 2];
-                                let row = children.row(2 * y + steps[1], 2 * z + steps[2], [0; 3]);
-                                sum.add(children.values[row + 2 * x + steps[0]].sub(parent[x]))
-                            });
-                            let expected = expected.add(others.times(64));
-                            self.sum(expected, size, truth.add(others)).sub(others)
-                        } else {
-                            let expected = expected.add(T::from_i64(32)).down(6);
-                            let contexts = &mut self.contexts.errors[number * SIZES..][..SIZES];
-                            let error = truth.sub(expected).to_i64();
-                            T::from_i64(code_error(self.coder, contexts, size, error)).add(expected)
-                        };
-                    }
-                    children.values[at] = parent[x].add(change);
-                    out[x] = change.times(64).sub(slope(x));
-                }
+        let mut wrong: Vec<Grid<T>> = planes.iter().map(|_| Grid::new(0, parents.axes)).collect();
+        // The sum of what children of the planes so far differ from their parents.
+        let mut others = vec![T::default(); slopes.sizes.len()];
+        for (number, plane) in planes.iter().enumerate() {
+            self.foretell(plane, &wrong, &slopes, parents);
+            if let Some(void) = void {
+                self.how
+                    .iter_mut()
+                    .zip(void)
+                    .filter(|(_, void)| *void >> plane.child & 1 == 1)
+                    .for_each(|(how, _)| *how = NOT_AT_ALL);
             }
+            if self.has_sums && number + 1 == planes.len() {
+                self.foretell_sums(&others, void);
+            }
+            self.changes.resize(slopes.sizes.len(), T::default());
+            if !K::READS {
+                parents.each_row(|row, y, z| {
+                    let child = children.child_row(plane.child, y, z);
+                    let changes = self.changes[row * side..][..side].iter_mut();
+                    let parents = parents.at(y, z, [0; 3]);
+                    changes
+                        .zip(children.values[child].iter().step_by(2))
+                        .zip(parents)
+                        .for_each(|((change, child), parent)| *change = child.sub(*parent));
+                });
+            }
+            self.code(coder, number, &others);
+            let mut here = Grid::new(side, parents.axes);
+            parents.each_row(|row, y, z| {
+                let child = children.child_row(plane.child, y, z);
+                let changes = &self.changes[row * side..][..side];
+                let parents = parents.at(y, z, [0; 3]);
+                let out = children.values[child].iter_mut().step_by(2);
+                out.zip(changes).zip(parents).for_each(|((out, change), parent)| *out = parent.add(*change));
+                let wrong = here.row_mut(y, z);
+                slopes.evenly(row, plane.child, wrong);
+                wrong
+                    .iter_mut()
+                    .zip(changes)
+                    .for_each(|(wrong, change)| *wrong = change.times(64).sub(*wrong));
+            });
             here.pad();
             wrong[plane.child] = here;
+            others.iter_mut().zip(&self.changes).for_each(|(others, change)| *others = others.add(*change));
         }
     }
 
-    /// What a row of a plane is expected to be wrong by, and how much that may be wrong by.
-    fn foretell(
-        &mut self,
-        plane: &Plane,
-        wrong: &[Grid<T>],
-        slopes: &Slopes<T>,
-        (row, y, z): (usize, usize, usize),
-    ) {
-        let Rows { expected, sizes } = &mut self.rows;
-        let side = slopes.side;
-        expected.clear();
-        expected.resize(side, T::default());
-        let mut apart: Vec<T::Size> = vec![Default::default(); side];
-        let own = plane.own.iter().map(|(child, weight)| (*child, [0; 3], *weight, plane.own_size));
-        let near = plane.near.iter().map(|(child, step, weight)| (*child, *step, *weight, NEAR_SIZE));
-        for (child, step, weight, size) in own.chain(near) {
-            let others = wrong[child].at(y, z, step);
-            for ((expected, apart), other) in expected.iter_mut().zip(&mut apart).zip(others) {
-                *expected = expected.add(other.times(weight));
-                *apart = T::grow(*apart, other.size(), size);
+    /// Tells what children of a plane are expected to be, and the context by how wrong that may be.
+    fn foretell(&mut self, plane: &Plane, wrong: &[Grid<T>], slopes: &Slopes<T>, parents: &Grid<T>) {
+        let side = parents.side;
+        self.expected.clear();
+        self.how.clear();
+        let (mut wrong_by, mut sizes) = (vec![T::default(); side], vec![T::Size::default(); side]);
+        let mut evenly = vec![T::default(); side];
+        parents.each_row(|row, y, z| {
+            wrong_by.fill(T::default());
+            sizes.fill(T::Size::default());
+            for (child, weight) in plane.own {
+                let others = wrong[*child].at(y, z, [0; 3]);
+                weigh(&mut wrong_by, &mut sizes, others, *weight, plane.own_size);
             }
-        }
-        sizes.clear();
-        let base = &slopes.sizes[row * side..][..side];
-        sizes.extend(apart.iter().zip(base).map(|(apart, base)| T::to_u64(T::grow(T::shrink(*apart, 6), *base, 1))));
+            for (child, step, weight) in plane.near {
+                weigh(&mut wrong_by, &mut sizes, wrong[*child].at(y, z, *step), *weight, NEAR_SIZE);
+            }
+            slopes.evenly(row, plane.child, &mut evenly);
+            let expected = evenly.iter().zip(&wrong_by).map(|(evenly, wrong)| evenly.add(wrong.down(4)));
+            self.expected.extend(expected);
+            let uneven = &slopes.sizes[row * side..][..side];
+            let all =
+                sizes.iter().zip(uneven).map(|(wrong, uneven)| T::grow(T::shrink(*wrong, 6), *uneven, 1));
+            self.how.extend(all.map(|size| size_context(T::to_u64(size)) as u8));
+        });
     }
 
-    /// Codes the sum of what siblings differ from their parent.
-    fn sum(&mut self, expected: T, size: usize, sum: T) -> T {
+    /// Goes over to sums of siblings: what they are expected to be, and their contexts.
+    fn foretell_sums(&mut self, others: &[T], void: Option<&[u8]>) {
         let most = (SUMS / 2) as i64;
-        let halves = expected.add(T::from_i64(16)).down(5).to_i64().clamp(-most, most) + most;
-        let context = halves as usize * SUM_SIZES + (size / 2).clamp(1, SUM_SIZES) - 1;
-        let sum = sum.to_i64();
-        let symbol = Some(sum.wrapping_add(NO_SUM)).filter(|symbol| (1..16).contains(symbol)).unwrap_or(0);
-        match self.coder.symbol(&mut self.contexts.sums[context], symbol as usize) {
-            0 => {
-                let whole = self.coder.number((sum << 1 ^ sum >> 63) as u64);
-                T::from_i64((whole >> 1) as i64 ^ -((whole & 1) as i64))
+        for (at, (expected, how)) in self.expected.iter().zip(&mut self.how).enumerate() {
+            // (Where a child is VOID, a mean tells less of the others.)
+            if void.is_some_and(|void| void[at] != 0) {
+                continue;
             }
-            symbol => T::from_i64(symbol as i64 - NO_SUM),
+            let others = others[at];
+            let sum = expected.add(others.times(64));
+            let halves = (sum.add(T::from_i64(16)).down(5).to_i64().clamp(-most, most) + most) as usize;
+            let size = usize::from(*how / 2).clamp(1, SUM_SIZES) - 1;
+            *how = BY_SUM + (halves * SUM_SIZES + size) as u8;
         }
+    }
+
+    /// Codes the changes of a plane.
+    fn code<K: BitCoder>(&mut self, coder: &mut K, plane: usize, others: &[T]) {
+        let errors = &mut self.contexts.errors[plane * SIZES..][..SIZES];
+        let sums = &mut self.contexts.sums[..];
+        let all = self.changes.iter_mut().zip(&self.expected).zip(&self.how).zip(others);
+        for (((change, expected), how), others) in all {
+            if *how < BY_SUM {
+                let expected = expected.add(T::from_i64(32)).down(6);
+                let error = change.sub(expected).to_i64();
+                let error = code_error(coder, errors, usize::from(*how), error);
+                *change = T::from_i64(error).add(expected);
+            } else if *how != NOT_AT_ALL {
+                let sum = change.add(*others).to_i64();
+                let sum = code_sum(coder, sums, usize::from(*how - BY_SUM), sum);
+                *change = T::from_i64(sum).sub(*others);
+            } else {
+                *change = T::default();
+            }
+        }
+    }
+}
+
+/// Adds what is wrong with others to what is expected to be wrong, and to how much that may be.
+fn weigh<T: Whole>(wrong: &mut [T], sizes: &mut [T::Size], others: &[T], weight: i32, size: u32) {
+    for ((wrong, sizes), other) in wrong.iter_mut().zip(sizes).zip(others) {
+        *wrong = wrong.add(other.times(weight));
+        *sizes = T::grow(*sizes, other.size(), size);
     }
 }
 
@@ -327,7 +403,7 @@ impl<T: Whole> Slopes<T> {
             across: vec![T::default(); if axes == 2 { nodes } else { 0 }],
             sizes: vec![Default::default(); nodes],
         };
-        for (row, (z, y)) in (0..parents.depth()).flat_map(|z| (0..side).map(move |y| (z, y))).enumerate() {
+        parents.each_row(|row, y, z| {
             let here = row * side..(row + 1) * side;
             let own = parents.at(y, z, [0; 3]);
             let sizes = &mut slopes.sizes[here.clone()];
@@ -347,37 +423,36 @@ impl<T: Whole> Slopes<T> {
                 }
             }
             if axes == 2 {
-                let corners = [[1, 1, 0], [-1, 1, 0], [1, -1, 0], [-1, -1, 0]].map(|step| parents.at(y, z, step));
+                let corners =
+                    [[1, 1, 0], [-1, 1, 0], [1, -1, 0], [-1, -1, 0]].map(|step| parents.at(y, z, step));
                 let across = &mut slopes.across[here];
                 for x in 0..side {
                     let [a, b, c, d] = corners.map(|row| row[x].sub(own[x]));
                     across[x] = a.sub(b).sub(c).add(d);
-                    let all = [a, b, c, d].iter().fold(T::Size::default(), |sum, it| T::grow(sum, it.size(), 1));
+                    let all =
+                        [a, b, c, d].iter().fold(T::Size::default(), |sum, it| T::grow(sum, it.size(), 1));
                     sizes[x] = T::grow(sizes[x], T::shrink(all, 1), 1);
                 }
             }
-        }
+        });
         slopes
     }
 
-    /// By how much a child differs from its parent in parts of 64, if values change evenly: of all nodes of a row.
-    #[inline(always)]
-    fn row(&self, row: usize, child: usize) -> impl Fn(usize) -> T {
-        let start = row * self.side;
-        let sign = move |axis: usize| if child >> axis & 1 == 1 { 1 } else { -1 };
-        move |x: usize| {
-            let at = start + x;
-            let mut change = T::default();
-            for (axis, along) in self.along.iter().enumerate() {
-                if !along.is_empty() {
-                    change = change.add(along[at].times(8 * sign(axis)));
-                }
-            }
-            if !self.across.is_empty() {
-                change = change.add(self.across[at].times(sign(0) * sign(1)));
-            }
-            change
+    /// By how much the children with a number of a row of nodes differ from their parents in parts of 64, if values change evenly.
+    fn evenly(&self, row: usize, child: usize, changes: &mut [T]) {
+        let here = row * self.side..(row + 1) * self.side;
+        let sign = |axis: usize| if child >> axis & 1 == 1 { 1 } else { -1 };
+        changes.fill(T::default());
+        for (axis, along) in self.along.iter().enumerate() {
+            let along = along.get(here.clone()).unwrap_or_default();
+            changes
+                .iter_mut()
+                .zip(along)
+                .for_each(|(change, along)| *change = change.add(along.times(8 * sign(axis))));
         }
+        let across = self.across.get(here).unwrap_or_default();
+        let sign = sign(0) * sign(1);
+        changes.iter_mut().zip(across).for_each(|(change, across)| *change = change.add(across.times(sign)));
     }
 }
 
@@ -423,10 +498,11 @@ fn code_values<K: BitCoder, T: Whole>(
     let void = dense.has_bits().then(|| {
         let bits = &mut block[layout.dense_bits(dense.levels)..][..layout.nodes(dense.levels) / 8];
         code_mask(coder, layout.axes, dense.levels, bits);
-        (dense.bottom().1 == VOID).then(|| void_levels(&layout, dense.levels, bits))
+        (dense.bottom().1 == VOID).then(|| VoidNodes::new(&layout, dense.levels, bits))
     });
     let void = void.flatten();
-    let void = |level: u8| void.as_ref().map(|levels| &levels[usize::from(level)][..]);
+    let void_children = |level: u8| void.as_ref().map(|void| &void.children[usize::from(level)][..]);
+    let is_void = |level: u8| void.as_ref().map(|void| &void.nodes[usize::from(level)][..]);
     let mut coded: Vec<Vec<Grid<T>>> = vec![Vec::new(); usize::from(form.value.channels)];
     for &(channel, like) in channel_order(form) {
         let from = channel * sample.size();
@@ -442,45 +518,39 @@ fn code_values<K: BitCoder, T: Whole>(
         for level in 1..=dense.levels {
             let mut grid = Grid::<T>::new(1 << level, layout.axes);
             let values = layout.dense_values(level);
-            let rows = |grid: &Grid<T>| {
-                let (side, depth) = (grid.side, grid.depth());
-                (0..depth).flat_map(move |z| (0..side).map(move |y| (y, z))).enumerate()
-            };
-            let bytes = block[values..].chunks_exact(layout.width);
             if !K::READS {
-                let mut bytes = bytes;
-                for (_, (y, z)) in rows(&grid) {
-                    let start = grid.row(y, z, [0; 3]);
-                    let side = grid.side;
-                    let out = &mut grid.values[start..start + side];
+                let mut bytes = block[values..].chunks_exact(layout.width);
+                for_rows(1 << level, layout.axes, |_, y, z| {
+                    let out = grid.row_mut(y, z);
                     out.iter_mut().zip(&mut bytes).for_each(|(out, bytes)| *out = number(bytes));
                     if let Some(like) = like {
                         let other = coded[like][usize::from(level)].at(y, z, [0; 3]);
                         out.iter_mut().zip(other).for_each(|(out, other)| *out = out.sub(*other));
                     }
-                }
+                });
             }
-            let mut levels = Coder {
-                coder: &mut *coder,
+            let mut levels = LevelCoder {
                 contexts: &mut contexts[channel],
                 planes: if layout.axes == 2 { &QUAD_PLANES } else { &OCT_PLANES },
                 has_sums: rule == Rule::Mean,
-                rows: Rows { expected: Vec::new(), sizes: Vec::new() },
+                expected: Vec::new(),
+                how: Vec::new(),
+                changes: Vec::new(),
             };
-            levels.level(&grids[usize::from(level) - 1], &mut grid, void(level));
+            levels.level(coder, &grids[usize::from(level) - 1], &mut grid, void_children(level - 1));
             if K::READS {
                 let mut bytes = block[values..].chunks_exact_mut(layout.width);
-                for (row, (y, z)) in rows(&grid) {
-                    for (x, number) in grid.at(y, z, [0; 3]).iter().enumerate() {
-                        let Some(bytes) = bytes.next() else { break };
-                        if void(level).is_some_and(|void| void[row * grid.side + x]) {
+                grid.each_row(|row, y, z| {
+                    let (void, other) =
+                        (is_void(level), like.map(|like| coded[like][usize::from(level)].at(y, z, [0; 3])));
+                    for (x, (number, bytes)) in grid.at(y, z, [0; 3]).iter().zip(&mut bytes).enumerate() {
+                        if void.is_some_and(|void| void[row * grid.side + x]) {
                             continue;
                         }
-                        let other = like.map(|like| coded[like][usize::from(level)].at(y, z, [0; 3])[x]);
-                        let number = number.add(other.unwrap_or_default());
+                        let number = number.add(other.map_or(T::default(), |other| other[x]));
                         samples::write(sample, number.to_i64(), &mut bytes[from..]);
                     }
-                }
+                });
             }
             grid.pad();
             grids.push(grid);
@@ -489,16 +559,35 @@ fn code_values<K: BitCoder, T: Whole>(
     }
 }
 
-/// Which nodes of each level are VOID, by the bits of the bottom nodes.
-fn void_levels(layout: &Layout, levels: u8, bits: &[u8]) -> Vec<Vec<bool>> {
-    let bottom = (0..layout.nodes(levels)).map(|at| bits[at / 8] >> (at % 8) & 1 == 0).collect();
-    let mut all = vec![bottom];
-    for level in (0..levels).rev() {
-        let below: &Vec<bool> = &all[all.len() - 1];
-        let is_void = |at| (0..layout.children).all(|child| below[layout.dense_child(level + 1, at, child)]);
-        let here = (0..layout.nodes(level)).map(is_void).collect();
-        all.push(here);
+/// Which nodes of a dense block are VOID, level by level.
+struct VoidNodes {
+    nodes: Vec<Vec<bool>>,
+    /// Of each node above the bottom: a bit for each child that is VOID.
+    children: Vec<Vec<u8>>,
+}
+
+impl VoidNodes {
+    /// By the bits of the bottom nodes.
+    fn new(layout: &Layout, levels: u8, bits: &[u8]) -> VoidNodes {
+        let bottom = (0..layout.nodes(levels)).map(|at| bits[at / 8] >> (at % 8) & 1 == 0).collect();
+        let mut all = VoidNodes { nodes: vec![bottom], children: Vec::new() };
+        for level in (0..levels).rev() {
+            let (side, below) = (1 << level, &all.nodes[all.nodes.len() - 1]);
+            let mut children = vec![0; layout.nodes(level)];
+            for_rows(side, layout.axes, |row, y, z| {
+                let out = &mut children[row * side..][..side];
+                for child in 0..layout.children {
+                    let row = (2 * z + (child >> 2)) * 2 * side + 2 * y + (child >> 1 & 1);
+                    let void = below[row * 2 * side..][..2 * side].iter().skip(child & 1).step_by(2);
+                    out.iter_mut().zip(void).for_each(|(out, void)| *out |= u8::from(*void) << child);
+                }
+            });
+            let whole = u8::MAX >> (8 - layout.children);
+            all.nodes.push(children.iter().map(|children: &u8| *children == whole).collect());
+            all.children.push(children);
+        }
+        all.nodes.reverse();
+        all.children.reverse();
+        all
     }
-    all.reverse();
-    all
 }

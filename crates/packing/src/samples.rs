@@ -79,7 +79,7 @@ pub(crate) fn is_narrow(sample: SampleType) -> bool {
 /// The order of floating numbers as that of whole ones (IEEE 754 total order), and back: all but the sign are turned round where it
 /// is set.
 fn turn(bits: i64, width: u32) -> i64 {
-    bits ^ (bits >> 63) & ((1 << (width - 1)) - 1)
+    bits ^ (bits >> 63) & (i64::MAX >> (u64::BITS - width))
 }
 
 /// The sample at the beginning of some bytes. Unsigned samples of 64 bits lose their order, and nothing else.

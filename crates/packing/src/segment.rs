@@ -100,7 +100,8 @@ fn pack_as(
     let is_mixed = |nodes: &Nodes, node| model == Model::Solid && nodes.state(node) >= INNER;
     // The values that there are, sorted.
     let has_value = |node: &u32| nodes.state(*node) != VOID && !is_mixed(&nodes, *node);
-    let mut known: Vec<Numbers> = (ROOT + 1..nodes.len()).filter(has_value).map(|node| numbers(form, value(node))).collect();
+    let mut known: Vec<Numbers> =
+        (ROOT + 1..nodes.len()).filter(has_value).map(|node| numbers(form, value(node))).collect();
     let counted = parse_counts(form, counts).into_iter().map(|(value, _)| value);
     let in_table = model != Model::Numbers;
     let mut table: Vec<Numbers> = counted.collect();
@@ -123,12 +124,16 @@ fn pack_as(
         };
         nodes.set_symbol(node, symbol);
     }
-    let mut blocks = blocks.into_iter().map(|(node, dense, place)| {
-        let start = place * layout.size;
-        (node, records[start..][..layout.dense_places(dense) * layout.size].to_vec())
-    }).collect();
+    let mut blocks = blocks
+        .into_iter()
+        .map(|(node, dense, place)| {
+            let start = place * layout.size;
+            (node, records[start..][..layout.dense_places(dense) * layout.size].to_vec())
+        })
+        .collect();
     let mut writer = BitWriter::default();
-    let contents = Contents { nodes: &nodes, table: if in_table { &known } else { &table }, known: &known, counts };
+    let contents =
+        Contents { nodes: &nodes, table: if in_table { &known } else { &table }, known: &known, counts };
     code_segment(&mut writer, model, segment, layout, records.len(), contents, &mut blocks)?;
     let mut packed = crc32c::crc32c_append(crc32c::crc32c(records), counts).to_le_bytes().to_vec();
     packed.push(model as u8);
@@ -144,7 +149,9 @@ pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -
     let layout = Layout::new(segment.form);
     let length = places as usize * layout.size;
     let (start, rest) = packed.split_at_checked(START).ok_or(Damage("too few bytes"))?;
-    let model = Model::ALL.get(usize::from(start[4])).filter(|model| **model != Model::Solid || can_be_solid(segment.form.value));
+    let model = Model::ALL
+        .get(usize::from(start[4]))
+        .filter(|model| **model != Model::Solid || can_be_solid(segment.form.value));
     let model = *model.ok_or(Damage("no such model"))?;
     let mut reader = BitReader::new(rest).ok_or(Damage("too few bytes"))?;
     let mut blocks = Vec::new();
@@ -154,7 +161,9 @@ pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -
     let Coded { nodes, values, counts } = coded.ok_or(Damage("nodes that cannot be"))?;
     let value = |node: u32| match nodes.symbol(node) {
         MIXED => &nodes.fullness[node as usize..][..1],
-        symbol => values.get(symbol.wrapping_sub(FIRST_VALUE) as usize).map_or(&[][..], |value| &value[..layout.width]),
+        symbol => values
+            .get(symbol.wrapping_sub(FIRST_VALUE) as usize)
+            .map_or(&[][..], |value| &value[..layout.width]),
     };
     let mut plain = Vec::with_capacity(length + counts.len());
     let writer = Writer { layout: &layout, nodes: &nodes, value: &value, blocks: &blocks };
@@ -224,7 +233,9 @@ fn code_segment<K: BitCoder>(
             values.get(nodes.symbol(node).wrapping_sub(FIRST_VALUE) as usize).map_or(0, |value| value[0])
         };
         let leaves: Vec<u8> = (0..nodes.len()).map(|node| leaf(node, &nodes)).collect();
-        code_fullness(coder, &mut nodes, (layout.axes, height), &contents.nodes.fullness, |node| leaves[node as usize]);
+        code_fullness(coder, &mut nodes, (layout.axes, height), &contents.nodes.fullness, |node| {
+            leaves[node as usize]
+        });
     }
     if model == Model::Numbers {
         code_blocks(coder, (form, rule), layout, length, &nodes, &values, blocks)?;
@@ -267,7 +278,8 @@ fn code_blocks<K: BitCoder>(
         if K::READS {
             blocks.push((node, vec![0; size]));
         }
-        let root = values.get(nodes.symbol(node).wrapping_sub(FIRST_VALUE) as usize).copied().unwrap_or_default();
+        let root =
+            values.get(nodes.symbol(node).wrapping_sub(FIRST_VALUE) as usize).copied().unwrap_or_default();
         code_block(coder, &mut contexts, (form, rule), dense, &root, &mut blocks[number].1);
         number += 1;
     }

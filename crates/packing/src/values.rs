@@ -6,6 +6,7 @@ use spinney_base::Form;
 use spinney_base::value::SampleType;
 
 use crate::bits::{Adaptive, AdaptiveSymbols, BitCoder};
+use crate::initial;
 use crate::nodes::{FIRST_VALUE, NOTHING, NewValues};
 use crate::planes::{SIZES, channel_order, code_error, size_context};
 use crate::samples;
@@ -102,7 +103,8 @@ pub(crate) struct NumberValues {
 impl NumberValues {
     /// With values that are to be written, or none.
     pub(crate) fn new(form: Form, known: Vec<Numbers>) -> NumberValues {
-        let errors = vec![AdaptiveSymbols::default(); SIZES * usize::from(form.value.channels)];
+        let errors = SIZES * usize::from(form.value.channels);
+        let errors = (0..errors).map(|at| initial::of_errors(at % SIZES)).collect();
         NumberValues { form, known, symbols: HashMap::new(), is_void: Adaptive::default(), errors }
     }
 }

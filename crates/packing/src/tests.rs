@@ -1,0 +1,286 @@
+//! Segments of random trees, round and round.
+
+use spinney_base::Form;
+use spinney_base::space::Dimension;
+use spinney_base::value::{Kind, Rule, SampleType, ValueType};
+
+use crate::layout::{CUT, Dense, Head, INNER, LEAF, Layout, VOID};
+use crate::plain::dense_state;
+use crate::{Damage, Effort, SegmentForm, pack, unpack};
+
+/// A small generator of numbers (xorshift), so that tests are the same every time.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
+    }
+
+    fn below(&mut self, most: u64) -> u64 {
+        (self.next() >> 16) % most
+    }
+}
+
+/// What random trees are made of.
+struct Trees {
+    layout: Layout,
+    height: u8,
+    reach: u8,
+    values: u64,
+    random: Random,
+}
+
+impl Trees {
+    fn value(&mut self) -> Vec<u8> {
+        let number = self.random.below(self.values) * 7919;
+        (0..self.layout.width).map(|at| (number >> (8 * (at % 8))) as u8).collect()
+    }
+
+    /// The record of a node so many levels below the segment's, and all below it.
+    fn record(&mut self, depth: u8, records: &mut Vec<u8>) {
+        let (layout, bottom) = (self.layout, self.height.min(self.reach) - depth);
+        if layout.dense_levels().contains(&bottom) && self.random.below(3) == 0 {
+            return self.block(bottom, records);
+        }
+        let start = records.len();
+        records.resize(start + layout.size, 0);
+        let mut states = 0;
+        for child in 0..layout.children {
+            let state = match (self.random.below(6), depth + 1) {
+                (0, _) => VOID,
+                (1..4, below) if below < self.height.min(self.reach) => INNER,
+                (1..4, below) if below == self.reach && below < self.height => CUT,
+                _ => LEAF,
+            };
+            states |= u32::from(state) << (2 * child);
+            if state != VOID {
+                let value = self.value();
+                records[start + child * layout.width..][..layout.width].copy_from_slice(&value);
+            }
+            if state == INNER {
+                self.record(depth + 1, records);
+            }
+        }
+        let skip = (records.len() - start) / layout.size;
+        layout.write_head(&mut records[start..][..layout.size], Head { states, skip, mark: 0 });
+    }
+
+    /// A dense block of any kind.
+    fn block(&mut self, levels: u8, records: &mut Vec<u8>) {
+        let layout = self.layout;
+        let marks: &[u8] = if self.height > self.reach { &[2, 4, 5] } else { &[1, 3] };
+        let dense = Dense { mark: marks[self.random.below(marks.len() as u64) as usize], levels };
+        let (start, skip) = (records.len(), layout.dense_places(dense));
+        records.resize(start + skip * layout.size, 0);
+        if dense.has_bits() {
+            let bits = &mut records[start + layout.dense_bits(levels)..][..layout.nodes(levels) / 8];
+            bits.fill_with(|| self.random.next() as u8 | self.random.next() as u8);
+        }
+        for level in 1..=levels {
+            for at in 0..layout.nodes(level) {
+                let value = self.value();
+                let to = start + layout.dense_values(level) + at * layout.width;
+                if dense_state(&layout, &records[start..], dense, level, at) != VOID {
+                    records[to..to + layout.width].copy_from_slice(&value);
+                }
+            }
+        }
+        // Nodes below which all is alike have the value of that.
+        let block = &mut records[start..];
+        for level in 1..levels {
+            for at in 0..layout.nodes(level) {
+                if dense_state(&layout, block, dense, level, at) == LEAF {
+                    let (mask, below) = ((1 << level) - 1, levels - level);
+                    let [x, y, z] =
+                        [at & mask, at >> level & mask, at >> (2 * level)].map(|place| place << below);
+                    let from = layout.dense_values(levels) + ((z << levels | y) << levels | x) * layout.width;
+                    let to = layout.dense_values(level) + at * layout.width;
+                    block.copy_within(from..from + layout.width, to);
+                }
+            }
+        }
+        let state = |child| u32::from(dense_state(&layout, block, dense, 1, child)) << (2 * child);
+        let states = (0..layout.children).map(state).sum();
+        layout.write_head(block, Head { states, skip, mark: dense.mark });
+    }
+}
+
+/// All types of values.
+fn value_types() -> impl Iterator<Item = ValueType> {
+    let of = |sample| (1..=4).map(move |channels| ValueType::new(sample, channels));
+    SampleType::ALL.into_iter().flat_map(of).filter(|value| value.is_supported())
+}
+
+fn segment(form: Form, height: u8, kind: Kind, rule: Rule) -> SegmentForm {
+    SegmentForm { form, rule, kind, height, reach: 5 }
+}
+
+/// A plain segment of so many different values; none of them is the mean of others.
+fn random_segment(form: SegmentForm, values: u64, seed: u64) -> (u32, Vec<u8>) {
+    let layout = Layout::new(form.form);
+    let mut trees = Trees {
+        layout,
+        height: form.height,
+        reach: form.reach,
+        values,
+        random: Random(seed * 0x9E37_79B9 + 1),
+    };
+    let mut records = Vec::new();
+    trees.record(0, &mut records);
+    ((records.len() / layout.size) as u32, records)
+}
+
+#[test]
+fn random_segments_of_all_types_come_back() {
+    let mut seed = 0;
+    for dimension in [Dimension::Quad, Dimension::Oct] {
+        for value in value_types() {
+            for (kind, rule) in [
+                (Kind::Categorical, Rule::Majority),
+                (Kind::Continuous, Rule::Mean),
+                (Kind::Continuous, Rule::Occupancy),
+                (Kind::Continuous, Rule::Max),
+            ] {
+                for height in [4, 7] {
+                    seed += 1;
+                    let form = segment(Form::new(dimension, value), height, kind, rule);
+                    let (places, plain) = random_segment(form, 3, seed);
+                    let effort = if seed % 5 == 0 { Effort::Small } else { Effort::Fast };
+                    let packed = pack(&form, places, &plain, effort);
+                    // (Random names are many equal ones; numbers that foretell nothing of each other may stay plain.)
+                    let may_stay = kind == Kind::Continuous || plain.len() < 400;
+                    assert!(packed.is_some() || may_stay, "{form:?} {} bytes", plain.len());
+                    if let Some(packed) = packed {
+                        assert_eq!(unpack(&form, places, 0, &packed), Ok(plain), "{form:?}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn class_counts_come_back() {
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::I16, 1));
+    for height in [4, 7] {
+        let form = segment(form, height, Kind::Categorical, Rule::Majority);
+        let (places, mut plain) = random_segment(form, 5, 3);
+        for (value, cells) in [(-7919i16, 3u64), (0, 1 << 40), (7919, 17), (15838, 1)] {
+            plain.extend_from_slice(&value.to_le_bytes());
+            plain.extend_from_slice(&cells.to_le_bytes());
+        }
+        let packed = pack(&form, places, &plain, Effort::Fast).unwrap();
+        assert_eq!(unpack(&form, places, 4, &packed), Ok(plain));
+        assert_eq!(unpack(&form, places, 3, &packed), Err(Damage("another length")));
+    }
+}
+
+#[test]
+fn noise_stays_plain() {
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F64, 1));
+    let form = segment(form, 5, Kind::Continuous, Rule::Mean);
+    let layout = Layout::new(form.form);
+    let mut random = Random(7);
+    let dense = Dense { mark: 1, levels: 5 };
+    let mut plain: Vec<u8> =
+        (0..layout.dense_places(dense) * layout.size).map(|_| random.next() as u8).collect();
+    let states = (0..4).map(|child| u32::from(INNER) << (2 * child)).sum();
+    layout.write_head(&mut plain, Head { states, skip: layout.dense_places(dense), mark: 1 });
+    let places = layout.dense_places(dense) as u32;
+    if let Some(packed) = pack(&form, places, &plain, Effort::Small) {
+        assert!(packed.len() < plain.len());
+        assert_eq!(unpack(&form, places, 0, &packed), Ok(plain));
+    }
+}
+
+#[test]
+fn what_is_smooth_becomes_small() {
+    let sizes = [SampleType::U8, SampleType::I16, SampleType::F32, SampleType::F64].map(|sample| {
+        let form = Form::new(Dimension::Quad, ValueType::new(sample, 1));
+        let form = segment(form, 5, Kind::Continuous, Rule::Mean);
+        let layout = Layout::new(form.form);
+        let dense = Dense { mark: 1, levels: 5 };
+        let places = layout.dense_places(dense);
+        let mut plain = vec![0; places * layout.size];
+        for level in 1..=5 {
+            let side = 1usize << level;
+            for at in 0..side * side {
+                let (x, y) = ((at % side) as f64 + 0.5, (at / side) as f64 + 0.5);
+                let height = (100.0 + (3.0 * x + 2.0 * y) * 32.0 / side as f64 / 4.0).floor();
+                let bytes = match sample {
+                    SampleType::U8 => vec![height as u8],
+                    SampleType::I16 => (height as i16).to_le_bytes().to_vec(),
+                    SampleType::F32 => (height as f32).to_le_bytes().to_vec(),
+                    _ => height.to_le_bytes().to_vec(),
+                };
+                let to = layout.dense_values(level) + at * layout.width;
+                plain[to..to + layout.width].copy_from_slice(&bytes);
+            }
+        }
+        let states = (0..4).map(|child| u32::from(INNER) << (2 * child)).sum();
+        layout.write_head(&mut plain, Head { states, skip: places, mark: 1 });
+        let packed = pack(&form, places as u32, &plain, Effort::Fast).unwrap();
+        assert_eq!(unpack(&form, places as u32, 0, &packed).as_ref(), Ok(&plain));
+        plain.len() / packed.len()
+    });
+    assert!(sizes[0] >= 2 && sizes[1] >= 4, "{sizes:?}");
+}
+
+#[test]
+fn damaged_segments_are_told() {
+    let mut random = Random(11);
+    for (dimension, kind, rule) in [
+        (Dimension::Quad, Kind::Categorical, Rule::Majority),
+        (Dimension::Quad, Kind::Continuous, Rule::Mean),
+        (Dimension::Oct, Kind::Continuous, Rule::Mean),
+        (Dimension::Oct, Kind::Categorical, Rule::Dominant),
+    ] {
+        let form = Form::new(dimension, ValueType::new(SampleType::U8, 1));
+        let form = segment(form, 7, kind, rule);
+        let (places, plain) = random_segment(form, 3, 5);
+        let packed = pack(&form, places, &plain, Effort::Small).unwrap();
+        for length in 0..packed.len().min(64) {
+            assert!(unpack(&form, places, 0, &packed[..length]).is_err());
+        }
+        for _ in 0..500 {
+            let mut damaged = packed.clone();
+            for _ in 0..1 + random.below(3) {
+                let at = random.below(damaged.len() as u64) as usize;
+                damaged[at] ^= 1 << random.below(8);
+            }
+            // (Some bits do not matter: then it is the same segment.)
+            if let Ok(unpacked) = unpack(&form, places, 0, &damaged) {
+                assert_eq!(unpacked, plain);
+            }
+        }
+        for _ in 0..500 {
+            let noise: Vec<u8> = (0..random.below(200)).map(|_| random.next() as u8).collect();
+            let model = [noise.get(..4).unwrap_or(&[0; 4]), &[(random.next() % 3) as u8], &noise].concat();
+            assert!(unpack(&form, places, 3, &model).is_err());
+        }
+        for wrong in [0, 1, places - 1, places + 1] {
+            assert!(unpack(&form, wrong, 0, &packed).is_err());
+        }
+    }
+}
+
+#[test]
+fn records_that_claim_others_are_not_packed() {
+    let form = segment(
+        Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1)),
+        20,
+        Kind::Categorical,
+        Rule::Majority,
+    );
+    let layout = Layout::new(form.form);
+    // Each record says that all of its children are INNER and take no places.
+    let mut plain = vec![0; 64 * layout.size];
+    for record in plain.chunks_exact_mut(layout.size) {
+        layout.write_head(record, Head { states: 0b1010_1010, skip: 0, mark: 0 });
+    }
+    assert_eq!(pack(&form, 64, &plain, Effort::Small), None);
+    assert_eq!(pack(&form, 65, &plain, Effort::Small), None);
+}
