@@ -117,10 +117,13 @@ impl AdaptiveSymbols {
     /// Moves all starts to where they would be if nothing but this symbol came, by a sixteenth at first, then less.
     #[inline(always)]
     fn update(&mut self, symbol: usize) {
-        let shift = RATES[usize::from(self.seen)];
-        self.seen += u16::from(usize::from(self.seen) + 1 < RATES.len());
-        let (starts, goals) = (self.starts, &GOALS[symbol]);
-        self.starts = std::array::from_fn(|at| starts[at] + ((goals[at] - starts[at]) >> shift));
+        let seen = usize::from(self.seen).min(RATES.len() - 1);
+        let shift = RATES[seen];
+        self.seen = seen as u16 + u16::from(seen + 1 < RATES.len());
+        // (Read anew, all at once: else compilers put vectors together of what was compared before.)
+        let starts = std::hint::black_box(&mut self.starts);
+        let (before, goals) = (*starts, &GOALS[symbol & (SYMBOLS - 1)]);
+        *starts = std::array::from_fn(|at| before[at] + ((goals[at] - before[at]) >> shift));
     }
 }
 
@@ -142,9 +145,16 @@ static RATES: [u8; 81] = {
 };
 
 /// What codes bits, one way or the other.
-pub(crate) trait BitCoder {
+pub(crate) trait BitCoder: Sized {
     /// Whether bits are read, so that those handed over do not count.
     const READS: bool;
+
+    /// Lets many bits be coded at once, for which a reader stays in registers.
+    #[inline(always)]
+    fn many(&mut self, code: impl FnOnce(&mut Self)) {
+        code(self);
+    }
+
     /// Writes a bit, or reads one.
     fn bit(&mut self, probability: &mut Adaptive, bit: bool) -> bool;
     /// Writes one of [`SYMBOLS`] symbols, or reads one.
@@ -242,6 +252,7 @@ impl BitWriter {
 }
 
 /// Reads bits. What is missing at the end is read as zeros, and told by [`BitReader::is_whole`].
+#[derive(Clone, Copy)]
 pub(crate) struct BitReader<'b> {
     /// The state that the next part is taken of, and the one for the part after that.
     state: u64,
@@ -293,6 +304,13 @@ impl<'b> BitReader<'b> {
 
 impl BitCoder for BitReader<'_> {
     const READS: bool = true;
+
+    #[inline(always)]
+    fn many(&mut self, code: impl FnOnce(&mut Self)) {
+        let mut here = *self;
+        code(&mut here);
+        *self = here;
+    }
 
     #[inline(always)]
     fn bit(&mut self, probability: &mut Adaptive, _: bool) -> bool {

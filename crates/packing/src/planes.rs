@@ -354,24 +354,28 @@ impl<T: Whole> LevelCoder<'_, T> {
     }
 
     /// Codes the changes of a plane.
+    #[inline(never)]
     fn code<K: BitCoder>(&mut self, coder: &mut K, plane: usize, others: &[T]) {
         let errors = &mut self.contexts.errors[plane * SIZES..][..SIZES];
         let sums = &mut self.contexts.sums[..];
-        let all = self.changes.iter_mut().zip(&self.expected).zip(&self.how).zip(others);
-        for (((change, expected), how), others) in all {
-            if *how < BY_SUM {
-                let expected = expected.add(T::from_i64(32)).down(6);
-                let error = change.sub(expected).to_i64();
-                let error = code_error(coder, errors, usize::from(*how), error);
-                *change = T::from_i64(error).add(expected);
-            } else if *how != NOT_AT_ALL {
-                let sum = change.add(*others).to_i64();
-                let sum = code_sum(coder, sums, usize::from(*how - BY_SUM), sum);
-                *change = T::from_i64(sum).sub(*others);
-            } else {
-                *change = T::default();
+        let (how, expected, changes) = (&self.how[..], &self.expected[..], &mut self.changes[..]);
+        coder.many(|coder| {
+            let all = changes.iter_mut().zip(expected).zip(how).zip(others);
+            for (((change, expected), how), others) in all {
+                if *how < BY_SUM {
+                    let expected = expected.add(T::from_i64(32)).down(6);
+                    let error = change.sub(expected).to_i64();
+                    let error = code_error(coder, errors, usize::from(*how), error);
+                    *change = T::from_i64(error).add(expected);
+                } else if *how != NOT_AT_ALL {
+                    let sum = change.add(*others).to_i64();
+                    let sum = code_sum(coder, sums, usize::from(*how - BY_SUM), sum);
+                    *change = T::from_i64(sum).sub(*others);
+                } else {
+                    *change = T::default();
+                }
             }
-        }
+        });
     }
 }
 
@@ -539,16 +543,27 @@ fn code_values<K: BitCoder, T: Whole>(
             };
             levels.level(coder, &grids[usize::from(level) - 1], &mut grid, void_children(level - 1));
             if K::READS {
-                let mut bytes = block[values..].chunks_exact_mut(layout.width);
+                let (side, width) = (grid.side, layout.width);
                 grid.each_row(|row, y, z| {
-                    let (void, other) =
-                        (is_void(level), like.map(|like| coded[like][usize::from(level)].at(y, z, [0; 3])));
-                    for (x, (number, bytes)) in grid.at(y, z, [0; 3]).iter().zip(&mut bytes).enumerate() {
-                        if void.is_some_and(|void| void[row * grid.side + x]) {
-                            continue;
+                    let bytes = &mut block[values + row * side * width + from..];
+                    let numbers = grid.at(y, z, [0; 3]);
+                    match like {
+                        None => samples::write_all(
+                            sample,
+                            numbers.iter().map(|number| number.to_i64()),
+                            bytes,
+                            width,
+                        ),
+                        Some(like) => {
+                            let others = coded[like][usize::from(level)].at(y, z, [0; 3]);
+                            let sums =
+                                numbers.iter().zip(others).map(|(number, other)| number.add(*other).to_i64());
+                            samples::write_all(sample, sums, bytes, width);
                         }
-                        let number = number.add(other.map_or(T::default(), |other| other[x]));
-                        samples::write(sample, number.to_i64(), &mut bytes[from..]);
+                    }
+                    if let Some(void) = is_void(level) {
+                        let void = void[row * side..][..side].iter().zip(bytes.chunks_mut(width));
+                        void.filter(|(void, _)| **void).for_each(|(_, bytes)| bytes[..sample.size()].fill(0));
                     }
                 });
             }

@@ -104,12 +104,42 @@ pub(crate) fn read(sample: SampleType, bytes: &[u8]) -> i64 {
 /// Writes a sample; of a number that is none, the lower bits.
 #[inline(always)]
 pub(crate) fn write(sample: SampleType, number: i64, bytes: &mut [u8]) {
-    match sample {
-        SampleType::F32 => {
-            let bits = turn(i64::from(number as i32), 32) as u32;
-            bytes[..4].copy_from_slice(&bits.to_le_bytes());
+    write_all(sample, [number].into_iter(), bytes, sample.size());
+}
+
+/// Writes samples, each so many bytes behind the one before.
+#[inline(always)]
+pub(crate) fn write_all(
+    sample: SampleType,
+    numbers: impl Iterator<Item = i64>,
+    bytes: &mut [u8],
+    width: usize,
+) {
+    #[inline(always)]
+    fn each<const N: usize>(
+        numbers: impl Iterator<Item = i64>,
+        bytes: &mut [u8],
+        width: usize,
+        sample: impl Fn(i64) -> [u8; N],
+    ) {
+        for (number, bytes) in numbers.zip(bytes.chunks_mut(width)) {
+            if let Some(bytes) = bytes.first_chunk_mut() {
+                *bytes = sample(number);
+            }
         }
-        SampleType::F64 => bytes[..8].copy_from_slice(&turn(number, 64).to_le_bytes()),
-        _ => bytes[..sample.size()].copy_from_slice(&number.to_le_bytes()[..sample.size()]),
+    }
+    match sample {
+        SampleType::U8 | SampleType::I8 => each(numbers, bytes, width, |number| [number as u8]),
+        SampleType::U16 | SampleType::I16 => {
+            each(numbers, bytes, width, |number| (number as u16).to_le_bytes());
+        }
+        SampleType::U32 | SampleType::I32 => {
+            each(numbers, bytes, width, |number| (number as u32).to_le_bytes());
+        }
+        SampleType::F32 => {
+            each(numbers, bytes, width, |number| (turn(i64::from(number as i32), 32) as u32).to_le_bytes());
+        }
+        SampleType::F64 => each(numbers, bytes, width, |number| turn(number, 64).to_le_bytes()),
+        SampleType::U64 | SampleType::I64 => each(numbers, bytes, width, i64::to_le_bytes),
     }
 }
