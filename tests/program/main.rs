@@ -29,6 +29,7 @@ mod cli_octree_combine;
 mod cli_octree_transform;
 mod cli_operations;
 mod cli_overlay;
+mod cli_packed;
 mod cli_pictures;
 #[cfg(unix)]
 mod cli_safety;

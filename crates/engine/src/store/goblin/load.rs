@@ -11,7 +11,7 @@ use spinney_base::io::FileBytes;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::Codec;
-use spinney_packing::unpack;
+use spinney_packing::{Damage, unpack};
 
 impl Goblin {
     /// One segment.
@@ -200,7 +200,7 @@ impl Goblin {
         }
         let form = segment_form(&self.header, node).ok_or_else(|| self.changed(index))?;
         let bytes = unpack(&form, records, classes, packed)
-            .map_err(|damage| self.corrupt(part(), damage.0, "a segment that was packed"))?;
+            .map_err(|Damage(what)| self.corrupt(part(), what, "a segment that was packed"))?;
         if bytes.len() as u64 != plain {
             return Err(self.corrupt(part(), format!("{} bytes", bytes.len()), &format!("{plain}")));
         }

@@ -1,0 +1,140 @@
+//! `--codec`, `--effort` and `--cache-memory`: packed files by the program.
+
+use serde_json::Value as Json;
+use spinney::value::{Kind, Rule};
+
+use crate::common::command::{complaint, spinney, stdout};
+use crate::common::{Cells, QUAD, goblin_bytes};
+
+fn as_json(arguments: &[&str]) -> Json {
+    serde_json::from_str(&stdout(arguments)).unwrap()
+}
+
+/// A folder for files.
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Place {
+        Place(tempfile::tempdir().unwrap())
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().into()
+    }
+}
+
+#[test]
+fn files_are_packed_and_unpacked() {
+    let place = Place::new();
+    let [from, packed, small, back] =
+        ["plain.goblin", "packed.goblin", "small.goblin", "back.goblin"].map(|name| place.name(name));
+    let cells = Cells::random(QUAD, 3, [700, 600, 1], 30, true);
+    std::fs::write(&from, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    spinney(&["convert", &from, &packed, "--codec", "packed"]).success();
+    spinney(&["convert", &packed, &back]).success();
+    assert!(std::fs::read(&from).unwrap() == std::fs::read(&back).unwrap());
+    spinney(&["transform", &packed, "-o", &small, "--codec", "packed", "--effort", "small"]).success();
+    for file in [&packed, &small] {
+        spinney(&["verify", file]).success();
+        let info = as_json(&["info", file, "--json"]);
+        assert_eq!(info["codec"], "packed");
+        let levels = info["segment_levels"].as_array().unwrap();
+        let sum = |name: &str| levels.iter().map(|level| level[name].as_u64().unwrap()).sum::<u64>();
+        assert_eq!(sum("segments"), info["segments"].as_u64().unwrap());
+        assert!(sum("bytes") < sum("plain_bytes") && sum("packed") > 0);
+        let text = stdout(&["info", file]);
+        assert!(
+            text.contains("codec       packed\nsegments    level 0: 1, ") && text.contains(" unpacked\n"),
+            "{text}"
+        );
+    }
+    let info = stdout(&["info", &from]);
+    assert!(
+        info.contains("codec       plain\nsegments    level 0: 1, ") && !info.contains("unpacked"),
+        "{info}"
+    );
+    // Answers are the same, whatever is kept.
+    let expected = stdout(&["stats", &from, "--json"]);
+    for room in ["1", "64M"] {
+        assert_eq!(stdout(&["stats", &packed, "--json", "--cache-memory", room]), expected);
+    }
+}
+
+const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
+const DISTRICTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_districts.geojson");
+
+/// The codec of each of a file's layers.
+fn codecs(file: &str) -> Vec<Json> {
+    let info = as_json(&["info", file, "--json"]);
+    match info["layers"].as_array() {
+        Some(layers) => layers.iter().map(|layer| layer["codec"].clone()).collect(),
+        None => vec![info["codec"].clone()],
+    }
+}
+
+#[test]
+fn every_door_packs() {
+    let place = Place::new();
+    let name = |name: &str| place.name(name);
+    let [map, warped, zones] = ["map.goblin", "warped.goblin", "zones.goblin"].map(name);
+    let packed = ["--codec", "packed"];
+    let run = |arguments: &[&str]| spinney(&[arguments, &packed].concat()).success();
+    run(&["build", CLASSES, "-o", &map]);
+    run(&["build", CLASSES, "-o", &warped, "--grid", "xyz"]);
+    run(&["build", DISTRICTS, "-o", &zones, "--grid", &map]);
+    let [again, moved, both, changed] =
+        ["again.goblin", "moved.goblin", "both.goblin", "changed.goblin"].map(name);
+    run(&["build", &map, "-o", &again, "--rule", "nearest"]);
+    run(&["transform", &map, "mirror=x", "-o", &moved]);
+    run(&["combine", "and", &map, DISTRICTS, "-o", &both]);
+    run(&["diff", &map, &again, "-o", &changed]);
+    let [stack, history, age] = ["stack.goblin", "map.autumn", "age.goblin"].map(name);
+    run(&["build", CLASSES, "-o", &stack, "--stack"]);
+    spinney(&["convert", &map, &history]).success();
+    run(&["blame", &history, &age]);
+    for file in [&map, &warped, &zones, &again, &moved, &both, &changed, &stack, &age] {
+        assert_eq!(codecs(file), ["packed"], "{file}");
+        spinney(&["verify", file]).success();
+    }
+    // Layers stay as they are, and the one that is added is as it is asked for.
+    spinney(&["edit", &stack, "add-layer", &map, "plain"]).success();
+    run(&["edit", &stack, "add-layer", &map, "packed"]);
+    assert_eq!(codecs(&stack), ["packed", "plain", "packed"]);
+    let text = stdout(&["info", &stack]);
+    assert_eq!(text.matches(", packed\n").count(), 2, "{text}");
+}
+
+#[test]
+fn packing_is_refused_where_there_are_no_segments() {
+    let place = Place::new();
+    let [history, tree, other] = ["map.autumn", "map.goblin", "model.goblin"].map(|name| place.name(name));
+    let text = complaint(&["build", CLASSES, "-o", &history, "--codec", "packed"], 1);
+    assert!(text.contains("compact") && text.contains(".goblin"), "{text}");
+    let text = complaint(&["build", CLASSES, "-o", &tree, "--effort", "small"], 1);
+    assert!(text.contains("--effort is for --codec packed"), "{text}");
+    let text = complaint(&["combine", "or", DISTRICTS, DISTRICTS, "-o", &tree, "--codec", "packed"], 1);
+    assert!(text.contains("--codec"), "{text}");
+    for wrong in [["--codec", "zip"], ["--effort", "much"], ["--cache-memory", "none"]] {
+        complaint(&[&["build", CLASSES, "-o", &tree][..], &wrong].concat(), 2);
+    }
+    let model = place.name("cube.off");
+    std::fs::write(&model, "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
+        .unwrap();
+    complaint(&["build", &model, "-o", &other, "--brep", "--codec", "packed"], 2);
+    assert!(!std::path::Path::new(&history).exists() && !std::path::Path::new(&tree).exists());
+}
+
+#[test]
+fn help_tells_of_packing() {
+    for command in ["build", "convert", "transform", "combine", "blame", "diff"] {
+        let help = stdout(&["help", command]);
+        for word in
+            ["--codec <plain|packed>", "--effort <fast|small>", "--cache-memory <BYTES>", "[default: plain]"]
+        {
+            assert!(help.contains(word), "{command}: {word}");
+        }
+    }
+    let help = stdout(&["help", "export"]);
+    assert!(help.contains("--png-effort") && !help.contains(" --effort"), "{help}");
+    assert!(stdout(&["help", "convert"]).contains("whatever those of the file are"));
+}
