@@ -2,16 +2,16 @@
 
 use crate::bits::{AdaptiveSymbols, BitCoder};
 use crate::layout::{CUT, INNER, LEAF};
-use crate::nodes::{Nodes, ROOT};
+use crate::nodes::{FIRST_VALUE, Nodes, ROOT};
 
 /// Codes how full INNER nodes are, from the bottom up: exactly what is below them makes it where all of that is known, else about that.
-/// `leaf` tells the value of a LEAF; `truth` has what is to be written.
+/// `truth` has what is to be written, `values` the values of LEAF nodes by their symbols.
 pub(crate) fn code_fullness<K: BitCoder>(
     coder: &mut K,
     nodes: &mut Nodes,
     (axes, height): (usize, u8),
-    truth: &[u8],
-    leaf: impl Fn(u32) -> u8,
+    truth: &Nodes,
+    values: &[u8],
 ) {
     // (What is below a node has higher numbers than it.)
     let mut heights = vec![height; nodes.len() as usize];
@@ -21,6 +21,8 @@ pub(crate) fn code_fullness<K: BitCoder>(
             heights[first as usize..][..1 << axes].fill(below);
         }
     }
+    let leaf =
+        |symbol: u32| values.get(symbol.wrapping_sub(FIRST_VALUE) as usize).copied().unwrap_or_default();
     // Sums of all cells below, and whether they are known.
     let mut sums = vec![(0u128, true); nodes.len() as usize];
     let mut contexts = [AdaptiveSymbols::default(); 2];
@@ -28,8 +30,8 @@ pub(crate) fn code_fullness<K: BitCoder>(
         let at = node as usize;
         let cells = 1u128 << (axes * usize::from(heights[at]));
         sums[at] = match nodes.state(node) {
-            LEAF => (u128::from(leaf(node)) * cells, true),
-            CUT => (u128::from(nodes.fullness[at]) * cells, false),
+            LEAF => (u128::from(leaf(nodes.symbol(node))) * cells, true),
+            CUT => (u128::from(nodes.fullness(node)) * cells, false),
             INNER => {
                 let below =
                     nodes.first(node).map_or(0..0, |first| first as usize..first as usize + (1 << axes));
@@ -37,9 +39,9 @@ pub(crate) fn code_fullness<K: BitCoder>(
                     .iter()
                     .fold((0, true), |(sum, known), below| (sum + below.0, known && below.1));
                 let expected = ((2 * sum + cells) / (2 * cells)) as u8;
-                let error = truth.get(at).map_or(0, |truth| truth.wrapping_sub(expected));
+                let error = if K::READS { 0 } else { truth.fullness(node).wrapping_sub(expected) };
                 let error = if is_known { 0 } else { code_error(coder, &mut contexts, error) };
-                nodes.fullness[at] = expected.wrapping_add(error);
+                nodes.set_fullness(node, expected.wrapping_add(error));
                 (sum, is_known)
             }
             _ => (0, true),

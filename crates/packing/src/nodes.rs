@@ -25,51 +25,56 @@ pub(crate) const FIRST_VALUE: u32 = 4;
 /// All nodes of a segment: those of a level one behind the other, siblings together.
 #[derive(Default)]
 pub(crate) struct Nodes {
-    states: Vec<u8>,
-    /// The symbol of each node, and in the lowest bit whether it is INNER or CUT.
+    /// The state of each node in two bits, whether a dense block begins at it in the next, and its symbol above.
     words: Vec<u32>,
     /// The first child of each node.
     first: Vec<u32>,
-    /// The dense block that a node is the root of: its mark, and above these three bits its levels less one. 0 if there is none.
-    dense: Vec<u8>,
-    /// How full nodes are, of 255: of CUT nodes where the values of INNER and CUT nodes come later, else nothing.
-    pub fullness: Vec<u8>,
+    /// The dense blocks, by the nodes that they begin at.
+    dense: Vec<(u32, Dense)>,
+    /// How full nodes are, of 255: of those that are CUT and INNER in a solid, as far as that has been said.
+    fullness: Vec<u8>,
+}
+
+/// The bit of a word for INNER and CUT.
+const IS_INNER: u32 = 2;
+const IS_DENSE: u32 = 4;
+/// Bits below the symbol.
+const SYMBOL_AT: u32 = 3;
+
+#[inline(always)]
+fn word(state: u8, symbol: u32) -> u32 {
+    symbol << SYMBOL_AT | u32::from(state)
 }
 
 impl Nodes {
     /// The two nodes that all segments have.
     pub(crate) fn new() -> Nodes {
-        let mut nodes = Nodes::default();
-        nodes.push(VOID, BEYOND);
-        nodes.push(INNER, BEYOND);
-        nodes
+        let words = vec![word(VOID, BEYOND), word(INNER, BEYOND)];
+        Nodes { words, first: vec![NONE; 2], ..Nodes::default() }
     }
 
     pub(crate) fn push(&mut self, state: u8, symbol: u32) {
-        self.states.push(state);
-        self.words.push(symbol << 1 | u32::from(state >= INNER));
+        self.words.push(word(state, symbol));
         self.first.push(NONE);
-        self.dense.push(0);
-        self.fullness.push(0);
     }
 
     pub(crate) fn len(&self) -> u32 {
-        self.states.len() as u32
+        self.words.len() as u32
     }
 
     #[inline]
     pub(crate) fn state(&self, node: u32) -> u8 {
-        self.states[node as usize]
+        self.words[node as usize] as u8 & 3
     }
 
     #[inline]
     pub(crate) fn symbol(&self, node: u32) -> u32 {
-        self.words[node as usize] >> 1
+        self.words[node as usize] >> SYMBOL_AT
     }
 
     pub(crate) fn set_symbol(&mut self, node: u32, symbol: u32) {
         let word = &mut self.words[node as usize];
-        *word = symbol << 1 | *word & 1;
+        *word = symbol << SYMBOL_AT | *word & ((1 << SYMBOL_AT) - 1);
     }
 
     /// The first child of a node, if its children are known.
@@ -82,23 +87,38 @@ impl Nodes {
         self.first[node as usize] = first;
     }
 
-    /// The dense block that a node is the root of.
+    /// The dense blocks and the nodes that they begin at, in ascending order.
+    pub(crate) fn dense_blocks(&self) -> &[(u32, Dense)] {
+        &self.dense
+    }
+
+    /// The dense block that begins at a node.
+    #[inline]
     pub(crate) fn dense(&self, node: u32) -> Option<Dense> {
-        let dense = self.dense[node as usize];
-        (dense != 0).then_some(Dense { mark: dense & 7, levels: (dense >> 3) + 1 })
-    }
-
-    pub(crate) fn set_dense(&mut self, node: u32, dense: Dense) {
-        self.dense[node as usize] = dense.mark | (dense.levels - 1) << 3;
-    }
-
-    /// The node that a step leads to from a child of a node's neighbour: the neighbour's child if it has any, else itself.
-    #[inline(always)]
-    fn step(&self, neighbour: u32, child: u8) -> u32 {
-        match self.first[neighbour as usize] {
-            NONE => neighbour,
-            first => first + u32::from(child),
+        if self.words[node as usize] & IS_DENSE == 0 {
+            return None;
         }
+        let found = self.dense.binary_search_by_key(&node, |(node, _)| *node).ok()?;
+        Some(self.dense[found].1)
+    }
+
+    /// Says that a dense block begins at a node, which comes behind all of which that was said before.
+    pub(crate) fn push_dense(&mut self, node: u32, dense: Dense) {
+        self.words[node as usize] |= IS_DENSE;
+        self.dense.push((node, dense));
+    }
+
+    /// How full a node is.
+    #[inline]
+    pub(crate) fn fullness(&self, node: u32) -> u8 {
+        self.fullness.get(node as usize).copied().unwrap_or_default()
+    }
+
+    pub(crate) fn set_fullness(&mut self, node: u32, fullness: u8) {
+        if self.fullness.len() <= node as usize {
+            self.fullness.resize(self.words.len().max(node as usize + 1), 0);
+        }
+        self.fullness[node as usize] = fullness;
     }
 }
 
@@ -132,6 +152,8 @@ const HEIGHTS: usize = 8;
 
 /// Probabilities by context.
 struct Contexts {
+    /// Children of a node.
+    children: usize,
     splits: Vec<Adaptive>,
     cuts: Vec<Adaptive>,
     matches: Vec<Adaptive>,
@@ -146,6 +168,7 @@ impl Contexts {
         let some = |count| vec![Adaptive::default(); count];
         let by_neighbours = children << 8;
         Contexts {
+            children,
             splits: some(HEIGHTS * by_neighbours),
             cuts: some(children),
             matches: some(2 * 2 * CANDIDATES * by_neighbours),
@@ -182,6 +205,8 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
     let steps: &[[Step; D]; C] = &const { steps::<C, D>() };
     let mut nodes = Nodes::new();
     let mut contexts = Contexts::new(C);
+    let mut true_dense = truth.dense.iter().peekable();
+    let true_fullness = |node| truth.fullness(node);
     // Of each INNER node of the level above: its neighbours.
     let mut above: Vec<[u32; D]> = Vec::new();
     // The INNER nodes of this level: the parent's place in `above`, the number among its children, and whether it is in a
@@ -190,7 +215,8 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
     let (mut count, mut depth) = (0, 0);
     while !level.is_empty() {
         depth += 1;
-        if depth > form.height {
+        count += level.len();
+        if depth > form.height || count > form.most {
             return None;
         }
         let is_bottom = depth == form.height;
@@ -198,98 +224,82 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
         let may_be_cut = depth == form.reach && !is_bottom;
         let mut neighbours: Vec<[u32; D]> = Vec::with_capacity(level.len());
         let mut next = Vec::new();
-        for &(node, parent, child, is_in_block) in &level {
-            count += 1;
-            if count > form.most {
-                return None;
-            }
+        for &(node, parent, child, mut is_in_block) in &level {
             let mut near = [OUTSIDE; D];
             if node != ROOT {
-                let siblings = node - u32::from(child);
+                let siblings = node - child as u32;
                 let of_parent = &above[parent as usize];
-                for (near, step) in near.iter_mut().zip(&steps[usize::from(child)]) {
+                for (near, step) in near.iter_mut().zip(&steps[child]) {
                     *near = match step.towards {
                         SIBLING => siblings + u32::from(step.child),
-                        towards => nodes.step(of_parent[usize::from(towards)], step.child),
+                        towards => {
+                            let there = of_parent[usize::from(towards)];
+                            match nodes.first[there as usize] {
+                                NONE => there,
+                                first => first + u32::from(step.child),
+                            }
+                        }
                     };
                 }
             }
-            let mut is_in_block = is_in_block;
             if !is_in_block {
-                let dense = truth.dense.get(node as usize).copied().unwrap_or_default();
-                let dense = code_dense(coder, &mut contexts.dense[64 * height..][..64], dense);
-                nodes.dense[node as usize] = dense;
-                is_in_block = dense != 0;
-                if is_in_block && form.dense_apart {
-                    continue;
+                let dense = true_dense.next_if(|(begin, _)| *begin == node).map(|(_, dense)| *dense);
+                if let Some(dense) = code_dense(coder, &mut contexts.dense[64 * height..][..64], dense) {
+                    nodes.push_dense(node, dense);
+                    is_in_block = true;
+                    if form.dense_apart {
+                        continue;
+                    }
                 }
             }
             let symbol = nodes.symbol(node);
-            let first = nodes.len();
+            let first = nodes.words.len();
+            // The neighbours' children, if these are known, else the neighbours.
+            let firsts = near.map(|near| nodes.first[near as usize]);
+            let own = near.map(|near| nodes.words[near as usize]);
+            let mut children = [UNKNOWN << SYMBOL_AT; C];
             for (child, steps) in steps.iter().enumerate() {
-                let mut words = [UNKNOWN << 1; D];
+                let mut words = [0; D];
                 for (word, step) in words.iter_mut().zip(steps) {
-                    if step.towards != SIBLING {
-                        *word = nodes.words[nodes.step(near[usize::from(step.towards)], step.child) as usize];
-                    } else if usize::from(step.child) < child {
-                        *word = nodes.words[(first + u32::from(step.child)) as usize];
-                    }
+                    *word = match step.towards {
+                        SIBLING => children[usize::from(step.child) % C],
+                        towards => match firsts[usize::from(towards) % D] {
+                            NONE => own[usize::from(towards) % D],
+                            first => nodes.words[first as usize + usize::from(step.child)],
+                        },
+                    };
                 }
-                let this = first as usize + child;
-                let (true_state, true_symbol) =
-                    if K::READS { (VOID, NOTHING) } else { (truth.states[this], truth.words[this] >> 1) };
+                let truth = if K::READS { 0 } else { truth.words[first + child] };
                 let mut state = LEAF;
                 if !is_bottom {
-                    let context = (height * C + child) << 8 | pattern(&words, |word| word & 1 == 1);
-                    if coder.bit(&mut contexts.splits[context], true_state >= INNER) {
-                        let is_cut = may_be_cut && coder.bit(&mut contexts.cuts[child], true_state == CUT);
-                        state = if is_cut { CUT } else { INNER };
+                    let context = (height * C + child) << 8 | pattern(&words, |word| word & IS_INNER != 0);
+                    if coder.bit(&mut contexts.splits[context], truth & IS_INNER != 0) {
+                        state = INNER;
+                        if may_be_cut && coder.bit(&mut contexts.cuts[child], truth as u8 & 3 == CUT) {
+                            state = CUT;
+                        }
                     }
                 }
-                let is_inner = state >= INNER;
-                let kind = (usize::from(is_inner) * 2 + usize::from(is_bottom)) * CANDIDATES;
-                let mut found = if is_inner && form.is_mixed { MIXED } else { NONE };
-                let mut candidates = [NONE; CANDIDATES];
-                let mut tried = 0;
-                let around = words.iter().map(|word| word >> 1);
-                for candidate in std::iter::once(symbol).chain(around) {
-                    if found != NONE || tried == CANDIDATES {
-                        break;
+                let mut found = MIXED;
+                if state == LEAF || !form.is_mixed {
+                    let place = Place { symbol, child, state, is_bottom };
+                    found = code_value(coder, &mut contexts, values, place, &words, truth >> SYMBOL_AT)?;
+                    if found == NOTHING {
+                        state = VOID;
                     }
-                    // (What is INNER is not VOID.)
-                    let is_value = candidate >= FIRST_VALUE || candidate == NOTHING && !is_inner;
-                    if !is_value || candidates[..tried].contains(&candidate) {
-                        continue;
-                    }
-                    candidates[tried] = candidate;
-                    let rank = if candidate == symbol { 0 } else { 1 + tried.min(2) };
-                    let alike = pattern(&words, |word| word >> 1 == candidate);
-                    let context = ((kind + rank) * C + child) << 8 | alike;
-                    if coder.bit(&mut contexts.matches[context], true_symbol == candidate) {
-                        found = candidate;
-                    }
-                    tried += 1;
+                } else if state == CUT {
+                    let this = (first + child) as u32;
+                    nodes
+                        .set_fullness(this, code_fullness(coder, &mut contexts, &words, true_fullness(this)));
                 }
-                if found == NONE {
-                    found = values.new_value(coder, true_symbol, &candidates[..tried])?;
-                }
-                if found == NOTHING {
-                    if is_inner {
-                        return None;
-                    }
-                    state = VOID;
-                }
-                nodes.push(state, found);
-                if found == MIXED && state == CUT {
-                    let truth = truth.fullness.get(this).copied().unwrap_or_default();
-                    nodes.fullness[this] = code_fullness(coder, &mut contexts, &words, truth);
-                }
+                children[child] = word(state, found);
                 if state == INNER {
-                    let parent = neighbours.len() as u32;
-                    next.push((first + child as u32, parent, child as u8, is_in_block));
+                    next.push(((first + child) as u32, neighbours.len() as u32, child, is_in_block));
                 }
             }
-            nodes.set_first(node, first);
+            nodes.words.extend_from_slice(&children);
+            nodes.first.extend_from_slice(&[NONE; C]);
+            nodes.set_first(node, first as u32);
             neighbours.push(near);
         }
         (above, level) = (neighbours, next);
@@ -297,17 +307,66 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
     Some(nodes)
 }
 
-/// Codes which dense block begins at a node: by a bit whether one does, then by six for what kind and how many levels.
-fn code_dense<K: BitCoder>(coder: &mut K, contexts: &mut [Adaptive], dense: u8) -> u8 {
-    if !coder.bit(&mut contexts[0], dense != 0) {
-        return 0;
+/// Where a value is coded.
+#[derive(Clone, Copy)]
+struct Place {
+    /// The parent's symbol.
+    symbol: u32,
+    /// The number among the parent's children.
+    child: usize,
+    state: u8,
+    is_bottom: bool,
+}
+
+/// Codes the symbol of a node that has a value or is VOID. `None` if it is a value that is none.
+#[inline(always)]
+fn code_value<K: BitCoder, const D: usize>(
+    coder: &mut K,
+    contexts: &mut Contexts,
+    values: &mut impl NewValues,
+    place: Place,
+    words: &[u32; D],
+    truth: u32,
+) -> Option<u32> {
+    let is_inner = place.state >= INNER;
+    let kind = (usize::from(is_inner) * 2 + usize::from(place.is_bottom)) * CANDIDATES;
+    let mut candidates = [NONE; CANDIDATES];
+    let mut tried = 0;
+    let around = words.iter().map(|word| word >> SYMBOL_AT);
+    for candidate in std::iter::once(place.symbol).chain(around) {
+        // (What is INNER is not VOID.)
+        let is_value = candidate >= FIRST_VALUE || candidate == NOTHING && !is_inner;
+        if !is_value || candidates[..tried].contains(&candidate) {
+            continue;
+        }
+        let rank = if candidate == place.symbol { 0 } else { 1 + tried.min(2) };
+        let alike = pattern(words, |word| word >> SYMBOL_AT == candidate);
+        let context = ((kind + rank) * contexts.children + place.child) << 8 | alike;
+        if coder.bit(&mut contexts.matches[context], truth == candidate) {
+            return Some(candidate);
+        }
+        candidates[tried] = candidate;
+        tried += 1;
+        if tried == CANDIDATES {
+            break;
+        }
     }
+    let new = values.new_value(coder, truth, &candidates[..tried])?;
+    (new != NOTHING || !is_inner).then_some(new)
+}
+
+/// Codes which dense block begins at a node: by a bit whether one does, then by six for what kind and how many levels.
+fn code_dense<K: BitCoder>(coder: &mut K, contexts: &mut [Adaptive], dense: Option<Dense>) -> Option<Dense> {
+    if !coder.bit(&mut contexts[0], dense.is_some()) {
+        return None;
+    }
+    let number = dense.map_or(0, |dense| dense.mark | (dense.levels - 1) << 3);
     let mut path = 1;
     for bit in (0..6).rev() {
-        let is_set = coder.bit(&mut contexts[path & 63], dense >> bit & 1 == 1);
+        let is_set = coder.bit(&mut contexts[path & 63], number >> bit & 1 == 1);
         path = path << 1 | usize::from(is_set);
     }
-    (path & 63) as u8
+    Some(Dense { mark: path as u8 & 7, levels: (path as u8 >> 3 & 7) + 1 })
 }
 
 /// Codes how full a CUT node is.
@@ -318,9 +377,9 @@ fn code_fullness<K: BitCoder, const D: usize>(
     fullness: u8,
 ) -> u8 {
     let faces = words[..FACES].iter();
-    let is_value = |word: &&u32| **word & 1 == 0 && **word >> 1 >= FIRST_VALUE;
-    let (full, empty) =
-        (faces.clone().filter(is_value).count(), faces.filter(|word| **word == NOTHING << 1).count());
+    let is_value = |word: &&u32| **word & IS_INNER == 0 && **word >> SYMBOL_AT >= FIRST_VALUE;
+    let is_void = |found: &&u32| **found == word(VOID, NOTHING);
+    let (full, empty) = (faces.clone().filter(is_value).count(), faces.filter(is_void).count());
     let context = &mut contexts.sixteenths[full * (FACES + 1) + empty];
     let upper = coder.symbol(context, usize::from(fullness >> 4));
     let lower = coder.symbol(&mut contexts.parts[upper], usize::from(fullness & 15));

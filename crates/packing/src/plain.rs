@@ -1,7 +1,7 @@
 //! Plain segments as nodes, and back.
 
 use crate::layout::{CUT, Dense, Head, INNER, LEAF, Layout, VOID};
-use crate::nodes::{NOTHING, Nodes, ROOT};
+use crate::nodes::{FIRST_VALUE, MIXED, NOTHING, Nodes, ROOT};
 
 /// A plain segment, taken apart.
 pub(crate) struct Parsed {
@@ -40,7 +40,7 @@ pub(crate) fn parse(layout: &Layout, records: &[u8], dense_apart: bool) -> Optio
                 return None;
             }
             if pending.level == 0 {
-                parsed.nodes.set_dense(pending.node, dense);
+                parsed.nodes.push_dense(pending.node, dense);
                 if dense_apart {
                     parsed.blocks.push((pending.node, dense, pending.place));
                     continue;
@@ -142,13 +142,30 @@ pub(crate) fn dense_state(layout: &Layout, block: &[u8], dense: Dense, level: u8
 pub(crate) struct Writer<'w> {
     pub layout: &'w Layout,
     pub nodes: &'w Nodes,
-    /// The value of a node.
-    pub value: &'w dyn Fn(u32) -> &'w [u8],
+    /// Values by their symbols, less [`FIRST_VALUE`].
+    pub values: &'w [[u8; 16]],
     /// Dense blocks that were apart, by the nodes that they begin at: all their bytes, but for the states of the record.
     pub blocks: &'w [(u32, Vec<u8>)],
 }
 
 impl Writer<'_> {
+    /// Writes the value of a node at the beginning of some bytes. `None` if it has none.
+    #[inline]
+    fn put_value(&self, node: u32, bytes: &mut [u8]) -> Option<()> {
+        let value = match self.nodes.symbol(node) {
+            MIXED => &[self.nodes.fullness(node); 16],
+            symbol => self.values.get(symbol.wrapping_sub(FIRST_VALUE) as usize)?,
+        };
+        // (Copies of a width that is known are a single step.)
+        match self.layout.width {
+            1 => bytes[0] = value[0],
+            2 => bytes[..2].copy_from_slice(&value[..2]),
+            4 => bytes[..4].copy_from_slice(&value[..4]),
+            width => bytes[..width].copy_from_slice(&value[..width]),
+        }
+        Some(())
+    }
+
     /// Writes the record of an INNER node and what is below it, into so many places at most. `None` if these are not enough, or nodes
     /// make no dense block where one is said to be.
     pub(crate) fn write(&self, node: u32, records: &mut Vec<u8>, most: usize) -> Option<()> {
@@ -184,7 +201,7 @@ impl Writer<'_> {
             let state = nodes.state(node);
             states |= u32::from(state) << (2 * child);
             if state != VOID {
-                records[start + child * layout.width..][..layout.width].copy_from_slice((self.value)(node));
+                self.put_value(node, &mut records[start + child * layout.width..])?;
             }
         }
         for node in (first..).take(layout.children).filter(|node| nodes.state(*node) == INNER) {
@@ -208,7 +225,7 @@ impl Writer<'_> {
             let (state, at) = (nodes.state(below), layout.dense_child(level + 1, index, child));
             if state != VOID {
                 let start = layout.dense_values(level + 1) + at * layout.width;
-                block[start..][..layout.width].copy_from_slice((self.value)(below));
+                self.put_value(below, &mut block[start..])?;
             }
             if level + 1 < dense.levels {
                 self.fill(dense, (below, level + 1, at), block)?;

@@ -116,7 +116,7 @@ fn pack_as(
         let symbol = if nodes.state(node) == VOID {
             NOTHING
         } else if is_mixed(&nodes, node) {
-            nodes.fullness[node as usize] = value(node)[0];
+            nodes.set_fullness(node, value(node)[0]);
             MIXED
         } else {
             let key = order(form, &numbers(form, value(node)));
@@ -159,14 +159,8 @@ pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -
     let contents = Contents { nodes: &none, table: &[], known: &[], counts: &[] };
     let coded = code_segment(&mut reader, model, segment, &layout, length, contents, &mut blocks);
     let Coded { nodes, values, counts } = coded.ok_or(Damage("nodes that cannot be"))?;
-    let value = |node: u32| match nodes.symbol(node) {
-        MIXED => &nodes.fullness[node as usize..][..1],
-        symbol => values
-            .get(symbol.wrapping_sub(FIRST_VALUE) as usize)
-            .map_or(&[][..], |value| &value[..layout.width]),
-    };
     let mut plain = Vec::with_capacity(length + counts.len());
-    let writer = Writer { layout: &layout, nodes: &nodes, value: &value, blocks: &blocks };
+    let writer = Writer { layout: &layout, nodes: &nodes, values: &values, blocks: &blocks };
     writer.write(ROOT, &mut plain, places as usize).ok_or(Damage("records that cannot be"))?;
     let is_whole = reader.is_whole() && plain.len() == length;
     plain.extend_from_slice(&counts);
@@ -229,13 +223,8 @@ fn code_segment<K: BitCoder>(
     };
     let values: Vec<[u8; 16]> = known.into_iter().map(|value| bytes(form, value)).collect();
     if model == Model::Solid {
-        let leaf = |node: u32, nodes: &Nodes| {
-            values.get(nodes.symbol(node).wrapping_sub(FIRST_VALUE) as usize).map_or(0, |value| value[0])
-        };
-        let leaves: Vec<u8> = (0..nodes.len()).map(|node| leaf(node, &nodes)).collect();
-        code_fullness(coder, &mut nodes, (layout.axes, height), &contents.nodes.fullness, |node| {
-            leaves[node as usize]
-        });
+        let leaves: Vec<u8> = values.iter().map(|value| value[0]).collect();
+        code_fullness(coder, &mut nodes, (layout.axes, height), contents.nodes, &leaves);
     }
     if model == Model::Numbers {
         code_blocks(coder, (form, rule), layout, length, &nodes, &values, blocks)?;
@@ -270,8 +259,7 @@ fn code_blocks<K: BitCoder>(
 ) -> Option<()> {
     let mut contexts = plane_contexts(form);
     let (mut rest, mut number) = (length, 0);
-    for node in ROOT..nodes.len() {
-        let Some(dense) = nodes.dense(node) else { continue };
+    for (node, dense) in nodes.dense_blocks().iter().copied() {
         let is_kind = (1..6).contains(&dense.mark) && layout.dense_levels().contains(&dense.levels);
         let size = layout.dense_places(Dense { levels: dense.levels.min(8), ..dense }) * layout.size;
         rest = rest.checked_sub(size).filter(|_| is_kind)?;
