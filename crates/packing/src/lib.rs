@@ -5,7 +5,9 @@
 
 mod around;
 mod bits;
+mod blocks;
 mod counts;
+mod errors;
 mod fullness;
 mod initial;
 mod layout;

@@ -5,14 +5,9 @@
 //! all last ones, and so on: so all that foretells a plane is there when it begins, on all sides. The last plane is told by the sum of
 //! siblings, which their parent knows but for its rounding, where representatives are means.
 
-use spinney_base::Form;
-use spinney_base::value::Rule;
-
-use crate::bits::{AdaptiveSymbols, BitCoder, SYMBOLS};
-use crate::initial;
-use crate::layout::{Dense, Layout, VOID};
-use crate::masks::code_mask;
-use crate::samples::{self, Whole, is_narrow};
+use crate::bits::BitCoder;
+use crate::errors::{PlaneContexts, SIZES, SUM_SIZES, SUMS, code_error, code_sum, size_context};
+use crate::samples::Whole;
 
 /// A plane of children, and what foretells it: of other planes a child's number, the step to the node that has it, and its weight in
 /// sixteenths.
@@ -74,14 +69,14 @@ const OCT_PLANES: [Plane; 8] = [
 
 /// Values of all nodes of a level, with those at the border once more around them.
 #[derive(Clone)]
-struct Grid<T> {
-    side: usize,
+pub(crate) struct Grid<T> {
+    pub side: usize,
     axes: usize,
     values: Vec<T>,
 }
 
 impl<T: Whole> Grid<T> {
-    fn new(side: usize, axes: usize) -> Grid<T> {
+    pub(crate) fn new(side: usize, axes: usize) -> Grid<T> {
         Grid { side, axes, values: vec![T::default(); (side + 2).pow(axes as u32)] }
     }
 
@@ -96,18 +91,18 @@ impl<T: Whole> Grid<T> {
         (z * wide + (y + 1).wrapping_add_signed(step[1])) * wide + 1usize.wrapping_add_signed(step[0])
     }
 
-    fn at(&self, y: usize, z: usize, step: [isize; 3]) -> &[T] {
+    pub(crate) fn at(&self, y: usize, z: usize, step: [isize; 3]) -> &[T] {
         let start = self.row(y, z, step);
         &self.values[start..start + self.side]
     }
 
-    fn row_mut(&mut self, y: usize, z: usize) -> &mut [T] {
+    pub(crate) fn row_mut(&mut self, y: usize, z: usize) -> &mut [T] {
         let start = self.row(y, z, [0; 3]);
         &mut self.values[start..start + self.side]
     }
 
     /// Calls for each row with its number, y and z.
-    fn each_row(&self, each: impl FnMut(usize, usize, usize)) {
+    pub(crate) fn each_row(&self, each: impl FnMut(usize, usize, usize)) {
         for_rows(self.side, self.axes, each);
     }
 
@@ -118,7 +113,7 @@ impl<T: Whole> Grid<T> {
     }
 
     /// Repeats the values at the border around all.
-    fn pad(&mut self) {
+    pub(crate) fn pad(&mut self) {
         let (side, wide) = (self.side, self.side + 2);
         for row in self.values.chunks_exact_mut(wide) {
             (row[0], row[side + 1]) = (row[1], row[side]);
@@ -136,100 +131,9 @@ impl<T: Whole> Grid<T> {
 }
 
 /// Calls for each row of a level with its number, y and z.
-fn for_rows(side: usize, axes: usize, mut each: impl FnMut(usize, usize, usize)) {
+pub(crate) fn for_rows(side: usize, axes: usize, mut each: impl FnMut(usize, usize, usize)) {
     let rows = (0..if axes == 3 { side } else { 1 }).flat_map(|z| (0..side).map(move |y| (y, z)));
     rows.enumerate().for_each(|(row, (y, z))| each(row, y, z));
-}
-
-/// Contexts of a plane by how much is expected to be wrong: two per doubling.
-pub(crate) const SIZES: usize = 128;
-/// Contexts of sums: by what they are expected to be, in halves from -2 to 2, and by how much is expected to be wrong.
-const SUMS: usize = 9;
-const SUM_SIZES: usize = 8;
-/// The symbol of a sum of 0.
-const NO_SUM: i64 = 8;
-/// From this context on, the lower bits of what is wrong are as often set as not: one more per doubling.
-const NOISE: usize = 14;
-
-/// The context of a size: two per doubling.
-#[inline(always)]
-pub(crate) fn size_context(size: u64) -> usize {
-    if size < 2 {
-        return size as usize;
-    }
-    let bits = (u64::BITS - size.leading_zeros()) as usize;
-    2 * bits - 2 + (size >> (bits - 2) & 1) as usize
-}
-
-/// Probabilities for one channel.
-pub(crate) struct PlaneContexts {
-    errors: Vec<AdaptiveSymbols>,
-    sums: Vec<AdaptiveSymbols>,
-}
-
-impl PlaneContexts {
-    fn new(children: usize) -> PlaneContexts {
-        let errors = (0..children * SIZES).map(|at| initial::of_errors(at % SIZES)).collect();
-        let sums = (0..SUMS * SUM_SIZES).map(|at| initial::of_sums(at / SUM_SIZES)).collect();
-        PlaneContexts { errors, sums }
-    }
-}
-
-/// The least number of each symbol, and how many bits tell the others.
-static FIRST_OF: [(u8, u8); SYMBOLS] = {
-    let mut all = [(0, 0); SYMBOLS];
-    let mut symbol = 0;
-    while symbol < SYMBOLS {
-        let lower = if symbol < 4 { 0 } else { symbol / 2 - 1 };
-        let first = if symbol < 4 { symbol } else { (2 | symbol & 1) << lower };
-        all[symbol] = (first as u8, lower as u8);
-        symbol += 1;
-    }
-    all
-};
-
-/// Codes a number near 0 whose size is about that of its context.
-#[inline(always)]
-pub(crate) fn code_error<K: BitCoder>(
-    coder: &mut K,
-    contexts: &mut [AdaptiveSymbols],
-    context: usize,
-    error: i64,
-) -> i64 {
-    let noise = (context.saturating_sub(NOISE) / 2) as u32;
-    let whole = (error << 1 ^ error >> 63) as u64;
-    let upper = whole >> noise;
-    // Up to 4 each has a symbol; then there are two per doubling, and lower bits; the last is all that is larger.
-    let symbol = if upper < 4 {
-        upper as usize
-    } else {
-        let bits = 63 - upper.leading_zeros();
-        (2 * bits as usize + (upper >> (bits - 1) & 1) as usize).min(15)
-    };
-    let symbol = coder.symbol(&mut contexts[context], symbol);
-    if symbol == 15 {
-        let upper = coder.number(upper);
-        return unfold(upper.wrapping_shl(noise) | coder.raw(whole & ((1 << noise) - 1), noise));
-    }
-    let (first, lower) = FIRST_OF[symbol];
-    let bits = u32::from(lower) + noise;
-    unfold((u64::from(first) << noise) + coder.raw(whole & ((1 << bits) - 1), bits))
-}
-
-/// The number of a whole one that has the sign in its lowest bit.
-#[inline(always)]
-fn unfold(whole: u64) -> i64 {
-    (whole >> 1) as i64 ^ -((whole & 1) as i64)
-}
-
-/// Codes a small sum.
-#[inline(always)]
-fn code_sum<K: BitCoder>(coder: &mut K, contexts: &mut [AdaptiveSymbols], context: usize, sum: i64) -> i64 {
-    let symbol = Some(sum.wrapping_add(NO_SUM)).filter(|symbol| (1..16).contains(symbol)).unwrap_or(0);
-    match coder.symbol(&mut contexts[context], symbol as usize) {
-        0 => unfold(coder.number((sum << 1 ^ sum >> 63) as u64)),
-        symbol => symbol as i64 - NO_SUM,
-    }
 }
 
 /// How a child is coded: by its error in one of [`SIZES`] contexts, from [`BY_SUM`] on by the sum of siblings, or not at all, if it is as its
@@ -239,21 +143,27 @@ const NOT_AT_ALL: u8 = u8::MAX;
 const _: () = assert!(SIZES + SUMS * SUM_SIZES < NOT_AT_ALL as usize);
 
 /// Codes the children of levels.
-struct LevelCoder<'c, T> {
+pub(crate) struct LevelCoder<'c, T> {
     contexts: &'c mut PlaneContexts,
     planes: &'static [Plane],
     has_sums: bool,
-    /// By how much each child of a plane is expected to differ from its parent, in parts of 64.
+    /// By how much each child of a plane is expected to differ from its parent: in parts of 64 unless there are steps.
     expected: Vec<T>,
     how: Vec<u8>,
     /// By how much it does.
     changes: Vec<T>,
 }
 
-impl<T: Whole> LevelCoder<'_, T> {
+impl<'c, T: Whole> LevelCoder<'c, T> {
+    /// For trees with so many axes; `has_sums` says that representatives are means.
+    pub(crate) fn new(contexts: &'c mut PlaneContexts, axes: usize, has_sums: bool) -> LevelCoder<'c, T> {
+        let planes: &[Plane] = if axes == 2 { &QUAD_PLANES } else { &OCT_PLANES };
+        LevelCoder { contexts, planes, has_sums, expected: Vec::new(), how: Vec::new(), changes: Vec::new() }
+    }
+
     /// Codes the children of a level: `children` has those to be written, and gets those that are read. Which of them are VOID
     /// the bits of `void` tell, of each parent; those are as their parents.
-    fn level<K: BitCoder>(
+    pub(crate) fn level<K: BitCoder>(
         &mut self,
         coder: &mut K,
         parents: &Grid<T>,
@@ -261,6 +171,7 @@ impl<T: Whole> LevelCoder<'_, T> {
         void: Option<&[u8]>,
     ) {
         let (side, planes) = (parents.side, self.planes);
+        let step = self.code_step(coder, children, void);
         let slopes = Slopes::new(parents);
         let mut wrong: Vec<Grid<T>> = planes.iter().map(|_| Grid::new(0, parents.axes)).collect();
         // The sum of what children of the planes so far differ from their parents.
@@ -274,8 +185,14 @@ impl<T: Whole> LevelCoder<'_, T> {
                     .filter(|(_, void)| *void >> plane.child & 1 == 1)
                     .for_each(|(how, _)| *how = NOT_AT_ALL);
             }
+            if step > 0 {
+                self.in_steps(step, parents);
+            }
             if self.has_sums && number + 1 == planes.len() {
-                self.foretell_sums(&others, void);
+                match step {
+                    0 => self.foretell_sums(&others, void),
+                    _ => self.foretell_by_sums(&others, step, parents, void),
+                }
             }
             self.changes.resize(slopes.sizes.len(), T::default());
             if !K::READS {
@@ -289,7 +206,7 @@ impl<T: Whole> LevelCoder<'_, T> {
                         .for_each(|((change, child), parent)| *change = child.sub(*parent));
                 });
             }
-            self.code(coder, number, &others);
+            self.code(coder, number, &others, step);
             let mut here = Grid::new(side, parents.axes);
             parents.each_row(|row, y, z| {
                 let child = children.child_row(plane.child, y, z);
@@ -353,20 +270,74 @@ impl<T: Whole> LevelCoder<'_, T> {
         }
     }
 
+    /// Codes how many of the lowest bits are 0 in all children of a level.
+    fn code_step<K: BitCoder>(&mut self, coder: &mut K, children: &Grid<T>, void: Option<&[u8]>) -> u32 {
+        let mut all = 0;
+        if !K::READS {
+            for_rows(children.side, children.axes, |_, y, z| {
+                for (x, child) in children.at(y, z, [0; 3]).iter().enumerate() {
+                    let half = children.side / 2;
+                    let parent = (z / 2 * half + y / 2) * half + x / 2;
+                    let number = (x & 1) | (y & 1) << 1 | (z & 1) << 2;
+                    if void.is_none_or(|void| void[parent] >> number & 1 == 0) {
+                        all |= child.to_i64();
+                    }
+                }
+            });
+        }
+        let step = if all == 0 { 0 } else { all.trailing_zeros() };
+        let [lower, upper] = &mut self.contexts.steps;
+        let lower = coder.symbol(lower, step as usize & 15) as u32;
+        // (Narrow numbers have not so many.)
+        (coder.symbol(upper, step as usize >> 4) as u32 & 3) << 4 | lower
+    }
+
+    /// Goes over to errors in steps of a power of two: what is expected becomes what leads to the nearest step.
+    fn in_steps(&mut self, step: u32, parents: &Grid<T>) {
+        let side = parents.side;
+        parents.each_row(|row, y, z| {
+            let own = parents.at(y, z, [0; 3]);
+            let expected = self.expected[row * side..][..side].iter_mut();
+            let how = &mut self.how[row * side..][..side];
+            for ((expected, how), own) in expected.zip(how).zip(own) {
+                *expected = nearest_step(own.add(expected.add(T::from_i64(32)).down(6)), step).sub(*own);
+                if *how != NOT_AT_ALL {
+                    *how = how.saturating_sub(2 * step as u8);
+                }
+            }
+        });
+    }
+
+    /// Goes over, in the last plane, to what makes the sum of siblings 0, or nearly so: in steps there is little else.
+    fn foretell_by_sums(&mut self, others: &[T], step: u32, parents: &Grid<T>, void: Option<&[u8]>) {
+        let side = parents.side;
+        parents.each_row(|row, y, z| {
+            for (x, own) in parents.at(y, z, [0; 3]).iter().enumerate() {
+                let at = row * side + x;
+                if void.is_none_or(|void| void[at] == 0) {
+                    self.expected[at] = nearest_step(own.sub(others[at]), step).sub(*own);
+                    self.how[at] = 0;
+                }
+            }
+        });
+    }
+
     /// Codes the changes of a plane.
     #[inline(never)]
-    fn code<K: BitCoder>(&mut self, coder: &mut K, plane: usize, others: &[T]) {
+    fn code<K: BitCoder>(&mut self, coder: &mut K, plane: usize, others: &[T], step: u32) {
         let errors = &mut self.contexts.errors[plane * SIZES..][..SIZES];
         let sums = &mut self.contexts.sums[..];
         let (how, expected, changes) = (&self.how[..], &self.expected[..], &mut self.changes[..]);
+        // (What is expected is in parts of 64 unless there are steps.)
+        let (half, parts) = if step == 0 { (32, 6) } else { (0, 0) };
         coder.many(|coder| {
             let all = changes.iter_mut().zip(expected).zip(how).zip(others);
             for (((change, expected), how), others) in all {
                 if *how < BY_SUM {
-                    let expected = expected.add(T::from_i64(32)).down(6);
-                    let error = change.sub(expected).to_i64();
+                    let expected = expected.add(T::from_i64(half)).down(parts);
+                    let error = change.sub(expected).to_i64() >> step;
                     let error = code_error(coder, errors, usize::from(*how), error);
-                    *change = T::from_i64(error).add(expected);
+                    *change = T::from_i64(error << step).add(expected);
                 } else if *how != NOT_AT_ALL {
                     let sum = change.add(*others).to_i64();
                     let sum = code_sum(coder, sums, usize::from(*how - BY_SUM), sum);
@@ -377,6 +348,13 @@ impl<T: Whole> LevelCoder<'_, T> {
             }
         });
     }
+}
+
+/// The multiple of a power of two that is nearest to a number.
+#[inline(always)]
+fn nearest_step<T: Whole>(number: T, step: u32) -> T {
+    let half = T::from_i64((1i64 << step) >> 1);
+    T::from_i64(number.add(half).to_i64() >> step << step)
 }
 
 /// Adds what is wrong with others to what is expected to be wrong, and to how much that may be.
@@ -457,152 +435,5 @@ impl<T: Whole> Slopes<T> {
         let across = self.across.get(here).unwrap_or_default();
         let sign = sign(0) * sign(1);
         changes.iter_mut().zip(across).for_each(|(change, across)| *change = change.add(across.times(sign)));
-    }
-}
-
-/// The channels in the order in which they are coded, and of each the one that it is told from by difference.
-pub(crate) fn channel_order(form: Form) -> &'static [(usize, Option<usize>)] {
-    const PLAIN: [(usize, Option<usize>); 4] = [(0, None), (1, None), (2, None), (3, None)];
-    // Red and blue are much like green.
-    const COLOURS: [(usize, Option<usize>); 4] = [(1, None), (0, Some(1)), (2, Some(1)), (3, None)];
-    let channels = usize::from(form.value.channels);
-    if channels >= 3 && is_narrow(form.value.sample) { &COLOURS[..channels] } else { &PLAIN[..channels] }
-}
-
-/// Probabilities for all channels of a segment.
-pub(crate) fn plane_contexts(form: Form) -> Vec<PlaneContexts> {
-    (0..form.value.channels).map(|_| PlaneContexts::new(form.children())).collect()
-}
-
-/// Codes a dense block: `block` has its bytes, or gets them, but for states and places of its record. `root` is the value of the
-/// node that it begins at, if that is known.
-pub(crate) fn code_block<K: BitCoder>(
-    coder: &mut K,
-    contexts: &mut [PlaneContexts],
-    (form, rule): (Form, Rule),
-    dense: Dense,
-    root: &[u8],
-    block: &mut [u8],
-) {
-    match is_narrow(form.value.sample) {
-        true => code_values::<K, i32>(coder, contexts, (form, rule), dense, root, block),
-        false => code_values::<K, i64>(coder, contexts, (form, rule), dense, root, block),
-    }
-}
-
-fn code_values<K: BitCoder, T: Whole>(
-    coder: &mut K,
-    contexts: &mut [PlaneContexts],
-    (form, rule): (Form, Rule),
-    dense: Dense,
-    root: &[u8],
-    block: &mut [u8],
-) {
-    let (layout, sample) = (Layout::new(form), form.value.sample);
-    let void = dense.has_bits().then(|| {
-        let bits = &mut block[layout.dense_bits(dense.levels)..][..layout.nodes(dense.levels) / 8];
-        code_mask(coder, layout.axes, dense.levels, bits);
-        (dense.bottom().1 == VOID).then(|| VoidNodes::new(&layout, dense.levels, bits))
-    });
-    let void = void.flatten();
-    let void_children = |level: u8| void.as_ref().map(|void| &void.children[usize::from(level)][..]);
-    let is_void = |level: u8| void.as_ref().map(|void| &void.nodes[usize::from(level)][..]);
-    let mut coded: Vec<Vec<Grid<T>>> = vec![Vec::new(); usize::from(form.value.channels)];
-    for &(channel, like) in channel_order(form) {
-        let from = channel * sample.size();
-        let number = |bytes: &[u8]| T::from_i64(samples::read(sample, &bytes[from..]));
-        let mut top = Grid::new(1, layout.axes);
-        top.row_mut(0, 0)[0] = number(root);
-        if let Some(like) = like {
-            let other = coded[like][0].at(0, 0, [0; 3])[0];
-            top.row_mut(0, 0)[0] = number(root).sub(other);
-        }
-        top.pad();
-        let mut grids = vec![top];
-        for level in 1..=dense.levels {
-            let mut grid = Grid::<T>::new(1 << level, layout.axes);
-            let values = layout.dense_values(level);
-            if !K::READS {
-                let mut bytes = block[values..].chunks_exact(layout.width);
-                for_rows(1 << level, layout.axes, |_, y, z| {
-                    let out = grid.row_mut(y, z);
-                    out.iter_mut().zip(&mut bytes).for_each(|(out, bytes)| *out = number(bytes));
-                    if let Some(like) = like {
-                        let other = coded[like][usize::from(level)].at(y, z, [0; 3]);
-                        out.iter_mut().zip(other).for_each(|(out, other)| *out = out.sub(*other));
-                    }
-                });
-            }
-            let mut levels = LevelCoder {
-                contexts: &mut contexts[channel],
-                planes: if layout.axes == 2 { &QUAD_PLANES } else { &OCT_PLANES },
-                has_sums: rule == Rule::Mean,
-                expected: Vec::new(),
-                how: Vec::new(),
-                changes: Vec::new(),
-            };
-            levels.level(coder, &grids[usize::from(level) - 1], &mut grid, void_children(level - 1));
-            if K::READS {
-                let (side, width) = (grid.side, layout.width);
-                grid.each_row(|row, y, z| {
-                    let bytes = &mut block[values + row * side * width + from..];
-                    let numbers = grid.at(y, z, [0; 3]);
-                    match like {
-                        None => samples::write_all(
-                            sample,
-                            numbers.iter().map(|number| number.to_i64()),
-                            bytes,
-                            width,
-                        ),
-                        Some(like) => {
-                            let others = coded[like][usize::from(level)].at(y, z, [0; 3]);
-                            let sums =
-                                numbers.iter().zip(others).map(|(number, other)| number.add(*other).to_i64());
-                            samples::write_all(sample, sums, bytes, width);
-                        }
-                    }
-                    if let Some(void) = is_void(level) {
-                        let void = void[row * side..][..side].iter().zip(bytes.chunks_mut(width));
-                        void.filter(|(void, _)| **void).for_each(|(_, bytes)| bytes[..sample.size()].fill(0));
-                    }
-                });
-            }
-            grid.pad();
-            grids.push(grid);
-        }
-        coded[channel] = grids;
-    }
-}
-
-/// Which nodes of a dense block are VOID, level by level.
-struct VoidNodes {
-    nodes: Vec<Vec<bool>>,
-    /// Of each node above the bottom: a bit for each child that is VOID.
-    children: Vec<Vec<u8>>,
-}
-
-impl VoidNodes {
-    /// By the bits of the bottom nodes.
-    fn new(layout: &Layout, levels: u8, bits: &[u8]) -> VoidNodes {
-        let bottom = (0..layout.nodes(levels)).map(|at| bits[at / 8] >> (at % 8) & 1 == 0).collect();
-        let mut all = VoidNodes { nodes: vec![bottom], children: Vec::new() };
-        for level in (0..levels).rev() {
-            let (side, below) = (1 << level, &all.nodes[all.nodes.len() - 1]);
-            let mut children = vec![0; layout.nodes(level)];
-            for_rows(side, layout.axes, |row, y, z| {
-                let out = &mut children[row * side..][..side];
-                for child in 0..layout.children {
-                    let row = (2 * z + (child >> 2)) * 2 * side + 2 * y + (child >> 1 & 1);
-                    let void = below[row * 2 * side..][..2 * side].iter().skip(child & 1).step_by(2);
-                    out.iter_mut().zip(void).for_each(|(out, void)| *out |= u8::from(*void) << child);
-                }
-            });
-            let whole = u8::MAX >> (8 - layout.children);
-            all.nodes.push(children.iter().map(|children: &u8| *children == whole).collect());
-            all.children.push(children);
-        }
-        all.nodes.reverse();
-        all.children.reverse();
-        all
     }
 }

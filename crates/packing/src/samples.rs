@@ -2,6 +2,8 @@
 
 use spinney_base::value::SampleType;
 
+use crate::bits::{Adaptive, BitCoder};
+
 /// A whole number that arithmetic wraps round in.
 pub(crate) trait Whole: Copy + Default + Ord {
     fn from_i64(number: i64) -> Self;
@@ -142,4 +144,108 @@ pub(crate) fn write_all(
         SampleType::F64 => each(numbers, bytes, width, |number| turn(number, 64).to_le_bytes()),
         SampleType::U64 | SampleType::I64 => each(numbers, bytes, width, i64::to_le_bytes),
     }
+}
+
+/// How the samples of a channel become whole numbers in a dense block.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Numbering {
+    sample: SampleType,
+    /// Of floating samples: the power of two times which all are whole; if none is told, they are their bits.
+    scale: Option<i8>,
+}
+
+/// The bits of the place of a scale among numbers with as many bits.
+const SCALE_BITS: u32 = 8;
+/// Whole numbers of floating samples have at most so many bits.
+const MOST_BITS: i32 = 62;
+
+impl Numbering {
+    /// By the order of the samples.
+    pub(crate) fn ordered(sample: SampleType) -> Numbering {
+        Numbering { sample, scale: None }
+    }
+
+    /// The one that suits samples of all nodes of a block and, among these, those at its bottom: as multiples of a power of two if
+    /// these have fewer digits than there is room for, as if they had been rounded.
+    pub(crate) fn choose(
+        sample: SampleType,
+        all: impl Iterator<Item = f64>,
+        bottom: impl Iterator<Item = f64>,
+    ) -> Numbering {
+        let ordered = Numbering::ordered(sample);
+        let (Some(all), Some(bottom)) = (digits(all), digits(bottom)) else { return ordered };
+        // (Digits of a sample: 24 and 53.)
+        let few = if sample == SampleType::F32 { 22 } else { 50 };
+        let is_rounded = bottom.1 - bottom.0 < few && all.1 - all.0 < MOST_BITS;
+        let scale = i8::try_from(-all.0).ok().filter(|_| is_rounded);
+        Numbering { scale, ..ordered }
+    }
+
+    /// Codes it.
+    pub(crate) fn code<K: BitCoder>(self, coder: &mut K, is_scaled: &mut Adaptive) -> Numbering {
+        if !self.sample.is_float() || !coder.bit(is_scaled, self.scale.is_some()) {
+            return Numbering { scale: None, ..self };
+        }
+        let scale = coder.raw(u64::from(self.scale.unwrap_or_default() as u8), SCALE_BITS);
+        Numbering { scale: Some(scale as u8 as i8), ..self }
+    }
+
+    /// The whole number of the sample at the beginning of some bytes.
+    #[inline(always)]
+    pub(crate) fn read(self, bytes: &[u8]) -> i64 {
+        match self.scale {
+            None => read(self.sample, bytes),
+            Some(scale) => (read_float(self.sample, bytes) * power(scale)) as i64,
+        }
+    }
+
+    /// Writes samples, each so many bytes behind the one before.
+    #[inline(always)]
+    pub(crate) fn write_all(self, numbers: impl Iterator<Item = i64>, bytes: &mut [u8], width: usize) {
+        let Some(scale) = self.scale else { return write_all(self.sample, numbers, bytes, width) };
+        // (Powers of two: neither product is rounded, but where a sample has no room for all digits.)
+        let factor = 1.0 / power(scale);
+        for (number, bytes) in numbers.zip(bytes.chunks_mut(width)) {
+            let number = number as f64 * factor;
+            match self.sample {
+                SampleType::F32 => bytes[..4].copy_from_slice(&(number as f32).to_le_bytes()),
+                _ => bytes[..8].copy_from_slice(&number.to_le_bytes()),
+            }
+        }
+    }
+}
+
+/// A power of two.
+fn power(exponent: i8) -> f64 {
+    f64::from_bits(((1023 + i64::from(exponent)) as u64) << 52)
+}
+
+/// The floating sample at the beginning of some bytes.
+#[inline(always)]
+pub(crate) fn read_float(sample: SampleType, bytes: &[u8]) -> f64 {
+    match (sample, bytes.first_chunk(), bytes.first_chunk()) {
+        (SampleType::F32, Some(bytes), _) => f64::from(f32::from_le_bytes(*bytes)),
+        (SampleType::F64, _, Some(bytes)) => f64::from_le_bytes(*bytes),
+        _ => 0.0,
+    }
+}
+
+/// The places of the lowest digit that any of some numbers has, and of the highest, as powers of two. `None` if one is no number, or
+/// a zero with a sign, which whole numbers are not.
+fn digits(numbers: impl Iterator<Item = f64>) -> Option<(i32, i32)> {
+    let (mut lowest, mut highest) = (i32::MAX, i32::MIN);
+    for number in numbers {
+        let bits = number.to_bits();
+        let (exponent, fraction) = ((bits >> 52 & 0x7ff) as i32, bits & ((1 << 52) - 1));
+        if !number.is_finite() || bits == (-0.0f64).to_bits() {
+            return None;
+        }
+        if bits != 0 {
+            // (Numbers that are nearly 0 have no leading digit; they are far beyond all scales.)
+            let fraction = fraction | 1 << 52;
+            lowest = lowest.min(exponent - 1075 + fraction.trailing_zeros() as i32);
+            highest = highest.max(exponent - 1023);
+        }
+    }
+    Some(if lowest == i32::MAX { (0, 0) } else { (lowest, highest) })
 }

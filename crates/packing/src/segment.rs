@@ -4,12 +4,13 @@ use spinney_base::Form;
 use spinney_base::value::{Kind, Rule, SampleType, ValueType};
 
 use crate::bits::{BitCoder, BitReader, BitWriter};
+use crate::blocks::{code_block, plane_contexts};
 use crate::counts::{code_counts, parse_counts};
 use crate::fullness::code_fullness;
 use crate::layout::{Dense, INNER, Layout, VOID};
 use crate::nodes::{FIRST_VALUE, MIXED, NOTHING, NewValues, NodeForm, Nodes, ROOT, code_nodes};
 use crate::plain::{Parsed, Writer, parse};
-use crate::planes::{code_block, plane_contexts};
+
 use crate::values::{NumberValues, Numbers, TableValues, bytes, code_table, numbers, order};
 
 /// What the bytes of a segment mean.

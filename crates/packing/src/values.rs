@@ -6,9 +6,10 @@ use spinney_base::Form;
 use spinney_base::value::SampleType;
 
 use crate::bits::{Adaptive, AdaptiveSymbols, BitCoder};
+use crate::blocks::channel_order;
+use crate::errors::{SIZES, code_error, size_context};
 use crate::initial;
 use crate::nodes::{FIRST_VALUE, NOTHING, NewValues};
-use crate::planes::{SIZES, channel_order, code_error, size_context};
 use crate::samples;
 
 /// The samples of a value as whole numbers.

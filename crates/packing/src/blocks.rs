@@ -1,0 +1,172 @@
+//! Dense blocks of numbers: their bits, channels and levels.
+
+use spinney_base::Form;
+use spinney_base::value::Rule;
+
+use crate::bits::BitCoder;
+use crate::errors::PlaneContexts;
+use crate::layout::{Dense, Layout, VOID};
+use crate::masks::code_mask;
+use crate::planes::{Grid, LevelCoder, for_rows};
+use crate::samples::{Numbering, Whole, is_narrow, read_float};
+
+/// The channels in the order in which they are coded, and of each the one that it is told from by difference.
+pub(crate) fn channel_order(form: Form) -> &'static [(usize, Option<usize>)] {
+    const PLAIN: [(usize, Option<usize>); 4] = [(0, None), (1, None), (2, None), (3, None)];
+    // Red and blue are much like green.
+    const COLOURS: [(usize, Option<usize>); 4] = [(1, None), (0, Some(1)), (2, Some(1)), (3, None)];
+    let channels = usize::from(form.value.channels);
+    if channels >= 3 && is_narrow(form.value.sample) { &COLOURS[..channels] } else { &PLAIN[..channels] }
+}
+
+/// Probabilities for all channels of a segment.
+pub(crate) fn plane_contexts(form: Form) -> Vec<PlaneContexts> {
+    (0..form.value.channels).map(|_| PlaneContexts::new(form.children())).collect()
+}
+
+/// Codes a dense block: `block` has its bytes, or gets them, but for states and places of its record. `root` is the value of the
+/// node that it begins at, if that is known.
+pub(crate) fn code_block<K: BitCoder>(
+    coder: &mut K,
+    contexts: &mut [PlaneContexts],
+    (form, rule): (Form, Rule),
+    dense: Dense,
+    root: &[u8],
+    block: &mut [u8],
+) {
+    match is_narrow(form.value.sample) {
+        true => code_values::<K, i32>(coder, contexts, (form, rule), dense, root, block),
+        false => code_values::<K, i64>(coder, contexts, (form, rule), dense, root, block),
+    }
+}
+
+fn code_values<K: BitCoder, T: Whole>(
+    coder: &mut K,
+    contexts: &mut [PlaneContexts],
+    (form, rule): (Form, Rule),
+    dense: Dense,
+    root: &[u8],
+    block: &mut [u8],
+) {
+    let (layout, sample) = (Layout::new(form), form.value.sample);
+    let void = dense.has_bits().then(|| {
+        let bits = &mut block[layout.dense_bits(dense.levels)..][..layout.nodes(dense.levels) / 8];
+        code_mask(coder, layout.axes, dense.levels, bits);
+        (dense.bottom().1 == VOID).then(|| VoidNodes::new(&layout, dense.levels, bits))
+    });
+    let void = void.flatten();
+    let void_children = |level: u8| void.as_ref().map(|void| &void.children[usize::from(level)][..]);
+    let is_void = |level: u8| void.as_ref().map(|void| &void.nodes[usize::from(level)][..]);
+    let mut coded: Vec<Vec<Grid<T>>> = vec![Vec::new(); usize::from(form.value.channels)];
+    for &(channel, like) in channel_order(form) {
+        let from = channel * sample.size();
+        let numbering = choose_numbering::<K>(form, channel, &layout, dense, root, block, is_void);
+        let numbering = numbering.code(coder, &mut contexts[channel].is_scaled);
+        let number = |bytes: &[u8]| T::from_i64(numbering.read(&bytes[from..]));
+        let mut top = Grid::new(1, layout.axes);
+        top.row_mut(0, 0)[0] = number(root);
+        if let Some(like) = like {
+            let other = coded[like][0].at(0, 0, [0; 3])[0];
+            top.row_mut(0, 0)[0] = number(root).sub(other);
+        }
+        top.pad();
+        let mut grids = vec![top];
+        for level in 1..=dense.levels {
+            let mut grid = Grid::<T>::new(1 << level, layout.axes);
+            let values = layout.dense_values(level);
+            let other = like.map(|like| &coded[like][usize::from(level)]);
+            if !K::READS {
+                let mut bytes = block[values..].chunks_exact(layout.width);
+                for_rows(grid.side, layout.axes, |_, y, z| {
+                    let out = grid.row_mut(y, z);
+                    out.iter_mut().zip(&mut bytes).for_each(|(out, bytes)| *out = number(bytes));
+                    if let Some(other) = other {
+                        let other = other.at(y, z, [0; 3]);
+                        out.iter_mut().zip(other).for_each(|(out, other)| *out = out.sub(*other));
+                    }
+                });
+            }
+            let mut levels = LevelCoder::new(&mut contexts[channel], layout.axes, rule == Rule::Mean);
+            levels.level(coder, &grids[usize::from(level) - 1], &mut grid, void_children(level - 1));
+            if K::READS {
+                let (side, width) = (grid.side, layout.width);
+                grid.each_row(|row, y, z| {
+                    let bytes = &mut block[values + row * side * width + from..];
+                    let numbers = grid.at(y, z, [0; 3]).iter();
+                    match other.map(|other| other.at(y, z, [0; 3])) {
+                        None => numbering.write_all(numbers.map(|number| number.to_i64()), bytes, width),
+                        Some(other) => {
+                            let sums = numbers.zip(other).map(|(number, other)| number.add(*other).to_i64());
+                            numbering.write_all(sums, bytes, width);
+                        }
+                    }
+                    if let Some(void) = is_void(level) {
+                        let void = void[row * side..][..side].iter().zip(bytes.chunks_mut(width));
+                        void.filter(|(void, _)| **void).for_each(|(_, bytes)| bytes[..sample.size()].fill(0));
+                    }
+                });
+            }
+            grid.pad();
+            grids.push(grid);
+        }
+        coded[channel] = grids;
+    }
+}
+
+/// How the samples of a channel become whole numbers, where they are to be written.
+fn choose_numbering<'v, K: BitCoder>(
+    form: Form,
+    channel: usize,
+    layout: &Layout,
+    dense: Dense,
+    root: &[u8],
+    block: &[u8],
+    is_void: impl Fn(u8) -> Option<&'v [bool]>,
+) -> Numbering {
+    let sample = form.value.sample;
+    if K::READS || !sample.is_float() {
+        return Numbering::ordered(sample);
+    }
+    let number = |bytes: &[u8]| read_float(sample, &bytes[channel * sample.size()..]);
+    let of_level = |level: u8| {
+        let bytes = block[layout.dense_values(level)..].chunks_exact(layout.width);
+        let void = is_void(level).unwrap_or_default();
+        let samples = bytes.take(layout.nodes(level)).enumerate();
+        samples.filter(|(at, _)| !void.get(*at).copied().unwrap_or_default()).map(|(_, bytes)| number(bytes))
+    };
+    let all = (1..=dense.levels).flat_map(of_level).chain([number(root)]);
+    Numbering::choose(sample, all, of_level(dense.levels))
+}
+
+/// Which nodes of a dense block are VOID, level by level.
+struct VoidNodes {
+    nodes: Vec<Vec<bool>>,
+    /// Of each node above the bottom: a bit for each child that is VOID.
+    children: Vec<Vec<u8>>,
+}
+
+impl VoidNodes {
+    /// By the bits of the bottom nodes.
+    fn new(layout: &Layout, levels: u8, bits: &[u8]) -> VoidNodes {
+        let bottom = (0..layout.nodes(levels)).map(|at| bits[at / 8] >> (at % 8) & 1 == 0).collect();
+        let mut all = VoidNodes { nodes: vec![bottom], children: Vec::new() };
+        for level in (0..levels).rev() {
+            let (side, below) = (1 << level, &all.nodes[all.nodes.len() - 1]);
+            let mut children = vec![0; layout.nodes(level)];
+            for_rows(side, layout.axes, |row, y, z| {
+                let out = &mut children[row * side..][..side];
+                for child in 0..layout.children {
+                    let row = (2 * z + (child >> 2)) * 2 * side + 2 * y + (child >> 1 & 1);
+                    let void = below[row * 2 * side..][..2 * side].iter().skip(child & 1).step_by(2);
+                    out.iter_mut().zip(void).for_each(|(out, void)| *out |= u8::from(*void) << child);
+                }
+            });
+            let whole = u8::MAX >> (8 - layout.children);
+            all.nodes.push(children.iter().map(|children: &u8| *children == whole).collect());
+            all.children.push(children);
+        }
+        all.nodes.reverse();
+        all.children.reverse();
+        all
+    }
+}
