@@ -244,7 +244,7 @@ fn operations_make_the_same_of_packed_files() {
         for operation in [Operation::Over, Operation::Changed] {
             let made = [["a.goblin", "b.goblin"], ["pa.goblin", "b.goblin"], ["pa.goblin", "pb.goblin"]].map(
                 |names| {
-                    let files: Vec<PathBuf> = names.map(|name| path(name)).to_vec();
+                    let files: Vec<PathBuf> = names.map(path).to_vec();
                     let how = packing(Effort::Small);
                     let outcome = ops::combine(
                         operation,

@@ -1,0 +1,74 @@
+"""Packed segments: the same cells in fewer bytes, wherever trees are written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import FIXTURES
+
+import spinney
+
+CLASSES = str(FIXTURES / "island_classes.tif")
+
+
+def patches() -> np.ndarray:
+    """Patches of few values, of more than one segment."""
+    rows, columns = np.mgrid[:600, :700]
+    return ((rows // 7 * 31 + columns // 5 * 17) % 23).astype("u1")
+
+
+def test_cells_are_the_same(tmp_path: Path) -> None:
+    array = patches()
+    paths = {name: tmp_path / f"{name}.goblin" for name in ("plain", "packed", "small", "back", "moved", "both")}
+    spinney.build(array, paths["plain"])
+    spinney.build(array, paths["packed"], codec="packed")
+    spinney.build(array, paths["small"], codec="packed", effort="small")
+    spinney.convert(paths["packed"], paths["back"])
+    assert paths["back"].read_bytes() == paths["plain"].read_bytes()
+    spinney.transform(paths["packed"], "mirror=x", paths["moved"], codec="packed")
+    spinney.combine("and", [paths["packed"], paths["plain"]], paths["both"], codec="packed")
+    for name in ("packed", "small", "both"):
+        assert paths[name].stat().st_size < paths["plain"].stat().st_size
+        with spinney.open(paths[name]) as ds:
+            assert np.array_equal(ds[...], array)
+            places = [(column, row) for row in range(0, 600, 37) for column in range(0, 700, 41)]
+            assert [int(value[0]) for value in ds.sample(places, coordinates="cells")] == [array[row, column] for column, row in places]
+        assert spinney.verify(paths[name]) == []
+    with spinney.open(paths["moved"]) as ds:
+        assert np.array_equal(ds[...], array[:, ::-1])
+
+
+def test_files_and_layers(tmp_path: Path) -> None:
+    plain, packed, stack = (tmp_path / f"{name}.goblin" for name in ("plain", "packed", "stack"))
+    spinney.build(CLASSES, plain)
+    spinney.build(CLASSES, packed, codec="packed")
+    spinney.build(packed, tmp_path / "again.goblin", codec="packed", rule="nearest")
+    spinney.build({"a": patches(), "b": patches()}, stack, codec="packed")
+    assert packed.stat().st_size < plain.stat().st_size
+    with spinney.open(plain) as a, spinney.open(packed) as b:
+        assert np.array_equal(a[...], b[...]) and a.stats() == b.stats()
+    assert spinney.verify(stack) == []
+
+
+def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
+    out = tmp_path / "t.goblin"
+    with pytest.raises(ValueError, match="effort"):
+        spinney.build(patches(), out, effort="small")
+    with pytest.raises(ValueError, match="plain or packed"):
+        spinney.build(patches(), out, codec="zip")  # type: ignore[arg-type]
+    with pytest.raises(Exception, match="compact"):
+        spinney.build(patches(), tmp_path / "t.autumn", codec="packed")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_little_is_kept(tmp_path: Path) -> None:
+    out = tmp_path / "t.goblin"
+    spinney.build(patches(), out, codec="packed")
+    spinney.set_cache_memory(1)
+    try:
+        with spinney.open(out) as ds:
+            assert np.array_equal(ds[...], patches())
+    finally:
+        spinney.set_cache_memory("64M")
