@@ -39,6 +39,7 @@ class LayerOfCommit(Tree):
         header = b.blob()
         check(len(header) == 48, "a tree's header has another size")
         self.form = form = Form(header, file.header)
+        check(not form.codec, "packed segments, where there are none")
         self.root_state, self.root_value, self.root = b.get("B"), b.blob(), b.unsigned()
         check(self.root_state <= INNER and len(self.root_value) == form.width, "the root")
         check(self.root_state < INNER or form.depth and self.root < commit, "the root's record")

@@ -2,7 +2,7 @@
 
 It shows that the page is whole, and is a start for readers in other languages. It reads all of a file into memory and is in no hurry.
 What files have in common is in basics.py, trees in trees.py, Autumnal files in autumnal.py, exact models in models.py, the rules of
-section 13 in rules.py, and what must be true of a whole file in verify.py.
+section 13 in rules.py, packed segments in packed.py, and what must be true of a whole file in verify.py.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Iterator
 
 import numpy as np
 from basics import Bytes, Code, Damaged, Header, Unknown, check, check_names, crc32c, metadata, trailer
+from packed import unpack
 from trees import CUT, INNER, VOID, Form, Run, Statistics, Tree, sum_of
 
 NO_COUNTS = 0xFFFF
@@ -67,6 +68,7 @@ class Layer(Tree):
         check(len(self.top) == 24 * self.levels[-1], "the top of the index has another size")
         self.pages: dict[int, tuple[list[tuple[int, Entry]], list[Entry]]] = {}
         self.runs: dict[int, Run] = {}
+        self.unpacked: dict[int, bytes] = {}
 
     def part(self, at: int, size: int, crc: int | None) -> bytes:
         check(24 <= at and at + size <= len(self.file), "something lies outside the file")
@@ -146,15 +148,21 @@ class Layer(Tree):
         raise Damaged("no segment contains a node")
 
     def segment(self, entry: Entry) -> bytes:
-        """The bytes of a segment, checked."""
-        if entry.codec:
-            raise Unknown("a packed segment")
+        """The bytes of a segment, checked, and unpacked if it is packed."""
+        if entry.codec > 1:
+            raise Unknown("the codec of a segment")
+        check(entry.codec <= self.form.codec, "a packed segment among plain ones")
         f, counts = self.form, 0 if entry.classes == NO_COUNTS else entry.classes
-        check(entry.places and entry.size == entry.places * f.record + counts * (f.width + 8), "bytes of a segment")
+        size = entry.places * f.record + counts * (f.width + 8)
+        check(entry.places and (entry.codec or entry.size == size), "bytes of a segment")
         check(entry.start + entry.size <= self.directory, "a segment lies elsewhere")
         data = self.run[entry.start : entry.start + entry.size]
         check(crc32c(data) == entry.crc, "checksum of a segment")
-        return data
+        if not entry.codec:
+            return data
+        if entry.start not in self.unpacked:
+            self.unpacked[entry.start] = unpack(f, f.depth - entry.node.level, data, size)
+        return self.unpacked[entry.start]
 
     def records(self, entry: Entry) -> Run:
         code = entry.node.code

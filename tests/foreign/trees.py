@@ -22,10 +22,10 @@ class Form:
     """A tree's header (section 5), and what follows from it: how large things are."""
 
     def __init__(self, raw: bytes, file: Header) -> None:
-        (sample, self.channels, rule, kind, codec, self.depth, self.reach, self.stride, self.heavy, mask, self.lack, *extent) = (
+        (sample, self.channels, rule, kind, self.codec, self.depth, self.reach, self.stride, self.heavy, mask, self.lack, *extent) = (
             struct.unpack("<8BIB3x8s3Q", raw)
         )
-        if sample >= len(SAMPLES) or rule >= len(RULES) or kind > 1 or codec:
+        if sample >= len(SAMPLES) or rule >= len(RULES) or kind > 1 or self.codec > 1:
             raise Unknown("a number of the tree's header is not known")
         self.axes = axes = file.axes
         self.type = np.dtype(SAMPLES[sample])

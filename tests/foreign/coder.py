@@ -1,0 +1,189 @@
+"""What packed segments are coded with (section 37 of formats.md), and errors (section 39)."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from itertools import accumulate
+from typing import Hashable
+
+import numpy as np
+from basics import Bytes, check
+from trees import Form, Values
+
+# How far a bit's probability moves.
+STEPS = [(1 << 17) // (2 * n + 3) for n in range(128)]
+# Where the starts of symbols move to after each of them, how far, and where they begin.
+GOALS = [[6 * i if i <= k else (1 << 15) - 6 * (16 - i) for i in range(16)] for k in range(16)]
+RATES = [4 if n < 8 else 5 if n < 24 else 6 if n < 80 else 7 for n in range(81)]
+EVEN = [2048 * i for i in range(16)]
+
+
+def starts(lengths: list[int]) -> list[int]:
+    """Starts of symbols of which the lengths are known."""
+    return [0, *accumulate(lengths)][:16]
+
+
+# fmt: off
+# Lengths of symbols of errors, in the contexts 0 to 13 of a size, then in larger even ones and larger odd ones.
+ERRORS = [
+    [15472, 4646, 3873, 1555, 1555, 782, 782, 628, 628, 473, 473, 396, 396, 318, 318, 473],
+    [32064, 293, 211, 33, 44, 21, 18, 11, 10, 9, 9, 9, 9, 9, 9, 9],
+    [31831, 386, 313, 49, 55, 25, 22, 12, 11, 10, 9, 9, 9, 9, 9, 9],
+    [29287, 1725, 1314, 121, 139, 56, 36, 15, 11, 10, 9, 9, 9, 9, 9, 9],
+    [26461, 3141, 2454, 236, 233, 81, 63, 21, 14, 10, 9, 9, 9, 9, 9, 9],
+    [24911, 3691, 3073, 373, 420, 117, 77, 25, 15, 10, 10, 10, 9, 9, 9, 9],
+    [24993, 3598, 2782, 479, 546, 158, 97, 32, 17, 11, 10, 9, 9, 9, 9, 9],
+    [20461, 5337, 4327, 894, 1057, 327, 208, 61, 29, 12, 10, 9, 9, 9, 9, 9],
+    [18860, 5846, 4728, 1071, 1288, 454, 311, 90, 44, 16, 12, 10, 10, 9, 9, 10],
+    [15674, 7361, 5612, 1258, 1555, 571, 431, 156, 69, 21, 13, 10, 10, 9, 9, 9],
+    [13243, 7758, 6259, 1701, 2073, 716, 570, 232, 117, 32, 18, 11, 10, 10, 9, 9],
+    [11375, 7526, 6209, 2453, 2860, 936, 758, 301, 204, 63, 29, 13, 12, 10, 10, 9],
+    [9819, 7041, 5824, 2665, 3468, 1706, 1225, 448, 323, 115, 72, 20, 13, 10, 10, 9],
+    [8790, 6430, 5278, 2894, 3958, 2054, 1755, 667, 519, 197, 129, 44, 20, 12, 10, 11],
+    [8032, 6374, 4693, 3274, 4014, 2245, 2178, 875, 596, 212, 155, 52, 33, 14, 11, 10],
+    [5829, 5121, 4217, 3297, 4681, 2887, 3156, 1501, 1179, 391, 288, 102, 68, 24, 16, 11],
+]
+# fmt: on
+ERROR_STARTS = [starts(row) for row in ERRORS]
+
+
+def turned(n: int) -> int:
+    """A signed number, of what it is coded as."""
+    return -(n >> 1) - 1 if n & 1 else n >> 1
+
+
+def wrap(n: int, bits: int) -> int:
+    """A signed number of so many bits."""
+    return (n + (1 << bits - 1) & (1 << bits) - 1) - (1 << bits - 1)
+
+
+def context_of(size: int) -> int:
+    """The context of a size."""
+    if size < 2:
+        return size
+    bits = size.bit_length()
+    return 2 * bits - 2 + (size >> bits - 2 & 1)
+
+
+class Coder:
+    """What is coded, one after the other, and the probabilities of it."""
+
+    def __init__(self, data: bytes) -> None:
+        head = Bytes(data)
+        self.checksum, self.model, self.state, self.other = head.get("IBQQ")
+        check(len(data) % 4 == 1, "words of a packed segment")
+        self.words: list[int] = np.frombuffer(data, "<u4", offset=21).tolist()
+        self.front, self.back = 0, len(self.words)
+        self.left, self.left_bits = 0, 0
+        self.bits: dict[Hashable, list[int]] = {}
+        self.symbols: dict[Hashable, tuple[list[int], list[int]]] = {}
+        check(self.model < 3, "a packed segment of no model")
+        check(min(self.state, self.other) >= 1 << 32, "states of a packed segment")
+
+    def _next(self, state: int) -> None:
+        """Goes on with the other state, when a part is taken of one."""
+        if state < 1 << 32:
+            check(self.front < self.back, "a packed segment ends too early")
+            state = state << 32 | self.words[self.front]
+            self.front += 1
+        self.state, self.other = self.other, state
+
+    def bit(self, context: Hashable) -> int:
+        chance = self.bits.get(context)
+        if chance is None:
+            chance = self.bits[context] = [1 << 15, 0]
+        p, n = chance
+        state, low = self.state >> 16, self.state & 0xFFFF
+        chance[1] = min(n + 1, 127)
+        if low < p:
+            chance[0] = p + ((65503 - p) * STEPS[n] >> 16)
+            self._next(p * state + low)
+            return 1
+        chance[0] = p - ((p - 32) * STEPS[n] >> 16)
+        self._next((65536 - p) * state + low - p)
+        return 0
+
+    def symbol(self, context: Hashable, first: list[int] = EVEN) -> int:
+        found = self.symbols.get(context)
+        if found is None:
+            found = self.symbols[context] = list(first), [0]
+        s, seen = found
+        low = self.state & 0xFFFF
+        k = bisect_right(s, low >> 1) - 1
+        end = s[k + 1] if k < 15 else 1 << 15
+        self._next(2 * (end - s[k]) * (self.state >> 16) + low - 2 * s[k])
+        rate = RATES[min(seen[0], 80)]
+        s[:] = [v + (g - v >> rate) for v, g in zip(s, GOALS[k])]
+        seen[0] += 1
+        return k
+
+    def tree(self, context: Hashable, bits: int) -> int:
+        """Bits, the highest first, each in the context of those before it."""
+        found = 1
+        for _ in range(bits):
+            found = found << 1 | self.bit((context, found))
+        return found - (1 << bits)
+
+    def raw(self, bits: int) -> int:
+        while self.left_bits < bits:
+            check(self.front < self.back, "a packed segment ends too early")
+            self.back -= 1
+            self.left |= self.words[self.back] << self.left_bits
+            self.left_bits += 32
+        found = self.left & (1 << bits) - 1
+        self.left >>= bits
+        self.left_bits -= bits
+        return found
+
+    def number(self) -> int:
+        bits = self.raw(7)
+        check(bits <= 64, "a number has more than 64 bits")
+        return self.raw(bits)
+
+    def signed(self) -> int:
+        return turned(self.number())
+
+    def error(self, context: Hashable, c: int) -> int:
+        """An error in the context `c` of a size."""
+        k = max(c - 14 >> 1, 0)
+        symbol = self.symbol((context, c), ERROR_STARTS[c if c < 14 else 14 + c % 2])
+        if symbol < 4:
+            return turned(symbol << k | self.raw(k))
+        if symbol == 15:
+            return turned(self.number() << k | self.raw(k))
+        more = (symbol >> 1) - 1 + k
+        return turned((2 | symbol & 1) << more | self.raw(more))
+
+    def finish(self) -> None:
+        """Nothing may be left."""
+        check(self.front == self.back and not self.left, "something is left of a packed segment")
+        check(self.state == self.other == 1 << 32, "last states of a packed segment")
+
+
+class Numbers:
+    """Samples as whole numbers: their bits, the order of channels, and those that are told from channel 1."""
+
+    def __init__(self, form: Form) -> None:
+        self.sample, small = form.type, form.type.itemsize <= 2
+        self.bits = 32 if small else 64
+        self.type = np.dtype(f"i{self.bits // 8}")
+        self.told = (0, 2) if small and form.channels > 2 else ()
+        self.order = [1, 0, 2, 3][: form.channels] if self.told else list(range(form.channels))
+
+    def samples(self, numbers: Values, power: int | None = None) -> Values:
+        """Samples of whole numbers, or of their multiples."""
+        if self.sample.kind != "f":
+            return numbers.astype(self.sample)
+        if power is not None:
+            with np.errstate(over="ignore"):
+                return np.ldexp(numbers.astype("f8"), -power).astype(self.sample)
+        whole = numbers.astype(f"i{self.sample.itemsize}")
+        return np.where(whole < 0, whole ^ np.iinfo(whole.dtype).max, whole).view(self.sample)
+
+
+def multiple(sample: Values, power: int) -> int:
+    """The whole number of a floating sample that is a multiple of a power of two."""
+    with np.errstate(over="ignore"):
+        scaled = float(np.ldexp(np.float64(sample), power))
+    return 0 if math.isnan(scaled) else int(min(max(scaled, -(2.0**63)), 2.0**63)) - (scaled >= 2.0**63)

@@ -1,0 +1,312 @@
+"""Packed segments (sections 37 to 39 of formats.md): they become the bytes of plain ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+from basics import check, crc32c
+from coder import Coder, Numbers, context_of, wrap
+from planes import KINDS, Block, part
+from trees import CUT, INNER, LEAF, VOID, Form, Values
+
+NAMES, NUMBERS, SOLID = range(3)
+# The symbol of what has no value, and the place of the children of what has none.
+NONE = -1
+
+
+@dataclass
+class Ways:
+    """Directions of neighbours: how many, how many of them across faces, and for each child and direction whether one comes to a
+    sibling, the direction in which one leaves the parent, the number of the child there."""
+
+    count: int
+    faces: int
+    steps: list[list[tuple[bool, int, int]]]
+
+    @classmethod
+    def of(cls, axes: int) -> Ways:
+        every = [d[::-1] for d in product((-1, 0, 1), repeat=axes)]
+        directions = [d for n in (1, 2) for d in every if sum(map(abs, d)) == n]
+        steps: list[list[tuple[bool, int, int]]] = []
+        for child in range(1 << axes):
+            steps.append([])
+            for d in directions:
+                at = [(child >> a & 1) + v for a, v in enumerate(d)]
+                leaves = tuple(v >> 1 for v in at)
+                there = sum((v & 1) << a for a, v in enumerate(at))
+                steps[-1].append((False, directions.index(leaves), there) if any(leaves) else (True, 0, there))
+        return cls(len(directions), 2 * axes, steps)
+
+    def of_child(self, of_parent: list[int], kids: list[int], first: int, child: int, known: int) -> list[int]:
+        """A child's neighbours, of the parent's ones; siblings from `known` on are not."""
+        found = []
+        for sibling, leaves, there in self.steps[child]:
+            if sibling:
+                found.append(first + there if there < known else 0)
+            else:
+                near = of_parent[leaves]
+                found.append(near if kids[near] < 0 else kids[near] + there)
+        return found
+
+    def pattern(self, true: list[bool]) -> int:
+        """The pattern of neighbours of which something is true."""
+        number = 0
+        for one in true[:6] if self.faces == 6 else true:
+            number = number << 1 | one
+        return number << 2 | min(sum(true[6:]) // 3, 3) if self.faces == 6 else number
+
+
+WAYS = {axes: Ways.of(axes) for axes in (2, 3)}
+
+
+@dataclass
+class Nodes:
+    """Nodes, in the order in which they come. 0 is what lies outside, and what is not known yet; 1 is the segment's own node."""
+
+    symbols: list[int] = field(default_factory=lambda: [NONE, NONE])
+    states: list[int] = field(default_factory=lambda: [LEAF, INNER])
+    kids: list[int] = field(default_factory=lambda: [NONE, NONE])
+    levels: list[int] = field(default_factory=lambda: [0, 0])
+    # Marks and levels of the dense blocks that begin at nodes.
+    dense: dict[int, tuple[int, int]] = field(default_factory=dict)
+
+
+class Unpacking:
+    """A segment that is being unpacked."""
+
+    def __init__(self, form: Form, height: int, data: bytes, size: int) -> None:
+        self.form, self.height, self.size, self.coder = form, height, size, Coder(data)
+        self.ways, self.nodes, self.numbers = WAYS[form.axes], Nodes(), Numbers(form)
+        self.amounts, self.solid = self.coder.model == NUMBERS, self.coder.model == SOLID
+        check(not self.solid or form.channels == 1 and form.type == np.uint8, "a solid of other values")
+        self.table = self._table()
+        # Values of symbols, and symbols of values that have come. (VOID has zeros.)
+        self.values: list[tuple[int, ...]] = [(0,) * form.channels, *([] if self.amounts else self.table)]
+        self.known: dict[tuple[int, ...], int] = {}
+        # How full INNER and CUT nodes of a solid are.
+        self.fullness: dict[int, int] = {}
+        self.room = size
+        self._nodes()
+        if self.solid:
+            self._fill()
+        # (The segment's own node has no value, as VOID has none.)
+        self.samples = self.numbers.samples(np.array(self.values, np.int64)[np.maximum(self.nodes.symbols, 0)])
+        for node, value in self.fullness.items():
+            self.samples[node] = value
+        blocks = {node: self._dense(node, mark, deep) for node, (mark, deep) in self.nodes.dense.items()}
+        self.parts: list[bytes] = []
+        self._records(1, blocks)
+        self.parts.append(self._counts())
+        self.coder.finish()
+
+    # Section 37.
+
+    def _table(self) -> list[tuple[int, ...]]:
+        count, found, last = self.coder.number(), [], [0] * self.form.channels
+        check(count <= self.size, "more values than bytes")
+        for _ in range(count):
+            last = [wrap(v + self.coder.signed(), self.numbers.bits) for v in last]
+            found.append(tuple(last))
+        return found
+
+    # Section 38.
+
+    def _nodes(self) -> None:
+        nodes, inner = self.nodes, [1]
+        around = {1: [0] * self.ways.count}
+        # Nodes in dense blocks, with the levels from them down to the bottom.
+        inside: dict[int, int] = {}
+        for level in range(1, self.height + 1):
+            parents: dict[int, tuple[int, int]] = {}
+            for node in inner:
+                deep = inside.pop(node, 0)
+                if not deep:
+                    deep = self._block(node, self.height - level)
+                    if deep and self.amounts:
+                        continue
+                first = nodes.kids[node] = len(nodes.symbols)
+                check(first <= self.size, "more nodes than bytes")
+                for child in range(self.form.children):
+                    self._child(node, child, level, around[node])
+                    if nodes.states[-1] == INNER:
+                        check(deep != 1, "an INNER node at the bottom of a dense block")
+                        parents[first + child] = node, child
+                        if deep:
+                            inside[first + child] = deep - 1
+            # (All of the level is known now.)
+            inner, before = list(parents), around
+            around = {}
+            for node, (parent, child) in parents.items():
+                around[node] = self.ways.of_child(before[parent], nodes.kids, nodes.kids[parent], child, self.form.children)
+        check(not inner, "a cell is INNER")
+
+    def _block(self, node: int, height: int) -> int:
+        """Levels of the dense block that begins at a node, or 0; with the levels from the children down to the cells."""
+        low = min(height, 7)
+        if not self.coder.bit(("dense", low)):
+            return 0
+        both = self.coder.tree(("kind", low), 6)
+        mark, deep = both & 7, (both >> 3) + 1
+        least, most = (3, 8) if self.form.axes == 2 else (2, 4)
+        check(1 <= mark <= 5 and least <= deep <= most and deep <= height + 1, "a dense block that is none")
+        self.room -= self.form.width * sum(self.form.children**j for j in range(1, deep + 1))
+        check(self.room >= 0, "dense blocks are larger than the segment")
+        self.nodes.dense[node] = mark, deep
+        return deep
+
+    def _child(self, parent: int, child: int, level: int, around: list[int]) -> None:
+        nodes, coder = self.nodes, self.coder
+        first, low = nodes.kids[parent], min(self.height - level, 7)
+        near = self.ways.of_child(around, nodes.kids, first, child, child)
+        states, symbols = [nodes.states[n] for n in near], [nodes.symbols[n] for n in near]
+        state, symbol = LEAF, NONE
+        if low and coder.bit(("inner", low, child, self.ways.pattern([s >= INNER for s in states]))):
+            state = CUT if level == self.form.reach and coder.bit(("cut", child)) else INNER
+        if state == LEAF or not self.solid:
+            symbol = self._value(nodes.symbols[parent], symbols, state >= INNER, low == 0, child)
+        if symbol == VOID:
+            check(state == LEAF, "an INNER node has no value")
+            state = VOID
+        if state == CUT and self.solid:
+            faces = list(zip(states, symbols))[: self.ways.faces]
+            leaves, voids = sum(s == LEAF and v > 0 for s, v in faces), sum(s == VOID for s, _ in faces)
+            high = coder.symbol(("high", leaves, voids))
+            self.fullness[len(nodes.symbols)] = high << 4 | coder.symbol(("low", high))
+        nodes.symbols.append(symbol)
+        nodes.states.append(state)
+        nodes.kids.append(NONE)
+        nodes.levels.append(level)
+
+    def _value(self, above: int, near: list[int], inner: bool, cell: bool, child: int) -> int:
+        """The symbol of a child, by the parent's and the neighbours' ones."""
+        tried: list[int] = []
+        for n, symbol in enumerate([above, *near]):
+            if symbol < inner or symbol in tried:
+                continue
+            rank = 0 if n == 0 else min(len(tried) + 1, 3)
+            if self.coder.bit(("value", inner, cell, child, rank, self.ways.pattern([s == symbol for s in near]))):
+                return symbol
+            tried.append(symbol)
+            if len(tried) == 4:
+                break
+        if self.amounts:
+            return self._new(tried)
+        symbol = self.coder.tree("new", len(self.table).bit_length())
+        check(symbol <= len(self.table), "a value is not in the table")
+        return symbol
+
+    def _new(self, tried: list[int]) -> int:
+        """A value of numbers that no candidate has."""
+        if self.coder.bit("void"):
+            return VOID
+        found, moved = [0] * self.form.channels, 0
+        rows = [self.values[s] for s in tried if s]
+        for channel in self.numbers.order:
+            numbers = [row[channel] for row in rows]
+            mean = sum(numbers) // len(numbers) if numbers else 0
+            size = max(numbers) - min(numbers) if numbers else 0
+            told = moved if channel in self.numbers.told else 0
+            error = self.coder.error(("new", channel), context_of(size))
+            found[channel] = wrap(mean + told + error, self.numbers.bits)
+            if channel == 1:
+                moved = found[1] - mean
+        symbol = self.known.setdefault(tuple(found), len(self.values))
+        if symbol == len(self.values):
+            self.values.append(tuple(found))
+        return symbol
+
+    def _fill(self) -> None:
+        """How full INNER nodes of a solid are."""
+        nodes, children = self.nodes, self.form.children
+        # Of each node what the cells below add up to, and whether one of them is CUT.
+        sums, cut = [0] * len(nodes.symbols), [False] * len(nodes.symbols)
+        for node in range(len(nodes.symbols) - 1, 1, -1):
+            cells, state = children ** (self.height - nodes.levels[node]), nodes.states[node]
+            if state == LEAF:
+                sums[node] = cells * self.values[nodes.symbols[node]][0]
+            elif state == CUT:
+                sums[node], cut[node] = cells * self.fullness[node], True
+            elif state == INNER:
+                below = slice(nodes.kids[node], nodes.kids[node] + children)
+                sums[node], cut[node] = sum(sums[below]), any(cut[below])
+                value = (2 * sums[node] + cells) // (2 * cells)
+                if cut[node]:
+                    symbol = self.coder.symbol("fill")
+                    value += symbol - 8 if symbol else self.coder.symbol("fill more") << 4 | self.coder.raw(4)
+                self.fullness[node] = value & 255
+
+    # Sections 6 and 7.
+
+    def _record(self, states: list[int], values: Values, skip: int, mark: int) -> bytes:
+        check(skip < 1 << self.form.skips, "a skip is too large")
+        axes, all_states, last = self.form.axes, sum(s << 2 * i for i, s in enumerate(states)), skip | mark << self.form.skips
+        return values.tobytes() + all_states.to_bytes(1 if axes == 2 else 4, "little") + last.to_bytes(axes + 1, "little")
+
+    def _records(self, node: int, blocks: dict[int, bytes]) -> int:
+        """Appends the records of a node and all below it, and tells how many places they have."""
+        if node in blocks:
+            self.parts.append(blocks[node])
+            return len(blocks[node]) // self.form.record
+        at, skip, first = len(self.parts), 1, self.nodes.kids[node]
+        self.parts.append(b"")
+        states = self.nodes.states[first : first + self.form.children]
+        for child, state in enumerate(states, first):
+            if state == INNER:
+                skip += self._records(child, blocks)
+        self.parts[at] = self._record(states, self.samples[first : first + self.form.children], skip, 0)
+        return skip
+
+    def _dense(self, node: int, mark: int, deep: int) -> bytes:
+        """A dense block. All of it is decoded here, or its nodes have been like all others."""
+        if self.amounts:
+            block = Block(self.form, self.coder, self.values[max(self.nodes.symbols[node], 0)], mark, deep)
+            states, values, bits = block.states, block.values, block.bits
+        else:
+            states, values, bits = self._rows(node, mark, deep)
+        rows = b"".join(level.tobytes() for level in values[1:])
+        if mark > 2:
+            rows += np.packbits(bits.ravel(), bitorder="little").tobytes()
+        places = 1 - -len(rows) // self.form.record
+        return self._record(states, values[0], places, mark) + rows.ljust((places - 1) * self.form.record, b"\0")
+
+    def _rows(self, root: int, mark: int, deep: int) -> tuple[list[int], list[Values], Values]:
+        """States of the children of a dense block's root, values of its levels and its bits."""
+        axes, children, values = self.form.axes, self.form.children, []
+        kids, states = np.array(self.nodes.kids), np.array(self.nodes.states)
+        at = np.full((1,) * axes, root)
+        for _ in range(deep):
+            below = np.empty([2 * n for n in at.shape], np.int64)
+            for child in range(children):
+                # (What is inside a VOID or LEAF has its value.)
+                below[part(child, axes)] = np.where(kids[at] < 0, at, kids[at] + child)
+            at = below
+            values.append(self.samples[at])
+        clear, bit = KINDS[mark]
+        check(np.isin(states[at], (clear, bit)).all(), "states at the bottom of a dense block")
+        first = self.nodes.kids[root]
+        return self.nodes.states[first : first + children], values, states[at] == bit
+
+    def _counts(self) -> bytes:
+        """Class counts."""
+        if self.coder.raw(1):
+            cells = [self.coder.number() for _ in self.table]
+        else:
+            nodes = self.nodes
+            check(not self.amounts and CUT not in nodes.states, "cells that nodes do not tell")
+            cells = [0] * len(self.table)
+            for symbol, state, level in zip(nodes.symbols[2:], nodes.states[2:], nodes.levels[2:]):
+                if state == LEAF:
+                    cells[symbol - 1] += self.form.children ** (self.height - level)
+        values = self.numbers.samples(np.array(self.table, np.int64).reshape(-1, self.form.channels))
+        return b"".join(value.tobytes() + n.to_bytes(8, "little") for value, n in zip(values, cells) if n)
+
+
+def unpack(form: Form, height: int, data: bytes, size: int) -> bytes:
+    """The bytes of the plain segment, so many, of those of a packed one. `height` is the levels from its node down to the cells."""
+    check(len(data) < size <= min(1 << 26, 65536 + 4096 * len(data)), "bytes of a packed segment")
+    unpacking = Unpacking(form, height, data, size)
+    plain = b"".join(unpacking.parts)
+    check(len(plain) == size and crc32c(plain) == unpacking.coder.checksum, "checksum of what is unpacked")
+    return plain

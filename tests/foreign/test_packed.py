@@ -1,0 +1,157 @@
+"""Packed segments of small trees, against the length and the checksum of what was packed.
+
+    pytest tests/foreign
+    python tests/foreign/test_packed.py
+
+Files of packed segments are among the frozen ones, which test_reader.py verifies, if there are any.
+"""
+
+from __future__ import annotations
+
+import random
+import struct
+import sys
+from typing import NamedTuple
+
+import pytest
+from basics import GOBLIN, Code, Damaged, Header, crc32c
+from packed import unpack
+from trees import Form, Run
+
+
+class Sample(NamedTuple):
+    """A tree of one segment: the first half of its header, its extent, the plain segment and the packed one."""
+
+    axes: int
+    header: str
+    extent: tuple[int, int, int]
+    size: int
+    crc: int
+    packed: str
+
+    @property
+    def form(self) -> Form:
+        raw = bytes.fromhex(self.header)
+        start = GOBLIN + struct.pack("<HHBBBxI", 1, 0, self.axes, 0, raw[5], 1)
+        return Form(raw + struct.pack("<3Q", *self.extent), Header.read(start + struct.pack("<I", crc32c(start))))
+
+    def plain(self, packed: bytes) -> bytes:
+        form = self.form
+        return unpack(form, form.depth, packed, self.size)
+
+
+# Classes, numbers with VOID among them, multiples of 1/4, three channels, an octree of numbers, a solid.
+SAMPLES = {
+    "names": Sample(
+        2,
+        "000101000004080200100000000000000000000000000000",
+        (16, 16, 1),
+        276,
+        0xED2F7AB1,
+        ("b17a2fed005cde71bc4e109d06df7eaf1201000000aaa4307d68940c6f5913dcc2f8aeb0b5e8c00922f4f26783c76fa89c140800000302040a"),
+    ),
+    "heights": Sample(
+        2,
+        "020100010004080200100000000000000000000000000000",
+        (16, 16, 1),
+        720,
+        0x8E7F9176,
+        (
+            "76917f8e01ac7d82f173900000e8aba02dd90d0000879d4d59473c2afe05fc4a01390adf2b86d983eab2c2378fb6dc120df94e485c7ecec443c4d236ec4881621c"
+            "1aea954ef058752b40751945339fa30d139b97ab5807c88c1f1d28ca8078c89ada447f08ef2748373db4dfa23a716be23a0415e5ec3273772428af6437bff80053"
+            "c8b38a7d020a606b2878d585c31e2919b8059bc717004101d78ac0cce00d6e8cd5c754f4db4e0587fd02ad1510558a3826fb92359e356618145d65e0c09db3e1c8"
+            "6ae289398c1ff01886190085f4d2"
+        ),
+    ),
+    "quarters": Sample(
+        2,
+        "050100010004080200100000000000000000000000000000",
+        (16, 16, 1),
+        1380,
+        0xEFCE01B0,
+        (
+            "b001ceef011046baa403000000b7ce5c9601000000bf07d9c6e98cbcb58751b14678590f406fc18852bec597227a5d17458f9f00e3ee4d1b7db31bd4c8df27f52d"
+            "738a0cf9272aef36e337e4e4d0817560100150ec501321f2348d1a9e0191340048819c3ff40833377e4aee3a61553ff0ec0f7955805c8026e5340688d45f0d0e00"
+            "8406ed"
+        ),
+    ),
+    "colours": Sample(
+        2,
+        "000300010004080200100000000000000000000000000000",
+        (16, 16, 1),
+        1024,
+        0x435F905A,
+        (
+            "5a905f43010329294b01000000de803a2f28000000ff09f9a640f9ec961d53d82c69527c8a76c25d54003267384946c91cc5548282923ab0e5b8d6082d6c322847"
+            "0eab4e26274771b11484c8072e2c12e45cd3d26e0c94f1453e9a649841d944d0c7d5c4945162bcfca99506ce5a93a0863ed769a5fab0ee5621fa13e5975d1b30fe"
+            "b1888d5c640f7cad76032de84275e422491c9492708d238269584cc76e5c59b7ba918a338bc94cef7d8b6c9609320e16ad5d07ff6ddb0efb040000feceffd4ab00"
+            "0000600000fef20f471021ca0300d5ff078030fe7f550023072b"
+        ),
+    ),
+    "octree": Sample(
+        3,
+        "020100010003060200100000000000000000000000000000",
+        (8, 8, 8),
+        1176,
+        0x266C6B69,
+        (
+            "696b6c26018404f2a8f5070000998e73e22aa269032ef6e2688bd0d27ae875e4df1eaaca491b58fcb7afbdfe320e7da7412be6d6176d09e596c8d187470b00f358"
+            "663aadc153946b41d615d97dbb0c5bc21859a9c9bf08192789ba85bc17e9a08c1274e14d679714affa5d29cd2694aa8a345357f8739bfbc572939d234b5d641eb8"
+            "2e1e6d67879df459d4bbd55945b4d5aa0047544d7d55b8ff2839082c3b8c5322147fc5662b9379348d3a4caa52c6719031f1641e48eda9400100003039998940a3"
+            "fd0325c0261900668e39"
+        ),
+    ),
+    "solid": Sample(
+        3,
+        "000106010004060200100000000000000000000000000000",
+        (12, 12, 12),
+        1280,
+        0xFAA5AD20,
+        (
+            "20ada5fa02caba78d1b17f0900ab4d18c1c3220000bf20914a6914b044c84d7e92cc1f1093506912372f4d99cdcd1ff8c46a4a99e97be79a75d72f540fdf475c77"
+            "d5f381d9ef32ec9a813b13bc07af56e0ea5b09a56e14800ce26088a6264f8706a128aafa8109ff01"
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_plain_segments_come_out(name: str) -> None:
+    sample = SAMPLES[name]
+    plain = sample.plain(bytes.fromhex(sample.packed))
+    assert len(plain) == sample.size and crc32c(plain) == sample.crc
+    if sample.form.classes:
+        plain = plain[: -4 * 9]
+    assert Run(sample.form, plain, Code(0, (0,) * sample.axes)).block(0).k >= 1
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_flipped_bits_are_noticed(name: str) -> None:
+    sample, rng = SAMPLES[name], random.Random(12)
+    packed = bytes.fromhex(sample.packed)
+    noticed = 0
+    for at in range(len(packed)):
+        damaged = bytearray(packed)
+        damaged[at] ^= 1 << rng.randrange(8)
+        try:
+            # (A number may be told in more bits than it needs, a table have values that nothing has.)
+            assert crc32c(sample.plain(bytes(damaged))) == sample.crc
+        except Damaged:
+            noticed += 1
+    assert noticed > 0.9 * len(packed)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_other_lengths_are_damage(name: str) -> None:
+    sample = SAMPLES[name]
+    packed = bytes.fromhex(sample.packed)
+    for other in [b"", packed[:20], packed[:-1], packed[:-4], packed + bytes(4), packed + bytes(sample.size)]:
+        with pytest.raises(Damaged):
+            sample.plain(other)
+    for size in (0, sample.size - 1, sample.size + 1, 1 << 27):
+        with pytest.raises(Damaged):
+            unpack(sample.form, sample.form.depth, packed, size)
+
+
+if __name__ == "__main__":
+    sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", __file__]))
