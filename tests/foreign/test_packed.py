@@ -11,12 +11,15 @@ from __future__ import annotations
 import random
 import struct
 import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from basics import GOBLIN, Code, Damaged, Header, crc32c
+from basics import GOBLIN, Code, Damaged, Header, Unknown, crc32c
 from packed import unpack
+from reader import Goblin
 from trees import Form, Run
+from verify import verify_segments, verify_tree
 
 
 class Sample(NamedTuple):
@@ -151,6 +154,25 @@ def test_other_lengths_are_damage(name: str) -> None:
     for size in (0, sample.size - 1, sample.size + 1, 1 << 27):
         with pytest.raises(Damaged):
             unpack(sample.form, sample.form.depth, packed, size)
+
+
+def test_readers_unpack_segments() -> None:
+    """The segment of classic.goblin is packed."""
+    file = (Path(__file__).parents[2] / "fixtures" / "v1" / "classic.goblin").read_bytes()
+    (plain,), (layer,) = Goblin(file).layers, Goblin(file).layers
+    packed = bytes.fromhex("ed587cf90048a685a1a0010000b12b383c7e0000003b58e4333382c2480800000082050a14")
+    (entry,) = layer.entries
+    layer.run = packed + layer.run[len(packed) :]
+    entry.codec, entry.size, entry.crc = 1, len(packed), crc32c(packed)
+    with pytest.raises(Damaged):
+        # (The tree's header does not tell of packed segments.)
+        layer.segment(entry)
+    layer.form.codec = 1
+    assert layer.segment(entry) == plain.segment(plain.entries[0])
+    verify_segments(layer, verify_tree(layer))
+    entry.codec = 2
+    with pytest.raises(Unknown):
+        layer.segment(entry)
 
 
 if __name__ == "__main__":
