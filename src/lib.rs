@@ -141,8 +141,8 @@ pub mod store {
         Tag, TagScope, TreeFormat, check_tree_name, create_tree_file, file_is_tree, file_of,
     };
     pub use spinney_engine::store::{
-        BuildOptions, Effort, Slab, Slabs, TreeWriter, WriteOptions, build_slabs, build_source, build_tree,
-        depth_for,
+        BuildOptions, Effort, Packing, Slab, Slabs, TreeWriter, WriteOptions, build_slabs, build_source,
+        build_tree, depth_for,
     };
 
     /// The compact, read-only format.

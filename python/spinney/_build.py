@@ -11,7 +11,7 @@ import numpy.typing as npt
 from . import _native
 from ._dataset import Dataset, Level
 from ._files import MEMORY
-from ._options import refuse, time_of
+from ._options import packing_of, refuse, time_of
 from ._progress import memory_of, working
 from ._sources import feature_file, is_mesh, mesh_file, paths_of
 from ._stack import build_stack, layers_of
@@ -42,6 +42,7 @@ def build(
     share: bool = False,
     codec: Codec = "plain",
     effort: Effort | None = None,
+    max_error: float | None = None,
     time: int | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
@@ -125,7 +126,7 @@ def build(
         raise ValueError(f"depth: {depth}, expected a number of levels")
     system = crs_text(crs)
     conditions = where if isinstance(where, str | None) else ",".join(f"{name}={text}" for name, text in values_of(where))
-    common: dict[str, Any] = {"kind": kind, "rule": rule, "nodata": nodata, "crs": system, "depth": depth, "memory": size, "share": share, "packing": (codec, effort), "time": time_of(time)}
+    common: dict[str, Any] = {"kind": kind, "rule": rule, "nodata": nodata, "crs": system, "depth": depth, "memory": size, "share": share, "packing": packing_of(codec, effort, max_error), "time": time_of(time)}
     for_files = {
         "bands": bands,
         "layer": layer,
@@ -179,7 +180,7 @@ def build(
         refuse("arrays", for_arrays | {"transform": transform})
         with feature_file(source, out) as (path, own):
             said: dict[str, Any] = {name: given for name, given in for_files.items() if name != "pages"} | {"value": value, "fractions": fractions}
-            return build(path, out, kind=kind, rule=rule, crs=own if crs is None else crs, depth=depth, memory=memory, share=share, codec=codec, effort=effort, time=time, max_bytes=max_bytes, threads=threads, progress=progress, **said)
+            return build(path, out, kind=kind, rule=rule, crs=own if crs is None else crs, depth=depth, memory=memory, share=share, codec=codec, effort=effort, max_error=max_error, time=time, max_bytes=max_bytes, threads=threads, progress=progress, **said)
     if isinstance(source, Level):
         source = source._as_tree()
     if isinstance(source, Dataset):
@@ -203,7 +204,7 @@ def build(
         refuse("pictures", of_stacks)
         with mesh_file(source, out) as (path, told_unit):
             given: dict[str, Any] = {**for_files, "unit": unit or told_unit, "shell": shell, "threads": threads, "progress": progress}
-            return build(path, out, rule=rule, kind=kind, crs=crs, depth=depth, memory=memory, share=share, codec=codec, effort=effort, time=time, max_bytes=max_bytes, **given)
+            return build(path, out, rule=rule, kind=kind, crs=crs, depth=depth, memory=memory, share=share, codec=codec, effort=effort, max_error=max_error, time=time, max_bytes=max_bytes, **given)
     if paths is not None:
         refuse("arrays", for_arrays)
         numbers = None if transform is None else numbers_of(transform)

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from . import _native
 from ._features import Edge, Overlaps, divided, features_over
+from ._options import packing_of
 from ._progress import ALONE, bytes_of, memory_of, working
 from ._types import (
     Codec,
@@ -40,6 +41,7 @@ def transform(
     memory: int | str = MEMORY,
     codec: Codec = "plain",
     effort: Effort | None = None,
+    max_error: float | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -54,7 +56,7 @@ def transform(
     chain = [steps] if isinstance(steps, str) else list(steps)
     with working(progress, threads, max_bytes) as terms:
         made = _native.transform(
-            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, memory_of(memory), (codec, effort), terms
+            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, memory_of(memory), packing_of(codec, effort, max_error), terms
         )
     return outcome_of(made)
 
@@ -76,6 +78,7 @@ def combine(
     memory: int | str = MEMORY,
     codec: Codec = "plain",
     effort: Effort | None = None,
+    max_error: float | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -97,7 +100,7 @@ def combine(
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
     trees, features = divided(paths)
     if features and not trees:
-        given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge, "codec": codec != "plain", "effort": effort}
+        given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge, "codec": codec != "plain", "effort": effort, "max_error": max_error}
         if refused := [name for name, own in given.items() if own not in (None, False)]:
             raise ValueError(f"{', '.join(refused)}: not for polygons")
         region = os.fspath(within) if isinstance(within, str | os.PathLike) else None if within is None else list(within)
@@ -120,7 +123,7 @@ def combine(
         told = [(place, stack.enter_context(features_over(source, **over))) for place, source in features]  # type: ignore[arg-type]
         terms = stack.enter_context(working(progress, threads, max_bytes))
         made = _native.combine(
-            operation, names, os.fspath(out), values == "second", fill, box, margin, told, memory_of(memory), (codec, effort), terms
+            operation, names, os.fspath(out), values == "second", fill, box, margin, told, memory_of(memory), packing_of(codec, effort, max_error), terms
         )
     return CombinedModel(**made) if "faces" in made else outcome_of(made)
 
@@ -155,6 +158,7 @@ def convert(
     memory: int | str = MEMORY,
     codec: Codec = "plain",
     effort: Effort | None = None,
+    max_error: float | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -164,7 +168,7 @@ def convert(
     Segments are packed as `codec` says, whatever those of the file are.
     """
     with working(progress, threads, max_bytes) as terms:
-        _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), (codec, effort), terms)
+        _native.convert(os.fspath(path), os.fspath(out), share, memory_of(memory), packing_of(codec, effort, max_error), terms)
 
 
 def add_layer(
@@ -179,6 +183,7 @@ def add_layer(
     memory: int | str = MEMORY,
     codec: Codec = "plain",
     effort: Effort | None = None,
+    max_error: float | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> int | None:
@@ -189,7 +194,7 @@ def add_layer(
     steps = [view] if isinstance(view, str) else list(view)
     note = (time, author, message or f"Add layer {name}")
     with working(progress, threads, None) as terms:
-        return _native.add_layer(os.fspath(path), os.fspath(tree), name, steps, note, memory_of(memory), (codec, effort), terms)
+        return _native.add_layer(os.fspath(path), os.fspath(tree), name, steps, note, memory_of(memory), packing_of(codec, effort, max_error), terms)
 
 
 def drop_layer(
@@ -216,13 +221,14 @@ def blame(
     memory: int | str = MEMORY,
     codec: Codec = "plain",
     effort: Effort | None = None,
+    max_error: float | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> None:
     """Makes a tree of the numbers of the commits that changed each cell of an Autumnal file last."""
     with working(progress, threads, max_bytes) as terms:
-        _native.blame(os.fspath(path), os.fspath(out), memory_of(memory), (codec, effort), terms)
+        _native.blame(os.fspath(path), os.fspath(out), memory_of(memory), packing_of(codec, effort, max_error), terms)
 
 
 def compact(

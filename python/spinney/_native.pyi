@@ -14,7 +14,7 @@ from ._types import Array
 version: str
 
 _ZoneBand = tuple[float, float, float, float, float, float, tuple[int, float, float, float, list[float]] | None]
-_Packing = tuple[str, str | None]
+_Packing = tuple[str, str | None, float | None]
 _Terms = tuple[Callable[[int, int], object] | None, int | None, int | None]
 
 @disjoint_base

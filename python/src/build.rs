@@ -370,7 +370,7 @@ impl FileOptions {
         }
         (options.keep_transparent, options.share) = (self.keep_transparent, self.share);
         (options.memory, options.time) = (Some(self.memory), self.time);
-        (options.codec, options.effort) = (self.packing.codec, self.packing.effort);
+        options.packing = self.packing.0;
         Ok(options)
     }
 
@@ -423,7 +423,7 @@ impl FileOptions {
         options.nodata = self.nodata.map(|number| number.0);
         (options.depth, options.share) = (self.depth, self.share);
         (options.memory, options.time) = (Some(self.memory), self.time);
-        (options.codec, options.effort) = (self.packing.codec, self.packing.effort);
+        options.packing = self.packing.0;
         Ok(options)
     }
 
@@ -474,7 +474,7 @@ impl FileOptions {
         options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
         (options.shell, options.memory, options.share) = (self.shell, self.memory, self.share);
         options.time = self.time;
-        (options.codec, options.effort) = (self.packing.codec, self.packing.effort);
+        options.packing = self.packing.0;
         Ok(options)
     }
 }

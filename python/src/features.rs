@@ -63,7 +63,7 @@ impl FileOptions {
             self.filter.as_ref().map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
         (options.depth, options.memory, options.share) = (self.depth, self.memory, self.share);
         options.time = self.time;
-        (options.codec, options.effort) = (self.packing.codec, self.packing.effort);
+        options.packing = self.packing.0;
         Ok(options)
     }
 

@@ -11,7 +11,7 @@ use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
 use spinney::store::autumnal::{self, Commit, History, Keep, Note};
-use spinney::store::{Codec, Header, Metadata, OpenOptions, file_of};
+use spinney::store::{self, Header, Metadata, OpenOptions, file_of};
 use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
@@ -125,7 +125,7 @@ pub(crate) fn combine<'py>(
         if prefer_second || fill.is_some() || universe.is_some() {
             return Err(invalid("values, fill, within and margin mean nothing for exact models"));
         }
-        if packing.codec != Codec::Plain {
+        if packing.0 != store::Packing::default() {
             return Err(invalid("codec: exact models have none"));
         }
         return combine_exact(py, operation, &paths, &out, memory, terms);

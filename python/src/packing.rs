@@ -2,35 +2,32 @@
 
 use pyo3::prelude::*;
 use spinney::io::RangeCache;
-use spinney::store::{Codec, Effort, WriteOptions};
+use spinney::store::{self, Codec, WriteOptions};
 
-use crate::error::{OrRaise, invalid};
+use crate::error::OrRaise;
 
-/// Packing of segments: the name of the codec, and that of the effort, if one is said.
+/// Packing of segments: the name of the codec, that of the effort, if one is said, and the greatest error, if there may be one.
 #[derive(Clone, Copy)]
-pub(crate) struct Packing {
-    pub(crate) codec: Codec,
-    pub(crate) effort: Effort,
-}
+pub(crate) struct Packing(pub(crate) store::Packing);
 
 impl<'py> FromPyObject<'_, 'py> for Packing {
     type Error = PyErr;
 
     fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Packing> {
-        let (codec, effort): (String, Option<String>) = given.extract()?;
-        let codec: Codec = codec.parse().or_raise()?;
-        if codec == Codec::Plain && effort.is_some() {
-            return Err(invalid("effort: is for codec=\"packed\""));
-        }
-        let effort = effort.map(|name| WriteOptions::effort_named(&name)).transpose().or_raise()?;
-        Ok(Packing { codec, effort: effort.unwrap_or_default() })
+        let (codec, effort, max_error): (String, Option<String>, Option<f64>) = given.extract()?;
+        let effort = effort.map(|name| store::Packing::effort_named(&name)).transpose().or_raise()?;
+        let packing = match codec.parse().or_raise()? {
+            Codec::Plain => store::Packing::default(),
+            Codec::Packed => store::Packing::packed(effort.unwrap_or_default()),
+        };
+        Ok(Packing(packing.max_error(max_error)))
     }
 }
 
 impl Packing {
     /// The way in which a tree is written, with so much memory.
     pub(crate) fn with(self, memory: u64) -> WriteOptions {
-        WriteOptions::new(memory).packed(self.codec, self.effort)
+        WriteOptions::new(memory).packing(self.0)
     }
 }
 

@@ -50,7 +50,7 @@ impl TreeOptions {
         }
         options.depth = self.depth.unwrap_or(options.depth);
         (options.share, options.time) = (self.share, self.time);
-        (options.codec, options.effort) = (self.packing.codec, self.packing.effort);
+        options.packing = self.packing.0;
         let metadata = &mut options.metadata;
         if let Some(numbers) = self.transform {
             metadata.frame.matrix = matrix_of(&numbers)?;

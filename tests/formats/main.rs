@@ -48,4 +48,5 @@ mod missing;
 mod model_verify;
 mod packed;
 mod ranges;
+mod rounding;
 mod wide;

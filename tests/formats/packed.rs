@@ -11,7 +11,7 @@ use spinney::query::{ContourLevels, ContourRequest, LabelRequest, PointSamples, 
 use spinney::space::{Bounds, Dimension};
 use spinney::store::autumnal::Note;
 use spinney::store::goblin::{Goblin, LevelBytes};
-use spinney::store::{BuildOptions, Codec, Effort, OpenOptions, WriteOptions, build_slabs};
+use spinney::store::{BuildOptions, Codec, Effort, OpenOptions, Packing, WriteOptions, build_slabs};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, dataset};
@@ -29,7 +29,7 @@ use crate::targets::trees::ask_goblin;
 const MEMORY: u64 = 64 << 20;
 
 fn packing(effort: Effort) -> WriteOptions {
-    WriteOptions::new(MEMORY).packed(Codec::Packed, effort)
+    WriteOptions::new(MEMORY).packing(Packing::packed(effort))
 }
 
 /// The same file with other packing.
@@ -53,7 +53,7 @@ fn plain(bytes: &[u8]) -> Vec<u8> {
 fn built(cells: &Cells, rule: Rule, kind: Kind, memory: u64) -> Vec<u8> {
     bytes_of(|path| {
         let how = packing(Effort::Fast);
-        let options = options(rule, kind, cells.depth()).packed(how.codec, how.effort).memory(memory);
+        let options = options(rule, kind, cells.depth()).packing(how.packing).memory(memory);
         write_cells(path, cells, &options);
     })
 }
@@ -326,7 +326,7 @@ fn history_is_not_packed() {
     let create = || Output::create(&path("a.autumn")).unwrap();
     let how = packing(Effort::Fast);
     let converted = ops::convert(&path("a.goblin"), false, create(), how, &());
-    let options = BuildOptions::new(Kind::Continuous, 7).packed(how.codec, how.effort);
+    let options = BuildOptions::new(Kind::Continuous, 7).packing(how.packing);
     let nodata = Some(value(QUAD.value, 250));
     let built = build_slabs(QUAD, &mut cells.slabs(value(QUAD.value, 250)), nodata, &options, create(), &());
     for refused in [converted, built] {

@@ -10,6 +10,8 @@ pub enum Tag {
     /// The role of each channel in a picture's colours, where it is not the usual one: see
     /// [`colour_roles`](Metadata::colour_roles).
     ColourRoles,
+    /// By how much samples of cells may differ from what they were, since they were rounded.
+    MaxError,
     /// The furthest that a corner of an exact model was moved, in its unit of length.
     ModelDisplacement,
     /// Faces of an exact model whose corners do not lie in one plane on the grid, which were cut into triangles.
@@ -44,6 +46,7 @@ impl Tag {
         match self {
             Tag::Unit => "unit",
             Tag::ColourRoles => "colour_roles",
+            Tag::MaxError => "max_error",
             Tag::ModelDisplacement => "model.displacement",
             Tag::ModelCutFaces => "model.cut_faces",
             Tag::ModelSlivers => "model.slivers",
@@ -70,5 +73,11 @@ impl Metadata {
     /// Writes a tag, in place of what it said before.
     pub fn set_tag(&mut self, tag: Tag, text: impl Into<String>) {
         self.tags.insert(tag.key().into(), text.into());
+    }
+
+    /// Says that samples of cells differ by at most so much more from what they were.
+    pub fn add_error(&mut self, most: f64) {
+        let before = self.tag(Tag::MaxError).and_then(|text| text.parse().ok()).unwrap_or(0.0);
+        self.set_tag(Tag::MaxError, (before + most).to_string());
     }
 }

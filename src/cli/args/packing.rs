@@ -1,7 +1,7 @@
 //! Packing of the trees that are written.
 
 use anyhow::{Result, ensure};
-use spinney::store::{Codec, Effort, WriteOptions};
+use spinney::store::{self, Codec, Effort, WriteOptions};
 
 use super::Memory;
 
@@ -13,19 +13,27 @@ pub(crate) struct Packing {
     #[arg(long, value_name = "plain|packed", default_value = "plain")]
     codec: Codec,
     /// Effort of packing: fast, or small for fewer bytes in more time [default: fast]
-    #[arg(long, value_name = "fast|small", value_parser = WriteOptions::effort_named)]
+    #[arg(long, value_name = "fast|small", value_parser = store::Packing::effort_named)]
     effort: Option<Effort>,
+    /// By how much samples of cells may differ from what they were: they are rounded to multiples of a power of two, which packed
+    /// segments need few digits for; coarser levels and statistics are those of the rounded cells. Not for classes
+    #[arg(long, value_name = "E")]
+    max_error: Option<f64>,
 }
 
 impl Packing {
-    /// Codec and effort.
+    /// Codec, effort, and greatest error.
     ///
     /// # Errors
     /// If there is nothing to make an effort at.
-    pub(crate) fn choice(&self) -> Result<(Codec, Effort)> {
+    pub(crate) fn choice(&self) -> Result<store::Packing> {
         let is_plain = self.codec == Codec::Plain;
         ensure!(!(is_plain && self.effort.is_some()), "--effort is for --codec packed");
-        Ok((self.codec, self.effort.unwrap_or_default()))
+        let packing = match self.codec {
+            Codec::Plain => store::Packing::default(),
+            Codec::Packed => store::Packing::packed(self.effort.unwrap_or_default()),
+        };
+        Ok(packing.max_error(self.max_error))
     }
 
     /// The way in which a tree is written, with so much memory.
@@ -33,12 +41,15 @@ impl Packing {
     /// # Errors
     /// Those of [`Packing::choice`].
     pub(crate) fn with(&self, memory: Memory) -> Result<WriteOptions> {
-        let (codec, effort) = self.choice()?;
-        Ok(WriteOptions::new(memory.bytes).packed(codec, effort))
+        Ok(WriteOptions::new(memory.bytes).packing(self.choice()?))
     }
 
     /// The options that were given, for outputs that have no segments.
-    pub(crate) fn given(&self) -> [(&'static str, bool); 2] {
-        [("--codec", self.codec != Codec::Plain), ("--effort", self.effort.is_some())]
+    pub(crate) fn given(&self) -> [(&'static str, bool); 3] {
+        [
+            ("--codec", self.codec != Codec::Plain),
+            ("--effort", self.effort.is_some()),
+            ("--max-error", self.max_error.is_some()),
+        ]
     }
 }

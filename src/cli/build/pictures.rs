@@ -196,7 +196,7 @@ impl PictureArgs {
             Some(Transform::Volume(_)) => bail!("--transform: pictures have six numbers: a,b,c,d,e,f"),
         };
         options.keep_transparent = keep_transparent;
-        (options.codec, options.effort) = common.packing.choice()?;
+        options.packing = common.packing.choice()?;
         options.memory = Some(memory.bytes);
         Ok(options)
     }
@@ -250,7 +250,7 @@ impl PictureArgs {
                 )
             }
         };
-        (options.codec, options.effort) = common.packing.choice()?;
+        options.packing = common.packing.choice()?;
         options.memory = Some(memory.bytes);
         Ok(options)
     }

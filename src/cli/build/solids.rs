@@ -45,7 +45,7 @@ pub(super) struct SolidArgs {
     #[arg(long)]
     pub(super) stats: bool,
     /// Keep the faces as they are, on a fine grid, instead of making cells: an exact model
-    #[arg(long, conflicts_with_all = ["cells", "cell", "grid", "depth", "shell", "edge", "attribute", "share", "codec", "effort"])]
+    #[arg(long, conflicts_with_all = ["cells", "cell", "grid", "depth", "shell", "edge", "attribute", "share", "codec", "effort", "max_error"])]
     pub(super) brep: bool,
     /// Faces that a cell may have and end, whatever their planes have in common; 0 divides cells until these have a
     /// point in common, as in the literature [default: 12]
@@ -169,7 +169,7 @@ impl SolidArgs {
         options.up = self.up.unwrap_or_default();
         options.unit = self.unit.clone().or(unit);
         options.crs = crs.clone();
-        (options.codec, options.effort) = common.packing.choice()?;
+        options.packing = common.packing.choice()?;
         options.memory = memory.bytes;
         (options.share, options.time) = (*share, *time);
         if self.shell && self.edge.is_some() {

@@ -40,7 +40,7 @@ impl TreeImport {
         let tree = open(input)?;
         let mut options = tree.build_options(common.memory.bytes);
         (options.share, options.time) = (common.share, common.time);
-        (options.codec, options.effort) = common.packing.choice()?;
+        options.packing = common.packing.choice()?;
         if let Some(kind) = pictures.kind
             && kind != options.kind
         {

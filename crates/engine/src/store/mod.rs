@@ -7,7 +7,7 @@ pub mod records;
 mod tree_writer;
 mod write;
 
-pub use builder::{BuildOptions, Slab, Slabs, WriteOptions, depth_for};
+pub use builder::{BuildOptions, Packing, Slab, Slabs, WriteOptions, depth_for};
 pub use spinney_packing::Effort;
 pub use tree_writer::TreeWriter;
 pub use write::{build, build_slabs, build_source, build_tree, build_with, check_room};

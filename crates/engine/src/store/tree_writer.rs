@@ -119,14 +119,20 @@ impl TreeWriter {
     ) -> Result<Tally> {
         let header = options.header(form, *extent)?;
         self.check(form, header.depth(), &options.metadata.name)?;
+        let mut complete = |metadata: &mut Metadata| {
+            complete(metadata);
+            if let Some(most) = options.packing.max_error {
+                metadata.add_error(most);
+            }
+        };
         match &mut self.file {
             File::Goblin(file) if options.share => Err(Error::unsupported(
                 file.path(),
                 "storing equal subtrees once in a Goblin file",
                 "give the output a name that ends with .autumn",
             )),
-            File::Goblin(file) => file.layer(options, &header, (covered, in_order), fill, complete),
-            File::Autumnal(file) => file.layer(options, &header, covered, fill, complete),
+            File::Goblin(file) => file.layer(options, &header, (covered, in_order), fill, &mut complete),
+            File::Autumnal(file) => file.layer(options, &header, covered, fill, &mut complete),
         }
     }
 
@@ -145,7 +151,7 @@ impl TreeWriter {
         let extent = slabs.extent();
         let (total, in_order) = (extent.iter().product(), slabs.are_in_order());
         let mut fill = |sink: &mut dyn TreeSink, shape| {
-            let mut builder = Builder::new(form, options, shape, sink);
+            let mut builder = Builder::new(form, options, shape, sink)?;
             let (mut current, mut next) = (Slab::default(), Slab::default());
             let mut more = slabs.next(&mut current)?;
             while more {

@@ -9,9 +9,9 @@ use spinney_base::Form;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, PartOfWork, Progress, Result};
-use spinney_container::{Codec, OpenOptions, check_tree_name};
+use spinney_container::{OpenOptions, check_tree_name};
 use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
-use spinney_engine::store::{build_slabs, depth_for};
+use spinney_engine::store::{Packing, build_slabs, depth_for};
 
 impl RasterImport {
     /// Builds the tree, on the threads of the current rayon pool; progress counts pixels.
@@ -66,8 +66,8 @@ impl RasterImport {
         let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(near);
         let temporary = temporary.map_err(Error::io(near, "make a temporary folder in"))?;
         let native = temporary.path().join("native.goblin");
-        // (What is written for a while is not packed.)
-        (self.options.share, self.options.codec) = (false, Codec::Plain);
+        // (What is written for a while is neither packed nor rounded.)
+        (self.options.share, self.options.packing) = (false, Packing::default());
         self.build(Output::create(&native)?, &PartOfWork::new(progress, cells, 2 * cells))?;
         let file = TreeFile::open(&native, &OpenOptions::default())?;
         let warped = Warped::new(Arc::new(file.into()), &frame, &grid, options)?;

@@ -10,9 +10,9 @@ use super::{Band, Raster, RasterInfo, RasterOptions, Transparent, bands, mosaic,
 use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
-use spinney_container::{Codec, Metadata};
+use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
-use spinney_engine::store::{BuildOptions, Effort, depth_for};
+use spinney_engine::store::{BuildOptions, Packing, depth_for};
 
 /// Bytes of memory used if nothing is said: what it takes for whole JPEG and WebP pictures of a usual size.
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
@@ -51,10 +51,8 @@ pub struct ImportOptions {
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
     pub time: Option<i64>,
-    /// Packing of segments, in Goblin files.
-    pub codec: Codec,
-    /// Effort of packing.
-    pub effort: Effort,
+    /// How few bytes the file is to take, and what it may lose for that.
+    pub packing: Packing,
 }
 
 impl ImportOptions {
@@ -159,7 +157,7 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
         .metadata(metadata)
         .share(options.share)
         .time(options.time)
-        .packed(options.codec, options.effort);
+        .packing(options.packing);
     Ok(RasterImport { raster, value, nodata, options, memory, remarks, description })
 }
 

@@ -16,9 +16,9 @@ use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Number, Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Codec, Metadata};
+use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
-use spinney_engine::store::{BuildOptions, Effort, build_slabs};
+use spinney_engine::store::{BuildOptions, Packing, build_slabs};
 
 /// Options for an import of a volume.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -42,10 +42,8 @@ pub struct VolumeOptions {
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
     pub time: Option<i64>,
-    /// Packing of segments, in Goblin files.
-    pub codec: Codec,
-    /// Effort of packing.
-    pub effort: Effort,
+    /// How few bytes the file is to take, and what it may lose for that.
+    pub packing: Packing,
 }
 
 impl VolumeOptions {
@@ -181,7 +179,7 @@ fn planned(
         .metadata(metadata)
         .share(options.share)
         .time(options.time)
-        .packed(options.codec, options.effort);
+        .packing(options.packing);
     Ok(VolumeImport { samples, value, options, memory, description })
 }
 

@@ -16,8 +16,7 @@ pub fn warp(warped: Warped, how: &BuildOptions, output: Output, progress: &dyn P
     let tree = ViewSource::from(warped);
     tree.tell_remark(progress);
     let (header, metadata) = (tree.header().clone(), tree.metadata().clone());
-    let BuildOptions { share, time, memory, codec, effort, .. } = *how;
-    let options =
-        BuildOptions { metadata, share, time, codec, effort, ..BuildOptions::like(&header, memory) };
+    let BuildOptions { share, time, memory, packing, .. } = *how;
+    let options = BuildOptions { metadata, share, time, packing, ..BuildOptions::like(&header, memory) };
     build(&tree, header.extent, &options, output, progress)
 }

@@ -15,10 +15,12 @@ mod masked;
 mod merge;
 mod options;
 mod overlay;
+mod packing;
 mod part;
 mod reduce;
 mod reuse;
 mod reused;
+mod rounding;
 mod rows;
 mod sink;
 mod slab;
@@ -32,6 +34,7 @@ pub use merge::{
     FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, joined_coverage,
 };
 pub use options::{BuildOptions, WriteOptions, depth_for};
+pub use packing::Packing;
 pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment};
 pub use reuse::ReusableSource;
 pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};

@@ -1,10 +1,10 @@
 //! Options of building.
 
+use super::packing::Packing;
 use spinney_base::Form;
 use spinney_base::value::{Kind, Rule};
 use spinney_base::{Error, Result};
-use spinney_container::{Codec, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
-use spinney_packing::Effort;
+use spinney_container::{HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
 
 /// Options of building. The format is that of the output's name: see
 /// [`TreeFormat`](spinney_container::TreeFormat).
@@ -25,10 +25,8 @@ pub struct BuildOptions {
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
     pub time: Option<i64>,
-    /// Packing of segments; only Goblin files can have packed ones.
-    pub codec: Codec,
-    /// Effort of packing.
-    pub effort: Effort,
+    /// How few bytes the file is to take, and what it may lose for that.
+    pub packing: Packing,
 }
 
 /// What writing a tree of another one may use, and how its segments are packed.
@@ -37,34 +35,20 @@ pub struct BuildOptions {
 pub struct WriteOptions {
     /// Bytes that writing may use.
     pub memory: u64,
-    /// Packing of segments; only Goblin files can have packed ones.
-    pub codec: Codec,
-    /// Effort of packing.
-    pub effort: Effort,
+    /// How few bytes the file is to take, and what it may lose for that.
+    pub packing: Packing,
 }
 
 impl WriteOptions {
     /// Plain segments, and so many bytes of memory.
     pub fn new(memory: u64) -> WriteOptions {
-        WriteOptions { memory, codec: Codec::Plain, effort: Effort::Fast }
+        WriteOptions { memory, packing: Packing::default() }
     }
 
     /// Chooses how segments are packed.
     #[must_use]
-    pub fn packed(self, codec: Codec, effort: Effort) -> WriteOptions {
-        WriteOptions { codec, effort, ..self }
-    }
-
-    /// The effort of a name: fast or small.
-    ///
-    /// # Errors
-    /// If it is none.
-    pub fn effort_named(name: &str) -> Result<Effort> {
-        match name {
-            "fast" => Ok(Effort::Fast),
-            "small" => Ok(Effort::Small),
-            _ => Err(Error::invalid("effort", format!("`{name}`"), "fast or small")),
-        }
+    pub fn packing(self, packing: Packing) -> WriteOptions {
+        WriteOptions { packing, ..self }
     }
 }
 
@@ -84,8 +68,7 @@ impl BuildOptions {
             metadata,
             share: false,
             time: None,
-            codec: Codec::Plain,
-            effort: Effort::Fast,
+            packing: Packing::default(),
         }
     }
 
@@ -103,8 +86,8 @@ impl BuildOptions {
     /// Chooses all that is asked for of writing.
     #[must_use]
     pub fn written(self, how: WriteOptions) -> BuildOptions {
-        let WriteOptions { memory, codec, effort } = how;
-        BuildOptions { memory, codec, effort, ..self }
+        let WriteOptions { memory, packing } = how;
+        BuildOptions { memory, packing, ..self }
     }
 
     /// Chooses how representatives are made.
@@ -139,8 +122,8 @@ impl BuildOptions {
 
     /// Chooses how segments are packed.
     #[must_use]
-    pub fn packed(self, codec: Codec, effort: Effort) -> BuildOptions {
-        BuildOptions { codec, effort, ..self }
+    pub fn packing(self, packing: Packing) -> BuildOptions {
+        BuildOptions { packing, ..self }
     }
 
     pub(in crate::store) fn count_classes(&self) -> bool {
@@ -150,13 +133,14 @@ impl BuildOptions {
     /// The header of the file, which a Goblin file has as it is.
     ///
     /// # Errors
-    /// If trees cannot be so deep, or have no room for so many cells.
+    /// If trees cannot be so deep, or have no room for so many cells; or if cells are to be rounded that cannot be.
     pub fn header(&self, form: Form, extent: [u64; 3]) -> Result<Header> {
         let dimension = form.dimension;
         if self.depth > dimension.max_depth() {
             let expected = format!("at most {} for {}s", dimension.max_depth(), dimension.tree_name());
             return Err(Error::invalid("depth", self.depth.to_string(), expected));
         }
+        self.packing.rounding(form.value, self.kind)?;
         let side = 1u64 << self.depth;
         for (axis, cells) in extent.iter().enumerate() {
             let most = if axis < form.axes() { side } else { 1 };
@@ -171,7 +155,7 @@ impl BuildOptions {
             stride: STRIDE,
             heavy_threshold: HEAVY_THRESHOLD,
         };
-        Ok(Header { form, rule: self.rule, kind: self.kind, codec: self.codec, shape, extent })
+        Ok(Header { form, rule: self.rule, kind: self.kind, codec: self.packing.codec, shape, extent })
     }
 }
 

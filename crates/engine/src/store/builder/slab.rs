@@ -6,6 +6,7 @@ use zerocopy::FromBytes;
 
 use super::averaging::{decode, from_value};
 use super::block::Block;
+use super::rounding::Rounding;
 use super::rows::RowBlock;
 use crate::store::records::{Record, with_form_type};
 use crate::tree::CellBlock;
@@ -57,6 +58,20 @@ pub(super) enum BlockContent {
     Full(RowBlock),
     /// Cells that differ, or a block that reaches beyond the data.
     Mixed(Block),
+}
+
+impl BlockContent {
+    /// Rounds all cells.
+    pub(super) fn round(&mut self, rounding: &Rounding) {
+        match self {
+            BlockContent::Uniform(value) => *value = value.map(|value| rounding.rounded(value)),
+            BlockContent::Full(block) => rounding.round(block.cells_mut()),
+            // (Where nodes are VOID there are zeros, which stay; INNER nodes get their values from these.)
+            BlockContent::Mixed(block) => {
+                block.levels.iter_mut().for_each(|level| rounding.round(&mut level.values));
+            }
+        }
+    }
 }
 
 /// The cells of a block that a slab has.

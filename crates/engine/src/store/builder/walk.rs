@@ -6,6 +6,7 @@ use super::block::Block;
 use super::options::BuildOptions;
 use super::part::Part;
 use super::reuse::ReusableSource;
+use super::rounding::Rounding;
 use super::rows::RowBlock;
 use super::sink::{BuiltBlock, TreeSink};
 use super::slab::{BlockContent, Slab};
@@ -37,7 +38,9 @@ pub(in crate::store) fn walk<S: ReusableSource>(
         return Err(Error::invalid("depth", shape.depth.to_string(), expected));
     }
     let form = source.form();
-    let mut builder = Builder::new(form, options, shape, sink);
+    let mut builder = Builder::new(form, options, shape, sink)?;
+    // (What is stored is not rounded.)
+    let reuse = reuse && builder.plan.rounding.is_none();
     builder.plan.reuse = reuse;
     let mut pending = vec![(Code::root(form.dimension), source.root()?)];
     let mut children = no_children();
@@ -96,6 +99,8 @@ struct Plan {
     reuse: bool,
     /// Levels of the largest dense blocks.
     most_dense: u8,
+    /// How cells are rounded.
+    rounding: Option<Rounding>,
 }
 
 impl Plan {
@@ -153,7 +158,10 @@ impl Plan {
         (part, sealed, counts)
     }
 
-    fn built(&self, code: Code, content: BlockContent) -> BuiltBlock {
+    fn built(&self, code: Code, mut content: BlockContent) -> BuiltBlock {
+        if let Some(rounding) = &self.rounding {
+            content.round(rounding);
+        }
         match content {
             BlockContent::Uniform(value) => self.uniform(code, value),
             BlockContent::Mixed(block) => self.mixed(block),
@@ -195,7 +203,7 @@ impl<'a> Builder<'a> {
         options: &BuildOptions,
         shape: Shape,
         sink: &'a mut dyn TreeSink,
-    ) -> Self {
+    ) -> Result<Self> {
         // A block without a uniform node has (cells - 1) / (children - 1) INNER ones, each with a record.
         let record = RecordLayout::new(form).size as u64;
         let block_bytes = form.dimension.cells(shape.reach) / (form.children() as u64 - 1) * record;
@@ -205,11 +213,12 @@ impl<'a> Builder<'a> {
             true => SHARING_BATCH,
             false => (options.memory / 8 / block_bytes).clamp(MIN_BATCH, MAX_BATCH),
         };
-        Builder {
-            plan: Plan { form, shape, rule, count_classes, reuse: false, most_dense },
+        let rounding = options.packing.rounding(form.value, options.kind)?;
+        Ok(Builder {
+            plan: Plan { form, shape, rule, count_classes, reuse: false, most_dense, rounding },
             sink,
             batch: batch as usize,
-        }
+        })
     }
 
     /// All blocks of a slab.
@@ -298,7 +307,10 @@ impl<'a> Builder<'a> {
                 Child::Inner { representative, node } if code.level() < plan.shape.depth => {
                     Ok(plan.built(*code, plan.block(source, *code, (*representative, node))?))
                 }
-                _ => Ok(plan.uniform(*code, node.value().filter(|value| !plan.form.value.is_nan(*value)))),
+                _ => {
+                    let value = node.value().filter(|value| !plan.form.value.is_nan(*value));
+                    Ok(plan.built(*code, BlockContent::Uniform(value)))
+                }
             }
         };
         self.sink.push_all(rounds::map(&batch, build)?)?;

@@ -68,7 +68,8 @@ impl FileWriter {
         fill: &mut Fill<'_>,
         complete: &mut dyn FnMut(&mut Metadata),
     ) -> Result<Tally> {
-        let mut writer = LayerWriter::new(self, header, in_order, (options.memory / 8, options.effort));
+        let mut writer =
+            LayerWriter::new(self, header, in_order, (options.memory / 8, options.packing.effort));
         let mut builder = SegmentBuilder::new(header, covered, &mut writer);
         fill(&mut builder, header.shape)?;
         let (root, counts) = builder.finish();

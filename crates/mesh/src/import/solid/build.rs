@@ -160,7 +160,7 @@ impl SolidImport {
             .metadata(metadata)
             .share(self.options.share)
             .time(self.options.time)
-            .packed(self.options.codec, self.options.effort);
+            .packing(self.options.packing);
         let tally = build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
             report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
             report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");

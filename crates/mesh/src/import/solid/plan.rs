@@ -9,9 +9,8 @@ use spinney_base::space::EdgeRule;
 use spinney_base::space::{Dimension, Up};
 use spinney_base::{Error, Result};
 use spinney_brep::exact::lattice::Lattice;
-use spinney_container::Codec;
 use spinney_crs::{Crs, Frame};
-use spinney_engine::store::{Effort, depth_for};
+use spinney_engine::store::{Packing, depth_for};
 
 /// Bytes of memory used if nothing is said.
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
@@ -58,10 +57,8 @@ pub struct SolidOptions {
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
     pub time: Option<i64>,
-    /// Packing of segments, in Goblin files.
-    pub codec: Codec,
-    /// Effort of packing.
-    pub effort: Effort,
+    /// How few bytes the file is to take, and what it may lose for that.
+    pub packing: Packing,
 }
 
 impl Default for SolidOptions {
@@ -77,8 +74,7 @@ impl Default for SolidOptions {
             memory: DEFAULT_MEMORY,
             share: false,
             time: None,
-            codec: Codec::default(),
-            effort: Effort::default(),
+            packing: Packing::default(),
         }
     }
 }

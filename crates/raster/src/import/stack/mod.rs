@@ -17,10 +17,9 @@ use super::plan::{DEFAULT_MEMORY, ImportOptions, depth_of, listed, tell};
 use super::{RasterInfo, RasterOptions, open, tiff};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
-use spinney_container::Codec;
 use spinney_crs::{Crs, Frame};
 use spinney_engine::ops::Resampling;
-use spinney_engine::store::Effort;
+use spinney_engine::store::Packing;
 
 /// Options for a stack.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -63,10 +62,8 @@ pub struct Stack {
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with.
     pub time: Option<i64>,
-    /// Packing of segments, in Goblin files.
-    pub codec: Codec,
-    /// Effort of packing.
-    pub effort: Effort,
+    /// How few bytes the file is to take, and what it may lose for that.
+    pub packing: Packing,
     /// Bytes of memory for everything.
     pub memory: u64,
     /// Files of which something is not read, and what that is.
@@ -143,8 +140,8 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
         time::give(&mut layers, inputs, times)?;
     }
     let description = describe(inputs, &pictures, &layers, &size, depth, &frame, overruled);
-    let ImportOptions { share, time, codec, effort, .. } = *import;
-    Ok(Stack { frame, extent, depth, layers, share, time, codec, effort, memory, remarks, description })
+    let ImportOptions { share, time, packing, .. } = *import;
+    Ok(Stack { frame, extent, depth, layers, share, time, packing, memory, remarks, description })
 }
 
 /// Reads the headers of a file's pages.

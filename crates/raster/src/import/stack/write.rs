@@ -34,7 +34,7 @@ pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Re
             .metadata(metadata)
             .share(stack.share)
             .time(stack.time)
-            .packed(stack.codec, stack.effort);
+            .packing(stack.packing);
         let mut slabs = layer.slabs(&beside, stack.memory / 2, progress)?;
         let nodata = layer.nodata.and_then(|number| layer.value.splat(number));
         let form = Form::new(Dimension::Quad, layer.value);

@@ -6,10 +6,10 @@ use std::str::FromStr;
 use spinney_base::space::{Dimension, EdgeRule};
 use spinney_base::value::{Kind, Number, Rule};
 use spinney_base::{Error, Result};
-use spinney_container::{Codec, Header, Metadata};
+use spinney_container::{Header, Metadata};
 use spinney_crs::{Coordinates, Crs, web_mercator};
 use spinney_engine::ops::WarpGrid;
-use spinney_engine::store::Effort;
+use spinney_engine::store::Packing;
 
 use crate::import::feature::{Feature, FeatureAttribute, FeatureOptions};
 
@@ -193,10 +193,8 @@ pub struct RasterizeOptions {
     pub share: bool,
     /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
     pub time: Option<i64>,
-    /// Packing of segments, in Goblin files.
-    pub codec: Codec,
-    /// Effort of packing.
-    pub effort: Effort,
+    /// How few bytes the file is to take, and what it may lose for that.
+    pub packing: Packing,
     pub(super) ground: Option<Box<Ground>>,
 }
 
@@ -218,8 +216,7 @@ impl RasterizeOptions {
             memory: DEFAULT_MEMORY,
             share: false,
             time: None,
-            codec: Codec::default(),
-            effort: Effort::default(),
+            packing: Packing::default(),
             ground: None,
         }
     }

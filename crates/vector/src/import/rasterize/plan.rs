@@ -245,7 +245,7 @@ impl FeatureImport {
             provenance: self.inputs.iter().map(|input| self.provenance(input)).collect(),
             ..Metadata::default()
         };
-        let RasterizeOptions { rule, memory, share, time, codec, effort, .. } = &self.options;
+        let RasterizeOptions { rule, memory, share, time, packing, .. } = &self.options;
         let used = self.survey.corners * BYTES_EACH;
         let options = BuildOptions::new(self.kind, depth)
             .rule(rule.unwrap_or(self.kind.default_rule()))
@@ -253,7 +253,7 @@ impl FeatureImport {
             .metadata(metadata.clone())
             .share(*share)
             .time(*time)
-            .packed(*codec, *effort);
+            .packing(*packing);
         let header = options.header(Form::new(Dimension::Quad, self.value_type), self.extent)?;
         let tree = Blockwise::new(Box::new(tree), &self.inputs[0], header, metadata);
         build(&tree, self.extent, &options, output, progress).map(|_| ())

@@ -73,6 +73,11 @@ impl RowBlock {
         RowBlock { form, code, height: height.into(), levels: vec![RowLevel { values: cells, uniform }] }
     }
 
+    /// The bytes of all cells, before the block is built.
+    pub(super) fn cells_mut(&mut self) -> &mut [u8] {
+        &mut self.levels[0].values
+    }
+
     /// Condenses and averages the block and turns it into records, with dense blocks of so many levels at most. The rule must be
     /// one that is supported.
     pub(super) fn build(mut self, rule: Rule, shape: &Shape, most_dense: u8) -> BuiltBlock {

@@ -1,0 +1,118 @@
+#!/usr/bin/env python3
+"""Bytes of packed trees with all levels against cloud-optimized GeoTIFFs with overviews, and the CPU of making both; solids and labels against others.
+
+    benches/peers/install.sh; pip install crackle-codec compresso numpy
+    SPINNEY=target/release/spinney PYTHON=python benches/peers/packed.py [sizes] [octrees]
+"""
+
+import os
+import subprocess
+import sys
+
+from common import CLASSES, DATA, EARTH, RELIEF, SHORELINE, SPINNEY, WORK, once, runs, start, table
+
+PYTHON = os.environ.get("PYTHON", sys.executable)
+RASTER = DATA.parent
+EFFORTS = ("fast", "small")
+
+# Name, file, options of the COG, options of `build`, and what is to be reached with each effort, of the COG's bytes.
+RASTERS = [
+    ("shoreline", SHORELINE, ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], [], (0.42, 0.33)),
+    ("classes12", CLASSES, ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], [], (0.70, 0.60)),
+    ("nlcd_zion", RASTER / "nlcd_zion" / "nlcd2011.tif", ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], [], (0.70, 0.65)),
+    ("epitomes", RASTER / "epitomes" / "lc.tif", ["COMPRESS=ZSTD", "OVERVIEW_RESAMPLING=MODE"], ["--kind", "categorical"], (0.70, 0.65)),
+    ("earth", EARTH, ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], (0.80, 0.68)),
+    ("relief", RELIEF, ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], (0.78, 0.66)),
+    ("SRTM", RASTER / "srtm3" / "N46E008.tif", ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], (0.78, 0.66)),
+    ("f32 elevation", RASTER / "spdatalarge" / "nz_elev.tif", ["COMPRESS=ZSTD", "PREDICTOR=YES"], [], (None, None)),
+]
+
+
+def cog_of(name, source, options):
+    """A COG and the CPU seconds of making it."""
+    target = WORK / f"{name.replace(' ', '_')}_packed_peer.tif"
+    words = [word for option in options for word in ("-co", option)]
+    seconds = runs(["gdal_translate", "-q", "-of", "COG", *words, source, target])[0]
+    return target.stat().st_size, seconds
+
+
+def built(name, source, *options):
+    """Bytes of a tree, and CPU seconds of building it."""
+    target = WORK / f"{name.replace(' ', '_')}_{'_'.join(options).replace('-', '')}.goblin"
+    seconds = runs([SPINNEY, "-q", "build", source, "-o", target, *options])[0]
+    return target, seconds
+
+
+def verdict(ratio, target):
+    return "" if target is None else f" ({'met' if ratio <= target else 'MISSED'}: {target})"
+
+
+def sizes():
+    rows, times = [], []
+    for name, source, cog, options, targets in RASTERS:
+        if not source.exists():
+            continue
+        theirs, their_seconds = cog_of(name, source, cog)
+        plain, plain_seconds = built(name, source, *options)
+        cells = [name, theirs, plain.stat().st_size]
+        clock = [name, f"{their_seconds:.2f}", f"{plain_seconds:.2f}"]
+        for effort, target in zip(EFFORTS, targets):
+            tree, seconds = built(name, source, *options, "--codec", "packed", "--effort", effort)
+            ratio = tree.stat().st_size / theirs
+            cells.append(f"{tree.stat().st_size}: {ratio:.3f}{verdict(ratio, target)}")
+            clock.append(f"{seconds:.2f}: {seconds / plain_seconds:.2f} of plain, {seconds / their_seconds:.2f} of COG's")
+        rows.append(cells)
+        times.append(clock)
+    table(["picture", "COG", "plain", *EFFORTS], rows)
+    table(["CPU s", "COG", "plain", *EFFORTS], times)
+    webp, _ = cog_of("earth webp", EARTH, ["COMPRESS=WEBP", "QUALITY=100", "WEBP_LOSSLESS=YES"])
+    for effort in EFFORTS:
+        tree = WORK / f"earth_codec_packed_effort_{effort}.goblin"
+        ratio = tree.stat().st_size / webp
+        print(f"earth, {effort}: {ratio:.3f} of WebP lossless with overviews ({webp}){verdict(ratio, 1.2)}")
+    # The picture alone, without overviews.
+    alone = WORK / "earth_alone.tif"
+    once(["gdal_translate", "-q", "-of", "GTiff", "-co", "TILED=YES", "-co", "COMPRESS=WEBP", "-co", "WEBP_LOSSLESS=YES", EARTH, alone])
+    for effort in EFFORTS:
+        ratio = (WORK / f"earth_codec_packed_effort_{effort}.goblin").stat().st_size / alone.stat().st_size
+        print(f"earth, {effort}: {ratio:.3f} of WebP lossless without overviews ({alone.stat().st_size}){verdict(ratio, 1.2)}")
+
+
+LABELS = """
+import sys
+import crackle, compresso, numpy
+cells = numpy.load(sys.argv[1])
+print(len(crackle.compress(cells)), len(compresso.compress(cells)))
+"""
+
+
+def octrees():
+    from labels import BODIES
+
+    rows = []
+    mesh = RASTER.parent / "mesh" / "armadillo.ply"
+    if mesh.exists():
+        for effort in EFFORTS:
+            tree, seconds = built("armadillo", mesh, "--depth", "10", "--codec", "packed", "--effort", effort)
+            size = tree.stat().st_size
+            rows.append(["armadillo at 1024", effort, size, "0.35 MB", "met" if size <= 350_000 else "MISSED", f"{seconds:.2f}"])
+    cells = WORK / "bodies_512.npy"
+    if not cells.exists():
+        once([PYTHON, "-c", BODIES, cells, "512"])
+    crackle, compresso = map(int, subprocess.check_output([PYTHON, "-c", LABELS, cells], text=True).split())
+    for effort in EFFORTS:
+        tree, seconds = built("bodies", cells, "--kind", "categorical", "--nodata", "0", "--codec", "packed", "--effort", effort)
+        ratio = tree.stat().st_size / crackle
+        rows.append(["labels 512^3", effort, tree.stat().st_size, f"crackle {crackle}, compresso {compresso}", f"{ratio:.3f}{verdict(ratio, 1.2)}", f"{seconds:.2f}"])
+    table(["what", "effort", "bytes", "rival", "ratio", "CPU s"], rows)
+
+
+def main():
+    start()
+    chosen = sys.argv[1:] or ["sizes", "octrees"]
+    for name in chosen:
+        {"sizes": sizes, "octrees": octrees}[name]()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+//! Cells that are rounded when a tree is written.
+
+use spinney::io::Output;
+use spinney::ops;
+use spinney::space::{Code, Dimension};
+use spinney::store::goblin::Goblin;
+use spinney::store::{BuildOptions, OpenOptions, Packing, WriteOptions, build_tree};
+use spinney::tree::{Form, MemTree};
+use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+
+use crate::common::{Cells, as_byte, bytes_of, options, value_types, with, write_cells};
+
+/// A number rounded as is promised: to the nearest multiple of the greatest power of two that is at most twice the error.
+fn rounded(value_type: ValueType, cell: Value, most: f64) -> Value {
+    let step = 2f64.powi((2.0 * most).log2().floor() as i32);
+    if !value_type.sample.is_float() && step < 2.0 {
+        return cell;
+    }
+    // (All of these have few enough digits for it.)
+    value_type.nearest(|channel| {
+        let number = value_type.numbers(cell)[channel].to_f64();
+        let half = if value_type.sample.is_float() && number < 0.0 { -0.5 } else { 0.5 };
+        let nearest = match value_type.sample.is_float() {
+            // (Zeros have no sign.)
+            true => (number / step + half).trunc() * step + 0.0,
+            false => (number / step + half).floor() * step,
+        };
+        let greatest = match value_type.sample {
+            SampleType::U8 => 255.0,
+            SampleType::I8 => 127.0,
+            _ => f64::MAX,
+        };
+        match nearest > greatest {
+            true if number - (nearest - step) <= step / 2.0 => nearest - step,
+            true => number,
+            false => nearest,
+        }
+    })
+}
+
+fn written(cells: &Cells, options: &BuildOptions) -> Vec<u8> {
+    bytes_of(|path| write_cells(path, cells, options))
+}
+
+/// The file of rounded cells, and what it tells of that.
+fn model(cells: &Cells, rule: Rule, most: f64) -> Vec<u8> {
+    let round = |cell: Option<Value>| cell.map(|cell| rounded(cells.form.value, cell, most));
+    let cells = Cells { cells: cells.cells.iter().map(|cell| round(*cell)).collect(), ..cells.clone() };
+    let options = options(rule, Kind::Continuous, cells.depth());
+    written(
+        &cells,
+        &with(options, |options| {
+            options.metadata.tags.insert("max_error".into(), most.to_string());
+        }),
+    )
+}
+
+#[test]
+fn cells_are_rounded_before_all_else() {
+    for (number, value_type) in value_types().into_iter().enumerate() {
+        // (Numbers of 64 bits have more digits than the model.)
+        if value_type.sample.size() == 8 && !value_type.sample.is_float() {
+            continue;
+        }
+        for (form, size) in [
+            (Form::new(Dimension::Quad, value_type), [300, 260, 1]),
+            (Form::new(Dimension::Oct, value_type), [40, 70, 20]),
+        ] {
+            for (rule, most) in [[(Rule::Mean, 0.3), (Rule::Max, 2.0), (Rule::Occupancy, 5.0)][number % 3]] {
+                let cells = Cells::random(form, number as u64, size, 240, true);
+                let expected = model(&cells, rule, most);
+                let packing = Packing::default().max_error(Some(most));
+                let how = options(rule, Kind::Continuous, cells.depth()).packing(packing);
+                let made = written(&cells, &how);
+                assert!(made == expected, "{form}, {rule}, {most}");
+                let tree = Goblin::from_bytes(made).unwrap();
+                assert_eq!(tree.verify(1 << 20, &()).unwrap(), [], "{form}, {rule}, {most}");
+                // Trees are rounded as slabs are.
+                let exact = written(&cells, &options(rule, Kind::Continuous, cells.depth()));
+                let folder = tempfile::tempdir().unwrap();
+                let [from, to] = ["a.goblin", "b.goblin"].map(|name| folder.path().join(name));
+                std::fs::write(&from, exact).unwrap();
+                let how = WriteOptions::new(1 << 20).packing(packing);
+                ops::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
+                assert!(std::fs::read(&to).unwrap() == expected, "{form}, {rule}, {most} of a tree");
+                // Once more changes nothing but what is said of it.
+                let again = folder.path().join("c.goblin");
+                ops::convert(&to, false, Output::create(&again).unwrap(), how, &()).unwrap();
+                let again = Goblin::open(&again, &OpenOptions::new()).unwrap();
+                assert_eq!(again.metadata().tags["max_error"], (2.0 * most).to_string());
+                assert_eq!(again.root_child(), tree.root_child());
+            }
+        }
+    }
+}
+
+#[test]
+fn no_cell_differs_by_more() {
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+    let cell = |[x, y, _]: [u32; 3]| Value::from([(16 * y + x) as u8]);
+    let cells = MemTree::from_cells(form, 4, Rule::Nearest, &|at| Some(cell(at)));
+    for most in [1.0, 1.5, 2.0, 3.0, 7.0, 100.0] {
+        let packing = Packing::default().max_error(Some(most));
+        let how = options(Rule::Nearest, Kind::Continuous, 4).packing(packing);
+        let bytes = bytes_of(|path| {
+            build_tree(&cells, [16, 16, 1], &how, Output::create(path).unwrap(), &()).unwrap();
+        });
+        let tree = Goblin::from_bytes(bytes).unwrap();
+        for at in (0..256).map(|at| [at % 16, at / 16, 0]) {
+            let code = Code::from_cell(form.dimension, 4, at).unwrap();
+            let there = tree.value_at(code).unwrap().unwrap();
+            let difference = as_byte(there).abs_diff(as_byte(cell(at)));
+            assert!(f64::from(difference) <= most, "{most}: {difference} at {at:?}");
+        }
+    }
+}
+
+#[test]
+fn names_and_errors_that_are_none_are_refused() {
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+    let tree = Cells::random(form, 1, [8, 8, 1], 9, true).tree(Rule::Majority);
+    for (kind, most, what) in [
+        (Kind::Categorical, 1.0, "greatest error: got 1 for classes"),
+        (Kind::Continuous, 0.0, "greatest error: got 0"),
+        (Kind::Continuous, f64::NAN, "greatest error: got NaN"),
+        (Kind::Continuous, -1.0, "greatest error: got -1"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.goblin");
+        let how = BuildOptions::new(kind, 3).packing(Packing::default().max_error(Some(most)));
+        let made = build_tree(&tree, [8, 8, 1], &how, Output::create(&path).unwrap(), &());
+        let error = made.unwrap_err().to_string();
+        assert!(error.contains(what), "{error}");
+        assert!(!path.exists());
+    }
+}
