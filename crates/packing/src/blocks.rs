@@ -3,10 +3,10 @@
 use spinney_base::Form;
 use spinney_base::value::Rule;
 
-use crate::bits::BitCoder;
+use crate::bits::{Adaptive, BitCoder};
 use crate::errors::PlaneContexts;
 use crate::layout::{Dense, Layout, VOID};
-use crate::masks::code_mask;
+use crate::masks::{MaskContexts, code_mask};
 use crate::planes::{Grid, LevelCoder, for_rows};
 use crate::samples::{Numbering, Whole, is_narrow, read_float};
 
@@ -19,16 +19,24 @@ pub(crate) fn channel_order(form: Form) -> &'static [(usize, Option<usize>)] {
     if channels >= 3 && is_narrow(form.value.sample) { &COLOURS[..channels] } else { &PLAIN[..channels] }
 }
 
-/// Probabilities for all channels of a segment.
-pub(crate) fn plane_contexts(form: Form) -> Vec<PlaneContexts> {
-    (0..form.value.channels).map(|_| PlaneContexts::new(form.children())).collect()
+/// Probabilities for the dense blocks of a segment.
+pub(crate) struct BlockContexts {
+    mask: MaskContexts,
+    channels: Vec<PlaneContexts>,
+}
+
+impl BlockContexts {
+    pub(crate) fn new(form: Form) -> BlockContexts {
+        let channels = (0..form.value.channels).map(|_| PlaneContexts::new(form.children())).collect();
+        BlockContexts { mask: [Adaptive::default(); 64], channels }
+    }
 }
 
 /// Codes a dense block: `block` has its bytes, or gets them, but for states and places of its record. `root` is the value of the
 /// node that it begins at, if that is known.
 pub(crate) fn code_block<K: BitCoder>(
     coder: &mut K,
-    contexts: &mut [PlaneContexts],
+    contexts: &mut BlockContexts,
     (form, rule): (Form, Rule),
     dense: Dense,
     root: &[u8],
@@ -42,7 +50,7 @@ pub(crate) fn code_block<K: BitCoder>(
 
 fn code_values<K: BitCoder, T: Whole>(
     coder: &mut K,
-    contexts: &mut [PlaneContexts],
+    contexts: &mut BlockContexts,
     (form, rule): (Form, Rule),
     dense: Dense,
     root: &[u8],
@@ -51,7 +59,7 @@ fn code_values<K: BitCoder, T: Whole>(
     let (layout, sample) = (Layout::new(form), form.value.sample);
     let void = dense.has_bits().then(|| {
         let bits = &mut block[layout.dense_bits(dense.levels)..][..layout.nodes(dense.levels) / 8];
-        code_mask(coder, layout.axes, dense.levels, bits);
+        code_mask(coder, &mut contexts.mask, (layout.axes, dense.levels), bits);
         (dense.bottom().1 == VOID).then(|| VoidNodes::new(&layout, dense.levels, bits))
     });
     let void = void.flatten();
@@ -61,7 +69,7 @@ fn code_values<K: BitCoder, T: Whole>(
     for &(channel, like) in channel_order(form) {
         let from = channel * sample.size();
         let numbering = choose_numbering::<K>(form, channel, &layout, dense, root, block, is_void);
-        let numbering = numbering.code(coder, &mut contexts[channel].is_scaled);
+        let numbering = numbering.code(coder, &mut contexts.channels[channel].is_scaled);
         let number = |bytes: &[u8]| T::from_i64(numbering.read(&bytes[from..]));
         let mut top = Grid::new(1, layout.axes);
         top.row_mut(0, 0)[0] = number(root);
@@ -86,7 +94,8 @@ fn code_values<K: BitCoder, T: Whole>(
                     }
                 });
             }
-            let mut levels = LevelCoder::new(&mut contexts[channel], layout.axes, rule == Rule::Mean);
+            let mut levels =
+                LevelCoder::new(&mut contexts.channels[channel], layout.axes, rule == Rule::Mean);
             levels.level(coder, &grids[usize::from(level) - 1], &mut grid, void_children(level - 1));
             if K::READS {
                 let (side, width) = (grid.side, layout.width);

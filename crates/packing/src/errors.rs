@@ -31,15 +31,15 @@ pub(crate) struct PlaneContexts {
     pub sums: Vec<AdaptiveSymbols>,
     /// Whether floating samples are multiples of a power of two.
     pub is_scaled: Adaptive,
-    /// Of the lowest bits that are 0 in a level: how many, the lower four bits and the upper ones.
-    pub steps: [AdaptiveSymbols; 2],
+    /// Whether some of the lowest bits are 0 in a whole level.
+    pub has_steps: Adaptive,
 }
 
 impl PlaneContexts {
     pub(crate) fn new(children: usize) -> PlaneContexts {
         let errors = (0..children * SIZES).map(|at| initial::of_errors(at % SIZES)).collect();
         let sums = (0..SUMS * SUM_SIZES).map(|at| initial::of_sums(at / SUM_SIZES)).collect();
-        PlaneContexts { errors, sums, is_scaled: Adaptive::default(), steps: Default::default() }
+        PlaneContexts { errors, sums, is_scaled: Adaptive::default(), has_steps: Adaptive::default() }
     }
 }
 

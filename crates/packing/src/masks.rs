@@ -2,10 +2,17 @@
 
 use crate::bits::{Adaptive, BitCoder};
 
+/// Probabilities of bits by those before them.
+pub(crate) type MaskContexts = [Adaptive; 64];
+
 /// Codes a bit for each bottom node of a block with so many levels, row by row, in the context of six before it: the two before it in its
 /// row, three around it in the row before, and in octrees the one in the same place of the layer before.
-pub(crate) fn code_mask<K: BitCoder>(coder: &mut K, axes: usize, levels: u8, bits: &mut [u8]) {
-    let mut contexts = [Adaptive::default(); 64];
+pub(crate) fn code_mask<K: BitCoder>(
+    coder: &mut K,
+    contexts: &mut MaskContexts,
+    (axes, levels): (usize, u8),
+    bits: &mut [u8],
+) {
     let side = 1usize << levels;
     let rows = if axes == 3 { side * side } else { side };
     let is_set = |bits: &[u8], at: usize| usize::from(bits[at / 8] >> (at % 8) & 1);

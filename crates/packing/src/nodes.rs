@@ -139,8 +139,15 @@ pub(crate) struct NodeForm {
 
 /// Codes values that no neighbour has.
 pub(crate) trait NewValues {
-    /// Writes or reads a value's symbol; `near` are symbols of the parent and of neighbours. `None` if there is no such value.
-    fn new_value<K: BitCoder>(&mut self, coder: &mut K, symbol: u32, near: &[u32]) -> Option<u32>;
+    /// Writes or reads the symbol of a value, or of VOID if that may be; `near` are symbols of the parent and of neighbours. `None` if
+    /// there is no such value.
+    fn new_value<K: BitCoder>(
+        &mut self,
+        coder: &mut K,
+        symbol: u32,
+        may_be_void: bool,
+        near: &[u32],
+    ) -> Option<u32>;
 }
 
 /// Neighbours' symbols that are tried before a value counts as new.
@@ -351,7 +358,7 @@ fn code_value<K: BitCoder, const D: usize>(
             break;
         }
     }
-    let new = values.new_value(coder, truth, &candidates[..tried])?;
+    let new = values.new_value(coder, truth, !is_inner, &candidates[..tried])?;
     (new != NOTHING || !is_inner).then_some(new)
 }
 

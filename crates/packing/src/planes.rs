@@ -136,6 +136,9 @@ pub(crate) fn for_rows(side: usize, axes: usize, mut each: impl FnMut(usize, usi
     rows.enumerate().for_each(|(row, (y, z))| each(row, y, z));
 }
 
+/// Bits of the number of lowest bits that are 0.
+const STEP_BITS: u32 = 6;
+
 /// How a child is coded: by its error in one of [`SIZES`] contexts, from [`BY_SUM`] on by the sum of siblings, or not at all, if it is as its
 /// parent.
 const BY_SUM: u8 = SIZES as u8;
@@ -286,10 +289,10 @@ impl<'c, T: Whole> LevelCoder<'c, T> {
             });
         }
         let step = if all == 0 { 0 } else { all.trailing_zeros() };
-        let [lower, upper] = &mut self.contexts.steps;
-        let lower = coder.symbol(lower, step as usize & 15) as u32;
-        // (Narrow numbers have not so many.)
-        (coder.symbol(upper, step as usize >> 4) as u32 & 3) << 4 | lower
+        match coder.bit(&mut self.contexts.has_steps, step > 0) {
+            true => coder.short(step, STEP_BITS),
+            false => 0,
+        }
     }
 
     /// Goes over to errors in steps of a power of two: what is expected becomes what leads to the nearest step.

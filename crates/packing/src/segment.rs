@@ -4,7 +4,7 @@ use spinney_base::Form;
 use spinney_base::value::{Kind, Rule, SampleType, ValueType};
 
 use crate::bits::{BitCoder, BitReader, BitWriter};
-use crate::blocks::{code_block, plane_contexts};
+use crate::blocks::{BlockContexts, code_block};
 use crate::counts::{code_counts, parse_counts};
 use crate::fullness::code_fullness;
 use crate::layout::{Dense, INNER, Layout, VOID};
@@ -62,7 +62,7 @@ impl Model {
         match (segment.rule, segment.kind, effort) {
             (Rule::Occupancy, ..) if can_be_solid(segment.form.value) => one(Model::Solid),
             (.., Effort::Small) => vec![Model::Names, Model::Numbers],
-            (_, Kind::Categorical, _) => one(Model::Names),
+            (Rule::Majority | Rule::Dominant, ..) | (_, Kind::Categorical, _) => one(Model::Names),
             (_, Kind::Continuous, _) => one(Model::Numbers),
         }
     }
@@ -258,7 +258,7 @@ fn code_blocks<K: BitCoder>(
     values: &[[u8; 16]],
     blocks: &mut Vec<(u32, Vec<u8>)>,
 ) -> Option<()> {
-    let mut contexts = plane_contexts(form);
+    let mut contexts = BlockContexts::new(form);
     let (mut rest, mut number) = (length, 0);
     for (node, dense) in nodes.dense_blocks().iter().copied() {
         let is_kind = (1..6).contains(&dense.mark) && layout.dense_levels().contains(&dense.levels);

@@ -76,7 +76,7 @@ impl TableValues {
 }
 
 impl NewValues for TableValues {
-    fn new_value<K: BitCoder>(&mut self, coder: &mut K, symbol: u32, _: &[u32]) -> Option<u32> {
+    fn new_value<K: BitCoder>(&mut self, coder: &mut K, symbol: u32, _: bool, _: &[u32]) -> Option<u32> {
         // (0 is VOID.)
         let number = if symbol == NOTHING { 0 } else { symbol.wrapping_sub(FIRST_VALUE - 1) };
         let mut path = 1;
@@ -111,8 +111,14 @@ impl NumberValues {
 }
 
 impl NewValues for NumberValues {
-    fn new_value<K: BitCoder>(&mut self, coder: &mut K, symbol: u32, near: &[u32]) -> Option<u32> {
-        if coder.bit(&mut self.is_void, symbol == NOTHING) {
+    fn new_value<K: BitCoder>(
+        &mut self,
+        coder: &mut K,
+        symbol: u32,
+        may_be_void: bool,
+        near: &[u32],
+    ) -> Option<u32> {
+        if may_be_void && coder.bit(&mut self.is_void, symbol == NOTHING) {
             return Some(NOTHING);
         }
         let near = near.iter().filter_map(|symbol| self.known.get(symbol.checked_sub(FIRST_VALUE)? as usize));
