@@ -4,9 +4,9 @@
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Step {
     /// The direction from the parent to the node that is or has the neighbour; [`SIBLING`] if the parent itself has it.
-    pub towards: u8,
+    pub(crate) towards: u8,
     /// The number of the neighbour among the children there.
-    pub child: u8,
+    pub(crate) child: u8,
 }
 
 /// The direction of a neighbour that has the same parent.

@@ -26,13 +26,13 @@ pub(crate) fn size_context(size: u64) -> usize {
 /// Probabilities for one channel.
 pub(crate) struct PlaneContexts {
     /// Of errors, by plane and size.
-    pub errors: Vec<AdaptiveSymbols>,
+    pub(crate) errors: Vec<AdaptiveSymbols>,
     /// Of sums, by what is expected and size.
-    pub sums: Vec<AdaptiveSymbols>,
+    pub(crate) sums: Vec<AdaptiveSymbols>,
     /// Whether floating samples are multiples of a power of two.
-    pub is_scaled: Adaptive,
+    pub(crate) is_scaled: Adaptive,
     /// Whether some of the lowest bits are 0 in a whole level.
-    pub has_steps: Adaptive,
+    pub(crate) has_steps: Adaptive,
 }
 
 impl PlaneContexts {

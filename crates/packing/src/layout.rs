@@ -10,21 +10,21 @@ pub(crate) const CUT: u8 = 3;
 /// Sizes and places of what is in records.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layout {
-    pub axes: usize,
-    pub children: usize,
+    pub(crate) axes: usize,
+    pub(crate) children: usize,
     /// Bytes of a value.
-    pub width: usize,
+    pub(crate) width: usize,
     /// Bytes of a record.
-    pub size: usize,
+    pub(crate) size: usize,
 }
 
 /// States, places and mark of a record.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Head {
-    pub states: u32,
-    pub skip: usize,
+    pub(crate) states: u32,
+    pub(crate) skip: usize,
     /// The kind of dense block that begins here; 0 if none does.
-    pub mark: u8,
+    pub(crate) mark: u8,
 }
 
 /// States of the bottom nodes of a dense block by its mark: those whose bit is set, and all others.
@@ -40,8 +40,8 @@ impl Head {
 /// A kind of dense block with so many levels below its root.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Dense {
-    pub mark: u8,
-    pub levels: u8,
+    pub(crate) mark: u8,
+    pub(crate) levels: u8,
 }
 
 impl Dense {

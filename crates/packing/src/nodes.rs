@@ -126,15 +126,15 @@ impl Nodes {
 #[derive(Clone, Copy)]
 pub(crate) struct NodeForm {
     /// Levels down to the cells.
-    pub height: u8,
+    pub(crate) height: u8,
     /// Levels down to where what is heavy is cut off.
-    pub reach: u8,
+    pub(crate) reach: u8,
     /// Whether INNER and CUT nodes get their values later.
-    pub is_mixed: bool,
+    pub(crate) is_mixed: bool,
     /// Whether the nodes below the roots of dense blocks come later.
-    pub dense_apart: bool,
+    pub(crate) dense_apart: bool,
     /// INNER nodes at most.
-    pub most: usize,
+    pub(crate) most: usize,
 }
 
 /// Codes values that no neighbour has.

@@ -6,11 +6,11 @@ use crate::nodes::{FIRST_VALUE, MIXED, NOTHING, Nodes, ROOT};
 /// A plain segment, taken apart.
 pub(crate) struct Parsed {
     /// All nodes, but for those below the roots of dense blocks if these are apart; none has its symbol yet.
-    pub nodes: Nodes,
+    pub(crate) nodes: Nodes,
     /// Where each node's value begins in the segment.
-    pub values: Vec<u32>,
+    pub(crate) values: Vec<u32>,
     /// Dense blocks that are apart: the node that each begins at, and the place of its record.
-    pub blocks: Vec<(u32, Dense, usize)>,
+    pub(crate) blocks: Vec<(u32, Dense, usize)>,
 }
 
 /// An INNER node whose children come next: its number, the place of its record or of its dense block's, and in a block its level there
@@ -140,12 +140,12 @@ pub(crate) fn dense_state(layout: &Layout, block: &[u8], dense: Dense, level: u8
 
 /// What makes a segment of nodes.
 pub(crate) struct Writer<'w> {
-    pub layout: &'w Layout,
-    pub nodes: &'w Nodes,
+    pub(crate) layout: &'w Layout,
+    pub(crate) nodes: &'w Nodes,
     /// Values by their symbols, less [`FIRST_VALUE`].
-    pub values: &'w [[u8; 16]],
+    pub(crate) values: &'w [[u8; 16]],
     /// Dense blocks that were apart, by the nodes that they begin at: all their bytes, but for the states of the record.
-    pub blocks: &'w [(u32, Vec<u8>)],
+    pub(crate) blocks: &'w [(u32, Vec<u8>)],
 }
 
 impl Writer<'_> {

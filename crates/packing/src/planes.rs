@@ -70,7 +70,7 @@ const OCT_PLANES: [Plane; 8] = [
 /// Values of all nodes of a level, with those at the border once more around them.
 #[derive(Clone)]
 pub(crate) struct Grid<T> {
-    pub side: usize,
+    pub(crate) side: usize,
     axes: usize,
     values: Vec<T>,
 }

@@ -95,7 +95,7 @@ impl NewValues for TableValues {
 pub(crate) struct NumberValues {
     form: Form,
     /// Values so far, by their symbols less [`FIRST_VALUE`].
-    pub known: Vec<Numbers>,
+    pub(crate) known: Vec<Numbers>,
     symbols: HashMap<Numbers, u32>,
     is_void: Adaptive,
     errors: Vec<AdaptiveSymbols>,
