@@ -192,14 +192,14 @@ class Unpacking:
             if len(tried) == 4:
                 break
         if self.amounts:
-            return self._new(tried)
+            return self._new(tried, inner)
         symbol = self.coder.tree("new", len(self.table).bit_length())
         check(symbol <= len(self.table), "a value is not in the table")
         return symbol
 
-    def _new(self, tried: list[int]) -> int:
+    def _new(self, tried: list[int], inner: bool) -> int:
         """A value of numbers that no candidate has."""
-        if self.coder.bit("void"):
+        if not inner and self.coder.bit("void"):
             return VOID
         found, moved = [0] * self.form.channels, 0
         rows = [self.values[s] for s in tried if s]

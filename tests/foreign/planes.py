@@ -118,14 +118,12 @@ class Block:
     def _bits(self, side: int) -> Values:
         """Bits of the bottom nodes. (Around them is a border of zeros.)"""
         b = [[[0] * (side + 3) for _ in range(side + 1)] for _ in range(side + 1 if self.axes == 3 else 2)]
-        contexts = [("bit", id(self), near) for near in range(64)]
+        contexts = [("bit", near) for near in range(64)]
         for plane, before in zip(b[1:], b):
             for row, last, under in zip(plane[1:], plane, before[1:]):
                 for x in range(2, side + 2):
                     near = row[x - 1] | row[x - 2] << 1 | last[x - 1] << 2 | last[x] << 3 | last[x + 1] << 4 | under[x] << 5
                     row[x] = self.coder.bit(contexts[near])
-        for context in contexts:
-            self.coder.bits.pop(context, None)
         return np.array(b, np.uint8)[1:, 1:, 2:-1].reshape((side,) * self.axes)
 
     def _channel(self, channel: int, root: int) -> list[Values]:
@@ -137,8 +135,7 @@ class Block:
 
     def _level(self, channel: int, parents: Values, void: Values) -> Values:
         """Numbers of the children of parents."""
-        step = self.coder.symbol(("step", channel, 0))
-        step |= self.coder.symbol(("step", channel, 1)) << 4
+        step = self.coder.raw(6) if self.coder.bit(("step", channel)) else 0
         check(step < self.numbers.bits, "numbers of too large a step")
         level, zeros = np.zeros(void.shape, self.numbers.type), np.zeros_like(parents)
         near = {step: shifted(parents, step) - parents for step in product((-1, 0, 1), repeat=self.axes)}
