@@ -105,7 +105,7 @@ class Unpacking:
 
     def _table(self) -> list[tuple[int, ...]]:
         count, found, last = self.coder.number(), [], [0] * self.form.channels
-        check(count <= self.size, "more values than bytes")
+        check(count * self.form.width <= self.size, "more values than bytes")
         for _ in range(count):
             last = [wrap(v + self.coder.signed(), self.numbers.bits) for v in last]
             found.append(tuple(last))
@@ -127,7 +127,7 @@ class Unpacking:
                     if deep and self.amounts:
                         continue
                 first = nodes.kids[node] = len(nodes.symbols)
-                check(first <= self.size, "more nodes than bytes")
+                check((first - 2 + self.form.children) * self.form.width <= self.size, "more nodes than bytes")
                 for child in range(self.form.children):
                     self._child(node, child, level, around[node])
                     if nodes.states[-1] == INNER:

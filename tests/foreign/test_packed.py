@@ -11,11 +11,13 @@ from __future__ import annotations
 import random
 import struct
 import sys
+from itertools import dropwhile, takewhile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Hashable, NamedTuple
 
 import pytest
 from basics import GOBLIN, Code, Damaged, Header, Unknown, crc32c
+from coder import Coder
 from packed import unpack
 from reader import Goblin
 from trees import Form, Run
@@ -170,11 +172,47 @@ def test_other_lengths_are_damage(name: str) -> None:
             unpack(sample.form, sample.form.depth, packed, size)
 
 
+def page(before: str, first: str) -> list[str]:
+    """The lines of formats.md that begin like the first one, behind a place in it."""
+    _, _, text = (Path(__file__).parents[2] / "formats.md").read_text().partition(before)
+    assert text, before
+    return list(takewhile(lambda line: line.startswith(first), dropwhile(lambda line: not line.startswith(first), text.splitlines())))
+
+
+def dumped() -> bytes:
+    """The packed segment of formats.md."""
+    data = b""
+    for line in page("<!-- dump: packed segment -->", "00"):
+        offset, bytes_, _ = line.split("  ", 2)
+        assert int(offset, 16) == len(data), line
+        data += bytes.fromhex(bytes_)
+    return data
+
+
+def test_decisions_are_those_of_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    decisions: list[list[str]] = []
+    bit = Coder.bit
+
+    def told(coder: Coder, context: Hashable) -> int:
+        state, p = coder.state, coder.bits.get(context, [1 << 15, 0])[0]
+        found = bit(coder, context)
+        row = [f"`{state:x}`", str(state & 0xFFFF), str(p), str(found), f"`{coder.other:x}`", str(coder.bits[context][0])]
+        decisions.append([str(len(decisions) + 1), *row])
+        return found
+
+    monkeypatch.setattr(Coder, "bit", told)
+    file = (Path(__file__).parents[2] / "fixtures" / "v1" / "classic.goblin").read_bytes()
+    unpack(Goblin(file).layers[0].form, 3, dumped(), 107)
+    # (Behind the two lines of the table's head.)
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page("## 40.", "| ")[2:]]
+    assert len(rows) == 19 and [row[:1] + row[2:] for row in rows] == decisions[:19] and len(decisions) == 86
+
+
 def test_readers_unpack_segments() -> None:
     """The segment of classic.goblin is packed."""
     file = (Path(__file__).parents[2] / "fixtures" / "v1" / "classic.goblin").read_bytes()
     (plain,), (layer,) = Goblin(file).layers, Goblin(file).layers
-    packed = bytes.fromhex("ed587cf90048a685a1a0010000b12b383c7e0000003b58e4333382c2480800000082050a14")
+    packed = dumped()
     (entry,) = layer.entries
     layer.run = packed + layer.run[len(packed) :]
     entry.codec, entry.size, entry.crc = 1, len(packed), crc32c(packed)
