@@ -102,4 +102,5 @@ def main():
     other.unlink()
 
 
-main()
+if __name__ == "__main__":
+    main()
