@@ -101,18 +101,15 @@ fn pack_as(
     let is_mixed = |nodes: &Nodes, node| model == Model::Solid && nodes.state(node) >= INNER;
     // The values that there are, sorted.
     let has_value = |node: &u32| nodes.state(*node) != VOID && !is_mixed(&nodes, *node);
-    let mut known: Vec<Numbers> =
-        (ROOT + 1..nodes.len()).filter(has_value).map(|node| numbers(form, value(node))).collect();
+    let of_nodes = (ROOT + 1..nodes.len()).filter(has_value).map(|node| numbers(form, value(node)));
     let counted = parse_counts(form, counts).into_iter().map(|(value, _)| value);
     let in_table = model != Model::Numbers;
-    let mut table: Vec<Numbers> = counted.collect();
-    if in_table {
-        known.append(&mut table);
-    }
-    for list in [&mut known, &mut table] {
-        list.sort_unstable_by_key(|numbers| order(form, numbers));
-        list.dedup();
-    }
+    let (known, table) = match in_table {
+        true => (distinct(form, of_nodes.chain(counted)), Vec::new()),
+        false => (distinct(form, of_nodes), distinct(form, counted)),
+    };
+    // (Neighbours are often alike.)
+    let mut last = None;
     for node in ROOT + 1..nodes.len() {
         let symbol = if nodes.state(node) == VOID {
             NOTHING
@@ -120,8 +117,17 @@ fn pack_as(
             nodes.set_fullness(node, value(node)[0]);
             MIXED
         } else {
-            let key = order(form, &numbers(form, value(node)));
-            FIRST_VALUE + known.binary_search_by_key(&key, |numbers| order(form, numbers)).ok()? as u32
+            let value = value(node);
+            match last {
+                Some((before, symbol)) if before == value => symbol,
+                _ => {
+                    let key = order(form, &numbers(form, value));
+                    let found = known.binary_search_by_key(&key, |numbers| order(form, numbers)).ok()?;
+                    let symbol = FIRST_VALUE + found as u32;
+                    last = Some((value, symbol));
+                    symbol
+                }
+            }
         };
         nodes.set_symbol(node, symbol);
     }
@@ -140,6 +146,28 @@ fn pack_as(
     packed.push(model as u8);
     writer.finish(&mut packed);
     Some(packed)
+}
+
+/// Values in ascending order, each once.
+fn distinct(form: Form, values: impl Iterator<Item = Numbers>) -> Vec<Numbers> {
+    let mut known: Vec<Numbers> = Vec::new();
+    let sort = |known: &mut Vec<Numbers>| {
+        known.sort_unstable_by_key(|numbers| order(form, numbers));
+        known.dedup();
+    };
+    // (Those that come again and again are not all held.)
+    let mut room = 4096;
+    for value in values {
+        if known.last() != Some(&value) {
+            known.push(value);
+        }
+        if known.len() >= room {
+            sort(&mut known);
+            room = 2 * known.len().max(room / 2);
+        }
+    }
+    sort(&mut known);
+    known
 }
 
 /// Unpacks a segment that has so many places and class counts.
