@@ -8,7 +8,7 @@ use spinney::brep::{ExactModel, Face, Grid, ModelBuilder};
 use spinney::io::Output;
 use spinney::space::{Code, Dimension};
 use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, Metadata, WriteOptions, build_tree};
+use spinney::store::{BuildOptions, Effort, Metadata, Packing, WriteOptions, build_tree};
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule};
 
@@ -60,21 +60,32 @@ fn picture(formats: &str) -> Vec<u8> {
     rows.flat_map(|row| row.split_whitespace().map(|cell| cell.parse::<u8>().unwrap())).collect()
 }
 
-#[test]
-fn the_dump_is_what_the_builder_writes() {
-    let formats = text("formats.md");
-    let cells = picture(&formats);
+/// The file of section 16.
+fn classic(packing: Packing) -> Vec<u8> {
+    let cells = picture(&text("formats.md"));
     assert_eq!(cells.len(), 64);
     let cell = |[x, y, _]: [u32; 3]| Some(byte(cells[(8 * y + x) as usize]));
     let tree = MemTree::from_cells(QUAD, 3, Rule::Dominant, &cell);
-    let options = BuildOptions::new(Kind::Categorical, 3).rule(Rule::Dominant).memory(1 << 20);
+    let options =
+        BuildOptions::new(Kind::Categorical, 3).rule(Rule::Dominant).packing(packing).memory(1 << 20);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("classic.goblin");
     build_tree(&tree, [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
-    let written = std::fs::read(&path).unwrap();
-    assert_eq!(dumped(block(&formats, "<!-- dump: classic.goblin -->")), written);
+    std::fs::read(&path).unwrap()
+}
+
+#[test]
+fn the_dump_is_what_the_builder_writes() {
+    let written = classic(Packing::default());
+    assert_eq!(dumped(block(&text("formats.md"), "<!-- dump: classic.goblin -->")), written);
     let frozen = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
     assert_eq!(std::fs::read(frozen).unwrap(), written);
+}
+
+#[test]
+fn the_dump_of_a_packed_segment_is_what_the_builder_writes() {
+    // It is all that stands between the header and the directory.
+    assert_eq!(assert_dumped("packed segment", &classic(Packing::packed(Effort::Fast)), 24), 37);
 }
 
 /// Fails unless a file has the bytes of the dump with a name, from an offset on.
