@@ -66,30 +66,29 @@ fn cells_are_rounded_before_all_else() {
             (Form::new(Dimension::Quad, value_type), [300, 260, 1]),
             (Form::new(Dimension::Oct, value_type), [40, 70, 20]),
         ] {
-            for (rule, most) in [[(Rule::Mean, 0.3), (Rule::Max, 2.0), (Rule::Occupancy, 5.0)][number % 3]] {
-                let cells = Cells::random(form, number as u64, size, 240, true);
-                let expected = model(&cells, rule, most);
-                let packing = Packing::default().max_error(Some(most));
-                let how = options(rule, Kind::Continuous, cells.depth()).packing(packing);
-                let made = written(&cells, &how);
-                assert!(made == expected, "{form}, {rule}, {most}");
-                let tree = Goblin::from_bytes(made).unwrap();
-                assert_eq!(tree.verify(1 << 20, &()).unwrap(), [], "{form}, {rule}, {most}");
-                // Trees are rounded as slabs are.
-                let exact = written(&cells, &options(rule, Kind::Continuous, cells.depth()));
-                let folder = tempfile::tempdir().unwrap();
-                let [from, to] = ["a.goblin", "b.goblin"].map(|name| folder.path().join(name));
-                std::fs::write(&from, exact).unwrap();
-                let how = WriteOptions::new(1 << 20).packing(packing);
-                ops::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
-                assert!(std::fs::read(&to).unwrap() == expected, "{form}, {rule}, {most} of a tree");
-                // Once more changes nothing but what is said of it.
-                let again = folder.path().join("c.goblin");
-                ops::convert(&to, false, Output::create(&again).unwrap(), how, &()).unwrap();
-                let again = Goblin::open(&again, &OpenOptions::new()).unwrap();
-                assert_eq!(again.metadata().tags["max_error"], (2.0 * most).to_string());
-                assert_eq!(again.root_child(), tree.root_child());
-            }
+            let (rule, most) = [(Rule::Mean, 0.3), (Rule::Max, 2.0), (Rule::Occupancy, 5.0)][number % 3];
+            let cells = Cells::random(form, number as u64, size, 240, true);
+            let expected = model(&cells, rule, most);
+            let packing = Packing::default().max_error(Some(most));
+            let how = options(rule, Kind::Continuous, cells.depth()).packing(packing);
+            let made = written(&cells, &how);
+            assert!(made == expected, "{form}, {rule}, {most}");
+            let tree = Goblin::from_bytes(made).unwrap();
+            assert_eq!(tree.verify(1 << 20, &()).unwrap(), [], "{form}, {rule}, {most}");
+            // Trees are rounded as slabs are.
+            let exact = written(&cells, &options(rule, Kind::Continuous, cells.depth()));
+            let folder = tempfile::tempdir().unwrap();
+            let [from, to] = ["a.goblin", "b.goblin"].map(|name| folder.path().join(name));
+            std::fs::write(&from, exact).unwrap();
+            let how = WriteOptions::new(1 << 20).packing(packing);
+            ops::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
+            assert!(std::fs::read(&to).unwrap() == expected, "{form}, {rule}, {most} of a tree");
+            // Once more changes nothing but what is said of it.
+            let again = folder.path().join("c.goblin");
+            ops::convert(&to, false, Output::create(&again).unwrap(), how, &()).unwrap();
+            let again = Goblin::open(&again, &OpenOptions::new()).unwrap();
+            assert_eq!(again.metadata().tags["max_error"], (2.0 * most).to_string());
+            assert_eq!(again.root_child(), tree.root_child());
         }
     }
 }
