@@ -265,11 +265,13 @@ pub(crate) struct BitReader<'b> {
 }
 
 impl<'b> BitReader<'b> {
+    /// `None` if there are too few bytes, or states that nobody writes.
     pub(crate) fn new(bytes: &'b [u8]) -> Option<BitReader<'b>> {
         let (state, rest) = bytes.split_first_chunk()?;
         let (other, rest) = rest.split_first_chunk()?;
         let (state, other) = (u64::from_le_bytes(*state), u64::from_le_bytes(*other));
-        Some(BitReader { state, other, rest, is_short: false, some: 0, count: 0 })
+        let is_state = state >= LOW && other >= LOW;
+        is_state.then_some(BitReader { state, other, rest, is_short: false, some: 0, count: 0 })
     }
 
     /// Takes a part of so many of 2^16 off the state, and turns to the other one.

@@ -72,6 +72,9 @@ fn can_be_solid(value: ValueType) -> bool {
     value.sample == SampleType::U8 && value.channels == 1
 }
 
+/// Class counts that a segment lists, at most.
+const MOST_COUNTS: usize = 1024;
+
 /// Bytes of the checksum of the plain segment and the number of the model, which come first.
 const START: usize = 5;
 
@@ -182,7 +185,7 @@ pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -
         .get(usize::from(start[4]))
         .filter(|model| **model != Model::Solid || can_be_solid(segment.form.value));
     let model = *model.ok_or(Damage("no such model"))?;
-    let mut reader = BitReader::new(rest).ok_or(Damage("too few bytes"))?;
+    let mut reader = BitReader::new(rest).ok_or(Damage("no states"))?;
     let mut blocks = Vec::new();
     let none = Nodes::default();
     let contents = Contents { nodes: &none, table: &[], known: &[], counts: &[] };
@@ -231,7 +234,7 @@ fn code_segment<K: BitCoder>(
 ) -> Option<Coded> {
     let SegmentForm { form, rule, height, reach, .. } = *segment;
     // (Each value takes its width, in records or class counts.)
-    let table = code_table(coder, form, contents.table, length / layout.width + usize::from(u16::MAX))?;
+    let table = code_table(coder, form, contents.table, length / layout.width + MOST_COUNTS)?;
     let node_form = NodeForm {
         height,
         reach,
