@@ -15,8 +15,9 @@ use super::store::Place;
 use super::{RemoteOptions, Stores, error, runtime};
 
 /// Bytes at a file's beginning and at its end that are fetched to open it: header and meta pages, trailer, metadata and the top of the index.
-const HEAD: u64 = 16 << 10;
-const TAIL: u64 = 64 << 10;
+/// Of small files these would otherwise be most of what a question takes.
+const HEAD: u64 = (8 << 10) + 64;
+const TAIL: u64 = 24 << 10;
 
 /// Requests of a file at the same time.
 const AT_ONCE: usize = 32;
