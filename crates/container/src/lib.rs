@@ -1,6 +1,7 @@
-//! The container that all tree files have in common: header, metadata, sections, trailer.
+//! The container that all tree files have in common: header, metadata, sections, trailer; and the layout of the records in segments.
 
 mod colour_roles;
+mod dense;
 mod file_header;
 mod finding;
 mod format;
@@ -10,11 +11,13 @@ mod level_counts;
 mod metadata;
 mod options;
 mod other_formats;
+mod record_layout;
 mod shape;
 mod state;
 mod tag;
 mod trailer;
 
+pub use dense::{DenseBlock, DenseKind, MAX_DENSE_LEVELS, dense_child, dense_levels};
 pub use file_header::{Content, FileHeader, HEADER_SIZE, MOST_LAYERS};
 pub use finding::{Finding, MAX_FINDINGS};
 pub use format::{FilePlace, TreeFormat, file_is_tree, file_of};
@@ -24,6 +27,7 @@ pub use level_counts::LevelCounts;
 pub use metadata::{Metadata, ScopedTags, TagScope};
 pub use options::{ByteSource, OpenOptions};
 pub use other_formats::{FIRST_BYTES, OtherFormat, check_tree_name, create_tree_file};
+pub use record_layout::{RecordHead, RecordLayout, STATE_BITS, state_of};
 pub use shape::{HEAVY_THRESHOLD, STRIDE, Shape, reach};
 pub use state::{CUT, INNER, LEAF, VOID};
 pub use tag::Tag;

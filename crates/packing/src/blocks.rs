@@ -2,11 +2,12 @@
 
 use spinney_base::Form;
 use spinney_base::value::Rule;
+use spinney_container::{RecordLayout, VOID};
 
 use crate::bits::{Adaptive, BitCoder};
 use crate::errors::PlaneContexts;
-use crate::layout::{Dense, Layout, VOID};
 use crate::masks::{MaskContexts, code_mask};
+use crate::nodes::Dense;
 use crate::planes::{Grid, LevelCoder, for_rows};
 use crate::samples::{Numbering, Whole, is_narrow, read_float};
 
@@ -56,11 +57,12 @@ fn code_values<K: BitCoder, T: Whole>(
     root: &[u8],
     block: &mut [u8],
 ) {
-    let (layout, sample) = (Layout::new(form), form.value.sample);
-    let void = dense.has_bits().then(|| {
-        let bits = &mut block[layout.dense_bits(dense.levels)..][..layout.nodes(dense.levels) / 8];
-        code_mask(coder, &mut contexts.mask, (layout.axes, dense.levels), bits);
-        (dense.bottom().1 == VOID).then(|| VoidNodes::new(&layout, dense.levels, bits))
+    let (layout, sample) = (RecordLayout::new(form), form.value.sample);
+    let void = dense.kind.has_mask().then(|| {
+        let bits = &mut block[layout.dense_mask_at(dense.levels)..]
+            [..layout.dimension.cells(dense.levels) as usize / 8];
+        code_mask(coder, &mut contexts.mask, (layout.dimension.axes(), dense.levels), bits);
+        (dense.kind.states().1 == Some(VOID)).then(|| VoidNodes::new(&layout, dense.levels, bits))
     });
     let void = void.flatten();
     let void_children = |level: u8| void.as_ref().map(|void| &void.children[usize::from(level)][..]);
@@ -71,7 +73,7 @@ fn code_values<K: BitCoder, T: Whole>(
         let numbering = choose_numbering::<K>(form, channel, &layout, dense, root, block, is_void);
         let numbering = numbering.code(coder, &mut contexts.channels[channel].is_scaled);
         let number = |bytes: &[u8]| T::from_i64(numbering.read(&bytes[from..]));
-        let mut top = Grid::new(1, layout.axes);
+        let mut top = Grid::new(1, layout.dimension.axes());
         top.row_mut(0, 0)[0] = number(root);
         if let Some(like) = like {
             let other = coded[like][0].at(0, 0, [0; 3])[0];
@@ -80,12 +82,12 @@ fn code_values<K: BitCoder, T: Whole>(
         top.pad();
         let mut grids = vec![top];
         for level in 1..=dense.levels {
-            let mut grid = Grid::<T>::new(1 << level, layout.axes);
-            let values = layout.dense_values(level);
+            let mut grid = Grid::<T>::new(1 << level, layout.dimension.axes());
+            let values = layout.dense_values_at(level);
             let other = like.map(|like| &coded[like][usize::from(level)]);
             if !K::READS {
                 let mut bytes = block[values..].chunks_exact(layout.width);
-                for_rows(grid.side, layout.axes, |_, y, z| {
+                for_rows(grid.side, layout.dimension.axes(), |_, y, z| {
                     let out = grid.row_mut(y, z);
                     out.iter_mut().zip(&mut bytes).for_each(|(out, bytes)| *out = number(bytes));
                     if let Some(other) = other {
@@ -95,7 +97,7 @@ fn code_values<K: BitCoder, T: Whole>(
                 });
             }
             let mut levels =
-                LevelCoder::new(&mut contexts.channels[channel], layout.axes, rule == Rule::Mean);
+                LevelCoder::new(&mut contexts.channels[channel], layout.dimension.axes(), rule == Rule::Mean);
             levels.level(coder, &grids[usize::from(level) - 1], &mut grid, void_children(level - 1));
             if K::READS {
                 let (side, width) = (grid.side, layout.width);
@@ -126,7 +128,7 @@ fn code_values<K: BitCoder, T: Whole>(
 fn choose_numbering<'v, K: BitCoder>(
     form: Form,
     channel: usize,
-    layout: &Layout,
+    layout: &RecordLayout,
     dense: Dense,
     root: &[u8],
     block: &[u8],
@@ -138,9 +140,9 @@ fn choose_numbering<'v, K: BitCoder>(
     }
     let number = |bytes: &[u8]| read_float(sample, &bytes[channel * sample.size()..]);
     let of_level = |level: u8| {
-        let bytes = block[layout.dense_values(level)..].chunks_exact(layout.width);
+        let bytes = block[layout.dense_values_at(level)..].chunks_exact(layout.width);
         let void = is_void(level).unwrap_or_default();
-        let samples = bytes.take(layout.nodes(level)).enumerate();
+        let samples = bytes.take(layout.dimension.cells(level) as usize).enumerate();
         samples.filter(|(at, _)| !void.get(*at).copied().unwrap_or_default()).map(|(_, bytes)| number(bytes))
     };
     let all = (1..=dense.levels).flat_map(of_level).chain([number(root)]);
@@ -156,21 +158,23 @@ struct VoidNodes {
 
 impl VoidNodes {
     /// By the bits of the bottom nodes.
-    fn new(layout: &Layout, levels: u8, bits: &[u8]) -> VoidNodes {
-        let bottom = (0..layout.nodes(levels)).map(|at| bits[at / 8] >> (at % 8) & 1 == 0).collect();
+    fn new(layout: &RecordLayout, levels: u8, bits: &[u8]) -> VoidNodes {
+        let bottom = (0..layout.dimension.cells(levels) as usize)
+            .map(|at| bits[at / 8] >> (at % 8) & 1 == 0)
+            .collect();
         let mut all = VoidNodes { nodes: vec![bottom], children: Vec::new() };
         for level in (0..levels).rev() {
             let (side, below) = (1 << level, &all.nodes[all.nodes.len() - 1]);
-            let mut children = vec![0; layout.nodes(level)];
-            for_rows(side, layout.axes, |row, y, z| {
+            let mut children = vec![0; layout.dimension.cells(level) as usize];
+            for_rows(side, layout.dimension.axes(), |row, y, z| {
                 let out = &mut children[row * side..][..side];
-                for child in 0..layout.children {
+                for child in 0..layout.children() {
                     let row = (2 * z + (child >> 2)) * 2 * side + 2 * y + (child >> 1 & 1);
                     let void = below[row * 2 * side..][..2 * side].iter().skip(child & 1).step_by(2);
                     out.iter_mut().zip(void).for_each(|(out, void)| *out |= u8::from(*void) << child);
                 }
             });
-            let whole = u8::MAX >> (8 - layout.children);
+            let whole = u8::MAX >> (8 - layout.children());
             all.nodes.push(children.iter().map(|children: &u8| *children == whole).collect());
             all.children.push(children);
         }

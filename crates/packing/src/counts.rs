@@ -3,7 +3,8 @@
 use spinney_base::Form;
 
 use crate::bits::BitCoder;
-use crate::layout::{CUT, LEAF};
+use spinney_container::{CUT, LEAF};
+
 use crate::nodes::{FIRST_VALUE, Nodes};
 use crate::plain::each_leaf;
 use crate::values::{Numbers, bytes, numbers};

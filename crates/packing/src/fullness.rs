@@ -1,7 +1,8 @@
 //! How full the nodes of solids are, from what is below them.
 
 use crate::bits::{AdaptiveSymbols, BitCoder};
-use crate::layout::{CUT, INNER, LEAF};
+use spinney_container::{CUT, INNER, LEAF};
+
 use crate::nodes::{FIRST_VALUE, Nodes, ROOT};
 
 /// Codes how full INNER nodes are, from the bottom up: exactly what is below them makes it where all of that is known, else about that.

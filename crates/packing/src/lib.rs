@@ -10,7 +10,6 @@ mod counts;
 mod errors;
 mod fullness;
 mod initial;
-mod layout;
 mod masks;
 mod nodes;
 mod plain;

@@ -2,7 +2,8 @@
 
 use crate::around::{SIBLING, Step, steps};
 use crate::bits::{Adaptive, AdaptiveSymbols, BitCoder, SYMBOLS};
-use crate::layout::{CUT, Dense, INNER, LEAF, VOID};
+use spinney_base::space::Dimension;
+use spinney_container::{CUT, DenseKind, INNER, LEAF, RecordLayout, VOID, dense_levels};
 
 /// No node.
 pub(crate) const NONE: u32 = u32::MAX;
@@ -21,6 +22,20 @@ pub(crate) const MIXED: u32 = 2;
 const UNKNOWN: u32 = 3;
 /// The symbol of the first value.
 pub(crate) const FIRST_VALUE: u32 = 4;
+
+/// A dense block: its kind, and its levels below the node that it begins at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Dense {
+    pub(crate) kind: DenseKind,
+    pub(crate) levels: u8,
+}
+
+impl Dense {
+    /// Places that it takes.
+    pub(crate) fn places(self, layout: &RecordLayout) -> usize {
+        1 + layout.dense_places(self.kind, self.levels)
+    }
+}
 
 /// All nodes of a segment: those of a level one behind the other, siblings together.
 #[derive(Default)]
@@ -251,7 +266,8 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
             }
             if !is_in_block {
                 let dense = true_dense.next_if(|(begin, _)| *begin == node).map(|(_, dense)| *dense);
-                if let Some(dense) = code_dense(coder, &mut contexts.dense[64 * height..][..64], dense) {
+                let of_height = &mut contexts.dense[64 * height..][..64];
+                if let Some(dense) = code_dense(coder, of_height, C, dense)? {
                     nodes.push_dense(node, dense);
                     is_in_block = true;
                     if form.dense_apart {
@@ -362,18 +378,27 @@ fn code_value<K: BitCoder, const D: usize>(
     (new != NOTHING || !is_inner).then_some(new)
 }
 
-/// Codes which dense block begins at a node: by a bit whether one does, then by six for what kind and how many levels.
-fn code_dense<K: BitCoder>(coder: &mut K, contexts: &mut [Adaptive], dense: Option<Dense>) -> Option<Dense> {
+/// Codes which dense block begins at a node of a tree whose nodes have so many children: by a bit whether one does, then by six for what kind and
+/// how many levels. `None` if there is no such block.
+fn code_dense<K: BitCoder>(
+    coder: &mut K,
+    contexts: &mut [Adaptive],
+    children: usize,
+    dense: Option<Dense>,
+) -> Option<Option<Dense>> {
     if !coder.bit(&mut contexts[0], dense.is_some()) {
-        return None;
+        return Some(None);
     }
-    let number = dense.map_or(0, |dense| dense.mark | (dense.levels - 1) << 3);
+    let number = dense.map_or(0, |dense| dense.kind.number() | (dense.levels - 1) << 3);
     let mut path = 1;
     for bit in (0..6).rev() {
         let is_set = coder.bit(&mut contexts[path & 63], number >> bit & 1 == 1);
         path = path << 1 | usize::from(is_set);
     }
-    Some(Dense { mark: path as u8 & 7, levels: (path as u8 >> 3 & 7) + 1 })
+    let (number, levels) = (path as u8 & 7, (path as u8 >> 3 & 7) + 1);
+    let dimension = if children == 4 { Dimension::Quad } else { Dimension::Oct };
+    let kind = DenseKind::from_number(number).filter(|_| dense_levels(dimension).contains(&levels))?;
+    Some(Some(Dense { kind, levels }))
 }
 
 /// Codes how full a CUT node is.

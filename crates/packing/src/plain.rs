@@ -1,7 +1,8 @@
 //! Plain segments as nodes, and back.
 
-use crate::layout::{CUT, Dense, Head, INNER, LEAF, Layout, VOID};
-use crate::nodes::{FIRST_VALUE, MIXED, NOTHING, Nodes, ROOT};
+use spinney_container::{DenseBlock, INNER, LEAF, RecordHead, RecordLayout, VOID, dense_child};
+
+use crate::nodes::{Dense, FIRST_VALUE, MIXED, NOTHING, Nodes, ROOT};
 
 /// A plain segment, taken apart.
 pub(crate) struct Parsed {
@@ -24,29 +25,27 @@ struct Pending {
 }
 
 /// Takes a segment's records apart. `None` if they contradict themselves.
-pub(crate) fn parse(layout: &Layout, records: &[u8], dense_apart: bool) -> Option<Parsed> {
+pub(crate) fn parse(layout: &RecordLayout, records: &[u8], dense_apart: bool) -> Option<Parsed> {
     let mut parsed = Parsed { nodes: Nodes::new(), values: vec![0; 2], blocks: Vec::new() };
     let mut level = vec![Pending { node: ROOT, place: 0, level: 0, index: 0 }];
     while !level.is_empty() {
         let mut next = Vec::new();
         for pending in level {
             let head = layout.head(records, pending.place)?;
-            if head.mark == 0 {
+            if head.dense == 0 {
                 parsed.record(layout, records, head, pending, &mut next)?;
                 continue;
             }
-            let dense = layout.dense(head)?;
-            if records.len() / layout.size < pending.place.checked_add(head.skip)? {
-                return None;
-            }
+            let block = layout.dense(records, pending.place, head)?;
             if pending.level == 0 {
+                let dense = Dense { kind: block.kind, levels: block.levels };
                 parsed.nodes.push_dense(pending.node, dense);
                 if dense_apart {
                     parsed.blocks.push((pending.node, dense, pending.place));
                     continue;
                 }
             }
-            parsed.in_block(layout, records, dense, pending, &mut next);
+            parsed.in_block(layout, &block, pending, &mut next);
         }
         // (Records that several nodes claim would make many nodes of few bytes.)
         if parsed.values.len() > 2 + records.len() / layout.width {
@@ -67,20 +66,20 @@ impl Parsed {
 
     fn record(
         &mut self,
-        layout: &Layout,
+        layout: &RecordLayout,
         records: &[u8],
-        head: Head,
+        head: RecordHead,
         parent: Pending,
         next: &mut Vec<Pending>,
     ) -> Option<()> {
         self.nodes.set_first(parent.node, self.nodes.len());
         let mut place = parent.place + 1;
-        for child in 0..layout.children {
+        for child in 0..layout.children() {
             let state = head.state(child);
             let node = self.push(state, parent.place * layout.size + child * layout.width);
             if state == INNER {
                 next.push(Pending { node, place, level: 0, index: 0 });
-                place = place.checked_add(layout.head(records, place)?.skip.max(1))?;
+                place = place.checked_add(layout.head(records, place)?.skip.max(1) as usize)?;
             }
         }
         Some(())
@@ -88,21 +87,18 @@ impl Parsed {
 
     fn in_block(
         &mut self,
-        layout: &Layout,
-        records: &[u8],
-        dense: Dense,
+        layout: &RecordLayout,
+        block: &DenseBlock<'_>,
         parent: Pending,
         next: &mut Vec<Pending>,
     ) {
-        let start = parent.place * layout.size;
-        let block = &records[start..][..layout.dense_places(dense) * layout.size];
         self.nodes.set_first(parent.node, self.nodes.len());
         let level = parent.level + 1;
-        for child in 0..layout.children {
-            let index = layout.dense_child(level, parent.index, child);
-            let value = start + layout.dense_values(level) + index * layout.width;
-            let state = dense_state(layout, block, dense, level, index);
-            let node = self.push(state, value);
+        let values = parent.place * layout.size + layout.dense_values_at(level);
+        for child in 0..layout.children() {
+            let index = block.child(level, parent.index, child);
+            let state = block.state(level, index);
+            let node = self.push(state, values + index * layout.width);
             if state == INNER {
                 next.push(Pending { node, level, index, ..parent });
             }
@@ -110,37 +106,9 @@ impl Parsed {
     }
 }
 
-/// The state of a node of a dense block, of whose bytes these are the first.
-pub(crate) fn dense_state(layout: &Layout, block: &[u8], dense: Dense, level: u8, index: usize) -> u8 {
-    let (set, other) = dense.bottom();
-    let bits = &block[layout.dense_bits(dense.levels)..];
-    let state = |at: usize| if dense.has_bits() && bits[at / 8] >> (at % 8) & 1 == 0 { other } else { set };
-    let values = &block[layout.dense_values(dense.levels)..];
-    let value = |at: usize| &values[at * layout.width..][..layout.width];
-    let below = dense.levels - level;
-    if below == 0 {
-        return state(index);
-    }
-    // The bottom nodes below the node: rows of them.
-    let (mask, bottom) = ((1 << level) - 1, dense.levels);
-    let [x, y, z] = [index & mask, index >> level & mask, index >> (2 * level)].map(|place| place << below);
-    let row = |y: usize, z: usize| (z << bottom | y) << bottom | x;
-    let (first, side) = (row(y, z), 1 << below);
-    let depth = if layout.axes == 3 { side } else { 1 };
-    let found = state(first);
-    let is_alike = found != CUT
-        && (z..z + depth).all(|z| {
-            (y..y + side).all(|y| {
-                (row(y, z)..row(y, z) + side)
-                    .all(|at| state(at) == found && (found == VOID || value(at) == value(first)))
-            })
-        });
-    if is_alike { found } else { INNER }
-}
-
 /// What makes a segment of nodes.
 pub(crate) struct Writer<'w> {
-    pub(crate) layout: &'w Layout,
+    pub(crate) layout: &'w RecordLayout,
     pub(crate) nodes: &'w Nodes,
     /// Values by their symbols, less [`FIRST_VALUE`].
     pub(crate) values: &'w [[u8; 16]],
@@ -172,8 +140,7 @@ impl Writer<'_> {
         let (layout, nodes) = (self.layout, self.nodes);
         let start = records.len();
         if let Some(dense) = nodes.dense(node) {
-            let is_kind = dense.mark < 6 && dense.mark > 0 && layout.dense_levels().contains(&dense.levels);
-            let skip = if is_kind { layout.dense_places(dense) } else { usize::MAX };
+            let skip = dense.places(layout);
             if skip > most.checked_sub(start / layout.size)? {
                 return None;
             }
@@ -184,10 +151,11 @@ impl Writer<'_> {
                     self.fill(dense, (node, 0, 0), &mut records[start..])?;
                 }
             }
-            let block = &mut records[start..];
-            let state = |child: usize| u32::from(dense_state(layout, block, dense, 1, child)) << (2 * child);
-            let states = (0..layout.children).map(state).sum();
-            layout.write_head(block, Head { states, skip, mark: dense.mark });
+            let block = DenseBlock::new(*layout, dense.kind, dense.levels, &records[start..]);
+            let state = |child: usize| u32::from(block.state(1, child)) << (2 * child);
+            let states = (0..layout.children()).map(state).sum();
+            let head = RecordHead { states, skip: skip as u32, dense: dense.kind.number() };
+            layout.write_head(&mut records[start..][..layout.size], head);
             return Some(());
         }
         if start / layout.size >= most {
@@ -196,7 +164,7 @@ impl Writer<'_> {
         let first = nodes.first(node)?;
         records.resize(start + layout.size, 0);
         let mut states = 0;
-        for child in 0..layout.children {
+        for child in 0..layout.children() {
             let node = first + child as u32;
             let state = nodes.state(node);
             states |= u32::from(state) << (2 * child);
@@ -204,11 +172,11 @@ impl Writer<'_> {
                 self.put_value(node, &mut records[start + child * layout.width..])?;
             }
         }
-        for node in (first..).take(layout.children).filter(|node| nodes.state(*node) == INNER) {
+        for node in (first..).take(layout.children()).filter(|node| nodes.state(*node) == INNER) {
             self.write(node, records, most)?;
         }
-        let skip = (records.len() - start) / layout.size;
-        layout.write_head(&mut records[start..][..layout.size], Head { states, skip, mark: 0 });
+        let skip = ((records.len() - start) / layout.size) as u32;
+        layout.write_head(&mut records[start..][..layout.size], RecordHead { states, skip, dense: 0 });
         Some(())
     }
 
@@ -220,22 +188,23 @@ impl Writer<'_> {
         if children.is_none() && nodes.state(node) == INNER {
             return None;
         }
-        for child in 0..layout.children {
+        for child in 0..layout.children() {
             let below = children.map_or(node, |first| first + child as u32);
-            let (state, at) = (nodes.state(below), layout.dense_child(level + 1, index, child));
+            let (state, at) = (nodes.state(below), dense_child(level + 1, index, child));
             if state != VOID {
-                let start = layout.dense_values(level + 1) + at * layout.width;
+                let start = layout.dense_values_at(level + 1) + at * layout.width;
                 self.put_value(below, &mut block[start..])?;
             }
             if level + 1 < dense.levels {
                 self.fill(dense, (below, level + 1, at), block)?;
                 continue;
             }
-            let (set, other) = dense.bottom();
-            if state == set && dense.has_bits() {
-                block[layout.dense_bits(dense.levels) + at / 8] |= 1 << (at % 8);
-            } else if state != set && state != other {
-                return None;
+            match dense.kind.states() {
+                (set, Some(_)) if state == set => {
+                    block[layout.dense_mask_at(dense.levels) + at / 8] |= 1 << (at % 8);
+                }
+                (set, other) if state == set || Some(state) == other => {}
+                _ => return None,
             }
         }
         Some(())

@@ -2,12 +2,12 @@
 
 use spinney_base::Form;
 use spinney_base::value::{Kind, Rule, SampleType, ValueType};
+use spinney_container::{INNER, RecordLayout, VOID};
 
 use crate::bits::{BitCoder, BitReader, BitWriter};
 use crate::blocks::{BlockContexts, code_block};
 use crate::counts::{code_counts, parse_counts};
 use crate::fullness::code_fullness;
-use crate::layout::{Dense, INNER, Layout, VOID};
 use crate::nodes::{FIRST_VALUE, MIXED, NOTHING, NewValues, NodeForm, Nodes, ROOT, code_nodes};
 use crate::plain::{Parsed, Writer, parse};
 
@@ -80,7 +80,7 @@ const START: usize = 5;
 
 /// Packs a segment of so many places, whose class counts follow its records. `None` where it would not shrink.
 pub fn pack(segment: &SegmentForm, places: u32, plain: &[u8], effort: Effort) -> Option<Vec<u8>> {
-    let layout = Layout::new(segment.form);
+    let layout = RecordLayout::new(segment.form);
     let (records, counts) = plain.split_at_checked(places as usize * layout.size)?;
     let candidates = Model::candidates(segment, effort).into_iter();
     let packed = candidates.filter_map(|model| pack_as(model, segment, &layout, records, counts));
@@ -94,7 +94,7 @@ pub fn pack(segment: &SegmentForm, places: u32, plain: &[u8], effort: Effort) ->
 fn pack_as(
     model: Model,
     segment: &SegmentForm,
-    layout: &Layout,
+    layout: &RecordLayout,
     records: &[u8],
     counts: &[u8],
 ) -> Option<Vec<u8>> {
@@ -138,7 +138,7 @@ fn pack_as(
         .into_iter()
         .map(|(node, dense, place)| {
             let start = place * layout.size;
-            (node, records[start..][..layout.dense_places(dense) * layout.size].to_vec())
+            (node, records[start..][..dense.places(layout) * layout.size].to_vec())
         })
         .collect();
     let mut writer = BitWriter::default();
@@ -178,7 +178,7 @@ fn distinct(form: Form, values: impl Iterator<Item = Numbers>) -> Vec<Numbers> {
 /// # Errors
 /// If the bytes are not those of such a segment.
 pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -> Result<Vec<u8>, Damage> {
-    let layout = Layout::new(segment.form);
+    let layout = RecordLayout::new(segment.form);
     let length = places as usize * layout.size;
     let (start, rest) = packed.split_at_checked(START).ok_or(Damage("too few bytes"))?;
     let model = Model::ALL
@@ -227,7 +227,7 @@ fn code_segment<K: BitCoder>(
     coder: &mut K,
     model: Model,
     segment: &SegmentForm,
-    layout: &Layout,
+    layout: &RecordLayout,
     length: usize,
     contents: Contents<'_>,
     blocks: &mut Vec<(u32, Vec<u8>)>,
@@ -241,22 +241,25 @@ fn code_segment<K: BitCoder>(
         is_mixed: model == Model::Solid,
         dense_apart: model == Model::Numbers,
         // An INNER node has at least the values of its children, in a record or a dense block.
-        most: length / (layout.children * layout.width),
+        most: length / (layout.children() * layout.width),
     };
     let (mut nodes, known) = match model {
         Model::Numbers => {
             let mut values = NumberValues::new(form, contents.known.to_vec());
-            (code_all(&node_form, coder, contents.nodes, &mut values, layout.axes)?, values.known)
+            (code_all(&node_form, coder, contents.nodes, &mut values, layout.dimension.axes())?, values.known)
         }
         Model::Names | Model::Solid => {
             let mut values = TableValues::new(table.len());
-            (code_all(&node_form, coder, contents.nodes, &mut values, layout.axes)?, table.clone())
+            (
+                code_all(&node_form, coder, contents.nodes, &mut values, layout.dimension.axes())?,
+                table.clone(),
+            )
         }
     };
     let values: Vec<[u8; 16]> = known.into_iter().map(|value| bytes(form, value)).collect();
     if model == Model::Solid {
         let leaves: Vec<u8> = values.iter().map(|value| value[0]).collect();
-        code_fullness(coder, &mut nodes, (layout.axes, height), contents.nodes, &leaves);
+        code_fullness(coder, &mut nodes, (layout.dimension.axes(), height), contents.nodes, &leaves);
     }
     if model == Model::Numbers {
         code_blocks(coder, (form, rule), layout, length, &nodes, &values, blocks)?;
@@ -283,7 +286,7 @@ fn code_all<K: BitCoder>(
 fn code_blocks<K: BitCoder>(
     coder: &mut K,
     (form, rule): (Form, Rule),
-    layout: &Layout,
+    layout: &RecordLayout,
     length: usize,
     nodes: &Nodes,
     values: &[[u8; 16]],
@@ -292,9 +295,8 @@ fn code_blocks<K: BitCoder>(
     let mut contexts = BlockContexts::new(form);
     let (mut rest, mut number) = (length, 0);
     for (node, dense) in nodes.dense_blocks().iter().copied() {
-        let is_kind = (1..6).contains(&dense.mark) && layout.dense_levels().contains(&dense.levels);
-        let size = layout.dense_places(Dense { levels: dense.levels.min(8), ..dense }) * layout.size;
-        rest = rest.checked_sub(size).filter(|_| is_kind)?;
+        let size = dense.places(layout) * layout.size;
+        rest = rest.checked_sub(size)?;
         if K::READS {
             blocks.push((node, vec![0; size]));
         }

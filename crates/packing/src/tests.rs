@@ -4,8 +4,11 @@ use spinney_base::Form;
 use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Rule, SampleType, ValueType};
 
-use crate::layout::{CUT, Dense, Head, INNER, LEAF, Layout, VOID};
-use crate::plain::dense_state;
+use spinney_container::{
+    CUT, DenseBlock, DenseKind, INNER, LEAF, RecordHead, RecordLayout, VOID, dense_levels,
+};
+
+use crate::nodes::Dense;
 use crate::{Damage, Effort, SegmentForm, pack, unpack};
 
 /// A small generator of numbers (xorshift), so that tests are the same every time.
@@ -24,9 +27,9 @@ impl Random {
     }
 }
 
-/// What random trees are made of.
+/// A maker of records of random trees.
 struct Trees {
-    layout: Layout,
+    layout: RecordLayout,
     height: u8,
     reach: u8,
     values: u64,
@@ -42,13 +45,13 @@ impl Trees {
     /// The record of a node so many levels below the segment's, and all below it.
     fn record(&mut self, depth: u8, records: &mut Vec<u8>) {
         let (layout, bottom) = (self.layout, self.height.min(self.reach) - depth);
-        if layout.dense_levels().contains(&bottom) && self.random.below(3) == 0 {
+        if dense_levels(layout.dimension).contains(&bottom) && self.random.below(3) == 0 {
             return self.block(bottom, records);
         }
         let start = records.len();
         records.resize(start + layout.size, 0);
         let mut states = 0;
-        for child in 0..layout.children {
+        for child in 0..layout.children() {
             let state = match (self.random.below(6), depth + 1) {
                 (0, _) => VOID,
                 (1..4, below) if below < self.height.min(self.reach) => INNER,
@@ -65,25 +68,29 @@ impl Trees {
             }
         }
         let skip = (records.len() - start) / layout.size;
-        layout.write_head(&mut records[start..][..layout.size], Head { states, skip, mark: 0 });
+        layout.write_head(
+            &mut records[start..][..layout.size],
+            RecordHead { states, skip: skip as u32, dense: 0 },
+        );
     }
 
     /// A dense block of any kind.
     fn block(&mut self, levels: u8, records: &mut Vec<u8>) {
         let layout = self.layout;
         let marks: &[u8] = if self.height > self.reach { &[2, 4, 5] } else { &[1, 3] };
-        let dense = Dense { mark: marks[self.random.below(marks.len() as u64) as usize], levels };
-        let (start, skip) = (records.len(), layout.dense_places(dense));
+        let dense = Dense { kind: kind(marks[self.random.below(marks.len() as u64) as usize]), levels };
+        let (start, skip) = (records.len(), dense.places(&layout));
         records.resize(start + skip * layout.size, 0);
-        if dense.has_bits() {
-            let bits = &mut records[start + layout.dense_bits(levels)..][..layout.nodes(levels) / 8];
+        if dense.kind.has_mask() {
+            let bits = &mut records[start + layout.dense_mask_at(levels)..]
+                [..(layout.dimension.cells(levels) as usize) / 8];
             bits.fill_with(|| self.random.next() as u8 | self.random.next() as u8);
         }
         for level in 1..=levels {
-            for at in 0..layout.nodes(level) {
+            for at in 0..(layout.dimension.cells(level) as usize) {
                 let value = self.value();
-                let to = start + layout.dense_values(level) + at * layout.width;
-                if dense_state(&layout, &records[start..], dense, level, at) != VOID {
+                let to = start + layout.dense_values_at(level) + at * layout.width;
+                if DenseBlock::new(layout, dense.kind, levels, &records[start..]).state(level, at) != VOID {
                     records[to..to + layout.width].copy_from_slice(&value);
                 }
             }
@@ -91,21 +98,30 @@ impl Trees {
         // Nodes below which all is alike have the value of that.
         let block = &mut records[start..];
         for level in 1..levels {
-            for at in 0..layout.nodes(level) {
-                if dense_state(&layout, block, dense, level, at) == LEAF {
+            for at in 0..(layout.dimension.cells(level) as usize) {
+                if DenseBlock::new(layout, dense.kind, levels, block).state(level, at) == LEAF {
                     let (mask, below) = ((1 << level) - 1, levels - level);
                     let [x, y, z] =
                         [at & mask, at >> level & mask, at >> (2 * level)].map(|place| place << below);
-                    let from = layout.dense_values(levels) + ((z << levels | y) << levels | x) * layout.width;
-                    let to = layout.dense_values(level) + at * layout.width;
+                    let from =
+                        layout.dense_values_at(levels) + ((z << levels | y) << levels | x) * layout.width;
+                    let to = layout.dense_values_at(level) + at * layout.width;
                     block.copy_within(from..from + layout.width, to);
                 }
             }
         }
-        let state = |child| u32::from(dense_state(&layout, block, dense, 1, child)) << (2 * child);
-        let states = (0..layout.children).map(state).sum();
-        layout.write_head(block, Head { states, skip, mark: dense.mark });
+        let state = |child| {
+            u32::from(DenseBlock::new(layout, dense.kind, levels, block).state(1, child)) << (2 * child)
+        };
+        let states = (0..layout.children()).map(state).sum();
+        let head = RecordHead { states, skip: skip as u32, dense: dense.kind.number() };
+        layout.write_head(&mut block[..layout.size], head);
     }
+}
+
+/// The kind of dense blocks with a number.
+fn kind(number: u8) -> DenseKind {
+    DenseKind::from_number(number).unwrap()
 }
 
 /// All types of values.
@@ -120,7 +136,7 @@ fn segment(form: Form, height: u8, kind: Kind, rule: Rule) -> SegmentForm {
 
 /// A plain segment of so many different values; none of them is the mean of others.
 fn random_segment(form: SegmentForm, values: u64, seed: u64) -> (u32, Vec<u8>) {
-    let layout = Layout::new(form.form);
+    let layout = RecordLayout::new(form.form);
     let mut trees = Trees {
         layout,
         height: form.height,
@@ -182,14 +198,16 @@ fn class_counts_come_back() {
 fn noise_stays_plain() {
     let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F64, 1));
     let form = segment(form, 5, Kind::Continuous, Rule::Mean);
-    let layout = Layout::new(form.form);
+    let layout = RecordLayout::new(form.form);
     let mut random = Random(7);
-    let dense = Dense { mark: 1, levels: 5 };
-    let mut plain: Vec<u8> =
-        (0..layout.dense_places(dense) * layout.size).map(|_| random.next() as u8).collect();
+    let dense = Dense { kind: DenseKind::ALL_LEAF, levels: 5 };
+    let mut plain: Vec<u8> = (0..dense.places(&layout) * layout.size).map(|_| random.next() as u8).collect();
     let states = (0..4).map(|child| u32::from(INNER) << (2 * child)).sum();
-    layout.write_head(&mut plain, Head { states, skip: layout.dense_places(dense), mark: 1 });
-    let places = layout.dense_places(dense) as u32;
+    layout.write_head(
+        &mut plain[..layout.size],
+        RecordHead { states, skip: (dense.places(&layout)) as u32, dense: 1 },
+    );
+    let places = dense.places(&layout) as u32;
     if let Some(packed) = pack(&form, places, &plain, Effort::Small) {
         assert!(packed.len() < plain.len());
         assert_eq!(unpack(&form, places, 0, &packed), Ok(plain));
@@ -201,9 +219,9 @@ fn what_is_smooth_becomes_small() {
     let sizes = [SampleType::U8, SampleType::I16, SampleType::F32, SampleType::F64].map(|sample| {
         let form = Form::new(Dimension::Quad, ValueType::new(sample, 1));
         let form = segment(form, 5, Kind::Continuous, Rule::Mean);
-        let layout = Layout::new(form.form);
-        let dense = Dense { mark: 1, levels: 5 };
-        let places = layout.dense_places(dense);
+        let layout = RecordLayout::new(form.form);
+        let dense = Dense { kind: DenseKind::ALL_LEAF, levels: 5 };
+        let places = dense.places(&layout);
         let mut plain = vec![0; places * layout.size];
         for level in 1..=5 {
             let side = 1usize << level;
@@ -216,12 +234,12 @@ fn what_is_smooth_becomes_small() {
                     SampleType::F32 => (height as f32).to_le_bytes().to_vec(),
                     _ => height.to_le_bytes().to_vec(),
                 };
-                let to = layout.dense_values(level) + at * layout.width;
+                let to = layout.dense_values_at(level) + at * layout.width;
                 plain[to..to + layout.width].copy_from_slice(&bytes);
             }
         }
         let states = (0..4).map(|child| u32::from(INNER) << (2 * child)).sum();
-        layout.write_head(&mut plain, Head { states, skip: places, mark: 1 });
+        layout.write_head(&mut plain[..layout.size], RecordHead { states, skip: (places) as u32, dense: 1 });
         let packed = pack(&form, places as u32, &plain, Effort::Fast).unwrap();
         assert_eq!(unpack(&form, places as u32, 0, &packed).as_ref(), Ok(&plain));
         plain.len() / packed.len()
@@ -275,11 +293,11 @@ fn records_that_claim_others_are_not_packed() {
         Kind::Categorical,
         Rule::Majority,
     );
-    let layout = Layout::new(form.form);
+    let layout = RecordLayout::new(form.form);
     // Each record says that all of its children are INNER and take no places.
     let mut plain = vec![0; 64 * layout.size];
     for record in plain.chunks_exact_mut(layout.size) {
-        layout.write_head(record, Head { states: 0b1010_1010, skip: 0, mark: 0 });
+        layout.write_head(record, RecordHead { states: 0b1010_1010, skip: 0, dense: 0 });
     }
     assert_eq!(pack(&form, 64, &plain, Effort::Small), None);
     assert_eq!(pack(&form, 65, &plain, Effort::Small), None);

@@ -7,7 +7,7 @@
 use zerocopy::{FromBytes, IntoBytes};
 
 use super::walk::Zone;
-use crate::store::records::dense::DenseBlock;
+use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::subtree::{BadSkip, LeafOrBlock, each_leaf, each_leaf_or_block};
 use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
 use spinney_base::Form;

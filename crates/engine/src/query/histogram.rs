@@ -7,7 +7,7 @@ use super::folded::walk_folded;
 use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
 use crate::store::autumnal::Autumnal;
 use crate::store::goblin::Goblin;
-use crate::store::records::dense::DenseBlock;
+use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::subtree::{BadSkip, each_leaf};
 use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
 use crate::tree::Source;

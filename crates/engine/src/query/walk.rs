@@ -2,9 +2,9 @@
 //! statistics will do.
 
 use crate::store::goblin::{Goblin, Segment};
-use crate::store::records::dense::{DenseBlock, DenseStates};
+use crate::store::records::dense::{DenseBlock, DenseRows, DenseStates};
 use crate::store::records::subtree::BadSkip;
-use crate::store::records::{RunChild, RunChildren, RunNode, with_record_type};
+use crate::store::records::{RunChild, RunChildren, RunNode, Runs, with_record_type};
 use crate::tree::{CellBlock, Child, Source, no_children};
 use spinney_base::Form;
 use spinney_base::io::rounds::all_read;

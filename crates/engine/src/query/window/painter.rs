@@ -6,7 +6,7 @@
 use zerocopy::FromBytes;
 
 use crate::store::records::Record;
-use crate::store::records::dense::{DenseBlock, dense_block};
+use crate::store::records::dense::{DenseBlock, DenseRows, dense_block};
 use crate::store::records::record::LOW_STATE_BITS;
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;

@@ -7,7 +7,7 @@ use zerocopy::IntoBytes;
 use super::super::stats::summary;
 use super::request::{ZoneChannel, ZoneStatistics};
 use super::{AREA_ROUNDING, AddDense};
-use crate::store::records::dense::DenseBlock;
+use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use spinney_base::Form;
 use spinney_base::value::{Number, Sample, Tally, Value, ValueType, with_sample_type};

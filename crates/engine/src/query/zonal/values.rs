@@ -4,7 +4,7 @@ use zerocopy::IntoBytes;
 
 use super::AddDense;
 use super::request::{ZonalRequest, ZoneValues};
-use crate::store::records::dense::DenseBlock;
+use crate::store::records::dense::{DenseBlock, DenseRows};
 use crate::store::records::subtree::{BadSkip, each_leaf};
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use spinney_base::io::Sorter;

@@ -14,7 +14,7 @@ use super::verified::Verified;
 use super::zone::Zone;
 use crate::store::builder::{BuildOptions, BuiltBlock, Part, RecordRef, Siblings, TreeSink, upper_levels};
 use crate::store::records::subtree::RECORDS_ARE_CHECKED;
-use crate::store::records::{RecordLayout, RunChildren, RunNode};
+use crate::store::records::{RecordLayout, RunChildren, RunNode, Runs};
 use crate::tree::{Child, Source};
 use spinney_base::Form;
 use spinney_base::Result;

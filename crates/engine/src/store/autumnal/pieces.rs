@@ -3,7 +3,7 @@
 use super::extents::ByteAccess;
 use super::node::AutumnalNode;
 use super::reader::Autumnal;
-use crate::store::records::{RunChildren, RunNode};
+use crate::store::records::{RunChildren, RunNode, Runs};
 use crate::tree::Child;
 use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::space::Bounds;

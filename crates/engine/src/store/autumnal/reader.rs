@@ -13,7 +13,7 @@ use super::newest::whole;
 use super::node::AutumnalNode;
 use super::pages::FIRST_EXTENT;
 use super::zone::{BadZone, Zone, records};
-use crate::store::records::Descent;
+use crate::store::records::{Descent, Runs};
 use crate::tree::{Child, Source};
 use spinney_base::io::{FileBytes, FileId};
 use spinney_base::space::Code;

@@ -10,10 +10,10 @@ use zerocopy::{FromBytes, IntoBytes};
 
 use super::level::Level;
 use super::reused::{ReusedNode, ReusedRecords};
-use crate::store::records::dense::{DenseKind, MAX_DENSE_LEVELS, dense_levels, from_z_order};
+use crate::store::records::dense::from_z_order;
 use crate::store::records::subtree::RECORDS_ARE_CHECKED;
-use crate::store::records::{Record, RecordHead, RunChildren, RunNode};
-use spinney_container::{CUT, INNER, LEAF, VOID};
+use crate::store::records::{Record, RecordHead, RunChildren, RunNode, Runs};
+use spinney_container::{CUT, DenseKind, INNER, LEAF, MAX_DENSE_LEVELS, VOID, dense_levels};
 
 /// Places that a node's subtree takes (0 unless it is INNER), how, and which states its bottom nodes have.
 #[derive(Clone, Copy)]

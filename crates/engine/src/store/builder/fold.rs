@@ -1,7 +1,7 @@
 //! Sums over all cells of a stored subtree, in the order in which building adds them.
 
 use crate::store::records::Record;
-use crate::store::records::dense::{dense_block, for_z_order};
+use crate::store::records::dense::{DenseRows, dense_block, for_z_order};
 use crate::store::records::subtree::RECORDS_ARE_CHECKED;
 use spinney_container::{INNER, LEAF};
 

@@ -9,7 +9,7 @@ use super::level::Level;
 use super::merge::{Join, MergeAction, MergeState, Overlay, join_coverages};
 use super::reused::ReusedRecords;
 use super::stored_node::{StoredNode, Subtree};
-use crate::store::records::dense::{DenseBlock, dense_block, from_z_order};
+use crate::store::records::dense::{DenseBlock, DenseRows, dense_block, from_z_order};
 use crate::store::records::{Record, RecordLayout, with_form_type};
 use crate::tree::{Child, NodeState};
 use spinney_base::Form;

@@ -4,11 +4,11 @@ use std::collections::HashMap;
 
 use super::part::{Part, SealedSegment};
 use super::stored_node::{RecordRef, StoredNode};
-use crate::store::records::dense::MAX_DENSE_LEVELS;
 use spinney_base::Result;
 use spinney_base::space::{Code, Dimension};
 use spinney_base::value::Value;
 use spinney_container::LevelCounts;
+use spinney_container::MAX_DENSE_LEVELS;
 
 /// A block's part of the tree, its own segment, and its nodes per level.
 pub(in crate::store) type BuiltBlock = (Part, Option<SealedSegment>, LevelCounts);

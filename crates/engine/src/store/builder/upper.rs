@@ -3,10 +3,10 @@
 use super::encode::encode;
 use super::level::Level;
 use super::reused::ReusedRecords;
-use crate::store::records::dense::MAX_DENSE_LEVELS;
 use crate::store::records::subtree::BadSkip;
-use crate::store::records::{RecordLayout, RunChildren, RunNode, with_record_type};
+use crate::store::records::{RecordLayout, RunChildren, RunNode, Runs, with_record_type};
 use spinney_base::Form;
+use spinney_container::MAX_DENSE_LEVELS;
 use spinney_container::{CUT, INNER, VOID};
 
 /// The first levels of the subtree that begins with the first of some records; what lies deeper becomes CUT.
@@ -70,7 +70,8 @@ mod tests {
 
     use super::*;
     use crate::store::records::Record;
-    use crate::store::records::record::{QuadRecord, RecordHead};
+    use crate::store::records::RecordHead;
+    use crate::store::records::record::QuadRecord;
     use spinney_base::space::Dimension;
     use spinney_base::value::{SampleType, ValueType};
 

@@ -12,7 +12,6 @@ use super::sink::{BuiltBlock, TreeSink};
 use super::slab::{BlockContent, Slab};
 use super::stored_node::StoredNode;
 use crate::store::records::RecordLayout;
-use crate::store::records::dense::MAX_DENSE_LEVELS;
 use crate::tree::{Child, no_children};
 use spinney_base::Form;
 use spinney_base::io::rounds;
@@ -21,6 +20,7 @@ use spinney_base::sort;
 use spinney_base::space::Code;
 use spinney_base::value::{Rule, Value};
 use spinney_base::{Error, Progress, Result};
+use spinney_container::MAX_DENSE_LEVELS;
 use spinney_container::{LevelCounts, Shape};
 
 /// Walks a whole source and hands the parts of its tree over. With `reuse`, what the source has stored is

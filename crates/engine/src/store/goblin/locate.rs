@@ -2,7 +2,7 @@
 
 use super::reader::Goblin;
 use super::segment::Segment;
-use crate::store::records::Descent;
+use crate::store::records::{Descent, Runs};
 use crate::tree::Child;
 use spinney_base::space::Code;
 use spinney_base::value::Value;

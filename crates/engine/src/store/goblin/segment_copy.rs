@@ -10,7 +10,7 @@ use super::segment::Segment;
 use super::segment_sink::SegmentSink;
 use crate::store::builder::{ALWAYS_HEAVY, Part, StoredNode, upper_levels};
 use crate::store::records::subtree::{BadSkip, count_nodes};
-use crate::store::records::{RunChildren, RunNode};
+use crate::store::records::{RunChildren, RunNode, Runs};
 use crate::tree::Child;
 use spinney_base::Form;
 use spinney_base::Result;

@@ -2,7 +2,8 @@
 
 use super::reader::Goblin;
 use crate::store::builder::{ReusableSource, RunFile, StoredNode, Subtree};
-use crate::store::records::{RunChild, RunChildren, RunNode};
+use crate::store::records::dense::DenseRows;
+use crate::store::records::{RunChild, RunChildren, RunNode, Runs};
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::Form;
 use spinney_base::Result;

@@ -8,115 +8,14 @@
 //! values below are the same.
 
 use std::marker::PhantomData;
-use std::ops::RangeInclusive;
 
 use zerocopy::{FromBytes, IntoBytes};
 
-use super::record::{OctRecord, QuadRecord, Record, RecordHead, RecordLayout};
+use super::record::{OctRecord, QuadRecord, Record};
 use crate::tree::CellBlock;
-use spinney_base::space::{Cell, Dimension};
-use spinney_base::value::Value;
-use spinney_container::{CUT, INNER, LEAF, VOID};
-
-/// Levels below the root of a dense block, at most.
-pub(crate) const MAX_DENSE_LEVELS: u8 = 8;
-
-/// The numbers of levels that dense blocks can have below their root: 8 to 256 values along each axis of a quadtree, 4 to 16
-/// of an octree.
-pub(crate) const fn dense_levels(dimension: Dimension) -> RangeInclusive<u8> {
-    match dimension {
-        Dimension::Quad => 3..=MAX_DENSE_LEVELS,
-        Dimension::Oct => 2..=4,
-    }
-}
-
-/// The states of the bottom nodes of a dense block: all have the first; or those whose bit is set have it, and the others
-/// the second. The index is the number in the record; that of records that are no dense blocks is 0.
-const BOTTOM_STATES: [Option<(u8, Option<u8>)>; 6] = [
-    None,
-    Some((LEAF, None)),
-    Some((CUT, None)),
-    Some((LEAF, Some(VOID))),
-    Some((CUT, Some(VOID))),
-    Some((CUT, Some(LEAF))),
-];
-
-/// The number of a kind of dense blocks: what the states of their bottom nodes are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct DenseKind(u8);
-
-impl DenseKind {
-    /// All bottom nodes are LEAFs.
-    const ALL_LEAF: DenseKind = DenseKind(1);
-    /// Bottom nodes are LEAFs or VOID.
-    const LEAF_OR_VOID: DenseKind = DenseKind(3);
-
-    /// Whether blocks have a bit for each bottom node.
-    #[inline]
-    const fn has_mask(self) -> bool {
-        matches!(BOTTOM_STATES[self.0 as usize], Some((_, Some(_))))
-    }
-
-    /// Whether no bottom node is cut off.
-    #[inline]
-    pub(crate) fn is_leaves(self) -> bool {
-        self == DenseKind::ALL_LEAF || self == DenseKind::LEAF_OR_VOID
-    }
-
-    /// The kind with a number, if there is one.
-    #[inline]
-    pub(crate) fn from_number(number: u8) -> Option<DenseKind> {
-        BOTTOM_STATES.get(usize::from(number)).copied().flatten().map(|_| DenseKind(number))
-    }
-
-    /// The kind for bottom nodes of so many states: a bit for VOID, LEAF and CUT (1, 2 and 8) each. `None` if there are too
-    /// many.
-    pub(crate) fn of_states(states: u8) -> Option<DenseKind> {
-        let of = |(first, second): (u8, Option<u8>)| 1 << first | second.map_or(0, |second| 1 << second);
-        let number = BOTTOM_STATES.iter().position(|kind| kind.map(of) == Some(states));
-        number.map(|number| DenseKind(number as u8))
-    }
-
-    /// The number in the record.
-    #[inline]
-    pub(crate) fn number(self) -> u8 {
-        self.0
-    }
-
-    /// The state of bottom nodes, and the other state of those whose bit is not set.
-    #[inline]
-    pub(crate) fn states(self) -> (u8, Option<u8>) {
-        BOTTOM_STATES[usize::from(self.0)].unwrap_or((VOID, None))
-    }
-}
-
-impl RecordLayout {
-    /// Nodes of the levels 2 to `levels` of a dense block.
-    #[inline]
-    const fn dense_nodes(&self, levels: u8) -> usize {
-        // A geometric sum: c^2 + c^3 ... for c children.
-        let children = self.children();
-        (self.dimension.cells(levels + 1) as usize - children * children) / (children - 1)
-    }
-
-    /// Places of records that a dense block takes behind its own.
-    pub(crate) const fn dense_places(&self, kind: DenseKind, levels: u8) -> usize {
-        let mask = if kind.has_mask() { self.dimension.cells(levels) as usize / 8 } else { 0 };
-        (self.dense_nodes(levels) * self.width + mask).div_ceil(self.size)
-    }
-
-    /// The dense block whose record has a number and this head; `None` if that is no dense block, or not a whole one.
-    pub(crate) fn dense<'r>(&self, records: &'r [u8], at: usize, head: RecordHead) -> Option<DenseBlock<'r>> {
-        let kind = DenseKind::from_number(head.dense)?;
-        // Invariant: blocks of one kind with different numbers of levels are of different lengths, which
-        // records need not tell therefore: each level more has four (or eight) times as many values as the
-        // one before. See the table below.
-        let levels = dense_levels(self.dimension)
-            .find(|levels| self.dense_places(kind, *levels) + 1 == head.skip as usize)?;
-        let bytes = self.subtree(records, at, head.skip)?;
-        Some(DenseBlock { layout: *self, kind, levels, bytes })
-    }
-}
+use spinney_base::space::Dimension;
+pub(crate) use spinney_container::DenseBlock;
+use spinney_container::{DenseKind, INNER, LEAF, MAX_DENSE_LEVELS, VOID, dense_levels};
 
 /// [`RecordLayout::dense_places`] by whether there is a mask, and by levels, for a type of records: so that no size of a block is
 /// computed while blocks are read.
@@ -148,148 +47,37 @@ pub(crate) fn dense_block<R: Record>(records: &[R], at: usize) -> Option<DenseBl
     let table = &DensePlaces::<R>::TABLE[usize::from(kind.has_mask())];
     let levels = table.iter().position(|places| *places > 0 && *places + 1 == head.skip)? as u8;
     let bytes = records.get(at..at + head.skip as usize)?.as_bytes();
-    Some(DenseBlock { layout: R::RECORD_LAYOUT, kind, levels, bytes })
+    Some(DenseBlock::new(R::RECORD_LAYOUT, kind, levels, bytes))
 }
 
-/// A dense block in a run of records.
-#[derive(Clone, Copy)]
-pub(crate) struct DenseBlock<'r> {
-    layout: RecordLayout,
-    pub kind: DenseKind,
-    /// Levels below the root.
-    pub levels: u8,
-    /// The record and the payload.
-    bytes: &'r [u8],
-}
-
-impl<'r> DenseBlock<'r> {
-    /// The values of all nodes of a level below the root, in rows: x fastest, then y, then z. Zeros where nodes are VOID.
-    #[inline]
-    pub(crate) fn values(&self, level: u8) -> &'r [u8] {
-        let layout = &self.layout;
-        let nodes = layout.dimension.cells(level) as usize;
-        // (The children of the root are in its record: Z order of two along each axis is that of rows.)
-        let start = if level > 1 { layout.size + layout.dense_nodes(level - 1) * layout.width } else { 0 };
-        &self.bytes[start..start + nodes * layout.width]
-    }
-
+/// Dense blocks, whose values are of a width that is known.
+pub(crate) trait DenseRows<'r> {
     /// [`DenseBlock::values`] of a width that is known.
-    #[inline]
-    pub(crate) fn values_of<R: Record>(&self, level: u8) -> &'r [R::Bytes] {
-        <[R::Bytes]>::ref_from_bytes(self.values(level)).unwrap_or(&[])
-    }
-
-    /// One bit per bottom node, if these have one of two states.
-    pub(crate) fn mask(&self) -> Option<&'r [u8]> {
-        self.kind.states().1?;
-        let layout = &self.layout;
-        let start = layout.size + layout.dense_nodes(self.levels) * layout.width;
-        Some(&self.bytes[start..start + layout.dimension.cells(self.levels) as usize / 8])
-    }
-
-    /// Children of a node.
-    pub(crate) fn children(&self) -> usize {
-        self.layout.children()
-    }
-
-    /// Whether all nodes below are other than VOID.
-    #[inline]
-    pub(crate) fn is_full(&self) -> bool {
-        self.kind.states().1 != Some(VOID)
-    }
-
-    /// The state of a bottom node: VOID, LEAF or CUT.
-    #[inline]
-    pub(crate) fn bottom_state(&self, index: usize) -> u8 {
-        match (self.kind.states(), self.mask()) {
-            ((_, Some(other)), Some(mask)) if mask[index / 8] >> (index % 8) & 1 == 0 => other,
-            ((state, _), _) => state,
-        }
-    }
-
-    /// The index in its level of the node at a place there.
-    #[inline]
-    pub(crate) fn index(&self, level: u8, [x, y, z]: [usize; 3]) -> usize {
-        // (In quadtrees z is 0.)
-        (z << level | y) << level | x
-    }
-
-    /// The place of the node with an index in its level.
-    #[inline]
-    pub(crate) fn place(&self, level: u8, index: usize) -> [usize; 3] {
-        let mask = (1 << level) - 1;
-        [index & mask, index >> level & mask, index >> (2 * level)]
-    }
-
-    /// The state of a node of a level below the root.
-    pub(crate) fn state(&self, level: u8, index: usize) -> u8 {
-        let below = self.levels - level;
-        if below == 0 {
-            return self.bottom_state(index);
-        }
-        let width = self.layout.width;
-        let values = self.values(self.levels);
-        let value_at = |index: usize| &values[index * width..(index + 1) * width];
-        let [x, y, z] = self.place(level, index).map(|cell| cell << below);
-        let depth = if self.layout.dimension == Dimension::Oct { 1 << below } else { 1 };
-        let first = self.index(self.levels, [x, y, z]);
-        let (state, value) = (self.bottom_state(first), value_at(first));
-        let rows = (z..z + depth).flat_map(|z| (y..y + (1 << below)).map(move |y| (y, z)));
-        for (y, z) in rows {
-            let start = self.index(self.levels, [x, y, z]);
-            for index in start..start + (1 << below) {
-                // (Nodes that are cut off differ below.)
-                let is_same = state != CUT
-                    && self.bottom_state(index) == state
-                    && (state == VOID || value_at(index) == value);
-                if !is_same {
-                    return INNER;
-                }
-            }
-        }
-        state
-    }
-
-    /// Whether nothing but VOID is below a node of a level below the root.
-    pub(crate) fn is_void(&self, level: u8, index: usize) -> bool {
-        if self.is_full() {
-            return false;
-        }
-        let below = self.levels - level;
-        let [x, y, z] = self.place(level, index).map(|cell| cell << below);
-        let depth = if self.layout.dimension == Dimension::Oct { 1 << below } else { 1 };
-        let mut rows = (z..z + depth).flat_map(|z| (y..y + (1 << below)).map(move |y| (y, z)));
-        rows.all(|(y, z)| {
-            let start = self.index(self.levels, [x, y, z]);
-            (start..start + (1 << below)).all(|index| self.bottom_state(index) == VOID)
-        })
-    }
-
-    /// The value of a node of a level below the root.
-    #[inline]
-    pub(crate) fn value(&self, level: u8, index: usize) -> Value {
-        let width = self.layout.width;
-        Value::read(&self.values(level)[index * width..], width).expect("a value for each node")
-    }
-
-    /// The value of the node at some level below the root that has these coordinates among all nodes of that level; `None` is
-    /// VOID.
-    pub(crate) fn value_at(&self, level: u8, cell: Cell) -> Option<Value> {
-        let index = self.index(level, cell.map(|cell| cell as usize & ((1 << level) - 1)));
-        (!self.is_void(level, index)).then(|| self.value(level, index))
-    }
-
-    /// The index in its level of a child of a node of the level above (0 is the root, whose index is 0).
-    #[inline]
-    pub(crate) fn child(&self, level: u8, parent: usize, step: usize) -> usize {
-        let place = self.place(level - 1, parent);
-        self.index(level, std::array::from_fn(|axis| place[axis] << 1 | step >> axis & 1))
-    }
+    fn values_of<R: Record>(&self, level: u8) -> &'r [R::Bytes];
 
     /// Shows the values of those bottom nodes that are LEAFs in a box: the first place, and places along each axis. (By a
     /// pointer: what is done with them is compiled for very many types.)
+    fn each_leaf_in<R: Record>(&self, part: ([usize; 3], [usize; 3]), leaf: &mut dyn FnMut(R::Bytes));
+
+    /// Shows the values of all bottom nodes in a box, row by row, whatever their states.
+    fn rows_in<R: Record>(&self, part: ([usize; 3], [usize; 3]), show: &mut impl FnMut(&[R::Bytes]));
+
+    /// The bottom nodes as cells; `None` if some of them are cut off.
+    fn cells(&self) -> Option<CellBlock>;
+
+    /// The states of all nodes below the root: of a level those that [`DenseStates::level`] has. Nodes below uniform ones are
+    /// as these. Much faster than asking for each.
+    fn states<R: Record>(&self) -> DenseStates;
+}
+
+impl<'r> DenseRows<'r> for DenseBlock<'r> {
+    #[inline]
+    fn values_of<R: Record>(&self, level: u8) -> &'r [R::Bytes] {
+        <[R::Bytes]>::ref_from_bytes(self.values(level)).unwrap_or(&[])
+    }
+
     #[inline(never)]
-    pub(crate) fn each_leaf_in<R: Record>(
+    fn each_leaf_in<R: Record>(
         &self,
         (first, size): ([usize; 3], [usize; 3]),
         leaf: &mut dyn FnMut(R::Bytes),
@@ -307,9 +95,8 @@ impl<'r> DenseBlock<'r> {
         }
     }
 
-    /// Shows the values of all bottom nodes in a box, row by row, whatever their states.
     #[inline]
-    pub(crate) fn rows_in<R: Record>(
+    fn rows_in<R: Record>(
         &self,
         (first, size): ([usize; 3], [usize; 3]),
         show: &mut impl FnMut(&[R::Bytes]),
@@ -323,14 +110,7 @@ impl<'r> DenseBlock<'r> {
         }
     }
 
-    /// All of the block's bottom: the first place, and places along each axis.
-    pub(crate) fn whole(&self) -> ([usize; 3], [usize; 3]) {
-        let side = 1 << self.levels;
-        ([0; 3], [side, side, if self.layout.dimension == Dimension::Oct { side } else { 1 }])
-    }
-
-    /// The bottom nodes as cells; `None` if some of them are cut off.
-    pub(crate) fn cells(&self) -> Option<CellBlock> {
+    fn cells(&self) -> Option<CellBlock> {
         if !self.kind.is_leaves() {
             return None;
         }
@@ -343,9 +123,7 @@ impl<'r> DenseBlock<'r> {
         Some(CellBlock { present, values })
     }
 
-    /// The states of all nodes below the root: of a level those that [`DenseStates::level`] has. Nodes below uniform ones are
-    /// as these. Much faster than asking for each.
-    pub(crate) fn states<R: Record>(&self) -> DenseStates {
+    fn states<R: Record>(&self) -> DenseStates {
         let mut states = DenseStates::new(R::AXES as u8, self.levels);
         let bottom = states.level_mut(self.levels);
         match self.mask() {

@@ -6,160 +6,14 @@
 
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use spinney_base::Form;
 use spinney_base::space::Dimension;
-use spinney_base::value::Value;
+use spinney_container::{RecordHead, RecordLayout, STATE_BITS, state_of};
 
-/// Bits of the state of one child.
-pub(crate) const STATE_BITS: usize = 2;
-/// The bits of one state.
-const STATE_MASK: u32 = 3;
 /// The lower bit of each of 16 states; times a state, 16 states that are all this one.
 pub(crate) const LOW_STATE_BITS: u32 = 0x5555_5555;
 
 /// The combinations of four states, which are one byte: the size of tables by the states of four children.
 pub(crate) const FOUR_STATES: usize = 1 << (4 * STATE_BITS);
-
-/// Size and field offsets of the records of a tree whose form is known at run time.
-///
-/// A quadtree's record has four values, states in one byte, skip in three; an octree's has eight values,
-/// states in two bytes, two zero bytes, skip in four. The upper three bits of skip are the mark of dense blocks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RecordLayout {
-    /// Quadtree or octree.
-    pub dimension: Dimension,
-    /// Bytes of a value.
-    pub width: usize,
-    /// Offset of the states, behind the values.
-    states_at: usize,
-    /// Bytes of a record.
-    pub size: usize,
-}
-
-/// States and skip of a record.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RecordHead {
-    /// Two bits per child, child 0 lowest.
-    pub states: u32,
-    /// Number of places of records that this node's subtree occupies in its segment, this one included.
-    pub skip: u32,
-    /// The number of the kind of dense block that the subtree is stored as; 0 if it is stored as records.
-    pub dense: u8,
-}
-
-/// Bits of the mark of dense blocks, the upper ones of skip.
-const DENSE_BITS: u32 = 3;
-
-/// Bits of skip that count places, in quadtrees and in octrees.
-const QUAD_SKIP_BITS: u32 = 24 - DENSE_BITS;
-const OCT_SKIP_BITS: u32 = 32 - DENSE_BITS;
-
-/// Skip and mark of the bits that hold both.
-#[inline]
-const fn split_skip(bits: u32, skip_bits: u32) -> (u32, u8) {
-    (bits & ((1 << skip_bits) - 1), (bits >> skip_bits) as u8)
-}
-
-impl RecordHead {
-    /// State of one child.
-    #[inline]
-    pub fn state(self, child: usize) -> u8 {
-        state_of(self.states, child)
-    }
-}
-
-/// State of one child among those of all.
-#[inline]
-pub(crate) const fn state_of(states: u32, child: usize) -> u8 {
-    (states >> (STATE_BITS * child) & STATE_MASK) as u8
-}
-
-impl RecordLayout {
-    /// The layout for trees of a form.
-    pub const fn new(form: Form) -> RecordLayout {
-        let states_at = form.children() * form.width();
-        let rest = match form.dimension {
-            Dimension::Quad => 4,
-            Dimension::Oct => 8,
-        };
-        RecordLayout { dimension: form.dimension, width: form.width(), states_at, size: states_at + rest }
-    }
-
-    /// Children of a node.
-    #[inline]
-    pub const fn children(&self) -> usize {
-        self.dimension.children()
-    }
-
-    /// Bytes that an INNER node takes at least: those of its children's values, which a dense block has of it.
-    pub(crate) const fn least_node(&self) -> u64 {
-        (self.children() * self.width) as u64
-    }
-
-    /// Records in so many bytes.
-    #[inline]
-    pub fn count(&self, records: &[u8]) -> usize {
-        records.len() / self.size
-    }
-
-    /// States and skip of the record with a number; `None` where there is no such record.
-    #[inline]
-    pub fn head(&self, records: &[u8], at: usize) -> Option<RecordHead> {
-        let start = at * self.size + self.states_at;
-        match self.dimension {
-            Dimension::Quad => {
-                let word = u32::from_le_bytes(records.get(start..start + 4)?.try_into().ok()?);
-                let (skip, dense) = split_skip(word >> 8, QUAD_SKIP_BITS);
-                Some(RecordHead { states: word & 0xff, skip, dense })
-            }
-            Dimension::Oct => {
-                let word = u64::from_le_bytes(records.get(start..start + 8)?.try_into().ok()?);
-                let (skip, dense) = split_skip((word >> 32) as u32, OCT_SKIP_BITS);
-                Some(RecordHead { states: word as u32 & 0xffff, skip, dense })
-            }
-        }
-    }
-
-    /// Value (LEAF) or representative (INNER, CUT) of a child of the record with a number; zeros for VOID.
-    ///
-    /// # Panics
-    /// If there is no such record.
-    #[inline]
-    pub fn value(&self, records: &[u8], at: usize, child: usize) -> Value {
-        let start = at * self.size + child * self.width;
-        Value::read(&records[start..], self.width).expect("as many bytes as the record has")
-    }
-
-    /// The bytes of a subtree of so many records from the one with a number on; `None` where there are fewer.
-    #[inline]
-    pub fn subtree<'r>(&self, records: &'r [u8], at: usize, skip: u32) -> Option<&'r [u8]> {
-        records.get(at * self.size..(at + skip as usize) * self.size)
-    }
-
-    /// Writes a record: its children's values, one after the other, and its head.
-    #[inline]
-    pub fn write(&self, record: &mut [u8], values: &[u8], head: RecordHead) {
-        record[..self.states_at].copy_from_slice(values);
-        self.write_head(record, head);
-    }
-
-    /// Sets a record's head.
-    #[inline]
-    pub(crate) fn write_head(&self, record: &mut [u8], head: RecordHead) {
-        let RecordHead { states, skip, dense } = head;
-        match self.dimension {
-            Dimension::Quad => {
-                let skip = skip | u32::from(dense) << QUAD_SKIP_BITS;
-                record[self.states_at..].copy_from_slice(&(states & 0xff | skip << 8).to_le_bytes());
-            }
-            Dimension::Oct => {
-                let skip = skip | u32::from(dense) << OCT_SKIP_BITS;
-                let word = u64::from(states & 0xffff) | u64::from(skip) << 32;
-                record[self.states_at..].copy_from_slice(&word.to_le_bytes());
-            }
-        }
-    }
-}
 
 /// One inner node, as it stands on disk, with width and fan-out known at compile time.
 pub(crate) trait Record:
@@ -187,12 +41,7 @@ pub(crate) trait Record:
     /// No value: all bytes zero.
     const ZERO: Self::Bytes;
     /// The layout of the record.
-    const RECORD_LAYOUT: RecordLayout = RecordLayout {
-        dimension: Self::DIMENSION,
-        width: size_of::<Self::Bytes>(),
-        states_at: size_of::<Self::Values>(),
-        size: size_of::<Self>(),
-    };
+    const RECORD_LAYOUT: RecordLayout = RecordLayout::of_width(Self::DIMENSION, size_of::<Self::Bytes>());
 
     /// The values of children that are all alike.
     fn alike(value: Self::Bytes) -> Self::Values;
@@ -277,12 +126,8 @@ impl<const WIDTH: usize> Record for QuadRecord<WIDTH> {
     }
     #[inline]
     fn new(head: RecordHead, values: &[[u8; WIDTH]]) -> Self {
-        let [a, b, c, _] = (head.skip | u32::from(head.dense) << QUAD_SKIP_BITS).to_le_bytes();
-        QuadRecord {
-            values: values.try_into().expect("four values"),
-            states: head.states as u8,
-            skip: [a, b, c],
-        }
+        let [states, skip @ ..] = head.to_quad().to_le_bytes();
+        QuadRecord { values: values.try_into().expect("four values"), states, skip }
     }
     #[inline]
     fn values(&self) -> &[[u8; WIDTH]] {
@@ -295,8 +140,7 @@ impl<const WIDTH: usize> Record for QuadRecord<WIDTH> {
     #[inline]
     fn head(&self) -> RecordHead {
         let [a, b, c] = self.skip;
-        let (skip, dense) = split_skip(u32::from_le_bytes([a, b, c, 0]), QUAD_SKIP_BITS);
-        RecordHead { states: self.states(), skip, dense }
+        RecordHead::of_quad(u32::from_le_bytes([self.states, a, b, c]))
     }
 }
 
@@ -313,8 +157,8 @@ impl<const WIDTH: usize> Record for OctRecord<WIDTH> {
     #[inline]
     fn new(head: RecordHead, values: &[[u8; WIDTH]]) -> Self {
         let values = values.try_into().expect("eight values");
-        let skip = (head.skip | u32::from(head.dense) << OCT_SKIP_BITS).to_le_bytes();
-        OctRecord { values, states: (head.states as u16).to_le_bytes(), zero: [0; 2], skip }
+        let [a, b, _, _, skip @ ..] = head.to_oct().to_le_bytes();
+        OctRecord { values, states: [a, b], zero: [0; 2], skip }
     }
     #[inline]
     fn values(&self) -> &[[u8; WIDTH]] {
@@ -326,8 +170,8 @@ impl<const WIDTH: usize> Record for OctRecord<WIDTH> {
     }
     #[inline]
     fn head(&self) -> RecordHead {
-        let (skip, dense) = split_skip(u32::from_le_bytes(self.skip), OCT_SKIP_BITS);
-        RecordHead { states: self.states(), skip, dense }
+        let skip = u64::from(u32::from_le_bytes(self.skip)) << 32;
+        RecordHead::of_oct(skip | u64::from(self.states()))
     }
 }
 
@@ -392,7 +236,8 @@ pub(crate) use with_form_type;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spinney_base::value::{SampleType, ValueType};
+    use spinney_base::Form;
+    use spinney_base::value::{SampleType, Value, ValueType};
 
     #[test]
     fn layouts_and_types_agree() {

@@ -2,11 +2,10 @@
 
 use zerocopy::IntoBytes;
 
-use super::dense::{DenseBlock, dense_levels};
-use super::record::{Record, RecordLayout, child_record, with_record_type};
+use super::record::{Record, child_record, with_record_type};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::value::Value;
-use spinney_container::{CUT, INNER, LEAF, VOID};
+use spinney_container::{CUT, DenseBlock, INNER, LEAF, RecordLayout, VOID, dense_levels};
 
 /// An INNER node of a run: one with a record of its own, or one in a dense block.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -42,18 +41,25 @@ pub(crate) struct RunChild {
 /// The children of a node, in child order; a quadtree's last four entries are not used.
 pub(crate) type RunChildren = [RunChild; 8];
 
-impl RecordLayout {
+/// Runs of records, as their layout tells of them.
+pub(crate) trait Runs {
     /// Writes the children of a node of a run; `None` if the run contradicts itself there.
     ///
     /// The node's own extent must have been checked, as those of children are here: to lie inside it and beside each other, so
     /// that no walk can leave the segment or go round in it.
+    fn run_children(&self, records: &[u8], node: RunNode, children: &mut RunChildren) -> Option<()>;
+
+    /// The dense block that a node is the root of.
+    fn dense_at<'r>(&self, records: &'r [u8], node: RunNode) -> Option<DenseBlock<'r>>;
+
+    /// The value of a node below the one at `level` whose record has a number, which is the parent's or a dense block that has
+    /// it; `None` if that is no such block.
+    fn value_below(&self, records: &[u8], at: usize, level: u8, code: Code) -> Option<Option<Value>>;
+}
+
+impl Runs for RecordLayout {
     #[inline]
-    pub(crate) fn run_children(
-        &self,
-        records: &[u8],
-        node: RunNode,
-        children: &mut RunChildren,
-    ) -> Option<()> {
+    fn run_children(&self, records: &[u8], node: RunNode, children: &mut RunChildren) -> Option<()> {
         let at = node.record as usize;
         let head = self.head(records, at)?;
         if head.dense != 0 {
@@ -87,25 +93,14 @@ impl RecordLayout {
         Some(())
     }
 
-    /// The dense block that a node is the root of.
     #[inline]
-    pub(crate) fn dense_at<'r>(&self, records: &'r [u8], node: RunNode) -> Option<DenseBlock<'r>> {
+    fn dense_at<'r>(&self, records: &'r [u8], node: RunNode) -> Option<DenseBlock<'r>> {
         let at = node.record as usize;
         let head = self.head(records, at).filter(|head| head.dense != 0 && node.below == 0)?;
         self.dense(records, at, head)
     }
-}
 
-impl RecordLayout {
-    /// The value of a node below the one at `level` whose record has a number, which is the parent's or a dense block that has
-    /// it; `None` if that is no such block.
-    pub(in crate::store) fn value_below(
-        &self,
-        records: &[u8],
-        at: usize,
-        level: u8,
-        code: Code,
-    ) -> Option<Option<Value>> {
+    fn value_below(&self, records: &[u8], at: usize, level: u8, code: Code) -> Option<Option<Value>> {
         let head = self.head(records, at)?;
         let levels = code.level() - level;
         if levels == 1 {

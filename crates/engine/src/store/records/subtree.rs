@@ -1,9 +1,9 @@
 //! Single passes over the records of a subtree, all of which is in one run; skips and states are checked on the way.
 
-use super::dense::{DenseBlock, dense_block};
-use super::record::{FOUR_STATES, LOW_STATE_BITS, Record, RecordLayout, state_of, with_record_type};
+use super::dense::{DenseBlock, DenseRows, dense_block};
+use super::record::{FOUR_STATES, LOW_STATE_BITS, Record, with_record_type};
 use spinney_container::LevelCounts;
-use spinney_container::{INNER, LEAF};
+use spinney_container::{INNER, LEAF, RecordLayout, state_of};
 
 /// The records of a subtree contradict each other.
 #[derive(Debug)]
@@ -234,7 +234,8 @@ mod tests {
     use zerocopy::IntoBytes;
 
     use super::*;
-    use crate::store::records::record::{QuadRecord, RecordHead};
+    use crate::store::records::RecordHead;
+    use crate::store::records::record::QuadRecord;
     use spinney_base::Form;
     use spinney_base::space::Dimension;
     use spinney_base::value::{SampleType, ValueType};

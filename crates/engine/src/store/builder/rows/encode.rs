@@ -4,8 +4,8 @@ use zerocopy::{FromBytes, IntoBytes};
 
 use super::super::encode::{Places, dense_sizes};
 use super::{RowLevel, reduce};
-use crate::store::records::dense::DenseKind;
 use crate::store::records::{Record, RecordHead};
+use spinney_container::DenseKind;
 use spinney_container::{CUT, INNER, LEAF};
 
 /// The levels from the root down to a bottom, and the places that their nodes take.

@@ -4,9 +4,9 @@ use super::super::block::Block;
 use super::super::sink::BuiltBlock;
 use super::super::slab::{BlockContent, Slab};
 use super::*;
-use crate::store::records::dense::MAX_DENSE_LEVELS;
 use spinney_base::space::Dimension;
 use spinney_base::value::{SampleType, ValueType};
+use spinney_container::MAX_DENSE_LEVELS;
 
 const DEPTH: u8 = 9;
 
