@@ -1,4 +1,4 @@
-"""What packed segments are coded with (section 37 of formats.md), and errors (section 39)."""
+"""The coder of packed segments (section 37 of formats.md), and errors (section 39)."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def context_of(size: int) -> int:
 
 
 class Coder:
-    """What is coded, one after the other, and the probabilities of it."""
+    """Decisions, one after the other, and their probabilities."""
 
     def __init__(self, data: bytes) -> None:
         head = Bytes(data)

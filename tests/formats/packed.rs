@@ -32,7 +32,7 @@ fn packing(effort: Effort) -> WriteOptions {
     WriteOptions::new(MEMORY).packing(Packing::packed(effort))
 }
 
-/// The same file with other packing.
+/// A file's bytes with other packing.
 fn converted(bytes: &[u8], how: WriteOptions) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let [from, to] = ["from.goblin", "to.goblin"].map(|name| folder.path().join(name));
@@ -444,7 +444,7 @@ fn open_goblin(file: Goblin) -> Dataset {
     Dataset::of(file.into()).unwrap()
 }
 
-/// What is unpacked stays within the limit, whatever the threads do, and each answer is right.
+/// Bytes that are unpacked stay within the limit, whatever the threads do, and each answer is right.
 #[test]
 fn threads_share_what_is_unpacked() {
     let bytes =

@@ -1,150 +1,13 @@
 //! Bits by adaptive probabilities: rANS (Duda, arXiv:1311.2540) with two states of 64 bits that take turns, and give and take words of 32.
 //!
 //! One state's part can be looked up while the other's is still computed.
+//!
+//! All that is coded is written by the very functions that read it ([`BitCoder`]), so that neither can go other ways than the other. Invariant of
+//! all of these: where to go, and in which context, may follow only from what has been coded before, never from what is to be written.
 
-/// The probability that a bit is set, which follows the bits seen.
-#[derive(Clone, Copy)]
-pub(crate) struct Adaptive {
-    /// In parts of 2^16.
-    set: u16,
-    /// Bits seen, up to [`MOST_SEEN`].
-    seen: u16,
-}
+use crate::adaptive::{Adaptive, AdaptiveSymbols};
 
-/// Beyond so many bits, each counts as much as the one before.
-const MOST_SEEN: u16 = 127;
-/// No probability comes nearer to 0 or 1 than this, in parts of 2^16.
-const LEAST: u16 = 32;
-
-/// Parts of 2^16 by which a probability moves to what was seen, by how much was seen before: 2 / (2n + 3).
-static STEPS: [u32; MOST_SEEN as usize + 1] = {
-    let mut steps = [0; MOST_SEEN as usize + 1];
-    let mut seen = 0;
-    while seen < steps.len() {
-        steps[seen] = (2 << 16) / (2 * seen as u32 + 3);
-        seen += 1;
-    }
-    steps
-};
-
-impl Default for Adaptive {
-    fn default() -> Adaptive {
-        Adaptive { set: 1 << 15, seen: 0 }
-    }
-}
-
-impl Adaptive {
-    #[inline(always)]
-    fn update(&mut self, bit: bool) {
-        let step = STEPS[usize::from(self.seen) & MOST_SEEN as usize];
-        let room = if bit { u32::from(u16::MAX - LEAST - self.set) } else { u32::from(self.set - LEAST) };
-        let change = ((room * step) >> 16) as u16;
-        self.set = if bit { self.set + change } else { self.set - change };
-        self.seen += u16::from(self.seen < MOST_SEEN);
-    }
-}
-
-/// Symbols that [`AdaptiveSymbols`] tells apart.
-pub(crate) const SYMBOLS: usize = 16;
-/// Bits of the sum of the probabilities of symbols: so few that processors compute with sixteen of them at once.
-const SYMBOL_BITS: u32 = 15;
-/// No symbol is less probable than this, in parts of 2^15.
-const LEAST_SYMBOL: i16 = 6;
-
-/// The probabilities of 16 symbols, which follow the symbols seen.
-#[derive(Clone, Copy)]
-pub(crate) struct AdaptiveSymbols {
-    /// Where each symbol's part of 2^15 begins.
-    starts: [i16; SYMBOLS],
-    /// Symbols seen, as long as that matters.
-    seen: u16,
-}
-
-impl Default for AdaptiveSymbols {
-    fn default() -> AdaptiveSymbols {
-        AdaptiveSymbols { starts: std::array::from_fn(|symbol| (symbol << 11) as i16), seen: 0 }
-    }
-}
-
-impl AdaptiveSymbols {
-    /// With parts of 2^15.
-    pub(crate) fn new(parts: &[i16; SYMBOLS]) -> AdaptiveSymbols {
-        let mut start = 0i16;
-        let mut starts = [0; SYMBOLS];
-        for (at, part) in starts.iter_mut().zip(parts) {
-            *at = start;
-            start = start.wrapping_add(*part);
-        }
-        AdaptiveSymbols { starts, seen: 0 }
-    }
-}
-
-/// Where all parts would begin if nothing but one symbol came.
-static GOALS: [[i16; SYMBOLS]; SYMBOLS] = {
-    let mut goals = [[0; SYMBOLS]; SYMBOLS];
-    let mut symbol = 0;
-    while symbol < SYMBOLS {
-        let mut at = 0;
-        while at < SYMBOLS {
-            let before = at as i16 * LEAST_SYMBOL;
-            let behind = (1 << SYMBOL_BITS) - (SYMBOLS - at) as i32 * LEAST_SYMBOL as i32;
-            goals[symbol][at] = if at <= symbol { before } else { behind as i16 };
-            at += 1;
-        }
-        symbol += 1;
-    }
-    goals
-};
-
-impl AdaptiveSymbols {
-    /// Start and length of a symbol's part, of 2^16.
-    #[inline(always)]
-    fn part(&self, symbol: usize) -> (u32, u32) {
-        let start = self.starts[symbol] as u32;
-        let end = if symbol + 1 < SYMBOLS { self.starts[symbol + 1] as u32 } else { 1 << SYMBOL_BITS };
-        (start << 1, (end - start) << 1)
-    }
-
-    /// The symbol whose part has a number below 2^16.
-    #[inline(always)]
-    fn find(&self, low: u32) -> usize {
-        let low = (low >> 1) as i16;
-        let is_before = |at: usize| usize::from(self.starts[at & (SYMBOLS - 1)] <= low);
-        let first = 4 * (is_before(4) + is_before(8) + is_before(12));
-        first + is_before(first + 1) + is_before(first + 2) + is_before(first + 3)
-    }
-
-    /// Moves all starts to where they would be if nothing but this symbol came, by a sixteenth at first, then less.
-    #[inline(always)]
-    fn update(&mut self, symbol: usize) {
-        let seen = usize::from(self.seen).min(RATES.len() - 1);
-        let shift = RATES[seen];
-        self.seen = seen as u16 + u16::from(seen + 1 < RATES.len());
-        // (Read anew, all at once: else compilers put vectors together of what was compared before.)
-        let starts = std::hint::black_box(&mut self.starts);
-        let (before, goals) = (*starts, &GOALS[symbol & (SYMBOLS - 1)]);
-        *starts = std::array::from_fn(|at| before[at] + ((goals[at] - before[at]) >> shift));
-    }
-}
-
-/// Shifts of [`AdaptiveSymbols::update`] by the symbols seen before.
-static RATES: [u8; 81] = {
-    let mut rates = [4; 81];
-    let mut seen = 8;
-    while seen < rates.len() {
-        rates[seen] = if seen < 24 {
-            5
-        } else if seen < 80 {
-            6
-        } else {
-            7
-        };
-        seen += 1;
-    }
-    rates
-};
-
-/// What codes bits, one way or the other.
+/// A way through bits: one that writes them, or one that reads them. Whoever codes something with it says both at once.
 pub(crate) trait BitCoder: Sized {
     /// Whether bits are read, so that those handed over do not count.
     const READS: bool;
@@ -177,17 +40,34 @@ pub(crate) trait BitCoder: Sized {
         let bits = self.raw(u64::from(u64::BITS - number.leading_zeros()), 7).min(64) as u32;
         self.raw(number, bits)
     }
+
+    /// Writes or reads a number with a sign that may be of any size.
+    fn signed(&mut self, number: i64) -> i64 {
+        unfold(self.number(fold(number)))
+    }
 }
 
-/// The least state between two bits.
+/// A number with its sign in the lowest bit, so that small ones of both signs are small: 2n, or -2n - 1.
+#[inline(always)]
+pub(crate) fn fold(number: i64) -> u64 {
+    (number << 1 ^ number >> 63) as u64
+}
+
+/// The number that [`fold`] made another one of.
+#[inline(always)]
+pub(crate) fn unfold(folded: u64) -> i64 {
+    (folded >> 1) as i64 ^ -((folded & 1) as i64)
+}
+
+/// The least state between two parts.
 const LOW: u64 = 1 << 32;
 /// Bits of the sum of all probabilities.
 const TOTAL_BITS: u32 = 16;
 
-/// Writes bits. They are coded when all are there, the last first.
+/// A writer of bits. They are coded when all are there, the last first: each state is a stack, of which a reader takes first what was put there last.
 #[derive(Default)]
 pub(crate) struct BitWriter {
-    /// Frequency and start of each bit's part of 2^16.
+    /// Length and start of each part of 2^16, in the order in which they are read.
     parts: Vec<(u16, u16)>,
     /// Bits that are as often set as not, in words from the lowest bit up; and those that fill none yet.
     raw: Vec<u32>,
@@ -234,6 +114,8 @@ impl BitWriter {
         let mut words = Vec::with_capacity(self.parts.len() / 16);
         let mut states = [LOW; 2];
         for (number, &(frequency, start)) in self.parts.iter().enumerate().rev() {
+            // Invariant: the state is from 2^32 up to 2^64, before each part and behind it. A word is put away if the state would leave
+            // that, which is just where a reader will find it below 2^32 and take a word.
             let state = &mut states[number % 2];
             let frequency = u64::from(frequency);
             if *state >= frequency << (64 - TOTAL_BITS) {
@@ -251,7 +133,8 @@ impl BitWriter {
     }
 }
 
-/// Reads bits. What is missing at the end is read as zeros, and told by [`BitReader::is_whole`].
+/// A reader of bits. At the end of the bytes it goes on with zeros, which [`BitReader::is_whole`] tells: how long a hostile segment is read
+/// is bounded by what it is read into.
 #[derive(Clone, Copy)]
 pub(crate) struct BitReader<'b> {
     /// The state that the next part is taken of, and the one for the part after that.

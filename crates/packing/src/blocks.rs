@@ -4,7 +4,8 @@ use spinney_base::Form;
 use spinney_base::value::Rule;
 use spinney_container::{RecordLayout, VOID};
 
-use crate::bits::{Adaptive, BitCoder};
+use crate::adaptive::Adaptive;
+use crate::bits::BitCoder;
 use crate::errors::PlaneContexts;
 use crate::masks::{MaskContexts, code_mask};
 use crate::nodes::Dense;
@@ -33,29 +34,29 @@ impl BlockContexts {
     }
 }
 
-/// Codes a dense block: `block` has its bytes, or gets them, but for states and places of its record. `root` is the value of the
-/// node that it begins at, if that is known.
-pub(crate) fn code_block<K: BitCoder>(
-    coder: &mut K,
-    contexts: &mut BlockContexts,
-    (form, rule): (Form, Rule),
-    dense: Dense,
-    root: &[u8],
-    block: &mut [u8],
-) {
-    match is_narrow(form.value.sample) {
-        true => code_values::<K, i32>(coder, contexts, (form, rule), dense, root, block),
-        false => code_values::<K, i64>(coder, contexts, (form, rule), dense, root, block),
+/// A dense block of numbers that is coded.
+pub(crate) struct NumberBlock<'b> {
+    pub(crate) form: Form,
+    pub(crate) rule: Rule,
+    pub(crate) dense: Dense,
+    /// The value of the node that it begins at, or zeros.
+    pub(crate) root: &'b [u8],
+    /// All its bytes, or the room for them; states and places of its record do not count.
+    pub(crate) bytes: &'b mut [u8],
+}
+
+/// Codes a dense block.
+pub(crate) fn code_block<K: BitCoder>(coder: &mut K, contexts: &mut BlockContexts, block: NumberBlock<'_>) {
+    match is_narrow(block.form.value.sample) {
+        true => code_numbers::<K, i32>(coder, contexts, block),
+        false => code_numbers::<K, i64>(coder, contexts, block),
     }
 }
 
-fn code_values<K: BitCoder, T: Whole>(
+fn code_numbers<K: BitCoder, T: Whole>(
     coder: &mut K,
     contexts: &mut BlockContexts,
-    (form, rule): (Form, Rule),
-    dense: Dense,
-    root: &[u8],
-    block: &mut [u8],
+    NumberBlock { form, rule, dense, root, bytes: block }: NumberBlock<'_>,
 ) {
     let (layout, sample) = (RecordLayout::new(form), form.value.sample);
     let void = dense.kind.has_mask().then(|| {
@@ -72,7 +73,7 @@ fn code_values<K: BitCoder, T: Whole>(
         let from = channel * sample.size();
         let numbering = choose_numbering::<K>(form, channel, &layout, dense, root, block, is_void);
         let numbering = numbering.code(coder, &mut contexts.channels[channel].is_scaled);
-        let number = |bytes: &[u8]| T::from_i64(numbering.read(&bytes[from..]));
+        let number = |value: &[u8]| T::from_i64(numbering.read(&value[from..]));
         let mut top = Grid::new(1, layout.dimension.axes());
         top.row_mut(0, 0)[0] = number(root);
         if let Some(like) = like {
@@ -81,47 +82,70 @@ fn code_values<K: BitCoder, T: Whole>(
         }
         top.pad();
         let mut grids = vec![top];
+        let has_sums = rule == Rule::Mean;
+        let mut levels = LevelCoder::new(&mut contexts.channels[channel], layout.dimension.axes(), has_sums);
         for level in 1..=dense.levels {
             let mut grid = Grid::<T>::new(1 << level, layout.dimension.axes());
-            let values = layout.dense_values_at(level);
             let other = like.map(|like| &coded[like][usize::from(level)]);
+            let bytes = &mut block[layout.dense_values_at(level) + from..];
             if !K::READS {
-                let mut bytes = block[values..].chunks_exact(layout.width);
-                for_rows(grid.side, layout.dimension.axes(), |_, y, z| {
-                    let out = grid.row_mut(y, z);
-                    out.iter_mut().zip(&mut bytes).for_each(|(out, bytes)| *out = number(bytes));
-                    if let Some(other) = other {
-                        let other = other.at(y, z, [0; 3]);
-                        out.iter_mut().zip(other).for_each(|(out, other)| *out = out.sub(*other));
-                    }
-                });
+                take_level(&mut grid, other, numbering, layout.width, bytes);
             }
-            let mut levels =
-                LevelCoder::new(&mut contexts.channels[channel], layout.dimension.axes(), rule == Rule::Mean);
             levels.level(coder, &grids[usize::from(level) - 1], &mut grid, void_children(level - 1));
             if K::READS {
-                let (side, width) = (grid.side, layout.width);
-                grid.each_row(|row, y, z| {
-                    let bytes = &mut block[values + row * side * width + from..];
-                    let numbers = grid.at(y, z, [0; 3]).iter();
-                    match other.map(|other| other.at(y, z, [0; 3])) {
-                        None => numbering.write_all(numbers.map(|number| number.to_i64()), bytes, width),
-                        Some(other) => {
-                            let sums = numbers.zip(other).map(|(number, other)| number.add(*other).to_i64());
-                            numbering.write_all(sums, bytes, width);
-                        }
-                    }
-                    if let Some(void) = is_void(level) {
-                        let void = void[row * side..][..side].iter().zip(bytes.chunks_mut(width));
-                        void.filter(|(void, _)| **void).for_each(|(_, bytes)| bytes[..sample.size()].fill(0));
-                    }
-                });
+                put_level(&grid, other, numbering, (layout.width, is_void(level)), bytes);
             }
             grid.pad();
             grids.push(grid);
         }
         coded[channel] = grids;
     }
+}
+
+/// Takes the numbers of a level, or what they are more than those of another channel, from bytes that begin with the first sample; the next
+/// ones stand so many bytes behind each other.
+fn take_level<T: Whole>(
+    grid: &mut Grid<T>,
+    other: Option<&Grid<T>>,
+    numbering: Numbering,
+    width: usize,
+    bytes: &[u8],
+) {
+    let mut samples = bytes.chunks(width).map(|bytes| T::from_i64(numbering.read(bytes)));
+    for_rows(grid.side, grid.axes, |_, y, z| {
+        let out = grid.row_mut(y, z);
+        out.iter_mut().zip(&mut samples).for_each(|(out, number)| *out = number);
+        if let Some(other) = other {
+            let other = other.at(y, z, [0; 3]);
+            out.iter_mut().zip(other).for_each(|(out, other)| *out = out.sub(*other));
+        }
+    });
+}
+
+/// Puts them there, but for those of VOID nodes, which have zeros.
+fn put_level<T: Whole>(
+    grid: &Grid<T>,
+    other: Option<&Grid<T>>,
+    numbering: Numbering,
+    (width, void): (usize, Option<&[bool]>),
+    bytes: &mut [u8],
+) {
+    let side = grid.side;
+    grid.each_row(|row, y, z| {
+        let bytes = &mut bytes[row * side * width..];
+        let numbers = grid.at(y, z, [0; 3]).iter();
+        match other.map(|other| other.at(y, z, [0; 3])) {
+            None => numbering.write_all(numbers.map(|number| number.to_i64()), bytes, width),
+            Some(other) => {
+                let sums = numbers.zip(other).map(|(number, other)| number.add(*other).to_i64());
+                numbering.write_all(sums, bytes, width);
+            }
+        }
+        if let Some(void) = void {
+            let void = void[row * side..][..side].iter().zip(bytes.chunks_mut(width));
+            void.filter(|(void, _)| **void).for_each(|(_, bytes)| bytes[..numbering.size()].fill(0));
+        }
+    });
 }
 
 /// How the samples of a channel become whole numbers, where they are to be written.

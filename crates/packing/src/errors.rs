@@ -1,6 +1,7 @@
 //! Numbers near 0 and small sums, in the context of how large they may be.
 
-use crate::bits::{Adaptive, AdaptiveSymbols, BitCoder, SYMBOLS};
+use crate::adaptive::{Adaptive, AdaptiveSymbols, SYMBOLS};
+use crate::bits::{BitCoder, fold, unfold};
 use crate::initial;
 
 /// Contexts of a plane by how much is expected to be wrong: two per doubling.
@@ -65,7 +66,7 @@ pub(crate) fn code_error<K: BitCoder>(
     error: i64,
 ) -> i64 {
     let noise = (context.saturating_sub(NOISE) / 2) as u32;
-    let whole = (error << 1 ^ error >> 63) as u64;
+    let whole = fold(error);
     let upper = whole >> noise;
     // Up to 4 each has a symbol; then there are two per doubling, and lower bits; the last is all that is larger.
     let symbol = if upper < 4 {
@@ -84,12 +85,6 @@ pub(crate) fn code_error<K: BitCoder>(
     unfold((u64::from(first) << noise) + coder.raw(whole & ((1 << bits) - 1), bits))
 }
 
-/// The number of a whole one that has the sign in its lowest bit.
-#[inline(always)]
-fn unfold(whole: u64) -> i64 {
-    (whole >> 1) as i64 ^ -((whole & 1) as i64)
-}
-
 /// Codes a small sum.
 #[inline(always)]
 pub(crate) fn code_sum<K: BitCoder>(
@@ -100,7 +95,7 @@ pub(crate) fn code_sum<K: BitCoder>(
 ) -> i64 {
     let symbol = Some(sum.wrapping_add(NO_SUM)).filter(|symbol| (1..16).contains(symbol)).unwrap_or(0);
     match coder.symbol(&mut contexts[context], symbol as usize) {
-        0 => unfold(coder.number((sum << 1 ^ sum >> 63) as u64)),
+        0 => coder.signed(sum),
         symbol => symbol as i64 - NO_SUM,
     }
 }

@@ -1,6 +1,7 @@
 //! How full the nodes of solids are, from what is below them.
 
-use crate::bits::{AdaptiveSymbols, BitCoder};
+use crate::adaptive::AdaptiveSymbols;
+use crate::bits::BitCoder;
 use spinney_container::{CUT, INNER, LEAF};
 
 use crate::nodes::{FIRST_VALUE, Nodes, ROOT};

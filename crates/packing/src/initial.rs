@@ -1,6 +1,6 @@
 //! Probabilities that symbols begin with (tables of section 39 of formats.md): as they are on average in elevations and photographs.
 
-use crate::bits::{AdaptiveSymbols, SYMBOLS};
+use crate::adaptive::{AdaptiveSymbols, SYMBOLS};
 
 /// Parts of 2^15 for symbols of errors, by context up to 13; then by whether a context is odd.
 const ERRORS: [[i16; SYMBOLS]; 16] = [

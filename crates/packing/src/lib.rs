@@ -3,6 +3,7 @@
 //! A segment's nodes are coded level by level, each in the context of the nodes around it, and dense blocks of numbers plane by plane, foretold by
 //! the level above. What is unpacked is the plain segment, byte for byte. Knows what stands in a segment, and nothing of files.
 
+mod adaptive;
 mod around;
 mod bits;
 mod blocks;

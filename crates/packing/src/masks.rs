@@ -1,6 +1,7 @@
 //! Bits of the bottom nodes of dense blocks.
 
-use crate::bits::{Adaptive, BitCoder};
+use crate::adaptive::Adaptive;
+use crate::bits::BitCoder;
 
 /// Probabilities of bits by those before them.
 pub(crate) type MaskContexts = [Adaptive; 64];

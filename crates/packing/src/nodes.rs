@@ -1,7 +1,8 @@
 //! The nodes of a segment: coded level by level from the top, each in the context of its neighbours.
 
+use crate::adaptive::{Adaptive, AdaptiveSymbols, SYMBOLS};
 use crate::around::{SIBLING, Step, steps};
-use crate::bits::{Adaptive, AdaptiveSymbols, BitCoder, SYMBOLS};
+use crate::bits::BitCoder;
 use spinney_base::space::Dimension;
 use spinney_container::{CUT, DenseKind, INNER, LEAF, RecordLayout, VOID, dense_levels};
 
@@ -137,7 +138,7 @@ impl Nodes {
     }
 }
 
-/// What is coded.
+/// Properties of the nodes that are coded, which both sides know.
 #[derive(Clone, Copy)]
 pub(crate) struct NodeForm {
     /// Levels down to the cells.
@@ -201,7 +202,7 @@ impl Contexts {
     }
 }
 
-/// What is true of each neighbour, in 8 bits: of a quadtree's eight one each; of an octree's six across faces one each, and
+/// The neighbours of which something is true, in 8 bits: of a quadtree's eight one each; of an octree's six across faces one each, and
 /// of those across edges about how many there are.
 #[inline(always)]
 fn pattern<const D: usize>(words: &[u32; D], is_true: impl Fn(u32) -> bool) -> usize {
@@ -218,6 +219,9 @@ fn pattern<const D: usize>(words: &[u32; D], is_true: impl Fn(u32) -> bool) -> u
 ///
 /// Nodes come level by level, parents in the order in which they came as children. So all of the level above is known, and of
 /// a node's own level what comes before it.
+///
+/// The neighbours of an INNER node are found from those of its parent, which took the same way: a neighbour is a sibling, or a child of a
+/// neighbour of the parent, or that one itself where it has no children. So no node is ever searched for.
 pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
     form: &NodeForm,
     coder: &mut K,
@@ -238,6 +242,8 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
     while !level.is_empty() {
         depth += 1;
         count += level.len();
+        // Invariant: no node is deeper than the cells, and there are no more than the plain segment has room for: a few hostile bytes
+        // cannot make many nodes of likely bits, which cost nearly nothing.
         if depth > form.height || count > form.most {
             return None;
         }
@@ -278,6 +284,8 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
             let symbol = nodes.symbol(node);
             let first = nodes.words.len();
             // The neighbours' children, if these are known, else the neighbours.
+            // Invariant: a node has its first child's number only when all of its children are there, which is when they have been coded. So
+            // a reader, who has no others, finds the same; and a neighbour whose turn comes later counts as it is seen from above.
             let firsts = near.map(|near| nodes.first[near as usize]);
             let own = near.map(|near| nodes.words[near as usize]);
             let mut children = [UNKNOWN << SYMBOL_AT; C];

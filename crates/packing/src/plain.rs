@@ -106,7 +106,7 @@ impl Parsed {
     }
 }
 
-/// What makes a segment of nodes.
+/// A writer of the records of a segment.
 pub(crate) struct Writer<'w> {
     pub(crate) layout: &'w RecordLayout,
     pub(crate) nodes: &'w Nodes,
@@ -211,7 +211,7 @@ impl Writer<'_> {
     }
 }
 
-/// Cells of each LEAF, and what all nodes' values are made of: calls `each` for every LEAF with its value's node and cells.
+/// Calls `each` for every LEAF, with its number and its cells.
 pub(crate) fn each_leaf(nodes: &Nodes, axes: usize, height: u8, each: &mut dyn FnMut(u32, u64)) {
     let mut level = vec![ROOT];
     let mut below = height;

@@ -71,7 +71,7 @@ const OCT_PLANES: [Plane; 8] = [
 #[derive(Clone)]
 pub(crate) struct Grid<T> {
     pub(crate) side: usize,
-    axes: usize,
+    pub(crate) axes: usize,
     values: Vec<T>,
 }
 
@@ -173,6 +173,9 @@ impl<'c, T: Whole> LevelCoder<'c, T> {
         children: &mut Grid<T>,
         void: Option<&[u8]>,
     ) {
+        // Invariant: both sides compute with the same numbers. What is VOID has its parent's number from here on, whatever stands in
+        // the plain block; a plane is foretold by parents and planes that are done; and arithmetic wraps round, so that hostile numbers
+        // lead to other numbers and nothing else.
         let (side, planes) = (parents.side, self.planes);
         let step = self.code_step(coder, children, void);
         let slopes = Slopes::new(parents);

@@ -2,7 +2,8 @@
 
 use spinney_base::value::SampleType;
 
-use crate::bits::{Adaptive, BitCoder};
+use crate::adaptive::Adaptive;
+use crate::bits::BitCoder;
 
 /// A whole number that arithmetic wraps round in.
 pub(crate) trait Whole: Copy + Default + Ord {
@@ -15,7 +16,7 @@ pub(crate) trait Whole: Copy + Default + Ord {
     fn down(self, shift: u32) -> Self;
     /// The distance from 0.
     fn size(self) -> Self::Size;
-    /// What distances are added up in.
+    /// A number without a sign, as large: distances, and sums of them.
     type Size: Copy + Default;
     fn grow(size: Self::Size, more: Self::Size, factor: u32) -> Self::Size;
     fn shrink(size: Self::Size, shift: u32) -> Self::Size;
@@ -188,6 +189,11 @@ impl Numbering {
         }
         let scale = coder.raw(u64::from(self.scale.unwrap_or_default() as u8), SCALE_BITS);
         Numbering { scale: Some(scale as u8 as i8), ..self }
+    }
+
+    /// Bytes of a sample.
+    pub(crate) fn size(self) -> usize {
+        self.sample.size()
     }
 
     /// The whole number of the sample at the beginning of some bytes.

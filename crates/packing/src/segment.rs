@@ -5,15 +5,14 @@ use spinney_base::value::{Kind, Rule, SampleType, ValueType};
 use spinney_container::{INNER, RecordLayout, VOID};
 
 use crate::bits::{BitCoder, BitReader, BitWriter};
-use crate::blocks::{BlockContexts, code_block};
+use crate::blocks::{BlockContexts, NumberBlock, code_block};
 use crate::counts::{code_counts, parse_counts};
 use crate::fullness::code_fullness;
 use crate::nodes::{FIRST_VALUE, MIXED, NOTHING, NewValues, NodeForm, Nodes, ROOT, code_nodes};
 use crate::plain::{Parsed, Writer, parse};
-
 use crate::values::{NumberValues, Numbers, TableValues, bytes, code_table, numbers, order};
 
-/// What the bytes of a segment mean.
+/// The meaning of a segment's bytes.
 #[derive(Clone, Copy, Debug)]
 pub struct SegmentForm {
     /// Quadtree or octree, and the type of the values.
@@ -28,7 +27,7 @@ pub struct SegmentForm {
     pub reach: u8,
 }
 
-/// How hard packing tries.
+/// Effort of packing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Effort {
     /// Little time for most of the gain.
@@ -38,11 +37,11 @@ pub enum Effort {
     Small,
 }
 
-/// What is wrong with the bytes of a packed segment.
+/// The reason why bytes are no packed segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Damage(pub &'static str);
 
-/// What the values of a segment are taken for.
+/// A way to take the values of a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Model {
     /// Names, in a table; dense blocks are nodes like all others.
@@ -85,7 +84,8 @@ pub fn pack(segment: &SegmentForm, places: u32, plain: &[u8], effort: Effort) ->
     let candidates = Model::candidates(segment, effort).into_iter();
     let packed = candidates.filter_map(|model| pack_as(model, segment, &layout, records, counts));
     let packed = packed.min_by_key(Vec::len).filter(|packed| packed.len() < plain.len())?;
-    // Bytes that the model has no words for (another writer's, or damaged ones) would be lost: they stay plain.
+    // Invariant: nothing is written that does not become the same bytes again. What the model has no words for (another writer's
+    // records, or damaged ones) stays plain; and a mistake in here loses no data.
     let classes = (counts.len() / (layout.width + 8)) as u16;
     let is_same = unpack(segment, places, classes, &packed).is_ok_and(|unpacked| unpacked == plain);
     is_same.then_some(packed)
@@ -205,7 +205,7 @@ pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -
     Ok(plain)
 }
 
-/// What is to be written; nothing where it is read.
+/// All that is to be written; nothing where it is read.
 struct Contents<'c> {
     nodes: &'c Nodes,
     /// Values with numbers: of all nodes, or of class counts alone where the nodes' are numbers.
@@ -215,7 +215,7 @@ struct Contents<'c> {
     counts: &'c [u8],
 }
 
-/// What was read.
+/// All that was read, or written.
 struct Coded {
     nodes: Nodes,
     values: Vec<[u8; 16]>,
@@ -302,7 +302,8 @@ fn code_blocks<K: BitCoder>(
         }
         let root =
             values.get(nodes.symbol(node).wrapping_sub(FIRST_VALUE) as usize).copied().unwrap_or_default();
-        code_block(coder, &mut contexts, (form, rule), dense, &root, &mut blocks[number].1);
+        let block = NumberBlock { form, rule, dense, root: &root, bytes: &mut blocks[number].1 };
+        code_block(coder, &mut contexts, block);
         number += 1;
     }
     Some(())

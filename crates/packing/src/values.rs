@@ -5,7 +5,8 @@ use std::collections::HashMap;
 use spinney_base::Form;
 use spinney_base::value::SampleType;
 
-use crate::bits::{Adaptive, AdaptiveSymbols, BitCoder};
+use crate::adaptive::{Adaptive, AdaptiveSymbols};
+use crate::bits::BitCoder;
 use crate::blocks::channel_order;
 use crate::errors::{SIZES, code_error, size_context};
 use crate::initial;
@@ -33,7 +34,7 @@ pub(crate) fn bytes(form: Form, numbers: Numbers) -> [u8; 16] {
     bytes
 }
 
-/// What values are sorted by: the order of section 7 of formats.md.
+/// A key that sorts values in the order of section 7 of formats.md.
 pub(crate) fn order(form: Form, numbers: &Numbers) -> [u64; 4] {
     let turned = if form.value.sample == SampleType::U64 { 0 } else { 1 << 63 };
     numbers.map(|number| number as u64 ^ turned)
@@ -47,13 +48,11 @@ pub(crate) fn code_table<K: BitCoder>(
     most: usize,
 ) -> Option<Vec<Numbers>> {
     let count = usize::try_from(coder.number(table.len() as u64)).ok().filter(|count| *count <= most)?;
-    let (mut last, mut coded) = ([0; 4], Vec::new());
+    let (mut last, mut coded): (Numbers, Vec<_>) = ([0; 4], Vec::new());
     for at in 0..count {
         let value = table.get(at).copied().unwrap_or_default();
         for (channel, last) in last.iter_mut().enumerate().take(usize::from(form.value.channels)) {
-            let change = value[channel].wrapping_sub(*last);
-            let whole = coder.number((change << 1 ^ change >> 63) as u64);
-            *last = last.wrapping_add((whole >> 1) as i64 ^ -((whole & 1) as i64));
+            *last = last.wrapping_add(coder.signed(value[channel].wrapping_sub(*last)));
         }
         coded.push(last);
     }

@@ -29,7 +29,7 @@ pub struct BuildOptions {
     pub packing: Packing,
 }
 
-/// What writing a tree of another one may use, and how its segments are packed.
+/// Options of writing a tree of another one: what that may use, and how few bytes it is to take.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct WriteOptions {

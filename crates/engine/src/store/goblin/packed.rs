@@ -9,7 +9,7 @@ use spinney_base::value::Tally;
 use spinney_container::Header;
 use spinney_packing::{Effort, SegmentForm, pack};
 
-/// What the bytes of a node's segment mean in a tree that has it; `None` if that has no such level.
+/// The meaning of the bytes of a node's segment in a tree that has it; `None` if that has no such level.
 pub(super) fn segment_form(header: &Header, node: Code) -> Option<SegmentForm> {
     let Header { form, rule, kind, shape, .. } = *header;
     let height = shape.depth.checked_sub(node.level())?;
