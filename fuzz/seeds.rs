@@ -11,7 +11,7 @@ use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, add_layer, edit};
 use spinney::space::{Bounds, Crs, Dimension, Frame};
 use spinney::store::autumnal::Note;
-use spinney::store::{BuildOptions, Metadata, WriteOptions, build_tree, depth_for};
+use spinney::store::{BuildOptions, Effort, Metadata, Packing, WriteOptions, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 use spinney_fuzz::targets::seal;
@@ -87,6 +87,22 @@ fn goblins(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     put("goblin_read", "octree", &build(&path, OCT, [5, 4, 6], continuous, false)?);
     let floats = form(Dimension::Quad, SampleType::F32, 2);
     put("goblin_read", "floats", &build(&path, floats, [6, 7, 1], continuous, false)?);
+    // Packed segments of each model: names, numbers (with bits, several channels, steps of floats) and solids.
+    let colours = form(Dimension::Quad, SampleType::U8, 3);
+    let rounded = form(Dimension::Quad, SampleType::F32, 1);
+    for (name, form, size, (rule, kind)) in [
+        ("packed_names", QUAD, [40, 30, 1], (Rule::Majority, Kind::Categorical)),
+        ("packed_numbers", colours, [33, 40, 1], continuous),
+        ("packed_floats", rounded, [40, 40, 1], continuous),
+        ("packed_octree", OCT, [20, 17, 9], continuous),
+        ("packed_solid", OCT, [20, 17, 9], (Rule::Occupancy, Kind::Continuous)),
+    ] {
+        let options = BuildOptions::new(kind, depth_for(size)).rule(rule);
+        let options = options.packing(Packing::packed(Effort::Fast));
+        fs::remove_file(&path).unwrap();
+        build_tree(&tree(form, size, rule), size, &options, Output::create(&path)?, &())?;
+        put("goblin_read", name, &fs::read(&path).unwrap());
+    }
     for (name, form, size, (rule, kind)) in [
         ("cuts", QUAD, [9, 14, 1], continuous),
         ("cuts_of_classes", QUAD, [12, 9, 1], (Rule::Majority, Kind::Categorical)),

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use engine::dataset::{self, Dataset};
+use engine::io::RangeCache;
 use engine::ops::Step;
 use engine::store::{OpenOptions, TreeFormat};
 use engine::value::{Kind, SampleType};
@@ -112,6 +113,12 @@ pub struct spinney_info {
     pub is_autumnal: bool,
     /// Number of the commit, or 0.
     pub commit: u64,
+}
+
+/// Changes how many bytes of packed segments, unpacked, all open files together keep in memory for the next use: 64 MiB if nothing is said.
+#[unsafe(no_mangle)]
+pub extern "C" fn spinney_set_cache_memory(bytes: u64) {
+    RangeCache::unpacked().set_limit(bytes);
 }
 
 /// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`

@@ -94,11 +94,12 @@ fn layers_as_text(tree: &Dataset, layers: &[LayerInfo]) -> Result<String> {
         let (name, size, value) = (&layer.name, size.join(" x "), header.form.value.to_string());
         writeln!(
             text,
-            "layer {number:<5} {name:<width$}  {value:<6} {}, {}, {size} cells, depth {}{}",
+            "layer {number:<5} {name:<width$}  {value:<6} {}, {}, {size} cells, depth {}{}{}",
             header.kind,
             header.rule,
             header.depth(),
-            if header.codec == Codec::Plain { "" } else { ", packed" }
+            if header.codec == Codec::Plain { "" } else { ", packed" },
+            layer.bytes.map_or(String::new(), |bytes| format!(", {bytes} bytes"))
         )?;
     }
     writeln!(text, "next        spinney info {} --layer {}", tree.name().display(), layers[0].name)?;

@@ -1,10 +1,12 @@
 //! Cells that are rounded when a tree is written.
 
 use spinney::io::Output;
-use spinney::ops;
+use spinney::dataset::Dataset;
+use spinney::ops::{self, Chain};
+use spinney::store::autumnal::Note;
 use spinney::space::{Code, Dimension};
 use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, OpenOptions, Packing, WriteOptions, build_tree};
+use spinney::store::{BuildOptions, FilePlace, OpenOptions, Packing, WriteOptions, build_tree};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
@@ -111,6 +113,27 @@ fn no_cell_differs_by_more() {
             let difference = as_byte(there).abs_diff(as_byte(cell(at)));
             assert!(f64::from(difference) <= most, "{most}: {difference} at {at:?}");
         }
+    }
+}
+
+#[test]
+fn layers_that_are_added_are_rounded_in_both_formats() {
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+    let cells = Cells::noise(form, 5, [70, 40, 1], 200);
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let plain = options(Rule::Mean, Kind::Continuous, cells.depth());
+    write_cells(&at("other.goblin"), &cells, &plain);
+    let expected = Goblin::from_bytes(model(&cells, Rule::Mean, 2.0)).unwrap();
+    let expected = Dataset::of(expected.into()).unwrap().statistics(None, &()).unwrap();
+    for name in ["file.goblin", "file.autumn"] {
+        write_cells(&at(name), &cells, &plain);
+        let how = WriteOptions::new(1 << 24).packing(Packing::default().max_error(Some(2.0)));
+        let chain = Chain::of(&at("other.goblin"));
+        ops::add_layer(&at(name), "rounded", &chain, Note::default(), how, &()).unwrap();
+        let layer = spinney::open(&FilePlace::of(&at(name)).of_layer("rounded")).unwrap();
+        assert_eq!(layer.metadata().tags["max_error"], "2", "{name}");
+        assert_eq!(layer.statistics(None, &()).unwrap().channels, expected.channels, "{name}");
     }
 }
 

@@ -61,6 +61,7 @@ impl DenseKind {
 
     /// The kind for bottom nodes of so many states: a bit for VOID, LEAF and CUT (1, 2 and 8) each. `None` if there are too
     /// many.
+    #[inline]
     pub fn of_states(states: u8) -> Option<DenseKind> {
         let of = |(first, second): (u8, Option<u8>)| 1 << first | second.map_or(0, |second| 1 << second);
         let number = BOTTOM_STATES.iter().position(|kind| kind.map(of) == Some(states));
@@ -90,6 +91,7 @@ impl RecordLayout {
     }
 
     /// Places of records that a dense block takes behind its own.
+    #[inline]
     pub const fn dense_places(&self, kind: DenseKind, levels: u8) -> usize {
         let mask = if kind.has_mask() { self.dimension.cells(levels) as usize / 8 } else { 0 };
         (self.dense_nodes(levels) * self.width + mask).div_ceil(self.size)
@@ -108,6 +110,7 @@ impl RecordLayout {
     }
 
     /// The dense block whose record has a number and this head; `None` if that is no dense block, or not a whole one.
+    #[inline]
     pub fn dense<'r>(&self, records: &'r [u8], at: usize, head: RecordHead) -> Option<DenseBlock<'r>> {
         let (kind, levels) = self.dense_kind(head)?;
         let bytes = self.subtree(records, at, head.skip)?;
@@ -179,6 +182,7 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// One bit per bottom node, if these have one of two states.
+    #[inline]
     pub fn mask(&self) -> Option<&'r [u8]> {
         self.kind.states().1?;
         let layout = &self.layout;
@@ -187,6 +191,7 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// Children of a node.
+    #[inline]
     pub fn children(&self) -> usize {
         self.layout.children()
     }
@@ -219,6 +224,7 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// The state of a node of a level below the root.
+    #[inline]
     pub fn state(&self, level: u8, index: usize) -> u8 {
         let below = self.levels - level;
         if below == 0 {
@@ -248,6 +254,7 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// Whether nothing but VOID is below a node of a level below the root.
+    #[inline]
     pub fn is_void(&self, level: u8, index: usize) -> bool {
         if self.is_full() {
             return false;
@@ -271,6 +278,7 @@ impl<'r> DenseBlock<'r> {
 
     /// The value of the node at some level below the root that has these coordinates among all nodes of that level; `None` is
     /// VOID.
+    #[inline]
     pub fn value_at(&self, level: u8, cell: Cell) -> Option<Value> {
         let index = self.index(level, cell.map(|cell| cell as usize & ((1 << level) - 1)));
         (!self.is_void(level, index)).then(|| self.value(level, index))
@@ -283,6 +291,7 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// All of the block's bottom: the first place, and places along each axis.
+    #[inline]
     pub fn whole(&self) -> ([usize; 3], [usize; 3]) {
         let side = 1 << self.levels;
         ([0; 3], [side, side, if self.layout.dimension == Dimension::Oct { side } else { 1 }])

@@ -87,11 +87,13 @@ pub const fn state_of(states: u32, child: usize) -> u8 {
 
 impl RecordLayout {
     /// The layout for trees of a form.
+    #[inline]
     pub const fn new(form: Form) -> RecordLayout {
         RecordLayout::of_width(form.dimension, form.width())
     }
 
     /// The layout for values of so many bytes.
+    #[inline]
     pub const fn of_width(dimension: Dimension, width: usize) -> RecordLayout {
         let states_at = dimension.children() * width;
         let rest = match dimension {
@@ -108,6 +110,7 @@ impl RecordLayout {
     }
 
     /// Bytes that an INNER node takes at least: those of its children's values, which a dense block has of it.
+    #[inline]
     pub const fn least_node(&self) -> u64 {
         (self.children() * self.width) as u64
     }

@@ -199,7 +199,11 @@ impl Dataset {
     pub fn layers(&self) -> Result<Vec<LayerInfo>> {
         match self.as_file() {
             Some(file) => file.layers(),
-            None => Ok(vec![LayerInfo { name: self.metadata().name.clone(), header: self.header().clone() }]),
+            None => Ok(vec![LayerInfo {
+                name: self.metadata().name.clone(),
+                header: self.header().clone(),
+                bytes: None,
+            }]),
         }
     }
 

@@ -13,6 +13,7 @@ use super::patch::{CellPatch, FillPatch, FillRegion, Patch};
 use super::patched::Patched;
 use super::tree_file::TreeFile;
 use super::view_source::{ViewSource, check_form};
+use crate::store::Packing;
 use crate::store::autumnal::{Autumnal, Commit, Editor, Note};
 use crate::tree::Source;
 use spinney_base::space::Bounds;
@@ -100,7 +101,7 @@ pub fn apply_edits(
             Edit::Revert(number) => editor.revert(number)?,
             edit => {
                 let changed = changed(editor.tree(), edit)?;
-                editor.replace(&changed, progress)?;
+                editor.replace(&changed, Packing::default(), progress)?;
             }
         }
         progress.check()?;

@@ -99,8 +99,10 @@ pub fn add_layer(
             let mut editor = Editor::open(&FilePlace::of(path).file, how.memory)?;
             let header = options.header(header.form, extent)?;
             editor.name_layer(&stem(path))?;
-            editor.add_layer(&header, options.metadata.clone())?;
-            editor.replace(&source, progress)?;
+            let mut metadata = options.metadata;
+            how.packing.tell(&mut metadata);
+            editor.add_layer(&header, metadata)?;
+            editor.replace(&source, how.packing, progress)?;
             editor.commit(note)
         }
         TreeFile::Goblin(_) => {

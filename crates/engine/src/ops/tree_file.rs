@@ -32,6 +32,8 @@ pub struct LayerInfo {
     pub name: String,
     /// Form, rule, kind, depth and extent.
     pub header: Header,
+    /// Bytes of its segments and its directory, if it has those for itself: in a Goblin file.
+    pub bytes: Option<u64>,
 }
 
 /// An INNER node of an open file.
@@ -106,13 +108,16 @@ impl TreeFile {
     pub fn layers(&self) -> Result<Vec<LayerInfo>> {
         match self {
             TreeFile::Goblin(file) => {
-                let layer =
-                    |layer: &Layer| LayerInfo { name: layer.name.clone(), header: layer.header.clone() };
+                let layer = |layer: &Layer| LayerInfo {
+                    name: layer.name.clone(),
+                    header: layer.header.clone(),
+                    bytes: Some(layer.run.length),
+                };
                 Ok(file.layers().iter().map(layer).collect())
             }
             TreeFile::Autumnal(file) => {
                 let names = file.commit().layers().iter().map(|layer| layer.name.clone());
-                let layer = |(name, header)| LayerInfo { name, header };
+                let layer = |(name, header)| LayerInfo { name, header, bytes: None };
                 Ok(names.zip(file.layer_headers()?).map(layer).collect())
             }
         }

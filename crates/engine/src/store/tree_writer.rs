@@ -121,9 +121,7 @@ impl TreeWriter {
         self.check(form, header.depth(), &options.metadata.name)?;
         let mut complete = |metadata: &mut Metadata| {
             complete(metadata);
-            if let Some(most) = options.packing.max_error {
-                metadata.add_error(most);
-            }
+            options.packing.tell(metadata);
         };
         match &mut self.file {
             File::Goblin(file) if options.share => Err(Error::unsupported(

@@ -15,7 +15,7 @@ use super::newest::Newest;
 use super::pages::FIRST_EXTENT;
 use super::reader::Autumnal;
 use super::write::check_plain;
-use crate::store::builder::{BuildOptions, Fill, ReusableSource, TreeSink, walk};
+use crate::store::builder::{BuildOptions, Fill, Packing, ReusableSource, TreeSink, walk};
 use crate::tree::Source;
 use spinney_base::io::{FileBackend, LockedFile, WriteBackend};
 use spinney_base::value::Tally;
@@ -272,17 +272,22 @@ impl Editor {
         self.draft.clone()
     }
 
-    /// Makes a source the tree. Its form and depth must be the file's.
+    /// Makes a source the tree, whose cells are rounded if the packing says so. Its form and depth must be the file's.
     ///
     /// # Errors
     /// If they are not, the source or writing fails, or on interruption. After a failed write nothing more
     /// can be written; the last commit is whole.
-    pub fn replace<S: ReusableSource>(&mut self, source: &S, progress: &dyn Progress) -> Result<()> {
+    pub fn replace<S: ReusableSource>(
+        &mut self,
+        source: &S,
+        packing: Packing,
+        progress: &dyn Progress,
+    ) -> Result<()> {
         let (form, expected) = (source.form(), self.draft.form());
         if form != expected {
             return Err(Error::invalid("source", form.to_string(), format!("{expected}, as the file")));
         }
-        let options = self.options();
+        let options = self.options().packing(packing);
         let mut fill = |sink: &mut dyn TreeSink, shape| walk(source, &options, shape, true, sink, progress);
         self.fill([u64::MAX; 3], &options, None, &mut fill).map(|_| ())
     }

@@ -3,7 +3,7 @@
 use super::rounding::Rounding;
 use spinney_base::value::{Kind, ValueType};
 use spinney_base::{Error, Result};
-use spinney_container::Codec;
+use spinney_container::{Codec, Metadata};
 use spinney_packing::Effort;
 
 /// How few bytes a tree is to take, and what it may lose for that: plain segments, and nothing, unless something else is said.
@@ -30,6 +30,13 @@ impl Packing {
     #[must_use]
     pub fn max_error(self, max_error: Option<f64>) -> Packing {
         Packing { max_error, ..self }
+    }
+
+    /// Tells in a tree's metadata by how much its cells may differ from what they were.
+    pub(crate) fn tell(&self, metadata: &mut Metadata) {
+        if let Some(most) = self.max_error {
+            metadata.add_error(most);
+        }
     }
 
     /// The effort of a name: fast or small.
