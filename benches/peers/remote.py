@@ -157,7 +157,9 @@ def class_areas(server):
     cog(SHORELINE, WORK / "shoreline_zstd.tif", "COMPRESS=ZSTD", "PREDICTOR=YES")
     goblin = made(SHORELINE, "shoreline")
     wanted = countries()
+    server.counts()
     theirs, areas = peer(COUNTRIES, f"{server.url}/shoreline_zstd.tif", wanted)
+    their_bytes = server.counts()["bytes"]
     found, worst = [], 0.0
     # (Russia's rings cross themselves, where each has a rule of its own.)
     for country, expected in zip(wanted, areas):
@@ -172,7 +174,9 @@ def class_areas(server):
     ratio = sum(seconds for seconds, _ in found) / sum(theirs)
     row = [f"{seconds:.3f}", f"{statistics.median(theirs):.3f}", f"{sum(s for s, _ in found):.1f} and {sum(theirs):.1f}", verdict(ratio, 1 / 20, least=False)]
     row += [f"{statistics.median(rounds)}, at most {max(rounds)}", f"{statistics.median(c[2] for _, c in found) / 1e6:.2f}, at most {most / 1e6:.2f}", f"{worst:.1e}"]
-    table(["class areas of a country", "rasterio + exactextract, s", "all 40, s", "ratio (1/20)", "rounds (4)", "MB (2)", "largest difference"], [row])
+    share = sum(counts[2] for _, counts in found) / their_bytes
+    row += [f"{their_bytes / 1e6:.1f}", verdict(share, 1 / 10, least=False)]
+    table(["class areas of a country", "rasterio + exactextract, s", "all 40, s", "ratio (1/20)", "rounds (4)", "MB (2)", "largest difference", "their MB, all 40", "share of their bytes (1/10)"], [row])
 
 
 def points(server):

@@ -229,6 +229,9 @@ const char *spinney_error(void);
 // The library's version.
 const char *spinney_version(void);
 
+// Changes how many bytes of packed segments, unpacked, all open files together keep in memory for the next use: 64 MiB if nothing is said.
+void spinney_set_cache_memory(uint64_t bytes);
+
 // Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
 // of `stack.goblin`, whose first one is opened where none is named. `steps` are those of a view, as `spinney transform` takes them
 // ("rotate=30", "crop"), `step_count` of them; NULL and 0 for the file as it is. `flags` is 0 or SPINNEY_POSITIONED. The dataset is

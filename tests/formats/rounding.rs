@@ -1,10 +1,10 @@
 //! Cells that are rounded when a tree is written.
 
-use spinney::io::Output;
 use spinney::dataset::Dataset;
+use spinney::io::Output;
 use spinney::ops::{self, Chain};
-use spinney::store::autumnal::Note;
 use spinney::space::{Code, Dimension};
+use spinney::store::autumnal::Note;
 use spinney::store::goblin::Goblin;
 use spinney::store::{BuildOptions, FilePlace, OpenOptions, Packing, WriteOptions, build_tree};
 use spinney::tree::{Form, MemTree};
@@ -131,7 +131,7 @@ fn layers_that_are_added_are_rounded_in_both_formats() {
         let how = WriteOptions::new(1 << 24).packing(Packing::default().max_error(Some(2.0)));
         let chain = Chain::of(&at("other.goblin"));
         ops::add_layer(&at(name), "rounded", &chain, Note::default(), how, &()).unwrap();
-        let layer = spinney::open(&FilePlace::of(&at(name)).of_layer("rounded")).unwrap();
+        let layer = spinney::open(FilePlace::of(&at(name)).of_layer("rounded")).unwrap();
         assert_eq!(layer.metadata().tags["max_error"], "2", "{name}");
         assert_eq!(layer.statistics(None, &()).unwrap().channels, expected.channels, "{name}");
     }
