@@ -12,13 +12,16 @@ mod errors;
 mod fullness;
 mod initial;
 mod masks;
+mod model;
 mod nodes;
 mod plain;
 mod planes;
+mod runs;
 mod samples;
 mod segment;
 #[cfg(test)]
 mod tests;
 mod values;
 
+pub use runs::{Run, RunForm, UnpackedRuns, pack_runs, unpack_runs};
 pub use segment::{Damage, Effort, SegmentForm, pack, unpack};

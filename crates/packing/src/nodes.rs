@@ -15,8 +15,8 @@ pub(crate) const ROOT: u32 = 1;
 
 /// The symbol of VOID.
 pub(crate) const NOTHING: u32 = 0;
-/// The symbol of what lies outside of the segment's node.
-const BEYOND: u32 = 1;
+/// The symbol of what lies outside of the segment's node, and of that one.
+pub(crate) const BEYOND: u32 = 1;
 /// The symbol of INNER nodes whose values are made of what is below them.
 pub(crate) const MIXED: u32 = 2;
 /// The symbol of siblings that come later.
@@ -174,7 +174,7 @@ const FACES: usize = 6;
 const HEIGHTS: usize = 8;
 
 /// Probabilities by context.
-struct Contexts {
+pub(crate) struct NodeContexts {
     /// Children of a node.
     children: usize,
     splits: Vec<Adaptive>,
@@ -186,11 +186,11 @@ struct Contexts {
     parts: Vec<AdaptiveSymbols>,
 }
 
-impl Contexts {
-    fn new(children: usize) -> Contexts {
+impl NodeContexts {
+    pub(crate) fn new(children: usize) -> NodeContexts {
         let some = |count| vec![Adaptive::default(); count];
         let by_neighbours = children << 8;
-        Contexts {
+        NodeContexts {
             children,
             splits: some(HEIGHTS * by_neighbours),
             cuts: some(children),
@@ -215,7 +215,8 @@ fn pattern<const D: usize>(words: &[u32; D], is_true: impl Fn(u32) -> bool) -> u
     }
 }
 
-/// Codes all nodes: `truth` has those to be written. `None` if there are more than there can be, or values that are none.
+/// Codes all nodes below one with the symbol `root`: `truth` has those to be written. `None` if there are more than there can be, or values that are
+/// none.
 ///
 /// Nodes come level by level, parents in the order in which they came as children. So all of the level above is known, and of
 /// a node's own level what comes before it.
@@ -225,12 +226,13 @@ fn pattern<const D: usize>(words: &[u32; D], is_true: impl Fn(u32) -> bool) -> u
 pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
     form: &NodeForm,
     coder: &mut K,
-    truth: &Nodes,
+    contexts: &mut NodeContexts,
+    (truth, root): (&Nodes, u32),
     values: &mut impl NewValues,
 ) -> Option<Nodes> {
     let steps: &[[Step; D]; C] = &const { steps::<C, D>() };
     let mut nodes = Nodes::new();
-    let mut contexts = Contexts::new(C);
+    nodes.set_symbol(ROOT, root);
     let mut true_dense = truth.dense.iter().peekable();
     let true_fullness = |node| truth.fullness(node);
     // Of each INNER node of the level above: its neighbours.
@@ -314,14 +316,13 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize>(
                 let mut found = MIXED;
                 if state == LEAF || !form.is_mixed {
                     let place = Place { symbol, child, state, is_bottom };
-                    found = code_value(coder, &mut contexts, values, place, &words, truth >> SYMBOL_AT)?;
+                    found = code_value(coder, contexts, values, place, &words, truth >> SYMBOL_AT)?;
                     if found == NOTHING {
                         state = VOID;
                     }
                 } else if state == CUT {
                     let this = (first + child) as u32;
-                    nodes
-                        .set_fullness(this, code_fullness(coder, &mut contexts, &words, true_fullness(this)));
+                    nodes.set_fullness(this, code_fullness(coder, contexts, &words, true_fullness(this)));
                 }
                 children[child] = word(state, found);
                 if state == INNER {
@@ -353,7 +354,7 @@ struct Place {
 #[inline(always)]
 fn code_value<K: BitCoder, const D: usize>(
     coder: &mut K,
-    contexts: &mut Contexts,
+    contexts: &mut NodeContexts,
     values: &mut impl NewValues,
     place: Place,
     words: &[u32; D],
@@ -412,7 +413,7 @@ fn code_dense<K: BitCoder>(
 /// Codes how full a CUT node is.
 fn code_fullness<K: BitCoder, const D: usize>(
     coder: &mut K,
-    contexts: &mut Contexts,
+    contexts: &mut NodeContexts,
     words: &[u32; D],
     fullness: u8,
 ) -> u8 {

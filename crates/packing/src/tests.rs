@@ -9,7 +9,7 @@ use spinney_container::{
 };
 
 use crate::nodes::Dense;
-use crate::{Damage, Effort, SegmentForm, pack, unpack};
+use crate::{Damage, Effort, Run, RunForm, SegmentForm, pack, pack_runs, unpack, unpack_runs};
 
 /// A small generator of numbers (xorshift), so that tests are the same every time.
 struct Random(u64);
@@ -301,4 +301,92 @@ fn records_that_claim_others_are_not_packed() {
     }
     assert_eq!(pack(&form, 64, &plain, Effort::Small), None);
     assert_eq!(pack(&form, 65, &plain, Effort::Small), None);
+}
+
+/// Runs of random trees of several heights.
+fn random_runs(form: &RunForm, count: u64, seed: u64) -> Vec<Run<Vec<u8>>> {
+    let run = |number| {
+        let height = if number % 7 == 6 { form.reach + 2 } else { form.reach };
+        let segment =
+            SegmentForm { form: form.form, rule: form.rule, kind: form.kind, height, reach: form.reach };
+        let (_, records) = random_segment(segment, 3, seed * 100 + number);
+        Run { height, representative: records[..form.form.width()].to_vec(), records }
+    };
+    (0..count).map(run).collect()
+}
+
+fn as_slices(runs: &[Run<Vec<u8>>]) -> Vec<Run<&[u8]>> {
+    runs.iter()
+        .map(|run| Run {
+            height: run.height,
+            representative: &run.representative[..],
+            records: &run.records[..],
+        })
+        .collect()
+}
+
+#[test]
+fn runs_come_back_in_fewer_bytes_than_one_by_one() {
+    let mut seed = 0;
+    for dimension in [Dimension::Quad, Dimension::Oct] {
+        for value in value_types() {
+            for (kind, rule) in [
+                (Kind::Categorical, Rule::Majority),
+                (Kind::Continuous, Rule::Mean),
+                (Kind::Continuous, Rule::Occupancy),
+            ] {
+                seed += 1;
+                let form = RunForm { form: Form::new(dimension, value), rule, kind, reach: 3 };
+                let runs = random_runs(&form, 12, seed);
+                let beside: Vec<u8> = (0..seed * 3).map(|at| (at % 5) as u8).collect();
+                let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
+                let slices = as_slices(&runs);
+                let Some(packed) = pack_runs(&form, &slices, &beside, Effort::Fast) else {
+                    assert_ne!(kind, Kind::Categorical, "{form:?}");
+                    continue;
+                };
+                let unpacked = unpack_runs(&form, runs.len(), length, &packed).unwrap();
+                assert_eq!((unpacked.runs, unpacked.beside), (runs.clone(), beside), "{form:?}");
+                let alone = slices.iter().map(|run| pack_runs(&form, &[*run], &[], Effort::Fast));
+                let alone: usize =
+                    alone.zip(&runs).map(|(one, run)| one.map_or(run.records.len(), |one| one.len())).sum();
+                assert!(kind == Kind::Continuous || packed.len() < alone, "{} {alone}", packed.len());
+            }
+        }
+    }
+}
+
+#[test]
+fn damaged_runs_are_told() {
+    let mut random = Random(13);
+    for (dimension, kind, rule) in [
+        (Dimension::Quad, Kind::Categorical, Rule::Majority),
+        (Dimension::Oct, Kind::Continuous, Rule::Mean),
+        (Dimension::Quad, Kind::Continuous, Rule::Mean),
+    ] {
+        let form =
+            RunForm { form: Form::new(dimension, ValueType::new(SampleType::U8, 1)), rule, kind, reach: 3 };
+        let runs = random_runs(&form, 20, 5);
+        let beside = b"what belongs to them".repeat(3);
+        let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
+        let packed = pack_runs(&form, &as_slices(&runs), &beside, Effort::Small).unwrap();
+        for _ in 0..500 {
+            let mut damaged = packed.clone();
+            for _ in 0..1 + random.below(3) {
+                let at = random.below(damaged.len() as u64) as usize;
+                damaged[at] ^= 1 << random.below(8);
+            }
+            if let Ok(unpacked) = unpack_runs(&form, runs.len(), length, &damaged) {
+                assert_eq!((unpacked.runs, unpacked.beside), (runs.clone(), beside.clone()));
+            }
+        }
+        for (count, length) in [(19, length), (21, length), (20, length - 1), (20, length + 1), (20, 0)] {
+            assert!(unpack_runs(&form, count, length, &packed).is_err());
+        }
+        for _ in 0..500 {
+            let noise: Vec<u8> = (0..random.below(200)).map(|_| random.next() as u8).collect();
+            let start = [&[0; 4][..], &[(random.next() % 3) as u8], &noise].concat();
+            assert!(unpack_runs(&form, 20, 1 << 20, &start).is_err());
+        }
+    }
 }

@@ -1,0 +1,334 @@
+//! Ways to take the values of nodes, and the nodes of records by one of them.
+
+use spinney_base::Form;
+use spinney_base::value::{Kind, Rule, SampleType, ValueType};
+use spinney_container::{INNER, RecordLayout, VOID};
+
+use crate::bits::BitCoder;
+use crate::blocks::{BlockContexts, NumberBlock, code_block};
+use crate::fullness::code_fullness;
+use crate::nodes::{
+    BEYOND, FIRST_VALUE, MIXED, NOTHING, NewValues, NodeContexts, NodeForm, Nodes, ROOT, code_nodes,
+};
+use crate::plain::{Parsed, Writer, parse};
+use crate::segment::Effort;
+use crate::values::{NumberValues, Numbers, TableValues, bytes, numbers, order};
+
+/// A way to take the values of nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Model {
+    /// Names, in a table; dense blocks are nodes like all others.
+    Names,
+    /// Numbers; dense blocks are coded plane by plane.
+    Numbers,
+    /// How full a solid is: as names, but that INNER nodes have what is below them.
+    Solid,
+}
+
+impl Model {
+    const ALL: [Model; 3] = [Model::Names, Model::Numbers, Model::Solid];
+
+    /// Those worth a try.
+    pub(crate) fn candidates(value: ValueType, rule: Rule, kind: Kind, effort: Effort) -> Vec<Model> {
+        let one = |model| vec![model];
+        match (rule, kind, effort) {
+            (Rule::Occupancy, ..) if can_be_solid(value) => one(Model::Solid),
+            (.., Effort::Small) => vec![Model::Names, Model::Numbers],
+            (Rule::Majority | Rule::Dominant, ..) | (_, Kind::Categorical, _) => one(Model::Names),
+            (_, Kind::Continuous, _) => one(Model::Numbers),
+        }
+    }
+
+    /// The one with a number, if values can be taken so.
+    pub(crate) fn from_number(number: u8, value: ValueType) -> Option<Model> {
+        let model = Model::ALL.get(usize::from(number)).copied()?;
+        (model != Model::Solid || can_be_solid(value)).then_some(model)
+    }
+
+    /// Whether values are told by their place in a table.
+    pub(crate) fn has_table(self) -> bool {
+        self != Model::Numbers
+    }
+
+    /// Whether a node's value is made of what is below it.
+    fn is_mixed(self, nodes: &Nodes, node: u32) -> bool {
+        self == Model::Solid && nodes.state(node) >= INNER
+    }
+}
+
+fn can_be_solid(value: ValueType) -> bool {
+    value.sample == SampleType::U8 && value.channels == 1
+}
+
+/// Records that are to be written, taken apart.
+pub(crate) struct Taken<'r> {
+    model: Model,
+    form: Form,
+    records: &'r [u8],
+    parsed: Parsed,
+}
+
+impl<'r> Taken<'r> {
+    /// `None` if records contradict themselves.
+    pub(crate) fn new(
+        model: Model,
+        layout: &RecordLayout,
+        form: Form,
+        records: &'r [u8],
+    ) -> Option<Taken<'r>> {
+        let parsed = parse(layout, records, model == Model::Numbers)?;
+        Some(Taken { model, form, records, parsed })
+    }
+
+    fn value(&self, node: u32) -> &'r [u8] {
+        &self.records[self.parsed.values[node as usize] as usize..][..self.form.width()]
+    }
+
+    /// The values that nodes have, as often as they have them.
+    pub(crate) fn values(&self) -> impl Iterator<Item = Numbers> {
+        let nodes = &self.parsed.nodes;
+        let has_value =
+            |node: &u32| nodes.state(*node) != VOID && !self.model.is_mixed(&self.parsed.nodes, *node);
+        (ROOT + 1..nodes.len()).filter(has_value).map(|node| numbers(self.form, self.value(node)))
+    }
+
+    /// Gives nodes the symbols of their values, all of which must be known.
+    pub(crate) fn set_symbols(&mut self, known: &[Numbers]) -> Option<()> {
+        // (Neighbours are often alike.)
+        let mut last = None;
+        for node in ROOT + 1..self.parsed.nodes.len() {
+            let symbol = if self.parsed.nodes.state(node) == VOID {
+                NOTHING
+            } else if self.model.is_mixed(&self.parsed.nodes, node) {
+                let fullness = self.value(node)[0];
+                self.parsed.nodes.set_fullness(node, fullness);
+                MIXED
+            } else {
+                let value = self.value(node);
+                match last {
+                    Some((before, symbol)) if before == value => symbol,
+                    _ => {
+                        let symbol = symbol_of(self.form, known, &numbers(self.form, value))?;
+                        last = Some((value, symbol));
+                        symbol
+                    }
+                }
+            };
+            self.parsed.nodes.set_symbol(node, symbol);
+        }
+        Some(())
+    }
+
+    pub(crate) fn nodes(&self) -> &Nodes {
+        &self.parsed.nodes
+    }
+
+    /// The bytes of the dense blocks that are apart.
+    pub(crate) fn blocks(&self, layout: &RecordLayout) -> Blocks {
+        let blocks = self.parsed.blocks.iter().map(|(node, dense, place)| {
+            let start = place * layout.size;
+            (*node, self.records[start..][..dense.places(layout) * layout.size].to_vec())
+        });
+        blocks.collect()
+    }
+}
+
+/// The symbol of a value among those that are known, which are sorted.
+pub(crate) fn symbol_of(form: Form, known: &[Numbers], value: &Numbers) -> Option<u32> {
+    let key = order(form, value);
+    let found = known.binary_search_by_key(&key, |numbers| order(form, numbers)).ok()?;
+    Some(FIRST_VALUE + found as u32)
+}
+
+/// Values in ascending order, each once.
+pub(crate) fn distinct(form: Form, values: impl Iterator<Item = Numbers>) -> Vec<Numbers> {
+    let mut known: Vec<Numbers> = Vec::new();
+    let sort = |known: &mut Vec<Numbers>| {
+        known.sort_unstable_by_key(|numbers| order(form, numbers));
+        known.dedup();
+    };
+    // (Those that come again and again are not all held.)
+    let mut room = 4096;
+    for value in values {
+        if known.last() != Some(&value) {
+            known.push(value);
+        }
+        if known.len() >= room {
+            sort(&mut known);
+            room = 2 * known.len().max(room / 2);
+        }
+    }
+    sort(&mut known);
+    known
+}
+
+/// Dense blocks that are apart, by the nodes that they begin at: all their bytes, but for the states of the record.
+pub(crate) type Blocks = Vec<(u32, Vec<u8>)>;
+
+/// The values of nodes, by their model.
+enum Values {
+    Table(TableValues),
+    Numbers(NumberValues),
+}
+
+/// Codes the records of runs: what one of them has taught holds for the next ones.
+pub(crate) struct ModelCoder {
+    model: Model,
+    form: Form,
+    rule: Rule,
+    layout: RecordLayout,
+    contexts: NodeContexts,
+    blocks: BlockContexts,
+    values: Values,
+    /// The bytes of values by their symbols, less [`FIRST_VALUE`].
+    known: Vec<[u8; 16]>,
+}
+
+/// Where records stand: levels down to the cells, levels down to where what is heavy is cut off, and bytes that they may take.
+#[derive(Clone, Copy)]
+pub(crate) struct RunRoom {
+    pub(crate) height: u8,
+    pub(crate) reach: u8,
+    pub(crate) length: usize,
+}
+
+impl ModelCoder {
+    /// With the values that are in the table; or, where there is none, with all those to be written.
+    pub(crate) fn new(model: Model, (form, rule): (Form, Rule), known: &[Numbers]) -> ModelCoder {
+        let values = match model.has_table() {
+            true => Values::Table(TableValues::new(known.len())),
+            false => Values::Numbers(NumberValues::new(form, known.to_vec())),
+        };
+        let mut coder = ModelCoder {
+            model,
+            form,
+            rule,
+            layout: RecordLayout::new(form),
+            contexts: NodeContexts::new(form.children()),
+            blocks: BlockContexts::new(form),
+            values,
+            known: Vec::new(),
+        };
+        coder.know(known);
+        coder
+    }
+
+    fn know(&mut self, known: &[Numbers]) {
+        let new = known.iter().skip(self.known.len()).map(|value| bytes(self.form, *value));
+        self.known.extend(new);
+    }
+
+    /// Codes the value of a run's own node, whose symbol it tells: that of the run before is near it.
+    pub(crate) fn representative<K: BitCoder>(
+        &mut self,
+        coder: &mut K,
+        symbol: u32,
+        before: Option<u32>,
+    ) -> Option<u32> {
+        let near = before.as_slice();
+        let found = match &mut self.values {
+            Values::Table(values) => values.new_value(coder, symbol, false, near),
+            Values::Numbers(values) => values.new_value(coder, symbol, false, near),
+        };
+        self.learn();
+        found.filter(|symbol| *symbol >= FIRST_VALUE)
+    }
+
+    /// The bytes of the value with a symbol.
+    pub(crate) fn value(&self, symbol: u32) -> [u8; 16] {
+        let at = symbol.wrapping_sub(FIRST_VALUE) as usize;
+        self.known.get(at).copied().unwrap_or_default()
+    }
+
+    /// Takes over values that are new.
+    fn learn(&mut self) {
+        let Values::Numbers(values) = &mut self.values else { return };
+        let known = std::mem::take(&mut values.known);
+        self.know(&known);
+        let Values::Numbers(values) = &mut self.values else { return };
+        values.known = known;
+    }
+
+    /// Codes records, below a node with the symbol `root`, and the dense blocks that are apart.
+    pub(crate) fn run<K: BitCoder>(
+        &mut self,
+        coder: &mut K,
+        room: RunRoom,
+        (truth, root): (&Nodes, u32),
+        blocks: &mut Blocks,
+    ) -> Option<Nodes> {
+        let form = NodeForm {
+            height: room.height,
+            reach: room.reach,
+            is_mixed: self.model == Model::Solid,
+            dense_apart: self.model == Model::Numbers,
+            // An INNER node has at least the values of its children, in a record or a dense block.
+            most: room.length / (self.layout.children() * self.layout.width),
+        };
+        let (axes, contexts) = (self.layout.dimension.axes(), &mut self.contexts);
+        let mut nodes = match &mut self.values {
+            Values::Table(values) => code_all(&form, coder, axes, contexts, (truth, root), values)?,
+            Values::Numbers(values) => code_all(&form, coder, axes, contexts, (truth, root), values)?,
+        };
+        self.learn();
+        if self.model == Model::Solid {
+            let leaves: Vec<u8> = self.known.iter().map(|value| value[0]).collect();
+            code_fullness(coder, &mut nodes, (axes, room.height), truth, &leaves);
+        }
+        if self.model == Model::Numbers {
+            self.code_blocks(coder, room.length, &nodes, blocks)?;
+        }
+        Some(nodes)
+    }
+
+    /// Codes the dense blocks that are apart.
+    fn code_blocks<K: BitCoder>(
+        &mut self,
+        coder: &mut K,
+        length: usize,
+        nodes: &Nodes,
+        blocks: &mut Blocks,
+    ) -> Option<()> {
+        let mut rest = length;
+        for (number, (node, dense)) in nodes.dense_blocks().iter().copied().enumerate() {
+            let size = dense.places(&self.layout) * self.layout.size;
+            rest = rest.checked_sub(size)?;
+            if K::READS {
+                blocks.push((node, vec![0; size]));
+            }
+            let root = self.value(nodes.symbol(node));
+            let (form, rule, bytes) = (self.form, self.rule, &mut blocks[number].1);
+            code_block(coder, &mut self.blocks, NumberBlock { form, rule, dense, root: &root, bytes });
+        }
+        Some(())
+    }
+
+    /// Writes the records of nodes, of so many places at most, to an empty buffer. `None` if these are not enough, or nodes make no dense
+    /// block where one is said to be.
+    pub(crate) fn write(
+        &self,
+        nodes: &Nodes,
+        blocks: &Blocks,
+        most: usize,
+        records: &mut Vec<u8>,
+    ) -> Option<()> {
+        Writer { layout: &self.layout, nodes, values: &self.known, blocks }.write(ROOT, records, most)
+    }
+}
+
+/// The symbol of a node of which no value is told.
+pub(crate) const NO_VALUE: u32 = BEYOND;
+
+fn code_all<K: BitCoder>(
+    form: &NodeForm,
+    coder: &mut K,
+    axes: usize,
+    contexts: &mut NodeContexts,
+    truth: (&Nodes, u32),
+    values: &mut impl NewValues,
+) -> Option<Nodes> {
+    match axes {
+        2 => code_nodes::<K, 4, 8>(form, coder, contexts, truth, values),
+        _ => code_nodes::<K, 8, 18>(form, coder, contexts, truth, values),
+    }
+}

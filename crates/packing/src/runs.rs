@@ -1,0 +1,210 @@
+//! Runs of records, many together: what one of them has taught holds for the next ones.
+
+use spinney_base::Form;
+use spinney_base::value::{Kind, Rule};
+use spinney_container::RecordLayout;
+
+use crate::adaptive::{Adaptive, AdaptiveSymbols, SYMBOLS};
+use crate::bits::{BitCoder, BitReader, BitWriter};
+use crate::model::{Model, ModelCoder, NO_VALUE, RunRoom, Taken, distinct, symbol_of};
+use crate::nodes::Nodes;
+use crate::segment::{Damage, Effort};
+use crate::values::{Numbers, code_table, numbers};
+
+/// The meaning of runs.
+#[derive(Clone, Copy, Debug)]
+pub struct RunForm {
+    /// Quadtree or octree, and the type of the values.
+    pub form: Form,
+    /// Rule of the representatives.
+    pub rule: Rule,
+    /// The meaning of the values.
+    pub kind: Kind,
+    /// Levels of a run, where the cells are no nearer.
+    pub reach: u8,
+}
+
+/// The records of a node and of those below it, down to some levels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Run<B> {
+    /// Levels from the node down to the cells.
+    pub height: u8,
+    /// The node's value: so many bytes as one has.
+    pub representative: B,
+    /// Its records and those below it.
+    pub records: B,
+}
+
+impl Run<Vec<u8>> {
+    fn as_slices(&self) -> Run<&[u8]> {
+        Run { height: self.height, representative: &self.representative, records: &self.records }
+    }
+}
+
+/// Runs, and the bytes that belong to them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnpackedRuns {
+    /// The runs, in the order in which they were packed.
+    pub runs: Vec<Run<Vec<u8>>>,
+    /// The bytes beside them.
+    pub beside: Vec<u8>,
+}
+
+/// Bytes of the checksum of all that is packed and the number of the model, which come first.
+const START: usize = 5;
+
+/// Packs runs, and bytes that belong to them. `None` where these would not become fewer bytes.
+pub fn pack_runs(form: &RunForm, runs: &[Run<&[u8]>], beside: &[u8], effort: Effort) -> Option<Vec<u8>> {
+    let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
+    let candidates = Model::candidates(form.form.value, form.rule, form.kind, effort).into_iter();
+    let packed = candidates.filter_map(|model| pack_as(model, form, runs, (beside, length)));
+    let packed = packed.min_by_key(Vec::len).filter(|packed| packed.len() < length)?;
+    // (As it is with segments: nothing is written that does not become the same again.)
+    let unpacked = unpack_runs(form, runs.len(), length, &packed).ok()?;
+    let is_same = |(run, other): (&Run<&[u8]>, &Run<Vec<u8>>)| *run == other.as_slices();
+    let is_same = unpacked.beside == beside && runs.iter().zip(&unpacked.runs).all(is_same);
+    is_same.then_some(packed)
+}
+
+fn pack_as(
+    model: Model,
+    form: &RunForm,
+    runs: &[Run<&[u8]>],
+    (beside, length): (&[u8], usize),
+) -> Option<Vec<u8>> {
+    let layout = RecordLayout::new(form.form);
+    let taken = runs.iter().map(|run| Taken::new(model, &layout, form.form, run.records));
+    let mut taken = taken.collect::<Option<Vec<_>>>()?;
+    let own = runs.iter().filter(|_| model != Model::Solid).map(|run| numbers(form.form, run.representative));
+    let known = distinct(form.form, taken.iter().flat_map(Taken::values).chain(own));
+    taken.iter_mut().try_for_each(|taken| taken.set_symbols(&known))?;
+    let mut writer = BitWriter::default();
+    let contents = Contents { runs, taken: &taken, known: &known, beside };
+    code_runs(&mut writer, model, form, (runs.len(), length), &contents)?;
+    let mut packed = checksum(runs.iter().copied(), beside).to_le_bytes().to_vec();
+    packed.push(model as u8);
+    writer.finish(&mut packed);
+    Some(packed)
+}
+
+/// Unpacks so many runs, and the bytes that belong to them, which take up to `length` bytes together.
+///
+/// # Errors
+/// If the bytes are not those of such runs.
+pub fn unpack_runs(
+    form: &RunForm,
+    count: usize,
+    length: usize,
+    packed: &[u8],
+) -> Result<UnpackedRuns, Damage> {
+    let (start, rest) = packed.split_at_checked(START).ok_or(Damage("too few bytes"))?;
+    let model = Model::from_number(start[4], form.form.value).ok_or(Damage("no such model"))?;
+    let mut reader = BitReader::new(rest).ok_or(Damage("no states"))?;
+    let contents = Contents { runs: &[], taken: &[], known: &[], beside: &[] };
+    let unpacked = code_runs(&mut reader, model, form, (count, length), &contents);
+    let unpacked = unpacked.ok_or(Damage("records that cannot be"))?;
+    if !reader.is_whole() {
+        return Err(Damage("another length"));
+    }
+    let found = checksum(unpacked.runs.iter().map(Run::as_slices), &unpacked.beside);
+    if found.to_le_bytes() != start[..4] {
+        return Err(Damage("another checksum"));
+    }
+    Ok(unpacked)
+}
+
+/// The checksum of runs, one behind the other, and of what is beside them.
+fn checksum<'r>(runs: impl Iterator<Item = Run<&'r [u8]>>, beside: &[u8]) -> u32 {
+    let of_runs = runs.fold(0, |sum, run| {
+        let sum = crc32c::crc32c_append(sum, &[run.height]);
+        crc32c::crc32c_append(crc32c::crc32c_append(sum, run.representative), run.records)
+    });
+    crc32c::crc32c_append(of_runs, beside)
+}
+
+/// All that is to be written; nothing where it is read.
+struct Contents<'c> {
+    runs: &'c [Run<&'c [u8]>],
+    taken: &'c [Taken<'c>],
+    /// Values by their symbols.
+    known: &'c [Numbers],
+    beside: &'c [u8],
+}
+
+/// Codes runs, of which there are so many, that take so many bytes with what is beside them. Tells both where they are read.
+fn code_runs<K: BitCoder>(
+    coder: &mut K,
+    model: Model,
+    form: &RunForm,
+    (count, length): (usize, usize),
+    contents: &Contents<'_>,
+) -> Option<UnpackedRuns> {
+    let layout = RecordLayout::new(form.form);
+    let (mut rest, mut heights) = (length, [Adaptive::default(); 1 << HEIGHT_BITS]);
+    let beside = code_bytes(coder, contents.beside, &mut rest)?;
+    // (Each value takes its width in records, but for those of the runs' own nodes.)
+    let most = length / layout.width + count;
+    let table = match model.has_table() {
+        true => code_table(coder, form.form, contents.known, most)?,
+        false => contents.known.to_vec(),
+    };
+    let mut model_coder = ModelCoder::new(model, (form.form, form.rule), &table);
+    let (mut before, none) = (None, Nodes::default());
+    let mut runs = Vec::new();
+    for number in 0..count {
+        let truth = contents.runs.get(number);
+        let nodes = contents.taken.get(number).map_or(&none, Taken::nodes);
+        let height = code_height(coder, &mut heights, truth.map_or(1, |run| run.height))?;
+        let own = truth.map_or(&[0; 16][..], |run| run.representative);
+        let (root, value) = match model {
+            Model::Solid => (NO_VALUE, [coder.short(own[0].into(), 8) as u8; 16]),
+            _ => {
+                let symbol = truth
+                    .map_or(Some(0), |_| symbol_of(form.form, contents.known, &numbers(form.form, own)))?;
+                let symbol = model_coder.representative(coder, symbol, before)?;
+                before = Some(symbol);
+                (symbol, model_coder.value(symbol))
+            }
+        };
+        let room = RunRoom { height, reach: form.reach, length: rest };
+        let mut blocks = contents.taken.get(number).map_or(Vec::new(), |taken| taken.blocks(&layout));
+        let nodes = model_coder.run(coder, room, (nodes, root), &mut blocks)?;
+        if K::READS {
+            let mut records = Vec::new();
+            model_coder.write(&nodes, &blocks, rest / layout.size, &mut records)?;
+            // Invariant: what runs may take gets less by what each has taken. So however many runs there are said to be, all of them
+            // together take no more than their bytes do.
+            rest -= records.len();
+            runs.push(Run { height, representative: value[..layout.width].to_vec(), records });
+        }
+    }
+    (!K::READS || rest == 0).then_some(UnpackedRuns { runs, beside })
+}
+
+/// Bits of a run's height.
+const HEIGHT_BITS: u32 = 5;
+
+/// Codes a height, bit by bit in the context of those above. `None` if it is that of a cell.
+fn code_height<K: BitCoder>(coder: &mut K, contexts: &mut [Adaptive], height: u8) -> Option<u8> {
+    let mut path = 1;
+    for bit in (0..HEIGHT_BITS).rev() {
+        let is_set = coder.bit(&mut contexts[path], height >> bit & 1 == 1);
+        path = path << 1 | usize::from(is_set);
+    }
+    Some((path & 31) as u8).filter(|height| *height > 0)
+}
+
+/// Codes bytes, each by its upper four bits and by the lower ones in the context of these; no more than there is room for.
+fn code_bytes<K: BitCoder>(coder: &mut K, bytes: &[u8], rest: &mut usize) -> Option<Vec<u8>> {
+    let count = usize::try_from(coder.number(bytes.len() as u64)).ok()?;
+    *rest = rest.checked_sub(count)?;
+    let (mut upper, mut lower) = (AdaptiveSymbols::default(), [AdaptiveSymbols::default(); SYMBOLS]);
+    let mut coded = Vec::with_capacity(count);
+    for at in 0..count {
+        let byte = bytes.get(at).copied().unwrap_or_default();
+        let high = coder.symbol(&mut upper, usize::from(byte >> 4));
+        let low = coder.symbol(&mut lower[high], usize::from(byte & 15));
+        coded.push((high << 4 | low) as u8);
+    }
+    Some(coded)
+}
