@@ -153,8 +153,8 @@ pub mod store {
     /// The pointered format, which is edited and has a history.
     pub mod autumnal {
         pub use spinney_engine::store::autumnal::{
-            Autumnal, AutumnalNode, Commit, CommitLayer, Editor, History, Keep, Note, Written, compact,
-            recover,
+            Autumnal, AutumnalNode, Commit, CommitLayer, CompactOptions, Editor, History, Keep, Note,
+            Written, compact, recover,
         };
     }
 

@@ -6,7 +6,7 @@ use spinney::dataset::{self, Dataset};
 use spinney::io::Output;
 use spinney::ops::{self, Chain, Edit, Operation, Universe, apply_edits};
 use spinney::space::Bounds;
-use spinney::store::autumnal::{Editor, History, Keep, Note, compact};
+use spinney::store::autumnal::{CompactOptions, Editor, History, Keep, Note, compact};
 use spinney::store::{FilePlace, Header, OpenOptions, WriteOptions};
 use spinney::{Error, Result};
 
@@ -178,7 +178,7 @@ fn change_autumnal(path: &Path, was_good: bool, trees: &[Dataset]) -> Result<()>
         }
         if target == path {
             let output = Output::create(&small)?;
-            compact(path, &Keep::Last(2), true, output, MEMORY, &())?;
+            compact(path, &CompactOptions::new(&Keep::Last(2), MEMORY).share(true), output, &())?;
         }
     }
     Ok(())

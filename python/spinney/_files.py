@@ -238,16 +238,24 @@ def compact(
     keep: int = 1,
     commits: Sequence[int] | None = None,
     share: bool = False,
+    pack: bool = False,
+    effort: Effort | None = None,
     memory: int | str = MEMORY,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
 ) -> list[Commit]:
-    """Writes the newest commits of an Autumnal file, so many, or those with certain numbers, to a new one."""
+    """Writes the newest commits of an Autumnal file, so many, or those with certain numbers, to a new one.
+
+    With ``pack``, what only older commits have is packed: fewer bytes, which take longer to read.
+    """
     numbers = None if commits is None else list(commits)
+    if effort is not None and not pack:
+        raise ValueError("effort is for pack=True")
+    packing = (effort or "fast") if pack else None
     with working(progress, threads, max_bytes) as terms:
         made = _native.compact(
-            os.fspath(path), os.fspath(out), keep, numbers, share, memory_of(memory), terms
+            os.fspath(path), os.fspath(out), keep, numbers, share, packing, memory_of(memory), terms
         )
     return [commit_of(facts) for facts in made]
 

@@ -10,7 +10,7 @@ use spinney::Progress as _;
 use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
-use spinney::store::autumnal::{self, Commit, History, Keep, Note};
+use spinney::store::autumnal::{self, Commit, CompactOptions, History, Keep, Note};
 use spinney::store::{self, Header, Metadata, OpenOptions, file_of};
 use spinney::value::Number;
 
@@ -344,14 +344,16 @@ pub(crate) fn compact<'py>(
     keep: u64,
     commits: Option<Vec<u64>>,
     share: bool,
+    pack: Option<String>,
     memory: u64,
     terms: Terms,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     check_output(std::slice::from_ref(&path), &out)?;
     let keep = commits.map_or(Keep::Last(keep), Keep::Numbers);
-    let made = jobs::run(py, terms, |work| {
-        autumnal::compact(&path, &keep, share, work.create_tree(&out)?, memory, work)
-    })?;
+    let pack = pack.map(|effort| store::Packing::effort_named(&effort)).transpose().or_raise()?;
+    let options = CompactOptions::new(&keep, memory).share(share).pack(pack);
+    let made =
+        jobs::run(py, terms, |work| autumnal::compact(&path, &options, work.create_tree(&out)?, work))?;
     made.iter().map(|commit| commit_facts(py, commit)).collect()
 }
 

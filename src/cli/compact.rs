@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::store::autumnal::{self, Keep};
+use spinney::store::Effort;
+use spinney::store::Packing;
+use spinney::store::autumnal::{self, CompactOptions, Keep};
 
 use super::Global;
 use super::args::{Memory, OutputLimit, check_output};
@@ -30,6 +32,12 @@ pub(crate) struct Args {
     /// Store equal subtrees once, from now on
     #[arg(long)]
     share: bool,
+    /// Pack what only older commits have: fewer bytes, which take longer to read
+    #[arg(long)]
+    pack: bool,
+    /// Effort of packing: fast, or small for fewer bytes in more time [default: fast]
+    #[arg(long, value_name = "fast|small", value_parser = Packing::effort_named, requires = "pack")]
+    effort: Option<Effort>,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -40,7 +48,8 @@ const EXAMPLES: &str = "\
 Examples:
   spinney compact map.autumn -o newest.autumn
   spinney compact map.autumn -o small.autumn --keep 10 --share
-  spinney compact map.autumn -o releases.autumn --commits 1,12,40";
+  spinney compact map.autumn -o releases.autumn --commits 1,12,40
+  spinney compact map.autumn -o archive.autumn --keep 1000 --pack";
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
@@ -48,7 +57,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let keep = args.commits.clone().map_or(Keep::Last(args.keep), Keep::Numbers);
     let work = Work::start(global, "cells")?;
     let output = args.limit.create_tree(&args.output)?;
-    let commits = autumnal::compact(&args.file, &keep, args.share, output, args.memory.bytes, &work)?;
+    let pack = args.pack.then(|| args.effort.unwrap_or_default());
+    let options = CompactOptions::new(&keep, args.memory.bytes).share(args.share).pack(pack);
+    let commits = autumnal::compact(&args.file, &options, output, &work)?;
     work.finish();
     for written in &commits {
         global.report("commit", format_args!("{}: {}", written.number, commit::written(written)));

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, edit};
 use spinney::space::Bounds;
-use spinney::store::autumnal::Note;
-use spinney::store::build_tree;
+use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
+use spinney::store::{Effort, build_tree};
 use spinney::tree::{Form, MemTree, Source};
 use spinney::value::{Kind, Rule, SampleType};
 
@@ -43,7 +43,7 @@ fn all_fields(bytes: &[u8]) -> Vec<Field> {
     for head in seal::extents(bytes) {
         all.extend(fields("a head", head, &[4, 1, 3, 8, 8]));
         let length = seal::long(bytes, head + 16) as usize;
-        let kind = ["records", "a commit", "metadata"][usize::from(bytes[head + 4])];
+        let kind = ["records", "a commit", "metadata", "packed records"][usize::from(bytes[head + 4])];
         all.extend(fields(kind, head + HEAD, &vec![1; length]));
     }
     all
@@ -90,6 +90,28 @@ fn fields_of_zones_and_shared_subtrees() {
         let stripes =
             MemTree::from_cells(QUAD, 7, Rule::Majority, &|[x, _, _]| Some(byte((x / 8 % 2) as u8)));
         attack("zones", &file(&stripes, [128, 100, 1], (Rule::Majority, Kind::Categorical), true));
+    }
+}
+
+/// The commits of a file, the older one of two packed.
+fn with_packed_history(bytes: &[u8]) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, to] = ["t.autumn", "p.autumn"].map(|name| folder.path().join(name));
+    std::fs::write(&path, bytes).unwrap();
+    let options = CompactOptions::new(&Keep::Last(2), 1 << 20).pack(Some(Effort::Fast));
+    compact(&path, &options, Output::create(&to).unwrap(), &()).unwrap();
+    let packed = std::fs::read(to).unwrap();
+    assert!(seal::extents(&packed).iter().any(|head| packed[head + 4] == 3));
+    packed
+}
+
+#[test]
+fn fields_of_packed_history() {
+    if is_alone("attack_autumnal::fields_of_packed_history") {
+        attack("bytes", &with_packed_history(&random(QUAD, [6, 5, 1], (Rule::Mean, Kind::Continuous))));
+        let classes = random(QUAD, [40, 37, 1], (Rule::Majority, Kind::Categorical));
+        attack("classes", &with_packed_history(&classes));
+        attack("octree", &with_packed_history(&random(OCT, [9, 8, 9], (Rule::Occupancy, Kind::Continuous))));
     }
 }
 

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::space::Bounds;
-use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact, recover};
+use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact, recover};
 use spinney::store::{OpenOptions, WriteOptions};
 use spinney::{Error, Progress};
 use tempfile::TempDir;
@@ -222,7 +222,7 @@ fn a_file_that_appears_meanwhile_is_not_replaced() {
     std::fs::remove_file(&target).unwrap();
     let meanwhile = Meanwhile::new(appear);
     let output = Output::create(&target).unwrap();
-    compact(&path, &Keep::Last(1), false, output, 1 << 20, &meanwhile).unwrap_err();
+    compact(&path, &CompactOptions::new(&Keep::Last(1), 1 << 20), output, &meanwhile).unwrap_err();
     assert_eq!(open(&target).unwrap().commit().number, 2);
     let names: Vec<_> =
         std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();

@@ -9,7 +9,7 @@ use spinney::ops::{
     Chain, Edit, FillRegion, Operation, Prefer, TreeFile, apply_edits, convert, diff_files, edit,
 };
 use spinney::space::{Bounds, Dimension, Polygon};
-use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact};
+use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact};
 use spinney::store::{OpenOptions, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType, Value};
@@ -183,8 +183,9 @@ fn script(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind, share: 
     let last = before.len() as u64;
     let kept: Vec<u64> = (1..=last).filter(|_| random.below(2) == 0).chain([last]).collect();
     let small = folder.path().join("small.autumn");
-    compact(&path, &Keep::Numbers(kept.clone()), share, Output::create(&small).unwrap(), MEMORY, &())
-        .unwrap();
+    let keep = Keep::Numbers(kept.clone());
+    let options = CompactOptions::new(&keep, MEMORY).share(share);
+    compact(&path, &options, Output::create(&small).unwrap(), &()).unwrap();
     assert!(std::fs::metadata(&small).unwrap().len() <= std::fs::metadata(&path).unwrap().len());
     let history = History::open(&small, &OpenOptions::new()).unwrap();
     let mut numbers: Vec<u64> = history.commits().map(|commit| commit.unwrap().number).collect();
@@ -379,9 +380,10 @@ fn compaction_keeps_commits_that_are_alike() {
     edit(&path, [Ok(Edit::Fill(region, None))], note("a hole"), MEMORY, &()).unwrap().unwrap();
     edit(&path, [Ok(Edit::Revert(1))], note("back"), MEMORY, &()).unwrap().unwrap();
     // Without the commit between them the first and the last have the same tree.
-    let made =
-        compact(&path, &Keep::Numbers(vec![1, 3]), false, Output::create(&small).unwrap(), MEMORY, &())
-            .unwrap();
+    let made = {
+        let keep = Keep::Numbers(vec![1, 3]);
+        compact(&path, &CompactOptions::new(&keep, MEMORY), Output::create(&small).unwrap(), &()).unwrap()
+    };
     let told: Vec<_> = made.iter().map(|commit| (commit.number, commit.note.message.as_str())).collect();
     assert_eq!(told, [(1, ""), (3, "back")]);
     assert_eq!(open(&small).commit().number, 3);

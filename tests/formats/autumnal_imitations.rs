@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, convert, edit};
 use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::autumnal::{Autumnal, History, Keep, Note, compact, recover};
+use spinney::store::autumnal::{Autumnal, CompactOptions, History, Keep, Note, compact, recover};
 use spinney::store::{OpenOptions, WriteOptions};
 use spinney::value::{Kind, Rule, SampleType, Value};
 use tempfile::TempDir;
@@ -64,7 +64,8 @@ fn messages_that_imitate_heads_are_messages() {
     };
     is_whole(&path, &[3, 2, 1]);
     let small = folder.path().join("small.autumn");
-    compact(&path, &Keep::Last(2), false, Output::create(&small).unwrap(), MEMORY, &()).unwrap();
+    compact(&path, &CompactOptions::new(&Keep::Last(2), MEMORY), Output::create(&small).unwrap(), &())
+        .unwrap();
     is_whole(&small, &[3, 2]);
     // The newest slot is lost: the commit is found behind the one before, whose message is passed over.
     let mut damaged = bytes.clone();

@@ -10,8 +10,8 @@ use std::sync::Mutex;
 use spinney::dataset;
 use spinney::io::Output;
 use spinney::ops::{Edit, apply_edits, convert, edit};
-use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact};
-use spinney::store::{OpenOptions, WriteOptions};
+use spinney::store::autumnal::{Autumnal, CompactOptions, Editor, History, Keep, Note, compact};
+use spinney::store::{Effort, OpenOptions, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Progress};
@@ -173,7 +173,10 @@ impl Machine {
             (Keep::Numbers(numbers.clone()), numbers)
         };
         let share = self.random.below(2) == 0;
-        compact(&model.path, &keep, share, Output::create(&target).unwrap(), MEMORY, &()).unwrap();
+        // (Half of the files have their history packed, and go on from there.)
+        let pack = (self.random.below(2) == 0).then_some(Effort::Fast);
+        let options = CompactOptions::new(&keep, MEMORY).share(share).pack(pack);
+        compact(&model.path, &options, Output::create(&target).unwrap(), &()).unwrap();
         let commits = model.commits.into_iter().filter(|(number, _)| kept.contains(number)).collect();
         if self.random.below(2) == 0 {
             std::fs::rename(&target, &model.path).unwrap();
@@ -263,7 +266,7 @@ impl Machine {
         let appear = Meanwhile::new(|| assert!(std::fs::copy(&source, &target).is_ok()));
         let output = Output::create(&target).unwrap();
         let refused = if self.random.below(2) == 0 {
-            compact(&source, &Keep::Last(2), false, output, MEMORY, &appear).map(drop)
+            compact(&source, &CompactOptions::new(&Keep::Last(2), MEMORY), output, &appear).map(drop)
         } else {
             convert(&source, false, output, WriteOptions::new(MEMORY), &appear)
         };

@@ -13,7 +13,7 @@ use spinney::export::{CogRequest, export_cog};
 use spinney::io::{Faults, Output};
 use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::space::Bounds;
-use spinney::store::autumnal::{Keep, Note, compact};
+use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
 use spinney::store::{OpenOptions, WriteOptions, build_slabs};
 use spinney::value::{Kind, Rule, SampleType, ValueType};
 use spinney::{Error, Result};
@@ -153,7 +153,9 @@ fn conversions_and_compaction() {
     edit(&autumn, [Ok(Edit::Fill(region, Some(vec![3.0.into()])))], Note::default(), MEMORY, &()).unwrap();
     fails_well("t.autumn", &|output| convert(&goblin, false, output, WriteOptions::new(MEMORY), &()));
     fails_well("t.goblin", &|output| convert(&autumn, false, output, WriteOptions::new(MEMORY), &()));
-    fails_well("t.autumn", &|output| compact(&autumn, &Keep::Last(2), true, output, MEMORY, &()).map(|_| ()));
+    fails_well("t.autumn", &|output| {
+        compact(&autumn, &CompactOptions::new(&Keep::Last(2), MEMORY).share(true), output, &()).map(|_| ())
+    });
 }
 
 #[test]

@@ -11,7 +11,7 @@ use spinney::ops::{
     Chain, Differences, Operation, Universe, combine, convert, diff_files, differences, transform,
 };
 use spinney::space::Bounds;
-use spinney::store::autumnal::{Autumnal, Keep, compact};
+use spinney::store::autumnal::{Autumnal, CompactOptions, Keep, compact};
 use spinney::store::{OpenOptions, WriteOptions};
 
 use super::autumnal_hostile::{folded, folded_of, full};
@@ -140,7 +140,8 @@ fn copies_that_share_take_the_work_of_the_records() {
     assert_eq!(differences(&from, &to, &()).unwrap(), Differences::default());
     let again = folder.path().join("again.autumn");
     let output = Output::create(&again).unwrap();
-    let commits = compact(&from, &Keep::Last(1), true, output, 1 << 24, &()).unwrap();
+    let commits =
+        compact(&from, &CompactOptions::new(&Keep::Last(1), 1 << 24).share(true), output, &()).unwrap();
     assert_eq!((commits[0].records, commits[0].written.records), (full(18) as u64, 9));
 }
 
@@ -184,7 +185,7 @@ fn what_has_no_room_is_refused_before_it_is_written() {
         }
     }
     let output = Output::create(&folder.path().join("to.autumn")).unwrap().with_limit(MOST);
-    let compacted = compact(&from, &Keep::Last(1), false, output, 1 << 24, &());
+    let compacted = compact(&from, &CompactOptions::new(&Keep::Last(1), 1 << 24), output, &());
     assert!(matches!(compacted, Err(Error::NoRoom { .. })));
     // More than any disk has.
     let from = write(folder.path(), "from.autumn", &folded(29, full));

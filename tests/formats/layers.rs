@@ -233,7 +233,13 @@ fn edits_of_one_layer_leave_the_others() {
     let compact = folder.path().join("c.autumn");
     let keep = spinney::store::autumnal::Keep::Last(2);
     let output = Output::create(&compact).unwrap();
-    spinney::store::autumnal::compact(&path, &keep, false, output, 1 << 24, &()).unwrap();
+    spinney::store::autumnal::compact(
+        &path,
+        &spinney::store::autumnal::CompactOptions::new(&keep, 1 << 24),
+        output,
+        &(),
+    )
+    .unwrap();
     assert_eq!(spinney::open(&compact).unwrap().verify(1 << 24, &()).unwrap(), []);
     for (number, before) in before.iter().enumerate() {
         assert!(windows(&layer_of(&compact, number)) == *before);

@@ -11,7 +11,7 @@ use spinney::dataset::{Dataset, open};
 use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, add_layer, apply_edits, drop_layer, edit};
 use spinney::space::{Bounds, Dimension, Frame};
-use spinney::store::autumnal::{Editor, Keep, Note, compact};
+use spinney::store::autumnal::{CompactOptions, Editor, Keep, Note, compact};
 use spinney::store::{FilePlace, Metadata, OpenOptions, TreeWriter, WriteOptions};
 use spinney::tree::Form;
 use spinney::value::{Kind, Number, Rule, SampleType};
@@ -262,7 +262,7 @@ fn readers_of_an_old_commit_go_on() {
             2 => {
                 let small = folder.path().join("small.autumn");
                 let output = Output::create(&small).unwrap();
-                compact(&path, &Keep::Last(2), false, output, MEMORY, &()).unwrap();
+                compact(&path, &CompactOptions::new(&Keep::Last(2), MEMORY), output, &()).unwrap();
                 std::fs::rename(&small, &path).unwrap();
             }
             _ => {

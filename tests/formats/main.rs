@@ -47,6 +47,7 @@ mod literature;
 mod missing;
 mod model_verify;
 mod packed;
+mod packed_history;
 mod ranges;
 mod rounding;
 mod wide;

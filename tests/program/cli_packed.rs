@@ -101,7 +101,30 @@ fn every_door_packs() {
     run(&["edit", &stack, "add-layer", &map, "packed"]);
     assert_eq!(codecs(&stack), ["packed", "plain", "packed"]);
     let text = stdout(&["info", &stack]);
-    assert_eq!(text.matches(", packed\n").count(), 2, "{text}");
+    assert_eq!(text.matches(", packed, ").count(), 2, "{text}");
+}
+
+#[test]
+fn history_is_packed() {
+    let place = Place::new();
+    let [map, history, packed, plain] =
+        ["map.goblin", "map.autumn", "packed.autumn", "plain.autumn"].map(|name| place.name(name));
+    spinney(&["build", CLASSES, "-o", &map]).success();
+    spinney(&["convert", &map, &history]).success();
+    for (from, to) in [("3190000", "3195000"), ("3192000", "3198000")] {
+        let window = format!("300000,{from},306000,{to}");
+        spinney(&["edit", &history, "fill", "--bounds", &window, "--value", "3"]).success();
+    }
+    spinney(&["compact", &history, "-o", &plain, "--keep", "9"]).success();
+    spinney(&["compact", &history, "-o", &packed, "--keep", "9", "--pack", "--effort", "small"]).success();
+    spinney(&["verify", &packed]).success();
+    let size = |path: &str| std::fs::metadata(path).unwrap().len();
+    assert!(size(&packed) < size(&plain), "{} {}", size(&packed), size(&plain));
+    for commit in 1..=3 {
+        let [old, new] = [&history, &packed].map(|path| stdout(&["stats", &format!("{path}@{commit}")]));
+        assert_eq!(old, new);
+    }
+    complaint(&["compact", &history, "-o", &place.name("other.autumn"), "--effort", "small"], 2);
 }
 
 #[test]

@@ -80,28 +80,23 @@ fn pack_as(
     taken.iter_mut().try_for_each(|taken| taken.set_symbols(&known))?;
     let mut writer = BitWriter::default();
     let contents = Contents { runs, taken: &taken, known: &known, beside };
-    code_runs(&mut writer, model, form, (runs.len(), length), &contents)?;
+    code_runs(&mut writer, model, form, (runs.len(), length, length), &contents)?;
     let mut packed = checksum(runs.iter().copied(), beside).to_le_bytes().to_vec();
     packed.push(model as u8);
     writer.finish(&mut packed);
     Some(packed)
 }
 
-/// Unpacks so many runs, and the bytes that belong to them, which take up to `length` bytes together.
+/// Unpacks so many runs, and the bytes that belong to them, which take `most` bytes together at most.
 ///
 /// # Errors
 /// If the bytes are not those of such runs.
-pub fn unpack_runs(
-    form: &RunForm,
-    count: usize,
-    length: usize,
-    packed: &[u8],
-) -> Result<UnpackedRuns, Damage> {
+pub fn unpack_runs(form: &RunForm, count: usize, most: usize, packed: &[u8]) -> Result<UnpackedRuns, Damage> {
     let (start, rest) = packed.split_at_checked(START).ok_or(Damage("too few bytes"))?;
     let model = Model::from_number(start[4], form.form.value).ok_or(Damage("no such model"))?;
     let mut reader = BitReader::new(rest).ok_or(Damage("no states"))?;
     let contents = Contents { runs: &[], taken: &[], known: &[], beside: &[] };
-    let unpacked = code_runs(&mut reader, model, form, (count, length), &contents);
+    let unpacked = code_runs(&mut reader, model, form, (count, most, 0), &contents);
     let unpacked = unpacked.ok_or(Damage("records that cannot be"))?;
     if !reader.is_whole() {
         return Err(Damage("another length"));
@@ -131,21 +126,22 @@ struct Contents<'c> {
     beside: &'c [u8],
 }
 
-/// Codes runs, of which there are so many, that take so many bytes with what is beside them. Tells both where they are read.
+/// Codes runs, of which there are so many, that take `length` bytes, and no more than `most`, with what is beside them. Tells both where they are
+/// read.
 fn code_runs<K: BitCoder>(
     coder: &mut K,
     model: Model,
     form: &RunForm,
-    (count, length): (usize, usize),
+    (count, most, length): (usize, usize, usize),
     contents: &Contents<'_>,
 ) -> Option<UnpackedRuns> {
     let layout = RecordLayout::new(form.form);
+    let length = usize::try_from(coder.number(length as u64)).ok().filter(|length| *length <= most)?;
     let (mut rest, mut heights) = (length, [Adaptive::default(); 1 << HEIGHT_BITS]);
     let beside = code_bytes(coder, contents.beside, &mut rest)?;
     // (Each value takes its width in records, but for those of the runs' own nodes.)
-    let most = length / layout.width + count;
     let table = match model.has_table() {
-        true => code_table(coder, form.form, contents.known, most)?,
+        true => code_table(coder, form.form, contents.known, length / layout.width + count)?,
         false => contents.known.to_vec(),
     };
     let mut model_coder = ModelCoder::new(model, (form.form, form.rule), &table);

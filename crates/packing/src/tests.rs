@@ -380,7 +380,7 @@ fn damaged_runs_are_told() {
                 assert_eq!((unpacked.runs, unpacked.beside), (runs.clone(), beside.clone()));
             }
         }
-        for (count, length) in [(19, length), (21, length), (20, length - 1), (20, length + 1), (20, 0)] {
+        for (count, length) in [(19, length), (21, length), (20, length - 1), (20, 0)] {
             assert!(unpack_runs(&form, count, length, &packed).is_err());
         }
         for _ in 0..500 {

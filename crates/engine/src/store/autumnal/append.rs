@@ -3,12 +3,15 @@
 use std::io;
 use std::mem;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use super::commit::{Commit, Written};
-use super::extents::{EXTENT_MAGIC, ExtentKind, FULL_EXTENT, HEAD_SIZE, head};
+use super::extents::{ByteAccess, EXTENT_MAGIC, ExtentKind, Extents, FULL_EXTENT, HEAD_SIZE, head};
 use super::layout::{PointeredLayout, Pointers};
 use super::meta::Meta;
+use super::packed::{PackedExtents, PackedWriter};
 use super::pages::{PAGE, SECTOR};
+use super::reader::Autumnal;
 use super::share::{DedupTable, hash};
 use spinney_base::io::{ReadBackend, WriteBackend, folder};
 use spinney_base::value::Value;
@@ -46,6 +49,10 @@ pub(super) struct Appender {
     /// The bytes that have been written, for comparing with what is to be written; read anew when there are
     /// more.
     reader: Option<Box<dyn ReadBackend>>,
+    /// The extents of what has been written, where records are packed.
+    extents: Option<Extents>,
+    /// The extent of packed records that is being made, if records are packed.
+    packed: Option<(PackedWriter, Arc<PackedExtents>)>,
     /// Room for the content of a record that is looked for.
     content: Vec<u8>,
     /// Whether something failed: what is on the disk is not known then.
@@ -73,6 +80,8 @@ impl Appender {
             written: Written::default(),
             dedup,
             reader: None,
+            extents: None,
+            packed: None,
             content: Vec::new(),
             is_poisoned: false,
         }
@@ -83,9 +92,20 @@ impl Appender {
         self.dedup.is_some()
     }
 
-    /// Turns to records of another layout.
-    pub(super) fn set_layout(&mut self, layout: PointeredLayout) {
-        self.layout = layout;
+    /// Turns to records of another tree.
+    pub(super) fn set_tree(&mut self, tree: &Autumnal) {
+        self.close_extent();
+        self.layout = tree.layout().clone();
+        if let Some((writer, _)) = &mut self.packed {
+            writer.set_tree(tree.header());
+        }
+    }
+
+    /// Packs all records from now on.
+    pub(super) fn pack(&mut self, writer: PackedWriter, reader: Arc<PackedExtents>) -> Result<()> {
+        self.flush()?;
+        self.packed = Some((writer, reader));
+        Ok(())
     }
 
     /// Offset of the next byte.
@@ -114,6 +134,7 @@ impl Appender {
 
     /// Ends the extent that is open, if there is one.
     fn close_extent(&mut self) {
+        self.close_packed();
         // Invariant: an open extent is all in the buffer, since whoever writes the buffer closes it before.
         // So its head can be filled in here, with the checksum of bytes that nobody has read, and what looks
         // like a head is found by looking there.
@@ -123,6 +144,33 @@ impl Appender {
         self.buffer[start..start + HEAD_SIZE].copy_from_slice(&head);
         let end = self.position().next_multiple_of(SECTOR);
         self.buffer.resize((end - self.start) as usize, 0);
+    }
+
+    /// Ends the extent of packed records that is being made, if it has any.
+    fn close_packed(&mut self) {
+        // (No other extent is open then.)
+        let Some((writer, _)) = self.packed.as_mut().filter(|(writer, _)| !writer.is_empty()) else { return };
+        let payload = writer.finish();
+        let head = head(ExtentKind::Packed, self.position(), &payload);
+        self.buffer.extend_from_slice(&head);
+        self.buffer.extend_from_slice(&payload);
+        let end = self.position().next_multiple_of(SECTOR);
+        self.buffer.resize((end - self.start) as usize, 0);
+    }
+
+    /// Adds a record to the extent of packed records.
+    fn write_packed(&mut self, record: NewRecord<'_>) -> Result<u64> {
+        // (What is written can be compared with.)
+        if self.packed.as_ref().is_some_and(|(writer, _)| writer.is_full()) {
+            self.flush()?;
+        }
+        if self.extent.is_some() {
+            self.close_extent();
+        }
+        let start = self.position();
+        let Some((writer, _)) = &mut self.packed else { return self.write_record(record) };
+        self.written.records += 1;
+        Ok(writer.push(start, record))
     }
 
     /// Writes the buffer.
@@ -136,6 +184,7 @@ impl Appender {
             self.buffer = buffer;
             self.buffer.clear();
             self.reader = None;
+            self.extents = None;
         }
         Ok(())
     }
@@ -183,6 +232,9 @@ impl Appender {
     }
 
     fn write_record(&mut self, record: NewRecord<'_>) -> Result<u64> {
+        if self.packed.is_some() {
+            return self.write_packed(record);
+        }
         self.open_extent(ExtentKind::Records)?;
         let mut address = self.position();
         let mut size = self.encode_record(address, record);
@@ -268,6 +320,9 @@ impl Appender {
 
     /// Bytes of the record at an address, if it has this content, which is that of a new record for a node of the same height.
     fn size_with(&mut self, address: u64, content: &[u8], new: NewRecord<'_>) -> Result<Option<usize>> {
+        if self.packed.is_some() {
+            return self.packed_size_with(address, content, new);
+        }
         if address < self.start && self.reader.is_none() {
             self.reader = Some(self.backend.reader()?);
         }
@@ -284,14 +339,44 @@ impl Appender {
             }
             _ => return Ok(None),
         };
-        let Ok(parts) = self.layout.parts(bytes, new.height) else { return Ok(None) };
-        let (Some(representative), Some(zone), Some(pointers)) = (
-            self.layout.representative(bytes),
-            bytes.get(parts.end..parts.end + new.zone.len()),
-            parts.pointers(bytes, address),
-        ) else {
-            return Ok(None);
+        Ok(self.size_of(bytes, address, content, new))
+    }
+
+    /// The same where records are packed.
+    fn packed_size_with(
+        &mut self,
+        address: u64,
+        content: &[u8],
+        new: NewRecord<'_>,
+    ) -> Result<Option<usize>> {
+        let Some((writer, reader)) = &self.packed else { return Ok(None) };
+        if let Some(bytes) = writer.record(address) {
+            return Ok(self.size_of(bytes, address, content, new));
+        }
+        let reader = reader.clone();
+        if address >= self.start {
+            self.flush()?;
+        }
+        let extents = match self.extents.take() {
+            Some(extents) => extents,
+            None => {
+                let extents = Extents::new(&self.path, self.backend.reader()?, self.start, false)?;
+                extents.with_packed(Some(reader))
+            }
         };
+        // (Height and addresses take no less room in the content than pointers in a record.)
+        let size =
+            (&extents).bytes(address, content.len()).map(|bytes| self.size_of(&bytes, address, content, new));
+        self.extents = Some(extents);
+        size
+    }
+
+    /// Bytes of a record, if it has this content.
+    fn size_of(&self, bytes: &[u8], address: u64, content: &[u8], new: NewRecord<'_>) -> Option<usize> {
+        let parts = self.layout.parts(bytes, new.height).ok()?;
+        let representative = self.layout.representative(bytes)?;
+        let zone = bytes.get(parts.end..parts.end + new.zone.len())?;
+        let pointers = parts.pointers(bytes, address)?;
         let mut found = Vec::with_capacity(content.len());
         let record = NewRecord {
             height: new.height,
@@ -301,7 +386,7 @@ impl Appender {
             zone,
         };
         Self::content_of(&mut found, record, self.layout.width());
-        Ok((found == content).then_some(parts.end + zone.len()))
+        (found == content).then_some(parts.end + zone.len())
     }
 
     /// Writes an extent of its own and tells where it starts.

@@ -12,6 +12,7 @@ use super::extents::Extents;
 use super::layout::run_levels;
 use super::meta::Meta;
 use super::newest::{Look, Newest, find_newest, whole};
+use super::packed::PackedExtents;
 use super::pages::{FIRST_EXTENT, PAGE};
 use spinney_base::io::{FileId, ReadBackend};
 use spinney_base::{Error, Result};
@@ -23,7 +24,9 @@ use spinney_container::{FileHeader, TreeFormat};
 struct RawRecords {
     share: u8,
     run_levels: u8,
-    zero: [u8; 2],
+    /// Whether extents of records may be packed.
+    packed: u8,
+    zero: u8,
     checksum: U32,
 }
 
@@ -31,21 +34,33 @@ struct RawRecords {
 const RECORDS: u64 = 64;
 
 /// The first page of a file.
-pub(super) fn first_page(header: &FileHeader, share: bool, run_levels: u8) -> Vec<u8> {
+pub(super) fn first_page(header: &FileHeader, form: RecordsForm) -> Vec<u8> {
     let mut page = header.to_bytes().to_vec();
     page.resize(RECORDS as usize, 0);
-    let mut raw = RawRecords { share: share.into(), run_levels, zero: [0; 2], checksum: 0.into() };
+    let RecordsForm { run_levels, share, is_packed } = form;
+    let (share, packed) = (share.into(), is_packed.into());
+    let mut raw = RawRecords { share, run_levels, packed, zero: 0, checksum: 0.into() };
     raw.checksum = crc32c::crc32c(&raw.as_bytes()[..4]).into();
     page.extend_from_slice(raw.as_bytes());
     page.resize(PAGE as usize, 0);
     page
 }
 
+/// How the records of a file are made.
+#[derive(Clone, Copy)]
+pub(super) struct RecordsForm {
+    /// Levels of the longest runs.
+    pub(super) run_levels: u8,
+    /// Whether equal subtrees are stored once.
+    pub(super) share: bool,
+    /// Whether extents of records may be packed.
+    pub(super) is_packed: bool,
+}
+
 /// The content of the header page.
 struct Pages {
     header: FileHeader,
-    run_levels: u8,
-    share: bool,
+    form: RecordsForm,
 }
 
 impl Pages {
@@ -75,12 +90,20 @@ impl Pages {
             let expected = format!("{} to {}", levels.start(), levels.end());
             return Err(corrupt("header", &found, &expected));
         }
-        Ok(Pages { header, run_levels: raw.run_levels, share: raw.share != 0 })
+        if raw.packed > 1 {
+            let found = format!("records packed by the codec {}", raw.packed);
+            return Err(Error::unsupported(path, found, "read it with a program as new as the file"));
+        }
+        let form =
+            RecordsForm { run_levels: raw.run_levels, share: raw.share != 0, is_packed: raw.packed != 0 };
+        Ok(Pages { header, form })
     }
 
     fn archive(self, extents: Extents, meta: Meta, newest: Newest, file: FileId) -> Archive {
-        let Pages { header, run_levels, share } = self;
-        Archive { header, run_levels, share, extents: Arc::new(extents), meta, newest, file }
+        let Pages { header, form } = self;
+        let packed = form.is_packed.then(|| Arc::new(PackedExtents::new(&header, form.run_levels)));
+        let extents = Arc::new(extents.with_packed(packed));
+        Archive { header, form, extents, meta, newest, file }
     }
 }
 
@@ -88,10 +111,7 @@ impl Pages {
 #[derive(Clone)]
 pub(super) struct Archive {
     pub(super) header: FileHeader,
-    /// Levels of the longest runs.
-    pub(super) run_levels: u8,
-    /// Whether equal subtrees are stored once.
-    pub(super) share: bool,
+    pub(super) form: RecordsForm,
     pub(super) extents: Arc<Extents>,
     /// The slot of the newest commit that can be read.
     pub(super) meta: Meta,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::commit::Commit;
+use super::commit::{Commit, CommitLayer};
 use super::editor::Editor;
 use super::history::History;
 use super::reader::Autumnal;
@@ -12,6 +12,7 @@ use crate::store::records::RecordLayout;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result, sort};
 use spinney_container::OpenOptions;
+use spinney_packing::Effort;
 
 /// Selection of the commits that stay.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,27 +41,52 @@ impl Keep {
     }
 }
 
+/// Options of [`compact`].
+#[derive(Clone, Copy, Debug)]
+pub struct CompactOptions<'k> {
+    keep: &'k Keep,
+    share: bool,
+    pack: Option<Effort>,
+    memory: u64,
+}
+
+impl<'k> CompactOptions<'k> {
+    /// The commits that stay, and bytes of memory.
+    pub fn new(keep: &'k Keep, memory: u64) -> CompactOptions<'k> {
+        CompactOptions { keep, share: false, pack: None, memory }
+    }
+
+    /// Whether equal subtrees anywhere are written once, as they are anyway if the file stores them so.
+    #[must_use]
+    pub fn share(self, share: bool) -> CompactOptions<'k> {
+        CompactOptions { share, ..self }
+    }
+
+    /// Packing of history: with an effort, all records are packed but those that the newest commit has.
+    #[must_use]
+    pub fn pack(self, pack: Option<Effort>) -> CompactOptions<'k> {
+        CompactOptions { pack, ..self }
+    }
+}
+
 /// Writes some commits of a file, with their numbers and notes, to a new one. What they have in common at the
-/// same node is written once; equal subtrees anywhere with `share`, or if the file stores them so. Returns
-/// the commits as they are in the new file.
+/// same node is written once. Returns the commits as they are in the new file.
 ///
 /// # Errors
 /// If there are no such commits, the file is damaged, the output cannot be written, or on interruption.
 pub fn compact(
     path: &Path,
-    keep: &Keep,
-    share: bool,
+    options: &CompactOptions<'_>,
     mut output: Output,
-    memory: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<Commit>> {
     let history = History::open(path, &OpenOptions::default())?;
     if let Some(remark) = history.remark() {
         progress.warn(path, remark);
     }
-    let commits = keep.of(&history)?;
-    let file_depth = history.archive.header.depth;
-    let share = share || history.is_shared();
+    let commits = options.keep.of(&history)?;
+    let share = options.share || history.is_shared();
+    let options = CompactOptions { share, ..*options };
     // (What commits have in common is written once.)
     for commit in commits.iter().filter(|_| !share) {
         let mut needed = 0u64;
@@ -69,51 +95,102 @@ pub fn compact(
             let least = RecordLayout::new(tree.header().form).least_node();
             needed = needed.saturating_add(tree.claimed_records()?.saturating_mul(least));
         }
-        output.check_room(needed)?;
+        // (History is written behind the newest commit, in fewer bytes than are known yet.)
+        if options.pack.is_none() || Some(commit) == commits.last() {
+            output.check_room(needed)?;
+        }
     }
-    let mut made = Vec::new();
-    // The commit that was written last: what a commit has in common with it is in the new file.
-    let mut before: Option<Commit> = None;
-    let mut editor: Option<Editor> = None;
-    // The oldest first: each is then written as what differs from the one before.
-    for commit in commits {
+    let mut copy =
+        Copy { history: &history, options, before: None, editor: None, output: &mut output, progress };
+    let made = match options.pack {
+        None => copy.oldest_first(commits)?,
+        Some(effort) => copy.newest_first(commits, effort)?,
+    };
+    drop(copy);
+    output.commit()?;
+    Ok(made)
+}
+
+/// Commits on the way to another file.
+struct Copy<'c> {
+    history: &'c History,
+    options: CompactOptions<'c>,
+    /// The commit that was written last: what a commit has in common with it is in the new file.
+    before: Option<Commit>,
+    editor: Option<Editor>,
+    output: &'c mut Output,
+    progress: &'c dyn Progress,
+}
+
+impl Copy<'_> {
+    /// Writes each commit as what differs from the one before.
+    fn oldest_first(&mut self, commits: Vec<Commit>) -> Result<Vec<Commit>> {
+        let mut made = Vec::new();
+        for commit in commits {
+            let (number, note) = (commit.number, commit.note.clone());
+            made.push(self.trees(commit)?.commit_as(number, note)?);
+        }
+        Ok(made)
+    }
+
+    /// Writes the trees of the newest commit as they are, then those of each older one as what differs from the one after it, packed; and
+    /// then all commits.
+    ///
+    /// What the newest commit has is so where an edit will need it, and all that it does not have is history.
+    fn newest_first(&mut self, commits: Vec<Commit>, effort: Effort) -> Result<Vec<Commit>> {
+        let mut states = Vec::new();
+        for commit in commits.into_iter().rev() {
+            let (number, note) = (commit.number, commit.note.clone());
+            let editor = self.trees(commit)?;
+            let state = editor.state()?;
+            if states.is_empty() {
+                editor.pack(effort)?;
+            }
+            states.push((state, number, note));
+        }
+        let Some(editor) = &mut self.editor else { return Ok(Vec::new()) };
+        let commits = states.into_iter().rev();
+        commits.map(|(state, number, note)| editor.commit_state(state, number, note)).collect()
+    }
+
+    /// Writes the trees of a commit.
+    fn trees(&mut self, commit: Commit) -> Result<&mut Editor> {
+        let Copy { history, options, before, output, progress, .. } = self;
         for number in 0..commit.layers.len() {
             let tree = Autumnal::new(history.archive.clone(), commit.clone(), number)?;
             let (header, metadata) = (tree.header().clone(), tree.metadata().clone());
-            let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
-            let editor = match &mut editor {
+            let like = BuildOptions::like(&header, options.memory);
+            let build = BuildOptions { metadata, share: options.share, ..like };
+            let editor = match &mut self.editor {
                 Some(editor) => editor,
                 empty => {
                     let path = output.path().to_path_buf();
-                    empty.insert(Editor::create(
-                        backend(&mut output)?,
-                        path,
-                        (&header, file_depth),
-                        &options,
-                    )?)
+                    let of = (&header, history.archive.header.depth);
+                    empty.insert(Editor::create(backend(output)?, path, of, &build, options.pack.is_some())?)
                 }
             };
-            editor.select_or_add(&header, &options.metadata)?;
+            // (A layer that was alone, without a name, got one when another was added.)
+            let name = &*tree.layer().name;
+            editor.follow_name(name)?;
+            editor.select_or_add(&header, &build.metadata)?;
             // The same layer in the commit before, if it was of the same type.
             let twin = before.as_ref().and_then(|before| {
-                let there = before.layer_named(&tree.layer().name)?;
+                let unnamed = |layer: &CommitLayer| layer.name.is_empty() || name.is_empty();
+                let first = (number == 0 && unnamed(&before.layers[0])).then_some(0);
+                let there = before.layer_named(name).or(first)?;
                 let is_alike = before.layers[there].header == tree.layer().header;
                 is_alike.then(|| Autumnal::new(history.archive.clone(), before.clone(), there))
             });
             let twin = twin.transpose()?;
-            let mut fill =
-                |sink: &mut dyn TreeSink, shape| walk(&tree, &options, shape, true, sink, progress);
-            editor.fill([u64::MAX; 3], &options, twin.as_ref(), &mut fill)?;
-            editor.set_metadata(options.metadata)?;
+            let mut fill = |sink: &mut dyn TreeSink, shape| walk(&tree, &build, shape, true, sink, *progress);
+            editor.fill([u64::MAX; 3], &build, twin.as_ref(), &mut fill)?;
+            editor.set_metadata(build.metadata)?;
         }
-        let (number, note) = (commit.number, commit.note.clone());
-        if let Some(editor) = &mut editor {
-            editor.keep_only(&commit)?;
-            made.push(editor.commit_as(number, note)?);
-        }
-        before = Some(commit);
+        let Some(editor) = &mut self.editor else {
+            return Err(Error::invalid("commit", "no layers", "one at least"));
+        };
+        editor.keep_only(&commit)?;
+        self.before = Some(commit);
+        Ok(editor)
     }
-    drop(editor);
-    output.commit()?;
-    Ok(made)
 }

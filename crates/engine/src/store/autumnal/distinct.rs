@@ -11,6 +11,7 @@ use std::mem;
 
 use super::node::AutumnalNode;
 use super::reader::Autumnal;
+use crate::store::unpacked::PLAIN_PER_BYTE;
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Result;
 use spinney_base::io::Sorter;
@@ -113,7 +114,9 @@ impl Autumnal {
     /// If the file is damaged.
     pub(crate) fn is_folded(&self) -> Result<bool> {
         let least = self.layout().run.least_node();
-        Ok(self.claimed_records()? > self.extents().end / least)
+        // (Packed records may be many more than their bytes.)
+        let packed = if self.extents().packed().is_some() { PLAIN_PER_BYTE } else { 1 };
+        Ok(self.claimed_records()? > self.extents().end.saturating_mul(packed) / least)
     }
 
     /// Goes through all that the tree has in a box of cells of the deepest level, each record at most once for each level

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::append::Appender;
-use super::archive::{Archive, OpenFile, first_page};
+use super::archive::{Archive, OpenFile, RecordsForm, first_page};
 use super::builder::{Mode, RecordBuilder};
 use super::commit::{Commit, CommitLayer, Note, Root, Written};
 use super::extents::{ExtentKind, Extents};
 use super::layout::run_levels;
 use super::meta::Meta;
 use super::newest::Newest;
+use super::packed::{PackedExtents, PackedWriter};
 use super::pages::FIRST_EXTENT;
 use super::reader::Autumnal;
 use super::write::check_plain;
@@ -21,6 +22,7 @@ use spinney_base::io::{FileBackend, LockedFile, WriteBackend};
 use spinney_base::value::Tally;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Content, FileHeader, FilePlace, Header, Metadata, TreeFormat, VOID};
+use spinney_packing::Effort;
 
 /// A file that is being edited by this process and by nobody else, until this is dropped.
 ///
@@ -34,6 +36,8 @@ pub struct Editor {
     /// The tree with all edits so far.
     draft: Arc<Autumnal>,
     newest: Option<Commit>,
+    /// The state that was written last, if no commit has it yet.
+    state: Option<Commit>,
     /// The meta slot of the newest commit.
     meta: Meta,
     /// Offset at which what is not committed begins.
@@ -80,7 +84,7 @@ impl Editor {
         let meta = archive.meta;
         backend.write(meta.offset(), &meta.to_bytes()).map_err(Error::io(path, "write the meta slot"))?;
         backend.sync().map_err(Error::io(path, "sync"))?;
-        let share = archive.share.then_some(memory / 4);
+        let share = archive.form.share.then_some(memory / 4);
         let draft = Arc::new(Autumnal::new(archive, newest.clone(), 0)?);
         let appender = Appender::new(backend, path.to_path_buf(), draft.layout().clone(), meta.end, share);
         Ok(Editor {
@@ -88,13 +92,15 @@ impl Editor {
             appender,
             draft,
             newest: Some(newest),
+            state: None,
             meta,
             memory,
             is_named: false,
         })
     }
 
-    /// Starts a file on an empty backend, with one layer that is VOID, in no commit yet. Layers may have up to so many levels.
+    /// Starts a file on an empty backend, with one layer that is VOID, in no commit yet. Layers may have up to so many levels. Records may be
+    /// packed if that is said.
     ///
     /// # Errors
     /// If the backend cannot be written.
@@ -103,6 +109,7 @@ impl Editor {
         path: PathBuf,
         (header, depth): (&Header, u8),
         options: &BuildOptions,
+        is_packed: bool,
     ) -> Result<Editor> {
         let dimension = header.form.dimension;
         let levels = run_levels(dimension);
@@ -110,15 +117,15 @@ impl Editor {
         let run_levels = if options.share { *levels.start() } else { *levels.end() };
         let (format, content) = (TreeFormat::Autumnal, Content::Cells);
         let file_header = FileHeader { format, content, dimension, depth, layers: 0 };
-        let mut pages = first_page(&file_header, options.share, run_levels);
+        let form = RecordsForm { run_levels, share: options.share, is_packed };
+        let mut pages = first_page(&file_header, form);
         pages.resize(FIRST_EXTENT as usize, 0);
         backend.write(0, &pages).map_err(Error::io(&*path, "write the header"))?;
         let (bytes, file) = open_file(&*backend)?;
         let meta = Meta { sequence: 0, commit: 0, end: FIRST_EXTENT };
-        let extents = Arc::new(Extents::new(&path, bytes, FIRST_EXTENT, true)?);
-        let share = options.share;
-        let archive =
-            Archive { header: file_header, run_levels, share, extents, meta, newest: Newest::Good, file };
+        let packed = is_packed.then(|| Arc::new(PackedExtents::new(&file_header, run_levels)));
+        let extents = Arc::new(Extents::new(&path, bytes, FIRST_EXTENT, true)?.with_packed(packed));
+        let archive = Archive { header: file_header, form, extents, meta, newest: Newest::Good, file };
         let commit = Commit {
             number: 0,
             note: Note::default(),
@@ -138,6 +145,7 @@ impl Editor {
             appender,
             draft,
             newest: None,
+            state: None,
             meta,
             memory: options.memory,
             is_named: false,
@@ -157,7 +165,7 @@ impl Editor {
         }
         self.keep_metadata()?;
         let tree = Autumnal::new(self.draft.archive.clone(), self.draft.commit.clone(), number)?;
-        self.appender.set_layout(tree.layout().clone());
+        self.appender.set_tree(&tree);
         self.draft = Arc::new(tree);
         Ok(())
     }
@@ -174,6 +182,29 @@ impl Editor {
         let layer = CommitLayer { name: name.into(), ..self.draft.layer().clone() };
         let metadata = Metadata { name: name.into(), ..self.draft.metadata().clone() };
         self.set_draft(self.draft.commit.with_layer(self.draft.number, layer), metadata)
+    }
+
+    /// Gives the first layer a name that no layer has, if either is empty. Where that is the new one, there is no other layer then.
+    ///
+    /// # Errors
+    /// If what was written cannot be read.
+    pub(super) fn follow_name(&mut self, name: &str) -> Result<()> {
+        let there = &self.draft.commit;
+        let is_known = there.layer_named(name).is_some();
+        if is_known || !(name.is_empty() || there.layers[0].name.is_empty()) {
+            return Ok(());
+        }
+        self.keep_metadata()?;
+        let mut commit = self.draft.commit.clone();
+        commit.layers[0].name = name.into();
+        if name.is_empty() {
+            commit.layers.truncate(1);
+        }
+        commit.count();
+        let tree = Autumnal::new(self.draft.archive.clone(), commit, 0)?;
+        self.appender.set_tree(&tree);
+        self.draft = Arc::new(tree);
+        Ok(())
     }
 
     /// Adds a layer that is VOID, and turns to it.
@@ -197,7 +228,7 @@ impl Editor {
         let commit = self.draft.commit.with_layer(number, void_layer(header, name));
         self.appender.flush()?;
         let tree = Autumnal::with_metadata(self.draft.archive.clone(), commit, number, metadata)?;
-        self.appender.set_layout(tree.layout().clone());
+        self.appender.set_tree(&tree);
         self.draft = Arc::new(tree);
         Ok(())
     }
@@ -216,7 +247,7 @@ impl Editor {
             Some(_) if self.draft.commit.layers.len() == 1 => {
                 let commit = self.draft.commit.with_layer(0, void_layer(header, &metadata.name));
                 let tree = Autumnal::with_metadata(self.draft.archive.clone(), commit, 0, metadata.clone())?;
-                self.appender.set_layout(tree.layout().clone());
+                self.appender.set_tree(&tree);
                 self.draft = Arc::new(tree);
                 Ok(())
             }
@@ -241,7 +272,7 @@ impl Editor {
         draft.layers = layers;
         draft.count();
         let tree = Autumnal::new(self.draft.archive.clone(), draft, 0)?;
-        self.appender.set_layout(tree.layout().clone());
+        self.appender.set_tree(&tree);
         self.draft = Arc::new(tree);
         Ok(())
     }
@@ -262,7 +293,7 @@ impl Editor {
         commit.layers.remove(self.draft.number);
         commit.count();
         let tree = Autumnal::new(self.draft.archive.clone(), commit, 0)?;
-        self.appender.set_layout(tree.layout().clone());
+        self.appender.set_tree(&tree);
         self.draft = Arc::new(tree);
         Ok(())
     }
@@ -329,7 +360,8 @@ impl Editor {
         let bytes = self.appender.backend.reader()?;
         // (Nothing may be written since the last commit.)
         let end = self.appender.position().min(bytes.len());
-        archive.extents = Arc::new(Extents::new(self.draft.path(), bytes, end, true)?);
+        let packed = archive.extents.packed().cloned();
+        archive.extents = Arc::new(Extents::new(self.draft.path(), bytes, end, true)?.with_packed(packed));
         self.draft = Arc::new(Autumnal::with_metadata(archive, commit, self.draft.number, metadata)?);
         Ok(())
     }
@@ -344,7 +376,7 @@ impl Editor {
             let (layers, cells, records) = (old.layers, old.cells, old.records);
             let commit = Commit { layers, cells, records, ..self.draft.commit.clone() };
             let tree = Autumnal::new(self.draft.archive.clone(), commit, 0)?;
-            self.appender.set_layout(tree.layout().clone());
+            self.appender.set_tree(&tree);
             self.draft = Arc::new(tree);
             return Ok(());
         }
@@ -395,6 +427,38 @@ impl Editor {
         self.write_commit(number, note)
     }
 
+    /// Packs all records that are written from now on, with an effort, in a file that may have such.
+    pub(super) fn pack(&mut self, effort: Effort) -> Result<()> {
+        let Some(reader) = self.draft.extents().packed().cloned() else { return Ok(()) };
+        let run_levels = self.draft.archive.form.run_levels;
+        self.appender.pack(PackedWriter::new(self.draft.header(), run_levels, effort), reader)
+    }
+
+    /// All edits so far as a state that a commit is to have, with the account of what it took; see [`Editor::commit_state`].
+    ///
+    /// # Errors
+    /// If writing fails.
+    pub(super) fn state(&mut self) -> Result<Commit> {
+        self.keep_metadata()?;
+        let written = Written { bytes: self.appender.position() - self.begin, ..self.appender.written };
+        self.begin = self.appender.position();
+        self.appender.written = Written::default();
+        let state = Commit { written, ..self.draft.commit.clone() };
+        self.state = Some(state.clone());
+        Ok(state)
+    }
+
+    /// Makes a state a commit with any number that is larger than the newest one's.
+    ///
+    /// # Errors
+    /// Those of [`Editor::commit`].
+    pub(super) fn commit_state(&mut self, state: Commit, number: u64, note: Note) -> Result<Commit> {
+        let tree = Autumnal::new(self.draft.archive.clone(), state, 0)?;
+        self.appender.set_tree(&tree);
+        self.draft = Arc::new(tree);
+        self.write_commit(number, note)
+    }
+
     /// The number after one that the file has.
     fn after(&self, number: u64) -> Result<u64> {
         let next = number.checked_add(1);
@@ -408,7 +472,11 @@ impl Editor {
         let previous = self.newest.as_ref().map_or(0, |_| self.meta.commit);
         let jump =
             self.newest.as_ref().map_or(Ok((0, 0)), |newest| newest.next_jump(draft.extents(), previous))?;
-        let written = Written { bytes: self.appender.position() - self.begin, ..self.appender.written };
+        let bytes = self.appender.position() - self.begin;
+        let written = match self.state.is_some() {
+            true => Written { bytes: draft.commit.written.bytes + bytes, ..draft.commit.written },
+            false => Written { bytes, ..self.appender.written },
+        };
         let commit = Commit {
             number,
             note,
@@ -429,7 +497,7 @@ impl Editor {
     fn keep_metadata(&mut self) -> Result<()> {
         let draft = self.draft.clone();
         let bytes = draft.metadata().to_bytes(draft.path())?;
-        let there = self.newest.as_ref().and_then(|newest| {
+        let there = self.newest.as_ref().or(self.state.as_ref()).and_then(|newest| {
             newest.layer_named(&draft.layer().name).map(|number| newest.layers[number].metadata)
         });
         let metadata = match there {

@@ -4,12 +4,13 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::meta::{Slot, slots};
+use super::packed::PackedExtents;
 use super::pages::{FIRST_EXTENT, PAGE, SECTOR};
 use super::sectors::{MOST_BYTES, Sectors};
 use spinney_base::io::{FileBytes, ReadBackend, Stamp};
@@ -38,6 +39,7 @@ pub(super) enum ExtentKind {
     Records,
     Commit,
     Metadata,
+    Packed,
 }
 
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
@@ -90,6 +92,12 @@ impl Extent {
         self.payload_start() + self.length
     }
 
+    /// Whether a record may have an address: one of packed records is told by its number, all of which are in the first sector.
+    fn may_have(&self, address: u64) -> bool {
+        let end = if self.kind == ExtentKind::Packed as u8 { self.start + SECTOR } else { self.end() };
+        (self.payload_start()..end).contains(&address)
+    }
+
     /// Where the extent behind this one starts. A commit's is its last one: before the next page there can only be what an
     /// edit that was given up has left.
     pub(super) fn next_start(&self) -> u64 {
@@ -109,6 +117,8 @@ pub(super) struct Extents {
     /// Extents among these that were read lately, by their starts, if the file is not mapped.
     read: Mutex<BTreeMap<u64, Extent>>,
     check: bool,
+    /// How packed records are read, if there are any.
+    packed: Option<Arc<PackedExtents>>,
 }
 
 /// One of the two ways to the bytes of extents of records. What is generic over it exists twice.
@@ -150,7 +160,15 @@ impl<'a> ByteAccess<'a> for &'a Extents {
                 .map(|bytes| FileBytes::Mapped(&bytes[..most.min(bytes.len())]));
         }
         let extent = self.read_extent(address)?;
-        let bytes = self.backend.share(extent.payload_start(), extent.length as usize)?;
+        let bytes = self.payload(&extent)?;
+        if let Some(packed) = self.packed.as_ref().filter(|_| extent.kind == ExtentKind::Packed as u8) {
+            let record = packed.record(extent.start, address, &bytes);
+            let record = record.map_err(|found| {
+                self.corrupt(format!("extent at {}", extent.start), found, "records that were packed")
+            })?;
+            let end = most.min(record.len());
+            return Ok(FileBytes::Held(record.part(0..end)));
+        }
         let start = (address - extent.payload_start()) as usize;
         let end = start.saturating_add(most).min(bytes.len());
         Ok(bytes.part(start..end))
@@ -168,7 +186,25 @@ impl Extents {
             return Err(Error::unsupported(path, found, format!("files may have {MOST_BYTES} bytes")));
         }
         let verified = Sectors::new(end);
-        Ok(Extents { path: path.to_path_buf(), backend, end, verified, read: Mutex::default(), check })
+        Ok(Extents {
+            path: path.to_path_buf(),
+            backend,
+            end,
+            verified,
+            read: Mutex::default(),
+            check,
+            packed: None,
+        })
+    }
+
+    /// The same, some of which may be packed.
+    pub(super) fn with_packed(self, packed: Option<Arc<PackedExtents>>) -> Extents {
+        Extents { packed, ..self }
+    }
+
+    /// How packed records are read, if there are any.
+    pub(super) fn packed(&self) -> Option<&Arc<PackedExtents>> {
+        self.packed.as_ref()
     }
 
     /// Both meta slots as they are now.
@@ -199,10 +235,13 @@ impl Extents {
         Error::corrupt(&self.path, place, found, expected)
     }
 
-    /// All bytes up to the commit's end where they are, if they can be seen: many records are then read
+    /// All bytes up to the commit's end where they are, if they can be seen and no record is packed: many records are then read
     /// without asking the backend for each.
     #[inline]
     pub(super) fn mapped(&self) -> Option<MappedBytes<'_>> {
+        if self.packed.is_some() {
+            return None;
+        }
         let bytes = self.backend.bytes()?.get(..self.end as usize)?;
         Some(MappedBytes { extents: self, bytes })
     }
@@ -213,11 +252,20 @@ impl Extents {
         if self.verified.contains(address / SECTOR) { Ok(()) } else { self.verify_extent(address) }
     }
 
-    /// The extent of records that an address is in, which is good, of a file that is not mapped.
+    /// The bytes of an extent behind its head.
+    fn payload(&self, extent: &Extent) -> Result<FileBytes<'_>> {
+        let (start, length) = (extent.payload_start(), extent.length as usize);
+        let Some(all) = self.backend.bytes() else { return self.backend.share(start, length) };
+        // (A file that was cut short since has fewer.)
+        let bytes = all.get(start as usize..).and_then(|rest| rest.get(..length));
+        Ok(FileBytes::Mapped(bytes.unwrap_or_default()))
+    }
+
+    /// The extent of records that an address is in, which is good, of a file that is not mapped, or has packed records.
     fn read_extent(&self, address: u64) -> Result<Extent> {
         let read = || self.read.lock().unwrap_or_else(PoisonError::into_inner);
         let known = read().range(..=address).next_back().map(|(_, extent)| *extent);
-        if let Some(extent) = known.filter(|extent| address < extent.end()) {
+        if let Some(extent) = known.filter(|extent| extent.may_have(address)) {
             return Ok(extent);
         }
         self.check_at(address)?;
@@ -243,10 +291,15 @@ impl Extents {
         Ok(())
     }
 
-    /// The bytes, behind the head, of the extent of records that an address is in. (To readers any byte is in it that is in
+    /// The addresses of bytes, behind the head, of the extent of records that an address is in; of one that is packed, of those of that record and what is
+    /// behind it. (To readers any byte is in it that is in
     /// one of its sectors.)
     pub(super) fn records_at(&self, address: u64) -> Result<Range<u64>> {
-        self.extent_of(address).map(|extent| extent.payload_start()..extent.end())
+        let extent = self.extent_of(address)?;
+        if extent.kind == ExtentKind::Packed as u8 {
+            return Ok(address..address + ByteAccess::bytes(self, address, usize::MAX)?.len() as u64);
+        }
+        Ok(extent.payload_start()..extent.end())
     }
 
     fn extent_of(&self, address: u64) -> Result<Extent> {
@@ -277,22 +330,31 @@ impl Extents {
             }
             start -= SECTOR;
         };
-        let is_inside = (extent.payload_start()..extent.end()).contains(&address);
-        let is_good = extent.kind == ExtentKind::Records as u8 && is_inside && extent.length <= MAX_WHOLE;
+        let is_kind = extent.kind == ExtentKind::Records as u8
+            || extent.kind == ExtentKind::Packed as u8 && self.packed.is_some();
+        let is_good = is_kind && extent.may_have(address) && extent.length <= MAX_WHOLE;
         if is_good { Ok(extent) } else { Err(outside()) }
     }
 
     /// The extent that starts at an offset of the file, if there is one.
     pub(super) fn extent_at(&self, start: u64) -> Result<Option<Extent>> {
+        Ok(self.head_at(start)?.filter(|extent| extent.length <= self.end - extent.payload_start()))
+    }
+
+    /// Whether an extent starts at an offset of the file that is longer than what there is.
+    pub(super) fn reaches_beyond(&self, start: u64) -> Result<bool> {
+        Ok(self.head_at(start)?.is_some_and(|extent| extent.length > self.end - extent.payload_start()))
+    }
+
+    /// The extent that starts at an offset of the file, if there is one, however long it says that it is.
+    fn head_at(&self, start: u64) -> Result<Option<Extent>> {
         if start < FIRST_EXTENT || self.end.saturating_sub(start) < HEAD_SIZE as u64 {
             return Ok(None);
         }
         let bytes = self.backend.read(start, HEAD_SIZE)?;
         let Ok(raw) = RawHead::ref_from_bytes(&bytes) else { return Ok(None) };
-        let fits = raw.length.get() <= self.end - start - HEAD_SIZE as u64;
         let is_head = raw.magic == EXTENT_MAGIC
             && raw.start.get() == start
-            && fits
             && raw.head_checksum.get() == crc32c::crc32c(&bytes[..HEAD_SIZE - 4]);
         let (length, checksum) = (raw.length.get(), raw.checksum.get());
         Ok(is_head.then_some(Extent { kind: raw.kind, start, length, checksum }))

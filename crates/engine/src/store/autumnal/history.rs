@@ -45,7 +45,7 @@ impl History {
 
     /// Whether equal subtrees are stored once.
     pub fn is_shared(&self) -> bool {
-        self.archive.share
+        self.archive.form.share
     }
 
     /// The commit with a number, found in a number of steps that grows with the logarithm of the number of

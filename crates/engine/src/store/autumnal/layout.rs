@@ -140,6 +140,11 @@ impl PointeredLayout {
         self.form.dimension.cells(levels).div_ceil(8) as usize
     }
 
+    /// Bytes of a bit for each node that a record of some height may have a pointer for; `None` if it has no pointers.
+    pub(super) fn bitmap_bytes(&self, height: u8) -> Option<usize> {
+        self.heights.below(height).map(|below| self.bitmap_size(height - below))
+    }
+
     /// Bytes of a value.
     #[inline]
     pub(super) fn width(&self) -> usize {

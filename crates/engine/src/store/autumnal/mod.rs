@@ -21,6 +21,7 @@ mod levels;
 mod meta;
 mod newest;
 mod node;
+mod packed;
 mod pages;
 mod pieces;
 mod reader;
@@ -35,7 +36,7 @@ mod write;
 mod zone;
 
 pub use commit::{Commit, CommitLayer, Note, Written};
-pub use compact::{Keep, compact};
+pub use compact::{CompactOptions, Keep, compact};
 pub(crate) use distinct::Occurring;
 pub use editor::Editor;
 pub use history::History;

@@ -8,7 +8,7 @@ use super::archive::{Archive, OpenFile};
 use super::commit::{Commit, CommitLayer, Root};
 use super::extents::{ByteAccess, ExtentKind, Extents};
 use super::layout::{BadRecord, Heights, PointeredLayout, RecordParts};
-use super::meta::slots;
+use super::meta::{Slot, slots};
 use super::newest::whole;
 use super::node::AutumnalNode;
 use super::pages::FIRST_EXTENT;
@@ -168,7 +168,7 @@ impl Autumnal {
     ) -> Result<Autumnal> {
         let corrupt = |found: String, expected| archive.extents.corrupt("commit", found, expected);
         let header = header_of(&archive, &commit.layers[number])?;
-        let layout = PointeredLayout::new(header.form, archive.run_levels, header.depth());
+        let layout = PointeredLayout::new(header.form, archive.form.run_levels, header.depth());
         let Root { state, value, address } = &commit.layers[number].root;
         let value = || match value.len() == header.form.width() {
             true => Ok(Value::from_bytes(value)),
@@ -201,12 +201,15 @@ impl Autumnal {
         let Archive { meta, file, .. } = self.archive;
         let is_same = |other_meta, other: FileId| other_meta == meta && (other == file || other.is_unique());
         let (bytes, current) = options.open_with_id(path)?;
-        if whole(&slots(&*bytes)?).first().is_some_and(|newest| is_same(*newest, current)) {
+        let slots = slots(&*bytes)?;
+        // (The newest commit may be behind a slot that is damaged.)
+        let is_whole = !slots.contains(&Slot::Damaged);
+        if is_whole && whole(&slots).first().is_some_and(|newest| is_same(*newest, current)) {
             return Ok(false);
         }
-        let name = &self.layer().name;
         let place = FilePlace { file: path.into(), commit: None, layer: None };
         let mut new = Autumnal::of_opened(&place, options.open_with_id(path)?, options)?;
+        let name = &self.layer().name;
         // (By its name alone: a name may look like the number of another layer.)
         if !name.is_empty() {
             let number = new.commit.layer_named(name).ok_or_else(|| {
@@ -255,7 +258,7 @@ impl Autumnal {
 
     /// Whether equal subtrees are stored once.
     pub fn is_shared(&self) -> bool {
-        self.archive.share
+        self.archive.form.share
     }
 
     /// Makes sure that the file still has the commit, and those before it: that it reaches to the commit's end,

@@ -103,6 +103,11 @@ impl Autumnal {
         let mut next = FIRST_EXTENT;
         while next < extents.end && findings.len() < MAX_FINDINGS {
             progress.check()?;
+            if extents.reaches_beyond(next)? {
+                let problem = "reaches beyond the newest commit's end".into();
+                findings.push(Finding { place: format!("extent at {next}"), problem });
+                return Ok(());
+            }
             // (Behind what an edit wrote that was given up, the next commit starts with a page.)
             let (start, extent) = match extents.extent_at(next)? {
                 Some(extent) => (next, Some(extent)),

@@ -46,7 +46,7 @@ impl NewFile {
             none => {
                 let path = self.output.path().to_path_buf();
                 let backend = backend(&mut self.output)?;
-                none.insert(Editor::create(backend, path, (header, self.depth), options)?)
+                none.insert(Editor::create(backend, path, (header, self.depth), options, false)?)
             }
         };
         let tally = editor.fill(covered, options, None, fill)?;

@@ -129,7 +129,7 @@ fn value(bytes: &mut &[u8], width: usize) -> Result<Value, BadZone> {
     Ok(value)
 }
 
-fn put(bytes: &mut Vec<u8>, mut number: u128) {
+pub(super) fn put(bytes: &mut Vec<u8>, mut number: u128) {
     while number > 127 {
         bytes.push(number as u8 | 128);
         number >>= 7;
@@ -154,7 +154,7 @@ fn get(bytes: &mut &[u8]) -> Result<u128, BadZone> {
     Err(BadZone::Wrong)
 }
 
-fn get_u64(bytes: &mut &[u8]) -> Result<u64, BadZone> {
+pub(super) fn get_u64(bytes: &mut &[u8]) -> Result<u64, BadZone> {
     u64::try_from(get(bytes)?).map_err(|_| BadZone::Wrong)
 }
 

@@ -4,9 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use super::directory::{Entry, SegmentLocation, listed};
-use super::packed::{may_unpack, segment_form};
+use super::packed::segment_form;
 use super::reader::Goblin;
 use super::segment::{COUNT_SIZE, Segment};
+use crate::store::unpacked::may_unpack;
 use spinney_base::io::FileBytes;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
@@ -177,7 +178,7 @@ impl Goblin {
     #[inline(never)]
     fn unpacked(&self, index: usize, code: Code, entry: &SegmentLocation) -> Result<FileBytes<'_>> {
         let plain = self.plain_length(entry.records, entry.classes) as usize;
-        if let Some(held) = self.unpacked.get(index, plain) {
+        if let Some(held) = self.unpacked.get(index as u64, plain) {
             return Ok(FileBytes::Held(held));
         }
         let stored = self.stored_bytes(entry.offset, entry.length as usize)?;
@@ -204,6 +205,6 @@ impl Goblin {
         if bytes.len() as u64 != plain {
             return Err(self.corrupt(part(), format!("{} bytes", bytes.len()), &format!("{plain}")));
         }
-        Ok(FileBytes::Held(self.unpacked.put(index, Arc::new(bytes))))
+        Ok(FileBytes::Held(self.unpacked.put(index as u64, Arc::new(bytes))))
     }
 }

@@ -22,7 +22,6 @@ mod segment_copy;
 mod segment_sink;
 mod sizes;
 mod source;
-mod unpacked;
 mod verify;
 
 pub use directory::Entry;

@@ -7,8 +7,8 @@ use std::sync::atomic::AtomicU64;
 use super::directory::entry_size;
 use super::index::Directory;
 use super::reader::{Goblin, OpenFile};
-use super::unpacked::Unpacked;
 use crate::store::records::{RecordLayout, descend_in};
+use crate::store::unpacked::{PLAIN_BITS, Unpacked};
 use crate::tree::Child;
 use spinney_base::io::{ReadBackend, with_cache};
 use spinney_base::value::Value;
@@ -107,7 +107,7 @@ impl Goblin {
             directory,
             checked,
             checked_bytes: AtomicU64::new(0),
-            unpacked: Unpacked::new(),
+            unpacked: Unpacked::new(PLAIN_BITS),
             file,
         })
     }

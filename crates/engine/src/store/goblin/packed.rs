@@ -4,6 +4,7 @@ use super::directory::NOT_COUNTED;
 use super::segment::COUNT_SIZE;
 use crate::store::builder::SealedSegment;
 use crate::store::records::RecordLayout;
+use crate::store::unpacked::may_unpack;
 use spinney_base::space::Code;
 use spinney_base::value::Tally;
 use spinney_container::Header;
@@ -20,18 +21,6 @@ pub(super) fn segment_form(header: &Header, node: Code) -> Option<SegmentForm> {
 pub(super) fn are_packed_alike(a: &Header, b: &Header) -> bool {
     let of = |header: &Header| (header.form, header.rule, header.kind, header.shape.reach);
     of(a) == of(b)
-}
-
-/// Bytes that a packed segment becomes at most, however many it has.
-const MOST_PLAIN: u64 = 64 << 20;
-/// Bytes that it becomes at most: so many, and for each byte of its own so many more.
-const PLAIN_FREE: u64 = 64 << 10;
-const PLAIN_PER_BYTE: u64 = 4096;
-
-/// Whether a segment of so many packed bytes may become so many plain ones: else a small file could ask for a lot of memory, and
-/// time. What would become more is written plain.
-pub(super) fn may_unpack(packed: u64, plain: u64) -> bool {
-    plain <= MOST_PLAIN && plain <= PLAIN_FREE.saturating_add(packed.saturating_mul(PLAIN_PER_BYTE))
 }
 
 /// Packs the bytes of a node's segment, which has so many places; `None` where they are to stay plain.
@@ -70,24 +59,4 @@ pub(super) fn class_counts(header: &Header, tally: &Tally) -> (u16, Vec<u8>) {
         bytes.extend_from_slice(&cells.to_le_bytes());
     }
     (classes.len() as u16, bytes)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn few_bytes_become_no_more_than_they_may() {
-        for (packed, plain, may) in [
-            (0, 65_536, true),
-            (0, 65_537, false),
-            (1, 69_632, true),
-            (1, 69_633, false),
-            (1 << 40, 64 << 20, true),
-            (1 << 40, (64 << 20) + 1, false),
-            (u64::MAX, u64::MAX, false),
-        ] {
-            assert_eq!(may_unpack(packed, plain), may, "{packed} {plain}");
-        }
-    }
 }

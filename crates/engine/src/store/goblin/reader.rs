@@ -6,8 +6,8 @@ use std::sync::atomic::AtomicU64;
 
 use super::directory::{Entry, show_sums};
 use super::index::Directory;
-use super::unpacked::Unpacked;
 use crate::store::records::{Descend, RecordLayout};
+use crate::store::unpacked::Unpacked;
 use crate::tree::Child;
 use spinney_base::io::{ReadBackend, Stamp};
 use spinney_base::value::Tally;

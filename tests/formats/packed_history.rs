@@ -1,0 +1,163 @@
+//! Autumnal files whose history is packed: every commit stays what it was, and edits go on.
+
+use std::path::Path;
+
+use spinney::dataset;
+use spinney::io::Output;
+use spinney::ops::{Chain, Edit, FillRegion, add_layer, convert, edit};
+use spinney::space::Bounds;
+use spinney::store::autumnal::{Autumnal, CompactOptions, History, Keep, Note, compact};
+use spinney::store::{Effort, OpenOptions, WriteOptions};
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule, SampleType};
+
+use super::autumnal_edits::{random_edit, write};
+use crate::common::{Cells, OCT, QUAD, Random, assert_same, cells_of, goblin_bytes, oct, quad, same_trees};
+
+const MEMORY: u64 = 16 << 20;
+
+fn open(path: &Path) -> Autumnal {
+    Autumnal::open(path, &OpenOptions::new()).unwrap()
+}
+
+fn at(path: &Path, number: usize) -> Autumnal {
+    open(format!("{}@{number}", path.display()).as_ref())
+}
+
+/// Compacts a file, all commits of which stay.
+fn compacted(path: &Path, to: &Path, share: bool, pack: Option<Effort>, memory: u64) -> u64 {
+    let keep = Keep::Last(u64::MAX);
+    let options = CompactOptions::new(&keep, memory).share(share).pack(pack);
+    compact(path, &options, Output::create(to).unwrap(), &()).unwrap();
+    assert_eq!(dataset::open(to, &OpenOptions::new()).unwrap().verify(MEMORY, &()).unwrap(), []);
+    std::fs::metadata(to).unwrap().len()
+}
+
+/// Random edits, then all commits in files with their history packed.
+fn history_stays(form: Form, size: [u64; 3], (rule, kind): (Rule, Kind), share: bool, seed: u64) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name);
+    let path = file("t.autumn");
+    let mut random = Random(seed);
+    let mut cells = Cells::random(form, seed, size, 4, true);
+    write(&path, &cells, (rule, kind), share);
+    let mut before = vec![cells.clone()];
+    for _ in 0..5 {
+        let edits = [Ok(random_edit(&mut random, folder.path(), &mut cells))];
+        if edit(&path, edits, Note::default(), MEMORY, &()).unwrap().is_some() {
+            before.push(cells.clone());
+        }
+    }
+    let effort = if seed.is_multiple_of(2) { Effort::Fast } else { Effort::Small };
+    let plain = compacted(&path, &file("plain.autumn"), share, None, MEMORY);
+    let packed = compacted(&path, &file("packed.autumn"), share, Some(effort), MEMORY);
+    assert!(packed <= plain + 4096, "{form:?} {packed} {plain}");
+    // The same bytes with little memory.
+    compacted(&path, &file("again.autumn"), share, Some(effort), 1 << 20);
+    assert!(std::fs::read(file("packed.autumn")).unwrap() == std::fs::read(file("again.autumn")).unwrap());
+    let check = |path: &Path, before: &[Cells]| {
+        for (i, cells) in before.iter().enumerate() {
+            let tree = at(path, i + 1);
+            same_trees(&tree, &cells.tree(rule));
+            assert_same(&cells_of(&tree, size), cells, "a commit");
+        }
+    };
+    check(&file("packed.autumn"), &before);
+    // Commits are told as they were.
+    let notes = |path: &Path| -> Vec<_> {
+        let history = History::open(path, &OpenOptions::new()).unwrap();
+        history
+            .commits()
+            .map(|commit| commit.unwrap())
+            .map(|commit| (commit.number, commit.note, commit.cells))
+            .collect()
+    };
+    assert_eq!(notes(&path), notes(&file("packed.autumn")));
+    // Edits go on.
+    for _ in 0..3 {
+        let edits = [Ok(random_edit(&mut random, folder.path(), &mut cells))];
+        if edit(&file("packed.autumn"), edits, Note::default(), MEMORY, &()).unwrap().is_some() {
+            before.push(cells.clone());
+        }
+    }
+    check(&file("packed.autumn"), &before);
+    // What was history already is packed again, and what became so.
+    compacted(&file("packed.autumn"), &file("twice.autumn"), share, Some(effort), MEMORY);
+    check(&file("twice.autumn"), &before);
+    // Without packing it is what it would have been all the time.
+    let published = [file("twice.autumn"), file("packed.autumn")].map(|from| {
+        let to = from.with_extension("goblin");
+        convert(&from, false, Output::create(&to).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
+        std::fs::read(to).unwrap()
+    });
+    let expected = goblin_bytes(&cells, rule, kind);
+    assert!(published.iter().all(|bytes| *bytes == expected));
+}
+
+#[test]
+fn history_of_quadtrees() {
+    let classes = (Rule::Majority, Kind::Categorical);
+    history_stays(QUAD, [300, 170, 1], classes, false, 2);
+    history_stays(QUAD, [90, 140, 1], classes, true, 3);
+    history_stays(quad(SampleType::I16, 1), [200, 201, 1], (Rule::Mean, Kind::Continuous), false, 4);
+    history_stays(quad(SampleType::F32, 2), [60, 70, 1], (Rule::Mean, Kind::Continuous), true, 5);
+    history_stays(quad(SampleType::U8, 3), [130, 60, 1], (Rule::Max, Kind::Continuous), false, 6);
+}
+
+#[test]
+fn history_of_octrees() {
+    history_stays(OCT, [40, 36, 33], (Rule::Occupancy, Kind::Continuous), false, 7);
+    history_stays(oct(SampleType::U16, 1), [33, 20, 40], (Rule::Majority, Kind::Categorical), true, 8);
+    history_stays(oct(SampleType::F64, 1), [20, 20, 20], (Rule::Mean, Kind::Continuous), false, 9);
+}
+
+/// Much of a history that is packed takes few bytes, though each commit changes a large part.
+#[test]
+fn history_becomes_smaller() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name);
+    let path = file("t.autumn");
+    let size = [700, 600, 1];
+    let cells = Cells::random(QUAD, 11, size, 4, false);
+    write(&path, &cells, (Rule::Majority, Kind::Categorical), false);
+    for number in 0..6u64 {
+        let (from, value) = (100 * number, 1.0 + number as f64);
+        let region = FillRegion::Box(Bounds { min: [from, 0, 0], max: [from + 37, 600, 1] });
+        edit(&path, [Ok(Edit::Fill(region, Some(vec![value.into()])))], Note::default(), MEMORY, &())
+            .unwrap();
+    }
+    let plain = compacted(&path, &file("plain.autumn"), false, None, MEMORY);
+    let newest = {
+        let options = CompactOptions::new(&Keep::Last(1), MEMORY);
+        compact(&path, &options, Output::create(&file("newest.autumn")).unwrap(), &()).unwrap();
+        std::fs::metadata(file("newest.autumn")).unwrap().len()
+    };
+    let packed = compacted(&path, &file("packed.autumn"), false, Some(Effort::Fast), MEMORY);
+    assert!(packed - newest < (plain - newest) / 2, "{packed} {plain}, the newest alone {newest}");
+}
+
+/// Layers of several types, some of which come and go.
+#[test]
+fn history_of_layers() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name);
+    let path = file("t.autumn");
+    let size = [100, 90, 1];
+    let classes = Cells::random(QUAD, 1, size, 4, true);
+    write(&path, &classes, (Rule::Majority, Kind::Categorical), false);
+    let heights = Cells::random(quad(SampleType::I16, 1), 2, size, 5, true);
+    std::fs::write(file("h.goblin"), goblin_bytes(&heights, Rule::Mean, Kind::Continuous)).unwrap();
+    let chain = Chain::of(&file("h.goblin"));
+    add_layer(&path, "heights", &chain, Note::default(), WriteOptions::new(MEMORY), &()).unwrap();
+    let region = FillRegion::Box(Bounds { min: [3, 5, 0], max: [60, 40, 1] });
+    edit(&path, [Ok(Edit::Fill(region, Some(vec![9.0.into()])))], Note::default(), MEMORY, &()).unwrap();
+    compacted(&path, &file("packed.autumn"), false, Some(Effort::Fast), MEMORY);
+    for number in 1..=3 {
+        let [one, other] = [&path, &file("packed.autumn")].map(|path| at(path, number));
+        for layer in 0..one.commit().layers().len() {
+            let [one, other] = [&one, &other].map(|tree| tree.open_layer(layer).unwrap());
+            assert_eq!(one.metadata().name, other.metadata().name);
+            assert_same(&cells_of(&other, size), &cells_of(&one, size), "a layer");
+        }
+    }
+}
