@@ -6,6 +6,9 @@ use spinney_container::{CUT, INNER, LEAF};
 
 use crate::nodes::{FIRST_VALUE, Nodes, ROOT};
 
+/// Probabilities of differences: of small ones, and of the upper bits of others.
+pub(crate) type FullnessContexts = [AdaptiveSymbols; 2];
+
 /// Codes how full INNER nodes are, from the bottom up: exactly what is below them makes it where all of that is known, else about that.
 /// `truth` has what is to be written, `values` the values of LEAF nodes by their symbols.
 pub(crate) fn code_fullness<K: BitCoder>(
@@ -14,6 +17,7 @@ pub(crate) fn code_fullness<K: BitCoder>(
     (axes, height): (usize, u8),
     truth: &Nodes,
     values: &[u8],
+    contexts: &mut FullnessContexts,
 ) {
     // (What is below a node has higher numbers than it.)
     let mut heights = vec![height; nodes.len() as usize];
@@ -27,7 +31,6 @@ pub(crate) fn code_fullness<K: BitCoder>(
         |symbol: u32| values.get(symbol.wrapping_sub(FIRST_VALUE) as usize).copied().unwrap_or_default();
     // Sums of all cells below, and whether they are known.
     let mut sums = vec![(0u128, true); nodes.len() as usize];
-    let mut contexts = [AdaptiveSymbols::default(); 2];
     for node in (ROOT + 1..nodes.len()).rev() {
         let at = node as usize;
         let cells = 1u128 << (axes * usize::from(heights[at]));
@@ -42,7 +45,7 @@ pub(crate) fn code_fullness<K: BitCoder>(
                     .fold((0, true), |(sum, known), below| (sum + below.0, known && below.1));
                 let expected = ((2 * sum + cells) / (2 * cells)) as u8;
                 let error = if K::READS { 0 } else { truth.fullness(node).wrapping_sub(expected) };
-                let error = if is_known { 0 } else { code_error(coder, &mut contexts, error) };
+                let error = if is_known { 0 } else { code_error(coder, contexts, error) };
                 nodes.set_fullness(node, expected.wrapping_add(error));
                 (sum, is_known)
             }
@@ -52,7 +55,7 @@ pub(crate) fn code_fullness<K: BitCoder>(
 }
 
 /// Codes a difference of two bytes, which is mostly small: differences from -7 to 7 have a symbol each.
-fn code_error<K: BitCoder>(coder: &mut K, contexts: &mut [AdaptiveSymbols; 2], error: u8) -> u8 {
+fn code_error<K: BitCoder>(coder: &mut K, contexts: &mut FullnessContexts, error: u8) -> u8 {
     let near = error.wrapping_add(8);
     match coder.symbol(&mut contexts[0], usize::from(if (1..16).contains(&near) { near } else { 0 })) {
         0 => {

@@ -6,7 +6,7 @@ use spinney_container::{INNER, RecordLayout, VOID};
 
 use crate::bits::BitCoder;
 use crate::blocks::{BlockContexts, NumberBlock, code_block};
-use crate::fullness::code_fullness;
+use crate::fullness::{FullnessContexts, code_fullness};
 use crate::nodes::{
     BEYOND, FIRST_VALUE, MIXED, NOTHING, NewValues, NodeContexts, NodeForm, Nodes, ROOT, code_nodes,
 };
@@ -179,6 +179,7 @@ pub(crate) struct ModelCoder {
     layout: RecordLayout,
     contexts: NodeContexts,
     blocks: BlockContexts,
+    fullness: FullnessContexts,
     values: Values,
     /// The bytes of values by their symbols, less [`FIRST_VALUE`].
     known: Vec<[u8; 16]>,
@@ -206,6 +207,7 @@ impl ModelCoder {
             layout: RecordLayout::new(form),
             contexts: NodeContexts::new(form.children()),
             blocks: BlockContexts::new(form),
+            fullness: FullnessContexts::default(),
             values,
             known: Vec::new(),
         };
@@ -273,7 +275,7 @@ impl ModelCoder {
         self.learn();
         if self.model == Model::Solid {
             let leaves: Vec<u8> = self.known.iter().map(|value| value[0]).collect();
-            code_fullness(coder, &mut nodes, (axes, room.height), truth, &leaves);
+            code_fullness(coder, &mut nodes, (axes, room.height), truth, &leaves, &mut self.fullness);
         }
         if self.model == Model::Numbers {
             self.code_blocks(coder, room.length, &nodes, blocks)?;
