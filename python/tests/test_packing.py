@@ -63,6 +63,24 @@ def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_history_is_packed(tmp_path: Path) -> None:
+    path, plain, packed = (tmp_path / f"{name}.autumn" for name in ("t", "plain", "packed"))
+    spinney.build(np.kron(patches(), np.ones((4, 4), np.uint8)), path)
+    for number in range(4):
+        with spinney.edit(path, message=f"{number}") as tree:
+            tree[10 * number : 200, 7 : 90 + number] = number
+    spinney.compact(path, plain, keep=9)
+    commits = spinney.compact(path, packed, keep=9, pack=True, effort="small")
+    assert [commit.number for commit in commits] == [1, 2, 3, 4, 5]
+    assert packed.stat().st_size < plain.stat().st_size
+    for commit in commits:
+        with spinney.open(f"{path}@{commit.number}") as a, spinney.open(f"{packed}@{commit.number}") as b:
+            assert np.array_equal(a[...], b[...]) and a.stats() == b.stats()
+    assert spinney.verify(packed) == []
+    with pytest.raises(ValueError, match="pack"):
+        spinney.compact(path, tmp_path / "u.autumn", effort="small")
+
+
 def test_little_is_kept(tmp_path: Path) -> None:
     out = tmp_path / "t.goblin"
     spinney.build(patches(), out, codec="packed")

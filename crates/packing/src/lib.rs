@@ -1,4 +1,4 @@
-//! Segments of trees in few bytes, and back: the packed codec (section 7 of formats.md).
+//! Segments of trees in few bytes, and back: the packed codec (sections 37 to 41 of formats.md).
 //!
 //! A segment's nodes are coded level by level, each in the context of the nodes around it, and dense blocks of numbers plane by plane, foretold by
 //! the level above. What is unpacked is the plain segment, byte for byte. Knows what stands in a segment, and nothing of files.

@@ -278,7 +278,8 @@ impl Autumnal {
     /// Name and bytes of each part of the file, in order.
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
         let end = self.archive.extents.end;
-        vec![("header", FIRST_EXTENT), ("commits", end - FIRST_EXTENT), ("unused", self.file_size() - end)]
+        let commits = if self.archive.form.is_packed { "commits, packed history" } else { "commits" };
+        vec![("header", FIRST_EXTENT), (commits, end - FIRST_EXTENT), ("unused", self.file_size() - end)]
     }
 
     #[inline]
