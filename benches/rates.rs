@@ -1,20 +1,22 @@
 //! Rates of questions to tree files, on one thread: windows of 256 x 256 cells, single cells, statistics.
 //!
-//! `cargo bench --bench rates -- [--only windows|unaligned|cells|statistics|points] [--windows LIST] FILE...`
+//! `cargo bench --bench rates -- [--only windows|unaligned|cells|statistics|points] [--windows LIST] [--cold] FILE...`
 //!
 //! Of octrees only points are measured: random cells of all of their space, one by one and very many at once; of Autumnal
 //! files only windows.
 //!
-//! Files are warm. LIST has a window a line, `UP COLUMN ROW`: levels above the finest, and the first cell; without it,
+//! Files are warm; with `--cold` no segment of a packed file is unpacked when a window or a single cell is asked for. LIST has a window a line, `UP COLUMN ROW`: levels above the finest, and the first cell; without it,
 //! aligned windows at random levels are read.
 
 mod measuring;
 
 use std::hint::black_box;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 use measuring::{Outcome, Random, median, quantile, seconds};
+use spinney::io::RangeCache;
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::autumnal::Autumnal;
 use spinney::store::goblin::Goblin;
@@ -26,12 +28,15 @@ const WINDOWS: usize = 4000;
 const PASSES: usize = 5;
 const CELLS: usize = 1_000_000;
 const POINTS: usize = 8_000_000;
+/// Windows, and single cells, that are asked for where nothing is unpacked.
+const COLD: usize = 400;
 const BOXES: usize = 300;
 const BOX_SIDE: u64 = 4096;
 
 fn main() -> Outcome<()> {
     let mut listed = None;
     let mut only = None;
+    let mut is_cold = false;
     let mut files = Vec::new();
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
@@ -40,6 +45,7 @@ fn main() -> Outcome<()> {
             "--windows" => {
                 listed = Some(read_list(&arguments.next().ok_or("--windows: a file is missing")?)?)
             }
+            "--cold" => is_cold = true,
             "--only" => only = Some(arguments.next().ok_or("--only: a question is missing")?),
             _ => files.push(argument),
         }
@@ -56,7 +62,7 @@ fn main() -> Outcome<()> {
                 tree.window(level, bounds, Value::ZERO, bytes, None).map(|()| 0)
             };
             measure_windows(
-                &Drawn { header: tree.header(), draw: &draw },
+                &Drawn { header: tree.header(), draw: &draw, is_cold },
                 listed.as_deref(),
                 only.as_deref(),
             )?;
@@ -64,7 +70,7 @@ fn main() -> Outcome<()> {
         }
         let tree = Goblin::open(path, &OpenOptions::new())?;
         match tree.header().form.dimension {
-            Dimension::Quad => measure(&tree, listed.as_deref(), only.as_deref())?,
+            Dimension::Quad => measure(&tree, listed.as_deref(), only.as_deref(), is_cold)?,
             Dimension::Oct => points(&tree)?,
         }
     }
@@ -78,6 +84,17 @@ type Draw<'a> = dyn Fn(u8, &Bounds, &mut [u8]) -> spinney::Result<usize> + 'a;
 struct Drawn<'a> {
     header: &'a Header,
     draw: &'a Draw<'a>,
+    is_cold: bool,
+}
+
+/// Forgets all that was unpacked of packed files.
+fn forget_unpacked() {
+    let cache = RangeCache::unpacked();
+    let limit = cache.limit();
+    // (What was put last is held in any case.)
+    cache.set_limit(0);
+    cache.put(u64::MAX, 0, Arc::new(vec![0]));
+    cache.set_limit(limit);
 }
 
 fn measure_windows(tree: &Drawn<'_>, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()> {
@@ -95,13 +112,13 @@ fn measure_windows(tree: &Drawn<'_>, listed: Option<&[[u64; 3]]>, only: Option<&
     Ok(())
 }
 
-fn measure(tree: &Goblin, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()> {
+fn measure(tree: &Goblin, listed: Option<&[[u64; 3]]>, only: Option<&str>, is_cold: bool) -> Outcome<()> {
     let asked = |question: &str| only.is_none_or(|only| only == question);
     let draw =
         |level, bounds: &Bounds, bytes: &mut [u8]| tree.window(level, bounds, Value::ZERO, bytes, None);
-    measure_windows(&Drawn { header: tree.header(), draw: &draw }, listed, only)?;
+    measure_windows(&Drawn { header: tree.header(), draw: &draw, is_cold }, listed, only)?;
     if asked("cells") {
-        cells(tree)?;
+        cells(tree, is_cold)?;
     }
     if asked("points") {
         points(tree)?;
@@ -161,6 +178,7 @@ struct Level {
 
 fn windows(tree: &Drawn<'_>, name: &str, places: &[(u8, Bounds)]) -> Outcome<()> {
     let depth = tree.header.depth();
+    let places = &places[..if tree.is_cold { COLD.min(places.len()) } else { places.len() }];
     let first = places.iter().map(|(level, _)| *level).min().unwrap_or(depth);
     let mut bytes = vec![0; (SIDE * SIDE) as usize * tree.header.form.width()];
     let mut rates = Vec::new();
@@ -170,6 +188,9 @@ fn windows(tree: &Drawn<'_>, name: &str, places: &[(u8, Bounds)]) -> Outcome<()>
     for pass in 0..=PASSES {
         let took = seconds(|| {
             for ((level, bounds), times) in places.iter().zip(&mut times) {
+                if tree.is_cold {
+                    forget_unpacked();
+                }
                 let start = Instant::now();
                 let segments = (tree.draw)(*level, bounds, &mut bytes)?;
                 black_box(&bytes);
@@ -215,23 +236,27 @@ fn windows(tree: &Drawn<'_>, name: &str, places: &[(u8, Bounds)]) -> Outcome<()>
     Ok(())
 }
 
-fn cells(tree: &Goblin) -> Outcome<()> {
+fn cells(tree: &Goblin, is_cold: bool) -> Outcome<()> {
     let (dimension, depth) = (tree.header().form.dimension, tree.header().depth());
     let [width, height] = extent(tree.header(), depth);
     let mut random = Random(2);
+    let count = if is_cold { COLD } else { CELLS };
     let places: Vec<[u32; 3]> =
-        (0..CELLS).map(|_| [random.below(width) as u32, random.below(height) as u32, 0]).collect();
+        (0..count).map(|_| [random.below(width) as u32, random.below(height) as u32, 0]).collect();
     let mut nanos = Vec::new();
     for pass in 0..=PASSES {
         let took = seconds(|| {
             for cell in &places {
+                if is_cold {
+                    forget_unpacked();
+                }
                 let code = Code::from_cell(dimension, depth, *cell).ok_or("inside")?;
                 black_box(tree.value_at(code)?);
             }
             Ok(())
         })?;
         if pass > 0 {
-            nanos.push(took * 1e9 / CELLS as f64);
+            nanos.push(took * 1e9 / count as f64);
         }
     }
     println!("  single cells: {:.0} ns each", median(&mut nanos));

@@ -10,7 +10,7 @@ use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, add_layer, edit};
 use spinney::space::{Bounds, Crs, Dimension, Frame};
-use spinney::store::autumnal::Note;
+use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
 use spinney::store::{BuildOptions, Effort, Metadata, Packing, WriteOptions, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
@@ -149,6 +149,17 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         build_tree(&tree, size, &options, Output::create(&path)?, &())?;
         files.push((name, fs::read(&path).unwrap()));
     }
+    // The last two with their history packed, which is all but one value.
+    for (name, from) in [("packed_octree", files.len() - 2), ("packed_classes", files.len() - 1)] {
+        fs::write(&path, &files[from].1).unwrap();
+        let region = FillRegion::Box(Bounds { min: [0; 3], max: [64; 3] });
+        edit(&path, [Ok(Edit::Fill(region, Some(vec![9.0.into()])))], Note::default(), 1 << 20, &())?;
+        let to = folder.join("packed.autumn");
+        let options = CompactOptions::new(&Keep::Last(2), 1 << 20).pack(Some(Effort::Small));
+        compact(&path, &options, Output::create(&to)?, &())?;
+        files.push((name, fs::read(&to).unwrap()));
+        fs::remove_file(to).unwrap();
+    }
     for (name, file) in files {
         let packed = seal::packed(&file);
         assert!(packed.len() < 4000, "{name}: {} bytes", packed.len());
@@ -174,7 +185,14 @@ fn layers(put: Put<'_>, folder: &Path) -> Result<()> {
             let path = folder.join(format!("layers.{extension}"));
             build(&path, first, size, continuous, false)?;
             for layer in ["b", "c"] {
-                add_layer(&path, layer, &Chain::of(&other), Note::default(), WriteOptions::new(1 << 20), &())?;
+                add_layer(
+                    &path,
+                    layer,
+                    &Chain::of(&other),
+                    Note::default(),
+                    WriteOptions::new(1 << 20),
+                    &(),
+                )?;
             }
             let file = fs::read(&path).unwrap();
             match extension {
