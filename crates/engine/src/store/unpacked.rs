@@ -27,8 +27,8 @@ pub(super) fn may_unpack(packed: u64, plain: u64) -> bool {
     plain <= MOST_PLAIN && plain <= PLAIN_FREE.saturating_add(packed.saturating_mul(PLAIN_PER_BYTE))
 }
 
-/// Ways past the cache that a thread knows.
-const WAYS: usize = 16;
+/// Ways past the cache that a thread knows: 8 KiB of its memory.
+const WAYS: usize = 256;
 
 /// A piece that a thread has used lately: whoever goes through one node by node need not ask the cache, which all threads share, for
 /// each of them. It does not keep the bytes: what the cache has let go of and nobody uses is gone.
