@@ -230,7 +230,7 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         };
         let mut writer = create(Output::create(&path)?, format_of(&path).unwrap(), &spec)?;
         writer.write_rows(&samples[..(width * height) as usize * value.size()], None)?;
-        writer.finish(&())?;
+        writer.finish()?;
         put(target, name, &fs::read(&path).unwrap());
     }
     use tiff_file::{Ifd, Values};
