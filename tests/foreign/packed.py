@@ -73,43 +73,87 @@ class Nodes:
     dense: dict[int, tuple[int, int]] = field(default_factory=dict)
 
 
-class Unpacking:
-    """A segment that is being unpacked."""
+class Packing:
+    """What is unpacked of one coder: contexts, values and their table."""
 
-    def __init__(self, form: Form, height: int, data: bytes, size: int) -> None:
-        self.form, self.height, self.size, self.coder = form, height, size, Coder(data)
-        self.ways, self.nodes, self.numbers = WAYS[form.axes], Nodes(), Numbers(form)
+    def __init__(self, form: Form, data: bytes) -> None:
+        self.form, self.coder = form, Coder(data)
+        self.ways, self.numbers = WAYS[form.axes], Numbers(form)
         self.amounts, self.solid = self.coder.model == NUMBERS, self.coder.model == SOLID
         check(not self.solid or form.channels == 1 and form.type == np.uint8, "a solid of other values")
-        self.table = self._table()
+        self.table: list[tuple[int, ...]] = []
         # Values of symbols, and symbols of values that have come. (VOID has zeros.)
-        self.values: list[tuple[int, ...]] = [(0,) * form.channels, *([] if self.amounts else self.table)]
+        self.values: list[tuple[int, ...]] = [(0,) * form.channels]
         self.known: dict[tuple[int, ...], int] = {}
-        # How full INNER and CUT nodes of a solid are.
-        self.fullness: dict[int, int] = {}
-        self.room = size
-        self._nodes()
-        if self.solid:
-            self._fill()
-        # (The segment's own node has no value, as VOID has none.)
-        self.samples = self.numbers.samples(np.array(self.values, np.int64)[np.maximum(self.nodes.symbols, 0)])
-        for node, value in self.fullness.items():
-            self.samples[node] = value
-        blocks = {node: self._dense(node, mark, deep) for node, (mark, deep) in self.nodes.dense.items()}
-        self.parts: list[bytes] = []
-        self._records(1, blocks)
-        self.parts.append(self._counts())
-        self.coder.finish()
 
     # Section 37.
 
-    def _table(self) -> list[tuple[int, ...]]:
-        count, found, last = self.coder.number(), [], [0] * self.form.channels
-        check(count * self.form.width <= self.size, "more values than bytes")
+    def read_table(self, size: int) -> None:
+        """The table of values, for which so many bytes have room."""
+        count, last = self.coder.number(), [0] * self.form.channels
+        check(count * self.form.width <= size, "more values than bytes")
         for _ in range(count):
             last = [wrap(v + self.coder.signed(), self.numbers.bits) for v in last]
-            found.append(tuple(last))
-        return found
+            self.table.append(tuple(last))
+        self.values += [] if self.amounts else self.table
+
+    # Section 38.
+
+    def new(self, tried: list[int], inner: bool) -> int:
+        """The symbol of a value that no candidate has."""
+        if self.amounts:
+            return self._new_number(tried, inner)
+        symbol = self.coder.tree("new", len(self.table).bit_length())
+        check(symbol <= len(self.table), "a value is not in the table")
+        check(symbol or not inner, "an INNER node has no value")
+        return symbol
+
+    def _new_number(self, tried: list[int], inner: bool) -> int:
+        if not inner and self.coder.bit("void"):
+            return VOID
+        found, moved = [0] * self.form.channels, 0
+        rows = [self.values[s] for s in tried if s]
+        for channel in self.numbers.order:
+            numbers = [row[channel] for row in rows]
+            mean = sum(numbers) // len(numbers) if numbers else 0
+            size = max(numbers) - min(numbers) if numbers else 0
+            told = moved if channel in self.numbers.told else 0
+            error = self.coder.error(("new", channel), context_of(size))
+            found[channel] = wrap(mean + told + error, self.numbers.bits)
+            if channel == 1:
+                moved = found[1] - mean
+        symbol = self.known.setdefault(tuple(found), len(self.values))
+        if symbol == len(self.values):
+            self.values.append(tuple(found))
+        return symbol
+
+    def samples(self, symbols: list[int]) -> Values:
+        """The samples of values. (What has no value has zeros, as VOID.)"""
+        return self.numbers.samples(np.array([self.values[max(s, 0)] for s in symbols], np.int64).reshape(-1, self.form.channels))
+
+
+class Below:
+    """All below one node that is being unpacked.
+
+    `height` is the levels from it down to the cells, `reach` those down to where nodes are CUT, `size` the bytes that there is room for,
+    `own` the node's symbol."""
+
+    def __init__(self, packing: Packing, height: int, reach: int, size: int, own: int = NONE) -> None:
+        self.packing, self.form, self.coder, self.ways = packing, packing.form, packing.coder, packing.ways
+        self.height, self.reach, self.size, self.room = height, reach, size, size
+        self.nodes = Nodes(symbols=[NONE, own])
+        # How full INNER and CUT nodes of a solid are.
+        self.fullness: dict[int, int] = {}
+        self._nodes()
+        if packing.solid:
+            self._fill()
+        self.samples = packing.samples(self.nodes.symbols)
+        for node, value in self.fullness.items():
+            self.samples[node] = value
+        blocks = {node: self._dense(node, mark, deep) for node, (mark, deep) in self.nodes.dense.items()}
+        parts: list[bytes] = []
+        self._records(1, blocks, parts)
+        self.records = b"".join(parts)
 
     # Section 38.
 
@@ -124,7 +168,7 @@ class Unpacking:
                 deep = inside.pop(node, 0)
                 if not deep:
                     deep = self._block(node, self.height - level)
-                    if deep and self.amounts:
+                    if deep and self.packing.amounts:
                         continue
                 first = nodes.kids[node] = len(nodes.symbols)
                 check((first - 2 + self.form.children) * self.form.width <= self.size, "more nodes than bytes")
@@ -163,13 +207,12 @@ class Unpacking:
         states, symbols = [nodes.states[n] for n in near], [nodes.symbols[n] for n in near]
         state, symbol = LEAF, NONE
         if low and coder.bit(("inner", low, child, self.ways.pattern([s >= INNER for s in states]))):
-            state = CUT if level == self.form.reach and coder.bit(("cut", child)) else INNER
-        if state == LEAF or not self.solid:
+            state = CUT if level == self.reach and coder.bit(("cut", child)) else INNER
+        if state == LEAF or not self.packing.solid:
             symbol = self._value(nodes.symbols[parent], symbols, state >= INNER, low == 0, child)
         if symbol == VOID:
-            check(state == LEAF, "an INNER node has no value")
             state = VOID
-        if state == CUT and self.solid:
+        if state == CUT and self.packing.solid:
             faces = list(zip(states, symbols))[: self.ways.faces]
             leaves, voids = sum(s == LEAF and v > 0 for s, v in faces), sum(s == VOID for s, _ in faces)
             high = coder.symbol(("high", leaves, voids))
@@ -191,31 +234,7 @@ class Unpacking:
             tried.append(symbol)
             if len(tried) == 4:
                 break
-        if self.amounts:
-            return self._new(tried, inner)
-        symbol = self.coder.tree("new", len(self.table).bit_length())
-        check(symbol <= len(self.table), "a value is not in the table")
-        return symbol
-
-    def _new(self, tried: list[int], inner: bool) -> int:
-        """A value of numbers that no candidate has."""
-        if not inner and self.coder.bit("void"):
-            return VOID
-        found, moved = [0] * self.form.channels, 0
-        rows = [self.values[s] for s in tried if s]
-        for channel in self.numbers.order:
-            numbers = [row[channel] for row in rows]
-            mean = sum(numbers) // len(numbers) if numbers else 0
-            size = max(numbers) - min(numbers) if numbers else 0
-            told = moved if channel in self.numbers.told else 0
-            error = self.coder.error(("new", channel), context_of(size))
-            found[channel] = wrap(mean + told + error, self.numbers.bits)
-            if channel == 1:
-                moved = found[1] - mean
-        symbol = self.known.setdefault(tuple(found), len(self.values))
-        if symbol == len(self.values):
-            self.values.append(tuple(found))
-        return symbol
+        return self.packing.new(tried, inner)
 
     def _fill(self) -> None:
         """How full INNER nodes of a solid are."""
@@ -225,7 +244,7 @@ class Unpacking:
         for node in range(len(nodes.symbols) - 1, 1, -1):
             cells, state = children ** (self.height - nodes.levels[node]), nodes.states[node]
             if state == LEAF:
-                sums[node] = cells * self.values[nodes.symbols[node]][0]
+                sums[node] = cells * self.packing.values[nodes.symbols[node]][0]
             elif state == CUT:
                 sums[node], cut[node] = cells * self.fullness[node], True
             elif state == INNER:
@@ -244,24 +263,25 @@ class Unpacking:
         axes, all_states, last = self.form.axes, sum(s << 2 * i for i, s in enumerate(states)), skip | mark << self.form.skips
         return values.tobytes() + all_states.to_bytes(1 if axes == 2 else 4, "little") + last.to_bytes(axes + 1, "little")
 
-    def _records(self, node: int, blocks: dict[int, bytes]) -> int:
+    def _records(self, node: int, blocks: dict[int, bytes], parts: list[bytes]) -> int:
         """Appends the records of a node and all below it, and tells how many places they have."""
         if node in blocks:
-            self.parts.append(blocks[node])
+            parts.append(blocks[node])
             return len(blocks[node]) // self.form.record
-        at, skip, first = len(self.parts), 1, self.nodes.kids[node]
-        self.parts.append(b"")
+        at, skip, first = len(parts), 1, self.nodes.kids[node]
+        parts.append(b"")
         states = self.nodes.states[first : first + self.form.children]
         for child, state in enumerate(states, first):
             if state == INNER:
-                skip += self._records(child, blocks)
-        self.parts[at] = self._record(states, self.samples[first : first + self.form.children], skip, 0)
+                skip += self._records(child, blocks, parts)
+        parts[at] = self._record(states, self.samples[first : first + self.form.children], skip, 0)
         return skip
 
     def _dense(self, node: int, mark: int, deep: int) -> bytes:
         """A dense block. All of it is decoded here, or its nodes have been like all others."""
-        if self.amounts:
-            block = Block(self.form, self.coder, self.values[max(self.nodes.symbols[node], 0)], mark, deep)
+        if self.packing.amounts:
+            # (The segment's own node has no value, as VOID has none.)
+            block = Block(self.form, self.coder, self.packing.values[max(self.nodes.symbols[node], 0)], mark, deep)
             states, values, bits = block.states, block.values, block.bits
         else:
             states, values, bits = self._rows(node, mark, deep)
@@ -288,25 +308,29 @@ class Unpacking:
         first = self.nodes.kids[root]
         return self.nodes.states[first : first + children], values, states[at] == bit
 
-    def _counts(self) -> bytes:
+    def counts(self) -> bytes:
         """Class counts."""
+        table = self.packing.table
         if self.coder.raw(1):
-            cells = [self.coder.number() for _ in self.table]
+            cells = [self.coder.number() for _ in table]
         else:
             nodes = self.nodes
-            check(not self.amounts and CUT not in nodes.states, "cells that nodes do not tell")
-            cells = [0] * len(self.table)
+            check(not self.packing.amounts and CUT not in nodes.states, "cells that nodes do not tell")
+            cells = [0] * len(table)
             for symbol, state, level in zip(nodes.symbols[2:], nodes.states[2:], nodes.levels[2:]):
                 if state == LEAF:
                     cells[symbol - 1] += self.form.children ** (self.height - level)
-        values = self.numbers.samples(np.array(self.table, np.int64).reshape(-1, self.form.channels))
+        values = self.packing.numbers.samples(np.array(table, np.int64).reshape(-1, self.form.channels))
         return b"".join(value.tobytes() + n.to_bytes(8, "little") for value, n in zip(values, cells) if n)
 
 
 def unpack(form: Form, height: int, data: bytes, size: int) -> bytes:
     """The bytes of the plain segment, so many, of those of a packed one. `height` is the levels from its node down to the cells."""
     check(len(data) < size <= min(1 << 26, 65536 + 4096 * len(data)), "bytes of a packed segment")
-    unpacking = Unpacking(form, height, data, size)
-    plain = b"".join(unpacking.parts)
-    check(len(plain) == size and crc32c(plain) == unpacking.coder.checksum, "checksum of what is unpacked")
+    packing = Packing(form, data)
+    packing.read_table(size)
+    below = Below(packing, height, form.reach, size)
+    plain = below.records + below.counts()
+    packing.coder.finish()
+    check(len(plain) == size and crc32c(plain) == packing.coder.checksum, "checksum of what is unpacked")
     return plain
