@@ -1,4 +1,4 @@
-"""A reader of Autumnal files, written from sections 18 to 26 of formats.md; the rest is as in reader.py."""
+"""A reader of Autumnal files, written from sections 18 to 26 and 41 of formats.md; the rest is as in reader.py."""
 
 from __future__ import annotations
 
@@ -7,13 +7,31 @@ from typing import Any
 
 import numpy as np
 from basics import Bytes, Code, Header, Unknown, check, check_names, crc32c, metadata
+from coder import turned
+from packed import unpack_runs
 from rules import Pyramid, same
 from trees import INNER, VOID, Form, Run, Statistics, Tree
 from verify import Writer, verify_tree
 
 MAGIC = b"\x93Autumn\n"
-RECORDS, COMMIT, METADATA = range(3)
+RECORDS, COMMIT, METADATA, PACKED = range(4)
 FIRST = 12288
+
+
+def heights(form: Form, levels: int) -> list[int]:
+    """Heights of nodes with records, whose runs have so many levels, ascending."""
+    return [*range(levels, form.depth, 2), form.depth]
+
+
+def pointed(form: Form, levels: int, height: int) -> int:
+    """How many levels further down the pointers of a record of a node lead; 0 if it has none."""
+    check(height in heights(form, levels), "a node of this height has no record")
+    return height - max(h for h in heights(form, levels) if h < height) if height > levels else 0
+
+
+def zoned(form: Form, levels: int, height: int) -> bool:
+    """Whether the record of a node has a zone."""
+    return height > levels and (height >= (7 if form.axes == 2 else 5) or height == form.depth)
 
 
 @dataclass
@@ -55,11 +73,6 @@ class LayerOfCommit(Tree):
         check(kind == METADATA, "an extent of another kind")
         return metadata(data)
 
-    def heights(self) -> list[int]:
-        """Heights of nodes with records, ascending."""
-        depth = self.form.depth
-        return [*range(self.file.levels, depth, 2), depth]
-
     def record(self, at: int, node: Code) -> Record:
         if (at, node) not in self.cache:
             self.cache[at, node] = record = self._record(at, node)
@@ -67,12 +80,11 @@ class LayerOfCommit(Tree):
         return self.cache[at, node]
 
     def _record(self, at: int, node: Code) -> Record:
-        f, height = self.form, self.form.depth - node.level
-        check(height in self.heights(), "a node of this height has no record")
-        b = Bytes(*self.file.around(at))
-        value, below, pointers = b.take(f.width), 0, {}
-        if height > self.file.levels:
-            below = height - max(h for h in self.heights() if h < height)
+        f, levels, height = self.form, self.file.levels, self.form.depth - node.level
+        below, pointers = pointed(f, levels, height), {}
+        b, alone = self.file.around(at, f, height)
+        value = b.take(f.width)
+        if below:
             size, count = b.get("B"), f.children**below
             check(1 <= size <= 8, "bytes of a pointer")
             bits = int.from_bytes(b.take(-(-count // 8)), "little")
@@ -85,10 +97,10 @@ class LayerOfCommit(Tree):
         end = b.at + f.record
         check(end <= len(b.data), "a record ends too early")
         skip = int.from_bytes(b.data[end - f.axes - 1 : end], "little") & (1 << f.skips) - 1
-        levels = min(height, self.file.levels)
-        check(1 <= skip <= (f.children**levels - 1) // (f.children - 1), "places of a run")
+        check(1 <= skip <= (f.children ** min(height, levels) - 1) // (f.children - 1), "places of a run")
         run = Run(f, b.take(skip * f.record), node)
-        zone = self._zone(b) if pointers and (height >= (7 if f.axes == 2 else 5) or node.level == 0) else None
+        zone = self._zone(b) if zoned(f, levels, height) else None
+        check(not alone or b.at == len(b.data), "a record ends too late")
         return Record(at, node, value, run, below, pointers, zone)
 
     def _zone(self, b: Bytes) -> tuple[int, Statistics, list[tuple[bytes, int]] | None]:
@@ -176,6 +188,59 @@ class LayerOfCommit(Tree):
         return pyramid
 
 
+class Packed:
+    """A packed extent (section 41): its records become those of section 21. Their addresses count them."""
+
+    def __init__(self, file: "Autumn", start: int, data: bytes) -> None:
+        self.first, self.levels = start + 32, file.levels
+        b = Bytes(data)
+        size, count, codec = b.get("IHBx")
+        check(size <= 1 << 20 and 1 <= count <= 480, "numbers of a packed extent")
+        if codec > 1:
+            raise Unknown("the codec of a packed extent")
+        self.form = form = Form(b.take(48), file.header)
+        # (Plain ones do not tell heights.)
+        self.heights: list[int | None] = [None] * count
+        if codec:
+            check(size <= 65536 + 4096 * (len(data) - 56), "bytes of records")
+            runs, beside = unpack_runs(form, file.levels, count, data[56:], 2 * size)
+            around = Bytes(beside)
+            self.heights = [height for height, _, _ in runs]
+            self.records = [value + b"".join(self._beside(i, height, around, run)) for i, (height, value, run) in enumerate(runs)]
+            check(around.at == len(beside), "something is left beside runs")
+            check(sum(map(len, self.records)) == size, "bytes of records")
+        else:
+            starts = [*(b.get("I") for _ in range(count)), len(data) - 56]
+            check(starts[0] == 4 * count and len(data) == 56 + 4 * count + size, "bytes of records")
+            check(all(a < e for a, e in zip(starts, starts[1:])), "where records start")
+            self.records = [data[56 + a : 56 + e] for a, e in zip(starts, starts[1:])]
+
+    def _beside(self, number: int, height: int, b: Bytes, run: bytes) -> list[bytes]:
+        """What stands behind the representative of a record."""
+        f, below, at = self.form, pointed(self.form, self.levels, height), self.first + number
+        found = []
+        if below:
+            bits = b.take(-(-(f.children**below) // 8))
+            back, expected = [], at
+            for _ in range(int.from_bytes(bits, "little").bit_count()):
+                to = expected + turned(b.leb(10))
+                check(FIRST <= to < at, "a pointer that leads nowhere")
+                back.append(at - to)
+                expected = to + 1
+            size = max(1, -(-max(back, default=0).bit_length() // 8))
+            found += [bytes([size]), bits, *(n.to_bytes(size, "little") for n in back)]
+        found.append(run)
+        if zoned(f, self.levels, height):
+            found.append(b.take(b.leb(5)))
+        return found
+
+    def record(self, number: int, form: Form, height: int) -> bytes:
+        """The bytes of the record of a node."""
+        check(number in range(len(self.records)), "a record outside any extent")
+        check(form.raw == self.form.raw and self.heights[number] in (None, height), "a record of another node")
+        return self.records[number]
+
+
 @dataclass
 class Commit:
     """A state of all layers."""
@@ -204,11 +269,12 @@ class Autumn:
             raise Unknown("an exact model")
         check(self.header.layers == 0, "layers in the header")
         check(crc32c(data[64:68]) == int.from_bytes(data[68:72], "little"), "checksum of the header page")
-        self.shared, self.levels = data[64] == 1, data[65]
-        check(data[64] < 2 and self.levels in (range(2, 6) if self.header.axes == 2 else (2, 3)), "levels of a run")
+        self.shared, self.levels, self.packs = data[64] == 1, data[65], data[66] == 1
+        check(data[64] < 2 and data[66] < 2 and self.levels in (range(2, 6) if self.header.axes == 2 else (2, 3)), "numbers of the header page")
         slots = [s for s in (self._slot(i) for i in range(2)) if s]
         check(slots, "no slot is whole")
         self.cache: dict[int, tuple[int, bytes]] = {}
+        self.unpacked: dict[int, Packed] = {}
         self.sequence, self.newest, self.end = max(slots)
         check(self.end <= len(data), "the file ends before its newest commit")
         beside = data[4096 * (1 + self.sequence % 2) :][:40]
@@ -241,7 +307,7 @@ class Autumn:
                     self.newest, self.sequence, self.end = at, commit.sequence, end
                     return
                 break
-            if head[0] == RECORDS:
+            if head[0] in (RECORDS, PACKED):
                 self.extent(at)
             at = end
         self.newest, self.sequence, self.end = known
@@ -266,15 +332,20 @@ class Autumn:
             self.cache[at] = kind, data
         return self.cache[at]
 
-    def around(self, at: int) -> tuple[bytes, int]:
-        """The bytes of the extent that a record lies in, and where it starts among them."""
+    def around(self, at: int, form: Form, height: int) -> tuple[Bytes, bool]:
+        """The bytes that begin with the record of a node, and whether they are this record alone."""
         start = at // 512 * 512
         while start >= FIRST and not self.head(start):
             start -= 512
         check(start >= FIRST, "a record outside any extent")
         kind, data = self.extent(start)
+        if kind == PACKED:
+            if start not in self.unpacked:
+                check(self.packs, "packed records, where there are none")
+                self.unpacked[start] = Packed(self, start, data)
+            return Bytes(self.unpacked[start].record(at - start - 32, form, height)), True
         check(kind == RECORDS and 0 <= at - start - 32 < len(data), "a record outside any extent")
-        return data, at - start - 32
+        return Bytes(data, at - start - 32), False
 
     def _commit(self, at: int) -> Commit:
         kind, data = self.extent(at)

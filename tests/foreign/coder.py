@@ -1,4 +1,4 @@
-"""The coder of packed segments (section 37 of formats.md), and errors (section 39)."""
+"""The coder of packed segments and extents (section 37 of formats.md), and errors (section 39)."""
 
 from __future__ import annotations
 

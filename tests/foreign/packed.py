@@ -1,9 +1,10 @@
-"""Packed segments (sections 37 to 39 of formats.md): they become the bytes of plain ones."""
+"""Packed segments and extents (sections 37 to 39 and 41 of formats.md): they become the bytes of plain ones."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from basics import check, crc32c
@@ -74,7 +75,7 @@ class Nodes:
 
 
 class Packing:
-    """What is unpacked of one coder: contexts, values and their table."""
+    """What is unpacked of one coder, a segment or the runs of an extent: contexts, values and their table go on from run to run."""
 
     def __init__(self, form: Form, data: bytes) -> None:
         self.form, self.coder = form, Coder(data)
@@ -133,7 +134,7 @@ class Packing:
 
 
 class Below:
-    """All below one node that is being unpacked.
+    """All below one node that is being unpacked: the segment's own one, or that of a record.
 
     `height` is the levels from it down to the cells, `reach` those down to where nodes are CUT, `size` the bytes that there is room for,
     `own` the node's symbol."""
@@ -334,3 +335,48 @@ def unpack(form: Form, height: int, data: bytes, size: int) -> bytes:
     packing.coder.finish()
     check(len(plain) == size and crc32c(plain) == packing.coder.checksum, "checksum of what is unpacked")
     return plain
+
+
+# Section 41.
+
+
+class Unpacked(NamedTuple):
+    """What is packed of a record of an extent: its height, its representative and its run."""
+
+    height: int
+    value: bytes
+    run: bytes
+
+
+def unpack_runs(form: Form, reach: int, count: int, data: bytes, most: int) -> tuple[list[Unpacked], bytes]:
+    """So many records of an extent, and the bytes beside their runs. Runs and these bytes are at most so many."""
+    packing = Packing(form, data)
+    coder, found, last = packing.coder, [], NONE
+    room = coder.number()
+    check(room <= most, "records are larger than their extent")
+    size = coder.number()
+    check(size <= room, "bytes beside runs are larger than records")
+    beside = bytearray()
+    for _ in range(size):
+        high = coder.symbol("beside high")
+        beside.append(high << 4 | coder.symbol(("beside low", high)))
+    if not packing.amounts:
+        packing.read_table(room)
+    room -= size
+    for _ in range(count):
+        height = coder.tree("height", 5)
+        check(1 <= height <= form.depth, "a record of no such height")
+        if packing.solid:
+            value = bytes([coder.raw(8)])
+        else:
+            last = packing.new([] if last == NONE else [last], True)
+            value = packing.samples([last]).tobytes()
+        below = Below(packing, height, reach, room, last)
+        room -= len(below.records)
+        check(room >= 0, "runs are larger than their extent")
+        found.append(Unpacked(height, value, below.records))
+    coder.finish()
+    check(room == 0, "runs are smaller than their extent says")
+    checked = b"".join(bytes([height]) + value + run for height, value, run in found)
+    check(crc32c(checked + beside) == coder.checksum, "checksum of what is unpacked")
+    return found, bytes(beside)

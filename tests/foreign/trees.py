@@ -27,6 +27,8 @@ class Form:
         )
         if sample >= len(SAMPLES) or rule >= len(RULES) or kind > 1 or self.codec > 1:
             raise Unknown("a number of the tree's header is not known")
+        # (All but what readers ignore.)
+        self.raw = raw[:13] + raw[16:]
         self.axes = axes = file.axes
         self.type = np.dtype(SAMPLES[sample])
         self.rule, self.extent = RULES[rule], tuple(extent)
