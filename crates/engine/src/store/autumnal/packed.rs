@@ -57,24 +57,24 @@ impl PackedExtents {
         if number >= head.records {
             return Err("the number of a record");
         }
-        let place = &held[number * PLACE..][..PLACE];
-        let at = u32::from_le_bytes(place.try_into().expect("four bytes")) as usize;
-        let end = held.len();
+        let (at, end) = (place(&held[number * PLACE..]), held.len());
         Ok(held.part(at.min(end)..end))
     }
 
     /// The records of an extent, behind the places where they start.
     fn unpack(&self, start: u64, head: PackedHead, payload: &[u8]) -> Result<Vec<u8>, &'static str> {
         let packed = &payload[START..];
-        if !head.is_packed {
-            let places = packed[..head.records * PLACE].chunks_exact(PLACE);
-            let is_place = |place: &[u8]| place.try_into().map(u32::from_le_bytes).unwrap_or(0);
-            let is_good = places.map(is_place).all(|place| (place as usize) < packed.len());
-            return if is_good { Ok(packed.to_vec()) } else { Err("a record beyond the end") };
-        }
         let header: &[u8; HEADER] = payload[8..START].first_chunk().expect("as long as it is");
         let header = Header::from_bytes("".as_ref(), "", header, (self.header.dimension, self.header.depth));
         let header = header.map_err(|_| "the header of a tree")?;
+        if !head.is_packed {
+            let places = packed[..head.records * PLACE].chunks_exact(PLACE);
+            let places: Vec<usize> = places.map(place).collect();
+            let is_good = places[0] == head.records * PLACE
+                && places.windows(2).all(|pair| pair[0] < pair[1])
+                && places.last().is_some_and(|last| *last < packed.len());
+            return if is_good { Ok(packed.to_vec()) } else { Err("places that records cannot have") };
+        }
         let layout = PointeredLayout::new(header.form, self.run_levels, header.depth());
         let form = run_form(&header, self.run_levels);
         // (What is beside runs takes no more than twice what it becomes.)
@@ -98,6 +98,11 @@ impl PackedExtents {
         }
         Ok(records.to_bytes())
     }
+}
+
+/// The place of a record, which is a number at the beginning of some bytes.
+fn place(bytes: &[u8]) -> usize {
+    bytes.first_chunk().map_or(0, |four| u32::from_le_bytes(*four) as usize)
 }
 
 /// The meaning of runs of a tree.
