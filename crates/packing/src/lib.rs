@@ -2,11 +2,14 @@
 //!
 //! A segment's nodes are coded level by level, each in the context of the nodes around it, and dense blocks of numbers plane by plane, foretold by
 //! the level above. What is unpacked is the plain segment, byte for byte. Knows what stands in a segment, and nothing of files.
+//!
+//! [`Columns`] codes numbers of which somebody else knows what they mean, such as those of exact models.
 
 mod adaptive;
 mod around;
 mod bits;
 mod blocks;
+mod columns;
 mod counts;
 mod errors;
 mod fullness;
@@ -16,6 +19,7 @@ mod model;
 mod nodes;
 mod plain;
 mod planes;
+mod room;
 mod runs;
 mod samples;
 mod segment;
@@ -23,5 +27,7 @@ mod segment;
 mod tests;
 mod values;
 
+pub use columns::Columns;
+pub use room::{PLAIN_BITS, PLAIN_PER_BYTE, may_unpack};
 pub use runs::{Run, RunForm, UnpackedRuns, pack_runs, unpack_runs};
 pub use segment::{Damage, Effort, SegmentForm, pack, unpack};

@@ -87,11 +87,11 @@ impl RangeCache {
         let mut state = self.state();
         let State { time, ranges, by_time, .. } = &mut *state;
         let (place, cached) = ranges.range_mut((file, 0)..=(file, range.start)).next_back()?;
-        let start = (range.start - place.1) as usize;
-        let end = start + (range.end - range.start) as usize;
-        if end > cached.bytes.len() {
+        let [start, end] = [range.start, range.end].map(|at| at - place.1);
+        if end > cached.bytes.len() as u64 {
             return None;
         }
+        let (start, end) = (start as usize, end as usize);
         by_time.remove(&cached.last_use);
         by_time.insert(*time, *place);
         cached.last_use = *time;

@@ -17,6 +17,7 @@ pub mod rounds;
 mod sorter;
 pub mod spill;
 mod spool;
+mod unpacked;
 mod write;
 
 pub use cache::{HeldBytes, RangeCache, with_cache};
@@ -36,5 +37,6 @@ pub use read::{Mapped, Positioned, ReadBackend, Stamp, open_input, prefer_positi
 pub use regular::{ClosedFolder, open_regular};
 pub use sorter::Sorter;
 pub use spool::{Spool, SpooledWords, WordSpooler};
+pub use unpacked::Unpacked;
 pub use write::FileBackend;
 pub use write::WriteBackend;

@@ -5,7 +5,6 @@ pub mod builder;
 pub mod goblin;
 pub mod records;
 mod tree_writer;
-mod unpacked;
 mod write;
 
 pub use builder::{BuildOptions, Packing, Slab, Slabs, WriteOptions, depth_for};

@@ -11,12 +11,12 @@ use std::mem;
 
 use super::node::AutumnalNode;
 use super::reader::Autumnal;
-use crate::store::unpacked::PLAIN_PER_BYTE;
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Result;
 use spinney_base::io::Sorter;
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;
+use spinney_packing::PLAIN_PER_BYTE;
 
 /// Bytes for the nodes of all levels that wait; what needs more goes to temporary files.
 const MEMORY: u64 = 64 << 20;

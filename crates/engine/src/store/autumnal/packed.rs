@@ -10,11 +10,10 @@ use super::extents::{FULL_EXTENT, HEAD_SIZE};
 use super::layout::{PointeredLayout, Pointers};
 use super::pages::SECTOR;
 use super::zone::{get_u64, put};
-use crate::store::unpacked::{Unpacked, may_unpack};
-use spinney_base::io::HeldBytes;
+use spinney_base::io::{HeldBytes, Unpacked};
 use spinney_base::value::Value;
 use spinney_container::{FileHeader, Header};
-use spinney_packing::{Damage, Effort, Run, RunForm, UnpackedRuns, pack_runs, unpack_runs};
+use spinney_packing::{Damage, Effort, Run, RunForm, UnpackedRuns, may_unpack, pack_runs, unpack_runs};
 
 /// Bits of the bytes of a packed extent's records, when they are unpacked.
 const PLAIN_BITS: u32 = 21;
@@ -49,7 +48,7 @@ impl PackedExtents {
     pub(super) fn record(&self, start: u64, address: u64, payload: &[u8]) -> Result<HeldBytes, &'static str> {
         let head = PackedHead::read(payload).ok_or("the head of packed records")?;
         let index = start / SECTOR;
-        let held = match self.unpacked.get(index, head.all()) {
+        let held = match self.unpacked.get(index).filter(|held| held.len() == head.all()) {
             Some(held) => held,
             None => self.unpacked.put(index, Arc::new(self.unpack(start, head, payload)?)),
         };

@@ -7,12 +7,11 @@ use super::directory::{Entry, SegmentLocation, listed};
 use super::packed::segment_form;
 use super::reader::Goblin;
 use super::segment::{COUNT_SIZE, Segment};
-use crate::store::unpacked::may_unpack;
 use spinney_base::io::FileBytes;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::Codec;
-use spinney_packing::{Damage, unpack};
+use spinney_packing::{Damage, may_unpack, unpack};
 
 impl Goblin {
     /// One segment.
@@ -178,7 +177,7 @@ impl Goblin {
     #[inline(never)]
     fn unpacked(&self, index: usize, code: Code, entry: &SegmentLocation) -> Result<FileBytes<'_>> {
         let plain = self.plain_length(entry.records, entry.classes) as usize;
-        if let Some(held) = self.unpacked.get(index as u64, plain) {
+        if let Some(held) = self.unpacked.get(index as u64).filter(|held| held.len() == plain) {
             return Ok(FileBytes::Held(held));
         }
         let stored = self.stored_bytes(entry.offset, entry.length as usize)?;

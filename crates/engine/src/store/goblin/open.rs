@@ -8,14 +8,14 @@ use super::directory::entry_size;
 use super::index::Directory;
 use super::reader::{Goblin, OpenFile};
 use crate::store::records::{RecordLayout, descend_in};
-use crate::store::unpacked::{PLAIN_BITS, Unpacked};
 use crate::tree::Child;
-use spinney_base::io::{ReadBackend, with_cache};
+use spinney_base::io::{ReadBackend, Unpacked, with_cache};
 use spinney_base::value::Value;
 use spinney_base::{Error, Result};
 use spinney_container::{
     FIRST_BYTES, FileHeader, LEAF, Layer, LayerTable, Metadata, OpenOptions, TAIL, Trailer, TreeFormat, VOID,
 };
+use spinney_packing::PLAIN_BITS;
 
 impl Goblin {
     /// Opens a file.

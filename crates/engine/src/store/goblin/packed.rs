@@ -4,11 +4,10 @@ use super::directory::NOT_COUNTED;
 use super::segment::COUNT_SIZE;
 use crate::store::builder::SealedSegment;
 use crate::store::records::RecordLayout;
-use crate::store::unpacked::may_unpack;
 use spinney_base::space::Code;
 use spinney_base::value::Tally;
 use spinney_container::Header;
-use spinney_packing::{Effort, SegmentForm, pack};
+use spinney_packing::{Effort, SegmentForm, may_unpack, pack};
 
 /// The meaning of the bytes of a node's segment in a tree that has it; `None` if that has no such level.
 pub(super) fn segment_form(header: &Header, node: Code) -> Option<SegmentForm> {
