@@ -7,7 +7,7 @@ use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, edit};
 use spinney::space::{Bounds, Cell, Crs, Dimension, Frame, GeoKeys};
 use spinney::store::autumnal::Note;
-use spinney::store::{BuildOptions, Metadata, TreeWriter, build_tree, depth_for};
+use spinney::store::{BuildOptions, Codec, Metadata, TreeWriter, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Palette, Rule, SampleType, Value, ValueType};
 use spinney::{Error, Result};
@@ -241,7 +241,7 @@ pub(crate) const PAINT: [[u8; 3]; 2] = [[200, 190, 170], [90, 130, 110]];
 
 /// Builds the frozen exact model: a nave with a passage through it and a crypt that nobody can enter, and a hollow dome beside
 /// it, in centimetres.
-pub(crate) fn make_model(path: &Path) -> Result<()> {
+pub(crate) fn make_model(path: &Path, codec: Codec) -> Result<()> {
     let grid = Grid { bits: 12, origin: [265_000_000, 125_000_000, -100], step: 1.0, divisor: 100.0 };
     // Rings in x and z along y; what is passed clockwise is a hole.
     let gable = vec![[100, 100], [1100, 100], [1100, 900], [600, 1400], [100, 900]];
@@ -256,7 +256,7 @@ pub(crate) fn make_model(path: &Path) -> Result<()> {
     inside.iter_mut().flatten().for_each(|ring| ring.reverse());
     faces.extend(inside);
     let output = Output::create(path)?;
-    let mut builder = ModelBuilder::new(output, grid, 16 << 20)?.leaf_size(0);
+    let mut builder = ModelBuilder::new(output, grid, 16 << 20)?.codec(codec).leaf_size(0);
     for (number, rings) in (0..).zip(&faces) {
         let points = rings.concat();
         let mut end = 0;
@@ -332,6 +332,9 @@ fn dome([x, y, z]: [i32; 3], heights: [[i32; 2]; 4], height: i32) -> Faces {
     faces
 }
 
+/// Codecs of the frozen exact models, and what names of such files end with before `.goblin`.
+pub(crate) const CODECS: [(Codec, &str); 2] = [(Codec::Plain, ""), (Codec::Packed, "_packed")];
+
 /// Name of the frozen model with corners beside the grid, without `.goblin`.
 pub(crate) const CROSSING: &str = "crossing";
 
@@ -348,7 +351,7 @@ pub(crate) const ABOUT_FILE: &str = r#"{"metadata":{"title":"A tower"}}"#;
 
 /// Builds the frozen model with corners beside the grid: a box and a spire through it, as one body, from which a slanted mast is taken
 /// away.
-pub(crate) fn make_crossing(path: &Path) -> Result<()> {
+pub(crate) fn make_crossing(path: &Path, codec: Codec) -> Result<()> {
     let spire = [[4, 20, 9], [58, 12, 14], [23, 57, 11], [29, 24, 61]];
     let mast = [[60, 33, 37], [31, 2, 40], [28, 60, 45], [40, 25, 3]];
     let square = vec![[10, 10], [45, 10], [45, 41], [10, 41]];
@@ -357,9 +360,9 @@ pub(crate) fn make_crossing(path: &Path) -> Result<()> {
     let tower = model(path, &tower, (first, about), Some(ABOUT_FILE))?;
     let spire = model(path, &spire, (second, more), None)?;
     let mast = model(path, &mast, (third, None), None)?;
-    combine(7, &[&tower, &spire], Output::create(path)?, 16 << 20, &())?;
+    combine(7, &[&tower, &spire], Output::create(path)?, Codec::Plain, 16 << 20, &())?;
     let both = in_memory(path)?;
-    combine(2, &[&both, &mast], Output::create(path)?, 16 << 20, &()).map(drop)
+    combine(2, &[&both, &mast], Output::create(path)?, codec, 16 << 20, &()).map(drop)
 }
 
 /// The model in a file, which is to be written anew.

@@ -26,8 +26,11 @@ fn main() -> Result<()> {
         for name in frozen::FILES {
             frozen::make(name, &island, &folder.join("v1").join(format!("{name}.goblin")))?;
         }
-        frozen::make_model(&folder.join("v1").join(format!("{}.goblin", frozen::MODEL)))?;
-        frozen::make_crossing(&folder.join("v1").join(format!("{}.goblin", frozen::CROSSING)))?;
+        for (codec, end) in frozen::CODECS {
+            let path = |name: &str| folder.join("v1").join(format!("{name}{end}.goblin"));
+            frozen::make_model(&path(frozen::MODEL), codec)?;
+            frozen::make_crossing(&path(frozen::CROSSING), codec)?;
+        }
         let history = folder.join("v1/history.autumn");
         // (Files with a history are not replaced.)
         let _ = std::fs::remove_file(&history);

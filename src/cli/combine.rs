@@ -190,8 +190,8 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
             ("--within or --margin", universe.is_some()),
         ];
         exact::refuse(&files[0], &given)?;
-        exact::refuse(&files[0], &packing.given())?;
-        return exact::combine(operation, &files, limit.create_tree(&path)?, memory.bytes, global);
+        let codec = packing.of_model(&files[0])?;
+        return exact::combine(operation, &files, limit.create_tree(&path)?, codec, memory.bytes, global);
     }
     let how = packing.with(memory)?;
     let work = Work::start(global, "cells")?;

@@ -84,7 +84,14 @@ pub fn try_combined(operation: u8, bodies: &[&Body]) -> Result<(Body, CombineRep
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("c.goblin");
     let models: Vec<&ExactModel> = bodies.iter().map(|body| &body.model).collect();
-    let result = combine(operation, &models, Output::create(&path).unwrap(), MEMORY, &());
+    let result = combine(
+        operation,
+        &models,
+        Output::create(&path).unwrap(),
+        spinney::store::Codec::Plain,
+        MEMORY,
+        &(),
+    );
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), usize::from(result.is_ok()));
     result.map(|report| (Body::of_bytes(std::fs::read(&path).unwrap()), report))
 }

@@ -96,7 +96,14 @@ fn ask(file: Vec<u8>, other: &ExactModel, target: &Path, what: &str) {
     if let Ok(model) = opened {
         let is_good = model.verify(64 << 20, &()).unwrap().is_empty();
         for (operation, models) in [(7, [&model, other]), (2, [other, &model])] {
-            let result = combine(operation, &models, Output::create(target).unwrap(), 16 << 20, &());
+            let result = combine(
+                operation,
+                &models,
+                Output::create(target).unwrap(),
+                spinney::store::Codec::Plain,
+                16 << 20,
+                &(),
+            );
             // (What is no surface may have no result.)
             if result.is_ok() && is_good {
                 ExactModel::from_bytes(std::fs::read(target).unwrap()).unwrap();

@@ -68,12 +68,15 @@ fn all_fields(file: &[u8]) -> Vec<Field> {
     let trailer = seal::trailer(file).unwrap();
     all.extend(fields("the trailer", trailer, &[&HEADER_FIELDS[..], &[4, 8, 4]].concat()));
     all.extend(fields("the end", file.len() - END, &[4, 4, 8]));
-    for section in 0..seal::short(file, trailer + seal::SECTIONS) as usize {
-        let at = trailer + TRAILER + section * SECTION;
+    let sections = (0..seal::short(file, trailer + seal::SECTIONS) as usize)
+        .map(|section| trailer + TRAILER + section * SECTION);
+    let model = sections.clone().find(|at| file[*at..].starts_with(b"BREP")).unwrap();
+    let is_packed = file[seal::long(file, model + 8) as usize + 2] == 1;
+    for at in sections {
         all.extend(fields("a section", at, &[4, 4, 8, 8]));
         let (start, length) = (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize);
         match &file[at..at + 4] {
-            b"BREP" => all.extend(fields("the model", start, &[&[1, 7][..], &[8; 16]].concat())),
+            b"BREP" => all.extend(fields("the model", start, &[&[1, 1, 1, 5][..], &[8; 16]].concat())),
             b"META" => all.extend(fields("the metadata", start, &vec![1; length])),
             b"FORM" => all.extend(fields("the formula", start, &vec![1; length])),
             _ => {
@@ -81,6 +84,13 @@ fn all_fields(file: &[u8]) -> Vec<Field> {
                     all.extend(fields("an entry", entry, &[8, 8, 4, 4]));
                     let (from, bytes) =
                         (seal::long(file, entry + 8) as usize, seal::short(file, entry + 16) as usize);
+                    if is_packed {
+                        // The first byte, and of packed pieces checksum, length, states and some words.
+                        let most = (bytes - 1) / 4;
+                        let sizes = [&[1, 4, 4][..], &[8, 8], &[4; 8]].concat();
+                        all.extend(fields("a packed piece", from, &sizes[..sizes.len().min(1 + most / 2)]));
+                        continue;
+                    }
                     if [b"OBJE", b"FVAL"].contains(&file[at..at + 4].try_into().unwrap()) {
                         let sizes = [vec![4; 2], vec![1; bytes - 8]].concat();
                         all.extend(fields("a piece of a table", from, &sizes));
@@ -129,6 +139,13 @@ fn fields_of_small_models() {
 fn fields_of_models_with_holes_and_parts() {
     if is_alone("attack_model::fields_of_models_with_holes_and_parts") {
         attack(&house(4));
+    }
+}
+
+#[test]
+fn fields_of_packed_models() {
+    if is_alone("attack_model::fields_of_packed_models") {
+        attack(include_bytes!("../../fixtures/v1/crossing_packed.goblin"));
     }
 }
 

@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use spinney::Result;
 use spinney::brep::query::{Location, MassProperties};
 use spinney::brep::topology::Topology;
 use spinney::brep::{ExactModel, FaceBuffer, Faces};
 use spinney::space::Code;
 use spinney::store::autumnal::{Autumnal, History};
 use spinney::store::goblin::Goblin;
-use spinney::store::{Header, OpenOptions};
+use spinney::store::{Codec, Header, OpenOptions};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{DoubleDouble, Kind, Rule, SampleType, Sums, Value, ValueType};
 
@@ -261,17 +262,28 @@ fn segments() {
     assert_eq!((zone.cells, zone.min, zone.max), (300_000, byte(0), byte(120)));
 }
 
+/// A frozen exact model, plain and packed, found to be what is made now; mapped, and read at positions.
+fn models(name: &str, make: fn(&Path, Codec) -> Result<()>) -> Vec<ExactModel> {
+    let mut models = Vec::new();
+    for (codec, end) in frozen::CODECS {
+        let path = fixture(&format!("{name}{end}"));
+        let folder = tempfile::tempdir().unwrap();
+        let made = folder.path().join("model.goblin");
+        make(&made, codec).unwrap();
+        assert!(std::fs::read(&made).unwrap() == std::fs::read(&path).unwrap(), "{name}{end} differs");
+        for options in [OpenOptions::new().positioned(64 << 20), OpenOptions::new()] {
+            let model = ExactModel::open(&path, &options).unwrap();
+            assert_eq!(model.codec(), codec);
+            models.push(model);
+        }
+    }
+    models
+}
+
 /// The exact model: a nave with a passage and a crypt, and a hollow dome.
 #[test]
 fn chapel() {
-    let path = fixture(frozen::MODEL);
-    let folder = tempfile::tempdir().unwrap();
-    let made = folder.path().join("chapel.goblin");
-    frozen::make_model(&made).unwrap();
-    assert!(std::fs::read(&made).unwrap() == std::fs::read(&path).unwrap(), "{} differs", frozen::MODEL);
-    let positioned = ExactModel::open(&path, &OpenOptions::new().positioned(64 << 20)).unwrap();
-    let mapped = ExactModel::open(&path, &OpenOptions::new()).unwrap();
-    for model in [positioned, mapped] {
+    for model in models(frozen::MODEL, frozen::make_model) {
         assert_eq!(model.verify(16 << 20, &()).unwrap(), []);
         assert_eq!(
             (model.parts(), model.metadata().tags["unit"].as_str()),
@@ -314,14 +326,7 @@ fn chapel() {
 /// The model with corners beside the grid, and all that is said of its parts.
 #[test]
 fn crossing() {
-    let path = fixture(frozen::CROSSING);
-    let folder = tempfile::tempdir().unwrap();
-    let made = folder.path().join("crossing.goblin");
-    frozen::make_crossing(&made).unwrap();
-    assert!(std::fs::read(&made).unwrap() == std::fs::read(&path).unwrap(), "{} differs", frozen::CROSSING);
-    let positioned = ExactModel::open(&path, &OpenOptions::new().positioned(64 << 20)).unwrap();
-    let mapped = ExactModel::open(&path, &OpenOptions::new()).unwrap();
-    for model in [positioned, mapped] {
+    for model in models(frozen::CROSSING, frozen::make_crossing) {
         assert_eq!(model.verify(16 << 20, &()).unwrap(), []);
         let (exact, stand_ins) = model.exact_faces();
         assert!(exact > 8 && stand_ins >= exact, "{exact} {stand_ins}");

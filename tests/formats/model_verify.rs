@@ -178,7 +178,14 @@ fn what_is_good_gives_what_is_good() {
         let is_good = model.verify(MEMORY, &()).unwrap().is_empty();
         good += usize::from(is_good);
         for (operation, models) in [(7, [&model, &other]), (1, [&model, &other]), (2, [&other, &model])] {
-            match combine(operation, &models, Output::create(&target).unwrap(), 16 << 20, &()) {
+            match combine(
+                operation,
+                &models,
+                Output::create(&target).unwrap(),
+                spinney::store::Codec::Plain,
+                16 << 20,
+                &(),
+            ) {
                 Ok(_) => {
                     made += 1;
                     let result = ExactModel::from_bytes(std::fs::read(&target).unwrap()).unwrap();

@@ -342,7 +342,9 @@ fn values_of_faces_come_back() {
         }
         assert_eq!(model.face_value(3, 0).unwrap(), None);
         let output = Output::create(&at("b.goblin")).unwrap();
-        let report = spinney::brep::combine(12, &[&model], output, 64 << 20, &()).unwrap();
+        let report =
+            spinney::brep::combine(12, &[&model], output, spinney::store::Codec::Plain, 64 << 20, &())
+                .unwrap();
         assert_eq!(report.lost_columns, 3);
     }
     let models = open_all(&[at("a.goblin")], 64 << 20).unwrap();

@@ -127,6 +127,40 @@ fn history_is_packed() {
     complaint(&["compact", &history, "-o", &place.name("other.autumn"), "--effort", "small"], 2);
 }
 
+/// Exact models are packed when they are built and combined, take fewer bytes, and say the same.
+#[test]
+fn exact_models_are_packed() {
+    const CHAPEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/chapel.goblin");
+    const CROSSING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/crossing.goblin");
+    let place = Place::new();
+    let [plain, packed, small] =
+        ["plain.goblin", "packed.goblin", "small.goblin"].map(|name| place.name(name));
+    let size = |file: &str| std::fs::metadata(file).unwrap().len();
+    for operation in ["build", "and"] {
+        let make = |file: &str, options: &[&str]| match operation {
+            "build" => spinney(&[&["build", CHAPEL, "--brep", "-o", file], options].concat()).success(),
+            _ => spinney(&[&["combine", operation, CROSSING, CROSSING, "-o", file], options].concat())
+                .success(),
+        };
+        make(&plain, &[]);
+        make(&packed, &["--codec", "packed"]);
+        make(&small, &["--codec", "packed", "--effort", "small"]);
+        assert!(std::fs::read(&packed).unwrap() == std::fs::read(&small).unwrap());
+        assert!(3 * size(&packed) < 2 * size(&plain), "{} of {}", size(&packed), size(&plain));
+        assert_eq!((codecs(&plain), codecs(&packed)), (vec!["plain".into()], vec!["packed".into()]));
+        assert!(stdout(&["info", &packed]).contains("codec       packed\n"));
+        spinney(&["verify", &packed]).success();
+        let [expected, found] =
+            [&plain, &packed].map(|file| stdout(&["export", file, "-o", "-", "--format", "off"]));
+        assert!(expected == found && expected.len() > 100);
+    }
+    let text = complaint(
+        &["combine", "or", CROSSING, CROSSING, "-o", &small, "--codec", "packed", "--max-error", "1"],
+        1,
+    );
+    assert!(text.contains("--max-error means nothing"), "{text}");
+}
+
 #[test]
 fn packing_is_refused_where_there_are_no_segments() {
     let place = Place::new();
@@ -143,7 +177,8 @@ fn packing_is_refused_where_there_are_no_segments() {
     let model = place.name("cube.off");
     std::fs::write(&model, "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
         .unwrap();
-    complaint(&["build", &model, "-o", &other, "--brep", "--codec", "packed"], 2);
+    complaint(&["build", &model, "-o", &other, "--brep", "--codec", "packed", "--max-error", "1"], 2);
+    complaint(&["build", &model, "-o", &other, "--brep", "--effort", "small"], 1);
     assert!(!std::path::Path::new(&history).exists() && !std::path::Path::new(&tree).exists());
 }
 

@@ -45,7 +45,7 @@ pub(super) struct SolidArgs {
     #[arg(long)]
     pub(super) stats: bool,
     /// Keep the faces as they are, on a fine grid, instead of making cells: an exact model
-    #[arg(long, conflicts_with_all = ["cells", "cell", "grid", "depth", "shell", "edge", "attribute", "share", "codec", "effort", "max_error"])]
+    #[arg(long, conflicts_with_all = ["cells", "cell", "grid", "depth", "shell", "edge", "attribute", "share", "max_error"])]
     pub(super) brep: bool,
     /// Faces that a cell may have and end, whatever their planes have in common; 0 divides cells until these have a
     /// point in common, as in the literature [default: 12]

@@ -7,6 +7,7 @@ use anyhow::{Result, bail};
 use spinney::brep::{CombineReport, ExactModel};
 use spinney::io::Output;
 use spinney::ops::Operation;
+use spinney::store::Codec;
 
 use super::super::Global;
 use super::super::report::{Work, report_output};
@@ -17,6 +18,7 @@ pub(in crate::cli) fn combine(
     operation: Operation,
     files: &[PathBuf],
     output: Output,
+    codec: Codec,
     memory: u64,
     global: &Global,
 ) -> Result<()> {
@@ -30,7 +32,8 @@ pub(in crate::cli) fn combine(
     let path = output.path().to_path_buf();
     let models = models(files)?;
     let work = Work::start(global, "faces")?;
-    let report = spinney::brep::combine(number, &models.iter().collect::<Vec<_>>(), output, memory, &work)?;
+    let models = models.iter().collect::<Vec<_>>();
+    let report = spinney::brep::combine(number, &models, output, codec, memory, &work)?;
     work.finish();
     tell(&report, files, global);
     report_output(global, &path, start);

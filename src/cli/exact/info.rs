@@ -30,6 +30,7 @@ fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
         "faces": model.len(),
         "unbounded": model.is_unbounded(),
         "exact_faces": exact_faces,
+        "codec": model.codec().name(),
         "depth": model.depth(),
         "grid": { "bits": grid.bits, "origin": grid.origin, "step": grid.width() },
         "space": space(model),
@@ -107,6 +108,7 @@ fn as_text(model: &ExactModel) -> Result<String> {
     for (key, value) in &model.metadata().tags {
         writeln!(text, "  tag         {key} = {value}")?;
     }
+    writeln!(text, "  codec       {}", model.codec().name())?;
     writeln!(text, "  bytes       {}", model.file_size())?;
     for (name, bytes) in model.sections() {
         writeln!(text, "    {name:<20} {bytes}")?;

@@ -30,7 +30,7 @@ impl ExactPlane {
     }
 
     /// The plane along an axis through two points.
-    pub(super) fn along(axis: usize, from: [i32; 3], to: [i32; 3]) -> ExactPlane {
+    pub(crate) fn along(axis: usize, from: [i32; 3], to: [i32; 3]) -> ExactPlane {
         let [u, v] = others(axis);
         let mut normal = [0; 3];
         normal[u] = i64::from(from[v]) - i64::from(to[v]);
@@ -135,7 +135,7 @@ impl ExactPoint {
     }
 
     /// The point of three planes that have one in common, and no more.
-    pub(super) fn of_planes(planes: [&ExactPlane; 3]) -> ExactPoint {
+    pub(crate) fn of_planes(planes: [&ExactPlane; 3]) -> ExactPoint {
         let [a, b, c] = planes;
         let crosses = [cross(b.normal, c.normal), cross(c.normal, a.normal), cross(a.normal, b.normal)];
         let mut weight = wide(0);

@@ -34,7 +34,7 @@ use crate::geometry::{GridPolygon, Stages, Triangulator};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::Metadata;
+use spinney_container::{Codec, Metadata};
 
 pub(crate) use self::check::{Checked, OctreeCheck};
 pub use self::defects::show_place;
@@ -116,6 +116,18 @@ impl ModelBuilder {
     #[must_use]
     pub fn leaf_size(self, leaf_size: usize) -> ModelBuilder {
         ModelBuilder { leaf_size, ..self }
+    }
+
+    /// Chooses how blocks, segments and tables are written: with [`Codec::Packed`] they take fewer bytes, and are unpacked when they are
+    /// used.
+    ///
+    /// # Panics
+    /// If faces were added already.
+    #[must_use]
+    pub fn codec(mut self, codec: Codec) -> ModelBuilder {
+        assert!(self.writer.is_empty(), "the codec is that of all faces");
+        self.writer.set_codec(codec);
+        self
     }
 
     /// Chooses whether what is far away belongs to the body, and the faces bound what does not.
@@ -304,7 +316,8 @@ impl ModelBuilder {
         face_columns.write(&mut face_values, take)?;
         face_values.finish(take)?;
         let (nodes, exact_faces) = (report.nodes, exact.len() as u64);
-        let summary = Summary { grid, faces, is_unbounded, nodes, exact_faces, stand_ins, parts };
+        let codec = writer.codec();
+        let summary = Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, stand_ins, parts };
         writer.finish(&summary, &formula, metadata)?;
         Ok(report)
     }

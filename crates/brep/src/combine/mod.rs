@@ -26,11 +26,11 @@ use self::table::OperationTable;
 use self::winding::winding;
 use super::arrangement::{ExactFace, Operands, Rounded, Rounds, divide, round};
 use super::store::formula::formula;
-use super::{BuildReport, ExactModel, Face, Faces, Grid, LEAF_SIZE, ModelBuilder};
+use super::{BuildReport, ExactModel, Face, Faces, Grid, ModelBuilder};
 use crate::closure::{Closure, ExactClosure, Seed};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Metadata, Tag};
+use spinney_container::{Codec, Metadata, Tag};
 
 /// Counts of a set operation on bodies.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,13 +72,14 @@ pub struct CombineReport {
 /// use spinney::brep::{ExactModel, combine};
 /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 /// use spinney::io::Output;
+/// use spinney::store::Codec;
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = |name: &str| folder.path().join(name);
 /// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
 /// # std::fs::write(path("a.off"), text).unwrap();
 /// # import_exact(open_all(&[path("a.off")], 64 << 20)?, &ExactOptions::new(), Output::create(&path("a.goblin"))?, &())?;
 /// let a = ExactModel::open(&path("a.goblin"), &Default::default())?;
-/// let report = combine(2, &[&a, &a], Output::create(&path("nothing.goblin"))?, 64 << 20, &())?;
+/// let report = combine(2, &[&a, &a], Output::create(&path("nothing.goblin"))?, Codec::Plain, 64 << 20, &())?;
 /// assert_eq!((report.after, report.is_unbounded), (0, false));
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -90,6 +91,7 @@ pub fn combine(
     operation: u8,
     models: &[&ExactModel],
     output: Output,
+    codec: Codec,
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
@@ -105,7 +107,7 @@ pub fn combine(
     for index in (0..models.len()).filter(|index| !is_again(*index)) {
         models[index].check_surface(progress)?;
     }
-    let make = || made(operation, &models, &placed, table, output, memory, progress);
+    let make = || made(operation, &models, &placed, table, (output, codec), memory, progress);
     match make() {
         Ok(report) => Ok(CombineReport { before, ..report }),
         // What is no body may have been taken for one.
@@ -140,7 +142,7 @@ fn made(
     models: &[&ExactModel],
     placed: &Placed,
     table: OperationTable,
-    output: Output,
+    (output, codec): (Output, Codec),
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
@@ -197,7 +199,7 @@ fn made(
     let displacement = displacement * grid.width();
     let is_on_grid = exact.is_empty();
     let mut builder =
-        ModelBuilder::new(output, grid.clone(), memory / 2)?.leaf_size(LEAF_SIZE).unbounded(is_unbounded);
+        ModelBuilder::new(output, grid.clone(), memory / 2)?.codec(codec).unbounded(is_unbounded);
     let mut surface = ResultSurface::new(!exact.is_empty());
     let mut settled = 0u64;
     if !is_whole {

@@ -52,7 +52,7 @@ fn tetrahedron([a, b, c, d]: Tetrahedron) -> Option<Vec<[[i32; 3]; 3]>> {
 fn combined(operation: u8, models: &[&ExactModel]) -> ExactModel {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.goblin");
-    combine(operation, models, Output::create(&path).unwrap(), 64 << 20, &())
+    combine(operation, models, Output::create(&path).unwrap(), Codec::Plain, 64 << 20, &())
         .unwrap_or_else(|error| panic!("{operation}: {error}"));
     let model = ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap();
     assert_eq!(model.verify(64 << 20, &()).unwrap(), []);

@@ -11,13 +11,13 @@ pub(crate) const MOST_FACES: usize = 1024;
 const MANY_CORNERS: usize = 4096;
 
 /// Bytes of a block before its lists.
-const HEAD: usize = 20;
-const COLOURED: u32 = 1;
-const WIDE: u32 = 2;
-const TRIANGLES: u32 = 4;
-const PARTS: u32 = 8;
-const SOURCES: u32 = 16;
-const STAND_INS: u32 = 32;
+pub(super) const HEAD: usize = 20;
+pub(super) const COLOURED: u32 = 1;
+pub(super) const WIDE: u32 = 2;
+pub(super) const TRIANGLES: u32 = 4;
+pub(super) const PARTS: u32 = 8;
+pub(super) const SOURCES: u32 = 16;
+pub(super) const STAND_INS: u32 = 32;
 
 /// Collects the faces of a block.
 #[derive(Default)]
@@ -148,12 +148,12 @@ pub(crate) struct Block<'a> {
 
 /// Places of a block's lists.
 #[derive(Clone, Copy)]
-struct BlockLayout {
-    faces: usize,
-    vertices: usize,
-    rings: usize,
-    corners: usize,
-    flags: u32,
+pub(super) struct BlockLayout {
+    pub(super) faces: usize,
+    pub(super) vertices: usize,
+    pub(super) rings: usize,
+    pub(super) corners: usize,
+    pub(super) flags: u32,
     face_ends: usize,
     ring_ends: usize,
     parts: usize,
@@ -161,7 +161,7 @@ struct BlockLayout {
     stand_ins: usize,
     colours: usize,
     corner_list: usize,
-    end: usize,
+    pub(super) end: usize,
 }
 
 fn word(bytes: &[u8], at: usize) -> u32 {
@@ -169,7 +169,7 @@ fn word(bytes: &[u8], at: usize) -> u32 {
 }
 
 impl BlockLayout {
-    fn of(bytes: &[u8]) -> Option<BlockLayout> {
+    pub(super) fn of(bytes: &[u8]) -> Option<BlockLayout> {
         if bytes.len() < HEAD {
             return None;
         }
@@ -203,7 +203,7 @@ impl BlockLayout {
         Some(layout)
     }
 
-    fn has(&self, flag: u32) -> bool {
+    pub(super) fn has(&self, flag: u32) -> bool {
         self.flags & flag != 0
     }
 }

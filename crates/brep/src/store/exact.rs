@@ -19,10 +19,10 @@ const MOST_FACES: usize = 512;
 const MANY_CORNERS: usize = 2048;
 
 /// Bytes of a block before its lists.
-const HEAD: usize = 32;
-const COLOURED: u32 = 1;
-const WIDE: u32 = 2;
-const PARTS: u32 = 4;
+pub(super) const HEAD: usize = 32;
+pub(super) const COLOURED: u32 = 1;
+pub(super) const WIDE: u32 = 2;
+pub(super) const PARTS: u32 = 4;
 /// Bytes of a vertex that is a point of the grid.
 const GRID_VERTEX: usize = 12;
 
@@ -148,12 +148,12 @@ fn width_of(number: I256) -> usize {
 }
 
 /// Appends the lowest bytes of a number.
-fn push(bytes: &mut Vec<u8>, number: &I256, count: usize) {
+pub(super) fn push(bytes: &mut Vec<u8>, number: &I256, count: usize) {
     bytes.extend((0..count).map(|byte| -> u8 { (*number >> (8 * byte as u32)).as_() }));
 }
 
 /// A number of fewer bytes, with its sign.
-fn number(bytes: &[u8]) -> I256 {
+pub(super) fn number(bytes: &[u8]) -> I256 {
     let mut found: I256 = (*bytes.last().unwrap_or(&0) as i8).as_();
     for byte in bytes.iter().rev().skip(1) {
         let low: I256 = (*byte).as_();
@@ -163,28 +163,29 @@ fn number(bytes: &[u8]) -> I256 {
 }
 
 /// A number of at most sixteen bytes, with its sign.
-fn short_number(bytes: &[u8]) -> i128 {
+pub(super) fn short_number(bytes: &[u8]) -> i128 {
     let is_negative = bytes.last().is_some_and(|last| *last >= 0x80);
     let mut all = [if is_negative { 0xff } else { 0 }; 16];
     all[..bytes.len()].copy_from_slice(bytes);
     i128::from_le_bytes(all)
 }
 
-/// A block of a file. Faces are made of its bytes one by one, so that memory does not go with what counts in it say.
-pub(crate) struct ExactBlock<'a> {
-    bytes: FileBytes<'a>,
-    bits: u8,
-    counts: [usize; 6],
+/// Counts and places of a block's lists.
+#[derive(Clone, Copy)]
+pub(super) struct ExactLayout {
+    /// Faces, planes, points of the grid, vertices, rings, corners.
+    pub(super) counts: [usize; 6],
     flags: u32,
-    widths: [usize; 4],
+    /// Bytes of a part of a normal, of its product, of a coordinate, and of a weight.
+    pub(super) widths: [usize; 4],
     /// Where its lists begin: planes, points of the grid, vertices, planes of faces, parts, sources, ends of faces, ends of
     /// rings, corners, colours, and the end.
     lists: [usize; 11],
 }
 
-impl<'a> ExactBlock<'a> {
-    /// A block on a grid of so many bits; `None` if its lists do not fit into its bytes.
-    pub(crate) fn new(bytes: FileBytes<'a>, bits: u8) -> Option<ExactBlock<'a>> {
+impl ExactLayout {
+    /// The layout that a block's head tells; `None` if there is none like that.
+    pub(super) fn of(bytes: &[u8]) -> Option<ExactLayout> {
         let head = bytes.get(..HEAD)?;
         let word =
             |index: usize| u32::from_le_bytes(head[4 * index..4 * index + 4].try_into().expect("four bytes"));
@@ -215,16 +216,40 @@ impl<'a> ExactBlock<'a> {
         for (index, size) in sizes.into_iter().enumerate() {
             lists[index + 1] = lists[index] + size;
         }
-        (lists[10] == bytes.len()).then_some(ExactBlock { bytes, bits, counts, flags, widths, lists })
+        Some(ExactLayout { counts, flags, widths, lists })
+    }
+
+    /// Bytes of the block.
+    pub(super) fn len(&self) -> usize {
+        self.lists[10]
+    }
+
+    pub(super) fn has(&self, flag: u32) -> bool {
+        self.flags & flag != 0
+    }
+}
+
+/// A block of a file. Faces are made of its bytes one by one, so that memory does not go with what counts in it say.
+pub(crate) struct ExactBlock<'a> {
+    bytes: FileBytes<'a>,
+    bits: u8,
+    layout: ExactLayout,
+}
+
+impl<'a> ExactBlock<'a> {
+    /// A block on a grid of so many bits; `None` if its lists do not fit into its bytes.
+    pub(crate) fn new(bytes: FileBytes<'a>, bits: u8) -> Option<ExactBlock<'a>> {
+        let layout = ExactLayout::of(&bytes).filter(|layout| layout.len() == bytes.len())?;
+        Some(ExactBlock { bytes, bits, layout })
     }
 
     /// Checks what does not concern single faces, in a model with so many parts. What is wrong is told in words.
     pub(crate) fn check(&self, parts: u64) -> Result<(), String> {
-        let [faces, _, _, _, rings, corners] = self.counts;
+        let [faces, _, _, _, rings, corners] = self.layout.counts;
         let ascend = |list: usize, count: usize, least: u32, last: usize| {
             let mut before = 0u32;
             let are_in_order = (0..count).all(|index| {
-                let end = self.word(self.lists[list] + 4 * index);
+                let end = self.word(self.layout.lists[list] + 4 * index);
                 let is_beyond = end.checked_sub(before).is_some_and(|length| length >= least);
                 before = end;
                 is_beyond
@@ -243,7 +268,7 @@ impl<'a> ExactBlock<'a> {
 
     /// Number of faces.
     pub(crate) fn len(&self) -> usize {
-        self.counts[0]
+        self.layout.counts[0]
     }
 
     fn word(&self, at: usize) -> u32 {
@@ -253,29 +278,29 @@ impl<'a> ExactBlock<'a> {
 
     /// The number at a place of a list of numbers of planes or vertices.
     fn number(&self, list: usize, index: usize) -> usize {
-        if self.flags & WIDE != 0 {
-            return self.word(self.lists[list] + 4 * index) as usize;
+        if self.layout.has(WIDE) {
+            return self.word(self.layout.lists[list] + 4 * index) as usize;
         }
-        let at = self.lists[list] + 2 * index;
+        let at = self.layout.lists[list] + 2 * index;
         self.bytes.get(at..at + 2).map_or(0, |two| u16::from_le_bytes([two[0], two[1]])) as usize
     }
 
     fn part(&self, face: usize) -> u32 {
-        self.word(self.lists[4] + if self.flags & PARTS != 0 { 4 * face } else { 0 })
+        self.word(self.layout.lists[4] + if self.layout.has(PARTS) { 4 * face } else { 0 })
     }
 
     /// Where the rings of a face, or the corners of a ring, begin and end.
     fn between(&self, list: usize, index: usize) -> Range<usize> {
-        let end = |index: usize| self.word(self.lists[list] + 4 * index) as usize;
+        let end = |index: usize| self.word(self.layout.lists[list] + 4 * index) as usize;
         (if index == 0 { 0 } else { end(index - 1) })..end(index)
     }
 
     fn plane(&self, index: usize) -> Result<ExactPlane, String> {
-        let [part, offset, ..] = self.widths;
+        let [part, offset, ..] = self.layout.widths;
         let size = 3 * part + offset;
-        let start = self.lists[0] + size * index;
-        let bytes = self.bytes.get(start..start + size).filter(|_| index < self.counts[1]);
-        let bytes = bytes.ok_or_else(|| format!("plane {index} of {}", self.counts[1]))?;
+        let start = self.layout.lists[0] + size * index;
+        let bytes = self.bytes.get(start..start + size).filter(|_| index < self.layout.counts[1]);
+        let bytes = bytes.ok_or_else(|| format!("plane {index} of {}", self.layout.counts[1]))?;
         let normal = [0, 1, 2].map(|axis| short_number(&bytes[part * axis..part * (axis + 1)]) as i64);
         let plane = ExactPlane { normal, offset: short_number(&bytes[3 * part..]) };
         // What the widths of numbers are made for.
@@ -286,9 +311,9 @@ impl<'a> ExactBlock<'a> {
     }
 
     fn vertex(&self, index: usize) -> Result<ExactPoint, String> {
-        let [_, _, grid_points, vertices, ..] = self.counts;
+        let [_, _, grid_points, vertices, ..] = self.layout.counts;
         if index < grid_points {
-            let at = self.lists[1] + GRID_VERTEX * index;
+            let at = self.layout.lists[1] + GRID_VERTEX * index;
             let point = [0, 4, 8].map(|axis| self.word(at + axis));
             let is_there = point.iter().all(|at| at >> self.bits == 0);
             return match is_there {
@@ -296,9 +321,9 @@ impl<'a> ExactBlock<'a> {
                 false => Err(format!("a vertex at {point:?} on a grid of {} bits", self.bits)),
             };
         }
-        let [_, _, coordinate, weight] = self.widths;
+        let [_, _, coordinate, weight] = self.layout.widths;
         let size = 3 * coordinate + weight;
-        let start = self.lists[2] + size * (index - grid_points);
+        let start = self.layout.lists[2] + size * (index - grid_points);
         let bytes = self.bytes.get(start..start + size).filter(|_| index - grid_points < vertices);
         let bytes = bytes.ok_or_else(|| format!("vertex {index} of {}", grid_points + vertices))?;
         let at = [0, 1, 2].map(|axis| number(&bytes[coordinate * axis..coordinate * (axis + 1)]));
@@ -324,8 +349,8 @@ impl<'a> ExactBlock<'a> {
             ring_ends: Vec::with_capacity(rings.len()),
             colours: Vec::new(),
             part: self.part(face),
-            source: u64::from(self.word(self.lists[5] + 8 * face))
-                | u64::from(self.word(self.lists[5] + 8 * face + 4)) << 32,
+            source: u64::from(self.word(self.layout.lists[5] + 8 * face))
+                | u64::from(self.word(self.layout.lists[5] + 8 * face + 4)) << 32,
         };
         for ring in rings {
             let range = self.between(7, ring);
@@ -344,8 +369,8 @@ impl<'a> ExactBlock<'a> {
                 }
             }
             found.ring_ends.push(found.corners.len());
-            if self.flags & COLOURED != 0 {
-                let at = self.lists[9] + 3 * first;
+            if self.layout.has(COLOURED) {
+                let at = self.layout.lists[9] + 3 * first;
                 let colours = self.bytes.get(at..at + 3 * range.len()).unwrap_or_default();
                 let colour = |colour: &[u8]| [colour[0], colour[1], colour[2]];
                 found.colours.extend(colours.chunks_exact(3).map(colour));

@@ -5,6 +5,7 @@ pub(super) mod exact;
 pub(crate) mod formula;
 pub(crate) mod objects;
 mod open;
+mod packed;
 mod pieces;
 mod reader;
 pub(crate) mod segment;

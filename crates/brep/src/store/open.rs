@@ -5,7 +5,7 @@ use std::path::Path;
 use super::exact::EXACT;
 use super::formula::{FORMULA, MOST_FORMULA};
 use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
-use super::pieces::{ENTRY, Pieces};
+use super::pieces::{ENTRY, List, Pieces};
 use super::reader::ExactModel;
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
 use spinney_base::io::{ReadBackend, open_file, with_cache};
@@ -86,7 +86,7 @@ impl ExactModel {
         let lists = others.map(|tag| trailer.section(tag)).into_iter().filter(|list| list.length > 0);
         let first_lists = trailer.section(FACES).offset.min(trailer.section(DIRECTORY).offset);
         let end = lists.map(|list| list.offset).fold(first_lists, u64::min);
-        let pieces = |name: &'static str, section: Section, is_needed: Option<bool>| {
+        let pieces = |list: List, section: Section, is_needed: Option<bool>| {
             let is_list = is_needed.is_none_or(|is_needed| is_needed == (section.length > 0))
                 && section.length.is_multiple_of(ENTRY as u64)
                 && (section.offset >= HEADER_SIZE as u64 || section.length == 0);
@@ -94,20 +94,20 @@ impl ExactModel {
                 let found = format!("a list of {} bytes", section.length);
                 let expected =
                     if is_needed != Some(false) { "one or more entries of 24 bytes" } else { "nothing" };
-                return Err(Error::corrupt(path, name, found, expected));
+                return Err(Error::corrupt(path, list.piece(), found, expected));
             }
             let held = match backend.bytes() {
                 Some(_) => None,
-                None => Some(section.read(path, &*backend, name)?.into_owned()),
+                None => Some(section.read(path, &*backend, list.piece())?.into_owned()),
             };
             let place = (section.offset, section.length);
-            Ok(Pieces::new(name, place, held, end, options.check))
+            Ok(Pieces::new(list, summary.codec, place, held, end, options.check))
         };
-        let segments = pieces("segment", trailer.section(DIRECTORY), Some(true))?;
-        let blocks = pieces("block of faces", trailer.section(FACES), Some(summary.faces > 0))?;
-        let exact = pieces("block of exact faces", trailer.section(EXACT), Some(summary.exact_faces > 0))?;
-        let objects = pieces("table of parts", trailer.section(OBJECTS), None)?;
-        let face_values = pieces("table of faces", trailer.section(FACE_VALUES), None)?;
+        let segments = pieces(List::Segments, trailer.section(DIRECTORY), Some(true))?;
+        let blocks = pieces(List::Faces, trailer.section(FACES), Some(summary.faces > 0))?;
+        let exact = pieces(List::Exact, trailer.section(EXACT), Some(summary.exact_faces > 0))?;
+        let objects = pieces(List::Objects, trailer.section(OBJECTS), None)?;
+        let face_values = pieces(List::FaceValues, trailer.section(FACE_VALUES), None)?;
         // Pieces that are stored once each: the work of going through all of them goes with the file's size.
         let mut bytes = 0u64;
         for list in [&segments, &blocks, &exact, &objects, &face_values] {

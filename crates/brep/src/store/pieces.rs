@@ -2,10 +2,40 @@
 //! bytes are.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use spinney_base::io::{FileBytes, ReadBackend};
+use super::packed::{Damage, PLAIN, unpack};
+use spinney_base::io::{FileBytes, ReadBackend, Unpacked};
 use spinney_base::{Error, Result};
+use spinney_container::Codec;
+use spinney_packing::PLAIN_BITS;
+
+/// The lists of a file, in the order in which they stand there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum List {
+    Faces,
+    Segments,
+    Exact,
+    Objects,
+    FaceValues,
+}
+
+impl List {
+    pub(crate) const ALL: [List; 5] =
+        [List::Faces, List::Segments, List::Exact, List::Objects, List::FaceValues];
+
+    /// Name of a piece, for messages.
+    pub(crate) fn piece(self) -> &'static str {
+        match self {
+            List::Faces => "block of faces",
+            List::Segments => "segment",
+            List::Exact => "block of exact faces",
+            List::Objects => "table of parts",
+            List::FaceValues => "table of faces",
+        }
+    }
+}
 
 /// An entry of the list: what the piece is found by, and where it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,8 +69,7 @@ impl Entry {
 
 /// The pieces of one list.
 pub(crate) struct Pieces {
-    /// Name of a piece, for messages.
-    name: &'static str,
+    kind: List,
     list: ListBytes,
     len: usize,
     /// Where pieces must end.
@@ -49,6 +78,8 @@ pub(crate) struct Pieces {
     checked: Vec<AtomicU64>,
     /// Whether checksums are looked at.
     check: bool,
+    /// Those that were unpacked, if some may be packed.
+    unpacked: Option<Unpacked>,
 }
 
 /// Where the bytes of a list are.
@@ -61,7 +92,8 @@ enum ListBytes {
 impl Pieces {
     /// The pieces of a list that begins at a byte of a mapped file, or whose bytes are given.
     pub(crate) fn new(
-        name: &'static str,
+        kind: List,
+        codec: Codec,
         (offset, length): (u64, u64),
         held: Option<Vec<u8>>,
         end: u64,
@@ -70,12 +102,13 @@ impl Pieces {
         let len = length as usize / ENTRY;
         let checked = (0..len.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         let list = held.map_or(ListBytes::Mapped(offset as usize), ListBytes::Held);
-        Pieces { name, list, len, end, checked, check }
+        let unpacked = (codec == Codec::Packed).then(|| Unpacked::new(PLAIN_BITS));
+        Pieces { kind, list, len, end, checked, check, unpacked }
     }
 
     /// Name of a piece, for messages.
     pub(crate) fn name(&self) -> &'static str {
-        self.name
+        self.kind.piece()
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -88,7 +121,7 @@ impl Pieces {
         for index in 0..self.len {
             let Entry { key, length, .. } = self.entry(backend, index);
             if before.is_some_and(|before| before >= key) {
-                let place = format!("{} {index}", self.name);
+                let place = format!("{} {index}", self.name());
                 return Err(Error::corrupt(path, place, format!("key {key:x}"), "keys that ascend"));
             }
             before = Some(key);
@@ -133,7 +166,7 @@ impl Pieces {
         self.checked[index / 64].fetch_or(1 << (index % 64), Ordering::Relaxed);
     }
 
-    /// The bytes of a piece; with the right checksum, if it was not used before.
+    /// The bytes of a piece, unpacked; with the right checksum, if it was not used before.
     #[inline]
     pub(crate) fn load<'f>(
         &self,
@@ -141,10 +174,43 @@ impl Pieces {
         backend: &'f dyn ReadBackend,
         index: usize,
     ) -> Result<FileBytes<'f>> {
+        match &self.unpacked {
+            None => self.stored(path, backend, index),
+            Some(unpacked) => self.unpack(unpacked, path, backend, index),
+        }
+    }
+
+    /// The bytes of a piece that may be packed.
+    #[inline(never)]
+    fn unpack<'f>(
+        &self,
+        unpacked: &Unpacked,
+        path: &Path,
+        backend: &'f dyn ReadBackend,
+        index: usize,
+    ) -> Result<FileBytes<'f>> {
+        if let Some(held) = unpacked.get(index as u64) {
+            return Ok(FileBytes::Held(held));
+        }
+        let stored = self.stored(path, backend, index)?;
+        if stored.first() == Some(&PLAIN) {
+            let length = stored.len();
+            return Ok(stored.part(1..length));
+        }
+        let plain = unpack(self.kind, &stored)
+            .map_err(|Damage(what)| self.corrupt(path, index, what, "a piece that was packed"))?;
+        Ok(FileBytes::Held(unpacked.put(index as u64, Arc::new(plain))))
+    }
+
+    fn corrupt(&self, path: &Path, index: usize, found: impl Into<String>, expected: &str) -> Error {
+        Error::corrupt(path, format!("{} {index}", self.name()), found, expected)
+    }
+
+    /// The bytes of a piece as they stand in the file; with the right checksum, if it was not used before.
+    #[inline]
+    fn stored<'f>(&self, path: &Path, backend: &'f dyn ReadBackend, index: usize) -> Result<FileBytes<'f>> {
         let Entry { offset, length, checksum, .. } = self.entry(backend, index);
-        let corrupt = |found: String, expected: &str| {
-            Error::corrupt(path, format!("{} {index}", self.name), found, expected)
-        };
+        let corrupt = |found: String, expected: &str| self.corrupt(path, index, found, expected);
         if offset.checked_add(u64::from(length)).is_none_or(|end| end > self.end) {
             return Err(corrupt(format!("bytes {offset} + {length}"), "bytes before the lists"));
         }

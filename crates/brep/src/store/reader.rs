@@ -16,7 +16,7 @@ use crate::{Face, Faces, Grid};
 use spinney_base::io::{ReadBackend, Stamp};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
-use spinney_container::Metadata;
+use spinney_container::{Codec, Metadata};
 use spinney_container::{HEADER_SIZE, Section, Tag, Trailer};
 use spinney_crs::Crs;
 
@@ -58,6 +58,11 @@ impl ExactModel {
     /// Numbers of nodes by their kinds.
     pub fn nodes(&self) -> &NodeCounts {
         &self.summary.nodes
+    }
+
+    /// Packing of what stands in the file: with [`Codec::Packed`] blocks, segments and tables may be packed.
+    pub fn codec(&self) -> Codec {
+        self.summary.codec
     }
 
     /// Bytes of the whole file.

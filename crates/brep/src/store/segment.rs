@@ -18,10 +18,10 @@ pub(crate) const NEAR_VOID: u32 = 5;
 pub(crate) const NEAR_FULL: u32 = 6;
 
 /// Bytes of a segment before its lists.
-const HEAD: usize = 16;
+pub(super) const HEAD: usize = 16;
 
 /// Bit of a leaf's first byte: a list of faces with corners beside the grid follows its faces.
-const NEAR: u8 = 32;
+pub(super) const NEAR: u8 = 32;
 
 /// Kind of a cell that faces cut, by what their planes have in common. It need not lie in the cell, and may be
 /// infinitely far away.
@@ -126,6 +126,20 @@ pub(crate) fn push_list(leaves: &mut Vec<u8>, numbers: &[u32]) {
         push_number(leaves, number - next);
         next = number + 1;
     }
+}
+
+/// Reads such a list, and moves on; `None` if it breaks off.
+pub(crate) fn take_list(bytes: &mut &[u8]) -> Option<Vec<u32>> {
+    let count = take_number(bytes)? as usize;
+    // (Each number takes a byte at least.)
+    let mut numbers = Vec::with_capacity(count.min(bytes.len()));
+    let mut next = 0u32;
+    for _ in 0..count {
+        let number = next.checked_add(take_number(bytes)?)?;
+        numbers.push(number);
+        next = number.checked_add(1)?;
+    }
+    Some(numbers)
 }
 
 /// Reads such a list, of numbers below a bound, of which there is one at least, and moves on; what is wrong is told in words.

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::segment::NodeKind;
 use crate::{Grid, MOST_BITS};
 use spinney_base::{Error, Result};
+use spinney_container::Codec;
 
 /// Tag of the section.
 pub(crate) const SUMMARY: [u8; 4] = *b"BREP";
@@ -80,6 +81,8 @@ impl NodeCounts {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Summary {
     pub grid: Grid,
+    /// Packed if pieces may be.
+    pub codec: Codec,
     pub faces: u64,
     /// Whether what is far away belongs to the body.
     pub is_unbounded: bool,
@@ -96,7 +99,7 @@ const SIZE: usize = 8 + 24 + 16 + 8 + 56 + 24;
 
 impl Summary {
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = vec![self.grid.bits, self.is_unbounded.into(), 0, 0, 0, 0, 0, 0];
+        let mut bytes = vec![self.grid.bits, self.is_unbounded.into(), self.codec as u8, 0, 0, 0, 0, 0];
         self.grid.origin.iter().for_each(|at| bytes.extend_from_slice(&at.to_le_bytes()));
         bytes.extend_from_slice(&self.grid.step.to_le_bytes());
         bytes.extend_from_slice(&self.grid.divisor.to_le_bytes());
@@ -152,6 +155,7 @@ impl Summary {
             let found = format!("{exact_faces} exact faces, {stand_ins} that stand in, {parts} parts");
             return Err(corrupt(found, "fewer than 2^32, and at least one part"));
         }
-        Ok(Summary { grid, faces, is_unbounded: bytes[1] == 1, nodes, exact_faces, stand_ins, parts })
+        let codec = Codec::of_number(path, bytes[2], " of an exact model")?;
+        Ok(Summary { grid, codec, faces, is_unbounded: bytes[1] == 1, nodes, exact_faces, stand_ins, parts })
     }
 }

@@ -1,5 +1,6 @@
 //! Writes a file of an exact model: header, blocks of faces as they come, segments, lists, metadata, trailer.
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -7,6 +8,8 @@ use super::block::BlockBuilder;
 use super::exact::{self, EXACT};
 use super::formula::FORMULA;
 use super::objects::{FACE_VALUES, OBJECTS};
+use super::packed::pack;
+pub(crate) use super::pieces::List;
 use super::pieces::{ENTRY, Entry};
 use super::summary::{DIRECTORY, FACES, METADATA, SUMMARY, Summary};
 use crate::arrangement::ExactFace;
@@ -15,38 +18,16 @@ use spinney_base::io::{Output, Sorter, folder};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
-use spinney_container::{Content, FileHeader, Section, SectionWriter, Trailer, TreeFormat, check_tree_name};
-
-/// The lists of a file, in the order in which they stand there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum List {
-    Faces,
-    Segments,
-    Exact,
-    Objects,
-    FaceValues,
-}
-
-impl List {
-    const ALL: [List; 5] = [List::Faces, List::Segments, List::Exact, List::Objects, List::FaceValues];
-
-    /// What is being done, in messages, when a piece is written.
-    fn doing(self) -> &'static str {
-        match self {
-            List::Faces => "write faces",
-            List::Segments => "write a segment",
-            List::Exact => "write exact faces",
-            List::Objects => "write what is said of parts",
-            List::FaceValues => "write values of faces",
-        }
-    }
-}
+use spinney_container::{
+    Codec, Content, FileHeader, HEADER_SIZE, Section, SectionWriter, Trailer, TreeFormat, check_tree_name,
+};
 
 /// A file being written, append-only.
 pub(crate) struct ModelWriter {
     out: Output,
     path: PathBuf,
     position: u64,
+    codec: Codec,
     block: BlockBuilder,
     /// Entries of the lists.
     lists: [Sorter; 5],
@@ -58,13 +39,28 @@ impl ModelWriter {
         let path = out.path().to_path_buf();
         check_tree_name(&path)?;
         let lists = List::ALL.map(|_| Sorter::new(folder(&path), ENTRY, memory));
-        let mut writer = ModelWriter { out, path, position: 0, block: BlockBuilder::default(), lists };
+        let (codec, block) = (Codec::Plain, BlockBuilder::default());
+        let mut writer = ModelWriter { out, path, position: 0, codec, block, lists };
         writer.write(&model_header(grid).to_bytes(), "write the header")?;
         Ok(writer)
     }
 
     pub(crate) fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Chooses how pieces are written, before there is any.
+    pub(crate) fn set_codec(&mut self, codec: Codec) {
+        self.codec = codec;
+    }
+
+    pub(crate) fn codec(&self) -> Codec {
+        self.codec
+    }
+
+    /// Whether no face was added yet, and nothing was written but the header.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.block.is_empty() && self.position == HEADER_SIZE as u64
     }
 
     fn write(&mut self, bytes: &[u8], doing: &'static str) -> Result<()> {
@@ -74,7 +70,11 @@ impl ModelWriter {
     }
 
     /// Writes a piece that a list finds by a key.
-    pub(crate) fn piece(&mut self, list: List, key: u64, bytes: &[u8]) -> Result<()> {
+    pub(crate) fn piece(&mut self, list: List, key: u64, plain: &[u8]) -> Result<()> {
+        let bytes = match self.codec {
+            Codec::Plain => Cow::Borrowed(plain),
+            Codec::Packed => Cow::Owned(pack(list, plain)),
+        };
         let offset = self.position;
         let Ok(length) = u32::try_from(bytes.len()) else {
             return Err(Error::TooLarge {
@@ -85,8 +85,8 @@ impl ModelWriter {
                 advice: "divide the model, or choose a coarser --snap".into(),
             });
         };
-        self.write(bytes, list.doing())?;
-        let entry = Entry { key, offset, length, checksum: crc32c::crc32c(bytes) };
+        self.write(&bytes, doing(list))?;
+        let entry = Entry { key, offset, length, checksum: crc32c::crc32c(&bytes) };
         self.lists[list as usize].push(key, entry.to_bytes().to_vec())
     }
 
@@ -149,6 +149,17 @@ impl ModelWriter {
         let trailer = Trailer { header: model_header(&summary.grid), sections: all };
         out.write_all(&trailer.to_bytes(position)).map_err(Error::io(&path, "write the trailer"))?;
         out.commit()
+    }
+}
+
+/// What is being done, in messages, when a piece is written.
+fn doing(list: List) -> &'static str {
+    match list {
+        List::Faces => "write faces",
+        List::Segments => "write a segment",
+        List::Exact => "write exact faces",
+        List::Objects => "write what is said of parts",
+        List::FaceValues => "write values of faces",
     }
 }
 

@@ -17,7 +17,7 @@ use spinney_base::space::Up;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::show_place;
 use spinney_brep::{BuildReport, Face, FaceList, Faces, Grid, LEAF_SIZE, ModelBuilder};
-use spinney_container::{Metadata, Tag};
+use spinney_container::{Codec, Metadata, Tag};
 use spinney_crs::Crs;
 
 pub use self::repair::Repair;
@@ -44,6 +44,8 @@ pub struct ExactOptions {
     pub unit: Option<String>,
     /// The coordinate system; otherwise the models'.
     pub crs: Option<Crs>,
+    /// Packing of the file.
+    pub codec: Codec,
     /// Bytes of memory for everything.
     pub memory: u64,
 }
@@ -51,8 +53,8 @@ pub struct ExactOptions {
 impl Default for ExactOptions {
     fn default() -> Self {
         let (snap, close, repair, up, unit, crs) = (None, false, false, Up::default(), None, None);
-        let (leaf_size, memory) = (LEAF_SIZE, super::DEFAULT_MEMORY);
-        ExactOptions { snap, close, repair, leaf_size, up, unit, crs, memory }
+        let (leaf_size, codec, memory) = (LEAF_SIZE, Codec::default(), super::DEFAULT_MEMORY);
+        ExactOptions { snap, close, repair, leaf_size, up, unit, crs, codec, memory }
     }
 }
 
@@ -240,7 +242,9 @@ impl Target {
     fn new(output: Output, path: &Path, grid: &Grid, options: &ExactOptions) -> Result<Target> {
         // (Of what is held there are two lists at a time, and the builder has its own.)
         let memory = if options.repair { options.memory / 2 } else { options.memory };
-        let builder = ModelBuilder::new(output, grid.clone(), memory)?.leaf_size(options.leaf_size);
+        let builder = ModelBuilder::new(output, grid.clone(), memory)?
+            .codec(options.codec)
+            .leaf_size(options.leaf_size);
         let held = options.repair.then(|| FaceList::new(grid.clone(), Vec::new()));
         Ok(Target { builder, held, path: path.to_path_buf(), memory })
     }

@@ -1,0 +1,46 @@
+//! Bytes of any meaning: each as it was behind the same bytes before, or in the context of the one before it.
+
+use spinney_packing::Columns;
+
+/// Contexts of bits: whether a byte is the expected one, by how many before it were; and its bits, by the byte before it.
+const EXPECTED: usize = 0;
+const BYTE: usize = EXPECTED + MOST_LENGTH + 1;
+pub(super) const CONTEXTS: (usize, usize) = (BYTE + 256 * 256, 0);
+
+/// Bytes that are alike, at most, as far as that matters.
+const MOST_LENGTH: usize = 31;
+/// Bytes that tell where to look for what follows.
+const KEY: usize = 4;
+/// Bits of the numbers of keys.
+const KEY_BITS: u32 = 16;
+
+/// Codes so many bytes; those of `plain` when they are written.
+pub(super) fn code(columns: &mut Columns<'_>, length: usize, plain: &[u8]) -> Vec<u8> {
+    let mut bytes: Vec<u8> = Vec::with_capacity(length.min(1 << 16));
+    // Where the bytes that follow a key were last, and where those that are expected now stand.
+    let mut places = vec![0u32; 1 << KEY_BITS];
+    let (mut place, mut alike) = (0, 0);
+    for at in 0..length {
+        if let Some(key) = at.checked_sub(KEY).and_then(|from| bytes[from..].first_chunk()) {
+            let key = u32::from_le_bytes(*key).wrapping_mul(0x9E37_79B1) >> (u32::BITS - KEY_BITS);
+            if place == 0 {
+                place = places[key as usize] as usize;
+            }
+            places[key as usize] = at as u32;
+        }
+        let byte = plain.get(at).copied().unwrap_or(0);
+        if place > 0 {
+            let is_expected = columns.bit(EXPECTED + alike, byte == bytes[place]);
+            if is_expected {
+                alike = (alike + 1).min(MOST_LENGTH);
+                bytes.push(bytes[place]);
+                place += 1;
+                continue;
+            }
+            (place, alike) = (0, 0);
+        }
+        let before = bytes.last().map_or(0, |before| usize::from(*before));
+        bytes.push(columns.bits(BYTE + 256 * before, 8, byte.into()) as u8);
+    }
+    bytes
+}

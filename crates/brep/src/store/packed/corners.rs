@@ -1,0 +1,152 @@
+//! Corners of rings, by how faces hang together: most edges are there twice, in both directions, and the second face goes on where the first
+//! one came from.
+
+use spinney_packing::Columns;
+
+/// Half edges that a vertex remembers in each direction.
+const REMEMBERED: usize = 4;
+/// No vertex.
+const NOBODY: u32 = u32::MAX;
+
+/// Bit contexts of candidates: by whether the corner is its ring's last, where the candidate comes from, and its rank.
+const CANDIDATE: usize = 0;
+/// Those of corners of the ring before, by their numbers there.
+const AGAIN: usize = CANDIDATE + 2 * 3 * 4;
+/// Those of new vertices: by whether the corner is its ring's first, last or another one, and what the corner before was.
+const NEW: usize = AGAIN + 3;
+/// Contexts of bits, and of numbers: those of first corners, and of others.
+pub(super) const CONTEXTS: (usize, usize) = (NEW + 3 * 3, 2);
+
+/// A way in which a corner was found, which the next one goes by.
+#[derive(Clone, Copy)]
+enum Found {
+    New,
+    Candidate,
+    Told,
+}
+
+/// Vertices that were coded, and half edges between them that have no other half yet.
+pub(super) struct Corners {
+    bits: usize,
+    numbers: usize,
+    /// For each vertex the half edges that lead to it, the newest first: from where, and which corner came behind it.
+    into: Vec<[(u32, u32); REMEMBERED]>,
+    /// And those that begin at it: where they lead.
+    out: Vec<[u32; REMEMBERED]>,
+    /// Vertices that have been there: the number of the next one.
+    next: u32,
+    /// The last corner that was not new.
+    last: u32,
+    /// The first corners of the ring before.
+    ring: [u32; 3],
+    found: Found,
+}
+
+impl Corners {
+    /// No corners yet, of a block with so many vertices.
+    pub(super) fn new(bits: usize, numbers: usize, vertices: usize) -> Corners {
+        Corners {
+            bits,
+            numbers,
+            into: vec![[(NOBODY, NOBODY); REMEMBERED]; vertices],
+            out: vec![[NOBODY; REMEMBERED]; vertices],
+            next: 0,
+            last: 0,
+            ring: [NOBODY; 3],
+            found: Found::New,
+        }
+    }
+
+    /// Codes the corners of a ring. `None` if they are no vertices, or not numbered in the order in which they come.
+    pub(super) fn code(&mut self, columns: &mut Columns<'_>, ring: &mut [u32]) -> Option<()> {
+        for index in 0..ring.len() {
+            ring[index] = self.corner(columns, ring, index)?;
+        }
+        Some(())
+    }
+
+    fn corner(&mut self, columns: &mut Columns<'_>, ring: &[u32], index: usize) -> Option<u32> {
+        let (corner, is_last) = (ring[index], index + 1 == ring.len());
+        let candidate = match index {
+            0 => self.of_ring_before(columns, corner),
+            _ => self.of_edges(columns, &ring[..index], corner, is_last),
+        };
+        if let Some(candidate) = candidate {
+            (self.found, self.last) = (Found::Candidate, candidate);
+            return Some(candidate);
+        }
+        let place = if index == 0 { 0 } else { 1 + usize::from(is_last) };
+        if columns.bit(self.bits + NEW + 3 * place + self.found as usize, corner == self.next) {
+            self.found = Found::New;
+            self.next += 1;
+            return Some(self.next - 1).filter(|new| (*new as usize) < self.into.len());
+        }
+        let more = i64::from(corner.wrapping_sub(self.last) as i32);
+        let more = columns.near(self.numbers + usize::from(index > 0), more);
+        (self.found, self.last) = (Found::Told, self.last.wrapping_add(more as u32));
+        Some(self.last).filter(|told| *told < self.next)
+    }
+
+    /// A first corner, if the ring before has it among its first.
+    fn of_ring_before(&self, columns: &mut Columns<'_>, corner: u32) -> Option<u32> {
+        let candidates = self.ring.into_iter().enumerate().filter(|(_, candidate)| *candidate != NOBODY);
+        candidates
+            .map(|(rank, candidate)| (candidate, self.bits + AGAIN + rank))
+            .find(|(candidate, context)| columns.bit(*context, *candidate == corner))
+            .map(|(candidate, _)| candidate)
+    }
+
+    /// A corner behind others, if a half edge that came before leads from it to the one before it, or to it from the first.
+    fn of_edges(&self, columns: &mut Columns<'_>, before: &[u32], corner: u32, is_last: bool) -> Option<u32> {
+        let (first, last) = (before[0], before[before.len() - 1]);
+        let into = self.into[last as usize].map(|(from, _)| from);
+        let out = if is_last { self.out[first as usize] } else { [NOBODY; REMEMBERED] };
+        let of_into = into.iter().map(|it| (*it, if out.contains(it) { 2 } else { 0 }));
+        let of_out = out.iter().filter(|it| !into.contains(it)).map(|it| (*it, 1));
+        let is_before =
+            |it: u32| it == first || before.len().checked_sub(2).is_some_and(|at| before[at] == it);
+        let candidates = of_into.chain(of_out).filter(|(it, _)| *it != NOBODY && !is_before(*it));
+        for (rank, (candidate, kind)) in candidates.enumerate() {
+            let context = self.bits + CANDIDATE + 12 * usize::from(is_last) + 4 * kind + rank.min(3);
+            if columns.bit(context, candidate == corner) {
+                return Some(candidate);
+            }
+        }
+        None
+    }
+
+    /// The corner behind the half edge between two vertices, if it has no other half yet.
+    pub(super) fn behind(&self, from: u32, to: u32) -> Option<u32> {
+        let found = self.into[to as usize].iter().find(|(before, _)| *before == from);
+        found.map(|(_, behind)| *behind)
+    }
+
+    /// Notes the half edges of a ring.
+    pub(super) fn join(&mut self, ring: &[u32]) {
+        let at = |index: usize| ring[index % ring.len()];
+        for index in 0..ring.len() {
+            let [from, to, behind] = [0, 1, 2].map(|more| at(index + more));
+            let other = self.into[from as usize].iter().position(|(before, _)| *before == to);
+            if let Some(place) = other {
+                forget(&mut self.into[from as usize], place, (NOBODY, NOBODY));
+                if let Some(place) = self.out[to as usize].iter().position(|behind| *behind == from) {
+                    forget(&mut self.out[to as usize], place, NOBODY);
+                }
+            } else {
+                remember(&mut self.into[to as usize], (from, behind));
+                remember(&mut self.out[from as usize], to);
+            }
+        }
+        self.ring = std::array::from_fn(|index| ring.get(index).copied().unwrap_or(NOBODY));
+    }
+}
+
+fn forget<T>(list: &mut [T; REMEMBERED], place: usize, nothing: T) {
+    list[place..].rotate_left(1);
+    list[REMEMBERED - 1] = nothing;
+}
+
+fn remember<T>(list: &mut [T; REMEMBERED], item: T) {
+    list.rotate_right(1);
+    list[0] = item;
+}

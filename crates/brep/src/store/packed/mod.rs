@@ -1,0 +1,103 @@
+//! Packed pieces: what stands in blocks, segments and tables, as columns of numbers that are coded by those around them.
+
+mod bytes;
+mod corners;
+mod exact;
+mod faces;
+mod lists;
+mod places;
+mod segments;
+#[cfg(test)]
+mod tests;
+mod vertices;
+mod words;
+
+use spinney_packing::{Columns, may_unpack};
+
+use self::exact::Exact;
+use self::faces::Faces;
+use self::segments::Segment;
+use super::pieces::List;
+
+/// First byte of a piece in a file whose pieces may be packed: plain bytes follow, or packed ones.
+pub(super) const PLAIN: u8 = 0;
+pub(super) const PACKED: u8 = 1;
+
+/// Bytes of a packed piece before its columns: the first one, the plain piece's checksum, and how many bytes it has.
+const HEAD: usize = 9;
+
+/// Bytes of a table's piece, or of a block of exact faces, that are packed: their numbers take much more room while they are coded.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// Whether a piece of so many bytes may be packed into so many.
+fn may_be_packed(list: List, packed: u64, plain: u64) -> bool {
+    let is_short = matches!(list, List::Faces | List::Segments) || plain <= MOST_BYTES;
+    is_short && may_unpack(packed, plain)
+}
+
+/// The reason why bytes are no packed piece.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Damage(pub(super) &'static str);
+
+/// The bytes of a piece in a file whose pieces may be packed.
+pub(super) fn pack(list: List, plain: &[u8]) -> Vec<u8> {
+    // Invariant: nothing is written that does not become the same bytes again. What columns have no words for (another writer's lists, or
+    // damaged ones) stays plain; and a mistake in here loses no data.
+    let packed = packed(list, plain).filter(|packed| packed.len() <= plain.len());
+    let packed = packed.filter(|packed| unpack(list, packed).is_ok_and(|unpacked| unpacked == plain));
+    packed.unwrap_or_else(|| [&[PLAIN], plain].concat())
+}
+
+fn packed(list: List, plain: &[u8]) -> Option<Vec<u8>> {
+    // (Nobody has to pack what nobody may unpack.)
+    let bytes = plain.len() as u64;
+    let length = u32::try_from(bytes).ok().filter(|_| may_be_packed(list, bytes, bytes))?;
+    let (bits, numbers) = contexts(list);
+    let mut columns = Columns::writer(bits, numbers);
+    code(list, &mut columns, plain.len(), plain)?;
+    let mut packed = vec![PACKED];
+    packed.extend_from_slice(&crc32c::crc32c(plain).to_le_bytes());
+    packed.extend_from_slice(&length.to_le_bytes());
+    packed.extend_from_slice(&columns.finish());
+    Some(packed)
+}
+
+/// The plain piece that a packed one was made of.
+pub(super) fn unpack(list: List, packed: &[u8]) -> Result<Vec<u8>, Damage> {
+    let (head, columns) = packed.split_first_chunk::<HEAD>().ok_or(Damage("too few bytes"))?;
+    let word = |at: usize| u32::from_le_bytes(head[at..at + 4].try_into().expect("four bytes"));
+    let (checksum, length) = (word(1), word(5));
+    if head[0] != PACKED || !may_be_packed(list, packed.len() as u64, length.into()) {
+        return Err(Damage("a head of no packed piece, or of one that becomes too long"));
+    }
+    let (bits, numbers) = contexts(list);
+    let mut columns = Columns::reader(columns, bits, numbers).ok_or(Damage("no states"))?;
+    let plain = code(list, &mut columns, length as usize, &[]).ok_or(Damage("lists that cannot be"))?;
+    if !columns.is_whole() || plain.len() != length as usize {
+        return Err(Damage("another length"));
+    }
+    if crc32c::crc32c(&plain) != checksum {
+        return Err(Damage("another checksum"));
+    }
+    Ok(plain)
+}
+
+/// Contexts of bits and of numbers that pieces of a list have.
+fn contexts(list: List) -> (usize, usize) {
+    match list {
+        List::Faces => faces::CONTEXTS,
+        List::Segments => segments::CONTEXTS,
+        List::Exact => exact::CONTEXTS,
+        List::Objects | List::FaceValues => bytes::CONTEXTS,
+    }
+}
+
+/// Codes a piece that has so many bytes; that of `plain` when it is written. `None` if there is none like that.
+fn code(list: List, columns: &mut Columns<'_>, length: usize, plain: &[u8]) -> Option<Vec<u8>> {
+    match list {
+        List::Faces => Faces::code(columns, length, plain),
+        List::Segments => Segment::code(columns, length, plain),
+        List::Exact => Exact::code(columns, length, plain),
+        List::Objects | List::FaceValues => Some(bytes::code(columns, length, plain)),
+    }
+}

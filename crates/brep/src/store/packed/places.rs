@@ -1,0 +1,136 @@
+//! Places and colours of vertices, by those of the vertices around.
+
+use spinney_packing::Columns;
+
+use super::corners::Corners;
+
+/// Ways in which a place is expected.
+const WAYS: usize = 5;
+/// Contexts of bits: whether a coordinate is the expected one, by way, axis, and that of the axes before.
+const SAME: usize = 7;
+/// Contexts of numbers: colours by channel, and coordinates by way and axis.
+const COLOUR: usize = 0;
+const PLACE: usize = COLOUR + 3;
+/// Contexts of bits, and of numbers.
+pub(super) const CONTEXTS: (usize, usize) = (WAYS * SAME, PLACE + 3 * WAYS);
+
+/// Vertices that have places.
+pub(super) struct Places {
+    bits: usize,
+    numbers: usize,
+    steps: [Step; 3],
+    known: usize,
+}
+
+impl Places {
+    /// No places yet. Codes the steps that coordinates have in common; `None` if they are too large.
+    pub(super) fn new(
+        columns: &mut Columns<'_>,
+        bits: usize,
+        numbers: usize,
+        places: &[[i32; 3]],
+    ) -> Option<Places> {
+        let mut step = |axis: usize| Step::code(columns, places.iter().map(|at| at[axis]));
+        let steps = [step(0)?, step(1)?, step(2)?];
+        Some(Places { bits, numbers, steps, known: 0 })
+    }
+
+    /// Codes the place of the vertex at a corner of a ring, and its colour, if it is the next one that has none.
+    pub(super) fn code(
+        &mut self,
+        columns: &mut Columns<'_>,
+        corners: &Corners,
+        (ring, index): (&[u32], usize),
+        places: &mut [[i32; 3]],
+        colours: &mut [[u8; 3]],
+    ) {
+        let new = self.known;
+        if ring[index] as usize != new {
+            return;
+        }
+        let at = |more: usize| ring[(index + more) % ring.len()];
+        let is_known = |vertex: &u32| (*vertex as usize) < new;
+        let (before, behind) = (at(ring.len() - 1), at(1));
+        let near = [before, behind].into_iter().find(is_known).map(|vertex| vertex as usize);
+        let near = near.or(new.checked_sub(1));
+        let of = |vertex: u32| places[vertex as usize].map(i64::from);
+        let are_known = is_known(&before) && is_known(&behind);
+        let opposite = match ring.len() {
+            3 if are_known => corners.behind(before, behind).map(|vertex| (0, vertex)),
+            4 if are_known => Some((1, at(2))).filter(|(_, vertex)| is_known(vertex)),
+            _ => None,
+        };
+        let (way, expected) = match opposite {
+            Some((way, opposite)) => {
+                // A parallelogram, over the edge of another triangle or in the face itself.
+                let [a, b, c] = [before, behind, opposite].map(of);
+                (way, [0, 1, 2].map(|axis| a[axis] + b[axis] - c[axis]))
+            }
+            None if are_known => {
+                let [a, b] = [before, behind].map(of);
+                (2, [0, 1, 2].map(|axis| (a[axis] + b[axis]) >> 1))
+            }
+            None => {
+                let way = if is_known(&before) || is_known(&behind) { 3 } else { 4 };
+                (way, near.map_or([0; 3], |vertex| places[vertex].map(i64::from)))
+            }
+        };
+        let mut same = 0;
+        for (axis, at) in places[new].iter_mut().enumerate() {
+            let expected = self.steps[axis].number(expected[axis]);
+            let error = self.steps[axis].number((*at).into()).wrapping_sub(expected);
+            let context = self.bits + SAME * way + (1 << axis) - 1 + same;
+            let is_same = columns.bit(context, error == 0);
+            same |= usize::from(is_same) << axis;
+            let error = match is_same {
+                true => 0,
+                false => columns.near(self.numbers + PLACE + 3 * way + axis, error),
+            };
+            *at = self.steps[axis].coordinate(expected.wrapping_add(error));
+        }
+        if !colours.is_empty() {
+            let expected = near.map_or([0; 3], |vertex| colours[vertex]);
+            for (channel, (value, expected)) in colours[new].iter_mut().zip(expected).enumerate() {
+                let error = value.wrapping_sub(expected) as i8;
+                let error = columns.near(self.numbers + COLOUR + channel, error.into());
+                *value = expected.wrapping_add(error as u8);
+            }
+        }
+        self.known += 1;
+    }
+}
+
+/// The step of coordinates along an axis: all are a first one and multiples of it.
+struct Step {
+    first: i32,
+    step: i64,
+}
+
+impl Step {
+    /// Codes the greatest step that coordinates have.
+    fn code(columns: &mut Columns<'_>, coordinates: impl Iterator<Item = i32> + Clone) -> Option<Step> {
+        let first = coordinates.clone().next().unwrap_or(0);
+        let greatest =
+            |step: u32, at: i32| if step == 1 { 1 } else { common_divisor(step, at.abs_diff(first)) };
+        let step = columns.number(coordinates.fold(0, greatest).into());
+        let first = columns.number((first as u32).into());
+        let [step, first] = [step, first].map(u32::try_from);
+        Some(Step { first: first.ok()? as i32, step: step.ok()?.max(1).into() })
+    }
+
+    /// A coordinate in steps, rounded down.
+    fn number(&self, coordinate: i64) -> i64 {
+        (coordinate - i64::from(self.first)).div_euclid(self.step)
+    }
+
+    fn coordinate(&self, number: i64) -> i32 {
+        number.wrapping_mul(self.step).wrapping_add(self.first.into()) as i32
+    }
+}
+
+fn common_divisor(mut a: u32, mut b: u32) -> u32 {
+    while b > 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
