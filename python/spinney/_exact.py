@@ -15,12 +15,15 @@ from ._elsewhere import elsewhere_of, kept_name
 from ._told import crs_text
 from ._sources import is_mesh, mesh_file, paths_of
 from ._files import MEMORY
+from ._options import packing_of
 from ._progress import memory_of, working
 from ._types import (
     BBox,
     Box,
     BuiltModel,
+    Codec,
     Coverage,
+    Effort,
     Euler,
     Faces,
     Finding,
@@ -48,6 +51,8 @@ def build_brep(
     unit: str | None = None,
     crs: Any = None,
     memory: int | str = MEMORY,
+    codec: Codec = "plain",
+    effort: Effort | None = None,
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -59,12 +64,13 @@ def build_brep(
     that of the files' own grid or the finest one. `close` closes open surfaces with triangles over their boundaries;
     `repair` resolves those that pass through themselves: what they go around once or more is inside. Without these, such
     surfaces are a ValueError that tells the places, and there is no file. Cells of the octree with up to `leaf_size` faces are not divided. `up`, `unit`,
-    `crs`, `memory` and `max_bytes` are as for `build`.
+    `crs`, `memory` and `max_bytes` are as for `build`. With the `codec` "packed" the file takes fewer bytes, which are unpacked when they are used, whatever
+    the `effort`.
     """
     if is_mesh(models):
         with mesh_file(models, out) as (path, told_unit):
             return build_brep(
-                path, out, snap=snap, close=close, repair=repair, leaf_size=leaf_size, up=up, unit=unit or told_unit, crs=crs, memory=memory,
+                path, out, snap=snap, close=close, repair=repair, leaf_size=leaf_size, up=up, unit=unit or told_unit, crs=crs, memory=memory, codec=codec, effort=effort,
                 max_bytes=max_bytes, threads=threads, progress=progress,
             )
     paths = paths_of(models)
@@ -80,6 +86,7 @@ def build_brep(
         "up": up,
         "unit": unit,
         "crs": crs_text(crs),
+        "packing": packing_of(codec, effort, None),
         "memory": memory_of(memory),
     }
     with working(progress, threads, max_bytes) as terms:

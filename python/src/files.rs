@@ -11,7 +11,7 @@ use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
 use spinney::store::autumnal::{self, Commit, CompactOptions, History, Keep, Note};
-use spinney::store::{self, Header, Metadata, OpenOptions, file_of};
+use spinney::store::{Codec, Header, Metadata, OpenOptions, file_of};
 use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
@@ -125,10 +125,7 @@ pub(crate) fn combine<'py>(
         if prefer_second || fill.is_some() || universe.is_some() {
             return Err(invalid("values, fill, within and margin mean nothing for exact models"));
         }
-        if packing.0 != store::Packing::default() {
-            return Err(invalid("codec: exact models have none"));
-        }
-        return combine_exact(py, operation, &paths, &out, memory, terms);
+        return combine_exact(py, operation, &paths, &out, (memory, packing.of_model()?), terms);
     }
     let features = features.into_iter().map(|(place, terms)| Ok((place, terms.read()?)));
     let features = features.collect::<PyResult<Vec<_>>>()?;
@@ -172,7 +169,7 @@ fn combine_exact<'py>(
     operation: Operation,
     paths: &[PathBuf],
     out: &Path,
-    memory: u64,
+    (memory, codec): (u64, Codec),
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     let Operation::Set { number, .. } = operation else {
@@ -182,7 +179,7 @@ fn combine_exact<'py>(
         let models = paths.iter().map(|path| ExactModel::open(path, &OpenOptions::new()));
         let models = models.collect::<spinney::Result<Vec<_>>>()?;
         let models: Vec<&ExactModel> = models.iter().collect();
-        spinney::brep::combine(number, &models, work.create_tree(out)?, memory, work)
+        spinney::brep::combine(number, &models, work.create_tree(out)?, codec, memory, work)
     })?;
     let facts = PyDict::new(py);
     facts.set_item("before", made.before)?;

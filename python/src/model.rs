@@ -21,6 +21,7 @@ use crate::elsewhere::{Elsewhere, path_object};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::packing::Packing;
 use crate::tree::crs_text;
 
 /// An exact model in a file, open for questions from any number of threads.
@@ -359,6 +360,7 @@ pub(crate) struct ModelOptions {
     up: Option<String>,
     unit: Option<String>,
     crs: Option<String>,
+    packing: Packing,
     memory: u64,
 }
 
@@ -376,6 +378,7 @@ pub(crate) fn build_brep<'py>(
     let mut exact = ExactOptions::new();
     (exact.snap, exact.close, exact.memory) = (options.snap, options.close, options.memory);
     exact.repair = options.repair;
+    exact.codec = options.packing.of_model()?;
     exact.leaf_size = options.leaf_size.unwrap_or(exact.leaf_size);
     exact.up = options.up.as_ref().map(|name| name.parse()).transpose().or_raise()?.unwrap_or_default();
     exact.unit = options.unit;

@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 use spinney::io::RangeCache;
 use spinney::store::{self, Codec, WriteOptions};
 
-use crate::error::OrRaise;
+use crate::error::{OrRaise, invalid};
 
 /// Packing of segments: the name of the codec, that of the effort, if one is said, and the greatest error, if there may be one.
 #[derive(Clone, Copy)]
@@ -28,6 +28,14 @@ impl Packing {
     /// The way in which a tree is written, with so much memory.
     pub(crate) fn with(self, memory: u64) -> WriteOptions {
         WriteOptions::new(memory).packing(self.0)
+    }
+
+    /// The codec of an exact model, in which nothing is rounded and there is one effort.
+    pub(crate) fn of_model(self) -> PyResult<Codec> {
+        match self.0.max_error {
+            None => Ok(self.0.codec),
+            Some(_) => Err(invalid("max_error: means nothing for exact models")),
+        }
     }
 }
 

@@ -52,6 +52,23 @@ def test_files_and_layers(tmp_path: Path) -> None:
     assert spinney.verify(stack) == []
 
 
+def test_exact_models_are_the_same(tmp_path: Path) -> None:
+    plain, packed, both = (tmp_path / f"{name}.goblin" for name in ("plain", "packed", "both"))
+    chapel = FIXTURES / "v1" / "chapel.goblin"
+    spinney.build_brep(chapel, plain)
+    spinney.build_brep(chapel, packed, codec="packed", effort="small")
+    spinney.combine("and", [packed, plain], both, codec="packed")
+    for name in (packed, both):
+        assert 3 * name.stat().st_size < 2 * plain.stat().st_size and spinney.verify(name) == []
+        with spinney.open_brep(plain) as a, spinney.open_brep(name) as b:
+            assert a.volume == pytest.approx(b.volume, rel=1e-12) and a.bounds == b.bounds
+    with spinney.open_brep(plain) as a, spinney.open_brep(packed) as b:
+        of_a, of_b = a.faces(), b.faces()
+        assert all(np.array_equal(x, y) for i in range(len(a)) for x, y in zip(of_a.rings(i), of_b.rings(i), strict=True))
+    with pytest.raises(ValueError, match="max_error"):
+        spinney.combine("or", [plain, packed], both, codec="packed", max_error=1.0)
+
+
 def test_what_makes_no_sense_is_refused(tmp_path: Path) -> None:
     out = tmp_path / "t.goblin"
     with pytest.raises(ValueError, match="effort"):
