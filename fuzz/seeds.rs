@@ -433,6 +433,7 @@ fn models(put: Put<'_>, folder: &Path) -> Result<()> {
         put("model_read", &format!("{name}_cut"), &file.bytes());
         fs::remove_file(&path).unwrap();
     }
+    put("model_read", "packed", include_bytes!("../fixtures/v1/crossing_packed.goblin"));
     Ok(())
 }
 

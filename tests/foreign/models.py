@@ -1,4 +1,4 @@
-"""A reader of exact models, written from sections 27 to 36 of formats.md."""
+"""A reader of exact models, written from sections 27 to 36 of formats.md, and 42."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any, Iterable, Iterator
 
 from basics import Bytes, Code, Damaged, Header, Unknown, check, crc32c, metadata, trailer
+from packed_models import unpack
 
 Vector = tuple[int, int, int]
 Box = list[tuple[int, int]]
@@ -207,7 +208,9 @@ class Model:
             raise Unknown("templates that are placed")
         b = Bytes(sections.get(b"BREP", b""))
         check(136 <= len(b.data) <= 4096 and sections.get(b"META") and b"FACE" in sections and sections.get(b"DIRE"), "sections")
-        self.bits, self.far, *origin = b.get("BB6x3q")
+        self.bits, self.far, self.codec, *origin = b.get("BBB5x3q")
+        if self.codec > 1:
+            raise Unknown("a codec of exact models")
         self.origin = tuple(origin)
         self.step, self.divisor = b.get("2d")
         self.count, *self.nodes, self.exact_count, self.stand_ins, self.parts_count = b.get("11Q")
@@ -222,8 +225,10 @@ class Model:
         table = Bytes(data, len(data) - 16 - int.from_bytes(data[-16:-12], "little") + 36)
         starts = {tag: at for tag, _, at, _ in (table.get("4sIQQ") for _ in range(len(sections)))}
         self.first_list = min(starts[tag] for tag in LISTS if tag in starts and sections[tag])
-        self.lists = {tag: self._list(sections.get(tag, b"")) for tag in LISTS}
-        check(sum(len(block) for of in self.lists.values() for _, block in of) <= self.first_list - 24, "blocks are there twice")
+        stored = {tag: self._list(sections.get(tag, b"")) for tag in LISTS}
+        check(sum(len(block) for of in stored.values() for _, block in of) <= self.first_list - 24, "blocks are there twice")
+        plain = unpack if self.codec else lambda _, block: block
+        self.lists = {tag: [(key, plain(tag, block)) for key, block in stored[tag]] for tag in LISTS}
         self.faces = self._faces(b"FACE", self.count)
         self.exact = self._faces(b"EXAC", self.exact_count)
         check(all(f.part < self.parts_count for f in self.faces + self.exact), "parts of faces")

@@ -23,7 +23,7 @@ from verify import verify
 
 ROOT = Path(__file__).parents[2]
 FIXTURES = ROOT / "fixtures" / "v1"
-MODELS = ["chapel.goblin", "crossing.goblin"]
+MODELS = ["chapel.goblin", "crossing.goblin", "chapel_packed.goblin", "crossing_packed.goblin"]
 CELLS = sorted(path.name for path in FIXTURES.glob("*.goblin") if path.name not in MODELS)
 HISTORIES = sorted(path.name for path in FIXTURES.glob("*.autumn"))
 PICTURE = np.array(
@@ -229,6 +229,13 @@ def test_models(name: str) -> None:
     assert inside
     for face in model.faces:
         assert model.inside(tuple(2 * v for v in face.rings[0][0])) is None or not any(face.normal)
+
+
+@pytest.mark.parametrize("name", ["chapel", "crossing"])
+def test_packed_models_are_the_plain_ones(name: str) -> None:
+    plain, packed = (Model(fixture(f"{name}{end}.goblin")) for end in ("", "_packed"))
+    assert (plain.codec, packed.codec) == (0, 1) and plain.lists == packed.lists
+    assert len(packed.data) < 0.7 * len(plain.data)
 
 
 def test_what_models_say() -> None:
