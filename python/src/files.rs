@@ -11,7 +11,7 @@ use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
 use spinney::store::autumnal::{self, Commit, CompactOptions, History, Keep, Note};
-use spinney::store::{Codec, Header, Metadata, OpenOptions, file_of};
+use spinney::store::{self, Codec, Header, Metadata, OpenOptions, file_of};
 use spinney::value::Number;
 
 use crate::error::{OrRaise, invalid};
