@@ -72,6 +72,21 @@ impl<'k> CompactOptions<'k> {
 /// Writes some commits of a file, with their numbers and notes, to a new one. What they have in common at the
 /// same node is written once. Returns the commits as they are in the new file.
 ///
+/// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// use spinney::io::Output;
+/// use spinney::store::Effort;
+/// use spinney::store::autumnal::{CompactOptions, Keep, compact};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("archive.autumn");
+/// let keep = Keep::Last(100);
+/// let options = CompactOptions::new(&keep, 64 << 20).pack(Some(Effort::Fast));
+/// let commits = compact("fixtures/v1/history.autumn".as_ref(), &options, Output::create(&path)?, &())?;
+/// assert_eq!(commits.len(), 4);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
 /// If there are no such commits, the file is damaged, the output cannot be written, or on interruption.
 pub fn compact(
