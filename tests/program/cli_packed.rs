@@ -104,6 +104,41 @@ fn every_door_packs() {
     assert_eq!(text.matches(", packed, ").count(), 2, "{text}");
 }
 
+/// All pictures below a folder, by their paths there.
+fn pictures(folder: &std::path::Path, found: &mut Vec<(String, Vec<u8>)>, from: &str) {
+    for entry in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap()) {
+        let name = format!("{from}/{}", entry.file_name().to_str().unwrap());
+        match entry.path().is_dir() {
+            true => pictures(&entry.path(), found, &name),
+            false if name.ends_with(".png") => found.push((name, std::fs::read(entry.path()).unwrap())),
+            false => {}
+        }
+    }
+}
+
+#[test]
+fn exports_are_those_of_plain_files() {
+    let place = Place::new();
+    let [plain, packed] = ["plain.goblin", "packed.goblin"].map(|name| place.name(name));
+    spinney(&["build", CLASSES, "-o", &plain, "--grid", "xyz"]).success();
+    spinney(&["convert", &plain, &packed, "--codec", "packed"]).success();
+    let mut tiles = [vec![], vec![]];
+    for (file, tiles) in [&plain, &packed].into_iter().zip(&mut tiles) {
+        spinney(&["export", file, "-o", &format!("{file}.tif")]).success();
+        spinney(&["export", file, "-o", &format!("{file}.geojson"), "--polygons"]).success();
+        spinney(&["get", file, &format!("{file}.npy"), "--level", "10"]).success();
+        let folder = format!("{file}.tiles");
+        spinney(&["export", file, "-o", &format!("{folder}/{{z}}/{{x}}/{{y}}.png")]).success();
+        pictures(folder.as_ref(), tiles, "");
+        tiles.sort();
+    }
+    assert!(tiles[0].len() > 5 && tiles[0] == tiles[1]);
+    for kind in ["tif", "geojson", "npy"] {
+        let [one, other] = [&plain, &packed].map(|file| std::fs::read(format!("{file}.{kind}")).unwrap());
+        assert!(one == other, "{kind}");
+    }
+}
+
 #[test]
 fn history_is_packed() {
     let place = Place::new();
