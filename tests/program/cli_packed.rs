@@ -199,8 +199,10 @@ fn exact_models_are_packed() {
 fn packing_is_refused_where_there_are_no_segments() {
     let place = Place::new();
     let [history, tree, other] = ["map.autumn", "map.goblin", "model.goblin"].map(|name| place.name(name));
-    let text = complaint(&["build", CLASSES, "-o", &history, "--codec", "packed"], 1);
-    assert!(text.contains("compact") && text.contains(".goblin"), "{text}");
+    for grid in [&[][..], &["--grid", "xyz"]] {
+        let text = complaint(&[&["build", CLASSES, "-o", &history, "--codec", "packed"], grid].concat(), 1);
+        assert!(text.contains("compact") && text.contains(".goblin"), "{text}");
+    }
     let text = complaint(&["build", CLASSES, "-o", &tree, "--effort", "small"], 1);
     assert!(text.contains("--effort is for --codec packed"), "{text}");
     let text = complaint(&["combine", "or", DISTRICTS, DISTRICTS, "-o", &tree, "--codec", "packed"], 1);

@@ -24,6 +24,7 @@ impl RasterImport {
     /// then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
         check_tree_name(output.path())?;
+        self.options.packing.check_output(output.path())?;
         self.remarks.iter().for_each(|(path, remark)| progress.warn(path, remark));
         let half = self.memory / 2;
         let in_bands = self.info().order == Order::Bands;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::commit::Note;
 use super::editor::Editor;
-use crate::store::builder::{BuildOptions, Fill};
+use crate::store::builder::{BuildOptions, Fill, no_segments};
 use spinney_base::io::{FileBackend, Output};
 use spinney_base::value::Tally;
 use spinney_base::{Error, Result};
@@ -77,11 +77,7 @@ impl NewFile {
 pub(super) fn check_plain(header: &Header, path: &Path) -> Result<()> {
     match header.codec {
         Codec::Plain => Ok(()),
-        Codec::Packed => {
-            let advice =
-                "history is made smaller by `spinney compact`; give the output a name that ends with .goblin";
-            Err(Error::unsupported(path, "packing in an Autumnal file", advice))
-        }
+        Codec::Packed => Err(no_segments(path)),
     }
 }
 

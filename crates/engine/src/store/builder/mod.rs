@@ -35,6 +35,7 @@ pub use merge::{
 };
 pub use options::{BuildOptions, WriteOptions, depth_for};
 pub use packing::Packing;
+pub(super) use packing::no_segments;
 pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment};
 pub use reuse::ReusableSource;
 pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};

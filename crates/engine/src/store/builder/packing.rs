@@ -1,9 +1,11 @@
 //! How few bytes a tree is to take, and what it may lose for that.
 
+use std::path::Path;
+
 use super::rounding::Rounding;
 use spinney_base::value::{Kind, ValueType};
 use spinney_base::{Error, Result};
-use spinney_container::{Codec, Metadata};
+use spinney_container::{Codec, Metadata, TreeFormat};
 use spinney_packing::Effort;
 
 /// How few bytes a tree is to take, and what it may lose for that: plain segments, and nothing, unless something else is said.
@@ -39,6 +41,17 @@ impl Packing {
         }
     }
 
+    /// Makes sure that a file of this name can have a tree that is packed like this.
+    ///
+    /// # Errors
+    /// If it would be an Autumnal file, which has no segments.
+    pub fn check_output(&self, path: &Path) -> Result<()> {
+        match (self.codec, TreeFormat::of(path)) {
+            (Codec::Packed, TreeFormat::Autumnal) => Err(no_segments(path)),
+            _ => Ok(()),
+        }
+    }
+
     /// The effort of a name: fast or small.
     ///
     /// # Errors
@@ -65,4 +78,11 @@ impl Packing {
             Some(most) => Rounding::new(value, most),
         }
     }
+}
+
+/// The error for packing in an Autumnal file.
+pub(in crate::store) fn no_segments(path: &Path) -> Error {
+    let advice =
+        "history is made smaller by `spinney compact --pack`; give the output a name that ends with .goblin";
+    Error::unsupported(path, "packing in an Autumnal file", advice)
 }
