@@ -72,7 +72,8 @@ def unpack(tag: bytes, packed: bytes) -> bytes:
 
 
 def of_bytes(c: Columns, size: int) -> bytes:
-    found, places, at, alike = bytearray(), {}, 0, 0
+    found, at, alike = bytearray(), 0, 0
+    places: dict[int, int] = {}
     for i in range(size):
         if i >= 4:
             key = int.from_bytes(found[i - 4 : i], "little") * 0x9E3779B1 % U32 >> 16
@@ -96,7 +97,8 @@ class Corners:
         self.c, self.vertices = c, vertices
         self.into: dict[int, list[tuple[int, int]]] = {}
         self.out: dict[int, list[int]] = {}
-        self.next, self.last, self.before, self.was = 0, 0, [], "new"
+        self.next, self.last, self.was = 0, 0, "new"
+        self.before: list[int] = []
 
     def ring(self, count: int) -> list[int]:
         ring: list[int] = []
@@ -209,7 +211,8 @@ class Faces:
         else:
             way = 3 if known else 4
             expected = self.places[known[0]] if known else self.places[new - 1] if new else [0, 0, 0]
-        place, same = [], ()
+        place: list[int] = []
+        same: tuple[int, ...] = ()
         for axis, (s, f) in enumerate(self.steps):
             x = (expected[axis] - f) // s
             is_same = self.c.bit(("same", way, axis, same))
@@ -239,7 +242,8 @@ class Exact:
         parts, sources = c.sums("part", 32, n if flags & 4 else 1), c.sums("source", 64, n)
         self.planes_count, self.next_plane, self.told = p, 0, [0, 0]
         self.counts, self.next, self.was_on_grid = (g, v), [0, 0], 1
-        self.corners, self.order = Corners(c, g + v), []
+        self.corners = Corners(c, g + v)
+        self.order: list[int] = []
         self.edges: dict[tuple[int, int], tuple[int, int]] = {}
         of_faces: list[int] = []
         all_corners: list[tuple[int, int]] = []

@@ -109,9 +109,9 @@ fn with_packed_history(bytes: &[u8]) -> Vec<u8> {
 fn fields_of_packed_history() {
     if is_alone("attack_autumnal::fields_of_packed_history") {
         attack("bytes", &with_packed_history(&random(QUAD, [6, 5, 1], (Rule::Mean, Kind::Continuous))));
-        let classes = random(QUAD, [40, 37, 1], (Rule::Majority, Kind::Categorical));
+        let classes = random(QUAD, [13, 11, 1], (Rule::Majority, Kind::Categorical));
         attack("classes", &with_packed_history(&classes));
-        attack("octree", &with_packed_history(&random(OCT, [9, 8, 9], (Rule::Occupancy, Kind::Continuous))));
+        attack("octree", &with_packed_history(&random(OCT, [4, 3, 5], (Rule::Occupancy, Kind::Continuous))));
     }
 }
 
