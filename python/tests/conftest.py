@@ -14,7 +14,7 @@ import spinney
 
 ROOT = Path(__file__).parents[2]
 FIXTURES = ROOT / "fixtures"
-FILES = sorted(path for path in (FIXTURES / "v1").glob("*.*") if path.stem not in ("chapel", "crossing"))
+FILES = sorted(path for path in (FIXTURES / "v1").glob("*.*") if not path.stem.startswith(("chapel", "crossing")))
 STACKS = [path for path in FILES if path.stem == "stack"]
 TREES = [path for path in FILES if path not in STACKS] + [Path(f"{path}:{name}") for path in STACKS for name in spinney.open(path).names]
 QUADTREES = [path for path in TREES if path.stem not in ("ball", "segments")]
