@@ -111,7 +111,7 @@ fn all_fields(file: &[u8]) -> Vec<Field> {
     all
 }
 
-/// Changes every field of a file, and asks everything.
+/// Changes fields of a file, each or one of every so many, and asks everything.
 fn attack(file: &[u8], every: usize) {
     let (mut cases, start) = (0u64, Instant::now());
     for field in all_fields(file).into_iter().step_by(every) {
