@@ -247,6 +247,16 @@ fn what_is_smooth_becomes_small() {
     assert!(sizes[0] >= 2 && sizes[1] >= 4, "{sizes:?}");
 }
 
+/// Bytes of which one bit or a few are changed.
+fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
+    let mut damaged = bytes.to_vec();
+    for _ in 0..1 + random.below(3) {
+        let at = random.below(damaged.len() as u64) as usize;
+        damaged[at] ^= 1 << random.below(8);
+    }
+    damaged
+}
+
 #[test]
 fn damaged_segments_are_told() {
     let mut random = Random(11);
@@ -264,11 +274,7 @@ fn damaged_segments_are_told() {
             assert!(unpack(&form, places, 0, &packed[..length]).is_err());
         }
         for _ in 0..500 {
-            let mut damaged = packed.clone();
-            for _ in 0..1 + random.below(3) {
-                let at = random.below(damaged.len() as u64) as usize;
-                damaged[at] ^= 1 << random.below(8);
-            }
+            let damaged = damaged(&packed, &mut random);
             // (Some bits do not matter: then it is the same segment.)
             if let Ok(unpacked) = unpack(&form, places, 0, &damaged) {
                 assert_eq!(unpacked, plain);
@@ -371,11 +377,7 @@ fn damaged_runs_are_told() {
         let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
         let packed = pack_runs(&form, &as_slices(&runs), &beside, Effort::Small).unwrap();
         for _ in 0..500 {
-            let mut damaged = packed.clone();
-            for _ in 0..1 + random.below(3) {
-                let at = random.below(damaged.len() as u64) as usize;
-                damaged[at] ^= 1 << random.below(8);
-            }
+            let damaged = damaged(&packed, &mut random);
             if let Ok(unpacked) = unpack_runs(&form, runs.len(), length, &damaged) {
                 assert_eq!((unpacked.runs, unpacked.beside), (runs.clone(), beside.clone()));
             }

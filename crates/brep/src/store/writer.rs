@@ -152,7 +152,7 @@ impl ModelWriter {
     }
 }
 
-/// What is being done, in messages, when a piece is written.
+/// Words for writing a piece, in messages.
 fn doing(list: List) -> &'static str {
     match list {
         List::Faces => "write faces",

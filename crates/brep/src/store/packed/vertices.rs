@@ -25,7 +25,7 @@ pub(super) const CONTEXTS: (usize, usize) = (COMMON + 1, PART + 3);
 /// No vertex, and no plane.
 const NOBODY: u32 = u32::MAX;
 
-/// What is known of planes and vertices from the corners that have them first.
+/// Vertices and planes that lie in each other, by the corners that have them first.
 pub(super) struct Uses {
     /// For each plane a vertex of the grid in it.
     points: Vec<u32>,

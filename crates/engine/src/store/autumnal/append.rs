@@ -148,7 +148,7 @@ impl Appender {
 
     /// Ends the extent of packed records that is being made, if it has any.
     fn close_packed(&mut self) {
-        // (No other extent is open then.)
+        // (No other extent is open then: records go nowhere else.)
         let Some((writer, _)) = self.packed.as_mut().filter(|(writer, _)| !writer.is_empty()) else { return };
         let payload = writer.finish();
         let head = head(ExtentKind::Packed, self.position(), &payload);
@@ -158,19 +158,18 @@ impl Appender {
         self.buffer.resize((end - self.start) as usize, 0);
     }
 
-    /// Adds a record to the extent of packed records.
-    fn write_packed(&mut self, record: NewRecord<'_>) -> Result<u64> {
+    /// Adds a record to the extent of packed records; `None` if records are not packed.
+    fn write_packed(&mut self, record: NewRecord<'_>) -> Result<Option<u64>> {
+        let Some((writer, _)) = &self.packed else { return Ok(None) };
         // (What is written can be compared with.)
-        if self.packed.as_ref().is_some_and(|(writer, _)| writer.is_full()) {
+        if writer.is_full() {
             self.flush()?;
         }
-        if self.extent.is_some() {
-            self.close_extent();
-        }
+        // Invariant: the extent begins where its first record finds the end of what there is, since nothing else is written before it is
+        // closed. So addresses are told before anything is packed.
         let start = self.position();
-        let Some((writer, _)) = &mut self.packed else { return self.write_record(record) };
         self.written.records += 1;
-        Ok(writer.push(start, record))
+        Ok(self.packed.as_mut().map(|(writer, _)| writer.push(start, record)))
     }
 
     /// Writes the buffer.
@@ -232,8 +231,8 @@ impl Appender {
     }
 
     fn write_record(&mut self, record: NewRecord<'_>) -> Result<u64> {
-        if self.packed.is_some() {
-            return self.write_packed(record);
+        if let Some(address) = self.write_packed(record)? {
+            return Ok(address);
         }
         self.open_extent(ExtentKind::Records)?;
         let mut address = self.position();
@@ -342,7 +341,7 @@ impl Appender {
         Ok(self.size_of(bytes, address, content, new))
     }
 
-    /// The same where records are packed.
+    /// Bytes of such a record in a file whose records are packed.
     fn packed_size_with(
         &mut self,
         address: u64,

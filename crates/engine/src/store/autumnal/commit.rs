@@ -32,6 +32,18 @@ pub struct Written {
     pub spared: u64,
 }
 
+impl Written {
+    /// Both together.
+    pub(super) fn and(self, other: Written) -> Written {
+        Written {
+            records: self.records + other.records,
+            bytes: self.bytes + other.bytes,
+            shared: self.shared + other.shared,
+            spared: self.spared + other.spared,
+        }
+    }
+}
+
 /// The root of a commit's tree.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Root {

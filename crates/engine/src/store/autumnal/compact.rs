@@ -151,8 +151,10 @@ impl Copy<'_> {
     /// Writes the trees of the newest commit as they are, then those of each older one as what differs from the one after it, packed; and
     /// then all commits.
     ///
-    /// What the newest commit has is so where an edit will need it, and all that it does not have is history.
+    /// So that which the newest commit has is where an edit will need it, and all that it does not have is history.
     fn newest_first(&mut self, commits: Vec<Commit>, effort: Effort) -> Result<Vec<Commit>> {
+        // Invariant: commits stand behind all that they point to, the oldest first, whatever the order of their records: a commit that is
+        // kept leads back to what was written before it, and what it has in common with a newer one was.
         let mut states = Vec::new();
         for commit in commits.into_iter().rev() {
             let (number, note) = (commit.number, commit.note.clone());

@@ -414,7 +414,7 @@ impl Editor {
         if self.newest.as_ref().is_some_and(is_newest) {
             return Ok(None);
         }
-        self.write_commit(number, note).map(Some)
+        self.write_commit(number, note, Written::default()).map(Some)
     }
 
     /// Makes all edits so far a commit, whether they differ from the newest one or not, with any number that is larger
@@ -424,7 +424,7 @@ impl Editor {
     /// Those of [`Editor::commit`].
     pub(super) fn commit_as(&mut self, number: u64, note: Note) -> Result<Commit> {
         self.keep_metadata()?;
-        self.write_commit(number, note)
+        self.write_commit(number, note, Written::default())
     }
 
     /// Packs all records that are written from now on, with an effort, in a file that may have such.
@@ -440,7 +440,7 @@ impl Editor {
     /// If writing fails.
     pub(super) fn state(&mut self) -> Result<Commit> {
         self.keep_metadata()?;
-        let written = Written { bytes: self.appender.position() - self.begin, ..self.appender.written };
+        let written = self.written();
         self.begin = self.appender.position();
         self.appender.written = Written::default();
         let state = Commit { written, ..self.draft.commit.clone() };
@@ -455,8 +455,14 @@ impl Editor {
     pub(super) fn commit_state(&mut self, state: Commit, number: u64, note: Note) -> Result<Commit> {
         let tree = Autumnal::new(self.draft.archive.clone(), state, 0)?;
         self.appender.set_tree(&tree);
+        let written = tree.commit.written;
         self.draft = Arc::new(tree);
-        self.write_commit(number, note)
+        self.write_commit(number, note, written)
+    }
+
+    /// The account of what was written for no commit or state yet.
+    fn written(&self) -> Written {
+        Written { bytes: self.appender.position() - self.begin, ..self.appender.written }
     }
 
     /// The number after one that the file has.
@@ -467,16 +473,13 @@ impl Editor {
         })
     }
 
-    fn write_commit(&mut self, number: u64, note: Note) -> Result<Commit> {
+    /// Writes a commit, for which something was written earlier.
+    fn write_commit(&mut self, number: u64, note: Note, earlier: Written) -> Result<Commit> {
         let draft = self.draft.clone();
         let previous = self.newest.as_ref().map_or(0, |_| self.meta.commit);
         let jump =
             self.newest.as_ref().map_or(Ok((0, 0)), |newest| newest.next_jump(draft.extents(), previous))?;
-        let bytes = self.appender.position() - self.begin;
-        let written = match self.state.is_some() {
-            true => Written { bytes: draft.commit.written.bytes + bytes, ..draft.commit.written },
-            false => Written { bytes, ..self.appender.written },
-        };
+        let written = self.written().and(earlier);
         let commit = Commit {
             number,
             note,

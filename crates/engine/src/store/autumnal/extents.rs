@@ -197,7 +197,7 @@ impl Extents {
         })
     }
 
-    /// The same, some of which may be packed.
+    /// Extents of which some may be packed.
     pub(super) fn with_packed(self, packed: Option<Arc<PackedExtents>>) -> Extents {
         Extents { packed, ..self }
     }

@@ -9,7 +9,7 @@ use super::append::NewRecord;
 use super::extents::{FULL_EXTENT, HEAD_SIZE};
 use super::layout::{PointeredLayout, Pointers};
 use super::pages::SECTOR;
-use super::zone::{get_u64, put};
+use super::zone::{get_signed, get_u64, put, put_signed};
 use spinney_base::io::{HeldBytes, Unpacked};
 use spinney_base::value::Value;
 use spinney_container::{FileHeader, Header};
@@ -267,11 +267,9 @@ impl PackedWriter {
             bytes.extend_from_slice(&self.header.to_bytes());
             bytes
         };
+        // (Nobody has to pack what nobody may unpack.)
         let packed = packed.map(|packed| [head(true), packed].concat());
-        let packed = packed.filter(|packed| {
-            let unpacked = PackedHead::read(packed).is_some_and(|head| head.plain <= MOST_PLAIN);
-            unpacked && packed.len() < START + records.bytes.len()
-        });
+        let packed = packed.filter(|packed| PackedHead::read(packed).is_some());
         let bytes = packed.unwrap_or_else(|| [head(false), records.to_bytes()].concat());
         self.heights.clear();
         self.beside.clear();
@@ -290,8 +288,7 @@ fn put_pointers(
     bytes.extend_from_slice(&pointers.bitmap.to_le_bytes()[..size]);
     let mut expected = address;
     for target in &pointers.targets {
-        let distance = target.wrapping_sub(expected) as i64;
-        put(bytes, u128::from((distance << 1 ^ distance >> 63) as u64));
+        put_signed(bytes, i128::from(*target) - i128::from(expected));
         expected = target + 1;
     }
 }
@@ -310,8 +307,7 @@ fn take_pointers(
     let bitmap = u64::from_le_bytes(bitmap);
     let mut expected = address;
     let targets = (0..bitmap.count_ones()).map(|_| {
-        let distance = get_u64(bytes).ok()?;
-        let distance = (distance >> 1) as i64 ^ -((distance & 1) as i64);
+        let distance = i64::try_from(get_signed(bytes).ok()?).ok()?;
         let target = expected.checked_add_signed(distance).filter(|target| *target < address)?;
         expected = target + 1;
         Some(target)

@@ -41,9 +41,7 @@ impl Zone {
         bytes.extend_from_slice(&tally.max.to_bytes()[..width]);
         for sums in [tally.sum, tally.squares] {
             for channel in 0..usize::from(tally.value_type.channels) {
-                // Zigzag: small numbers of either sign become small numbers without one.
-                let number = i128::from_le_bytes(sums.to_bytes(channel));
-                put(&mut bytes, (number << 1 ^ number >> 127) as u128);
+                put_signed(&mut bytes, i128::from_le_bytes(sums.to_bytes(channel)));
             }
         }
         if with_classes {
@@ -84,9 +82,7 @@ impl Zone {
         tally.max = value(rest, width)?;
         for sums in [&mut tally.sum, &mut tally.squares] {
             for channel in 0..usize::from(form.value.channels) {
-                let number = get(rest)?;
-                let number = (number >> 1) as i128 ^ -((number & 1) as i128);
-                sums.set_bytes(channel, number.to_le_bytes());
+                sums.set_bytes(channel, get_signed(rest)?.to_le_bytes());
             }
             // Then sums of any zones, added up, cannot overflow.
             if !sums.are_possible(cells) {
@@ -135,6 +131,16 @@ pub(super) fn put(bytes: &mut Vec<u8>, mut number: u128) {
         number >>= 7;
     }
     bytes.push(number as u8);
+}
+
+/// Appends a number with a sign. Zigzag: small ones of either sign become small ones without one.
+pub(super) fn put_signed(bytes: &mut Vec<u8>, number: i128) {
+    put(bytes, (number << 1 ^ number >> 127) as u128);
+}
+
+pub(super) fn get_signed(bytes: &mut &[u8]) -> Result<i128, BadZone> {
+    let number = get(bytes)?;
+    Ok((number >> 1) as i128 ^ -((number & 1) as i128))
 }
 
 fn get(bytes: &mut &[u8]) -> Result<u128, BadZone> {
