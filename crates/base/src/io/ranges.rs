@@ -126,17 +126,23 @@ impl RangeFile {
             let mut all = under_way();
             ranges.iter().cloned().partition(|range| all.insert(key(range)))
         };
-        let fetched = {
+        let held =
+            |range: &Range<u64>| self.0.cache.get(self.0.number, range).map(|held| Arc::new(held.to_vec()));
+        let mut found: HashMap<(u64, u64), Arc<Vec<u8>>> = HashMap::new();
+        {
             let _arriving = Arriving { file: &self.0, ranges: &own };
-            self.fetch_own(&own)
-        };
-        let mut found: HashMap<(u64, u64), Arc<Vec<u8>>> = own.iter().map(key).zip(fetched?).collect();
+            // (Since the caller looked, another thread may have got some of them.)
+            found.extend(own.iter().filter_map(|range| Some((key(range), held(range)?))));
+            let missing: Vec<_> =
+                own.iter().filter(|range| !found.contains_key(&key(range))).cloned().collect();
+            found.extend(missing.iter().map(key).zip(self.fetch_own(&missing)?));
+        }
         for range in &others {
             let waits = self.0.arrived.wait_while(under_way(), |all| all.contains(&key(range)));
             drop(waits.unwrap_or_else(PoisonError::into_inner));
             // (The other thread may have failed, or there is no room for what it has got.)
-            let bytes = match self.0.cache.get(self.0.number, range) {
-                Some(held) => Arc::new(held.to_vec()),
+            let bytes = match held(range) {
+                Some(held) => held,
                 None => self.fetch_own(std::slice::from_ref(range))?.swap_remove(0),
             };
             found.insert(key(range), bytes);
@@ -388,6 +394,22 @@ mod tests {
         all.dedup();
         // (Who has joined ranges has asked for another one.)
         assert!(count <= all.len() + 8, "{count} of {}", all.len());
+    }
+
+    #[test]
+    fn what_another_thread_got_meanwhile_is_not_fetched_again() {
+        let (far, rounds) = file(1 << 20);
+        let mut other = Some(|| ask(|| question(&far)).unwrap());
+        ask(|| {
+            let missing = question(&far);
+            // (Between what is found missing and its fetching.)
+            if let Some(other) = other.take() {
+                std::thread::scope(|scope| scope.spawn(other).join()).unwrap();
+            }
+            missing
+        })
+        .unwrap();
+        assert_eq!(rounds.lock().unwrap().len(), 2);
     }
 
     #[test]
