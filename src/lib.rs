@@ -215,8 +215,8 @@ pub mod dataset {
 pub mod brep {
     pub use spinney_brep::{
         Attributes, BuildReport, CombineReport, Defect, DefectKind, ExactModel, Face, FaceBuffer, FaceList,
-        Faces, Grid, LEAF_SIZE, LeafRule, MOST_BITS, ModelBuilder, ModelNode, ModelNodeState, NodeCounts,
-        NodeKind, Triangulated, combine, is_model_file,
+        Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MOST_BITS, ModelBuilder, ModelNode, ModelNodeState,
+        NodeCounts, NodeKind, Repair, Triangulated, combine, is_model_file,
     };
 
     /// Answers of exact models.
@@ -285,8 +285,8 @@ pub mod import {
     pub mod mesh {
         pub use spinney_mesh::import::{
             Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshFace, Model, ModelInfo,
-            Repair, Resolution, SolidImport, SolidOptions, SolidReport, import_exact, is_model, open,
-            open_all, plan_models,
+            Resolution, SolidImport, SolidOptions, SolidReport, import_exact, is_model, open, open_all,
+            plan_models,
         };
     }
 

@@ -21,6 +21,7 @@ Coordinates = Any
 """What coordinates count: `"cells"`, `"world"` (the tree's own system), `"lonlat"` (degrees, WGS 84), or a coordinate system: text such
 as `"EPSG:3035"`, or an object of pyproj or rasterio. Of a window in others than cells least and then greatest ones are given."""
 Codec = Literal["plain", "packed"]
+Inside = Literal["nonzero", "positive", "odd"]
 """Packing of segments: plain ones are used where they are in the file, packed ones take few bytes."""
 Effort = Literal["fast", "small"]
 """Effort of packing."""
@@ -370,7 +371,9 @@ class BuiltModel:
     repaired_faces: int
     """Faces that were divided or taken away where the surface passed through itself."""
     lost_faces: int
-    """Those of them that went around no place once or more: they, or what was around them, were inside out."""
+    """Those of them that bounded nothing."""
+    turned_bodies: int
+    """Bodies that were inside out, and were turned with what is inside of them."""
     displacement: float
     """The farthest that a corner was moved to the grid."""
     step: float

@@ -356,6 +356,7 @@ pub(crate) struct ModelOptions {
     snap: Option<f64>,
     close: bool,
     repair: bool,
+    inside: String,
     leaf_size: Option<usize>,
     up: Option<String>,
     unit: Option<String>,
@@ -378,6 +379,7 @@ pub(crate) fn build_brep<'py>(
     let mut exact = ExactOptions::new();
     (exact.snap, exact.close, exact.memory) = (options.snap, options.close, options.memory);
     exact.repair = options.repair;
+    exact.inside = options.inside.parse().or_raise()?;
     exact.codec = options.packing.of_model()?;
     exact.leaf_size = options.leaf_size.unwrap_or(exact.leaf_size);
     exact.up = options.up.as_ref().map(|name| name.parse()).transpose().or_raise()?.unwrap_or_default();
@@ -399,6 +401,7 @@ pub(crate) fn build_brep<'py>(
     let repaired = report.repair.map_or(0, |done| done.divided + done.removed);
     facts.set_item("repaired_faces", repaired)?;
     facts.set_item("lost_faces", report.repair.map_or(0, |done| done.outside))?;
+    facts.set_item("turned_bodies", report.repair.map_or(0, |done| done.turned.0))?;
     facts.set_item("displacement", report.displacement)?;
     facts.set_item("step", report.grid.width())?;
     facts.set_item("bits", report.grid.bits)?;

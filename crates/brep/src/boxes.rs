@@ -67,7 +67,6 @@ pub(crate) fn bounds_of(points: &[[i32; 3]], more: i32) -> Bounds {
     })
 }
 
-/// The box around two boxes.
 impl BoxTree {
     /// Groups of boxes beside each other, of at most 512 each.
     pub(crate) fn groups(&self) -> Vec<BoxGroup> {
@@ -109,7 +108,8 @@ pub(crate) struct BoxGroup {
     place: usize,
 }
 
-fn union([low, high]: Bounds, [other_low, other_high]: &Bounds) -> Bounds {
+/// The box around two boxes.
+pub(crate) fn union([low, high]: Bounds, [other_low, other_high]: &Bounds) -> Bounds {
     [
         [0, 1, 2].map(|axis| low[axis].min(other_low[axis])),
         [0, 1, 2].map(|axis| high[axis].max(other_high[axis])),

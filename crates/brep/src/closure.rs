@@ -10,6 +10,7 @@ use std::hash::{BuildHasher, Hasher, RandomState};
 
 use crate::Face;
 use crate::arrangement::{ExactFace, Vertices, cross};
+use spinney_base::{Progress, Result};
 
 /// What the numbers of edges are drawn by: those of one test have one.
 #[derive(Clone, Copy, Debug)]
@@ -135,6 +136,47 @@ fn divide_out(mut a: u128, mut b: u128) -> u128 {
 pub(crate) fn edges<'a>(face: &Face<'a>) -> impl Iterator<Item = [[i32; 3]; 2]> + use<'a> {
     let of_ring = |ring: &'a [[i32; 3]]| (0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]);
     face.rings().flat_map(of_ring).filter(|[from, to]| from != to)
+}
+
+/// The edges of a whole surface, of which some faces may have corners beside the grid and others stand in for these.
+pub(crate) struct SurfaceClosure {
+    /// Of the faces in the octree.
+    closure: Closure,
+    /// Of the exact surface, where it is another one.
+    exact: Option<ExactClosure>,
+}
+
+impl SurfaceClosure {
+    /// None so far.
+    pub(crate) fn new(is_exact: bool) -> SurfaceClosure {
+        let seed = Seed::new();
+        SurfaceClosure { closure: Closure::new(seed), exact: is_exact.then(|| ExactClosure::new(seed)) }
+    }
+
+    /// Adds a face of the octree, which may stand in for exact ones.
+    pub(crate) fn add(&mut self, face: &Face<'_>, stands_in: bool) {
+        self.closure.add(face);
+        if let Some(exact) = self.exact.as_mut().filter(|_| !stands_in) {
+            exact.add(face);
+        }
+    }
+
+    /// What is wrong with the surface, in words, if it is not closed, or some of these exact faces are none.
+    ///
+    /// # Errors
+    /// On interruption.
+    pub(crate) fn check(self, exact: &[ExactFace], progress: &dyn Progress) -> Result<Option<&'static str>> {
+        let mut is_closed = self.closure.is_closed();
+        let mut flaw = None;
+        if let Some(mut closure) = self.exact {
+            for face in exact {
+                flaw = flaw.or(face.flaw(progress)?);
+                closure.add_exact(face);
+            }
+            is_closed &= closure.is_closed();
+        }
+        Ok(flaw.or((!is_closed).then_some("edges that have a face on one side only")))
+    }
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ mod hash;
 mod piece;
 pub mod planar;
 pub mod query;
+mod repair;
 mod store;
 pub mod surface_intersection;
 pub mod topology;
@@ -27,6 +28,7 @@ pub use combine::{CombineReport, combine};
 pub use exact::bounds::MOST_BITS;
 pub use face::{Face, FaceList, Faces};
 pub use grid::Grid;
+pub use repair::{InsideRule, Repair, repair};
 pub use store::{
     ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind, is_model_file,
 };

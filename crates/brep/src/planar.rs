@@ -82,10 +82,11 @@ impl PlanarFaces {
                 self.counts.collapsed += 1;
                 return Ok(());
             }
-            self.counts.slivers += 1;
-            return self.hand_out(part, source, each);
-        }
-        if self.points.len() == 3 {
+            if self.is_on_a_line() {
+                self.counts.slivers += 1;
+                return self.hand_out(part, source, each);
+            }
+        } else if self.points.len() == 3 {
             return self.hand_out(part, source, each);
         }
         self.wide.clear();
@@ -102,7 +103,9 @@ impl PlanarFaces {
             dot(normal.map(i128::from), along) == 0
         });
         let mut triangles = Vec::new();
-        if self.triangulator.triangulate(&self.wide, &self.ring_ends, &mut triangles) {
+        // (A ring that crosses itself may have as much area turned one way as the other.)
+        let has_area = normal != [0; 3];
+        if has_area && self.triangulator.triangulate(&self.wide, &self.ring_ends, &mut triangles) {
             if is_planar {
                 return self.hand_out(part, source, each);
             }
@@ -170,6 +173,13 @@ impl PlanarFaces {
         }
         self.colours.truncate(self.points.len());
         !self.ring_ends.is_empty()
+    }
+
+    /// Whether all corners lie on one line.
+    fn is_on_a_line(&self) -> bool {
+        let first = self.points[0];
+        let Some(other) = self.points.iter().find(|point| **point != first) else { return true };
+        self.points.iter().all(|point| ring_normal(&[first, *other, *point]) == [0; 3])
     }
 
     /// Whether every edge is there in both directions: the face is a line, and nothing is lost without it.

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use spinney::Progress;
-use spinney::import::mesh::{self, ExactOptions, ExactReport, Model, Repair};
+use spinney::brep::Repair;
+use spinney::import::mesh::{self, ExactOptions, ExactReport, Model};
 use spinney::io::Output;
 
 use super::solids::SolidArgs;
@@ -25,6 +26,7 @@ impl ExactImport {
         options.snap = solids.snap;
         options.close = solids.close;
         options.repair = solids.repair;
+        options.inside = solids.inside.unwrap_or_default();
         options.leaf_size = solids.leaf_size.unwrap_or(options.leaf_size);
         options.up = solids.up.unwrap_or_default();
         options.unit = solids.unit.clone();
@@ -50,23 +52,46 @@ impl ExactImport {
     }
 }
 
-fn repaired(done: &Repair, unit: &str) -> String {
-    if done.rounds == 0 {
-        return "nothing: the surface is in order".into();
+/// What a repair did, and what users may want to know of it.
+fn repaired(done: &Repair, unit: &str) -> Lines {
+    if done.is_nothing() {
+        return vec![("repaired", "nothing: the surface is in order".into())];
     }
-    let Repair { pairs, divided, removed, outside, outside_share, rounds, displacement, .. } = done;
-    let lost = match outside {
-        0 => String::new(),
-        _ => format!(
-            "; {outside} of those removed, {:.2} percent of the area, go around no place once or more and are LOST",
-            outside_share * 100.0
+    let Repair { faces, turned, pairs, divided, removed, outside, outside_share, .. } = done;
+    let mut lines = vec![];
+    if turned.0 > 0 {
+        let bodies = if turned.0 == 1 { "body" } else { "bodies" };
+        let text = format!("{} {bodies} that were inside out, {} of {faces} faces", turned.0, turned.1);
+        lines.push(("turned", text));
+    }
+    lines.push((
+        "repaired",
+        format!(
+            "{pairs} pairs of faces that met; {divided} faces divided and {removed} removed; new corners are exact, at most \
+             {:e}{unit} from the grid",
+            done.displacement
         ),
-    };
-    format!(
-        "{pairs} pairs of faces that met; {divided} faces divided and {removed} removed, in {rounds} rounds; new corners \
-         moved by at most {displacement:e}{unit}{lost}"
-    )
+    ));
+    let Repair { volume, volume_before, cells_volume, .. } = done;
+    let cubic = if unit.is_empty() { String::new() } else { format!("{unit}^3") };
+    lines.push(("volume", format!("{volume:.9}{cubic}; of the surface as it came, with what it goes around twice counted twice, {volume_before:.9}{cubic}")));
+    if *outside > 0 {
+        let share = outside_share * 100.0;
+        let text = format!("{outside} of the faces removed, {share:.2} percent of the area, bounded nothing");
+        lines.push((if share > WORTH_A_WARNING { "LOST" } else { "left out" }, text));
+    }
+    let change = (volume / cells_volume - 1.0) * 100.0;
+    if change.abs() > WORTH_A_WARNING {
+        let text = format!(
+            "cells of the models have a volume of {cells_volume:.9}{cubic}: this is {change:+.1} percent"
+        );
+        lines.push(("warning", text));
+    }
+    lines
 }
+
+/// Percent of change that users are warned of.
+const WORTH_A_WARNING: f64 = 1.0;
 
 fn lines(report: &ExactReport, stats: bool) -> Lines {
     let unit = report.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
@@ -102,7 +127,7 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
         lines.push(("closed", format!("{boundaries} boundaries, with {triangles} triangles")));
     }
     if let Some(done) = &report.repair {
-        lines.push(("repaired", repaired(done, &unit)));
+        lines.extend(repaired(done, &unit));
     }
     let nodes = report.built.nodes.named();
     let nodes: Vec<String> =

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
+use spinney::brep::InsideRule;
 use spinney::geometry::Stages;
 use spinney::import::mesh::{
     self, Attribute, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
@@ -58,10 +59,15 @@ pub(super) struct SolidArgs {
     /// Close an open surface with triangles over its boundaries
     #[arg(long, requires = "brep")]
     pub(super) close: bool,
-    /// Resolve a surface that passes through itself: what it goes around once or more is inside. Its faces are held in
-    /// memory
+    /// Resolve a surface that passes through itself, lies on itself, or is inside out: bodies that are inside out are turned, and
+    /// what bounds nothing goes. Its faces are held in memory
     #[arg(long, requires = "brep")]
     pub(super) repair: bool,
+    /// Places that a repaired surface has inside: nonzero (those that it goes around, as cells have it), positive (those that it goes
+    /// around once or more, counting bodies within bodies that are turned the other way as holes) or odd (those that it goes around an odd
+    /// number of times) [default: nonzero]
+    #[arg(long, value_name = "RULE", requires = "repair")]
+    pub(super) inside: Option<InsideRule>,
 }
 
 /// A width, with its unit if one was given.
@@ -100,6 +106,7 @@ impl SolidArgs {
             brep,
             close: _,
             repair: _,
+            inside: _,
             leaf_size: _,
             snap: _,
         } = self;

@@ -1,6 +1,6 @@
 //! Pairs of faces that have points in common, mostly more than neighbours of a surface have, and what that is.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use super::contact::Contact;
 use super::meeting::{Meeting, meet};
@@ -8,7 +8,8 @@ use super::point::ExactPoint;
 use super::polygons::{Common, common};
 use super::surface::{Surface, too_large};
 use crate::boxes::touch;
-use spinney_base::{Progress, Result, parallel, sort};
+use crate::{Faces, show_place};
+use spinney_base::{Error, Progress, Result, parallel, sort};
 
 /// Kinds of contacts that are looked for.
 #[derive(Clone, Copy, PartialEq)]
@@ -55,7 +56,36 @@ impl Surface<'_> {
             return Err(too_large(self.path, *bytes, memory));
         }
         all.extend(found);
-        Ok(())
+        match self.operands.most_contacts {
+            most @ 1.. if all.len() as u64 > most => Err(self.too_many(all)),
+            _ => Ok(()),
+        }
+    }
+
+    /// The error of a surface whose faces meet in too many pairs, with the face that meets most others.
+    fn too_many(&self, contacts: &[Contact]) -> Error {
+        let mut counts: HashMap<u32, u64> = HashMap::new();
+        contacts
+            .iter()
+            .flat_map(|contact| contact.faces)
+            .for_each(|face| *counts.entry(face).or_default() += 1);
+        let worst = counts.into_iter().max_by_key(|(face, count)| (*count, std::cmp::Reverse(*face)));
+        let place = |(face, count): (u32, u64)| {
+            let face = self.face(face);
+            let at = self.faces.list.grid().to_world(face.points[0]);
+            format!("a face that meets {count} others at {} (face {})", show_place(at), face.source)
+        };
+        Error::NoBody {
+            path: self.path.to_path_buf(),
+            what: format!(
+                "its {} faces meet in more than {} pairs: what is inside is a guess",
+                self.planes.len(),
+                self.operands.most_contacts
+            ),
+            places: worst.map(place).into_iter().collect(),
+            count: 1,
+            advice: "leave out what lies upon each other there, or build cells of it (without --brep)".into(),
+        }
     }
 
     /// All pairs of faces that have more in common than neighbours have. Of bodies these are faces of different ones, and

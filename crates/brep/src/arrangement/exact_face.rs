@@ -6,7 +6,7 @@ use super::overlay::{Corner, PlaneRegion};
 use super::point::{ExactPlane, ExactPoint, turn};
 use crate::boxes::{Bounds, bounds_of};
 use crate::exact::bounds::MARGIN;
-use crate::exact::vector::others;
+use crate::exact::vector::{cross, dot, others};
 use crate::{Face, FaceList, Faces};
 use spinney_base::{Progress, Result};
 
@@ -167,6 +167,16 @@ impl ExactFace {
     /// The points of the grid that are nearest to the corners.
     pub(crate) fn rounded(&self) -> Vec<[i32; 3]> {
         self.corners.iter().map(|corner| corner.point.rounded()).collect()
+    }
+
+    /// Six times the volume between the face and the grid's origin, nearly, in cubes of steps.
+    pub(crate) fn six_volumes(&self) -> f64 {
+        let of_ring = |ring: &[Corner]| -> f64 {
+            let Some((first, rest)) = ring.split_first() else { return 0.0 };
+            let pairs = rest.windows(2).map(|pair| cross(pair[0].point.near, pair[1].point.near));
+            pairs.map(|normal| dot(first.point.near, normal)).sum()
+        };
+        self.rings().map(of_ring).sum()
     }
 
     /// Bytes of memory that it takes.

@@ -23,13 +23,23 @@ pub(super) enum Fate {
 impl Surface<'_> {
     /// The fate of a face, by a point of it: see [`Surface::fate`].
     pub(super) fn face_fate(&self, face: u32, alone: bool) -> Result<Fate> {
+        self.fate(&self.sample_of(face), face, alone)
+    }
+
+    /// A point of a face.
+    pub(super) fn sample_of(&self, face: u32) -> SamplePoint<'_> {
         let plane = self.plane(face);
         if let Some(exact) = self.exact(face) {
-            return self.fate(&SamplePoint::of_region(plane, &exact.region()), face, alone);
+            return SamplePoint::of_region(plane, &exact.region());
         }
         let corners = self.with_pieces(face, |pieces| pieces.first().map(|piece| piece.corners));
         let first = self.faces.list.get(face as usize).points[0];
-        self.fate(&SamplePoint::of_triangle(plane, &corners.unwrap_or([first; 3])), face, alone)
+        SamplePoint::of_triangle(plane, &corners.unwrap_or([first; 3]))
+    }
+
+    /// What a face changes in the winding number of who passes it downwards, if it is turned up: 1, or -1 where its part is turned.
+    fn weight(&self, face: u32) -> i32 {
+        if self.turned.get(face as usize).is_some_and(|turned| *turned) { -1 } else { 1 }
     }
 
     /// The fate of a region of a face, by a point of it. Of faces that lie on each other, one stays for all; but of a body's
@@ -69,7 +79,8 @@ impl Surface<'_> {
         let count = self.operands.far.len();
         let mut changes: Vec<Option<i32>> = vec![None; count];
         for (face, up) in same {
-            *changes[self.operand(*face)].get_or_insert(0) += if *up { 1 } else { -1 };
+            let weight = self.weight(*face);
+            *changes[self.operand(*face)].get_or_insert(0) += if *up { weight } else { -weight };
         }
         // By a line upwards, where nothing else is known.
         let (mut above, mut is_asked) = (self.operands.far.to_vec(), vec![true; count]);
@@ -101,6 +112,16 @@ impl Surface<'_> {
         is_asked: &[bool],
         above: &mut [i32],
     ) {
+        self.each_above(sample, &mut |other, up| {
+            let operand = self.operand(other);
+            if is_asked[operand] && same.binary_search_by_key(&other, |(face, _)| *face).is_err() {
+                above[operand] += up * self.weight(other);
+            }
+        });
+    }
+
+    /// Hands out the faces above a sample, with what each is: 1 where it is turned up, -1 where it is turned down.
+    pub(super) fn each_above(&self, sample: &SamplePoint<'_>, each: &mut dyn FnMut(u32, i32)) {
         let (axis, near) = (sample.axis, sample.near);
         let [u, v] = others(axis);
         let reaches = |[low, high]: &Bounds| {
@@ -112,12 +133,8 @@ impl Surface<'_> {
         self.boxes().each(&reaches, |other| {
             let plane = self.plane(other);
             let up = plane.normal[axis].signum() as i32;
-            let operand = self.operand(other);
-            if up == 0 || !is_asked[operand] || !self.meets(sample, other) {
-                return;
-            }
-            if same.binary_search_by_key(&other, |(face, _)| *face).is_err() && sample.side(plane) * up < 0 {
-                above[operand] += up;
+            if up != 0 && self.meets(sample, other) && sample.side(plane) * up < 0 {
+                each(other, up);
             }
         });
     }

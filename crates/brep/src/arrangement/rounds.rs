@@ -6,65 +6,47 @@ use std::path::Path;
 use super::exact_face::{ExactFace, ExactFaces};
 use super::point::ExactPlane;
 use super::rounding::Rounder;
+use super::seams::Seams;
 use super::snapping::{EachFace, snap};
 use super::surface::{Kept, Operands, Resolved, crossings, resolve};
 use crate::exact::normal::ring_normal;
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
-use spinney_base::{Progress, Result, sort};
-
-/// Counts of what was done to a surface.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Rounds {
-    /// Pairs of faces that had more in common than neighbours have.
-    pub pairs: u64,
-    /// Faces that were divided, or of which a part was taken away.
-    pub divided: u64,
-    /// Faces that were taken away as a whole.
-    pub removed: u64,
-    /// Those of them that have the outside on both of their sides, at least in part.
-    pub outside: u64,
-    /// Their share of the area of all faces.
-    pub outside_share: f64,
-    /// Times that faces were divided.
-    pub rounds: u32,
-}
+use spinney_base::{Error, Progress, Result, sort};
 
 /// Returns the faces that bound what is inside of some closed surfaces, exactly. `path` is for errors.
 ///
 /// # Errors
 /// If `memory` bytes are not enough, or on interruption.
-pub fn divide(
+pub(crate) fn divide(
     faces: &ExactFaces,
     operands: &Operands<'_>,
     path: &Path,
     memory: u64,
     progress: &dyn Progress,
-) -> Result<(ExactFaces, Rounds)> {
+) -> Result<(ExactFaces, Resolved)> {
     let mut found =
         ExactFaces::of_grid(FaceList::new(faces.list.grid().clone(), faces.list.parts().to_vec()));
     let mut turner = Turner::default();
-    let Resolved { pairs, divided, removed, outside, outside_share } =
-        resolve(faces, operands, path, memory, progress, &mut |kept| {
-            match kept {
-                Kept::Face { face, is_turned } => match faces.exact.get(&(face.number as u32)) {
-                    Some(exact) => found.push(if is_turned { exact.turned() } else { exact.clone() }),
-                    None if is_turned => found.list.push(&turner.turn(&face)),
-                    None => found.list.push(&face),
-                },
-                Kept::PlaneRegion { exact, .. } => found.push(exact),
-            }
-            Ok(())
-        })?;
-    let rounds = u32::from(divided + removed > 0);
-    Ok((found, Rounds { pairs, divided, removed, outside, outside_share, rounds }))
+    let resolved = resolve(faces, operands, path, memory, progress, &mut |kept| {
+        match kept {
+            Kept::Face { face, is_turned } => match faces.exact.get(&(face.number as u32)) {
+                Some(exact) => found.push(if is_turned { exact.turned() } else { exact.clone() }),
+                None if is_turned => found.list.push(&turner.turn(&face)),
+                None => found.list.push(&face),
+            },
+            Kept::PlaneRegion { exact, .. } => found.push(exact),
+        }
+        Ok(())
+    })?;
+    Ok((found, resolved))
 }
 
 /// A surface on the grid, and what of it is not exact.
 #[derive(Clone)]
-pub struct Rounded {
+pub(crate) struct Rounded {
     /// Planar faces with corners on the grid.
-    pub faces: FaceList,
+    pub(crate) faces: FaceList,
     /// Whether each of them stands for parts of others.
     pub(crate) stands_in: Vec<bool>,
     /// These others.
@@ -74,11 +56,11 @@ pub struct Rounded {
     /// Vertices that were moved.
     moved: Vec<[i32; 3]>,
     /// The furthest that one was moved, in steps.
-    pub displacement: f64,
+    pub(crate) displacement: f64,
 }
 
 /// Moves the vertices of a surface to the grid.
-pub fn round(exact: ExactFaces) -> Result<Rounded> {
+pub(crate) fn round(exact: ExactFaces) -> Result<Rounded> {
     let mut rounder = Rounder::default();
     let ExactFaces { list, exact: mut beside } = exact;
     let stands_in: Vec<bool> = (0..list.len() as u32).map(|number| beside.contains_key(&number)).collect();
@@ -115,7 +97,7 @@ impl Rounded {
     }
 
     /// Adds faces that were not moved.
-    pub fn append(&mut self, faces: &FaceList) {
+    pub(crate) fn append(&mut self, faces: &FaceList) {
         for number in 0..faces.len() as usize {
             self.faces.push(&faces.get(number));
         }
@@ -124,7 +106,7 @@ impl Rounded {
     }
 
     /// Adds a face that stands for nothing of the others.
-    pub fn push(&mut self, face: &Face<'_>) {
+    pub(crate) fn push(&mut self, face: &Face<'_>) {
         self.faces.push(face);
         self.stands_in.push(true);
         self.changed.push(true);
@@ -134,46 +116,82 @@ impl Rounded {
     ///
     /// # Errors
     /// If `memory` bytes are not enough, or on interruption.
-    pub fn crossings(&self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<u64> {
+    pub(crate) fn crossings(&self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<u64> {
         if !self.changed.contains(&true) {
             return Ok(0);
         }
         let faces = ExactFaces::of_grid(self.faces.clone());
-        crossings(&faces, &self.operands(&[faces.list.len() as u32], &[0]), path, memory, progress)
+        crossings(&faces, &self.operands(&[faces.list.len() as u32], &[0], 0), path, memory, progress)
     }
 
-    fn operands<'a>(&'a self, ends: &'a [u32], far: &'a [i32]) -> Operands<'a> {
+    /// Makes a whole surface closed edge by edge, and mends it where it is thinner than a step (there are `crossings`), if that comes to an
+    /// end: otherwise it stays as it is, and whoever builds a model of it tells where it passes through itself. `far` says whether what is far
+    /// away is inside.
+    ///
+    /// # Errors
+    /// If `memory` bytes are not enough, or on interruption.
+    pub(crate) fn closed(
+        mut self,
+        crossings: u64,
+        far: bool,
+        path: &Path,
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<Rounded> {
+        let mut seams = Seams::default();
+        seams.add_all(&self.faces);
+        seams.close(self.faces.is_coloured(), &mut |face| {
+            self.push(face);
+            Ok(())
+        })?;
+        if crossings == 0 {
+            return Ok(self);
+        }
+        match self.clone().mended(far, crossings, path, memory, progress) {
+            Ok((mended, true)) => Ok(mended),
+            Ok(_) | Err(Error::NoBody { .. }) => Ok(self),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn operands<'a>(&'a self, ends: &'a [u32], far: &'a [i32], most_contacts: u64) -> Operands<'a> {
         Operands {
             ends,
             far,
             are_bodies: false,
+            turns_roots: false,
+            most_contacts,
             changed: &self.changed,
             winding: &|_, _| None,
             is_inside: &|windings| windings[0] > 0,
         }
     }
 
-    /// Mends what moving the vertices of a whole surface has done to it, as far as that gets in so many rounds; `far` says whether
-    /// what is far away is inside. Counts the rounds, and says whether nothing is left to do.
+    /// Mends what moving the vertices of a whole surface has done to it, as far as that gets in a few rounds; `far` says whether
+    /// what is far away is inside. Says whether nothing is left to do.
     ///
     /// # Errors
     /// If `memory` bytes are not enough, or on interruption.
-    pub fn mended(
+    fn mended(
         self,
         far: bool,
-        most_rounds: u32,
+        crossings: u64,
         path: &Path,
         memory: u64,
         progress: &dyn Progress,
-        rounds: &mut u32,
     ) -> Result<(Rounded, bool)> {
+        /// Times that faces are divided anew.
+        const MOST_ROUNDS: u32 = 4;
+        // (Where crossings become many more, it gets worse.)
+        let most_contacts = 4 * crossings + 1000;
+        let mut rounds = 0;
         let far = [i32::from(far)];
         let mut state = self;
         let mut first = None;
         loop {
             let before = state.clone();
             let ends = [state.faces.len() as u32];
-            let operands = before.operands(&ends, &far);
+            let operands = before.operands(&ends, &far, most_contacts);
             let mut rounder = Rounder::default();
             let (next, Resolved { divided, removed, .. }) = state.again(|faces, each| {
                 let mut turner = Turner::default();
@@ -188,11 +206,11 @@ impl Rounded {
             state = next;
             state.take(rounder);
             let first = *first.get_or_insert(divided.max(50));
-            if divided + removed == 0 || *rounds == most_rounds || divided > 2 * first {
+            if divided + removed == 0 || rounds == MOST_ROUNDS || divided > 2 * first {
                 let is_done = divided + removed == 0 && is_closed(&state.faces);
                 return Ok((state, is_done));
             }
-            *rounds += 1;
+            rounds += 1;
             if divided > 0 {
                 // Moving corners has made new crossings: what is thinner than a step has to go.
                 let (moved, changed) = (state.moved.clone(), state.changed.clone());

@@ -10,6 +10,7 @@ use std::sync::OnceLock;
 use super::contact::Contact;
 use super::exact_face::{ExactFace, ExactFaces};
 use super::fate::Fate;
+use super::orientation::Turned;
 use super::overlay::{PlaneRegion, PlaneSegment, VertexKey, Vertices, regions};
 use super::point::{ExactPlane, ExactPoint};
 use super::rounding::colours;
@@ -26,17 +27,19 @@ use spinney_base::{Error, Progress, Result, sort};
 
 /// Counts of what was done to a surface.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Resolved {
+pub(crate) struct Resolved {
     /// Pairs of faces that have more in common than neighbours have.
-    pub(super) pairs: u64,
+    pub(crate) pairs: u64,
     /// Faces that were divided, or of which a part was taken away.
-    pub(super) divided: u64,
+    pub(crate) divided: u64,
     /// Faces that were taken away as a whole.
-    pub(super) removed: u64,
+    pub(crate) removed: u64,
     /// Those of them that have the outside on both of their sides, at least in part.
-    pub(super) outside: u64,
+    pub(crate) outside: u64,
     /// Their share of the area of all faces.
-    pub(super) outside_share: f64,
+    pub(crate) outside_share: f64,
+    /// Parts of the surface that were turned, and its volume then, in cubes of steps; 0 where nothing was to be turned.
+    pub(crate) turned: Turned,
 }
 
 /// Surfaces whose faces stand one behind the other in a list, and what of space is inside of the result.
@@ -48,6 +51,10 @@ pub struct Operands<'a> {
     pub far: &'a [i32],
     /// Whether each bounds a body by itself: its winding numbers are 0 or 1, and its faces do not pass through each other.
     pub are_bodies: bool,
+    /// Whether parts of a surface that are inside out are turned first, with all that is inside of them.
+    pub turns_roots: bool,
+    /// Pairs of faces with more in common than neighbours have beyond which the work is refused; no bound where that is 0.
+    pub most_contacts: u64,
     /// If there are any: the faces of which each may pass through any other; no other pair does.
     pub changed: &'a [bool],
     /// The winding number of a body around a point that lies on none of its faces, if another way is known than through all of
@@ -85,8 +92,10 @@ pub(super) fn resolve(
     progress: &dyn Progress,
     each: &mut dyn FnMut(Kept<'_>) -> Result<()>,
 ) -> Result<Resolved> {
-    let surface = Surface::new(faces, operands, path, memory)?;
+    let mut surface = Surface::new(faces, operands, path, memory)?;
     let contacts = surface.contacts(memory, progress)?;
+    let turned =
+        if operands.turns_roots { surface.turn_roots(&contacts, progress)? } else { Turned::default() };
     let mut of_face: HashMap<u32, Vec<u32>> = HashMap::new();
     for (number, contact) in (0..).zip(&contacts) {
         contact.faces.iter().for_each(|face| of_face.entry(*face).or_default().push(number));
@@ -164,7 +173,8 @@ pub(super) fn resolve(
         0 => 0.0,
         _ => outside_area / (0..faces.len() as usize).map(|number| area(&faces.get(number))).sum::<f64>(),
     };
-    Ok(Resolved { pairs: contacts.len() as u64, divided: divided_faces, removed, outside, outside_share })
+    let (pairs, divided) = (contacts.len() as u64, divided_faces);
+    Ok(Resolved { pairs, divided, removed, outside, outside_share, turned })
 }
 
 /// Counts the pairs of faces that have more in common than neighbours have.
@@ -212,6 +222,8 @@ pub struct Surface<'a> {
     pub(super) bytes: u64,
     /// None of faces without an area.
     pub(super) planes: Vec<Option<ExactPlane>>,
+    /// Whether each face is of a part that is turned, unless there is none.
+    pub(super) turned: Vec<bool>,
     /// A tree over the faces' boxes, made when it is asked for first.
     tree: OnceLock<BoxTree>,
     /// Triangles of the faces that are no triangles.
@@ -259,7 +271,7 @@ impl<'a> Surface<'a> {
                 pieces.insert(number, Piece::of_face(face.points, face.ring_ends, &mut triangulator));
             }
         }
-        Surface { faces, operands, path, bytes, planes, tree: OnceLock::new(), pieces }
+        Surface { faces, operands, path, bytes, planes, turned: Vec::new(), tree: OnceLock::new(), pieces }
     }
 
     /// A tree over the boxes of all faces that have an area.
@@ -332,31 +344,8 @@ impl<'a> Surface<'a> {
     ) -> Result<(Vec<u32>, Samples)> {
         let count = self.planes.len() as u32;
         let mut sets = UnionFind::new(count as usize);
-        let mut edges: Vec<([VertexKey; 2], u32)> = Vec::new();
-        let mut vertices = Vertices::default();
-        let mut ring: Vec<VertexKey> = Vec::new();
-        for face in 0..count {
-            let mut add = |ring: &[VertexKey]| {
-                edges.extend((0..ring.len()).map(|i| {
-                    let (from, to) = (ring[i], ring[(i + 1) % ring.len()]);
-                    ([from.min(to), from.max(to)], face)
-                }));
-            };
-            match self.exact(face) {
-                Some(exact) => exact.rings().for_each(|corners| {
-                    ring.clear();
-                    ring.extend(corners.iter().map(|corner| vertices.key(&corner.point)));
-                    add(&ring);
-                }),
-                None => self.faces.list.get(face as usize).rings().for_each(|corners| {
-                    ring.clear();
-                    ring.extend(corners.iter().map(|corner| (*corner, 0)));
-                    add(&ring);
-                }),
-            }
-        }
+        let edges = self.sorted_edges();
         progress.check()?;
-        edges.sort_unstable();
         // Invariant: all faces of a component have the same winding numbers in front of them, and behind.
         // Those that are joined meet at an edge that no third face has, and nothing else touches either, so
         // that nothing parts them. One sample decides for all of a component: if two of its faces lay on
@@ -381,6 +370,35 @@ impl<'a> Surface<'a> {
             .filter(|(component, first)| *first != u32::MAX && !touching.contains_key(component));
         let firsts = firsts.collect();
         Ok((components, firsts))
+    }
+
+    /// The edges of all faces, whatever their directions, each with its face.
+    pub(super) fn sorted_edges(&self) -> Vec<([VertexKey; 2], u32)> {
+        let mut edges: Vec<([VertexKey; 2], u32)> = Vec::new();
+        let mut vertices = Vertices::default();
+        let mut ring: Vec<VertexKey> = Vec::new();
+        for face in 0..self.planes.len() as u32 {
+            let mut add = |ring: &[VertexKey]| {
+                edges.extend((0..ring.len()).map(|i| {
+                    let (from, to) = (ring[i], ring[(i + 1) % ring.len()]);
+                    ([from.min(to), from.max(to)], face)
+                }));
+            };
+            match self.exact(face) {
+                Some(exact) => exact.rings().for_each(|corners| {
+                    ring.clear();
+                    ring.extend(corners.iter().map(|corner| vertices.key(&corner.point)));
+                    add(&ring);
+                }),
+                None => self.faces.list.get(face as usize).rings().for_each(|corners| {
+                    ring.clear();
+                    ring.extend(corners.iter().map(|corner| (*corner, 0)));
+                    add(&ring);
+                }),
+            }
+        }
+        edges.sort_unstable();
+        edges
     }
 
     /// Whether the line through a sample meets a face.

@@ -9,6 +9,7 @@ use super::division::{Division, each_bit};
 use super::items::Items;
 use super::near::NearFaces;
 use super::pairs::{Contact, Shared, contact, passes, twin};
+use super::spread::Spread;
 use crate::boxes::{Bounds, BoxTree};
 use crate::exact::crossing::FinePoint;
 use crate::exact::rank::rank_of_at_most;
@@ -111,11 +112,17 @@ pub(super) struct Walk<'a> {
 
 impl Walk<'_> {
     /// Builds a cell with its faces, and those beside the grid that are near it; returns the word of its node.
-    pub(super) fn cell(&self, cell: &Cell, items: Vec<u32>, near: &[u32], out: &mut Arena) -> Result<u32> {
+    pub(super) fn cell(
+        &self,
+        cell: &Cell,
+        items: Vec<u32>,
+        (near, spread): (&[u32], Spread),
+        out: &mut Arena,
+    ) -> Result<u32> {
         let mut stages = Stages::default();
         let all = 0..items.len();
         let mut lists = Lists { items, children: Vec::new(), boxes: Vec::new() };
-        let word = self.node(cell, all, near, &mut lists, out, &mut stages);
+        let word = self.node(cell, all, (near, spread), &mut lists, out, &mut stages);
         self.stages.lock().expect("nobody panics with this lock").add(&stages);
         word
     }
@@ -125,7 +132,7 @@ impl Walk<'_> {
         &self,
         cell: &Cell,
         list: Range<usize>,
-        near: &[u32],
+        (near, spread): (&[u32], Spread),
         lists: &mut Lists,
         out: &mut Arena,
         stages: &mut Stages,
@@ -137,22 +144,28 @@ impl Walk<'_> {
         if let Some(kind) = self.end(cell, &lists.items[list.clone()]) {
             return self.leaf(cell, &lists.items[list], (kind, near), &mut lists.boxes, out);
         }
-        let mark = out.mark();
-        let record = out.record();
         let end = lists.items.len();
         let is_large = list.len() > TASK;
         if list.len() > WATCHED {
             self.progress.check()?;
         }
-        let (starts, cells) = self.divide(cell, list, lists, stages);
+        let (starts, cells) = self.divide(cell, list.clone(), lists, stages);
         let of = |child: usize| starts[child]..starts[child + 1];
+        let counts = std::array::from_fn(|child| of(child).len() as u64);
+        let Some(spread) = spread.divided(list.len() as u64, counts) else {
+            lists.items.truncate(end);
+            return self.leaf(cell, &lists.items[list], (NodeKind::Boolean, near), &mut lists.boxes, out);
+        };
+        let mark = out.mark();
+        let record = out.record();
         if is_large {
             let children: Vec<usize> = (0..8).collect();
             let built = parallel::map(&children, |child| {
                 let mut arena = Arena::default();
                 let list = lists.items[of(*child)].to_vec();
                 let near = self.near.of(near, &cells[*child], self.bits);
-                self.cell(&cells[*child], list, &near, &mut arena).map(|word| (arena, word))
+                let spread = spread.of_child(counts[*child]);
+                self.cell(&cells[*child], list, (&near, spread), &mut arena).map(|word| (arena, word))
             });
             for (child, built) in built.into_iter().enumerate() {
                 let (arena, word) = built?;
@@ -162,7 +175,8 @@ impl Walk<'_> {
         } else {
             for (child, cell) in cells.iter().enumerate() {
                 let near = self.near.of(near, cell, self.bits);
-                let word = self.node(cell, of(child), &near, lists, out, stages)?;
+                let spread = spread.of_child(counts[child]);
+                let word = self.node(cell, of(child), (&near, spread), lists, out, stages)?;
                 out.set(record, child, word);
             }
         }
@@ -298,7 +312,7 @@ impl Walk<'_> {
             if out.defects.are_enough() {
                 break;
             }
-            if index & 0xff == 0xff {
+            if index & 0x1f == 0x1f {
                 self.progress.check()?;
             }
             let [low, high] = near.boxes[index];
@@ -375,7 +389,7 @@ impl Walk<'_> {
             if out.defects.are_enough() {
                 break;
             }
-            if index & 0xff == 0xff {
+            if index & 0x1f == 0x1f {
                 self.progress.check()?;
             }
             // Invariant: a sample lies on no wall, so that one cell has it, and a face is looked at once.

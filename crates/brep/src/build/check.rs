@@ -182,7 +182,7 @@ impl Upper<'_> {
         }
         found.counts.inner += 1;
         let division = RunDivision { bits, memory, stages, progress };
-        let (runs, cells) = division.of(cell, run, &mut self.place)?;
+        let (runs, cells, _) = division.of(cell, run, &mut self.place)?;
         for (child, (run, cell)) in runs.into_iter().zip(&cells).enumerate() {
             let child = model.child(node, child)?;
             found.cut += u64::from(child.begins_segment());

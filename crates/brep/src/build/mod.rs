@@ -10,6 +10,7 @@ mod items;
 mod near;
 mod pairs;
 mod run;
+mod spread;
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -20,13 +21,14 @@ use self::division::Division;
 use self::items::{ITEM, Items, bounds_of};
 use self::near::NearFaces;
 use self::run::{FaceWords, Place, Run, RunBuilder, TRIANGLE_WORDS};
+use self::spread::Spread;
 use super::store::objects::{ColumnNames, ObjectWriter};
 use super::store::segment::CUT;
 use super::store::summary::{NodeCounts, Summary};
 use super::store::table::{FIRST_NAMED, MOST_BYTES, TableWriter};
 use super::store::writer::{List, ModelWriter};
-use super::{Face, Grid};
-use crate::arrangement::ExactFace;
+use super::{Face, Faces, Grid};
+use crate::arrangement::{ExactFace, Rounded};
 use crate::exact::crossing::Outline;
 use crate::exact::normal::ring_normal;
 use crate::face_check::{FaceCheck, FaceFlaw};
@@ -66,6 +68,8 @@ pub struct ModelBuilder {
     run: RunBuilder,
     words: Vec<u32>,
     faces: u64,
+    /// Those of them that have an area.
+    wide: u64,
     stand_ins: u64,
     /// The greatest number of a face's part.
     last_part: u32,
@@ -97,6 +101,7 @@ impl ModelBuilder {
             run,
             words: Vec::new(),
             faces: 0,
+            wide: 0,
             stand_ins: 0,
             last_part: 0,
             leaf_size: LEAF_SIZE,
@@ -171,9 +176,27 @@ impl ModelBuilder {
         if !has_area {
             return Ok(());
         }
+        self.wide += 1;
         self.words.clear();
         FaceWords::write(number, face.points, face.ring_ends, &mut self.words);
         self.run.push(FaceWords(&self.words))
+    }
+
+    /// Adds all faces of a surface with corners moved to the grid, and what of it is not exact.
+    pub(super) fn push_rounded(mut self, rounded: Rounded) -> Result<ModelBuilder> {
+        let Rounded { faces, stands_in, exact, .. } = rounded;
+        faces.each(&mut |face| self.push_face(face, stands_in[face.number as usize]))?;
+        Ok(self.exact(exact))
+    }
+
+    /// Number of the faces that were added, but for those with corners beside the grid.
+    pub fn len(&self) -> u64 {
+        self.faces
+    }
+
+    /// Whether faces with corners beside the grid were added.
+    pub fn is_beside_grid(&self) -> bool {
+        !self.exact.is_empty()
     }
 
     /// Adds a part, in the order of their numbers, with a JSON object that says something of it, as
@@ -253,6 +276,7 @@ impl ModelBuilder {
             memory,
             run,
             faces,
+            wide,
             stand_ins,
             last_part,
             leaf_size,
@@ -287,7 +311,7 @@ impl ModelBuilder {
         let mark = arena.mark();
         let root = Cell { level: 0, position: [0; 3], winding: is_unbounded.into() };
         let near = all_near.of(&all_near.all(), &root, grid.bits);
-        let word = upper.cell(&root, run, &near, &mut arena)?;
+        let word = upper.cell(&root, run, (&near, Spread::new(wide)), &mut arena)?;
         // The root owns a segment in any case.
         if word != CUT {
             arena.cut(Code::root(Dimension::Oct), mark, word);
@@ -345,28 +369,35 @@ impl Upper<'_> {
     }
 
     /// Builds a cell with its faces, and those beside the grid that are near it; returns the word of its node.
-    fn cell(&mut self, cell: &Cell, run: Run, near: &[u32], out: &mut Arena) -> Result<u32> {
+    fn cell(
+        &mut self,
+        cell: &Cell,
+        run: Run,
+        (near, spread): (&[u32], Spread),
+        out: &mut Arena,
+    ) -> Result<u32> {
         if run.len() == 0 {
             let word = uniform(cell, self.bits, out);
             return Ok(out.near(word, near));
         }
         let needed = room_for(&run);
         let fits = needed <= self.memory / 2;
+        let too_large = || Error::TooLarge {
+            path: self.writer.path().to_path_buf(),
+            what: "the faces of a cell that cannot be divided any further".into(),
+            needed,
+            limit: self.memory / 2,
+            advice: "allow more with --memory".into(),
+        };
         if !fits && cell.level == self.depth {
-            return Err(Error::TooLarge {
-                path: self.writer.path().to_path_buf(),
-                what: "the faces of one of the smallest cells".into(),
-                needed,
-                limit: self.memory / 2,
-                advice: "allow more with --memory".into(),
-            });
+            return Err(too_large());
         }
         if fits {
             let length = run.len() as u64;
             let items = Items::of(run)?;
             let Upper { bits, depth, leaf_size, near: all_near, stages, progress, .. } = *self;
             let walk = Walk { items: &items, near: all_near, bits, depth, leaf_size, stages, progress };
-            let word = walk.cell(cell, (0..items.len() as u32).collect(), near, out)?;
+            let word = walk.cell(cell, (0..items.len() as u32).collect(), (near, spread), out)?;
             self.store(out)?;
             // (Faces that several cells have count once.)
             let more = length.min(self.total - self.done);
@@ -374,14 +405,16 @@ impl Upper<'_> {
             self.progress.advance(more, self.total);
             return Ok(word);
         }
-        let mark = out.mark();
-        let record = out.record();
         let Upper { bits, memory, stages, progress, .. } = *self;
         let division = RunDivision { bits, memory, stages, progress };
-        let (runs, cells) = division.of(cell, run, &mut self.place)?;
+        let (runs, cells, counts) = division.of(cell, run, &mut self.place)?;
+        let Some(spread) = spread.divided(counts.0, counts.1) else { return Err(too_large()) };
+        let mark = out.mark();
+        let record = out.record();
         for (child, run) in runs.into_iter().enumerate() {
             let near = self.near.of(near, &cells[child], bits);
-            let word = self.cell(&cells[child], run, &near, out)?;
+            let spread = spread.of_child(counts.1[child]);
+            let word = self.cell(&cells[child], run, (&near, spread), out)?;
             out.set(record, child, word);
         }
         let word = out.complete(cell.code(), mark, record);
@@ -404,15 +437,15 @@ struct RunDivision<'a> {
 }
 
 impl RunDivision<'_> {
-    /// The faces of a cell's children, and the children.
-    fn of(&self, cell: &Cell, run: Run, at: &mut Place) -> Result<(Vec<Run>, [Cell; 8])> {
+    /// The faces of a cell's children, the children, and the numbers of its faces and of theirs.
+    fn of(&self, cell: &Cell, run: Run, at: &mut Place) -> Result<(Vec<Run>, [Cell; 8], (u64, [u64; 8]))> {
         let division = Division::of(cell, self.bits);
         let limit = (self.memory / 4 / 4 / 16) as usize;
         let mut builders: Vec<RunBuilder> = (0..8).map(|_| RunBuilder::new(limit, at.clone())).collect();
         let mut stages = Stages::default();
         let mut triangulator = Triangulator::new();
         let mut changes = [0; 7];
-        let mut count = 0u64;
+        let (mut count, mut counts) = (0u64, [0u64; 8]);
         run.each(|face| {
             count += 1;
             if count.is_multiple_of(1 << 12) {
@@ -448,6 +481,7 @@ impl RunDivision<'_> {
             }
             for (child, builder) in builders.iter_mut().enumerate() {
                 if children >> child & 1 == 1 {
+                    counts[child] += 1;
                     builder.push(face)?;
                 }
             }
@@ -464,6 +498,6 @@ impl RunDivision<'_> {
             }
             runs.push(run);
         }
-        Ok((runs, Division::cells(cell, changes)))
+        Ok((runs, Division::cells(cell, changes), (count, counts)))
     }
 }

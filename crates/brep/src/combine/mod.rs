@@ -10,7 +10,6 @@ mod bodies;
 mod components;
 mod overlap;
 mod placed;
-mod seams;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -21,13 +20,12 @@ use std::path::Path;
 use self::bodies::Bodies;
 pub(super) use self::bodies::NearFaces;
 use self::placed::Placed;
-use self::seams::Seams;
 use self::table::OperationTable;
 use self::winding::winding;
-use super::arrangement::{ExactFace, Operands, Rounded, Rounds, divide, round};
+use super::arrangement::{Operands, Resolved, Rounded, Seams, divide, round};
 use super::store::formula::formula;
-use super::{BuildReport, ExactModel, Face, Faces, Grid, ModelBuilder};
-use crate::closure::{Closure, ExactClosure, Seed};
+use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
+use crate::closure::SurfaceClosure;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Codec, Metadata, Tag};
@@ -158,6 +156,8 @@ fn made(
         ends: &ends,
         far: &far,
         are_bodies: true,
+        turns_roots: false,
+        most_contacts: 0,
         changed: &[],
         winding: &|number, sample| {
             (!bodies.are_all_near).then(|| winding(models[number], number, placed, sample))
@@ -169,38 +169,25 @@ fn made(
     let mut is_whole = bodies.are_all_near;
     let mut seams = if is_whole { Seams::default() } else { Seams::between(&faces.list, &ends) };
     drop(faces);
-    let Rounds { pairs, divided, .. } = done;
+    let Resolved { pairs, divided, .. } = done;
     let mut rounded = round(exact)?;
-    let is_thin = rounded.crossings(path, memory / 2, progress)? > 0;
-    if let (true, false, Some(rest)) = (is_thin, is_whole, bodies.all_settled(memory / 4, progress)?) {
+    let crossings = rounded.crossings(path, memory / 2, progress)?;
+    if let (true, false, Some(rest)) = (crossings > 0, is_whole, bodies.all_settled(memory / 4, progress)?) {
         rounded.append(&rest);
         seams = Seams::default();
         is_whole = true;
     }
-    seams.add_all(&rounded.faces);
     if is_whole {
-        let is_coloured = rounded.faces.is_coloured();
-        std::mem::take(&mut seams).close(is_coloured, &mut |face| {
-            rounded.push(face);
-            Ok(())
-        })?;
-    }
-    if is_thin && is_whole {
-        let mut rounds = 0;
-        let whole = rounded.clone();
-        let (mended, is_done) =
-            whole.mended(is_unbounded, MOST_ROUNDS, path, memory / 2, progress, &mut rounds)?;
-        // (Otherwise the surface stays as it is, and it is told where it passes through itself.)
-        if is_done {
-            rounded = mended;
-        }
+        rounded = rounded.closed(crossings, is_unbounded, path, memory / 2, progress)?;
+    } else {
+        seams.add_all(&rounded.faces);
     }
     let Rounded { faces, stands_in, exact, displacement, .. } = rounded;
     let displacement = displacement * grid.width();
     let is_on_grid = exact.is_empty();
     let mut builder =
         ModelBuilder::new(output, grid.clone(), memory / 2)?.codec(codec).unbounded(is_unbounded);
-    let mut surface = ResultSurface::new(!exact.is_empty());
+    let mut surface = SurfaceClosure::new(!exact.is_empty());
     let mut settled = 0u64;
     if !is_whole {
         bodies.settled(progress, &mut |face| {
@@ -222,7 +209,15 @@ fn made(
         builder.push_face(face, true)
     })?;
     drop(faces);
-    surface.check(&exact, path, progress)?;
+    surface.check(&exact, progress)?.map_or(Ok(()), |flaw| {
+        Err(Error::NoBody {
+            path: path.to_path_buf(),
+            what: format!("the result would be no body, and so at least one of the models is none: {flaw}"),
+            places: Vec::new(),
+            count: 0,
+            advice: "check them with verify, and build them again".into(),
+        })
+    })?;
     let mut builder = builder.exact(exact).formula(formula(operation, models)?);
     for model in models {
         for (part, name) in (0..).zip(model.parts()) {
@@ -248,57 +243,6 @@ fn made(
     let before = Vec::new();
     Ok(CombineReport { before, after, pairs, divided, lost_columns, displacement, grid, is_unbounded, built })
 }
-
-/// The edges of a result, before it is put in its place.
-struct ResultSurface {
-    /// Of the faces in the octree.
-    closure: Closure,
-    /// Of the exact surface, where it is another one.
-    exact: Option<ExactClosure>,
-}
-
-impl ResultSurface {
-    fn new(is_exact: bool) -> ResultSurface {
-        let seed = Seed::new();
-        ResultSurface { closure: Closure::new(seed), exact: is_exact.then(|| ExactClosure::new(seed)) }
-    }
-
-    /// Adds a face of the octree, which may stand in for exact ones.
-    fn add(&mut self, face: &Face<'_>, stands_in: bool) {
-        self.closure.add(face);
-        if let Some(exact) = self.exact.as_mut().filter(|_| !stands_in) {
-            exact.add(face);
-        }
-    }
-
-    /// Fails if the surface is not closed, or exact faces are none. `path` is for errors.
-    fn check(self, exact: &[ExactFace], path: &Path, progress: &dyn Progress) -> Result<()> {
-        let mut is_closed = self.closure.is_closed();
-        let mut flaw = None;
-        if let Some(mut closure) = self.exact {
-            for face in exact {
-                flaw = flaw.or(face.flaw(progress)?);
-                closure.add_exact(face);
-            }
-            is_closed &= closure.is_closed();
-        }
-        let flaw = flaw.or((!is_closed).then_some("edges that have a face on one side only"));
-        flaw.map_or(Ok(()), |flaw| {
-            Err(Error::NoBody {
-                path: path.to_path_buf(),
-                what: format!(
-                    "the result would be no body, and so at least one of the models is none: {flaw}"
-                ),
-                places: Vec::new(),
-                count: 0,
-                advice: "check them with verify, and build them again".into(),
-            })
-        })
-    }
-}
-
-/// Times that faces are divided anew to mend what moving vertices to the grid did.
-const MOST_ROUNDS: u32 = 4;
 
 /// Unit, place and provenance of the result.
 fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {

@@ -136,6 +136,8 @@ pub fn surface_intersection(
         ends: &ends,
         far: &[a.far_winding(), b.far_winding()],
         are_bodies: true,
+        turns_roots: false,
+        most_contacts: 0,
         changed: &[],
         winding: &|_, _| None,
         is_inside: &|_| false,

@@ -55,6 +55,8 @@ fn pairs(faces: &crate::arrangement::ExactFaces, ends: &[u32], first: u64) -> (B
         ends,
         far: &[0, 0],
         are_bodies: true,
+        turns_roots: false,
+        most_contacts: 0,
         changed: &[],
         winding: &|_, _| None,
         is_inside: &|_| false,

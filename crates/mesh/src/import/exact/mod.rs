@@ -1,13 +1,11 @@
 //! Exact models from meshes: faces are moved to a grid, checked, and handed to the builder of files.
 
 mod boundary;
-mod repair;
 mod snap;
 
 use std::path::{Path, PathBuf};
 
 use self::boundary::{Boundary, Loop};
-use self::repair::repair;
 use self::snap::Snapper;
 use super::solid::closure::Closure;
 use super::solid::{bounds, common_crs, flat_faces, provenance};
@@ -16,11 +14,9 @@ use spinney_base::io::{Output, folder};
 use spinney_base::space::Up;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::show_place;
-use spinney_brep::{BuildReport, Face, FaceList, Faces, Grid, LEAF_SIZE, ModelBuilder};
+use spinney_brep::{BuildReport, Face, FaceList, Grid, InsideRule, LEAF_SIZE, ModelBuilder, Repair, repair};
 use spinney_container::{Codec, Metadata, Tag};
 use spinney_crs::Crs;
-
-pub use self::repair::Repair;
 
 /// Options for building an exact model.
 #[derive(Clone, Debug)]
@@ -32,9 +28,11 @@ pub struct ExactOptions {
     pub snap: Option<f64>,
     /// Whether open surfaces are closed by triangles over their boundaries.
     pub close: bool,
-    /// Whether a surface that passes through itself or lies on itself is resolved: what it goes around once or more is
-    /// inside. The faces are then held in memory.
+    /// Whether a surface that passes through itself, lies on itself, or is inside out in part is resolved: see
+    /// [`repair`]. The faces are then held in memory.
     pub repair: bool,
+    /// The rule by which a repair tells what is inside.
+    pub inside: InsideRule,
     /// Faces that a cell may have and end, whatever their planes have in common: see
     /// [`ModelBuilder::leaf_size`].
     pub leaf_size: usize,
@@ -52,9 +50,10 @@ pub struct ExactOptions {
 
 impl Default for ExactOptions {
     fn default() -> Self {
-        let (snap, close, repair, up, unit, crs) = (None, false, false, Up::default(), None, None);
+        let (snap, close, repair, inside) = (None, false, false, InsideRule::default());
+        let (up, unit, crs) = (Up::default(), None, None);
         let (leaf_size, codec, memory) = (LEAF_SIZE, Codec::default(), super::DEFAULT_MEMORY);
-        ExactOptions { snap, close, repair, leaf_size, up, unit, crs, codec, memory }
+        ExactOptions { snap, close, repair, inside, leaf_size, up, unit, crs, codec, memory }
     }
 }
 
@@ -172,15 +171,15 @@ pub fn import_exact(
         closed = target.close(&loops, &snapper)?;
         faces += closed.1;
     }
-    let (mut builder, repaired) = target.repaired(progress)?;
+    let (mut builder, repaired) = target.repaired(options.inside, progress)?;
     for ModelInfo { parts, attributes, .. } in models.iter().map(|model| model.info()) {
         for (part, name) in (0..).zip(parts) {
             builder.part(name, attributes.part(part))?;
         }
         attributes.files().iter().try_for_each(|text| builder.about_file(text))?;
     }
-    faces = repaired.as_ref().map_or(faces, |(faces, _)| *faces);
-    let repaired = repaired.map(|(_, done)| done);
+    faces = repaired.map_or(faces, |_| builder.len());
+    let is_beside_grid = builder.is_beside_grid();
     let displacement = snapper.squared_displacement.sqrt();
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
     metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
@@ -196,8 +195,13 @@ pub fn import_exact(
     if let Some(unit) = &unit {
         metadata.set_tag(Tag::Unit, unit);
     }
-    let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
-    if built.defect_count > 0 {
+    let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {
+        if built.defect_count > 0 {
+            metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
+        }
+    })?;
+    // (What stands for exact faces may pass through itself where these are thinner than a step.)
+    if built.defect_count > 0 && !is_beside_grid {
         let advice = match options.repair {
             true => {
                 "on this grid it was not resolved: choose another one with --snap, or build cells of it (without \
@@ -280,12 +284,12 @@ impl Target {
         Ok((loops.len() as u64, triangles))
     }
 
-    /// The builder with all faces in it, and what was repaired: the number of faces, and counts.
-    fn repaired(mut self, progress: &dyn Progress) -> Result<(ModelBuilder, Option<(u64, Repair)>)> {
-        let Some(held) = self.held else { return Ok((self.builder, None)) };
-        let (list, done) = repair(held, &self.path, self.memory, progress)?;
-        list.each(&mut |face| self.builder.push(face))?;
-        Ok((self.builder, Some((list.len(), done))))
+    /// The builder with all faces in it, and what was repaired.
+    fn repaired(self, inside: InsideRule, progress: &dyn Progress) -> Result<(ModelBuilder, Option<Repair>)> {
+        let Target { builder, held, path, memory } = self;
+        let Some(held) = held else { return Ok((builder, None)) };
+        let (builder, done) = repair(held, inside, builder, &path, memory, progress)?;
+        Ok((builder, Some(done)))
     }
 }
 

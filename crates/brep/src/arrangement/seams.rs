@@ -29,12 +29,12 @@ struct Seam {
 
 /// Edges of a surface that have no counterpart so far, and others that are looked at.
 #[derive(Debug, Default)]
-pub(super) struct Seams(HashMap<Edge, Seam>);
+pub(crate) struct Seams(HashMap<Edge, Seam>);
 
 impl Seams {
     /// Watches the edges at which these faces of several closed surfaces, each up to its end in the list, meet others of these
     /// surfaces.
-    pub(super) fn between(faces: &FaceList, ends: &[u32]) -> Seams {
+    pub(crate) fn between(faces: &FaceList, ends: &[u32]) -> Seams {
         let mut watched = HashMap::new();
         let mut start = 0;
         for &end in ends {
@@ -48,12 +48,12 @@ impl Seams {
     }
 
     /// Counts the edges of all faces of a list.
-    pub(super) fn add_all(&mut self, faces: &FaceList) {
+    pub(crate) fn add_all(&mut self, faces: &FaceList) {
         (0..faces.len() as usize).for_each(|number| self.add(&faces.get(number)));
     }
 
     /// Counts the edges of a face.
-    pub(super) fn add(&mut self, face: &Face<'_>) {
+    pub(crate) fn add(&mut self, face: &Face<'_>) {
         for [from, to] in edges(face) {
             let (edge, way) = undirected([from, to]);
             let new = Seam { part: face.part, source: face.source, ..Seam::default() };
@@ -66,7 +66,7 @@ impl Seams {
     }
 
     /// Counts those edges of a face that are open or watched.
-    pub(super) fn add_watched(&mut self, face: &Face<'_>) {
+    pub(crate) fn add_watched(&mut self, face: &Face<'_>) {
         if self.0.is_empty() {
             return;
         }
@@ -80,7 +80,7 @@ impl Seams {
 
     /// Hands out faces that have what all edges lack. Faces wider than a step of the grid are none of them: what lacks these is
     /// no closed surface.
-    pub(super) fn close(
+    pub(crate) fn close(
         self,
         is_coloured: bool,
         each: &mut dyn FnMut(&Face<'_>) -> Result<()>,

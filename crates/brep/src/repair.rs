@@ -1,0 +1,196 @@
+//! Repair of surfaces that pass through themselves, lie on themselves, or are inside out in part: they are divided where they meet, and
+//! what bounds the places that a rule takes as inside stays.
+
+use std::path::Path;
+
+use crate::arrangement::{ExactFaces, Operands, Resolved, divide, round, six_volumes};
+use crate::closure::SurfaceClosure;
+use crate::{FaceList, Faces, ModelBuilder};
+use spinney_base::{Error, Progress, Result};
+
+/// Rule that tells from the winding number of a surface around a place whether that is inside.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum InsideRule {
+    /// Any number but 0, as cells have it.
+    #[default]
+    Nonzero,
+    /// Numbers above 0.
+    Positive,
+    /// Odd numbers.
+    Odd,
+}
+
+impl InsideRule {
+    /// The rule's name: "nonzero".
+    pub fn name(self) -> &'static str {
+        match self {
+            InsideRule::Nonzero => "nonzero",
+            InsideRule::Positive => "positive",
+            InsideRule::Odd => "odd",
+        }
+    }
+
+    fn is_inside(self, winding: i32) -> bool {
+        match self {
+            InsideRule::Nonzero => winding != 0,
+            InsideRule::Positive => winding > 0,
+            InsideRule::Odd => winding % 2 != 0,
+        }
+    }
+}
+
+impl std::str::FromStr for InsideRule {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<InsideRule> {
+        let all = [InsideRule::Nonzero, InsideRule::Positive, InsideRule::Odd];
+        let known = all.into_iter().find(|rule| rule.name() == text);
+        known.ok_or_else(|| Error::invalid("rule of what is inside", text, "nonzero, positive or odd"))
+    }
+}
+
+/// Counts of the repair of a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Repair {
+    /// Faces of the surface that was repaired.
+    pub faces: u64,
+    /// Bodies that were inside out, and were turned with what is inside of them; and the faces of both.
+    pub turned: (u64, u64),
+    /// Pairs of faces that had more in common than neighbours have.
+    pub pairs: u64,
+    /// Faces of which parts were taken away, or that were divided.
+    pub divided: u64,
+    /// Faces that were taken away as a whole.
+    pub removed: u64,
+    /// Those of them that have nothing inside on either of their sides.
+    pub outside: u64,
+    /// Their share of the surface's area: at most a half, as a surface that loses more is refused.
+    pub outside_share: f64,
+    /// The volume of the surface as it came, with bodies turned: what it goes around twice counts twice. In cubes of the models' unit.
+    pub volume_before: f64,
+    /// The volume of what is inside, in cubes of the models' unit.
+    pub volume: f64,
+    /// The volume that cells have inside, whose rule is `nonzero`.
+    pub cells_volume: f64,
+    /// The furthest that a new vertex is from the point of the grid that stands for it, in the models' unit. (The vertex itself is exact.)
+    pub displacement: f64,
+}
+
+impl Repair {
+    /// Whether nothing was to be done.
+    pub fn is_nothing(&self) -> bool {
+        self.turned.0 + self.divided + self.removed == 0
+    }
+}
+
+/// Share of a surface's area, or of the volume that cells have, that may be lost.
+const MOST_LOST: f64 = 0.5;
+
+/// Pairs of faces that may meet, and for each face: of a surface that has more nobody knows what it should be.
+const MOST_CONTACTS: u64 = 1 << 20;
+const MOST_CONTACTS_OF_A_FACE: u64 = 256;
+
+/// Adds a closed surface to a model's builder, without what bounds no body. First, parts that nothing else is around and that are inside
+/// out are turned, with all that they are around. New vertices, where faces meet, stay exact. `path` is a model's for errors.
+///
+/// All faces are held in memory, which may take `memory` bytes.
+///
+/// # Errors
+/// [`Error::NoBody`] if nothing is inside, or most of the surface would be lost; if the memory is not enough, if the file cannot
+/// be written, or on interruption.
+pub fn repair(
+    faces: FaceList,
+    rule: InsideRule,
+    builder: ModelBuilder,
+    path: &Path,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<(ModelBuilder, Repair)> {
+    let (width, count) = (faces.grid().width(), faces.len());
+    let all = Operands {
+        ends: &[count as u32],
+        far: &[0],
+        are_bodies: false,
+        turns_roots: true,
+        most_contacts: MOST_CONTACTS_OF_A_FACE * count + MOST_CONTACTS,
+        changed: &[],
+        winding: &|_, _| None,
+        is_inside: &|windings| rule.is_inside(windings[0]),
+    };
+    let faces = ExactFaces::of_grid(faces);
+    let (exact, done) = divide(&faces, &all, path, memory, progress)?;
+    let Resolved { pairs, divided, removed, outside, outside_share, turned } = done;
+    let refused = |what: String, advice: &str| Error::NoBody {
+        path: path.to_path_buf(),
+        what,
+        places: Vec::new(),
+        count: 0,
+        advice: advice.into(),
+    };
+    if exact.list.is_empty() {
+        let what = format!("nothing is inside, by the rule {}", rule.name());
+        return Err(refused(what, "choose another rule with --inside, or close the surface with --close"));
+    }
+    // What cells have inside: a rule that takes much less is not the one that was meant.
+    let volume = volume(&exact);
+    let reckoned = match rule {
+        InsideRule::Nonzero => volume,
+        _ => {
+            let as_cells = Operands { is_inside: &|windings| windings[0] != 0, ..all };
+            self::volume(&divide(&faces, &as_cells, path, memory, progress)?.0)
+        }
+    };
+    let lost = outside_share.max(1.0 - volume / reckoned);
+    if lost > MOST_LOST {
+        let percent = (lost * 100.0).floor();
+        let what = format!(
+            "most of it would be lost, {percent} percent: by the rule {}, {outside} of {count} faces bound nothing, and the volume is \
+             {} where cells have {}, in cubes of the model's unit",
+            rule.name(),
+            volume * width.powi(3),
+            reckoned * width.powi(3)
+        );
+        return Err(refused(what, "choose another rule with --inside"));
+    }
+    drop(faces);
+    let rounded = round(exact)?;
+    let crossings = rounded.crossings(path, memory, progress)?;
+    let rounded = rounded.closed(crossings, false, path, memory, progress)?;
+    let mut surface = SurfaceClosure::new(!rounded.exact.is_empty());
+    rounded.faces.each(&mut |face| {
+        surface.add(face, rounded.stands_in[face.number as usize]);
+        Ok(())
+    })?;
+    if let Some(flaw) = surface.check(&rounded.exact, progress)? {
+        let what = format!("what is inside would be no body: {flaw}");
+        return Err(refused(what, "build cells of it (without --brep), and report it"));
+    }
+    let displacement = rounded.displacement * width;
+    let cube = width.powi(3);
+    let repaired = Repair {
+        faces: count,
+        turned: (turned.roots, turned.faces),
+        pairs,
+        divided,
+        removed,
+        outside,
+        outside_share,
+        volume_before: turned.volume * cube,
+        volume: volume * cube,
+        cells_volume: reckoned * cube,
+        displacement,
+    };
+    Ok((builder.push_rounded(rounded)?, repaired))
+}
+
+/// The volume within a surface, in cubes of steps, nearly.
+fn volume(faces: &ExactFaces) -> f64 {
+    let on_grid = (0..faces.list.len() as u32).filter(|number| !faces.exact.contains_key(number));
+    let whole: i128 = on_grid.map(|number| six_volumes(&faces.list.get(number as usize))).sum();
+    // (In the order of their numbers: sums of doubles depend on it.)
+    let mut numbers: Vec<u32> = faces.exact.keys().copied().collect();
+    numbers.sort_unstable();
+    let beside: f64 = numbers.iter().map(|number| faces.exact[number].six_volumes()).sum();
+    (whole as f64 + beside) / 6.0
+}
