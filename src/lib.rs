@@ -285,8 +285,8 @@ pub mod import {
     pub mod mesh {
         pub use spinney_mesh::import::{
             Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshFace, Model, ModelInfo,
-            Resolution, SolidImport, SolidOptions, SolidReport, import_exact, is_model, open, open_all,
-            plan_models,
+            Resolution, SkippedObject, SolidImport, SolidOptions, SolidReport, import_exact, is_model, open,
+            open_all, plan_models,
         };
     }
 

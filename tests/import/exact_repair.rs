@@ -92,8 +92,16 @@ fn bodies_that_overlap_become_one() {
         ("inside out", turned(cube.clone()), 1e6),
         ("inside out beside", join(&[cube.clone(), turned(cuboid([200; 3], [220; 3]))]), 1e6 + 8000.0),
         ("inside out across", join(&[cube.clone(), turned(cuboid([50; 3], [150; 3]))]), 2e6 - 50f64.powi(3)),
-        ("inside out, with a cavity", join(&[turned(cube.clone()), cuboid([20; 3], [70; 3])]), 1e6 - 50f64.powi(3)),
-        ("inside out, with what is full", join(&[turned(cube.clone()), turned(cuboid([20; 3], [70; 3]))]), 1e6),
+        (
+            "inside out, with a cavity",
+            join(&[turned(cube.clone()), cuboid([20; 3], [70; 3])]),
+            1e6 - 50f64.powi(3),
+        ),
+        (
+            "inside out, with what is full",
+            join(&[turned(cube.clone()), turned(cuboid([20; 3], [70; 3]))]),
+            1e6,
+        ),
         (
             "a shell within a shell, inside out",
             join(&[
@@ -146,7 +154,10 @@ fn nothing_inside_is_told() {
     let twice = [cube.clone(), cube].concat();
     for (faces, rule) in [(&plate, InsideRule::Nonzero), (&twice, InsideRule::Odd)] {
         let error = repaired_by(faces, 1.0, rule).err().unwrap();
-        assert!(matches!(&error, Error::NoBody { what, .. } if what.contains("nothing is inside")), "{error}");
+        assert!(
+            matches!(&error, Error::NoBody { what, .. } if what.contains("nothing is inside")),
+            "{error}"
+        );
     }
 }
 
@@ -155,8 +166,8 @@ fn nothing_inside_is_told() {
 fn rules_take_other_places() {
     use InsideRule::{Nonzero, Odd, Positive};
     let cube = cuboid([0; 3], [100; 3]);
-    let faces =
-        [cube, cuboid([90; 3], [110; 3]), cuboid([10; 3], [30; 3]), turned(cuboid([50; 3], [60; 3]))].concat();
+    let faces = [cube, cuboid([90; 3], [110; 3]), cuboid([10; 3], [30; 3]), turned(cuboid([50; 3], [60; 3]))]
+        .concat();
     let all = 1e6 + 7000.0 - 1000.0;
     // The cube within goes around its places once more; what is turned leaves a hole by all rules.
     for (rule, expected) in [(Nonzero, all), (Positive, all), (Odd, all - 8000.0 - 1000.0)] {

@@ -2,6 +2,7 @@
 
 pub mod arrangement;
 pub mod attributes;
+mod body_check;
 mod boxes;
 mod build;
 mod closure;
@@ -22,6 +23,7 @@ pub mod topology;
 mod triangulated;
 
 pub use attributes::Attributes;
+pub use body_check::body_flaw;
 pub use build::show_place;
 pub use build::{BuildReport, Defect, DefectKind, LEAF_SIZE, ModelBuilder};
 pub use combine::{CombineReport, combine};

@@ -108,51 +108,9 @@ pub fn repair(
     progress: &dyn Progress,
 ) -> Result<(ModelBuilder, Repair)> {
     let (width, count) = (faces.grid().width(), faces.len());
-    let all = Operands {
-        ends: &[count as u32],
-        far: &[0],
-        are_bodies: false,
-        turns_roots: true,
-        most_contacts: MOST_CONTACTS_OF_A_FACE * count + MOST_CONTACTS,
-        changed: &[],
-        winding: &|_, _| None,
-        is_inside: &|windings| rule.is_inside(windings[0]),
-    };
     let faces = ExactFaces::of_grid(faces);
-    let (exact, done) = divide(&faces, &all, path, memory, progress)?;
+    let Divided { exact, done, volume, cells_volume } = divided(&faces, rule, path, memory, progress)?;
     let Resolved { pairs, divided, removed, outside, outside_share, turned } = done;
-    let refused = |what: String, advice: &str| Error::NoBody {
-        path: path.to_path_buf(),
-        what,
-        places: Vec::new(),
-        count: 0,
-        advice: advice.into(),
-    };
-    if exact.list.is_empty() {
-        let what = format!("nothing is inside, by the rule {}", rule.name());
-        return Err(refused(what, "choose another rule with --inside, or close the surface with --close"));
-    }
-    // What cells have inside: a rule that takes much less is not the one that was meant.
-    let volume = volume(&exact);
-    let reckoned = match rule {
-        InsideRule::Nonzero => volume,
-        _ => {
-            let as_cells = Operands { is_inside: &|windings| windings[0] != 0, ..all };
-            self::volume(&divide(&faces, &as_cells, path, memory, progress)?.0)
-        }
-    };
-    let lost = outside_share.max(1.0 - volume / reckoned);
-    if lost > MOST_LOST {
-        let percent = (lost * 100.0).floor();
-        let what = format!(
-            "most of it would be lost, {percent} percent: by the rule {}, {outside} of {count} faces bound nothing, and the volume is \
-             {} where cells have {}, in cubes of the model's unit",
-            rule.name(),
-            volume * width.powi(3),
-            reckoned * width.powi(3)
-        );
-        return Err(refused(what, "choose another rule with --inside"));
-    }
     drop(faces);
     let rounded = round(exact)?;
     let crossings = rounded.crossings(path, memory, progress)?;
@@ -164,7 +122,7 @@ pub fn repair(
     })?;
     if let Some(flaw) = surface.check(&rounded.exact, progress)? {
         let what = format!("what is inside would be no body: {flaw}");
-        return Err(refused(what, "build cells of it (without --brep), and report it"));
+        return Err(refused(path, what, "build cells of it (without --brep), and report it"));
     }
     let displacement = rounded.displacement * width;
     let cube = width.powi(3);
@@ -178,10 +136,73 @@ pub fn repair(
         outside_share,
         volume_before: turned.volume * cube,
         volume: volume * cube,
-        cells_volume: reckoned * cube,
+        cells_volume: cells_volume * cube,
         displacement,
     };
     Ok((builder.push_rounded(rounded)?, repaired))
+}
+
+/// What is left of a surface, and its volume and that which cells have, in cubes of steps.
+pub(crate) struct Divided {
+    exact: ExactFaces,
+    done: Resolved,
+    volume: f64,
+    cells_volume: f64,
+}
+
+/// Divides a closed surface, and takes away what bounds no body; see [`repair`].
+pub(crate) fn divided(
+    faces: &ExactFaces,
+    rule: InsideRule,
+    path: &Path,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Divided> {
+    let (width, count) = (faces.list.grid().width(), faces.list.len());
+    let all = Operands {
+        ends: &[count as u32],
+        far: &[0],
+        are_bodies: false,
+        turns_roots: true,
+        most_contacts: MOST_CONTACTS_OF_A_FACE * count + MOST_CONTACTS,
+        changed: &[],
+        winding: &|_, _| None,
+        is_inside: &|windings| rule.is_inside(windings[0]),
+    };
+    let (exact, done) = divide(faces, &all, path, memory, progress)?;
+    if exact.list.is_empty() {
+        let what = format!("nothing is inside, by the rule {}", rule.name());
+        let advice = "choose another rule with --inside, or close the surface with --close";
+        return Err(refused(path, what, advice));
+    }
+    // What cells have inside: a rule that takes much less is not the one that was meant.
+    let volume = volume(&exact);
+    let cells_volume = match rule {
+        InsideRule::Nonzero => volume,
+        _ => {
+            let as_cells = Operands { is_inside: &|windings| windings[0] != 0, ..all };
+            self::volume(&divide(faces, &as_cells, path, memory, progress)?.0)
+        }
+    };
+    let lost = done.outside_share.max(1.0 - volume / cells_volume);
+    if lost > MOST_LOST {
+        let percent = (lost * 100.0).floor();
+        let what = format!(
+            "most of it would be lost, {percent} percent: by the rule {}, {} of {count} faces bound nothing, and the volume is {} \
+             where cells have {}, in cubes of the model's unit",
+            rule.name(),
+            done.outside,
+            volume * width.powi(3),
+            cells_volume * width.powi(3)
+        );
+        return Err(refused(path, what, "choose another rule with --inside"));
+    }
+    Ok(Divided { exact, done, volume, cells_volume })
+}
+
+fn refused(path: &Path, what: String, advice: &str) -> Error {
+    let (places, count) = (Vec::new(), 0);
+    Error::NoBody { path: path.to_path_buf(), what, places, count, advice: advice.into() }
 }
 
 /// The volume within a surface, in cubes of steps, nearly.

@@ -1,13 +1,16 @@
 //! `spinney build --brep`: exact models.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use spinney::Progress;
 use spinney::brep::Repair;
+use spinney::import::feature::FeatureFilter;
 use spinney::import::mesh::{self, ExactOptions, ExactReport, Model};
 use spinney::io::Output;
 
+use super::super::exact::chosen;
 use super::solids::SolidArgs;
 use super::{Common, Lines};
 
@@ -20,12 +23,19 @@ pub(super) struct ExactImport {
 
 impl ExactImport {
     /// Opens models.
-    pub(super) fn plan(inputs: &[PathBuf], solids: &SolidArgs, common: &Common) -> Result<ExactImport> {
+    pub(super) fn plan(
+        inputs: &[PathBuf],
+        solids: &SolidArgs,
+        filter: Option<&FeatureFilter>,
+        common: &Common,
+    ) -> Result<ExactImport> {
         let models = mesh::open_all(inputs, common.memory.bytes)?;
         let mut options = ExactOptions::new();
         options.snap = solids.snap;
         options.close = solids.close;
         options.repair = solids.repair;
+        options.parts = filter.map(|filter| chosen_parts(&models, filter)).transpose()?;
+        options.skip_bad = solids.skip_bad;
         options.inside = solids.inside.unwrap_or_default();
         options.leaf_size = solids.leaf_size.unwrap_or(options.leaf_size);
         options.up = solids.up.unwrap_or_default();
@@ -50,6 +60,20 @@ impl ExactImport {
     pub(super) fn build(self, output: Output, stats: bool, progress: &dyn Progress) -> Result<Lines> {
         Ok(lines(&mesh::import_exact(self.models, &self.options, output, progress)?, stats))
     }
+}
+
+/// Numbers of the parts of models for which conditions hold.
+fn chosen_parts(models: &[Box<dyn Model>], filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
+    let (mut found, mut first) = (BTreeSet::new(), 0);
+    for info in models.iter().map(|model| model.info()) {
+        let about = |part: u32| Ok(info.attributes.part(part).map(String::from));
+        found.extend(chosen(filter, &info.parts, &about)?.into_iter().map(|part| first + part));
+        first += info.parts.len() as u32;
+    }
+    if found.is_empty() {
+        bail!("--where {filter}: no object is such");
+    }
+    Ok(found)
 }
 
 /// What a repair did, and what users may want to know of it.
@@ -116,6 +140,16 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
             .filter(|(_, count, _)| *count > 0)
             .map(|(name, count, text)| (name, format!("{count} {text}"))),
     );
+    if report.objects + report.skipped.len() as u64 > 1 {
+        let left_out = match report.skipped.len() {
+            0 => String::new(),
+            count => format!("; {count} LEFT OUT, which are no bodies:"),
+        };
+        lines.push(("objects", format!("{}{left_out}", report.objects)));
+        lines.extend(
+            report.skipped.iter().map(|object| ("skipped", format!("{}: {}", object.name, object.why))),
+        );
+    }
     if report.attributes > 0 {
         lines.push(("attributes", format!("of {} parts", report.attributes)));
     }

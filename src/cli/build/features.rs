@@ -30,9 +30,10 @@ pub(super) struct FeatureArgs {
     /// Give each cell the share of it that features have, from 0 to 1
     #[arg(long)]
     fractions: bool,
-    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value
+    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value; of
+    /// exact models (--brep) objects, with their parts, where id and type count as attributes
     #[arg(long = "where", value_name = "CONDITION,...")]
-    filter: Option<FeatureFilter>,
+    pub(super) filter: Option<FeatureFilter>,
 }
 
 impl FeatureArgs {

@@ -229,7 +229,8 @@ impl Args {
             let import = features.plan(inputs, output, (common, pictures, solids))?;
             return Ok(Import::Features(Box::new(import)));
         }
-        if let Some(option) = features.given() {
+        let are_exact = solids.brep && inputs.iter().all(|input| mesh::is_model(input));
+        if let Some(option) = features.given().filter(|option| !(are_exact && *option == "--where")) {
             bail!(
                 "{option} is for features (GeoJSON, FlatGeobuf, GeoPackage, shapefiles, CSV), {} has none",
                 inputs[0].display()
@@ -251,7 +252,12 @@ impl Args {
                 bail!("--grid xyz is for pictures, not for models");
             }
             if solids.brep {
-                return Ok(Import::Exact(Box::new(ExactImport::plan(inputs, solids, common)?)));
+                return Ok(Import::Exact(Box::new(ExactImport::plan(
+                    inputs,
+                    solids,
+                    features.filter.as_ref(),
+                    common,
+                )?)));
             }
             // (Whoever asks for cells has ruled out what these options require, and is not told by their declarations.)
             if let Some(option) = solids.of_exact_models() {

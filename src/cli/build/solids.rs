@@ -68,6 +68,10 @@ pub(super) struct SolidArgs {
     /// number of times) [default: nonzero]
     #[arg(long, value_name = "RULE", requires = "repair")]
     pub(super) inside: Option<InsideRule>,
+    /// Leave out objects (city objects, groups of files that have objects, files) that are no bodies by themselves, and tell which and why:
+    /// open ones without --close, and ones that pass through themselves or are inside out without --repair
+    #[arg(long, requires = "brep")]
+    pub(super) skip_bad: bool,
 }
 
 /// A width, with its unit if one was given.
@@ -107,6 +111,7 @@ impl SolidArgs {
             close: _,
             repair: _,
             inside: _,
+            skip_bad: _,
             leaf_size: _,
             snap: _,
         } = self;
@@ -154,6 +159,7 @@ impl SolidArgs {
             ("--snap", self.snap.is_some()),
             ("--close", self.close),
             ("--repair", self.repair),
+            ("--skip-bad", self.skip_bad),
         ];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }

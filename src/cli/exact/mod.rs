@@ -4,6 +4,7 @@ mod combine;
 mod export;
 mod find;
 mod info;
+mod objects;
 mod point;
 mod stats;
 
@@ -17,6 +18,7 @@ pub(super) use combine::{any_model, combine};
 pub(super) use export::export;
 pub(super) use find::{LeafKind, find};
 pub(super) use info::info;
+pub(super) use objects::chosen;
 pub(super) use point::points;
 pub(super) use stats::stats;
 

@@ -51,17 +51,22 @@ impl BuildReport {
     }
 }
 
+impl fmt::Display for DefectKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            DefectKind::Crossing => write!(f, "faces that pass through each other"),
+            DefectKind::Overlap => write!(f, "faces that lie on each other"),
+            DefectKind::Winding(times) => {
+                write!(f, "a place that the surface goes around {times} times, where 0 or 1 is right,")
+            }
+            DefectKind::Boundary(edges) => write!(f, "a boundary of {edges} edges"),
+        }
+    }
+}
+
 impl fmt::Display for Defect {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.kind {
-            DefectKind::Crossing => write!(f, "faces that pass through each other")?,
-            DefectKind::Overlap => write!(f, "faces that lie on each other")?,
-            DefectKind::Winding(times) => {
-                write!(f, "a place that the surface goes around {times} times, where 0 or 1 is right,")?;
-            }
-            DefectKind::Boundary(edges) => write!(f, "a boundary of {edges} edges")?,
-        }
-        write!(f, " at {}", show_place(self.place))?;
+        write!(f, "{} at {}", self.kind, show_place(self.place))?;
         if self.faces.is_empty() {
             return Ok(());
         }

@@ -7,6 +7,7 @@ mod check;
 mod defects;
 mod division;
 mod items;
+mod memory;
 mod near;
 mod pairs;
 mod run;
@@ -41,6 +42,7 @@ use spinney_container::{Codec, Metadata};
 pub(crate) use self::check::{Checked, OctreeCheck};
 pub use self::defects::show_place;
 pub use self::defects::{Defect, DefectKind};
+pub(crate) use self::memory::defects_of;
 
 /// Faces that a cell may have and end, if nothing else is said: with more, files get little smaller and questions
 /// take longer; with fewer, cells are divided for nothing. (Bunny of 60,000 triangles: 277,000 nodes without, 68,000 with

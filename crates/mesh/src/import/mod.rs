@@ -5,7 +5,7 @@ mod model;
 mod read;
 mod solid;
 
-pub use exact::{ExactOptions, ExactReport, import_exact};
+pub use exact::{ExactOptions, ExactReport, SkippedObject, import_exact};
 pub use model::{MeshFace, Model, ModelInfo};
 pub use read::{is_model, open, open_all};
 pub use solid::{

@@ -8,8 +8,11 @@ use spinney_base::io::Sorter;
 use spinney_base::{Error, Result, sort};
 use spinney_brep::geometry::Triangulator;
 
-/// Bytes of an edge: its number, its ends from the lesser to the greater, the direction, the part of the face.
-const EDGE: usize = 8 + 24 + 4 + 4;
+/// Bytes of an edge: its number, its ends from the lesser to the greater, the direction, the part of the face, the object that this is of.
+const EDGE: usize = 8 + 24 + 4 + 4 + 4;
+
+/// An edge as it comes back: its number, the object, the ends, whether it goes to the greater, the part.
+type SortedEdge = (u64, u32, [[i32; 3]; 2], bool, u32);
 
 /// Collects edges.
 pub(super) struct Boundary {
@@ -29,8 +32,8 @@ impl Boundary {
         Boundary { sorter: Sorter::new(folder, EDGE, memory) }
     }
 
-    /// Adds an edge of a face.
-    pub(super) fn add(&mut self, from: [i32; 3], to: [i32; 3], part: u32) -> Result<()> {
+    /// Adds an edge of a face of a part of an object.
+    pub(super) fn add(&mut self, from: [i32; 3], to: [i32; 3], part: u32, object: u32) -> Result<()> {
         let (number, is_forward) = edge_number(from, to);
         let (low, high) = if is_forward { (from, to) } else { (to, from) };
         let mut item = Vec::with_capacity(EDGE);
@@ -38,13 +41,14 @@ impl Boundary {
         low.iter().chain(&high).for_each(|at| item.extend_from_slice(&at.to_le_bytes()));
         item.extend_from_slice(&u32::from(is_forward).to_le_bytes());
         item.extend_from_slice(&part.to_le_bytes());
+        item.extend_from_slice(&object.to_le_bytes());
         self.sorter.push(number, item)
     }
 
-    /// The loops of the edges that have no partner; they may take so many bytes of memory.
+    /// The loops of the edges that have no partner in their objects, object by object; they may take so many bytes of memory.
     pub(super) fn loops(self, path: &Path, memory: u64) -> Result<Vec<Loop>> {
-        // Edges that a face which closes the surface would have: from, to, part.
-        let mut open: Vec<([i32; 3], [i32; 3], u32)> = Vec::new();
+        // Edges that faces which close the surface would have, with the objects: object, from, to, part.
+        let mut open: Vec<(u32, OpenEdge)> = Vec::new();
         let most = (memory / 160).max(1 << 12) as usize;
         let too_many = || Error::TooLarge {
             path: path.to_path_buf(),
@@ -53,19 +57,19 @@ impl Boundary {
             limit: memory,
             advice: "allow more with --memory".into(),
         };
-        let mut same: Vec<(u64, [[i32; 3]; 2], bool, u32)> = Vec::new();
-        let mut settle = |same: &mut Vec<(u64, [[i32; 3]; 2], bool, u32)>| {
+        let mut same: Vec<SortedEdge> = Vec::new();
+        let mut settle = |same: &mut Vec<SortedEdge>| {
             // (Different edges with one number are next to impossible, and do no harm.)
-            sort::by(same, &mut |a, b| (a.1, a.2, a.3).cmp(&(b.1, b.2, b.3)));
-            for edges in same.chunk_by(|a, b| a.1 == b.1) {
-                let forward = edges.iter().filter(|edge| edge.2).count();
+            sort::by(same, &mut |a, b| (a.1, a.2, a.3, a.4).cmp(&(b.1, b.2, b.3, b.4)));
+            for edges in same.chunk_by(|a, b| (a.1, a.2) == (b.1, b.2)) {
+                let forward = edges.iter().filter(|edge| edge.3).count();
                 let backward = edges.len() - forward;
-                let (_, [low, high], _, part) = edges[0];
+                let (_, object, [low, high], _, part) = edges[0];
                 for _ in backward..forward {
-                    open.push((high, low, part));
+                    open.push((object, (high, low, part)));
                 }
                 for _ in forward..backward {
-                    open.push((low, high, part));
+                    open.push((object, (low, high, part)));
                 }
             }
             same.clear();
@@ -78,16 +82,22 @@ impl Boundary {
             if same.first().is_some_and(|edge| edge.0 != key) {
                 settle(&mut same)?;
             }
-            same.push((key, [point(8), point(20)], number(32) == 1, number(36)));
+            same.push((key, number(40), [point(8), point(20)], number(32) == 1, number(36)));
             Ok(())
         })?;
         settle(&mut same)?;
-        Ok(chain(open))
+        // (Stable: edges of an object stay in their order.)
+        sort::by_key(&mut open, |(object, _)| (*object).into());
+        let of_object = |edges: &[(u32, OpenEdge)]| chain(edges.iter().map(|(_, edge)| *edge).collect());
+        Ok(open.chunk_by(|a, b| a.0 == b.0).flat_map(of_object).collect())
     }
 }
 
+/// An edge that a face which closes the surface would have: from, to, and the part of the face beside it.
+type OpenEdge = ([i32; 3], [i32; 3], u32);
+
 /// Joins edges to loops: as many begin as end in each point.
-fn chain(edges: Vec<([i32; 3], [i32; 3], u32)>) -> Vec<Loop> {
+fn chain(edges: Vec<OpenEdge>) -> Vec<Loop> {
     let mut from: BTreeMap<[i32; 3], Vec<([i32; 3], u32)>> = BTreeMap::new();
     for (start, end, part) in edges {
         from.entry(start).or_default().push((end, part));
@@ -154,13 +164,29 @@ mod tests {
         for z in [0, 9] {
             // A square, and a triangle that shares an edge with it.
             let ring = square(z);
-            (0..4).for_each(|i| boundary.add(ring[i], ring[(i + 1) % 4], 7).unwrap());
+            (0..4).for_each(|i| boundary.add(ring[i], ring[(i + 1) % 4], 7, 0).unwrap());
             let wing = [ring[1], ring[0], [2, -3, z]];
-            (0..3).for_each(|i| boundary.add(wing[i], wing[(i + 1) % 3], 7).unwrap());
+            (0..3).for_each(|i| boundary.add(wing[i], wing[(i + 1) % 3], 7, 0).unwrap());
         }
         let loops = boundary.loops(Path::new("x"), 1 << 20).unwrap();
         assert_eq!(loops.iter().map(|hole| (hole.points.len(), hole.part)).collect::<Vec<_>>(), [(5, 7); 2]);
         assert_eq!(loops[0].triangles().len(), 3);
+    }
+
+    /// What one object lacks, another one beside it does not have for it.
+    #[test]
+    fn objects_have_loops_of_their_own() {
+        let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
+        let ring = [[0, 0, 0], [4, 0, 0], [0, 4, 0]];
+        for i in 0..3 {
+            boundary.add(ring[i], ring[(i + 1) % 3], 0, 0).unwrap();
+            boundary.add(ring[(i + 1) % 3], ring[i], 1, 1).unwrap();
+        }
+        let loops = boundary.loops(Path::new("x"), 1 << 20).unwrap();
+        assert_eq!(
+            loops.iter().map(|hole| (hole.points.len(), hole.part)).collect::<Vec<_>>(),
+            [(3, 0), (3, 1)]
+        );
     }
 
     /// Two loops that share a corner are two.
@@ -168,7 +194,7 @@ mod tests {
     fn loops_that_touch_are_taken_apart() {
         let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
         for ring in [[[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 0, 0], [-4, 0, 0], [0, -4, 0]]] {
-            (0..3).for_each(|i| boundary.add(ring[i], ring[(i + 1) % 3], 0).unwrap());
+            (0..3).for_each(|i| boundary.add(ring[i], ring[(i + 1) % 3], 0, 0).unwrap());
         }
         let loops = boundary.loops(Path::new("x"), 1 << 20).unwrap();
         assert_eq!(loops.iter().map(|hole| hole.points.len()).collect::<Vec<_>>(), [3, 3]);

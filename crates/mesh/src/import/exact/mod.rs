@@ -1,11 +1,14 @@
 //! Exact models from meshes: faces are moved to a grid, checked, and handed to the builder of files.
 
 mod boundary;
+mod objects;
 mod snap;
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use self::boundary::{Boundary, Loop};
+use self::objects::Objects;
 use self::snap::Snapper;
 use super::solid::closure::Closure;
 use super::solid::{bounds, common_crs, flat_faces, provenance};
@@ -17,6 +20,8 @@ use spinney_brep::show_place;
 use spinney_brep::{BuildReport, Face, FaceList, Grid, InsideRule, LEAF_SIZE, ModelBuilder, Repair, repair};
 use spinney_container::{Codec, Metadata, Tag};
 use spinney_crs::Crs;
+
+pub use self::objects::SkippedObject;
 
 /// Options for building an exact model.
 #[derive(Clone, Debug)]
@@ -33,6 +38,11 @@ pub struct ExactOptions {
     pub repair: bool,
     /// The rule by which a repair tells what is inside.
     pub inside: InsideRule,
+    /// Parts that the model is made of, by their numbers, those of one file behind those of the one before; otherwise all.
+    pub parts: Option<BTreeSet<u32>>,
+    /// Whether objects that are no bodies by themselves are left out: those that are open, unless they are to be closed, and those that
+    /// pass through themselves or are inside out, unless they are to be repaired. Faces are then held in memory while objects are looked at.
+    pub skip_bad: bool,
     /// Faces that a cell may have and end, whatever their planes have in common: see
     /// [`ModelBuilder::leaf_size`].
     pub leaf_size: usize,
@@ -51,9 +61,10 @@ pub struct ExactOptions {
 impl Default for ExactOptions {
     fn default() -> Self {
         let (snap, close, repair, inside) = (None, false, false, InsideRule::default());
+        let (parts, skip_bad) = (None, false);
         let (up, unit, crs) = (Up::default(), None, None);
         let (leaf_size, codec, memory) = (LEAF_SIZE, Codec::default(), super::DEFAULT_MEMORY);
-        ExactOptions { snap, close, repair, inside, leaf_size, up, unit, crs, codec, memory }
+        ExactOptions { snap, close, repair, inside, parts, skip_bad, leaf_size, up, unit, crs, codec, memory }
     }
 }
 
@@ -80,6 +91,10 @@ pub struct ExactReport {
     pub cut: u64,
     /// Faces whose rings cross, which were cut into fans of triangles.
     pub fanned: u64,
+    /// Objects of the model.
+    pub objects: u64,
+    /// Objects that were left out because they are no bodies.
+    pub skipped: Vec<SkippedObject>,
     /// Parts with attributes.
     pub attributes: u64,
     /// Columns of values of faces that are not kept.
@@ -141,41 +156,58 @@ pub fn import_exact(
             _ => Grid::over(bounds, None)?,
         },
     };
+    let mut objects = Objects::of(&models, options.parts.as_ref())?;
+    let skipped = match options.skip_bad {
+        true => skip_bad(&mut models, &mut objects, &grid, options, progress)?,
+        false => Vec::new(),
+    };
     let place = folder(output.path()).to_path_buf();
     let mut target = Target::new(output, &path, &grid, options)?;
     let mut snapper = Snapper::new(grid.clone(), options.up);
     let mut closure = Closure::default();
-    read(&mut models, &mut snapper, progress, &mut |face| {
+    let mut closures: BTreeMap<u32, Closure> = BTreeMap::new();
+    read(&mut models, &objects, &mut snapper, progress, &mut |face| {
         each_edge(face, |from, to| closure.add_edge(from, to));
+        if options.close {
+            let own = closures.entry(objects.object(face.part)).or_default();
+            each_edge(face, |from, to| own.add_edge(from, to));
+        }
         target.push(face)
     })?;
     let counts = snapper.planar.counts;
     let mut faces = counts.faces;
     let mut closed = (0, 0);
-    if !closure.is_closed() {
+    // Parts of the triangles that close boundaries.
+    let mut closing: Vec<u32> = Vec::new();
+    // (Objects are closed one by one; where nobody asks for it, several may bound a body together.)
+    if !closure.is_closed() || closures.values().any(|closure| !closure.is_closed()) {
         let mut boundary = Boundary::new(&place, options.memory / 4);
         let mut again = Snapper::new(grid.clone(), options.up);
-        read(&mut models, &mut again, progress, &mut |face| {
+        read(&mut models, &objects, &mut again, progress, &mut |face| {
             let mut added = Ok(());
             each_edge(face, |from, to| {
                 if added.is_ok() {
-                    added = boundary.add(from, to, face.part);
+                    added = boundary.add(from, to, face.part, objects.object(face.part));
                 }
             });
             added
         })?;
         let loops = boundary.loops(&path, options.memory / 4)?;
         if !options.close {
-            return Err(open_surface(&path, &grid, &loops));
+            return Err(open_surface(&path, &grid, &objects, &loops));
         }
-        closed = target.close(&loops, &snapper)?;
+        closing = target.close(&loops, &snapper)?;
+        closed = (loops.len() as u64, closing.len() as u64);
         faces += closed.1;
     }
     let (mut builder, repaired) = target.repaired(options.inside, progress)?;
+    let (mut first, mut with_attributes) = (0, 0);
     for ModelInfo { parts, attributes, .. } in models.iter().map(|model| model.info()) {
-        for (part, name) in (0..).zip(parts) {
+        for (part, name) in (0..).zip(parts).filter(|(part, _)| objects.number(first + part).is_some()) {
             builder.part(name, attributes.part(part))?;
+            with_attributes += u64::from(attributes.part(part).is_some());
         }
+        first += parts.len() as u32;
         attributes.files().iter().try_for_each(|text| builder.about_file(text))?;
     }
     faces = repaired.map_or(faces, |_| builder.len());
@@ -213,7 +245,8 @@ pub fn import_exact(
             }
         };
         let what = "the surface passes through itself, or is inside out: it bounds no body";
-        return Err(built.error(&path, what, advice));
+        let error = built.error(&path, what, advice);
+        return Err(named(error, &built, (&mut models, &objects, &closing), snapper, options.repair)?);
     }
     Ok(ExactReport {
         read: snapper.read,
@@ -222,7 +255,9 @@ pub fn import_exact(
         slivers: counts.slivers,
         cut: counts.cut,
         fanned: counts.fanned,
-        attributes: models.iter().map(|model| model.info().attributes.parts()).sum(),
+        objects: objects.count(),
+        skipped,
+        attributes: with_attributes,
         lost_columns: models.iter().map(|model| model.lost_columns()).sum(),
         closed,
         repair: repaired,
@@ -256,32 +291,23 @@ impl Target {
     fn push(&mut self, face: &Face<'_>) -> Result<()> {
         let Some(list) = &mut self.held else { return self.builder.push(face) };
         list.push(face);
-        if list.bytes() <= self.memory / 2 {
-            return Ok(());
-        }
-        Err(Error::TooLarge {
-            path: self.path.clone(),
-            what: "the faces of a surface that is to be repaired".into(),
-            needed: list.bytes(),
-            limit: self.memory / 2,
-            advice: "allow more with --memory".into(),
-        })
+        check_room(&self.path, list, self.memory / 2, "the faces of a surface that is to be repaired")
     }
 
-    /// Adds triangles over boundaries, after the faces that were counted; returns numbers of both.
-    fn close(&mut self, loops: &[Loop], snapper: &Snapper) -> Result<(u64, u64)> {
+    /// Adds triangles over boundaries, after the faces that were counted; returns the part of each.
+    fn close(&mut self, loops: &[Loop], snapper: &Snapper) -> Result<Vec<u32>> {
         let colours = [[255; 3]; 3];
         let colours = if snapper.planar.is_coloured { &colours[..] } else { &[] };
-        let mut triangles = 0;
+        let mut parts = Vec::new();
         for hole in loops {
             for points in hole.triangles() {
                 let (number, part, source) =
-                    (snapper.planar.counts.faces + triangles, hole.part, snapper.read);
+                    (snapper.planar.counts.faces + parts.len() as u64, hole.part, snapper.read);
                 self.push(&Face { number, points: &points, ring_ends: &[3], colours, part, source })?;
-                triangles += 1;
+                parts.push(part);
             }
         }
-        Ok((loops.len() as u64, triangles))
+        Ok(parts)
     }
 
     /// The builder with all faces in it, and what was repaired.
@@ -299,9 +325,81 @@ fn common_step(models: &[Box<dyn Model>]) -> Option<f64> {
     models.iter().all(|model| model.info().step == Some(first)).then_some(first)
 }
 
-/// Reads all faces of all models, and hands them out as they are on the grid.
+/// Leaves out objects that are no bodies by themselves.
+fn skip_bad(
+    models: &mut [Box<dyn Model>],
+    objects: &mut Objects,
+    grid: &Grid,
+    options: &ExactOptions,
+    progress: &dyn Progress,
+) -> Result<Vec<SkippedObject>> {
+    let path = models[0].info().path.clone();
+    let mut faces = FaceList::new(grid.clone(), Vec::new());
+    read(models, objects, &mut Snapper::new(grid.clone(), options.up), progress, &mut |face| {
+        faces.push(face);
+        check_room(&path, &faces, options.memory / 2, "the faces of objects that are looked at one by one")
+    })?;
+    objects.skip_bad(&faces, options, &path, progress)
+}
+
+/// Fails if some faces take more bytes than a limit; in words what they are.
+fn check_room(path: &Path, faces: &FaceList, limit: u64, what: &str) -> Result<()> {
+    if faces.bytes() <= limit {
+        return Ok(());
+    }
+    Err(Error::TooLarge {
+        path: path.to_path_buf(),
+        what: what.into(),
+        needed: faces.bytes(),
+        limit,
+        advice: "allow more with --memory".into(),
+    })
+}
+
+/// An error of a surface with defects, with the names of the objects that these are of, where there are several. (Numbers of faces are
+/// those of the surface before it is repaired only if it is not.)
+fn named(
+    error: Error,
+    built: &BuildReport,
+    (models, objects, closing): (&mut [Box<dyn Model>], &Objects, &[u32]),
+    snapper: Snapper,
+    is_repaired: bool,
+) -> Result<Error> {
+    let Error::NoBody { path, what, mut places, count, advice } = error else { return Ok(error) };
+    if is_repaired || objects.count() < 2 {
+        return Ok(Error::NoBody { path, what, places, count, advice });
+    }
+    let wanted: BTreeSet<u64> =
+        built.defects.iter().flat_map(|defect| defect.faces.iter().copied()).collect();
+    let mut part_of = BTreeMap::new();
+    let mut again = Snapper::new(snapper.grid.clone(), snapper.up);
+    read(models, objects, &mut again, &(), &mut |face| {
+        if wanted.contains(&face.number) {
+            part_of.insert(face.number, face.part);
+        }
+        Ok(())
+    })?;
+    let count = again.planar.counts.faces;
+    let of_closing = |face: u64| closing.get(usize::try_from(face.checked_sub(count)?).ok()?).copied();
+    for (place, defect) in places.iter_mut().zip(&built.defects) {
+        let parts: BTreeSet<u32> = defect
+            .faces
+            .iter()
+            .filter_map(|face| part_of.get(face).copied().or_else(|| of_closing(*face)))
+            .collect();
+        let names: Vec<&str> = parts.iter().filter_map(|part| objects.name(*part)).collect();
+        if !names.is_empty() {
+            *place += &format!(", of {}", names.join(" and "));
+        }
+    }
+    let advice = format!("{advice}; --skip-bad leaves out objects that are no bodies by themselves");
+    Ok(Error::NoBody { path, what, places, count, advice })
+}
+
+/// Reads all faces of the objects of all models, and hands them out as they are on the grid.
 fn read(
     models: &mut [Box<dyn Model>],
+    objects: &Objects,
     snapper: &mut Snapper,
     progress: &dyn Progress,
     each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
@@ -315,7 +413,13 @@ fn read(
             if snapper.read.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
-            snapper.face(&path, face, first_part, each)
+            match objects.number(first_part + face.part) {
+                Some(part) => snapper.face(&path, face, part, each),
+                None => {
+                    snapper.read += 1;
+                    Ok(())
+                }
+            }
         })?;
         first_part += parts;
     }
@@ -338,16 +442,22 @@ fn each_edge(face: &Face<'_>, mut each: impl FnMut([i32; 3], [i32; 3])) {
 }
 
 /// The error of an open surface.
-fn open_surface(path: &Path, grid: &Grid, loops: &[Loop]) -> Error {
+fn open_surface(path: &Path, grid: &Grid, objects: &Objects, loops: &[Loop]) -> Error {
     let place = |hole: &Loop| {
         let first = grid.to_world(hole.points[0]);
-        format!("a boundary of {} edges from {}", hole.points.len(), show_place(first))
+        let name = objects.name(hole.part).map_or(String::new(), |name| format!(", of {name}"));
+        format!("a boundary of {} edges from {}{name}", hole.points.len(), show_place(first))
     };
     Error::NoBody {
         path: path.to_path_buf(),
         what: "the surface is open: it bounds no body".into(),
         places: loops.iter().take(100).map(place).collect(),
         count: loops.len() as u64,
-        advice: "close it with --close, or build cells of it (without --brep)".into(),
+        advice: match objects.count() {
+            1 => "close it with --close, or build cells of it (without --brep)".into(),
+            _ => "close it with --close, leave out open objects with --skip-bad, choose others with --where, or build cells of \
+                  it (without --brep)"
+                .into(),
+        },
     }
 }

@@ -23,18 +23,18 @@ impl Snapper {
         Snapper { grid, up, planar: PlanarFaces::default(), read: 0, squared_displacement: 0.0 }
     }
 
-    /// Hands out what becomes of a face: itself, some triangles, or nothing.
+    /// Hands out what becomes of a face of a part of the exact model: itself, some triangles, or nothing.
     pub(super) fn face(
         &mut self,
         path: &Path,
         face: &super::super::MeshFace<'_>,
-        first_part: u32,
+        part: u32,
         each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
     ) -> Result<()> {
         let source = self.read;
         self.read += 1;
         self.move_corners(path, face)?;
-        self.planar.finish(first_part + face.part, source, each)
+        self.planar.finish(part, source, each)
     }
 
     /// Moves the corners, and leaves out those that have come to lie on the one before, and rings that have fewer than

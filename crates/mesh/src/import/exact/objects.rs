@@ -1,0 +1,159 @@
+//! Objects of models: which of them become part of an exact model, and which are left out and why.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use super::super::Model;
+use super::boundary::Boundary;
+use super::{ExactOptions, each_edge};
+use spinney_base::{Error, Progress, Result, parallel};
+use spinney_brep::{Face, FaceList, Faces, body_flaw};
+
+/// An object that was left out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct SkippedObject {
+    /// Its name; that of the file where the file is one object.
+    pub name: String,
+    /// What keeps it from being a body, in words, with a place.
+    pub why: String,
+}
+
+/// The parts of all models, those of one behind those of the one before.
+pub(super) struct Objects {
+    /// Name, and number of the object that each is or belongs to: the number of one of its parts.
+    parts: Vec<(String, u32)>,
+    /// Numbers of those that become part of the exact model, there.
+    numbers: Vec<Option<u32>>,
+    /// Of each of these: its number here.
+    taken: Vec<u32>,
+}
+
+impl Objects {
+    /// Those of models that are chosen, or all.
+    pub(super) fn of(models: &[Box<dyn Model>], chosen: Option<&BTreeSet<u32>>) -> Result<Objects> {
+        let mut parts = Vec::new();
+        for info in models.iter().map(|model| model.info()) {
+            let first = parts.len() as u32;
+            // (A part that stands for the whole file has no name of its own.)
+            let is_whole = info.is_grouped || info.parts.len() == 1;
+            for (part, name) in (first..).zip(&info.parts) {
+                parts.push(match is_whole {
+                    true => (info.path.display().to_string(), first),
+                    false => (name.clone(), part),
+                });
+            }
+        }
+        let mut objects = Objects { numbers: vec![None; parts.len()], parts, taken: Vec::new() };
+        objects.take(&|part| chosen.is_none_or(|chosen| chosen.contains(&part)));
+        if objects.numbers.iter().all(Option::is_none) {
+            return Err(Error::invalid("objects", "none that is chosen", "one or more"));
+        }
+        Ok(objects)
+    }
+
+    /// Numbers those that are taken.
+    fn take(&mut self, is_taken: &dyn Fn(u32) -> bool) {
+        self.taken = (0..self.parts.len() as u32).filter(|part| is_taken(*part)).collect();
+        self.numbers.fill(None);
+        for (number, part) in (0..).zip(&self.taken) {
+            self.numbers[*part as usize] = Some(number);
+        }
+    }
+
+    /// The number of the object that a part of the exact model is of.
+    pub(super) fn object(&self, number: u32) -> u32 {
+        self.parts[self.taken[number as usize] as usize].1
+    }
+
+    /// The number that a part has in the exact model, if it is taken.
+    pub(super) fn number(&self, part: u32) -> Option<u32> {
+        self.numbers.get(part as usize).copied().flatten()
+    }
+
+    /// Number of objects that are taken.
+    pub(super) fn count(&self) -> u64 {
+        (0..self.taken.len() as u32).map(|number| self.object(number)).collect::<BTreeSet<u32>>().len() as u64
+    }
+
+    /// The name of the object that a part of the exact model is of, where there are several.
+    pub(super) fn name(&self, number: u32) -> Option<&str> {
+        if self.count() < 2 {
+            return None;
+        }
+        Some(&self.parts[*self.taken.get(number as usize)? as usize].0)
+    }
+
+    /// Leaves out objects that are no bodies; `faces` are those of the parts that are taken.
+    pub(super) fn skip_bad(
+        &mut self,
+        faces: &FaceList,
+        options: &ExactOptions,
+        path: &Path,
+        progress: &dyn Progress,
+    ) -> Result<Vec<SkippedObject>> {
+        let object = |face: &Face<'_>| self.object(face.part);
+        let mut order: Vec<u32> = (0..faces.len() as u32).collect();
+        spinney_base::sort::by_key(&mut order, |face| object(&faces.get(*face as usize)).into());
+        let runs: Vec<&[u32]> = order
+            .chunk_by(|a, b| object(&faces.get(*a as usize)) == object(&faces.get(*b as usize)))
+            .collect();
+        let rule = options.repair.then_some(options.inside);
+        let flaws = parallel::map(&runs, |run| {
+            progress.check()?;
+            let mut own = FaceList::new(faces.grid().clone(), Vec::new());
+            run.iter().for_each(|face| own.push(&faces.get(*face as usize)));
+            if options.close {
+                close(&mut own, path, options.memory)?;
+            }
+            let flaw = body_flaw(&own, rule, path, options.memory, progress)?;
+            progress.advance(run.len() as u64, faces.len());
+            Ok(flaw)
+        });
+        let mut skipped = Vec::new();
+        let mut bad = BTreeSet::new();
+        for (run, flaw) in runs.iter().zip(flaws) {
+            let Some(why) = flaw? else { continue };
+            let number = object(&faces.get(run[0] as usize));
+            bad.insert(number);
+            skipped.push(SkippedObject { name: self.parts[number as usize].0.clone(), why });
+        }
+        if skipped.len() == runs.len() {
+            let places = skipped.iter().take(100).map(|object| format!("{}: {}", object.name, object.why));
+            return Err(Error::NoBody {
+                path: path.to_path_buf(),
+                what: "none of its objects is a body".into(),
+                places: places.collect(),
+                count: skipped.len() as u64,
+                advice: "close them with --close, resolve them with --repair, or build cells of them (without --brep)".into(),
+            });
+        }
+        let taken: BTreeSet<u32> = self.taken.iter().copied().collect();
+        let objects: Vec<u32> = self.parts.iter().map(|(_, object)| *object).collect();
+        self.take(&|part| taken.contains(&part) && !bad.contains(&objects[part as usize]));
+        Ok(skipped)
+    }
+}
+
+/// Adds triangles over the boundaries of an object.
+fn close(faces: &mut FaceList, path: &Path, memory: u64) -> Result<()> {
+    let mut boundary = Boundary::new(&std::env::temp_dir(), memory / 4);
+    for number in 0..faces.len() as usize {
+        let face = faces.get(number);
+        let mut added = Ok(());
+        each_edge(&face, |from, to| {
+            if added.is_ok() {
+                added = boundary.add(from, to, face.part, 0);
+            }
+        });
+        added?;
+    }
+    let colours = if faces.is_coloured() { &[[255; 3]; 3][..] } else { &[] };
+    for hole in boundary.loops(path, memory / 4)? {
+        for points in hole.triangles() {
+            let (number, part, source) = (faces.len(), hole.part, u64::MAX);
+            faces.push(&Face { number, points: &points, ring_ends: &[3], colours, part, source });
+        }
+    }
+    Ok(())
+}
