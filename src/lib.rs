@@ -277,6 +277,7 @@ pub mod import {
         pub use spinney_vector::import::zones::{
             FoundPolygons, PolygonLayer, PolygonReader, parse_polygons, read_polygons,
         };
+        pub use spinney_vector::objects::choose_objects;
         pub use spinney_vector::zonal::FeatureZones;
     }
 
@@ -360,8 +361,8 @@ pub mod export {
         pub use spinney_vector::export::{
             AttributeType, AttributeValue, ContourFeatures, FeatureParts, Geometry, GeometryKind,
             IntersectionSummary, SectionPlanes, SectionSummary, Smoothed, VectorFeature, VectorFormat,
-            VectorLayer, VectorWriter, export_contours, export_intersection, export_polygons, export_section,
-            export_zones, quantile_name,
+            VectorLayer, VectorWriter, export_contours, export_intersection, export_objects, export_polygons,
+            export_section, export_zones, quantile_name,
         };
     }
 }

@@ -2,5 +2,6 @@
 
 pub mod export;
 pub mod import;
+pub mod objects;
 pub mod overlay;
 pub mod zonal;

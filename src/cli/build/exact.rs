@@ -6,11 +6,10 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use spinney::Progress;
 use spinney::brep::Repair;
-use spinney::import::feature::FeatureFilter;
+use spinney::import::feature::{FeatureFilter, choose_objects};
 use spinney::import::mesh::{self, ExactOptions, ExactReport, Model};
 use spinney::io::Output;
 
-use super::super::exact::chosen;
 use super::solids::SolidArgs;
 use super::{Common, Lines};
 
@@ -67,7 +66,7 @@ fn chosen_parts(models: &[Box<dyn Model>], filter: &FeatureFilter) -> Result<BTr
     let (mut found, mut first) = (BTreeSet::new(), 0);
     for info in models.iter().map(|model| model.info()) {
         let about = |part: u32| Ok(info.attributes.part(part).map(String::from));
-        found.extend(chosen(filter, &info.parts, &about)?.into_iter().map(|part| first + part));
+        found.extend(choose_objects(filter, &info.parts, &about)?.into_iter().map(|part| first + part));
         first += info.parts.len() as u32;
     }
     if found.is_empty() {

@@ -4,7 +4,6 @@ mod combine;
 mod export;
 mod find;
 mod info;
-mod objects;
 mod point;
 mod stats;
 
@@ -18,9 +17,8 @@ pub(super) use combine::{any_model, combine};
 pub(super) use export::export;
 pub(super) use find::{LeafKind, find};
 pub(super) use info::info;
-pub(super) use objects::chosen;
 pub(super) use point::points;
-pub(super) use stats::stats;
+pub(super) use stats::{each, stats};
 
 /// The exact model in a file; `None` if it has anything else.
 pub(super) fn open(path: &Path) -> Result<Option<ExactModel>> {

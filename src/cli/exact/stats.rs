@@ -1,17 +1,22 @@
 //! `spinney stats` of an exact model.
 
 use std::fmt::Write as _;
+use std::path::Path;
+use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::brep::ExactModel;
 use spinney::brep::query::MassProperties;
 use spinney::brep::topology::{Euler, Topology, TopologyOptions};
+use spinney::brep::{ExactModel, Faces};
+use spinney::export::vector::{VectorFormat, export_objects};
+use spinney::import::feature::{FeatureFilter, choose_objects};
+use spinney::io::Output;
 use spinney::store::Tag;
 
 use super::super::Global;
-use super::super::args::DEFAULT_MEMORY;
-use super::super::report::{Work, print_json, print_text, warn};
+use super::super::args::{DEFAULT_MEMORY, check_output, vector_format};
+use super::super::report::{Work, print_json, print_text, report_output, warn};
 use super::{list, unit};
 
 /// Measures an exact model: volume, centre, moments, surface, and its topology where that fits into memory.
@@ -33,6 +38,34 @@ pub(crate) fn stats(model: &ExactModel, is_json: bool, global: &Global) -> Resul
     } else {
         print_text(&as_text(model, &mass, euler.as_ref())?)
     }
+}
+
+/// Writes a table of the objects of an exact model for which conditions hold: to standard output as CSV, if no file is given.
+pub(crate) fn each(
+    model: &ExactModel,
+    filter: FeatureFilter,
+    path: Option<&Path>,
+    memory: u64,
+    global: &Global,
+) -> Result<()> {
+    let start = Instant::now();
+    let chosen = match filter.conditions.is_empty() {
+        true => None,
+        false => Some(choose_objects(&filter, model.parts(), &|part| model.part_attributes(part))?),
+    };
+    let (path, format) = match path {
+        Some(path) => (path, vector_format(None, path)?),
+        None => (Path::new("-"), VectorFormat::Csv),
+    };
+    check_output([model.path()], path)?;
+    let work = Work::start(global, "faces")?;
+    let count = export_objects(model, chosen.as_ref(), Output::create(path)?, format, memory, &work)?;
+    work.finish();
+    global.report("objects", format_args!("{count} of {}", model.parts().len()));
+    if path != Path::new("-") {
+        report_output(global, path, start);
+    }
+    Ok(())
 }
 
 fn as_json(model: &ExactModel, mass: &MassProperties, euler: Option<&Euler>) -> serde_json::Value {

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use anyhow::{Result, ensure};
 use serde_json::json;
 use spinney::dataset::Dataset;
+use spinney::import::feature::FeatureFilter;
 use spinney::query::Statistics;
 use spinney::space::Bounds;
 use spinney::value::{Number, Rule};
@@ -83,6 +84,10 @@ pub(crate) struct Args {
     /// of the cells in each
     #[arg(long, value_name = "FILE", group = "table", conflicts_with_all = ["window", "solid", "surface", "level"])]
     zones: Option<PathBuf>,
+    /// Of an exact model, a row for each object: name, type, whether it is closed, volume, area, heights, centre and attributes; as a table, or
+    /// as features with the rectangles around them
+    #[arg(long, group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels"])]
+    each: bool,
     #[command(flatten)]
     zone_options: zones::ZoneOptions,
     #[command(flatten)]
@@ -105,9 +110,16 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             ("--window", args.part.is_given()),
         ];
         exact::refuse(&args.tree.file, &given)?;
+        if args.each {
+            let zones::ZoneOptions { conditions, memory, .. } = &args.zone_options;
+            let filter = FeatureFilter { conditions: conditions.clone() };
+            exact::each(&model, filter, args.label_options.output.as_deref(), memory.bytes, global)?;
+            return Ok(model.check_unchanged()?);
+        }
         exact::stats(&model, args.json, global)?;
         return Ok(model.check_unchanged()?);
     }
+    ensure!(!args.each, "--each is for exact models; of trees --labels and --zones make tables");
     if args.label_options.labels {
         return labels::run(args, global);
     }

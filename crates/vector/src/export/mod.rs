@@ -64,6 +64,7 @@ pub use self::polygons::export_polygons;
 pub use self::sections::{SectionPlanes, SectionSummary, export_section};
 pub use self::smooth::Smoothed;
 pub use self::zones::{export_zones, quantile_name};
+pub use crate::objects::export_objects;
 
 use self::geometry::Shape;
 use self::losses::Losses;

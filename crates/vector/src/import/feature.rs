@@ -114,6 +114,24 @@ pub enum FeatureAttribute {
     Json(String),
 }
 
+impl From<&Value> for FeatureAttribute {
+    fn from(value: &Value) -> FeatureAttribute {
+        match value {
+            Value::Null => FeatureAttribute::None,
+            Value::Bool(is) => FeatureAttribute::Boolean(*is),
+            Value::String(text) => FeatureAttribute::Text(text.clone()),
+            Value::Number(number) if number.is_f64() => {
+                number.as_f64().map_or(FeatureAttribute::None, FeatureAttribute::Number)
+            }
+            Value::Number(number) => {
+                let whole = number.as_i64().map(FeatureAttribute::Integer);
+                whole.unwrap_or_else(|| FeatureAttribute::Json(number.to_string()))
+            }
+            Value::Array(_) | Value::Object(_) => FeatureAttribute::Json(value.to_string()),
+        }
+    }
+}
+
 impl FeatureAttribute {
     /// The value as JSON.
     pub fn to_json(&self) -> Value {
@@ -141,7 +159,7 @@ impl FeatureAttribute {
     }
 
     /// Type of the attributes that have it; `None` if all have.
-    pub(super) fn kind(&self) -> Option<AttributeType> {
+    pub(crate) fn kind(&self) -> Option<AttributeType> {
         match self {
             FeatureAttribute::None => None,
             FeatureAttribute::Integer(_) => Some(AttributeType::Integer),

@@ -36,9 +36,16 @@ pub(super) struct ZoneOptions {
     /// Quantiles of each polygon, from 0 to 1, as in 0.1,0.5,0.9: interpolated linearly, with parts of cells as weights
     #[arg(long, value_name = "Q,...", value_delimiter = ',', requires = "zones")]
     quantiles: Vec<f64>,
-    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value
-    #[arg(long = "where", value_name = "CONDITION,...", value_delimiter = ',', requires = "zones")]
-    conditions: Vec<AttributeCondition>,
+    /// Features, or objects of exact models, alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an
+    /// attribute and a value
+    #[arg(
+        long = "where",
+        value_name = "CONDITION,...",
+        value_delimiter = ',',
+        requires = "table",
+        conflicts_with = "labels"
+    )]
+    pub(super) conditions: Vec<AttributeCondition>,
     /// Attributes of features that --json, --csv and --output tell, as in name,code [default: all; with --csv none]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "zones")]
     attribute: Option<Vec<String>>,

@@ -1,0 +1,163 @@
+//! Objects of models (city objects, groups, files): which of them meet conditions, and tables of them.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use serde_json::Value;
+
+use crate::export::{
+    AttributeType, AttributeValue, Geometry, GeometryKind, VectorFeature, VectorFormat, VectorLayer,
+    VectorWriter, push_attribute,
+};
+use crate::import::feature::FeatureAttribute;
+use crate::import::filter::{AttributeCondition, FeatureFilter};
+use spinney_base::io::Output;
+use spinney_base::{Progress, Result};
+use spinney_brep::query::PartMeasures;
+use spinney_brep::{ExactModel, Faces};
+
+/// The numbers of those of some parts, by their names, for which all conditions hold, or for an object that they are a part of: on `id`, which is
+/// the name, on `type`, and on their attributes. `about` gives what is said of a part, a JSON object as
+/// [`Attributes`](spinney_brep::Attributes) have them, if anything is.
+///
+/// # Errors
+/// What `about` returns.
+pub fn choose_objects(
+    filter: &FeatureFilter,
+    names: &[String],
+    about: &dyn Fn(u32) -> Result<Option<String>>,
+) -> Result<BTreeSet<u32>> {
+    let mut found = BTreeSet::new();
+    let mut parents: Vec<(u32, Vec<String>)> = Vec::new();
+    for (part, name) in (0..).zip(names) {
+        let about = parsed(about(part)?);
+        let holds = |condition: &AttributeCondition| {
+            condition.holds(&match condition.name.as_str() {
+                "id" => FeatureAttribute::Text(name.clone()),
+                "type" => FeatureAttribute::from(&about["type"]),
+                name => FeatureAttribute::from(&about["attributes"][name]),
+            })
+        };
+        if filter.conditions.iter().all(holds) {
+            found.insert(part);
+        } else if let Some(list) = about["parents"].as_array() {
+            parents.push((part, list.iter().filter_map(|name| name.as_str().map(String::from)).collect()));
+        }
+    }
+    let numbers: HashMap<&str, u32> = names.iter().map(String::as_str).zip(0..).collect();
+    // (Parts of parts: as long as there is one more.)
+    loop {
+        let before = parents.len();
+        parents.retain(|(part, of)| {
+            let is_of = of.iter().any(|name| numbers.get(name.as_str()).is_some_and(|n| found.contains(n)));
+            !(is_of && found.insert(*part))
+        });
+        if parents.len() == before {
+            return Ok(found);
+        }
+    }
+}
+
+fn parsed(about: Option<String>) -> Value {
+    about.and_then(|text| serde_json::from_str(&text).ok()).unwrap_or(Value::Null)
+}
+
+/// Attributes that have columns of their own at most.
+const MOST_COLUMNS: usize = 1000;
+
+/// Writes a table of the parts of a model that have faces, of some of them if `chosen` says which: a row for each with its name (`id`),
+/// `type`, whether it is `closed`, numbers of `faces`, `volume` (of closed ones), `area`, least and greatest height (`zmin`, `zmax`), centre of
+/// gravity (`x`, `y`, `z`) and its attributes; geometries are the rectangles around them, in the model's coordinates. Returns the number of rows.
+///
+/// # Errors
+/// If `memory` bytes are not enough for what is measured (a kilobyte for each part), if the file is damaged or was changed meanwhile,
+/// if the output cannot be written, or on interruption.
+pub fn export_objects(
+    model: &ExactModel,
+    chosen: Option<&BTreeSet<u32>>,
+    output: Output,
+    format: VectorFormat,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<u64> {
+    let mut parts = model.part_measures(memory, progress)?;
+    parts.retain(|part| chosen.is_none_or(|chosen| chosen.contains(&part.part)));
+    let mut columns: Vec<(String, AttributeType)> = FIXED.map(|(name, kind)| (name.into(), kind)).to_vec();
+    let own = own_columns(model, &parts)?;
+    for (name, kind) in &own {
+        push_attribute(&mut columns, name.clone(), *kind);
+    }
+    let [low, high] = model.bounds().unwrap_or([[0.0; 3]; 2]);
+    let layer = VectorLayer {
+        name: "objects".into(),
+        kind: Some(GeometryKind::Polygon),
+        is_multi: false,
+        has_z: false,
+        attributes: columns,
+        crs: model.crs().cloned(),
+        bounds: [[low[0], low[1]], [high[0], high[1]]],
+    };
+    let mut writer = VectorWriter::create(output, format, layer)?;
+    for part in &parts {
+        progress.check()?;
+        let about = parsed(model.part_attributes(part.part)?);
+        let kind = FeatureAttribute::from(&about["type"]).to_text();
+        let PartMeasures { is_closed, measures, .. } = part;
+        let of_body =
+            |value: f64| if *is_closed { AttributeValue::Number(value) } else { AttributeValue::None };
+        let number = |value: Option<f64>| value.map_or(AttributeValue::None, AttributeValue::Number);
+        let centre = measures.centre.filter(|_| *is_closed);
+        let mut values = vec![
+            AttributeValue::Text(&model.parts()[part.part as usize]),
+            if kind.is_empty() { AttributeValue::None } else { AttributeValue::Text(&kind) },
+            AttributeValue::Boolean(*is_closed),
+            AttributeValue::Integer(measures.faces as i64),
+            of_body(measures.volume),
+            AttributeValue::Number(measures.area),
+            number(measures.bounds.map(|[low, _]| low[2])),
+            number(measures.bounds.map(|[_, high]| high[2])),
+        ];
+        values.extend([0, 1, 2].map(|axis| number(centre.map(|centre| centre[axis]))));
+        let attributes: Vec<FeatureAttribute> =
+            own.keys().map(|name| FeatureAttribute::from(&about["attributes"][name.as_str()])).collect();
+        values.extend(attributes.iter().map(AttributeValue::from));
+        let ring = measures.bounds.map(|[[west, south, _], [east, north, _]]| {
+            let corners = [[west, south], [east, south], [east, north], [west, north], [west, south]];
+            [corners.map(|[x, y]| [x, y, 0.0]).to_vec()]
+        });
+        let geometry = ring.as_ref().map(|ring| (GeometryKind::Polygon, ring as &dyn Geometry));
+        writer.write_feature(&VectorFeature { id: None, geometry, attributes: &values })?;
+    }
+    model.check_unchanged()?;
+    writer.finish(progress).map(|()| parts.len() as u64)
+}
+
+/// Columns that all tables have.
+const FIXED: [(&str, AttributeType); 11] = [
+    ("id", AttributeType::Text),
+    ("type", AttributeType::Text),
+    ("closed", AttributeType::Boolean),
+    ("faces", AttributeType::Integer),
+    ("volume", AttributeType::Number),
+    ("area", AttributeType::Number),
+    ("zmin", AttributeType::Number),
+    ("zmax", AttributeType::Number),
+    ("x", AttributeType::Number),
+    ("y", AttributeType::Number),
+    ("z", AttributeType::Number),
+];
+
+/// Names and types of the attributes of some parts, in the order of the names: the first so many that come.
+fn own_columns(model: &ExactModel, parts: &[PartMeasures]) -> Result<BTreeMap<String, AttributeType>> {
+    let mut found: BTreeMap<String, AttributeType> = BTreeMap::new();
+    for part in parts {
+        let about = parsed(model.part_attributes(part.part)?);
+        for (name, value) in about["attributes"].as_object().into_iter().flatten() {
+            let Some(kind) = FeatureAttribute::from(value).kind() else { continue };
+            let known = found.get(name).map(|known| known.with(kind));
+            if known.is_some() || found.len() < MOST_COLUMNS {
+                found.insert(name.clone(), known.unwrap_or(kind));
+            }
+        }
+    }
+    Ok(found)
+}
