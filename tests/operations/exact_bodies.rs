@@ -156,7 +156,7 @@ fn parts(random: &mut Random, [low, high]: [[i32; 3]; 2], cuts: u32, found: &mut
 fn boxes_side_by_side() {
     const SIDE: i32 = 8;
     let mut random = Random(5);
-    for round in 0..24 {
+    for round in 0..12 {
         let [a, b] = [0; 2].map(|_: i32| {
             let mut boxes = Vec::new();
             parts(&mut random, [[0; 3], [SIDE; 3]], 1 + round % 5, &mut boxes);
@@ -271,12 +271,12 @@ fn heaps(seed: u64, points: u64, rounds: u32) {
 
 #[test]
 fn heaps_on_lattices() {
-    heaps(2, 100, 50);
+    heaps(2, 100, 20);
 }
 
 #[test]
 fn heaps_on_fine_lattices() {
-    heaps(3, 1001, 50);
+    heaps(3, 1001, 20);
 }
 
 /// The other order, in general position: as many faces, and the same volume but for the order of a sum.
@@ -367,7 +367,7 @@ fn turned_bodies_one_after_the_other() {
     };
     let mut is_in: Vec<bool> = points.iter().map(|point| winding(&triangles(&first), *point) > 0.5).collect();
     let mut most = 0;
-    for step in 0..60 {
+    for step in 0..40 {
         let next = octahedron(side / 3);
         let operation = [2, 7][step % 2];
         let walls = triangles(&next);
@@ -390,14 +390,14 @@ fn turned_bodies_one_after_the_other() {
 
 #[test]
 fn heaps_on_coarse_lattices() {
-    heaps(1, 11, 50);
+    heaps(1, 11, 20);
 }
 
 /// The grid has no points but those of the lattice: new vertices move far, and volumes are still right.
 #[test]
 fn heaps_on_grids_as_coarse_as_their_lattices() {
     let mut random = Random(4);
-    for round in 0..40 {
+    for round in 0..16 {
         let bits = [4, 6, 8, 10][round % 4];
         let mut body = || random_heap(&mut random, 1 << bits, 1, bits).1;
         let (a, b) = (body(), body());

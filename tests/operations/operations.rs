@@ -366,7 +366,7 @@ fn frames_follow_or_move() {
 #[test]
 fn files_of_views_and_combinations() {
     // The file that is built from a view is the file that is built from its cells, whatever was copied.
-    let size = [1500, 1100, 1];
+    let size = [750, 550, 1];
     let [a, b] = [1, 2].map(|seed| Cells::random(QUAD, seed, size, 9, true));
     let (rule, kind) = (Rule::Majority, Kind::Categorical);
     let views = [&a, &b].map(|cells| view_of_file(goblin(cells, rule, kind), size));
@@ -376,16 +376,16 @@ fn files_of_views_and_combinations() {
     };
     let view = || views[0].clone();
     check(view(), a.clone(), "as it is");
-    let (min, part) = ([512, 256, 0], [700, 512, 1]);
-    let shifted = |cell: [u64; 3]| a.get([cell[0] + 512, cell[1] + 256, 0]);
+    let (min, part) = ([256, 128, 0], [350, 256, 1]);
+    let shifted = |cell: [u64; 3]| a.get([cell[0] + 256, cell[1] + 128, 0]);
     check(view().window(min, part).unwrap(), made(QUAD, part, shifted), "aligned window");
-    let part = [900, 600, 1];
+    let part = [450, 300, 1];
     let shifted = |cell: [u64; 3]| a.get([cell[0] + 77, cell[1] + 130, 0]);
     check(view().window([77, 130, 0], part).unwrap(), made(QUAD, part, shifted), "window");
-    let turned = made(QUAD, [1100, 1500, 1], |[x, y, _]| a.get([y, 1099 - x, 0]));
+    let turned = made(QUAD, [550, 750, 1], |[x, y, _]| a.get([y, 549 - x, 0]));
     check(view().transform(&AffineMap::rotation(Axis::Z, 90.0, [0.0; 3])).unwrap(), turned, "quarter turn");
-    let moved = made(QUAD, [2524, 2124, 1], |[x, y, _]| a.at([x as i64 - 1024, y as i64 - 1024, 0]));
-    check(view().translate([1024.0, 1024.0, 0.0]).unwrap(), moved, "moved by a power of two");
+    let moved = made(QUAD, [1262, 1062, 1], |[x, y, _]| a.at([x as i64 - 512, y as i64 - 512, 0]));
+    check(view().translate([512.0, 512.0, 0.0]).unwrap(), moved, "moved by a power of two");
     for (number, prefer) in (0..16).flat_map(|number| [(number, Prefer::First), (number, Prefer::Second)]) {
         let operation = Operation::Set { number, prefer };
         let bytes = goblin_from_combined(&combined(views.to_vec(), operation, size), rule, kind);

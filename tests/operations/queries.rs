@@ -15,9 +15,11 @@ use crate::common::{
 /// A box somewhere in, across or outside a space of `side` cells per axis.
 fn some_bounds(dimension: Dimension, random: &mut Random, side: u64) -> Bounds {
     let mut bounds = Bounds { min: [0; 3], max: [1; 3] };
+    // (More cells than there are of a segment's blocks, in either dimension.)
+    let most = if dimension == Dimension::Quad { 90 } else { 40 };
     for axis in 0..dimension.axes() {
         bounds.min[axis] = random.below(side + side / 4 + 1);
-        bounds.max[axis] = bounds.min[axis] + 1 + random.below(side.min(90));
+        bounds.max[axis] = bounds.min[axis] + 1 + random.below(side.min(most));
     }
     bounds
 }

@@ -7,28 +7,64 @@ use spinney::value::Rule;
 use crate::common::{Cells, OCT, as_byte, byte, made, opened, write_goblin};
 use crate::solids::{SOLID, ball, blocks, byte_at, every_cell, solid};
 
+/// How full the cells of a level are, in an array, with empty ones around.
+struct Fill {
+    side: i64,
+    cells: Vec<u8>,
+}
+
+impl Fill {
+    /// Empty cells on each side: as many as a moment reaches beyond a face on the border.
+    const AROUND: i64 = 5;
+
+    fn of(side: u64, fill: impl Fn([u64; 3]) -> u8) -> Fill {
+        let side = side as i64;
+        let all = side + 2 * Fill::AROUND;
+        let inside = |cell: [u64; 3]| cell.map(|at| at as i64 - Fill::AROUND);
+        let at = |cell: [i64; 3]| {
+            let is_inside = cell.iter().all(|at| (0..side).contains(at));
+            if is_inside { fill(cell.map(|at| at as u64)) } else { 0 }
+        };
+        Fill { side, cells: every_cell([all as u64; 3]).map(|cell| at(inside(cell))).collect() }
+    }
+
+    fn index(&self, [x, y, z]: [i64; 3]) -> i64 {
+        let all = self.side + 2 * Fill::AROUND;
+        ((z + Fill::AROUND) * all + y + Fill::AROUND) * all + x + Fill::AROUND
+    }
+
+    fn at(&self, cell: [i64; 3]) -> u8 {
+        self.cells[self.index(cell) as usize]
+    }
+}
+
 /// The area of a solid's smooth surface by its definition: of each face between a cell that is half full and one that
 /// is not, the projection along the first moment of the occupancy within 4 cells, with weights that fall to 0 at
 /// the sphere.
-fn naive_area(fill: &dyn Fn([i64; 3]) -> u8, side: i64) -> f64 {
+fn naive_area(fill: &Fill) -> f64 {
     let mut area = 0.0;
-    for cell in every_cell([side as u64 + 1; 3]) {
-        let cell = cell.map(|cell| cell as i64);
-        for axis in 0..3 {
+    for axis in 0..3 {
+        // The cells that count, by how far away in the array they are: weights, and these times the way from the face's middle.
+        let mut around = Vec::new();
+        for other in every_cell([9; 3]) {
+            let other = other.map(|at| at as i64 - 4);
+            let away: [f64; 3] = std::array::from_fn(|a| other[a] as f64 + if a == axis { 0.5 } else { 0.0 });
+            let weight = 16.0 - away.iter().map(|x| x * x).sum::<f64>();
+            if weight > 0.0 {
+                around.push((fill.index(other) - fill.index([0; 3]), away.map(|x| weight * x)));
+            }
+        }
+        for cell in every_cell([fill.side as u64 + 1; 3]) {
+            let cell = cell.map(|cell| cell as i64);
             let mut before = cell;
             before[axis] -= 1;
-            if (fill(cell) >= 128) == (fill(before) >= 128) {
+            if (fill.at(cell) >= 128) == (fill.at(before) >= 128) {
                 continue;
             }
-            let middle: [f64; 3] =
-                std::array::from_fn(|a| cell[a] as f64 + if a == axis { 0.0 } else { 0.5 });
-            let mut sum = [0.0; 3];
-            for around in every_cell([9; 3]) {
-                let other: [i64; 3] = std::array::from_fn(|a| cell[a] + around[a] as i64 - 4);
-                let away: [f64; 3] = std::array::from_fn(|a| other[a] as f64 + 0.5 - middle[a]);
-                let weight =
-                    (16.0 - away.iter().map(|x| x * x).sum::<f64>()).max(0.0) * f64::from(fill(other));
-                (0..3).for_each(|a| sum[a] += weight * away[a]);
+            let (mut sum, middle) = ([0.0; 3], fill.index(cell));
+            for (away, moment) in &around {
+                let full = f64::from(fill.cells[(middle + away) as usize]);
+                (0..3).for_each(|a| sum[a] += full * moment[a]);
             }
             let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
             area += if length > 0.0 { sum[axis].abs() / length } else { 1.0 };
@@ -52,27 +88,23 @@ fn surfaces_of_half_full_cells_and_of_large_blocks() {
     });
     for cells in [graded, large] {
         let file = solid(&cells);
-        let side = 1i64 << cells.depth();
-        let size = cells.size.map(|size| size as i64);
-        let fill = |cell: [i64; 3]| {
-            let is_inside = (0..3).all(|axis| (0..size[axis]).contains(&cell[axis]));
-            if is_inside { cells.get(cell.map(|cell| cell as u64)).map_or(0, as_byte) } else { 0 }
-        };
+        let side = 1u64 << cells.depth();
+        let fill = Fill::of(side, |cell| cells.get(cell).map_or(0, as_byte));
         let mut faces = [0; 3];
-        for cell in every_cell([side as u64 + 1; 3]) {
+        for cell in every_cell([side + 1; 3]) {
             let cell = cell.map(|cell| cell as i64);
             for axis in 0..3 {
                 let mut before = cell;
                 before[axis] -= 1;
-                faces[axis] += u64::from((fill(cell) >= 128) != (fill(before) >= 128));
+                faces[axis] += u64::from((fill.at(cell) >= 128) != (fill.at(before) >= 128));
             }
         }
         let found = file.solid_surface(cells.depth(), &()).unwrap();
         assert_eq!(found.faces, faces);
-        let area = naive_area(&fill, side);
+        let area = naive_area(&fill);
         assert!((found.smooth_area() / area - 1.0).abs() < 1e-9, "{} {area}", found.smooth_area());
         // Blocks away from the surface are not read.
-        assert!(found.blocks <= (side as u64 / 32 + 1).pow(3), "{}", found.blocks);
+        assert!(found.blocks <= (side / 32 + 1).pow(3), "{}", found.blocks);
     }
     let cube = made(OCT, [256; 3], |cell| cell.iter().all(|cell| *cell < 128).then(|| byte(255)));
     let found = solid(&cube).solid_surface(8, &()).unwrap();
@@ -106,22 +138,19 @@ fn solids_are_measured_as_they_are_counted() {
         let (file, model) = (solid(&cells), cells.tree(Rule::Occupancy));
         for level in 0..=cells.depth() {
             let side = 1u64 << level;
-            let fill = |cell: [i64; 3]| {
-                let inside = cell.iter().all(|cell| (0..side as i64).contains(cell));
-                if inside { byte_at(&model, level, cell.map(|cell| cell as u64)) } else { 0 }
-            };
+            let fill = Fill::of(side, |cell| byte_at(&model, level, cell));
             let (mut sum, mut count, mut moment, mut faces) = (0u64, 0, [0.0; 3], [0u64; 3]);
             let mut bounds: Option<Bounds> = None;
             for cell in every_cell([side; 3]) {
                 let signed = cell.map(|cell| cell as i64);
-                let full = fill(signed);
+                let full = fill.at(signed);
                 sum += u64::from(full);
                 for axis in 0..3 {
                     moment[axis] += f64::from(full) * (cell[axis] as f64 + 0.5);
                     for shift in [-1, 1] {
                         let mut other = signed;
                         other[axis] += shift;
-                        faces[axis] += u64::from(full >= 128 && fill(other) < 128);
+                        faces[axis] += u64::from(full >= 128 && fill.at(other) < 128);
                     }
                 }
                 if full > 0 {
@@ -139,7 +168,7 @@ fn solids_are_measured_as_they_are_counted() {
             let surface = file.solid_surface(level, &()).unwrap();
             assert_eq!((surface.level, surface.faces), (level, faces), "{what}");
             // (The world is in cells of the deepest level.)
-            let area = naive_area(&fill, side as i64) * 4f64.powi(i32::from(cells.depth() - level));
+            let area = naive_area(&fill) * 4f64.powi(i32::from(cells.depth() - level));
             let found_area = surface.smooth_area();
             assert!((found_area - area).abs() < 1e-9 * area.max(1.0), "{what}: {found_area} {area}");
             assert_eq!(found.volume, sum as f64 / 255.0, "{what}");

@@ -244,31 +244,34 @@ fn zones(form: Form, seed: u64, size: [u64; 3], (rule, kind): (Rule, Kind)) {
             // (Sums of parts may come in another order.)
             alone.iter().zip(found).for_each(|(alone, found)| assert_alike(found, alone, "all at once"));
         }
-        for (name, dataset) in ["goblin", "autumnal", "view"].iter().zip(files.iter().chain([&view])) {
-            let found = dataset.zonal(&polygons, &request(edge), &()).unwrap();
-            for ((parts, polygon), found) in zones.iter().zip(&polygons).zip(&found) {
-                let weight = |[x, y, _]: [u64; 3]| match edge {
-                    EdgeRule::Centre => f64::from(u8::from(has(parts, [x as f64 + 0.5, y as f64 + 0.5]))),
-                    // (The area is tried by itself, against points.)
-                    EdgeRule::Area => {
-                        let area = polygon.area(&Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] });
-                        if area < 1e-9 { 0.0 } else { area }
-                    }
-                    EdgeRule::Touch => {
-                        let at = [x as f64, y as f64];
-                        f64::from(u8::from(has(parts, at.map(|at| at + 0.5)) || is_cut(parts, at)))
-                    }
-                };
-                // All of it, moved to where there are cells.
-                let moved = parts.iter().map(|part| {
-                    let ring = |ring: &Vec<[f64; 2]>| ring.iter().map(|at| at.map(|at| at + 512.0)).collect();
-                    part.iter().map(ring).collect()
-                });
-                let moved = Polygon::of_parts(&moved.collect::<Vec<_>>()).unwrap();
-                let everywhere = moved.area(&Bounds { min: [0; 3], max: [2048, 2048, 1] });
-                let inside = polygon.area(&Bounds { min: [0; 3], max: [size[0], size[1], 1] });
-                let mut expected = expected(&cells, size, counts_classes, &weight);
-                expected.outside_cells = (everywhere - inside) * size[2] as f64;
+        let found_in = |dataset: &Dataset| dataset.zonal(&polygons, &request(edge), &()).unwrap();
+        let found = ["goblin", "autumnal", "view"].iter().zip(files.iter().chain([&view]).map(found_in));
+        let found: Vec<_> = found.collect();
+        for (number, (parts, polygon)) in zones.iter().zip(&polygons).enumerate() {
+            let weight = |[x, y, _]: [u64; 3]| match edge {
+                EdgeRule::Centre => f64::from(u8::from(has(parts, [x as f64 + 0.5, y as f64 + 0.5]))),
+                // (The area is tried by itself, against points.)
+                EdgeRule::Area => {
+                    let area = polygon.area(&Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] });
+                    if area < 1e-9 { 0.0 } else { area }
+                }
+                EdgeRule::Touch => {
+                    let at = [x as f64, y as f64];
+                    f64::from(u8::from(has(parts, at.map(|at| at + 0.5)) || is_cut(parts, at)))
+                }
+            };
+            // All of it, moved to where there are cells.
+            let moved = parts.iter().map(|part| {
+                let ring = |ring: &Vec<[f64; 2]>| ring.iter().map(|at| at.map(|at| at + 512.0)).collect();
+                part.iter().map(ring).collect()
+            });
+            let moved = Polygon::of_parts(&moved.collect::<Vec<_>>()).unwrap();
+            let everywhere = moved.area(&Bounds { min: [0; 3], max: [2048, 2048, 1] });
+            let inside = polygon.area(&Bounds { min: [0; 3], max: [size[0], size[1], 1] });
+            let mut expected = expected(&cells, size, counts_classes, &weight);
+            expected.outside_cells = (everywhere - inside) * size[2] as f64;
+            for (name, found) in &found {
+                let found = &found[number];
                 let found = ZoneStatistics {
                     classes: found.classes.iter().copied().filter(|(_, cells)| *cells >= 1e-9).collect(),
                     ..found.clone()
