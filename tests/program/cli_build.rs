@@ -30,7 +30,7 @@ fn small() -> tempfile::TempDir {
     folder
 }
 
-/// A picture of 2^15 x 2^13 pixels: one in 64 chunks is a ramp, the others are of one value each.
+/// A picture of 2^15 x 2^12 pixels: one in 64 chunks is a ramp, the others are of one value each.
 fn large(folder: &Path, tiled: bool) -> PathBuf {
     let chunk = |pixel: &dyn Fn(u32, u32) -> u8, width: u32, height: u32| {
         let pixels: Vec<u8> = (0..height).flat_map(|y| (0..width).map(move |x| pixel(x, y))).collect();
@@ -38,7 +38,7 @@ fn large(folder: &Path, tiled: bool) -> PathBuf {
         encoder.write_all(&pixels).unwrap();
         encoder.finish().unwrap()
     };
-    let [columns, rows]: [u32; 2] = [1 << 15, 1 << 13];
+    let [columns, rows]: [u32; 2] = [1 << 15, 1 << 12];
     let [width, height] = if tiled { [1024, 1024] } else { [columns, 32] };
     let ramp = chunk(&|x, y| ((x / 3 + y / 5) % 256) as u8, width, height);
     let flat: Vec<Vec<u8>> = (0..5).map(|value| chunk(&|_, _| value, width, height)).collect();
@@ -202,7 +202,7 @@ fn memory_stays_within_its_budget() {
     const ALLOWANCE: u64 = 32 << 20;
     let folder = tempfile::tempdir().unwrap();
     // Strips in so little memory go through a temporary file.
-    for (tiled, memory, budget) in [(true, "128M", 128 << 20), (false, "24M", 24 << 20)] {
+    for (tiled, memory, budget) in [(true, "64M", 64 << 20), (false, "24M", 24 << 20)] {
         let path = large(folder.path(), tiled);
         let args = ["build", path.to_str().unwrap(), "-qo", "t.goblin", "--memory", memory];
         let peak = peak_memory(&mut start(std::process::Command::new(PROGRAM), &args, folder.path()));
@@ -211,7 +211,7 @@ fn memory_stays_within_its_budget() {
     // Operations on the tree of the same picture: its file is small, so what is mapped does not count for much.
     let jobs: [&[&str]; 4] = [
         &["transform", "t.goblin", "rotate=17", "-o", "turned.goblin"],
-        &["transform", "t.goblin", "window=101,33,30000,8000", "-o", "part.goblin"],
+        &["transform", "t.goblin", "window=101,33,30000,4000", "-o", "part.goblin"],
         &["transform", "turned.goblin", "like=t.goblin", "-o", "like.goblin"],
         &["combine", "xor", "t.goblin", "like.goblin", "-o", "xor.goblin"],
     ];
