@@ -141,7 +141,7 @@ const SIZES: [i32; 4] = [4, 9, 1000, (1 << 26) - 1];
 
 #[test]
 fn volumes_add_up() {
-    for seed in 0..40 {
+    for seed in 0..20 {
         let bodies = bodies(seed, SIZES[seed as usize % 4], 2);
         let [a, b] = [&bodies[0], &bodies[1]];
         let volumes: Vec<i128> = (0..16).map(|n| six_volumes(&combined(n, &[a, b]))).collect();
@@ -166,7 +166,7 @@ fn assert_same(a: &ExactModel, b: &ExactModel, what: &str) {
 
 #[test]
 fn laws_of_sets_hold() {
-    for seed in 100..124 {
+    for seed in 100..112 {
         let bodies = bodies(seed, SIZES[seed as usize % 4], 3);
         let [a, b, c] = [&bodies[0], &bodies[1], &bodies[2]];
         let what = |law: &str| format!("{seed}: {law}");
@@ -211,7 +211,7 @@ fn volumes_of_results_add_up() {
         &of([[0, 3, 3], [2, 3, 0], [3, 0, 0], [3, 3, 2]]),
         "second",
     );
-    for seed in 200..240 {
+    for seed in 200..216 {
         let bodies = bodies(seed, [4, 5, 6, 12][seed as usize % 4], 3);
         check(&bodies[0], &bodies[1], &bodies[2], &format!("{seed}"));
     }
