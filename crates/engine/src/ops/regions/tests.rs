@@ -191,13 +191,13 @@ fn labels_go_on_across_blocks() {
     let value = |class: u32| Some(Value::from([class as u8]));
     // Rings in rings, which are cut by all borders of blocks, joined to a spiral where they pass the diagonal.
     let spiral = |[x, y, _]: [u32; 3]| {
-        let ring = x.min(y).min(511 - x).min(511 - y);
-        let ring = if x + 1 == y && x < 256 { ring + 1 } else { ring };
+        let ring = x.min(y).min(255 - x).min(255 - y);
+        let ring = if x + 1 == y && x < 128 { ring + 1 } else { ring };
         value(ring % 2)
     };
     let board = |[x, y, _]: [u32; 3]| value((x ^ y) & 1);
     let holes = |[x, y, _]: [u32; 3]| (x % 7 > 0 || y % 5 > 0).then(|| Value::from([0u8]));
-    check_labels(&Model::new(byte, 9, &mut { spiral }), 1, 8, u64::MAX);
+    check_labels(&Model::new(byte, 8, &mut { spiral }), 1, 7, u64::MAX);
     check_labels(&Model::new(byte, 7, &mut { board }), 0, 6, u64::MAX);
     // (As many components as a block can have, whose numbers take four bytes.)
     check_labels(&Model::new(byte, 8, &mut { board }), 0, 8, u64::MAX);
@@ -271,7 +271,8 @@ fn bytes_do_not_depend_on_memory_nor_labels_on_the_format() {
         MemTree::from_source(&View::whole(file.into()).unwrap(), Rule::Nearest).unwrap()
     };
     let (a, b) = (labels(&goblin), labels(&autumnal));
-    assert!((0..1 << 20).all(|path| {
+    // (Looking cell by cell is slow: every seventh.)
+    assert!((0..1 << 20).step_by(7).all(|path| {
         let code = Code::from_path(QUAD, 10, path).unwrap();
         a.value_at(code) == b.value_at(code)
     }));

@@ -166,7 +166,7 @@ fn clipped_area(corners: &[[f64; 2]; 4], x: f64, y: f64) -> f64 {
     polygon.iter().zip(turned).map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum::<f64>().abs() / 2.0
 }
 
-/// Compares all cells of some boxes; counts those that differ by one at a tie of rounding.
+/// Compares the cells of some boxes, of large ones every third; counts those that differ by one at a tie of rounding.
 fn compare(name: &str, raster: &Raster, grid: &WarpGrid, resampling: Resampling, boxes: &[[u64; 4]]) {
     let warped = raster.warped(grid, resampling);
     let (mut cells, mut present, mut close) = (0, 0, 0);
@@ -174,7 +174,8 @@ fn compare(name: &str, raster: &Raster, grid: &WarpGrid, resampling: Resampling,
         let bounds = Bounds { min: [x, y, 0], max: [x + width, y + height, 1] };
         let mut block = CellBlock::void((width * height) as usize, 1);
         assert!(warped.draw(&bounds, &mut block.values, &mut block.present).unwrap());
-        for index in 0..(width * height) {
+        let step = if width * height > 1000 { 3 } else { 1 };
+        for index in (0..(width * height)).step_by(step) {
             let at = [x + index % width, y + index / width];
             let found = block.present[index as usize].then_some(block.values[index as usize]);
             let expected = raster.naive(grid, resampling, at);
