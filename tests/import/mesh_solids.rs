@@ -449,12 +449,12 @@ fn flipped_faces_are_parity_and_holes_a_field() {
 #[test]
 fn memory_and_threads_do_not_change_the_bytes() {
     let mut random = Random(99);
-    let triangles = tetrahedra(&mut random, 400, 500.0, 0.37);
+    let triangles = tetrahedra(&mut random, 200, 250.0, 0.37);
     let folder = tempfile::tempdir().unwrap();
     let mut first: Option<Vec<u8>> = None;
     for (memory, threads) in [(256 << 20, 1), (256 << 20, 3), (40_000, 2), (20_000, 1)] {
         let path = folder.path().join("solid.goblin");
-        let options = with(unit_cells(9), |it| it.memory = memory);
+        let options = with(unit_cells(8), |it| it.memory = memory);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let import = plan_models(vec![plain(&triangles)], &options).unwrap();
         pool.install(|| import.build(Output::create(&path).unwrap(), &())).unwrap();

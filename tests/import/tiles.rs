@@ -231,7 +231,7 @@ fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
     let ends = if cfg!(feature = "mbtiles") { &["pmtiles", "mbtiles"][..] } else { &["pmtiles"][..] };
     for end in ends {
         let whole = folder.path().join(format!("whole.{end}"));
-        let bytes: Vec<Vec<u8>> = [1, 2, 8]
+        let bytes: Vec<Vec<u8>> = [1, 8]
             .into_iter()
             .map(|threads| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -239,7 +239,7 @@ fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
                 std::fs::read(&whole).unwrap()
             })
             .collect();
-        assert!(bytes[0] == bytes[1] && bytes[0] == bytes[2], "{end}");
+        assert!(bytes[0] == bytes[1], "{end}");
         request.resume = true;
         let part = folder.path().join(format!("part.{end}"));
         let target = TileTarget::of(&part).unwrap().unwrap();
