@@ -106,14 +106,14 @@ fn windows(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
 fn any_window_at_any_level() {
     use SampleType::*;
     windows(QUAD, 1, [700, 500, 1], Rule::Majority, Kind::Categorical);
-    windows(QUAD, 3, [2100, 1300, 1], Rule::Majority, Kind::Categorical);
+    windows(QUAD, 3, [1100, 700, 1], Rule::Majority, Kind::Categorical);
     windows(quad(U8, 3), 2, [300, 900, 1], Rule::Mean, Kind::Continuous);
     windows(quad(F32, 1), 4, [513, 1, 1], Rule::Mean, Kind::Continuous);
     windows(OCT, 5, [90, 70, 80], Rule::Mean, Kind::Continuous);
-    windows(oct(U16, 1), 6, [200, 140, 20], Rule::Majority, Kind::Categorical);
+    windows(oct(U16, 1), 6, [128, 100, 20], Rule::Majority, Kind::Categorical);
     for (seed, value) in (10..).zip(value_types()) {
         windows(Form::new(Dimension::Quad, value), seed, [400, 130, 1], Rule::Mean, Kind::Continuous);
-        windows(Form::new(Dimension::Oct, value), seed, [70, 30, 20], Rule::Majority, Kind::Categorical);
+        windows(Form::new(Dimension::Oct, value), seed, [64, 30, 20], Rule::Majority, Kind::Categorical);
     }
 }
 
