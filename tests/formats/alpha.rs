@@ -64,14 +64,17 @@ fn is_opaque(value_type: ValueType, value: Value) -> bool {
     value_type.samples(value)[usize::from(value_type.channels) - 1] != 0.0
 }
 
-/// The samples of a channel that opaque cells of a box have.
-fn samples(cells: &Cells, bounds: &Bounds, channel: usize) -> Vec<f64> {
+/// The samples of each channel that opaque cells of a box have.
+fn samples(cells: &Cells, bounds: &Bounds) -> Vec<Vec<f64>> {
     let value_type = cells.form.value;
-    let mut samples = Vec::new();
+    let mut samples = vec![Vec::new(); usize::from(value_type.channels)];
     for y in bounds.min[1]..bounds.max[1].min(SIZE[1]) {
         for x in bounds.min[0]..bounds.max[0].min(SIZE[0]) {
-            let value = cells.get([x, y, 0]).filter(|value| is_opaque(value_type, *value));
-            samples.extend(value.map(|value| value_type.samples(value)[channel]));
+            let Some(value) = cells.get([x, y, 0]) else { continue };
+            let value = value_type.samples(value);
+            if value[samples.len() - 1] != 0.0 {
+                samples.iter_mut().zip(value.iter()).for_each(|(samples, sample)| samples.push(*sample));
+            }
         }
     }
     samples
@@ -105,14 +108,14 @@ fn transparent_cells_keep_their_colours_and_weigh_nothing() {
                 for (index, value) in values.into_iter().enumerate() {
                     let (x, y) = (index as u64 % columns * side, index as u64 / columns * side);
                     let below = Bounds { min: [x, y, 0], max: [x + side, y + side, 1] };
-                    let of_first = samples(&cells, &below, 0);
-                    if of_first.is_empty() {
+                    let samples = samples(&cells, &below);
+                    if samples[0].is_empty() {
                         // Transparent, too, if there is anything: of one colour, or of none.
                         assert!(!is_opaque(value_type, value), "{name} {rule} {below:?}");
                         continue;
                     }
                     for (channel, found) in value_type.samples(value).iter().enumerate() {
-                        let samples = samples(&cells, &below, channel);
+                        let samples = &samples[channel];
                         let mean = samples.iter().sum::<f64>() / samples.len() as f64;
                         let expected = match rule {
                             Rule::Min => samples.iter().copied().fold(f64::MAX, f64::min),
@@ -137,8 +140,9 @@ fn statistics_leave_transparent_cells_out() {
         for (min, max) in [([0, 0, 0], SIZE), ([13, 7, 0], [251, 190, 1]), ([5, 5, 0], [6, 6, 1])] {
             let bounds = Bounds { min, max };
             let found = tree.statistics(Some(bounds), &()).unwrap();
+            let samples = samples(&cells, &bounds);
             for (channel, found) in found.channels.iter().enumerate() {
-                let samples = samples(&cells, &bounds, channel);
+                let samples = &samples[channel];
                 assert_eq!(found.cells, samples.len() as u64, "{name} {bounds:?}");
                 if !samples.is_empty() {
                     let mean = samples.iter().sum::<f64>() / samples.len() as f64;
@@ -148,9 +152,8 @@ fn statistics_leave_transparent_cells_out() {
                 }
             }
             let histogram = tree.histogram(&bounds, 0.0, 210.0, 7, &()).unwrap();
-            let first = samples(&cells, &bounds, 0);
             for (bin, found) in histogram.into_iter().enumerate() {
-                let expected = first.iter().filter(|sample| (**sample / 30.0) as usize == bin).count();
+                let expected = samples[0].iter().filter(|sample| (**sample / 30.0) as usize == bin).count();
                 assert_eq!(found, expected as u64, "{name} {bounds:?} {bin}");
             }
         }

@@ -409,7 +409,7 @@ fn hostile_dense_blocks_do_no_harm() {
         }
         // What every kind of dense block with so many levels would take.
         let lengths: Vec<u32> = places.iter().filter(|place| place.1 > 0).map(|place| place.2).collect();
-        for round in 0..90 {
+        for round in 0..45 {
             let mut bytes = bytes.clone();
             for _ in 0..1 + round % 3 {
                 let dense = random.below(3) > 0;

@@ -457,7 +457,7 @@ fn headers_that_lie() {
     }
     // Axes, content, depth, layers.
     for at in 12..20 {
-        for wrong in [0, 1, 3, 7, 30, 64, 255] {
+        for wrong in [0, 3, 30, 255] {
             let mut craft = good();
             craft.header[at] = wrong;
             survives(&craft.bytes(), &format!("{wrong} at {at} of the header"));
@@ -465,7 +465,7 @@ fn headers_that_lie() {
     }
     // Sample type, channels, rule, kind, codec, depth, reach, stride; the length of the name.
     for at in (0..8).chain([54, 55]) {
-        for wrong in [0, 1, 3, 7, 30, 64, 255] {
+        for wrong in [0, 3, 30, 255] {
             let mut craft = good();
             craft.layer[at] = wrong;
             survives(&craft.bytes(), &format!("{wrong} at {at} of the tree's header"));

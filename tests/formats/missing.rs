@@ -44,16 +44,17 @@ fn write(path: &Path, cells: &Cells, rule: Rule) -> Dataset {
     tree
 }
 
-/// The samples of a channel that the cells of a box have.
-fn samples(cells: &Cells, bounds: &Bounds, channel: usize) -> Vec<f64> {
-    let mut samples = Vec::new();
+/// The samples of each channel that the cells of a box have.
+fn samples(cells: &Cells, bounds: &Bounds) -> Vec<Vec<f64>> {
+    let mut samples = vec![Vec::new(); usize::from(cells.form.value.channels)];
     for y in bounds.min[1]..bounds.max[1].min(SIZE[1]) {
         for x in bounds.min[0]..bounds.max[0].min(SIZE[0]) {
-            let value = cells.get([x, y, 0]);
-            samples.extend(value.map(|value| cells.form.value.samples(value)[channel]));
+            let Some(value) = cells.get([x, y, 0]) else { continue };
+            for (samples, sample) in samples.iter_mut().zip(cells.form.value.samples(value).iter()) {
+                samples.extend(Some(*sample).filter(|sample| *sample != MISSING));
+            }
         }
     }
-    samples.retain(|sample| *sample != MISSING);
     samples
 }
 
@@ -81,23 +82,27 @@ fn representatives_are_of_the_cells_that_have_a_sample() {
     let folder = tempfile::tempdir().unwrap();
     for (value_type, name) in TYPES.into_iter().zip(["a.goblin", "b.autumn", "c.goblin"]) {
         let cells = cells(value_type.with_missing(MISSING), 7);
-        for rule in [Rule::Mean, Rule::Min, Rule::Max] {
-            let path = folder.path().join(format!("{rule}.{name}"));
-            let tree = write(&path, &cells, rule);
-            for level in 0..=tree.depth() {
-                let side = 1 << (tree.depth() - level);
-                let bounds = Bounds { min: [0; 3], max: [SIZE[0].div_ceil(side), SIZE[1].div_ceil(side), 1] };
+        let trees = [Rule::Mean, Rule::Min, Rule::Max]
+            .map(|rule| (rule, write(&folder.path().join(format!("{rule}.{name}")), &cells, rule)));
+        let depth = trees[0].1.depth();
+        for level in 0..=depth {
+            let side = 1 << (depth - level);
+            let bounds = Bounds { min: [0; 3], max: [SIZE[0].div_ceil(side), SIZE[1].div_ceil(side), 1] };
+            let pixels = trees.each_ref().map(|(_, tree)| {
                 let mut bytes = vec![0; bounds.volume() as usize * value_type.size()];
                 tree.window(level, &bounds, MISSING, &mut bytes, None).unwrap();
-                // (Of the very many cells of the finest levels every so many.)
-                let step = if side < 4 { 11 } else { 1 };
-                for (i, pixel) in bytes.chunks_exact(value_type.size()).enumerate().step_by(step) {
-                    let (x, y) = (i as u64 % bounds.max[0] * side, i as u64 / bounds.max[0] * side);
-                    let below = Bounds { min: [x, y, 0], max: [x + side, y + side, 1] };
+                bytes
+            });
+            // (Of the very many cells of the finest levels every so many.)
+            let step = if side < 4 { 11 } else { 1 };
+            for i in (0..bounds.volume() as usize).step_by(step) {
+                let (x, y) = (i as u64 % bounds.max[0] * side, i as u64 / bounds.max[0] * side);
+                let samples = samples(&cells, &Bounds { min: [x, y, 0], max: [x + side, y + side, 1] });
+                for ((rule, _), pixels) in trees.iter().zip(&pixels) {
+                    let pixel = &pixels[i * value_type.size()..][..value_type.size()];
                     let found = value_type.samples(Value::from_bytes(pixel));
-                    for channel in 0..usize::from(value_type.channels) {
-                        let samples = samples(&cells, &below, channel);
-                        let expected = representative(rule, &samples, value_type.sample.is_float());
+                    for (channel, samples) in samples.iter().enumerate() {
+                        let expected = representative(*rule, samples, value_type.sample.is_float());
                         assert_eq!(
                             found[channel], expected,
                             "{name} {rule} level {level}, {x},{y}, {channel}"
@@ -121,11 +126,12 @@ fn statistics_are_of_the_cells_that_have_a_sample() {
         for ([left, top], [right, bottom]) in boxes {
             let bounds = Bounds { min: [left, top, 0], max: [right, bottom, 1] };
             let mirrored = Bounds { min: [700 - right, top, 0], max: [700 - left, bottom, 1] };
+            let samples = samples(&cells, &bounds);
             for found in
                 [tree.statistics(Some(bounds), &()).unwrap(), view.statistics(Some(mirrored), &()).unwrap()]
             {
                 for (channel, found) in found.channels.iter().enumerate() {
-                    let samples = samples(&cells, &bounds, channel);
+                    let samples = &samples[channel];
                     assert_eq!(found.cells, samples.len() as u64, "{name} {bounds:?} {channel}");
                     if samples.is_empty() {
                         assert!(found.min.is_nan() && found.mean.is_nan());
@@ -140,11 +146,10 @@ fn statistics_are_of_the_cells_that_have_a_sample() {
                     assert!((found.standard_deviation - variance.sqrt()).abs() < 1e-6, "{found:?}");
                 }
             }
-            let first = samples(&cells, &bounds, 0);
             let histogram = tree.histogram(&bounds, 0.0, 200.0, 10, &()).unwrap();
             for (bin, found) in histogram.into_iter().enumerate() {
                 let is_in = |sample: &&f64| ((**sample / 20.0) as usize).min(9) == bin;
-                assert_eq!(found, first.iter().filter(is_in).count() as u64, "{name} {bounds:?} {bin}");
+                assert_eq!(found, samples[0].iter().filter(is_in).count() as u64, "{name} {bounds:?} {bin}");
             }
         }
     }

@@ -176,7 +176,9 @@ fn all_questions_have_the_same_answers() {
             let answer =
                 |tree: &Dataset| question(tree).map_err(|error| error.to_string().replace(&name, "(memory)"));
             let right = answer(&expected);
-            for (way, tree) in trees.iter().enumerate() {
+            // (The first file in every way, each of the others in one.)
+            let ways = if number == 0 { 0..3 } else { number - 1..number };
+            for (way, tree) in trees.iter().enumerate().filter(|(way, _)| ways.contains(way)) {
                 assert!(answer(tree) == right, "{what} of file {number}, opened in way {way}");
             }
         }
@@ -228,7 +230,9 @@ fn operations_make_the_same_of_packed_files() {
             (bytes, sums(&tree))
         };
         let shift = if form.axes() == 2 { "translate=64,64" } else { "translate=64,64,0" };
-        for step in [None, Some(shift), Some("scale=0.5")] {
+        // (The first file by every step, each of the others by one.)
+        let numbers = if number == 0 { 0..3 } else { number - 1..number };
+        for step in &[None, Some(shift), Some("scale=0.5")][numbers] {
             let steps: Vec<ops::Step> = step.iter().map(|step| step.parse().unwrap()).collect();
             let make = |name: &str, how| {
                 let chain = Chain { steps: steps.clone(), ..Chain::of(&path(name)) };
@@ -354,7 +358,7 @@ fn damage_is_found() {
             Kind::Continuous,
         ),
     ] {
-        truncate_and_flip(&packed(&bytes), 12, 40);
+        truncate_and_flip(&packed(&bytes), 997, 40);
     }
     let tiny = goblin_bytes(&Cells::random(QUAD, 9, [30, 20, 1], 4, true), Rule::Mean, Kind::Continuous);
     truncate_and_flip(&packed(&tiny), 100, 100);

@@ -98,6 +98,11 @@ impl Known {
     /// By halves of the children, down to single cells.
     fn of(cells: &Cells, code: Code, depth: u8, all: &mut BTreeMap<u64, Known>) -> Known {
         let sample = cells.form.value.sample;
+        // (Nothing is known of what is outside, and that is not remembered.)
+        let first = code.cell().map(|at| u64::from(at) << (depth - code.level()));
+        if (0..cells.form.axes()).any(|axis| first[axis] >= cells.size[axis]) {
+            return Known::default();
+        }
         let known = if code.level() == depth {
             let number = cells.get(code.cell().map(u64::from)).map(|value| wide(sample, value));
             number.map_or(Known::default(), |number| Known {
@@ -133,7 +138,7 @@ fn check(form: Form, seed: u64, size: [u64; 3], void: bool) {
     // Means, rounded half up once.
     let mut pending = vec![(Code::root(form.dimension), file.root().unwrap())];
     while let Some((code, child)) = pending.pop() {
-        let Known { cells: count, sum, .. } = all[&code.bits()];
+        let Known { cells: count, sum, .. } = all.get(&code.bits()).copied().unwrap_or_default();
         assert_eq!(child.value().is_some(), count > 0, "{code}");
         if let Some(value) = child.value() {
             assert_eq!(wide(sample, value), (2 * sum + count).div_euclid(2 * count), "{form} {code}");
