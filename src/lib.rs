@@ -287,7 +287,7 @@ pub mod import {
         pub use spinney_mesh::import::{
             Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshFace, Model, ModelInfo,
             Resolution, SkippedObject, SolidImport, SolidOptions, SolidReport, import_exact, is_model, open,
-            open_all, plan_models,
+            open_all, parts_of, plan_models,
         };
     }
 

@@ -48,6 +48,8 @@ def build_brep(
     close: bool = False,
     repair: bool = False,
     inside: Inside = "nonzero",
+    where: str | None = None,
+    skip_bad: bool = False,
     leaf_size: int | None = None,
     up: Literal["y", "z"] | None = None,
     unit: str | None = None,
@@ -65,7 +67,8 @@ def build_brep(
     Corners are moved to a grid of whole steps; everything after that is exact. `snap` is the width of a step, otherwise
     that of the files' own grid or the finest one. `close` closes open surfaces with triangles over their boundaries;
     `repair` resolves those that pass through themselves, lie on themselves, or are inside out: bodies that are inside out are turned, and places are
-    `inside` where the surface goes around them ("nonzero", as cells have it), once or more ("positive"), or an odd number of times ("odd"). Without these, such
+    `inside` where the surface goes around them ("nonzero", as cells have it), once or more ("positive"), or an odd number of times ("odd"). `where` takes
+    objects alone for which conditions hold, as in "type=Building,measuredHeight>5" (`id` is the name), and `skip_bad` leaves out those that are no bodies by themselves, which are then told. Without these, such
     surfaces are a ValueError that tells the places, and there is no file. Cells of the octree with up to `leaf_size` faces are not divided. `up`, `unit`,
     `crs`, `memory` and `max_bytes` are as for `build`. With the `codec` "packed" the file takes fewer bytes, which are unpacked when they are used, whatever
     the `effort`.
@@ -73,7 +76,7 @@ def build_brep(
     if is_mesh(models):
         with mesh_file(models, out) as (path, told_unit):
             return build_brep(
-                path, out, snap=snap, close=close, repair=repair, inside=inside, leaf_size=leaf_size, up=up, unit=unit or told_unit, crs=crs, memory=memory, codec=codec, effort=effort,
+                path, out, snap=snap, close=close, repair=repair, inside=inside, where=where, skip_bad=skip_bad, leaf_size=leaf_size, up=up, unit=unit or told_unit, crs=crs, memory=memory, codec=codec, effort=effort,
                 max_bytes=max_bytes, threads=threads, progress=progress,
             )
     paths = paths_of(models)
@@ -86,6 +89,8 @@ def build_brep(
         "close": close,
         "repair": repair,
         "inside": inside,
+        "where": where,
+        "skip_bad": skip_bad,
         "leaf_size": leaf_size,
         "up": up,
         "unit": unit,

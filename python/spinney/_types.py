@@ -372,6 +372,8 @@ class BuiltModel:
     """Faces that were divided or taken away where the surface passed through itself."""
     lost_faces: int
     """Those of them that bounded nothing."""
+    skipped: list[tuple[str, str]]
+    """Objects that were left out because they are no bodies: names, and why."""
     turned_bodies: int
     """Bodies that were inside out, and were turned with what is inside of them."""
     displacement: float

@@ -12,6 +12,7 @@ use spinney::brep::query::{BoxPlace, Location, MassProperties};
 use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{ExactModel, Faces, NodeCounts};
 use spinney::export::mesh::{MeshFormat, export_exact};
+use spinney::import::feature::{FeatureFilter, choose_objects};
 use spinney::import::mesh::{self, ExactOptions};
 use spinney::space::Crs;
 use spinney::store::Tag;
@@ -357,6 +358,9 @@ pub(crate) struct ModelOptions {
     close: bool,
     repair: bool,
     inside: String,
+    #[pyo3(item("where"))]
+    filter: Option<String>,
+    skip_bad: bool,
     leaf_size: Option<usize>,
     up: Option<String>,
     unit: Option<String>,
@@ -380,6 +384,8 @@ pub(crate) fn build_brep<'py>(
     (exact.snap, exact.close, exact.memory) = (options.snap, options.close, options.memory);
     exact.repair = options.repair;
     exact.inside = options.inside.parse().or_raise()?;
+    exact.skip_bad = options.skip_bad;
+    let filter = options.filter.as_deref().map(str::parse::<FeatureFilter>).transpose().or_raise()?;
     exact.codec = options.packing.of_model()?;
     exact.leaf_size = options.leaf_size.unwrap_or(exact.leaf_size);
     exact.up = options.up.as_ref().map(|name| name.parse()).transpose().or_raise()?.unwrap_or_default();
@@ -387,6 +393,10 @@ pub(crate) fn build_brep<'py>(
     exact.crs = options.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
     let report = jobs::run(py, terms, |work| {
         let models = mesh::open_all(&paths, exact.memory)?;
+        if let Some(filter) = &filter {
+            let (names, about) = mesh::parts_of(&models);
+            exact.parts = Some(choose_objects(filter, &names, &|part| Ok(about[part as usize].clone()))?);
+        }
         mesh::import_exact(models, &exact, work.create_tree(&out)?, work)
     })?;
     let facts = PyDict::new(py);
@@ -401,6 +411,9 @@ pub(crate) fn build_brep<'py>(
     let repaired = report.repair.map_or(0, |done| done.divided + done.removed);
     facts.set_item("repaired_faces", repaired)?;
     facts.set_item("lost_faces", report.repair.map_or(0, |done| done.outside))?;
+    let skipped: Vec<(&str, &str)> =
+        report.skipped.iter().map(|object| (object.name.as_str(), object.why.as_str())).collect();
+    facts.set_item("skipped", skipped)?;
     facts.set_item("turned_bodies", report.repair.map_or(0, |done| done.turned.0))?;
     facts.set_item("displacement", report.displacement)?;
     facts.set_item("step", report.grid.width())?;

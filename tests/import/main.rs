@@ -13,7 +13,10 @@ mod exact_attributes;
 #[cfg(feature = "mesh")]
 mod exact_build;
 #[cfg(feature = "mesh")]
+mod exact_objects;
+#[cfg(feature = "mesh")]
 mod exact_questions;
+#[cfg(feature = "mesh")]
 mod exact_repair;
 #[cfg(feature = "mesh")]
 mod exact_round_trips;

@@ -63,12 +63,8 @@ impl ExactImport {
 
 /// Numbers of the parts of models for which conditions hold.
 fn chosen_parts(models: &[Box<dyn Model>], filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
-    let (mut found, mut first) = (BTreeSet::new(), 0);
-    for info in models.iter().map(|model| model.info()) {
-        let about = |part: u32| Ok(info.attributes.part(part).map(String::from));
-        found.extend(choose_objects(filter, &info.parts, &about)?.into_iter().map(|part| first + part));
-        first += info.parts.len() as u32;
-    }
+    let (names, about) = mesh::parts_of(models);
+    let found = choose_objects(filter, &names, &|part| Ok(about[part as usize].clone()))?;
     if found.is_empty() {
         bail!("--where {filter}: no object is such");
     }

@@ -30,8 +30,8 @@ pub(super) struct FeatureArgs {
     /// Give each cell the share of it that features have, from 0 to 1
     #[arg(long)]
     fractions: bool,
-    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value; of
-    /// exact models (--brep) objects, with their parts, where id and type count as attributes
+    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value; with
+    /// --brep objects of models, and their parts: id and type count as attributes
     #[arg(long = "where", value_name = "CONDITION,...")]
     pub(super) filter: Option<FeatureFilter>,
 }

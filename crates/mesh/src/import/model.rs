@@ -79,3 +79,10 @@ pub trait Model: Send {
         0
     }
 }
+
+/// Names of the parts of some models, those of one behind those of the one before, and what is said of each.
+pub fn parts_of(models: &[Box<dyn Model>]) -> (Vec<String>, Vec<Option<String>>) {
+    let infos = models.iter().map(|model| model.info());
+    let parts = infos.flat_map(|info| (0..).zip(&info.parts).map(move |(part, name)| (info, part, name)));
+    parts.map(|(info, part, name)| (name.clone(), info.attributes.part(part).map(String::from))).unzip()
+}

@@ -36,8 +36,8 @@ pub(super) struct ZoneOptions {
     /// Quantiles of each polygon, from 0 to 1, as in 0.1,0.5,0.9: interpolated linearly, with parts of cells as weights
     #[arg(long, value_name = "Q,...", value_delimiter = ',', requires = "zones")]
     quantiles: Vec<f64>,
-    /// Features, or objects of exact models, alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an
-    /// attribute and a value
+    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value; with
+    /// --each objects of the model
     #[arg(
         long = "where",
         value_name = "CONDITION,...",

@@ -1,0 +1,209 @@
+//! Objects of models: chosen, looked at one by one, left out, and measured.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+use spinney::Error;
+use spinney::brep::{ExactModel, Faces};
+use spinney::export::vector::{VectorFormat, export_objects};
+use spinney::import::feature::{FeatureFilter, choose_objects};
+use spinney::import::mesh::{ExactOptions, ExactReport, import_exact, open_all, parts_of};
+use spinney::io::Output;
+use spinney::store::OpenOptions;
+
+use crate::common::exact::{Ring, cuboid, turned};
+use crate::common::shared_data;
+
+/// A city of objects: name, type, attributes and faces without holes; with `parents` where it is part of another one.
+fn city(path: &Path, objects: &[(&str, Value, Vec<Vec<Ring>>)]) {
+    let mut vertices: Vec<[i32; 3]> = Vec::new();
+    let mut all = serde_json::Map::new();
+    for (name, about, faces) in objects {
+        let surfaces: Vec<Value> = faces
+            .iter()
+            .map(|rings| {
+                let first = vertices.len();
+                vertices.extend(&rings[0]);
+                json!([(first..vertices.len()).collect::<Vec<_>>()])
+            })
+            .collect();
+        let mut object = about.clone();
+        object["geometry"] = json!([{ "type": "MultiSurface", "lod": "1", "boundaries": surfaces }]);
+        all.insert((*name).into(), object);
+    }
+    let city = json!({
+        "type": "CityJSON", "version": "2.0", "CityObjects": all, "vertices": vertices,
+        "transform": { "scale": [1.0, 1.0, 1.0], "translate": [0.0, 0.0, 0.0] },
+    });
+    std::fs::write(path, city.to_string()).unwrap();
+}
+
+fn import(path: &Path, options: &ExactOptions) -> Result<(ExactModel, ExactReport), Error> {
+    let target = path.with_extension("goblin");
+    let models = open_all(&[path.to_path_buf()], 64 << 20)?;
+    let report = import_exact(models, options, Output::create(&target)?, &())?;
+    let model = ExactModel::open(&target, &OpenOptions::new())?;
+    assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
+    Ok((model, report))
+}
+
+/// One that is right, one that is open, one that is inside out, one that passes through itself, and two that pass through each other.
+fn street(folder: &Path) -> PathBuf {
+    let at = |x: i32, size: i32| cuboid([x, 0, 0], [x + size, 10, 10]);
+    let building = |height: i32| json!({ "type": "Building", "attributes": { "height": height } });
+    let mut open = at(100, 10);
+    open.pop();
+    let path = folder.join("street.city.json");
+    city(
+        &path,
+        &[
+            ("right", building(10), at(0, 10)),
+            ("open", building(20), open),
+            ("inside-out", building(30), turned(at(200, 10))),
+            ("through", building(40), [at(300, 10), at(305, 10)].concat()),
+            ("left", json!({ "type": "Road" }), at(400, 10)),
+            ("right-hand", json!({ "type": "Road" }), at(405, 10)),
+            ("wing", json!({ "type": "BuildingPart", "parents": ["right"] }), at(50, 10)),
+        ],
+    );
+    path
+}
+
+fn names(model: &ExactModel) -> Vec<&str> {
+    model.parts().iter().map(String::as_str).collect()
+}
+
+#[test]
+fn errors_name_objects() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = street(folder.path());
+    let error = import(&path, &ExactOptions::new()).err().unwrap().to_string();
+    assert!(error.contains("of open") && error.contains("--skip-bad"), "{error}");
+    let mut options = ExactOptions::new();
+    options.parts = Some(BTreeSet::from([0, 4, 5]));
+    let error = import(&path, &options).err().unwrap().to_string();
+    assert!(error.contains("of left and right-hand"), "{error}");
+    assert!(!path.with_extension("goblin").exists());
+}
+
+#[test]
+fn objects_that_are_no_bodies_are_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = street(folder.path());
+    let mut options = ExactOptions::new();
+    options.skip_bad = true;
+    options.parts = Some(BTreeSet::from([0, 1, 2, 3, 4, 6]));
+    let left_out = |report: &ExactReport| -> Vec<String> {
+        report.skipped.iter().map(|object| format!("{}: {}", object.name, object.why)).collect()
+    };
+    let (model, report) = import(&path, &options).unwrap();
+    assert_eq!(names(&model), ["right", "left", "wing"]);
+    let told = left_out(&report);
+    assert!(told[0].starts_with("open: open: 4 edges have a face on one side only, at "), "{told:?}");
+    assert!(told[1].starts_with("inside-out: a place that the surface goes around -1 times"), "{told:?}");
+    assert!(told[2].starts_with("through: ") && told.len() == 3, "{told:?}");
+    // What can be repaired or closed is not bad; objects that pass through each other are one body then.
+    options.parts = None;
+    options.repair = true;
+    let (model, report) = import(&path, &options).unwrap();
+    assert_eq!(names(&model), ["right", "inside-out", "through", "left", "right-hand", "wing"]);
+    assert_eq!(left_out(&report).len(), 1);
+    let volume = |model: &ExactModel| -> f64 {
+        let parts = model.part_measures(1 << 20, &()).unwrap();
+        parts.iter().map(|part| part.measures.volume).sum()
+    };
+    assert_eq!(volume(&model), 1000.0 + 1000.0 + 1500.0 + 1500.0 + 1000.0);
+    options.close = true;
+    let (model, report) = import(&path, &options).unwrap();
+    assert_eq!((volume(&model), left_out(&report).len(), report.objects), (7000.0, 0, 7));
+    // None is left.
+    options = ExactOptions::new();
+    options.skip_bad = true;
+    options.parts = Some(BTreeSet::from([1, 2]));
+    let error = import(&path, &options).err().unwrap();
+    assert!(
+        matches!(&error, Error::NoBody { what, places, .. } if what.contains("none") && places.len() == 2),
+        "{error}"
+    );
+}
+
+#[test]
+fn objects_are_chosen_with_their_parts() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = street(folder.path());
+    let models = open_all(&[path], 64 << 20).unwrap();
+    let (names, about) = parts_of(&models);
+    for (filter, expected) in [
+        ("type=Building", vec![0, 1, 2, 3, 6]),
+        ("type=BuildingPart", vec![6]),
+        ("type=Building,height>15", vec![1, 2, 3]),
+        ("id=right", vec![0, 6]),
+        ("height<=10", vec![0, 6]),
+        ("type=Bridge", vec![]),
+    ] {
+        let filter: FeatureFilter = filter.parse().unwrap();
+        let found = choose_objects(&filter, &names, &|part| Ok(about[part as usize].clone())).unwrap();
+        assert_eq!(found.into_iter().collect::<Vec<_>>(), expected, "{filter}");
+    }
+}
+
+/// Each has its own volume, area, box and closedness.
+#[test]
+fn objects_are_measured_one_by_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.city.json");
+    let hollow = [cuboid([0; 3], [10; 3]), turned(cuboid([2; 3], [5; 3]))].concat();
+    // Two halves of a box, neither of which is closed.
+    let mut front = cuboid([20, 0, 0], [30, 10, 10]);
+    let back = front.split_off(3);
+    let kind = json!({ "type": "Building", "attributes": { "storeys": 3, "name": "a, \"b\"" } });
+    city(&path, &[("hollow", kind, hollow), ("front", json!({}), front), ("back", json!({}), back)]);
+    let (model, _) = import(&path, &ExactOptions::new()).unwrap();
+    let parts = model.part_measures(1 << 20, &()).unwrap();
+    let told: Vec<(u32, bool, u64)> =
+        parts.iter().map(|part| (part.part, part.is_closed, part.measures.faces)).collect();
+    assert_eq!(told, [(0, true, 12), (1, false, 3), (2, false, 3)]);
+    assert_eq!(parts[0].measures.volume, 1000.0 - 27.0);
+    assert_eq!(parts[0].measures.area, 600.0 + 54.0);
+    assert_eq!(parts[0].measures.bounds, Some([[0.0; 3], [10.0; 3]]));
+    assert!(matches!(model.part_measures(2 << 10, &()), Err(Error::TooLarge { .. })));
+    let table = folder.path().join("t.csv");
+    let output = Output::create(&table).unwrap();
+    assert_eq!(export_objects(&model, None, output, VectorFormat::Csv, 1 << 20, &()).unwrap(), 3);
+    let text = std::fs::read_to_string(&table).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines[0].trim_end(), "WKT,id,type,closed,faces,volume,area,zmin,zmax,x,y,z,name,storeys");
+    assert!(
+        lines[1].contains("hollow,Building,true,12,973,654,0,10,")
+            && lines[1].contains(",\"a, \"\"b\"\"\",3"),
+        "{text}"
+    );
+    assert!(lines[2].contains(",front,,false,3,,300,"), "{text}");
+    let some = BTreeSet::from([2]);
+    let output = Output::create(&table).unwrap();
+    assert_eq!(export_objects(&model, Some(&some), output, VectorFormat::Csv, 1 << 20, &()).unwrap(), 1);
+}
+
+/// All buildings of Delft become bodies for themselves, whose volumes add up to that of the model.
+#[test]
+fn a_city_becomes_a_model() {
+    let Some(folder) = shared_data() else { return };
+    let path = folder.join("mesh/cityjson/delft.json");
+    let there = tempfile::tempdir().unwrap();
+    let target = there.path().join("delft.goblin");
+    let models = open_all(&[path], 64 << 20).unwrap();
+    let (names, about) = parts_of(&models);
+    let filter: FeatureFilter = "type=Building".parse().unwrap();
+    let mut options = ExactOptions::new();
+    (options.close, options.skip_bad) = (true, true);
+    options.parts = Some(choose_objects(&filter, &names, &|part| Ok(about[part as usize].clone())).unwrap());
+    let report = import_exact(models, &options, Output::create(&target).unwrap(), &()).unwrap();
+    assert_eq!((report.objects, report.skipped.len()), (160, 0));
+    let model = ExactModel::open(&target, &OpenOptions::new()).unwrap();
+    assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
+    let parts = model.part_measures(1 << 20, &()).unwrap();
+    assert!(parts.len() == 160 && parts.iter().all(|part| part.is_closed && part.measures.volume > 0.0));
+    let sum: f64 = parts.iter().map(|part| part.measures.volume).sum();
+    assert!((sum - 33_060.361_163_315).abs() < 1e-6, "{sum}");
+}
