@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::atomic::{AtomicI64, Ordering};
 
+use spinney::brep::query::MassProperties;
 use spinney::brep::{ExactModel, Faces, Grid, combine};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 use spinney::io::Output;
@@ -75,6 +76,41 @@ fn parts_and_attributes_are_those_of_all() {
         assert_eq!(again.model.parts(), [parts, c.model.parts().to_vec()].concat());
         assert_eq!(files_of(&again.model).len(), files.len() + files_of(&c.model).len());
         assert_eq!(again.model.formula().unwrap().unwrap(), format!("(op2 {formula} \"(memory)\")"));
+    }
+}
+
+/// A body with corners beside the grid is copied as it is where another one is apart from it, by all operations.
+#[test]
+fn what_is_apart_stays_as_it_is() {
+    let [a, b] = [city("one", 0), city("two", 7)];
+    let cut = combined(2, &[&a, &b]);
+    assert!(cut.model.volume_beside().unwrap() != 0.0);
+    let far = imported(
+        "far.off",
+        "OFF\n4 4 0\n200 3 3\n270 4 4\n207 40 5\n208 8 41\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n",
+    );
+    let volume = |body: &Body| MassProperties::of(&body.model, &()).unwrap().volume;
+    let close = |one: f64, other: f64| (one - other).abs() < 1e-9 * one.abs().max(1.0);
+    let sum = volume(&cut) + volume(&far);
+    for (operation, expected) in
+        [(7, sum), (6, sum), (2, volume(&cut)), (4, volume(&far)), (1, 0.0), (8, -sum)]
+    {
+        for (operation, bodies) in [(operation, [&cut, &far]), (operation, [&far, &cut])] {
+            let is_turned = std::ptr::eq(bodies[0], &far);
+            let expected = match (operation, is_turned) {
+                (2, true) => volume(&far),
+                (4, true) => volume(&cut),
+                _ => expected,
+            };
+            let result = combined(operation, &bodies);
+            assert!(close(volume(&result), expected), "{operation}: {} {expected}", volume(&result));
+            assert_eq!(result.model.verify(MEMORY, &()).unwrap(), [], "{operation}");
+            // What was made of it goes on to be divided.
+            if operation == 7 {
+                let again = combined(2, &[&result, &b]);
+                assert!(close(volume(&again), sum), "{} {sum}", volume(&again));
+            }
+        }
     }
 }
 

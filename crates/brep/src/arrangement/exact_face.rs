@@ -80,7 +80,7 @@ impl ExactFace {
     }
 
     /// The face's back.
-    pub(super) fn turned(&self) -> ExactFace {
+    pub(crate) fn turned(&self) -> ExactFace {
         let mut colours = Vec::with_capacity(self.colours.len());
         let mut start = 0;
         for &end in &self.ring_ends {

@@ -20,6 +20,8 @@ pub(super) struct Bodies<'a> {
     /// Whether all faces are taken as near: where corners lie beside the grid, octrees are only those of the faces that stand for
     /// others, which may be some steps off, or nowhere.
     pub(super) are_all_near: bool,
+    /// The fate of all faces of each model that is then apart from all others.
+    apart: Vec<Option<Fate>>,
     is_coloured: bool,
     /// Numbers of each model's first part and first source.
     first: Vec<(u32, u64)>,
@@ -48,7 +50,10 @@ impl<'a> Bodies<'a> {
             first.push((parts, 0));
             parts += model.parts().len() as u32;
         }
-        Ok(Bodies { models, placed, table, overlaps, are_all_near, is_coloured, first })
+        let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
+        let fate = |model: usize| (are_all_near && placed.is_apart(model)).then(|| table.fate(model, &far));
+        let apart = (0..models.len()).map(fate).collect();
+        Ok(Bodies { models, placed, table, overlaps, are_all_near, apart, is_coloured, first })
     }
 
     /// The faces that are near other bodies; and where those of each model end.
@@ -69,11 +74,7 @@ impl<'a> Bodies<'a> {
                 }
                 Ok(())
             })?;
-            model.each_exact(&mut |mut face| {
-                if self.is_coloured && face.colours.is_empty() {
-                    face.colours = vec![[255; 3]; face.corners.len()];
-                }
-                let face = self.placed.exact(number, face);
+            self.each_exact(number, &mut |face| {
                 // (New corners are at most half a step beside the others.)
                 let most = (1u64 << self.placed.grid.bits) as f64;
                 if face
@@ -84,11 +85,12 @@ impl<'a> Bodies<'a> {
                 {
                     return Err(not_in_the_octree(model.path(), face.source));
                 }
-                let part = face.part.saturating_add(self.first[number].0);
-                let source = face.source.saturating_add(first_source);
-                sources = sources.max(source.saturating_add(1));
+                sources = sources.max(face.source.saturating_add(1));
+                if self.apart[number].is_some() {
+                    return Ok(());
+                }
                 exact_bytes += face.bytes();
-                found.push(ExactFace { part, source, ..face });
+                found.push(face);
                 if found.list.len().is_multiple_of(1 << 8) {
                     progress.check()?;
                     self.check_room(number, found.list.bytes().saturating_add(exact_bytes), memory)?;
@@ -102,21 +104,54 @@ impl<'a> Bodies<'a> {
         Ok((found, ends))
     }
 
-    /// Hands out what becomes of the faces that are not near other bodies.
+    /// Hands out what becomes of the faces that are not near other bodies, and whether they stand in for others.
     pub(super) fn settled(
         &self,
         progress: &dyn Progress,
-        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+        each: &mut dyn FnMut(&Face<'_>, bool) -> Result<()>,
     ) -> Result<()> {
         let mut turner = Turner::default();
         for number in 0..self.models.len() {
-            self.each(number, progress, &mut |face, _, fate| match fate {
-                Some(Fate::Kept) => each(face),
-                Some(Fate::Turned) => each(&turner.turn(face)),
+            self.each(number, progress, &mut |face, stands_in, fate| match fate {
+                Some(Fate::Kept) => each(face, stands_in),
+                Some(Fate::Turned) => each(&turner.turn(face), stands_in),
                 _ => Ok(()),
             })?;
         }
         Ok(())
+    }
+
+    /// Appends what becomes of the faces with corners beside the grid of models that are apart from all others.
+    pub(super) fn settle_exact(&self, exact: &mut Vec<ExactFace>, memory: u64) -> Result<()> {
+        let mut bytes: u64 = exact.iter().map(ExactFace::bytes).sum();
+        for (number, fate) in self.apart.iter().enumerate() {
+            let is_turned = match fate {
+                Some(Fate::Kept) => false,
+                Some(Fate::Turned) => true,
+                _ => continue,
+            };
+            self.each_exact(number, &mut |face| {
+                bytes += face.bytes();
+                self.check_room(number, bytes, memory)?;
+                exact.push(if is_turned { face.turned() } else { face });
+                Ok(())
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Hands out the faces of a model with corners beside the grid, on the common one.
+    fn each_exact(&self, number: usize, each: &mut dyn FnMut(ExactFace) -> Result<()>) -> Result<()> {
+        let (first_part, first_source) = self.first[number];
+        self.models[number].each_exact(&mut |mut face| {
+            if self.is_coloured && face.colours.is_empty() {
+                face.colours = vec![[255; 3]; face.corners.len()];
+            }
+            let face = self.placed.exact(number, face);
+            let part = face.part.saturating_add(first_part);
+            let source = face.source.saturating_add(first_source);
+            each(ExactFace { part, source, ..face })
+        })
     }
 
     /// The faces of the result that come from faces not near other bodies, in a list; `None` if that would be larger than `memory`.
@@ -127,7 +162,7 @@ impl<'a> Bodies<'a> {
             return Ok(None);
         }
         let mut list = FaceList::new(self.placed.grid.clone(), Vec::new());
-        self.settled(progress, &mut |face| {
+        self.settled(progress, &mut |face, _| {
             list.push(face);
             Ok(())
         })?;
@@ -148,6 +183,7 @@ impl<'a> Bodies<'a> {
             // (What has no area is in no cell.)
             let has_area = || ring_normal(face.rings().next().unwrap_or_default()) != [0; 3];
             let fate = match overlap {
+                None => self.apart[number],
                 Some(overlap) if !overlap.near.has(face.number) && has_area() => {
                     Some(overlap.fate(face.number))
                 }

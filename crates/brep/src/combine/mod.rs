@@ -182,19 +182,20 @@ fn made(
     } else {
         seams.add_all(&rounded.faces);
     }
-    let Rounded { faces, stands_in, exact, displacement, .. } = rounded;
+    let Rounded { faces, stands_in, mut exact, displacement, .. } = rounded;
+    bodies.settle_exact(&mut exact, memory / 4)?;
     let displacement = displacement * grid.width();
     let is_on_grid = exact.is_empty();
     let mut builder =
         ModelBuilder::new(output, grid.clone(), memory / 2)?.codec(codec).unbounded(is_unbounded);
     let mut surface = SurfaceClosure::new(!exact.is_empty());
     let mut settled = 0u64;
-    if !is_whole {
-        bodies.settled(progress, &mut |face| {
+    if bodies.are_all_near || !is_whole {
+        bodies.settled(progress, &mut |face, stands_in| {
             settled += 1;
             seams.add_watched(face);
-            surface.add(face, false);
-            builder.push(face)
+            surface.add(face, stands_in);
+            builder.push_face(face, stands_in)
         })?;
     }
     faces.each(&mut |face| {

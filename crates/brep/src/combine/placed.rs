@@ -12,6 +12,8 @@ pub(super) struct Placed {
     grids: Vec<Grid>,
     /// Of each model: steps of the grid in one of its own, and what is added then.
     shifts: Vec<(i64, [i64; 3])>,
+    /// The box around each on the grid, if it has faces.
+    boxes: Vec<Option<[[i64; 3]; 2]>>,
 }
 
 impl Placed {
@@ -24,7 +26,7 @@ impl Placed {
         let finest = finest.expect("operations have one body or more");
         let mut least = [i64::MAX; 3];
         let mut most = [i64::MIN; 3];
-        let mut shifts = Vec::new();
+        let (mut shifts, mut boxes) = (Vec::new(), Vec::new());
         for model in models {
             let grid = model.grid();
             let times = grid.steps_of(finest).ok_or_else(|| {
@@ -42,13 +44,16 @@ impl Placed {
             }
             let origin = origin.map(|at| at as i64);
             shifts.push((times, origin));
-            for corner in bounds(model)?.into_iter().flatten() {
+            let placed =
+                |corner: [i32; 3]| [0, 1, 2].map(|axis| origin[axis] + times * i64::from(corner[axis]));
+            let bounds = bounds(model)?.map(|corners| corners.map(placed));
+            if let Some([low, high]) = bounds {
                 for axis in 0..3 {
-                    let at = origin[axis] + times * i64::from(corner[axis]);
-                    least[axis] = least[axis].min(at);
-                    most[axis] = most[axis].max(at);
+                    least[axis] = least[axis].min(low[axis]);
+                    most[axis] = most[axis].max(high[axis]);
                 }
             }
+            boxes.push(bounds);
         }
         if least[0] > most[0] {
             // No model has a face.
@@ -73,7 +78,10 @@ impl Placed {
         for (_, shift) in &mut shifts {
             (0..3).for_each(|axis| shift[axis] -= origin[axis]);
         }
-        Ok(Placed { grid, grids: grids.into_iter().cloned().collect(), shifts })
+        for corner in boxes.iter_mut().flatten().flatten() {
+            (0..3).for_each(|axis| corner[axis] -= origin[axis]);
+        }
+        Ok(Placed { grid, grids: grids.into_iter().cloned().collect(), shifts, boxes })
     }
 
     /// Some of the models, on the same grid.
@@ -82,7 +90,17 @@ impl Placed {
             grid: self.grid.clone(),
             grids: those.iter().map(|number| self.grids[*number].clone()).collect(),
             shifts: those.iter().map(|number| self.shifts[*number]).collect(),
+            boxes: those.iter().map(|number| self.boxes[*number]).collect(),
         }
+    }
+
+    /// Whether a model is farther from all others than new vertices are moved, by the boxes around them.
+    pub(super) fn is_apart(&self, model: usize) -> bool {
+        let Some([low, high]) = self.boxes[model] else { return true };
+        let others = self.boxes.iter().enumerate().filter(|(other, _)| *other != model);
+        others.filter_map(|(_, other)| *other).all(|[other_low, other_high]| {
+            (0..3).any(|axis| low[axis] > other_high[axis] + 2 || other_low[axis] > high[axis] + 2)
+        })
     }
 
     /// A point of a model on the common grid.

@@ -1,0 +1,139 @@
+#!/usr/bin/env python3
+"""Meshes that are no bodies: `spinney build --brep --repair` against libigl's exact arrangements and manifold3d's import.
+
+    repair.py [NAME ...]
+
+All scans, dirty scans and hostile bodies of ../shared/data/mesh and hostile/bodies, the buildings of its city files, and 40 constructions:
+heaps of boxes and balls that are turned, nested, inside out and twice, with a fixed seed. Of each: processor seconds with reading and writing,
+and volumes. libigl resolves by winding numbers above 0, so that its volume is compared with ours by `--inside positive`; bodies that are inside
+out are nothing to it. manifold3d says whether it takes the mesh. The peers are installed as for exact.py (and libigl). The program is
+target/release/spinney, or SPINNEY. One thread.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+os.environ["RAYON_NUM_THREADS"] = "1"
+
+from common import ROOT, SPINNEY, WORK, start, table  # noqa: E402
+from exact import MESH, PYTHON, install  # noqa: E402
+
+CONSTRUCTIONS = 40
+MADE = WORK / "dirty"
+# Seconds that a peer may take.
+PLENTY = 300
+
+
+def construct():
+    """Writes the constructions as PLY files, into the folder given."""
+    import numpy as np
+    import trimesh
+
+    rng = np.random.default_rng(7)
+    for number in range(CONSTRUCTIONS):
+        parts = []
+        for _ in range(2 + number % 9):
+            ball = rng.random() < 0.5
+            part = trimesh.creation.icosphere(subdivisions=2) if ball else trimesh.creation.box(extents=rng.uniform(0.5, 2, 3))
+            part.apply_transform(trimesh.transformations.random_rotation_matrix(rng.random(3)))
+            part.apply_scale(rng.uniform(0.3, 1.5))
+            part.apply_translation(rng.uniform(-1, 1, 3))
+            if number % 4 == 1 and rng.random() < 0.4:
+                part.invert()
+            parts += [part] * (2 if number % 5 == 2 else 1)
+        trimesh.util.concatenate(parts).export(Path(sys.argv[2]) / f"heap_{number:02}.ply")
+
+
+def peer():
+    """Prints volumes and processor seconds of libigl or manifold3d for a mesh."""
+    import numpy as np
+    import trimesh
+
+    name, path = sys.argv[2:]
+    began = time.process_time()
+    mesh = trimesh.load(path, process=True, force="mesh")
+    points, faces = np.asarray(mesh.vertices, dtype="f8", order="F"), np.asarray(mesh.faces, dtype="i8", order="F")
+    found = {}
+    if name == "libigl":
+        from igl.copyleft.cgal import mesh_boolean
+
+        points, faces = mesh_boolean(points, faces, np.zeros((0, 3)), np.zeros((0, 3), "i8"), "union")[:2]
+    else:
+        from manifold3d import Manifold, Mesh64
+
+        solid = Manifold(Mesh64(vert_properties=np.ascontiguousarray(points), tri_verts=np.ascontiguousarray(faces.astype("u8"))))
+        found["status"] = solid.status().name
+        faces = faces[:0]
+        if found["status"] == "NoError":
+            found["volume"] = solid.volume()
+    if name == "libigl":
+        a, b, c = (points[faces[:, corner]] for corner in range(3))
+        found["volume"] = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+    found["seconds"] = time.process_time() - began
+    print(json.dumps(found))
+
+
+def ask(name, path):
+    command = [PYTHON, __file__, "--peer", name, path]
+    try:
+        out = subprocess.run(command, capture_output=True, text=True, timeout=PLENTY).stdout.strip()
+        return json.loads(out.splitlines()[-1]) if out else {"status": "failed"}
+    except subprocess.TimeoutExpired:
+        return {"status": f"over {PLENTY} s"}
+
+
+def ours(path, *options):
+    """Volume and processor seconds, or the first line of what it says."""
+    model = WORK / "repaired.goblin"
+    model.unlink(missing_ok=True)
+    command = [SPINNEY, "-q", "build", path, "-o", model, "--brep", "--repair", *options]
+    before = os.times()
+    made = subprocess.run([str(word) for word in command], capture_output=True, text=True)
+    after = os.times()
+    seconds = after.children_user + after.children_system - before.children_user - before.children_system
+    if made.returncode:
+        return None, seconds, made.stderr.strip().splitlines()[0].split(": ", 2)[-1][:80]
+    stats = subprocess.run([str(SPINNEY), "stats", str(model), "--json"], check=True, capture_output=True).stdout
+    return json.loads(stats)["volume"], seconds, ""
+
+
+def main():
+    start(data=False, peer="python3")
+    install()
+    subprocess.run([PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "libigl", "manifold3d"], check=True)
+    MADE.mkdir(exist_ok=True)
+    subprocess.run([PYTHON, __file__, "--construct", MADE], check=True)
+    data = ROOT.parent / "shared" / "data"
+    files = [*MESH.glob("*.*"), *MESH.glob("nasty/*.*"), *(data / "hostile/bodies").glob("*.*"), *MESH.glob("cityjson/*.json"), *MADE.glob("*.ply")]
+    files = [path for path in sorted(files) if path.suffix in (".ply", ".stl", ".obj", ".json")]
+    wanted = sys.argv[1:]
+    rows, counts = [], {"ours": 0, "libigl": 0, "manifold3d": 0}
+    for path in files:
+        if wanted and not any(name in path.name for name in wanted):
+            continue
+        is_city = path.suffix == ".json"
+        options = ["--close", "--skip-bad", "--where", "type=Building"] if is_city else ["--close"]
+        volume, seconds, why = ours(path, *options)
+        positive = ours(path, *options, "--inside", "positive")[0]
+        igl, manifold = ({"status": "-"}, {"status": "-"}) if is_city else (ask("libigl", path), ask("manifold3d", path))
+        counts["ours"] += volume is not None
+        counts["libigl"] += igl.get("volume", 0) > 0
+        counts["manifold3d"] += "volume" in manifold
+        differs = abs(positive / igl["volume"] - 1) if positive and igl.get("volume") else None
+        ratio = seconds / igl["seconds"] if igl.get("seconds") else None
+        rows.append([
+            path.name, why or f"{volume:.9g}", f"{seconds:.2f}", igl.get("status", f"{igl.get('volume', 0):.9g}"), f"{igl.get('seconds', 0):.2f}",
+            "" if differs is None else f"{differs:.1e}", "" if ratio is None else f"{ratio:.2f}", manifold.get("status", ""),
+        ])  # fmt: skip
+    head = ["mesh", "ours: volume", "CPU s", "libigl: volume", "CPU s", "positive differs", "ratio of CPU", "manifold3d"]
+    table(head, rows)
+    print(f"bodies of {len(rows)}: {counts}")
+
+
+if __name__ == "__main__":
+    words = sys.argv[1:2]
+    construct() if words == ["--construct"] else peer() if words == ["--peer"] else main()
