@@ -214,9 +214,9 @@ pub mod dataset {
 #[cfg(feature = "brep")]
 pub mod brep {
     pub use spinney_brep::{
-        Attributes, BuildReport, CombineReport, Defect, DefectKind, ExactModel, Face, FaceBuffer, FaceList,
-        Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MOST_BITS, ModelBuilder, ModelNode, ModelNodeState,
-        NodeCounts, NodeKind, Repair, Triangulated, combine, is_model_file,
+        Attributes, BuildReport, ChosenParts, CombineReport, Defect, DefectKind, ExactModel, Face,
+        FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MOST_BITS, ModelBuilder,
+        ModelNode, ModelNodeState, NodeCounts, NodeKind, Repair, Triangulated, combine, is_model_file,
     };
 
     /// Answers of exact models.

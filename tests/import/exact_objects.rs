@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 use spinney::Error;
-use spinney::brep::{ExactModel, Faces};
+use spinney::brep::{ChosenParts, ExactModel, Faces};
+use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::export::vector::{VectorFormat, export_objects};
 use spinney::import::feature::{FeatureFilter, choose_objects};
 use spinney::import::mesh::{ExactOptions, ExactReport, import_exact, open_all, parts_of};
@@ -183,6 +184,29 @@ fn objects_are_measured_one_by_one() {
     let some = BTreeSet::from([2]);
     let output = Output::create(&table).unwrap();
     assert_eq!(export_objects(&model, Some(&some), output, VectorFormat::Csv, 1 << 20, &()).unwrap(), 1);
+}
+
+/// Some objects go out as they came in, with what is said of them.
+#[test]
+fn some_objects_are_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = street(folder.path());
+    let mut options = ExactOptions::new();
+    (options.skip_bad, options.repair, options.close) = (true, true, true);
+    let (model, _) = import(&path, &options).unwrap();
+    let filter: FeatureFilter = "type=Building,height>=20".parse().unwrap();
+    let chosen = choose_objects(&filter, model.parts(), &|part| model.part_attributes(part)).unwrap();
+    let some = ChosenParts::of(&model, &chosen).unwrap();
+    let mesh = folder.path().join("some.city.json");
+    export_exact(&some, MeshFormat::CityJson, Output::create(&mesh).unwrap(), &()).unwrap();
+    let (again, report) = import(&mesh, &ExactOptions::new()).unwrap();
+    assert_eq!((names(&again), report.objects), (vec!["open", "inside-out", "through"], 3));
+    let told = again.part_attributes(1).unwrap().unwrap();
+    assert!(told.contains("\"height\":30") && told.contains("\"Building\""), "{told}");
+    let volumes: Vec<f64> =
+        again.part_measures(1 << 20, &()).unwrap().iter().map(|part| part.measures.volume).collect();
+    assert_eq!(volumes, [1000.0, 1000.0, 1500.0]);
+    assert!(ChosenParts::of(&model, &BTreeSet::from([99])).is_err());
 }
 
 /// All buildings of Delft become bodies for themselves, whose volumes add up to that of the model.

@@ -4,14 +4,16 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::brep::{ExactModel, Faces, Triangulated};
+use spinney::brep::{ChosenParts, ExactModel, Faces, Triangulated};
 use spinney::export::mesh::{MeshFormat, export_exact};
+use spinney::import::feature::FeatureFilter;
 use spinney::io::Output;
 use spinney::store::Tag;
 
 use super::super::Global;
 use super::super::args::check_output;
 use super::super::report::{Work, report_output};
+use super::chosen;
 
 /// Writes the faces of an exact model as they are.
 pub(crate) fn export(
@@ -19,14 +21,20 @@ pub(crate) fn export(
     path: &Path,
     format: MeshFormat,
     triangles: bool,
+    filter: Option<&FeatureFilter>,
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
     check_output([model.path()], path)?;
+    let some = match filter {
+        Some(filter) => Some(ChosenParts::of(model, &chosen(model, filter)?)?),
+        None => None,
+    };
+    let whole: &dyn Faces = some.as_ref().map_or(model, |some| some);
     let work = Work::start(global, "faces")?;
     let output = Output::create(path)?;
-    let cut = if triangles { Some(Triangulated::of(model)?) } else { None };
-    let faces: &dyn Faces = cut.as_ref().map_or(model, |cut| cut);
+    let cut = if triangles { Some(Triangulated::of(whole)?) } else { None };
+    let faces: &dyn Faces = cut.as_ref().map_or(whole, |cut| cut);
     let summary = export_exact(faces, format, output, &work)
         .with_context(|| format!("cannot write {}", path.display()))?;
     work.finish();

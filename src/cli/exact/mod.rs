@@ -7,10 +7,12 @@ mod info;
 mod point;
 mod stats;
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{Result, bail};
 use spinney::brep::{ExactModel, Faces, is_model_file};
+use spinney::import::feature::{FeatureFilter, choose_objects};
 use spinney::store::{OpenOptions, Tag};
 
 pub(super) use combine::{any_model, combine};
@@ -26,6 +28,18 @@ pub(super) fn open(path: &Path) -> Result<Option<ExactModel>> {
         return Ok(None);
     }
     Ok(Some(ExactModel::open(path, &OpenOptions::new())?))
+}
+
+/// The parts of a model for which conditions hold, with their parts.
+///
+/// # Errors
+/// If there is none.
+fn chosen(model: &ExactModel, filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
+    let found = choose_objects(filter, model.parts(), &|part| model.part_attributes(part))?;
+    if found.is_empty() {
+        bail!("{}: --where {filter}: no object is such", model.path().display());
+    }
+    Ok(found)
 }
 
 /// Fails if options were given that mean nothing for exact models.

@@ -10,14 +10,14 @@ use spinney::brep::query::MassProperties;
 use spinney::brep::topology::{Euler, Topology, TopologyOptions};
 use spinney::brep::{ExactModel, Faces};
 use spinney::export::vector::{VectorFormat, export_objects};
-use spinney::import::feature::{FeatureFilter, choose_objects};
+use spinney::import::feature::FeatureFilter;
 use spinney::io::Output;
 use spinney::store::Tag;
 
 use super::super::Global;
 use super::super::args::{DEFAULT_MEMORY, check_output, vector_format};
 use super::super::report::{Work, print_json, print_text, report_output, warn};
-use super::{list, unit};
+use super::{chosen, list, unit};
 
 /// Measures an exact model: volume, centre, moments, surface, and its topology where that fits into memory.
 pub(crate) fn stats(model: &ExactModel, is_json: bool, global: &Global) -> Result<()> {
@@ -49,9 +49,9 @@ pub(crate) fn each(
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
-    let chosen = match filter.conditions.is_empty() {
+    let objects = match filter.conditions.is_empty() {
         true => None,
-        false => Some(choose_objects(&filter, model.parts(), &|part| model.part_attributes(part))?),
+        false => Some(chosen(model, &filter)?),
     };
     let (path, format) = match path {
         Some(path) => (path, vector_format(None, path)?),
@@ -59,7 +59,7 @@ pub(crate) fn each(
     };
     check_output([model.path()], path)?;
     let work = Work::start(global, "faces")?;
-    let count = export_objects(model, chosen.as_ref(), Output::create(path)?, format, memory, &work)?;
+    let count = export_objects(model, objects.as_ref(), Output::create(path)?, format, memory, &work)?;
     work.finish();
     global.report("objects", format_args!("{count} of {}", model.parts().len()));
     if path != Path::new("-") {

@@ -2,8 +2,9 @@
 
 use std::time::Instant;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, ensure};
 use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
+use spinney::import::feature::FeatureFilter;
 use spinney::io::Output;
 
 use super::super::args::check_output;
@@ -25,13 +26,21 @@ pub(super) struct MeshOptions {
     /// Triangles only, in PLY, OBJ and OFF too; also of exact models
     #[arg(long)]
     pub(super) triangles: bool,
+    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value; of exact
+    /// models objects, with their parts, where id and type count as attributes
+    #[arg(long = "where", value_name = "CONDITION,...")]
+    pub(super) filter: Option<FeatureFilter>,
 }
 
 impl MeshOptions {
     /// The first option that was given.
     pub(super) fn given(&self) -> Option<&'static str> {
-        let given =
-            [("--level", self.level.is_some()), ("--smooth", self.smooth), ("--triangles", self.triangles)];
+        let given = [
+            ("--level", self.level.is_some()),
+            ("--smooth", self.smooth),
+            ("--triangles", self.triangles),
+            ("--where", self.filter.is_some()),
+        ];
         given.iter().find(|(_, is_given)| *is_given).map(|(name, _)| *name)
     }
 }
@@ -39,12 +48,13 @@ impl MeshOptions {
 /// Writes a mesh of an octree or of an exact model.
 pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let MeshOptions { level, smooth, triangles } = args.mesh;
+    let MeshOptions { level, smooth, triangles, ref filter } = args.mesh;
     if let Some(model) = exact::open(&args.tree.file)? {
         let given = [("--view", args.tree.is_viewed()), ("--level", level.is_some()), ("--smooth", smooth)];
         exact::refuse(&args.tree.file, &given)?;
-        return exact::export(&model, args.output.path(), format, triangles, global);
+        return exact::export(&model, args.output.path(), format, triangles, filter.as_ref(), global);
     }
+    ensure!(filter.is_none(), "--where is for exact models, which have objects");
     let tree = args.tree.open()?;
     check_output([args.tree.file.as_path()], args.output.path())?;
     let mut request = MeshRequest::new();

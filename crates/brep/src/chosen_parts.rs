@@ -1,0 +1,114 @@
+//! Some parts of a model, as a model.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::{Face, Faces, Grid};
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+
+/// The faces of some parts of a model, which are numbered anew. Several passes read all faces of the model.
+///
+/// ```
+/// use spinney::brep::{ChosenParts, Face, FaceList, Faces, Grid};
+///
+/// let grid = Grid::over([[0.0; 3], [4.0; 3]], Some(1.0))?;
+/// let mut faces = FaceList::new(grid, vec!["one".into(), "two".into()]);
+/// for part in [0, 1, 1] {
+///     let points = [[0, 0, 0], [4, 0, 0], [0, 4, 0]];
+///     faces.push(&Face { number: 0, points: &points, ring_ends: &[3], colours: &[], part, source: 0 });
+/// }
+/// let two = ChosenParts::of(&faces, &[1].into())?;
+/// assert_eq!((two.parts(), two.len()), (&["two".to_string()][..], 2));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+pub struct ChosenParts<'a> {
+    faces: &'a dyn Faces,
+    /// Own number of each part that is chosen.
+    numbers: BTreeMap<u32, u32>,
+    names: Vec<String>,
+    len: u64,
+}
+
+impl<'a> ChosenParts<'a> {
+    /// Those of the parts that have these numbers; counts their faces.
+    ///
+    /// # Errors
+    /// If there is no such part, or the faces cannot be read.
+    pub fn of(faces: &'a dyn Faces, chosen: &BTreeSet<u32>) -> Result<ChosenParts<'a>> {
+        let all = faces.parts();
+        if chosen.is_empty() || chosen.iter().any(|part| *part as usize >= all.len()) {
+            let found = format!("{:?}", chosen.last());
+            return Err(Error::invalid("parts", found, format!("some of 0 to {}", all.len() - 1)));
+        }
+        let numbers: BTreeMap<u32, u32> = chosen.iter().copied().zip(0..).collect();
+        let names = chosen.iter().map(|part| all[*part as usize].clone()).collect();
+        let mut found = ChosenParts { faces, numbers, names, len: 0 };
+        let mut len = 0;
+        found.each(&mut |_| {
+            len += 1;
+            Ok(())
+        })?;
+        found.len = len;
+        Ok(found)
+    }
+
+    /// The number of a part in the model.
+    fn of_model(&self, part: u32) -> Option<u32> {
+        self.numbers.keys().nth(part as usize).copied()
+    }
+}
+
+impl Faces for ChosenParts<'_> {
+    fn grid(&self) -> &Grid {
+        self.faces.grid()
+    }
+
+    fn parts(&self) -> &[String] {
+        &self.names
+    }
+
+    fn part_attributes(&self, part: u32) -> Result<Option<String>> {
+        self.of_model(part).map_or(Ok(None), |part| self.faces.part_attributes(part))
+    }
+
+    fn parts_with_attributes(&self) -> Result<u64> {
+        let mut count = 0;
+        for part in self.numbers.keys() {
+            count += u64::from(self.faces.part_attributes(*part)?.is_some());
+        }
+        Ok(count)
+    }
+
+    fn file_attributes(&self) -> Result<Vec<String>> {
+        self.faces.file_attributes()
+    }
+
+    fn value_columns(&self) -> Result<u64> {
+        self.faces.value_columns()
+    }
+
+    fn crs(&self) -> Option<&Crs> {
+        self.faces.crs()
+    }
+
+    fn unit(&self) -> Option<&str> {
+        self.faces.unit()
+    }
+
+    fn is_unbounded(&self) -> bool {
+        self.faces.is_unbounded()
+    }
+
+    fn len(&self) -> u64 {
+        self.len
+    }
+
+    fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+        let mut number = 0;
+        self.faces.each(&mut |face| {
+            let Some(part) = self.numbers.get(&face.part) else { return Ok(()) };
+            number += 1;
+            each(&Face { number: number - 1, part: *part, ..*face })
+        })
+    }
+}
