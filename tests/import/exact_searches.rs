@@ -95,7 +95,7 @@ fn rays_meet_what_they_meet_of_all_faces() {
         let mut random = Random(2);
         let (mut met, mut looked_at, rounds) = (0, 0, 400);
         // (What one ray has read another one does not see otherwise.)
-        let mut rays = model.rays();
+        let (mut rays, mut asked, mut answers) = (model.rays(), Vec::new(), Vec::new());
         for round in 0..rounds {
             let (mut from, mut to) = (point(grid, &mut random), point(grid, &mut random));
             // Also exactly along edges and through corners.
@@ -124,6 +124,12 @@ fn rays_meet_what_they_meet_of_all_faces() {
                 "{name} {from:?} {to:?}"
             );
             assert_eq!(rays.first(from, direction).unwrap(), found, "{name} {from:?} {to:?}");
+            assert_eq!(
+                model.ray_crossings(from, direction).unwrap().first().map(|hit| hit.share),
+                found.map(|hit| hit.share)
+            );
+            asked.push([from, direction]);
+            answers.push(found);
             if let Some(hit) = found {
                 let (face, normal) = rays.face(hit.face).unwrap();
                 assert_eq!(face.number, hit.face);
@@ -141,6 +147,9 @@ fn rays_meet_what_they_meet_of_all_faces() {
             let winding: i32 = found.iter().map(|hit| if hit.is_entry { 1 } else { -1 }).sum();
             assert!((-1..=1).contains(&winding));
         }
+        asked.push([[f64::NAN; 3], [1.0; 3]]);
+        answers.push(None);
+        assert_eq!(rays.first_of(&asked).unwrap(), answers, "{name}");
         assert!(met > rounds / 5, "{name}: {met}");
         assert!(looked_at < rounds * (12 + list.len() / 5), "{name}: {looked_at} faces");
     }

@@ -169,6 +169,13 @@ pub(crate) const SIDE_ERROR: f64 = 8.0 * POINT_ERROR;
 /// error, and what is rounded when it is added.
 pub(crate) const MARGIN: f64 = 16.0 * POINT_ERROR;
 
+/// For the turn of an edge around a line, of a way and differences that are doubles: two products and a subtraction for each component of
+/// the vector product, a product with the way, two additions; and three more in the sum of the magnitudes.
+pub(crate) const TURN_ROUNDING: f64 = after_roundings(5 + 3);
+
+// Differences of the line's ends and points of the grid are doubles.
+const _: () = assert!(LINE_BITS as u32 + 2 <= f64::MANTISSA_DIGITS);
+
 /// For the share of a line at which it enters a box, and that at which it meets a face: quotients of whole numbers, of
 /// which those of faces become doubles first; four roundings in all, and one when this is added. (What comes behind,
 /// from shares of a part to those of the whole line, keeps the order of doubles.)

@@ -31,6 +31,7 @@ mod coverage;
 mod distance;
 mod line;
 mod mass;
+mod near_pieces;
 mod nearest;
 mod parts;
 mod plane;

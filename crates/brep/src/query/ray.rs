@@ -1,9 +1,10 @@
 //! Rays and lines through a model: cells from front to back.
 
 use super::line::{Crossing, Line, Passage};
-use super::plane::Plane;
+use super::near_pieces::NearPieces;
 use super::visited::{Recent, Visited};
-use crate::{ExactModel, Face, FaceBuffer, Faces, ModelNode, ModelNodeState};
+use crate::store::segment::{CUT, INNER, LEAF, ModelSegment};
+use crate::{ExactModel, Face, Faces};
 use spinney_base::io::rounds::ask;
 use spinney_base::{Result, sort};
 
@@ -18,6 +19,8 @@ pub struct Hit {
     pub is_entry: bool,
     /// Number of the face.
     pub face: u64,
+    /// Number of its part.
+    pub part: u32,
 }
 
 impl ExactModel {
@@ -50,48 +53,57 @@ impl ExactModel {
     /// Those of [`ExactModel::ray`].
     pub fn crossings(&self, from: [f64; 3], to: [f64; 3]) -> Result<Vec<Hit>> {
         let grid = self.grid();
-        let Some(line) = Line::between(grid, grid.to_grid(from), grid.to_grid(to)) else {
-            return Ok(Vec::new());
-        };
-        let mut all = ask(|| {
-            let mut remembered = Remembered::new(1);
-            let mut walk = Walk::new(self, line, false, &mut remembered);
+        self.all_hits(Line::between(grid, grid.to_grid(from), grid.to_grid(to)))
+    }
+
+    /// All places where a ray in the world passes through the surface, in their order: an odd number if it begins inside of a body,
+    /// else an even one.
+    ///
+    /// # Errors
+    /// Those of [`ExactModel::ray`].
+    pub fn ray_crossings(&self, from: [f64; 3], direction: [f64; 3]) -> Result<Vec<Hit>> {
+        let grid = self.grid();
+        let steps = direction.map(|along| along * grid.divisor / grid.step);
+        self.all_hits(Line::ray(grid, grid.to_grid(from), steps))
+    }
+
+    fn all_hits(&self, line: Option<Line>) -> Result<Vec<Hit>> {
+        let Some(line) = line else { return Ok(Vec::new()) };
+        ask(|| {
+            let mut pieces = NearPieces::new(self, 1);
+            let mut walk = Walk::new(line, false, &mut pieces);
             walk.root()?;
-            Ok(walk.found)
-        })?;
-        sort::by_key(&mut all, |(number, _)| *number);
-        all.dedup_by_key(|(number, _)| *number);
-        // Of those at one place one comes out before another is entered.
-        sort::by_wide_key(&mut all, |(_, passed)| {
-            u128::from(sort::float_key(passed.share)) << 1 | u128::from(passed.is_entry)
-        });
-        Ok(all.into_iter().map(|(number, crossing)| self.hit(&line, number, crossing)).collect())
+            let mut all = std::mem::take(&mut walk.found);
+            sort::by_key(&mut all, |(number, _)| *number);
+            all.dedup_by_key(|(number, _)| *number);
+            // Of those at one place one comes out before another is entered.
+            sort::by_wide_key(&mut all, |(_, passed)| {
+                u128::from(sort::float_key(passed.share)) << 1 | u128::from(passed.is_entry)
+            });
+            all.into_iter().map(|(number, crossing)| pieces.hit(&line, number, crossing)).collect()
+        })
     }
 
     fn first_hit(&self, line: Option<Line>) -> Result<(Option<Hit>, Visited)> {
         let Some(line) = line else { return Ok((None, Visited::default())) };
         ask(|| {
-            let mut remembered = Remembered::new(1);
-            let mut walk = Walk::new(self, line, true, &mut remembered);
+            let mut pieces = NearPieces::new(self, 1);
+            let mut walk = Walk::new(line, true, &mut pieces);
             walk.root()?;
-            Ok((walk.first(), walk.visited))
+            Ok((walk.first()?, walk.visited))
         })
     }
 
     /// Casts many rays through the model: see [`ModelRays`].
     pub fn rays(&self) -> ModelRays<'_> {
-        ModelRays { model: self, remembered: Remembered::new(REMEMBERED) }
-    }
-
-    fn hit(&self, line: &Line, face: u64, Crossing { share, is_entry }: Crossing) -> Hit {
-        Hit { share, point: self.grid().to_world_between(line.at(share)), is_entry, face }
+        ModelRays { model: self, pieces: NearPieces::new(self, REMEMBERED) }
     }
 }
 
-/// Casts rays through a model, one thread at a time, because it remembers faces that were read; the answers do not depend on that.
+/// Casts rays through a model, one thread at a time, because it remembers what was read; the answers do not depend on that.
 pub struct ModelRays<'a> {
     model: &'a ExactModel,
-    remembered: Remembered,
+    pieces: NearPieces<'a>,
 }
 
 impl ModelRays<'_> {
@@ -103,9 +115,31 @@ impl ModelRays<'_> {
         let grid = self.model.grid();
         let steps = direction.map(|along| along * grid.divisor / grid.step);
         let Some(line) = Line::ray(grid, grid.to_grid(from), steps) else { return Ok(None) };
-        let mut walk = Walk::new(self.model, line, true, &mut self.remembered);
+        let mut walk = Walk::new(line, true, &mut self.pieces);
         walk.root()?;
-        Ok(walk.first())
+        walk.first()
+    }
+
+    /// The first places where many rays meet the surface, as [`ModelRays::first`] tells them, in the rays' order: each is an origin and a
+    /// direction.
+    ///
+    /// They are cast in the order of the places where they enter and leave the model's space, so that those which follow each other
+    /// read the same pages.
+    ///
+    /// # Errors
+    /// Those of [`ExactModel::ray`].
+    pub fn first_of(&mut self, rays: &[[[f64; 3]; 2]]) -> Result<Vec<Option<Hit>>> {
+        let grid = self.model.grid();
+        let [low, high] = [[0; 3], [((1u64 << grid.bits) - 1) as i32; 3]].map(|corner| grid.to_world(corner));
+        let mut order: Vec<(u64, u32)> =
+            rays.iter().zip(0..).map(|(ray, index)| (place_of(ray, low, high), index)).collect();
+        sort::by_key(&mut order, |(place, _)| *place);
+        let mut hits = vec![None; rays.len()];
+        for (_, index) in order {
+            let [from, direction] = rays[index as usize];
+            hits[index as usize] = self.first(from, direction)?;
+        }
+        Ok(hits)
     }
 
     /// A face, and its normal on the grid, of any length, outwards.
@@ -113,142 +147,140 @@ impl ModelRays<'_> {
     /// # Errors
     /// If there is none of that number, or the file is damaged or cannot be read.
     pub fn face(&mut self, number: u64) -> Result<(Face<'_>, [i64; 3])> {
-        let seen = self.remembered.face(self.model, number)?;
+        let seen = self.pieces.face(number)?;
         Ok((seen.buffer.face(), seen.plane.normal))
     }
 }
 
-/// Faces that are remembered from one ray to the next.
-const REMEMBERED: usize = 1 << 10;
-/// Corners of a face that is remembered, at most: others are read again.
-const MOST_CORNERS: usize = 64;
+/// Pieces and faces that are remembered of each kind from one ray to the next.
+const REMEMBERED: usize = 1 << 8;
 
-/// Faces that were read last, and their planes: one for each number modulo how many there are.
-struct Remembered {
-    faces: Vec<SeenFace>,
-    /// One with too many corners to be kept.
-    large: SeenFace,
-}
-
-/// A face that was read.
-struct SeenFace {
-    /// Its number, if there is one.
-    number: Option<u64>,
-    buffer: FaceBuffer,
-    plane: Plane,
-}
-
-impl SeenFace {
-    fn none() -> SeenFace {
-        SeenFace {
-            number: None,
-            buffer: FaceBuffer::default(),
-            plane: Plane { normal: [0; 3], through: [0; 3] },
+/// The number of a ray in the order of the curve through the places where rays enter and leave a box; the greatest of one that passes
+/// by, or is none.
+fn place_of([from, direction]: &[[f64; 3]; 2], low: [f64; 3], high: [f64; 3]) -> u64 {
+    let (mut first, mut last) = (0f64, f64::INFINITY);
+    for axis in 0..3 {
+        let [a, b] = [low, high].map(|wall| (wall[axis] - from[axis]) / direction[axis]);
+        // (Of what is no number nothing is taken.)
+        (first, last) = (first.max(a.min(b)), last.min(a.max(b)));
+    }
+    if !(first <= last && last.is_finite()) {
+        return u64::MAX;
+    }
+    let mut place = 0;
+    for (end, share) in [first, last].into_iter().enumerate() {
+        for axis in 0..3 {
+            let at = (from[axis] + direction[axis] * share - low[axis]) / (high[axis] - low[axis]);
+            let at = (at.clamp(0.0, 1.0) * 1023.0) as u64;
+            for bit in 0..10 {
+                place |= (at >> bit & 1) << (6 * bit + 3 * end + axis);
+            }
         }
     }
-}
-
-impl Remembered {
-    fn new(most: usize) -> Remembered {
-        Remembered { faces: (0..most).map(|_| SeenFace::none()).collect(), large: SeenFace::none() }
-    }
-
-    /// A face of the model.
-    fn face(&mut self, model: &ExactModel, number: u64) -> Result<&SeenFace> {
-        let Remembered { faces, large } = self;
-        let place = (number % faces.len() as u64) as usize;
-        if faces[place].number == Some(number) {
-            return Ok(&faces[place]);
-        }
-        // Invariant: a face with a number has been read whole, and so has its plane; what fails on the way leaves none.
-        large.number = None;
-        model.face(number, &mut large.buffer)?;
-        large.plane = Plane::of(&large.buffer.face());
-        large.number = Some(number);
-        if large.buffer.points.len() > MOST_CORNERS {
-            return Ok(large);
-        }
-        std::mem::swap(&mut faces[place], large);
-        Ok(&faces[place])
-    }
+    place
 }
 
 /// A way along a line.
 struct Walk<'a, 'r> {
-    model: &'a ExactModel,
     line: Line,
     /// Whether only the first crossing is wanted.
     is_first: bool,
     /// Crossings by the numbers of their faces; one, or all, some of them more than once.
     found: Vec<(u64, Crossing)>,
     recent: Recent,
-    remembered: &'r mut Remembered,
+    pieces: &'r mut NearPieces<'a>,
     visited: Visited,
+}
+
+/// A cell on the way.
+struct Cell {
+    level: u8,
+    /// Its coordinates among the cells of its level.
+    position: [u32; 3],
+    /// Shares of the line at which it passes the walls across each axis.
+    ///
+    /// Invariant: passages are those of the walls themselves, each divided once, and not of the parent's passages: so two cells agree
+    /// about the wall between them, and no ray is lost between these.
+    passages: [Passage; 3],
+    /// The part of the line within it.
+    part: [f64; 2],
 }
 
 impl<'a, 'r> Walk<'a, 'r> {
     /// A way that looks for the first crossing, or for all.
-    fn new(
-        model: &'a ExactModel,
-        line: Line,
-        is_first: bool,
-        remembered: &'r mut Remembered,
-    ) -> Walk<'a, 'r> {
+    fn new(line: Line, is_first: bool, pieces: &'r mut NearPieces<'a>) -> Walk<'a, 'r> {
         let (recent, visited) = (Recent::new(), Visited::default());
-        Walk { model, line, is_first, found: Vec::new(), recent, remembered, visited }
+        Walk { line, is_first, found: Vec::new(), recent, pieces, visited }
     }
 
     /// The first crossing that was found.
-    fn first(&self) -> Option<Hit> {
-        self.found.first().map(|(number, crossing)| self.model.hit(&self.line, *number, *crossing))
+    fn first(&mut self) -> Result<Option<Hit>> {
+        let Some((number, crossing)) = self.found.first().copied() else { return Ok(None) };
+        self.pieces.hit(&self.line, number, crossing).map(Some)
     }
 
     fn root(&mut self) -> Result<()> {
-        let root = self.model.root()?;
-        let [min, max] = root.bounds(self.model.grid()).map(|corner| corner.map(|at| at as f64 / 2.0));
-        let passages = [0, 1, 2].map(|axis| self.line.passage(axis, min[axis], max[axis]));
-        if self.is_wanted(&passages) { self.node(&root, &passages) } else { Ok(()) }
+        // (Walls lie half a step before points of the grid.)
+        let (low, high) = (-0.5, (1u64 << self.pieces.model().grid().bits) as f64 - 0.5);
+        let passages = [0, 1, 2].map(|axis| self.line.passage(axis, low, high));
+        match Line::part_within(&passages) {
+            Some(part) => self.segment(&Cell { level: 0, position: [0; 3], passages, part }),
+            None => Ok(()),
+        }
     }
 
-    /// Goes through a node, from front to back, given its cell's passages along each axis.
-    ///
-    /// Invariant: passages are those of the walls themselves, each divided once, and not of the parent's passages: so two cells agree
-    /// about the wall between them, and no ray is lost between these.
-    fn node(&mut self, node: &ModelNode<'_>, passages: &[Passage; 3]) -> Result<()> {
+    /// Goes through a cell whose node owns a segment.
+    fn segment(&mut self, cell: &Cell) -> Result<()> {
+        let segment = self.pieces.segment(cell.level, cell.position)?;
+        self.node(&segment, segment.word(0), cell)
+    }
+
+    /// Goes through a node of a segment, from front to back.
+    fn node(&mut self, segment: &ModelSegment<'a>, word: u32, cell: &Cell) -> Result<()> {
         self.visited.nodes += 1;
-        if node.state() != ModelNodeState::Inner {
-            return self.leaf(node);
+        match word & 7 {
+            INNER => {}
+            LEAF => return self.leaf(segment, word),
+            _ => return Ok(()),
         }
-        let [min, max] = node.bounds(self.model.grid());
-        // (In half steps: a quarter of the sum is the middle in steps.)
-        let middle = |axis: usize| (min[axis] + max[axis]) as f64 / 4.0;
-        let halves = [0, 1, 2].map(|axis| self.line.halves(axis, passages[axis], middle(axis)));
+        let half = (1u64 << (self.pieces.model().grid().bits - cell.level)) as f64 / 2.0;
+        let middle = |axis: usize| (2.0 * f64::from(cell.position[axis]) + 1.0) * half - 0.5;
+        let halves = |axis: usize| self.line.halves(axis, cell.passages[axis], middle(axis));
+        let halves = [halves(0), halves(1), halves(2)];
+        let there = [0, 1, 2].map(|axis| Line::halves_within(&halves[axis], cell.part));
         // Along each axis that half first in which the line begins.
         let turned = self.line.turned();
         for child in (0..8).map(|child| child ^ turned) {
-            let passages = [0, 1, 2].map(|axis| halves[axis][child >> axis & 1]);
-            // (Before the child is looked up, which takes longer.)
-            if self.is_wanted(&passages) {
-                self.node(&self.model.child(node, child)?, &passages)?;
+            let [x, y, z] = [child & 1, child >> 1 & 1, child >> 2];
+            if there[0] >> x & there[1] >> y & there[2] >> z & 1 == 0 {
+                continue;
             }
+            let passages = [halves[0][x], halves[1][y], halves[2][z]];
+            let Some(part) = self.wanted(&passages) else { continue };
+            let word = segment.child(word, child);
+            let low = cell.position.map(|at| 2 * at);
+            let position = [low[0] + x as u32, low[1] + y as u32, low[2] + z as u32];
+            let inner = Cell { level: cell.level + 1, position, passages, part };
+            if word & 7 == CUT { self.segment(&inner)? } else { self.node(segment, word, &inner)? }
         }
         Ok(())
     }
 
-    /// Whether the line passes through a cell before what was found.
-    fn is_wanted(&self, passages: &[Passage; 3]) -> bool {
-        let Some([first, _]) = self.line.within_all(passages) else { return false };
-        !(self.is_first && self.found.first().is_some_and(|(_, found)| found.share < first))
+    /// The part of the line within a cell, if any of it is before what was found.
+    #[inline]
+    fn wanted(&self, passages: &[Passage; 3]) -> Option<[f64; 2]> {
+        let part = Line::part_within(passages)?;
+        let found = self.found.first().filter(|_| self.is_first);
+        (!found.is_some_and(|(_, found)| found.share < self.line.share_of(part[0]))).then_some(part)
     }
 
-    fn leaf(&mut self, node: &ModelNode<'_>) -> Result<()> {
-        for number in node.faces() {
+    fn leaf(&mut self, segment: &ModelSegment<'a>, word: u32) -> Result<()> {
+        for number in segment.leaf(word).1 {
             if self.recent.is_known(number) {
                 continue;
             }
             self.visited.faces += 1;
-            let seen = self.remembered.face(self.model, number)?;
-            let Some(crossing) = self.line.crossing_of(&seen.buffer.face(), &seen.plane) else { continue };
+            let Some(crossing) = self.pieces.crossing(&self.line, number)? else { continue };
             match self.found.first_mut() {
                 Some(first) if self.is_first => {
                     let is_before = crossing.share.total_cmp(&first.1.share).then(number.cmp(&first.0));

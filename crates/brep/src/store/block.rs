@@ -164,6 +164,7 @@ pub(super) struct BlockLayout {
     pub(super) end: usize,
 }
 
+#[inline]
 fn word(bytes: &[u8], at: usize) -> u32 {
     bytes.get(at..at + 4).map_or(0, |four| u32::from_le_bytes(four.try_into().expect("four bytes")))
 }
@@ -299,7 +300,22 @@ impl<'a> Block<'a> {
     #[inline]
     fn vertex(&self, number: usize) -> [i32; 3] {
         let at = HEAD + 12 * number;
-        [0, 4, 8].map(|axis| word(&self.bytes, at + axis) as i32)
+        let bytes = self.bytes.get(at..at + 12).unwrap_or(&[0; 12]);
+        [word(bytes, 0) as i32, word(bytes, 4) as i32, word(bytes, 8) as i32]
+    }
+
+    /// The place of a face in the block, if it has it.
+    #[inline]
+    pub(crate) fn place(&self, number: u64) -> Option<usize> {
+        let place = number.wrapping_sub(self.first);
+        (place < self.layout.faces as u64).then_some(place as usize)
+    }
+
+    /// The corners of a face of a block of triangles, by its place in the block; `None` in other blocks.
+    #[inline]
+    pub(crate) fn triangle(&self, face: usize) -> Option<[[i32; 3]; 3]> {
+        let corner = |index: usize| self.vertex(self.corner(3 * face + index));
+        self.layout.has(TRIANGLES).then(|| [corner(0), corner(1), corner(2)])
     }
 
     /// Whether any of the faces may stand in for others.
@@ -313,7 +329,8 @@ impl<'a> Block<'a> {
         byte.is_some_and(|byte| byte >> (face % 8) & 1 == 1)
     }
 
-    fn part(&self, face: usize) -> u32 {
+    /// The number of a face's part, by its place in the block.
+    pub(crate) fn part(&self, face: usize) -> u32 {
         word(&self.bytes, self.layout.parts + if self.layout.has(PARTS) { 4 * face } else { 0 })
     }
 

@@ -137,6 +137,13 @@ impl ExactModel {
     /// If there is none of that number, or the file is damaged or cannot be read.
     #[inline]
     pub fn face(&self, number: u64, buffer: &mut FaceBuffer) -> Result<()> {
+        let (block, place) = self.block_of(number)?;
+        block.read(place, buffer);
+        Ok(())
+    }
+
+    /// The block of a face, and the face's place in it.
+    pub(crate) fn block_of(&self, number: u64) -> Result<(Block<'_>, usize)> {
         let found = self.blocks.find(&*self.backend, number).filter(|_| number < self.summary.faces);
         let Some(index) = found else {
             return Err(Error::invalid(
@@ -150,8 +157,7 @@ impl ExactModel {
         if place >= block.len() as u64 {
             return Err(self.corrupt("list of faces".into(), format!("no face {number}"), "all faces"));
         }
-        block.read(place as usize, buffer);
-        Ok(())
+        Ok((block, place as usize))
     }
 
     /// Whether corners of faces have colours.
@@ -279,7 +285,7 @@ impl ExactModel {
     }
 
     /// The segment of a node that owns one.
-    fn segment_of(&self, code: Code) -> Result<ModelSegment<'_>> {
+    pub(crate) fn segment_of(&self, code: Code) -> Result<ModelSegment<'_>> {
         let index = self.segments.find(&*self.backend, code.bits());
         let index = index.filter(|index| self.segments.entry(&*self.backend, *index).key == code.bits());
         let missing =

@@ -1,0 +1,139 @@
+//! Blocks, segments and faces of a model that were read last, for questions of which many follow each other.
+
+use super::line::{Crossing, Line};
+use super::plane::Plane;
+use super::ray::Hit;
+use crate::store::block::Block;
+use crate::store::segment::ModelSegment;
+use crate::{ExactModel, Face, FaceBuffer, Faces};
+use spinney_base::space::{Code, Dimension};
+use spinney_base::{Error, Result};
+
+/// Corners of a face that is remembered, at most: others are read again.
+const MOST_CORNERS: usize = 64;
+/// Faces that are most often in one block.
+const FACES_OF_BLOCK: u64 = 1 << 10;
+
+/// What was read last of a model: of each kind one for each number modulo how many there are, which is a power of two.
+///
+/// Answers do not depend on what is remembered: pieces are those of the file, and were checked when they were read first.
+pub(super) struct NearPieces<'a> {
+    model: &'a ExactModel,
+    blocks: Vec<Option<Block<'a>>>,
+    /// Segments by the codes of their nodes.
+    segments: Vec<Option<(u64, ModelSegment<'a>)>>,
+    /// Faces that are not triangles.
+    faces: Vec<SeenFace>,
+    /// One with too many corners to be kept.
+    large: SeenFace,
+}
+
+/// A face that was read.
+pub(super) struct SeenFace {
+    /// Its number, if there is one.
+    number: Option<u64>,
+    pub(super) buffer: FaceBuffer,
+    pub(super) plane: Plane,
+}
+
+impl SeenFace {
+    fn none() -> SeenFace {
+        SeenFace {
+            number: None,
+            buffer: FaceBuffer::default(),
+            plane: Plane { normal: [0; 3], through: [0; 3] },
+        }
+    }
+}
+
+impl<'a> NearPieces<'a> {
+    /// Room for so many pieces of each kind, a power of two.
+    pub(super) fn new(model: &'a ExactModel, most: usize) -> NearPieces<'a> {
+        NearPieces {
+            model,
+            blocks: (0..most).map(|_| None).collect(),
+            segments: (0..most).map(|_| None).collect(),
+            faces: (0..most).map(|_| SeenFace::none()).collect(),
+            large: SeenFace::none(),
+        }
+    }
+
+    pub(super) fn model(&self) -> &'a ExactModel {
+        self.model
+    }
+
+    /// The segment of a node that owns one.
+    pub(super) fn segment(&mut self, level: u8, position: [u32; 3]) -> Result<ModelSegment<'a>> {
+        let code = Code::from_cell(Dimension::Oct, level, position).ok_or_else(|| {
+            let found = format!("a cut at level {level}");
+            Error::corrupt(self.model.path(), "segment", found, "none there")
+        })?;
+        // (Bits of the path are at the top.)
+        let bits = code.bits();
+        let place = (bits.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize % self.segments.len();
+        match &self.segments[place] {
+            Some((known, segment)) if *known == bits => Ok(segment.clone()),
+            _ => {
+                let segment = self.model.segment_of(code)?;
+                self.segments[place] = Some((bits, segment.clone()));
+                Ok(segment)
+            }
+        }
+    }
+
+    /// The block of a face, and the face's place in it.
+    #[inline]
+    fn block(&mut self, number: u64) -> Result<(&Block<'a>, usize)> {
+        let slot = (number / FACES_OF_BLOCK) as usize & (self.blocks.len() - 1);
+        let place = self.blocks[slot].as_ref().and_then(|block| block.place(number));
+        match (place, &mut self.blocks[slot]) {
+            (Some(place), Some(block)) => Ok((block, place)),
+            (_, slot) => {
+                let (block, place) = self.model.block_of(number)?;
+                Ok((slot.insert(block), place))
+            }
+        }
+    }
+
+    /// What a line meets with a crossing of a face.
+    pub(super) fn hit(&mut self, line: &Line, face: u64, crossing: Crossing) -> Result<Hit> {
+        let Crossing { share, is_entry } = crossing;
+        let point = self.model.grid().to_world_between(line.at(share));
+        let (block, place) = self.block(face)?;
+        Ok(Hit { share, point, is_entry, face, part: block.part(place) })
+    }
+
+    /// The crossing of a line with a face, if there is one.
+    #[inline]
+    pub(super) fn crossing(&mut self, line: &Line, number: u64) -> Result<Option<Crossing>> {
+        let (block, place) = self.block(number)?;
+        let Some(corners) = block.triangle(place) else {
+            let seen = self.face(number)?;
+            return Ok(line.crossing_of(&seen.buffer.face(), &seen.plane));
+        };
+        if line.misses(&corners) {
+            return Ok(None);
+        }
+        let face = Face { number, points: &corners, ring_ends: &[3], colours: &[], part: 0, source: 0 };
+        Ok(line.crossing(&face))
+    }
+
+    /// A face of the model, with its plane.
+    pub(super) fn face(&mut self, number: u64) -> Result<&SeenFace> {
+        let NearPieces { model, faces, large, .. } = self;
+        let slot = number as usize & (faces.len() - 1);
+        if faces[slot].number == Some(number) {
+            return Ok(&faces[slot]);
+        }
+        // Invariant: a face with a number has been read whole, and so has its plane; what fails on the way leaves none.
+        large.number = None;
+        model.face(number, &mut large.buffer)?;
+        large.plane = Plane::of(&large.buffer.face());
+        large.number = Some(number);
+        if large.buffer.points.len() > MOST_CORNERS {
+            return Ok(large);
+        }
+        std::mem::swap(&mut faces[slot], large);
+        Ok(&faces[slot])
+    }
+}
