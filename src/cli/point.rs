@@ -25,8 +25,13 @@ const EXAMPLES: &str = "Examples:
   spinney point house.goblin 3.5,2.25,1.1
   spinney point --in cells --level 6 house.goblin < voxels.csv
   spinney point series.goblin 7.66,45.98 --json
+  spinney point house.goblin --distance 3.5,2.25,1.1
+  spinney point house.goblin --rays first 3.5,2.25,9,0,0,-1
+  spinney point house.goblin --rays all < rays.csv > hits.csv
 
-A line of the answer has a point's samples, those of all layers, `void` where nothing is there, or `outside` of the tree's picture; of exact models `inside`, `outside` or `boundary`. Lines of standard input are `X,Y` or `X Y`;
+A line of the answer has a point's samples, those of all layers, `void` where nothing is there, or `outside` of the tree's picture; of exact models `inside`, `outside` or `boundary`, or with --distance how far the surface is: negative inside. With --rays there is a line of CSV \
+for each place where a ray, given by its origin and direction, passes through the surface: the number of the ray from 1, the distance in lengths of the \
+direction, the place, numbers of the face and its part, and 1 if the ray enters there. Lines of standard input are `X,Y` or `X Y`;
 octrees need X,Y,Z.";
 
 /// Ask for the values of single cells
@@ -46,6 +51,12 @@ pub(crate) struct Args {
     /// Print JSON: a line for each point, with names and times of the layers
     #[arg(long)]
     json: bool,
+    /// Distance from the surface of an exact model, negative inside, instead of where points lie
+    #[arg(long)]
+    distance: bool,
+    /// Places where rays X,Y,Z,DX,DY,DZ pass through the surface of an exact model: first or all
+    #[arg(long, value_name = "WHICH", value_parser = ["first", "all"], conflicts_with = "distance")]
+    rays: Option<String>,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -57,8 +68,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             ("--json", args.json),
         ];
         exact::refuse(&args.tree.file, &given)?;
-        return exact::points(&model, &args.points);
+        return match &args.rays {
+            Some(which) => exact::rays(&model, &args.points, which == "all"),
+            None => exact::points(&model, &args.points, args.distance),
+        };
     }
+    ensure!(!args.distance && args.rays.is_none(), "--distance and --rays are for exact models");
     let trees = args.tree.open_all()?;
     // Places are those of the layer with the smallest cells.
     let finest = trees.iter().max_by_key(|tree| tree.depth()).expect("a file has a layer");

@@ -265,3 +265,47 @@ fn attributes_are_told() {
     let written = std::fs::read_to_string(folder.name("b.city.json")).unwrap();
     assert!(written.contains(r#""r":{"type":"Road","attributes":{"lanes":{"n":2}},"geometry""#), "{written}");
 }
+
+#[test]
+fn distances_and_rays_are_told() {
+    let folder = Folder::new();
+    let cube = folder.built(&folder.mesh("cube.off", CUBE), "cube.goblin", &["--snap", "1"]);
+    let told = stdout(&["point", &cube, "--distance", "--", "32,32,1", "64,0,0", "-3,32,32", "67,68,32"]);
+    assert_eq!(told, "-1\n0\n3\n5\n");
+    // From inside, from outside, past it, along an edge, through two corners.
+    let rays = ["32,32,32,0,0,2", "1,2,80,0,0,-8", "99,99,99,1,0,0", "0,0,-9,0,0,1", "-1,-1,-1,1,1,1"];
+    let all = stdout(&["point", &cube, "--rays", "all", "--", rays[0], rays[1], rays[2]]);
+    let lines: Vec<&str> = all.lines().collect();
+    assert_eq!(lines[0], "ray,distance,x,y,z,face,part,enters");
+    let told = |line: &str| -> Vec<f64> { line.split(',').map(|number| number.parse().unwrap()).collect() };
+    let near = |line: &str, expected: &[f64]| {
+        let found = told(line);
+        assert!(found.len() == expected.len(), "{line}");
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{line}: {expected:?}");
+    };
+    near(lines[1], &[1.0, 16.0, 32.0, 32.0, 64.0, 1.0, 0.0, 0.0]);
+    near(lines[2], &[2.0, 2.0, 1.0, 2.0, 64.0, 1.0, 0.0, 1.0]);
+    near(lines[3], &[2.0, 10.0, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0]);
+    assert_eq!(lines.len(), 4);
+    // Those of a file are as those of the command line, and the first of each is the first of all.
+    let text = rays.join("\n") + "\n\n";
+    let of = |which: &str| {
+        let done = command(&["point", &cube, "--rays", which]).write_stdin(text.clone()).assert().success();
+        String::from_utf8(done.get_output().stdout.clone()).unwrap()
+    };
+    let (all, first) = (of("all"), of("first"));
+    assert!(lines[1..].iter().all(|line| all.contains(line)));
+    for ray in 1..=rays.len() {
+        let own: Vec<&str> = all.lines().filter(|line| line.starts_with(&format!("{ray},"))).collect();
+        assert_eq!(own.len() % 2, usize::from(ray == 1), "{all}");
+        let first = first.lines().find(|line| line.starts_with(&format!("{ray},")));
+        assert_eq!(first, own.first().copied(), "{all}");
+    }
+    for wrong in ["1,2,3", "1,2,3,0,0,0", "1,2,3,nan,0,1", "1,2,3,4,5,6,7"] {
+        assert!(complaint(&["point", &cube, "--rays", "first", wrong], 1).contains("is not X,Y,Z,DX,DY,DZ"));
+    }
+    assert!(complaint(&["point", &cube, "--distance", "--rays", "all", "1,2,3"], 2).contains("--rays"));
+    let cells = folder.name("cells.goblin");
+    command(&["build", &cube, "-o", &cells, "--cells", "16"]).assert().success();
+    assert!(complaint(&["point", &cells, "--distance", "1,2,3"], 1).contains("for exact models"));
+}

@@ -19,7 +19,7 @@ pub(super) use combine::{any_model, combine};
 pub(super) use export::export;
 pub(super) use find::{LeafKind, find};
 pub(super) use info::info;
-pub(super) use point::points;
+pub(super) use point::{points, rays};
 pub(super) use stats::{each, stats};
 
 /// The exact model in a file; `None` if it has anything else.

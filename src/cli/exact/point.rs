@@ -10,43 +10,77 @@ use spinney::brep::query::Location;
 /// Points that are answered at a time.
 const BATCH: usize = 1 << 16;
 
-/// Says of each point, given in the world, whether it is inside of the body: those of the command line, or of standard
-/// input if there are none.
-pub(crate) fn points(model: &ExactModel, points: &[String]) -> Result<()> {
+/// Says of each point, given in the world, whether it is inside of the body, or how far the surface is: those of the command line, or of
+/// standard input if there are none.
+pub(crate) fn points(model: &ExactModel, points: &[String], is_distance: bool) -> Result<()> {
+    each_batch(model, points, "X,Y,Z", &mut |points, _, out| {
+        if is_distance { answer_distances(model, points, out) } else { answer(model, points, out) }
+    })
+}
+
+/// Says where rays, each an origin and a direction in the world, pass through the surface: first, or everywhere.
+pub(crate) fn rays(model: &ExactModel, rays: &[String], is_all: bool) -> Result<()> {
+    let mut is_begun = false;
+    each_batch(model, rays, "X,Y,Z,DX,DY,DZ", &mut |rays: &[[f64; 6]], first, out| {
+        if !std::mem::replace(&mut is_begun, true) {
+            out.write_all(b"ray,distance,x,y,z,face,part,enters\n")?;
+        }
+        let parts: Vec<spinney::Result<Vec<u8>>> = rays
+            .par_chunks(1 << 10)
+            .enumerate()
+            .map(|(part, rays)| answer_rays(model, rays, first + (part << 10) as u64, is_all))
+            .collect();
+        parts.into_iter().try_for_each(|part| Ok(out.write_all(&part?)?))
+    })
+}
+
+/// What is done with some lines of so many numbers, of which the first has a number.
+type Answer<'a, const N: usize> = dyn FnMut(&[[f64; N]], u64, &mut dyn Write) -> Result<()> + 'a;
+
+/// Reads lines of numbers, those of the command line, or of standard input if there are none, and answers some at a time.
+fn each_batch<const N: usize>(
+    model: &ExactModel,
+    lines: &[String],
+    wanted: &str,
+    answer: &mut Answer<'_, N>,
+) -> Result<()> {
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
-    if !points.is_empty() {
-        let points = points.iter().zip(1..).map(|(text, number)| parse(text, "point", number));
-        answer(model, &points.collect::<Result<Vec<_>>>()?, &mut out)?;
+    if !lines.is_empty() {
+        let lines = lines.iter().zip(1..).map(|(text, number)| parse(text, "point", number, wanted));
+        answer(&lines.collect::<Result<Vec<_>>>()?, 1, &mut out)?;
     } else {
-        let mut batch = Vec::with_capacity(BATCH);
+        let (mut batch, mut first) = (Vec::with_capacity(BATCH), 1);
         for (line, number) in io::stdin().lock().lines().zip(1..) {
             let line = line.context("standard input")?;
             if line.trim().is_empty() {
                 continue;
             }
-            batch.push(parse(&line, "standard input, line", number)?);
+            batch.push(parse(&line, "standard input, line", number, wanted)?);
             if batch.len() == BATCH {
-                answer(model, &batch, &mut out)?;
+                answer(&batch, first, &mut out)?;
+                first += batch.len() as u64;
                 batch.clear();
             }
         }
-        answer(model, &batch, &mut out)?;
+        answer(&batch, first, &mut out)?;
     }
     out.flush()?;
     Ok(model.check_unchanged()?)
 }
 
-fn parse(line: &str, from: &str, number: u64) -> Result<[f64; 3]> {
-    let wrong = || anyhow!("{from} {number}: `{}` is not X,Y,Z", line.trim());
+fn parse<const N: usize>(line: &str, from: &str, number: u64, wanted: &str) -> Result<[f64; N]> {
+    let wrong = || anyhow!("{from} {number}: `{}` is not {wanted}", line.trim());
     let words = line.split([',', ' ', '\t', ';']).map(str::trim).filter(|word| !word.is_empty());
     let numbers: Vec<f64> = words
         .map(|word| word.parse().ok().filter(|number: &f64| number.is_finite()))
         .collect::<Option<_>>()
         .ok_or_else(wrong)?;
-    numbers.try_into().map_err(|_| wrong())
+    let numbers: [f64; N] = numbers.try_into().map_err(|_| wrong())?;
+    // (A direction that leads nowhere is none.)
+    if N == 6 && numbers[3..].iter().all(|along| *along == 0.0) { Err(wrong()) } else { Ok(numbers) }
 }
 
-fn answer(model: &ExactModel, points: &[[f64; 3]], out: &mut impl Write) -> Result<()> {
+fn answer(model: &ExactModel, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
     let parts: Vec<_> = points
         .par_chunks(1 << 12)
         .map(|part| {
@@ -65,4 +99,28 @@ fn answer(model: &ExactModel, points: &[[f64; 3]], out: &mut impl Write) -> Resu
         }
     }
     Ok(())
+}
+
+fn answer_distances(model: &ExactModel, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
+    let distances: Vec<spinney::Result<f64>> =
+        points.par_iter().with_min_len(1 << 6).map(|point| model.signed_distance(*point)).collect();
+    distances.into_iter().try_for_each(|distance| Ok(writeln!(out, "{}", distance?)?))
+}
+
+/// Lines about what rays meet, of which the first has a number.
+fn answer_rays(model: &ExactModel, rays: &[[f64; 6]], first: u64, is_all: bool) -> spinney::Result<Vec<u8>> {
+    let (mut text, mut caster) = (Vec::new(), model.rays());
+    for ([x, y, z, u, v, w], ray) in rays.iter().zip(first..) {
+        let (from, along) = ([*x, *y, *z], [*u, *v, *w]);
+        let hits = match is_all {
+            true => model.ray_crossings(from, along)?,
+            false => caster.first(from, along)?.into_iter().collect(),
+        };
+        for hit in hits {
+            let ([x, y, z], enters) = (hit.point, u8::from(hit.is_entry));
+            let line = format!("{ray},{},{x},{y},{z},{},{},{enters}\n", hit.share, hit.face, hit.part);
+            text.extend_from_slice(line.as_bytes());
+        }
+    }
+    Ok(text)
 }
