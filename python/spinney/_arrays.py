@@ -110,7 +110,7 @@ def points_of(points: Points, axes: int, name: str = "points") -> npt.NDArray[np
 
 def rows_of(points: Any, name: str) -> npt.NDArray[np.float64]:
     """Points as rows; one alone is a row."""
-    array = np.asarray(points if hasattr(points, "__array__") else list(points), dtype=np.float64)
+    array = np.asarray(points if hasattr(points, "__array__") else list(points))
     return points_of(array[None] if array.ndim == 1 and array.size else array, 3, name)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, Self, overload
@@ -33,7 +34,9 @@ from ._types import (
     Path,
     Points,
     Progress,
+    RayCrossings,
     Section,
+    Shells,
     Surface,
     SurfaceHits,
     SurfaceIntersection,
@@ -62,7 +65,8 @@ def build_brep(
     progress: Progress = None,
 ) -> BuiltModel:
     """Makes an exact model, a .goblin file, of one or several mesh files (PLY, OBJ, STL, OFF, CityJSON, exact models), or of a mesh: one
-    of trimesh, anything with `vertices` and `faces`, or a pair of arrays of these.
+    of trimesh, anything with `vertices` and `faces`, or a pair of these: rows of x, y and z, and rows, or lists of any lengths, of the numbers
+    of three or more vertices, counterclockwise seen from outside.
 
     Corners are moved to a grid of whole steps; everything after that is exact. `snap` is the width of a step, otherwise
     that of the files' own grid or the finest one. `close` closes open surfaces with triangles over their boundaries;
@@ -125,8 +129,11 @@ class ExactModel(_native.Model):
     lock, can be stopped by Ctrl-C, and read only what they have to do with.
 
     It can be used by any number of threads at the same time, is pickled by its path, and may be used by forked processes.
-    Closed, it raises ValueError.
+    Where the path of a model is expected, as by `combine`, it stands for its file. Closed, it raises ValueError.
     """
+
+    def __fspath__(self) -> str:
+        return os.fspath(self.path)
 
     def __enter__(self) -> Self:
         return self
@@ -236,6 +243,18 @@ class ExactModel(_native.Model):
         with working(progress, threads) as terms:
             return Euler(**self._euler(memory_of(memory), terms))
 
+    def shells(self, *, memory: int | str = "1G", threads: int | None = None, progress: Progress = None) -> Shells:
+        """The surfaces that hang together: numbers of their entities, their volumes, and which one each face belongs to."""
+        with working(progress, threads) as terms:
+            return Shells(**self._shells(memory_of(memory), terms))
+
+    def objects(self, *, progress: Progress = None) -> list[dict[str, Any]]:
+        """The parts, in their order, as `Faces.parts` counts them: `name`, and what is said of each (`type`, `attributes`, `parents`, ... of
+        CityJSON's objects), a row for each, as `pandas.json_normalize` takes them."""
+        with working(progress, None) as terms:
+            found = self._objects(terms)
+        return [{**json.loads(told or "{}"), "name": name} for name, told in found]
+
     def locate(self, points: Points, *, threads: int | None = None, progress: Progress = None) -> npt.NDArray[np.int8]:
         """1 for points inside the body, 0 on its surface, -1 outside; exact for the doubles that are given."""
         with working(progress, threads) as terms:
@@ -265,11 +284,16 @@ class ExactModel(_native.Model):
 
     def rays(self, origins: Points, directions: Points, *, threads: int | None = None, progress: Progress = None) -> SurfaceHits:
         """Where rays meet the surface first; no ray slips through between two faces. One origin or one direction serves
-        all rays."""
-        starts, ways = np.broadcast_arrays(rows_of(origins, "origins"), rows_of(directions, "directions"))
+        all rays. Coordinates that are no numbers, and directions of length 0, are a ValueError."""
         with working(progress, threads) as terms:
-            found = self._cast_rays(np.ascontiguousarray(starts), np.ascontiguousarray(ways), terms)
-        return SurfaceHits(*found)
+            return SurfaceHits(*self._cast_rays(*_rays(origins, directions), terms))
+
+    def crossings(self, origins: Points, directions: Points, *, threads: int | None = None, progress: Progress = None) -> RayCrossings:
+        """All places where rays, given as to `rays`, pass through the surface, those of each in their order: an odd number if it begins
+        inside, else an even one, also through edges and corners."""
+        with working(progress, threads) as terms:
+            counts, found = self._cross_rays(*_rays(origins, directions), terms)
+        return RayCrossings(np.repeat(np.arange(len(counts)), counts), *found)
 
     def ray(self, origin: Sequence[float], direction: Sequence[float]) -> SurfaceHits | None:
         """Where one ray meets the surface first (with arrays of one row); `None` if it does not."""
@@ -376,6 +400,11 @@ class ExactModel(_native.Model):
         with working(progress, threads, max_bytes) as terms:
             made = self._write_section(os.fspath(out), given, flat, memory_of(memory), terms)
         return Section(**made) if "planes" in made else SurfaceIntersection(**made)
+
+
+def _rays(origins: Points, directions: Points) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    starts, ways = np.broadcast_arrays(rows_of(origins, "origins"), rows_of(directions, "directions"))
+    return np.ascontiguousarray(starts), np.ascontiguousarray(ways)
 
 
 def _box(box: BBox) -> tuple[list[float], list[float]]:

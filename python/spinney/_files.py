@@ -62,7 +62,7 @@ def transform(
 
 
 def combine(
-    operation: str,
+    operation: str | int,
     paths: Sequence[Any],
     out: Path,
     *,
@@ -85,9 +85,9 @@ def combine(
 ) -> Outcome | CombinedModel | CombinedPolygons:
     """Makes one tree of several: `"union"`, `"and"`, `"a-b"`, `"over"`, `"min"`, `"changed"`, ...
 
-    The operations are those of `spinney combine`. `values` tells whose value stands where a set operation finds both,
+    The operations are those of `spinney combine`, set operations also by their numbers (0 to 15). `values` tells whose value stands where a set operation finds both,
     `fill` the value of cells that it makes of nothing, `within` (a box of the world) or `margin` (cells around the
-    files) where it does that. Exact models are combined exactly, as surfaces (set operations only, and none of these options).
+    files) where it does that. Exact models, also open ones, are combined exactly, as surfaces (set operations only, and none of these options).
 
     Features among the `paths` (files of them, or anything with a `__geo_interface__`) are laid over the cells of the trees, with a
     `value` (a number, or an attribute whose texts are names of the trees' categories), `overlaps`, `where` and `edge` as `build` has them.
@@ -98,6 +98,7 @@ def combine(
     """
     if values not in ("first", "second"):
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
+    operation = str(operation)
     trees, features = divided(paths)
     if features and not trees:
         given = {"values": values != "first", "fill": fill, "margin": margin, "value": value, "overlaps": overlaps, "edge": edge, "codec": codec != "plain", "effort": effort, "max_error": max_error}

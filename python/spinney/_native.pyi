@@ -263,8 +263,26 @@ class Model:
     def _cast_rays(
         self, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64], terms: _Terms
     ) -> tuple[
-        npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.bool_]
+        npt.NDArray[np.float64],
+        npt.NDArray[np.float64],
+        npt.NDArray[np.int64],
+        npt.NDArray[np.int64],
+        npt.NDArray[np.bool_],
     ]: ...
+    def _cross_rays(
+        self, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64], terms: _Terms
+    ) -> tuple[
+        npt.NDArray[np.int64],
+        tuple[
+            npt.NDArray[np.float64],
+            npt.NDArray[np.float64],
+            npt.NDArray[np.int64],
+            npt.NDArray[np.int64],
+            npt.NDArray[np.bool_],
+        ],
+    ]: ...
+    def _shells(self, memory: int, terms: _Terms) -> dict[str, Any]: ...
+    def _objects(self, terms: _Terms) -> list[tuple[str, str | None]]: ...
     def _place_of_box(self, min: list[float], max: list[float]) -> Any: ...
     def _coverage(
         self, level: int, position: list[int], terms: _Terms

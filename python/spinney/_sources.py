@@ -28,7 +28,10 @@ def paths_of(source: Any) -> list[str] | None:
 def is_mesh(source: Any) -> bool:
     """Whether something is a mesh: one of trimesh, or any that has vertices and faces; or a pair of arrays of them."""
     if isinstance(source, tuple) and len(source) == 2 and not isinstance(source[0], str | os.PathLike):
-        vertices, faces = (np.asarray(part) for part in source)
+        vertices = np.asarray(source[0])
+        if isinstance(source[1], list) and len({len(face) for face in source[1] if hasattr(face, "__len__")}) > 1:
+            return vertices.ndim == 2 and vertices.shape[1] == 3
+        faces = np.asarray(source[1])
         return vertices.ndim == faces.ndim == 2 and vertices.shape[1] == 3 and faces.dtype.kind in "iu"
     return hasattr(source, "vertices") and hasattr(source, "faces")
 
@@ -38,20 +41,34 @@ def mesh_file(source: Any, out: Path) -> Iterator[tuple[str, str | None]]:
     """A file of a mesh, beside the output for as long as it is needed, and the unit of length that the mesh tells."""
     vertices, faces = source if isinstance(source, tuple) else (source.vertices, source.faces)
     points = np.ascontiguousarray(vertices, dtype="<f8")
-    corners = np.asarray(faces)
+    lengths = np.array([len(face) for face in faces]) if isinstance(faces, list) else np.empty(0, dtype=np.int64)
+    # Polygons of several lengths are corners one behind the other.
+    is_ragged = len(np.unique(lengths)) > 1
+    corners = np.concatenate([np.asarray(face) for face in faces])[:, None] if is_ragged else np.asarray(faces)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"vertices: expected rows of x, y and z, got an array of shape {points.shape}")
-    if corners.ndim != 2 or corners.shape[1] < 3 or corners.dtype.kind not in "iu":
+    least = int(lengths.min()) if is_ragged else corners.shape[-1]
+    if corners.ndim != 2 or least < 3 or corners.dtype.kind not in "iu":
         raise ValueError(f"faces: expected rows of three or more vertices' numbers, got {corners.dtype} of shape {corners.shape}")
     if corners.size and not 0 <= int(corners.min()) <= int(corners.max()) < len(points):
         raise IndexError(f"faces: vertices are 0 to {len(points) - 1}, got {int(corners.min())} to {int(corners.max())}")
     count = corners.shape[1]
-    of_vertices, of_faces = _colours_of(source, len(points), len(corners))
+    total = len(lengths) if is_ragged else len(corners)
+    of_vertices, of_faces = _colours_of(source, len(points), total)
+    if is_ragged and of_faces is not None:
+        raise ValueError("faces: colours of faces are for faces of one number of corners")
     colour = [(name, "u1") for name in ("red", "green", "blue")]
     corner_rows = np.empty(len(points), dtype=[("at", "<f8", (3,)), *(colour if of_vertices is not None else [])])
     corner_rows["at"] = points
-    rows = np.empty(len(corners), dtype=[("count", "u1"), ("corners", "<i4", (count,)), *(colour if of_faces is not None else [])])
-    rows["count"], rows["corners"] = count, corners
+    rows: Any
+    if is_ragged:
+        rows = np.empty(len(corners) + total, dtype="<i4")
+        begins = np.zeros(len(rows), dtype=bool)
+        begins[np.cumsum(lengths + 1) - lengths - 1] = True
+        rows[begins], rows[~begins] = lengths, corners[:, 0]
+    else:
+        rows = np.empty(total, dtype=[("count", "<i4"), ("corners", "<i4", (count,)), *(colour if of_faces is not None else [])])
+        rows["count"], rows["corners"] = count, corners
     for table, colours in ((corner_rows, of_vertices), (rows, of_faces)):
         if colours is not None:
             for channel, (name, _) in enumerate(colour):
@@ -59,7 +76,7 @@ def mesh_file(source: Any, out: Path) -> Iterator[tuple[str, str | None]]:
     told = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
     header = (
         f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\nproperty double x\nproperty double y\nproperty double z\n"
-        f"{told if of_vertices is not None else ''}element face {len(rows)}\nproperty list uchar int vertex_indices\n{told if of_faces is not None else ''}end_header\n"
+        f"{told if of_vertices is not None else ''}element face {total}\nproperty list int int vertex_indices\n{told if of_faces is not None else ''}end_header\n"
     )
     beside = os.path.dirname(os.path.abspath(os.fspath(out)))
     with tempfile.TemporaryDirectory(prefix="spinney-", dir=beside) as folder:

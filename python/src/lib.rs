@@ -19,6 +19,8 @@ mod jobs;
 mod labels;
 mod model;
 mod model_faces;
+mod model_rays;
+mod model_shells;
 mod numbers;
 mod overlay;
 mod packing;

@@ -43,14 +43,6 @@ impl Model {
     }
 }
 
-/// Distances along rays (NaN where nothing is hit), points, faces (-1 where nothing is hit), whether rays come from outside.
-type Hits<'py> = (
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray1<i64>>,
-    Bound<'py, PyArray1<bool>>,
-);
-
 /// Distances from the surface (negative inside), its nearest points, and their faces.
 type Nearest<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>);
 
@@ -59,15 +51,6 @@ pub(crate) fn each<R: Send>(
     points: &[f64],
     work: &dyn Progress,
     answer: impl Fn(usize, [f64; 3]) -> Result<R> + Sync,
-) -> Result<Vec<R>> {
-    each_with(points, work, &|| &answer)
-}
-
-/// [`each`] by what `begin` makes, which may remember what it has read, for some points at a time.
-fn each_with<R: Send, A: FnMut(usize, [f64; 3]) -> Result<R>>(
-    points: &[f64],
-    work: &dyn Progress,
-    begin: &(impl Fn() -> A + Sync),
 ) -> Result<Vec<R>> {
     /// Points whose progress is told together, and of one thread at a time, before it looks at whether to stop.
     const BATCH: usize = 1 << 16;
@@ -80,7 +63,7 @@ fn each_with<R: Send, A: FnMut(usize, [f64; 3]) -> Result<R>>(
             .enumerate()
             .map(|(part, points)| {
                 work.check()?;
-                let (first, mut answer) = (start + part * PART, begin());
+                let first = start + part * PART;
                 points.iter().enumerate().map(|(index, point)| answer(first + index, *point)).collect()
             })
             .collect();
@@ -263,47 +246,6 @@ impl Model {
             PyArray1::from_iter(py, found.iter().map(|(distance, ..)| *distance)),
             nearest.reshape([count, 3])?,
             PyArray1::from_iter(py, found.iter().map(|(.., face)| *face)),
-        ))
-    }
-
-    /// Where rays meet the surface first.
-    #[pyo3(name = "_cast_rays")]
-    fn cast_rays<'py>(
-        &self,
-        py: Python<'py>,
-        origins: PyReadonlyArray2<'py, f64>,
-        directions: PyReadonlyArray2<'py, f64>,
-        terms: Terms,
-    ) -> PyResult<Hits<'py>> {
-        let model = self.get()?;
-        let (origins, directions) = (origins.as_slice()?, directions.as_slice()?);
-        let is_direction = |d: &[f64]| d.iter().all(|x| x.is_finite()) && d.iter().any(|x| *x != 0.0);
-        if origins.len() != directions.len()
-            || !directions.chunks_exact(3).all(is_direction)
-            || !origins.iter().all(|x| x.is_finite())
-        {
-            return Err(invalid("rays: expected finite origins, and as many directions other than 0"));
-        }
-        let found = jobs::run(py, terms, |work| {
-            let found = each_with(origins, work, &|| {
-                let mut rays = model.rays();
-                move |index: usize, origin| {
-                    let direction = [0, 1, 2].map(|axis| directions[3 * index + axis]);
-                    Ok(rays.first(origin, direction)?.map_or((f64::NAN, [f64::NAN; 3], -1, false), |hit| {
-                        (hit.share, hit.point, hit.face as i64, hit.is_entry)
-                    }))
-                }
-            })?;
-            model.check_unchanged()?;
-            Ok(found)
-        })?;
-        let count = found.len();
-        let points = PyArray1::from_iter(py, found.iter().flat_map(|(_, point, ..)| *point));
-        Ok((
-            PyArray1::from_iter(py, found.iter().map(|(distance, ..)| *distance)),
-            points.reshape([count, 3])?,
-            PyArray1::from_iter(py, found.iter().map(|(_, _, face, _)| *face)),
-            PyArray1::from_iter(py, found.iter().map(|(.., is_entry)| *is_entry)),
         ))
     }
 

@@ -1,0 +1,63 @@
+//! Shells of exact models, and their parts with what is said of them.
+
+use numpy::PyArray1;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use spinney::Progress;
+use spinney::brep::Faces;
+use spinney::brep::topology::{Topology, TopologyOptions};
+
+use crate::jobs::{self, Terms};
+use crate::model::Model;
+
+#[pymethods]
+impl Model {
+    /// Numbers of the entities of each shell, its handles (-1 where that is no number), its volume, and the shell of each face.
+    #[pyo3(name = "_shells")]
+    fn shells<'py>(&self, py: Python<'py>, memory: u64, terms: Terms) -> PyResult<Bound<'py, PyDict>> {
+        let model = self.get()?;
+        let options = TopologyOptions { memory, path: model.path().to_path_buf() };
+        let (counts, volumes, of_faces) = jobs::run(py, terms, |work| {
+            let topology = Topology::of(&*model, &options, work)?;
+            model.check_unchanged()?;
+            let cube = model.grid().width().powi(3) / 6.0;
+            let volumes = (0..topology.shells()).map(|shell| topology.six_volumes(shell) as f64 * cube);
+            let volumes: Vec<f64> = volumes.collect();
+            let of_faces = (0..topology.faces()).map(|face| i64::from(topology.shell_of_face(face)));
+            Ok((topology.counts_by_shell(), volumes, of_faces.collect::<Vec<_>>()))
+        })?;
+        let facts = PyDict::new(py);
+        facts.set_item(
+            "vertices",
+            PyArray1::from_iter(py, counts.iter().map(|shell| shell.vertices as i64)),
+        )?;
+        facts.set_item("edges", PyArray1::from_iter(py, counts.iter().map(|shell| shell.edges as i64)))?;
+        facts.set_item("faces", PyArray1::from_iter(py, counts.iter().map(|shell| shell.faces as i64)))?;
+        facts.set_item(
+            "inner_rings",
+            PyArray1::from_iter(py, counts.iter().map(|shell| shell.rings as i64)),
+        )?;
+        facts.set_item(
+            "boundaries",
+            PyArray1::from_iter(py, counts.iter().map(|shell| shell.boundaries as i64)),
+        )?;
+        let genus = counts.iter().map(|shell| shell.genus().map_or(-1, |genus| genus as i64));
+        facts.set_item("genus", PyArray1::from_iter(py, genus))?;
+        facts.set_item("volume", PyArray1::from_vec(py, volumes))?;
+        facts.set_item("of_faces", PyArray1::from_vec(py, of_faces))?;
+        Ok(facts)
+    }
+
+    /// Names of the parts, and the JSON object that says something of each.
+    #[pyo3(name = "_objects")]
+    fn objects(&self, py: Python<'_>, terms: Terms) -> PyResult<Vec<(String, Option<String>)>> {
+        let model = self.get()?;
+        jobs::run(py, terms, |work| {
+            let parts = model.parts().iter().zip(0..).map(|(name, part)| {
+                work.check()?;
+                Ok((name.clone(), model.part_attributes(part)?))
+            });
+            parts.collect()
+        })
+    }
+}
