@@ -200,11 +200,28 @@ typedef struct {
   double point[3];
   // Number of the face.
   uint64_t face;
+  // Number of its part.
+  uint32_t part;
   // Whether the ray comes from outside.
   bool is_entry;
   // Whether anything is met; else the rest is zeros.
   bool is_hit;
 } spinney_hit;
+
+// Numbers of the entities of a shell: a surface that hangs together.
+typedef struct {
+  uint64_t vertices;
+  uint64_t edges;
+  uint64_t faces;
+  // Rings beside the first of each face: holes in faces.
+  uint64_t inner_rings;
+  // 0 of a closed shell.
+  uint64_t boundaries;
+  // Number of handles; -1 where that is no number.
+  int64_t genus;
+  // What it encloses, rounded once; negative of a cavity, so that a body is a shell of more than 0.
+  double volume;
+} spinney_shell;
 
 // Reads parts of a file: `count` of them, the first from `offsets[0]` on, `lengths[0]` bytes to `buffers[0]`, and so on; `user` is what
 // spinney_open_parts() was given. Returns 0, or another number if one of them cannot be read. All parts of a call are needed before
@@ -447,6 +464,35 @@ spinney_status spinney_model_ray(const spinney_model *model,
                                  const double *direction,
                                  spinney_hit *hit,
                                  size_t hit_size);
+
+// Finds what each of `count` rays, from one of `origins` along one of `directions` (x, y, z each), meets first, to as many `hits`, each of
+// which has `hit_size` bytes, `sizeof(spinney_hit)`. Works in the calling thread; several may ask at once. Rays that follow each other take the
+// least time where they are near each other.
+spinney_status spinney_model_rays(const spinney_model *model,
+                                  const double *origins,
+                                  const double *directions,
+                                  size_t count,
+                                  spinney_hit *hits,
+                                  size_t hit_count,
+                                  size_t hit_size);
+
+// Tells of each shell, in the order of their first faces; there is room for `capacity` of them, each of `shell_size` bytes,
+// `sizeof(spinney_shell)`. `count` gets how many there are. Takes at most `memory` bytes, about 60 for each corner of a face; reads all faces twice.
+spinney_status spinney_model_shells(const spinney_model *model,
+                                    uint64_t memory,
+                                    spinney_shell *shells,
+                                    size_t capacity,
+                                    size_t shell_size,
+                                    size_t *count);
+
+// Makes the file of the body of a set operation on `count` models, exactly, as `spinney combine` does; `operation` is its number, from 0 to 15: 1
+// is the intersection, 2 the first without the second, 6 the symmetric difference, 7 the union, 12 the complement. Grids must have the
+// same step. Takes at most `memory` bytes for the faces that are near each other's. Where it fails there is no file.
+spinney_status spinney_model_combine(uint32_t operation,
+                                     const spinney_model *const *models,
+                                     size_t count,
+                                     const char *path,
+                                     uint64_t memory);
 
 // Opens a tree file that the caller reads, of `length` bytes; `name` is for messages, and says which commit is read if it ends with one
 // (`map.autumn@12`). What an answer needs is asked for in few calls of `fetch`, and held. `release` (which may be NULL) is called once

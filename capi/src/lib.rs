@@ -11,8 +11,11 @@ mod exact;
 mod layers;
 mod metadata;
 mod model;
+#[cfg(test)]
+mod model_tests;
 mod parts;
 mod questions;
+mod shells;
 mod status;
 #[cfg(test)]
 mod tests;
@@ -24,4 +27,5 @@ pub use layers::*;
 pub use model::*;
 pub use parts::*;
 pub use questions::*;
+pub use shells::*;
 pub use status::*;

@@ -3,7 +3,7 @@
 use std::ffi::{CStr, c_char};
 use std::slice;
 
-use engine::brep::query::{Location, MassProperties};
+use engine::brep::query::{Hit, Location, MassProperties};
 use engine::brep::{ExactModel, Faces};
 use engine::store::OpenOptions;
 
@@ -70,6 +70,8 @@ pub struct spinney_hit {
     pub point: [f64; 3],
     /// Number of the face.
     pub face: u64,
+    /// Number of its part.
+    pub part: u32,
     /// Whether the ray comes from outside.
     pub is_entry: bool,
     /// Whether anything is met; else the rest is zeros.
@@ -117,7 +119,7 @@ pub unsafe extern "C" fn spinney_model_close(model: *mut spinney_model) {
 }
 
 /// The model behind a handle.
-unsafe fn opened<'a>(model: *const spinney_model) -> Result<&'a ExactModel, Failure> {
+pub(crate) unsafe fn opened<'a>(model: *const spinney_model) -> Result<&'a ExactModel, Failure> {
     // SAFETY: it is NULL, or comes from spinney_model_open() and is not closed.
     let handle = unsafe { model.as_ref() };
     let handle =
@@ -126,19 +128,24 @@ unsafe fn opened<'a>(model: *const spinney_model) -> Result<&'a ExactModel, Fail
 }
 
 /// The caller's place for an answer.
-unsafe fn place<'a, T>(name: &str, place: *mut T) -> Result<&'a mut T, Failure> {
+pub(crate) unsafe fn place<'a, T>(name: &str, place: *mut T) -> Result<&'a mut T, Failure> {
     // SAFETY: it is NULL, or a place of the caller's.
     unsafe { place.as_mut() }.ok_or_else(|| Failure::invalid(format!("{name}: got NULL, expected a place")))
 }
 
 /// The caller's place for a struct, of whose size it is sure.
 unsafe fn sized<'a, T>(name: &str, answer: *mut T, size: usize) -> Result<&'a mut T, Failure> {
-    if size != size_of::<T>() {
-        let expected = size_of::<T>();
-        return Err(Failure::invalid(format!("{name}: got {size} bytes, expected a place of {expected}")));
-    }
+    check_size(name, size, size_of::<T>())?;
     // SAFETY: as that says.
     unsafe { place(name, answer) }
+}
+
+/// Fails if a struct has another size for the caller.
+pub(crate) fn check_size(name: &str, size: usize, expected: usize) -> Result<(), Failure> {
+    if size == expected {
+        return Ok(());
+    }
+    Err(Failure::invalid(format!("{name}: got {size} bytes, expected a place of {expected}")))
 }
 
 /// Points of the caller's: so many, of three coordinates each.
@@ -294,22 +301,65 @@ pub unsafe extern "C" fn spinney_model_ray(
         let (model, hit) = unsafe { (opened(model)?, sized("hit", hit, hit_size)?) };
         // SAFETY: as that says.
         let (origin, direction) = unsafe { (points_at(origin, 1)?[0], points_at(direction, 1)?[0]) };
-        let is_ray = origin.iter().chain(&direction).all(|at| at.is_finite()) && direction != [0.0; 3];
-        if !is_ray {
-            let found = format!("{origin:?} and {direction:?}");
-            return Err(Failure::invalid(format!("ray: got {found}, expected a point and a direction")));
-        }
+        check_ray(&origin, &direction)?;
         let (found, _) = model.ray(origin, direction)?;
-        *hit = found.map_or(
-            spinney_hit { distance: 0.0, point: [0.0; 3], face: 0, is_entry: false, is_hit: false },
-            |found| spinney_hit {
-                distance: found.share,
-                point: found.point,
-                face: found.face,
-                is_entry: found.is_entry,
-                is_hit: true,
-            },
-        );
+        *hit = hit_of(found.as_ref());
+        Ok(())
+    })
+}
+
+/// Fails for what is no ray.
+fn check_ray(origin: &[f64; 3], direction: &[f64; 3]) -> Result<(), Failure> {
+    if origin.iter().chain(direction).all(|at| at.is_finite()) && *direction != [0.0; 3] {
+        return Ok(());
+    }
+    let found = format!("{origin:?} and {direction:?}");
+    Err(Failure::invalid(format!("ray: got {found}, expected a point and a direction")))
+}
+
+fn hit_of(found: Option<&Hit>) -> spinney_hit {
+    let none =
+        spinney_hit { distance: 0.0, point: [0.0; 3], face: 0, part: 0, is_entry: false, is_hit: false };
+    found.map_or(none, |found| spinney_hit {
+        distance: found.share,
+        point: found.point,
+        face: found.face,
+        part: found.part,
+        is_entry: found.is_entry,
+        is_hit: true,
+    })
+}
+
+/// Finds what each of `count` rays, from one of `origins` along one of `directions` (x, y, z each), meets first, to as many `hits`, each of
+/// which has `hit_size` bytes, `sizeof(spinney_hit)`. Works in the calling thread; several may ask at once. Rays that follow each other take the
+/// least time where they are near each other.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_model_rays(
+    model: *const spinney_model,
+    origins: *const f64,
+    directions: *const f64,
+    count: usize,
+    hits: *mut spinney_hit,
+    hit_count: usize,
+    hit_size: usize,
+) -> spinney_status {
+    guarded(|| {
+        check_size("hits", hit_size, size_of::<spinney_hit>())?;
+        // SAFETY: as these say.
+        let (model, origins) = unsafe { (opened(model)?, points_at(origins, count)?) };
+        // SAFETY: as these say.
+        let (directions, hits) =
+            unsafe { (points_at(directions, count)?, buffer("hits", hits, hit_count, Some(count as u64))?) };
+        origins.iter().zip(directions).try_for_each(|(origin, direction)| check_ray(origin, direction))?;
+        let (mut caster, mut rays) = (model.rays(), Vec::with_capacity(BATCH.min(count)));
+        let batches = origins.chunks(BATCH).zip(directions.chunks(BATCH)).zip(hits.chunks_mut(BATCH));
+        for ((origins, directions), hits) in batches {
+            rays.clear();
+            rays.extend(origins.iter().zip(directions).map(|(origin, direction)| [*origin, *direction]));
+            for (hit, found) in hits.iter_mut().zip(caster.first_of(&rays)?) {
+                *hit = hit_of(found.as_ref());
+            }
+        }
         Ok(())
     })
 }

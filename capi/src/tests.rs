@@ -400,7 +400,7 @@ fn threads_read_one_dataset_at_once() {
     unsafe { spinney_close(dataset.0) };
 }
 
-fn open_model(name: &str, flags: u32) -> Result<*mut spinney_model, spinney_status> {
+pub(crate) fn open_model(name: &str, flags: u32) -> Result<*mut spinney_model, spinney_status> {
     let path = CString::new(fixture(name)).unwrap();
     let mut model = null_mut();
     match unsafe { spinney_model_open(path.as_ptr(), flags, &mut model) } {
