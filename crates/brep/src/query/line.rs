@@ -166,7 +166,8 @@ impl Line {
         // No sum of the magnitudes of a turn's terms is greater than that.
         let terms = 2.0 * (d[0].abs() + d[1].abs() + d[2].abs()) * reach * reach;
         let rounding = TURN_ROUNDING * terms;
-        let [most, least] = [f64::max, f64::min].map(|of| of(of(turns[0], turns[1]), turns[2]));
+        let most = turns[0].max(turns[1]).max(turns[2]);
+        let least = turns[0].min(turns[1]).min(turns[2]);
         most > rounding && least < -rounding
     }
 
@@ -259,7 +260,7 @@ impl Line {
     /// The part of this line within a box, of which it has from 0 to 1, by the passages along each axis; `None` if it passes by.
     #[inline]
     pub(super) fn part_within(passages: &[Passage; 3]) -> Option<[f64; 2]> {
-        let [[x, y, z], [u, v, w]] = [0, 1].map(|end| [passages[0][end], passages[1][end], passages[2][end]]);
+        let [[x, u], [y, v], [z, w]] = *passages;
         let first = (x.max(y).max(z) - SHARE_ROUNDING).max(0.0);
         let last = (u.min(v).min(w) + SHARE_ROUNDING).min(1.0);
         (first <= last).then_some([first, last])

@@ -185,7 +185,9 @@ struct Walk<'a, 'r> {
     line: Line,
     /// Whether only the first crossing is wanted.
     is_first: bool,
-    /// Crossings by the numbers of their faces; one, or all, some of them more than once.
+    /// The first crossing, if only that is wanted, and the number of its face.
+    first: Option<(u64, Crossing)>,
+    /// All crossings, if these are wanted, some of them more than once.
     found: Vec<(u64, Crossing)>,
     recent: Recent,
     pieces: &'r mut NearPieces<'a>,
@@ -210,12 +212,12 @@ impl<'a, 'r> Walk<'a, 'r> {
     /// A way that looks for the first crossing, or for all.
     fn new(line: Line, is_first: bool, pieces: &'r mut NearPieces<'a>) -> Walk<'a, 'r> {
         let (recent, visited) = (Recent::new(), Visited::default());
-        Walk { line, is_first, found: Vec::new(), recent, pieces, visited }
+        Walk { line, is_first, first: None, found: Vec::new(), recent, pieces, visited }
     }
 
     /// The first crossing that was found.
     fn first(&mut self) -> Result<Option<Hit>> {
-        let Some((number, crossing)) = self.found.first().copied() else { return Ok(None) };
+        let Some((number, crossing)) = self.first else { return Ok(None) };
         self.pieces.hit(&self.line, number, crossing).map(Some)
     }
 
@@ -247,7 +249,8 @@ impl<'a, 'r> Walk<'a, 'r> {
         let middle = |axis: usize| (2.0 * f64::from(cell.position[axis]) + 1.0) * half - 0.5;
         let halves = |axis: usize| self.line.halves(axis, cell.passages[axis], middle(axis));
         let halves = [halves(0), halves(1), halves(2)];
-        let there = [0, 1, 2].map(|axis| Line::halves_within(&halves[axis], cell.part));
+        let there = |axis: usize| Line::halves_within(&halves[axis], cell.part);
+        let there = [there(0), there(1), there(2)];
         // Along each axis that half first in which the line begins.
         let turned = self.line.turned();
         for child in (0..8).map(|child| child ^ turned) {
@@ -258,8 +261,8 @@ impl<'a, 'r> Walk<'a, 'r> {
             let passages = [halves[0][x], halves[1][y], halves[2][z]];
             let Some(part) = self.wanted(&passages) else { continue };
             let word = segment.child(word, child);
-            let low = cell.position.map(|at| 2 * at);
-            let position = [low[0] + x as u32, low[1] + y as u32, low[2] + z as u32];
+            let [i, j, k] = cell.position;
+            let position = [2 * i + x as u32, 2 * j + y as u32, 2 * k + z as u32];
             let inner = Cell { level: cell.level + 1, position, passages, part };
             if word & 7 == CUT { self.segment(&inner)? } else { self.node(segment, word, &inner)? }
         }
@@ -270,8 +273,8 @@ impl<'a, 'r> Walk<'a, 'r> {
     #[inline]
     fn wanted(&self, passages: &[Passage; 3]) -> Option<[f64; 2]> {
         let part = Line::part_within(passages)?;
-        let found = self.found.first().filter(|_| self.is_first);
-        (!found.is_some_and(|(_, found)| found.share < self.line.share_of(part[0]))).then_some(part)
+        let is_behind = |(_, first): (u64, Crossing)| first.share < self.line.share_of(part[0]);
+        (!self.first.is_some_and(is_behind)).then_some(part)
     }
 
     fn leaf(&mut self, segment: &ModelSegment<'a>, word: u32) -> Result<()> {
@@ -281,14 +284,15 @@ impl<'a, 'r> Walk<'a, 'r> {
             }
             self.visited.faces += 1;
             let Some(crossing) = self.pieces.crossing(&self.line, number)? else { continue };
-            match self.found.first_mut() {
-                Some(first) if self.is_first => {
-                    let is_before = crossing.share.total_cmp(&first.1.share).then(number.cmp(&first.0));
-                    if is_before.is_lt() {
-                        *first = (number, crossing);
-                    }
-                }
-                _ => self.found.push((number, crossing)),
+            if !self.is_first {
+                self.found.push((number, crossing));
+                continue;
+            }
+            let is_before = |(other, first): (u64, Crossing)| {
+                crossing.share.total_cmp(&first.share).then(number.cmp(&other)).is_lt()
+            };
+            if self.first.is_none_or(is_before) {
+                self.first = Some((number, crossing));
             }
         }
         Ok(())
