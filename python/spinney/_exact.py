@@ -248,12 +248,19 @@ class ExactModel(_native.Model):
         with working(progress, threads) as terms:
             return Shells(**self._shells(memory_of(memory), terms))
 
-    def objects(self, *, progress: Progress = None) -> list[dict[str, Any]]:
-        """The parts, in their order, as `Faces.parts` counts them: `name`, and what is said of each (`type`, `attributes`, `parents`, ... of
-        CityJSON's objects), a row for each, as `pandas.json_normalize` takes them."""
-        with working(progress, None) as terms:
-            found = self._objects(terms)
-        return [{**json.loads(told or "{}"), "name": name} for name, told in found]
+    def objects(self, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None) -> list[dict[str, Any]]:
+        """The parts in their order, as `Faces.parts` counts them, a row for each, as `pandas.json_normalize` takes them: `name`, what is said
+        of it (`type`, `attributes`, `parents`, ... of CityJSON's objects), and of those with faces `closed`, `volume` (`None` if it is not
+        closed for itself) and `area`."""
+        with working(progress, threads) as terms:
+            found = self._objects(memory_of(memory), terms)
+        rows = []
+        for name, told, measures in found:
+            row = {**json.loads(told or "{}"), "name": name}
+            if measures is not None:
+                row.update(zip(("closed", "volume", "area"), measures))
+            rows.append(row)
+        return rows
 
     def locate(self, points: Points, *, threads: int | None = None, progress: Progress = None) -> npt.NDArray[np.int8]:
         """1 for points inside the body, 0 on its surface, -1 outside; exact for the doubles that are given."""

@@ -10,6 +10,9 @@ use spinney::brep::topology::{Topology, TopologyOptions};
 use crate::jobs::{self, Terms};
 use crate::model::Model;
 
+/// Name, attributes, and whether it is closed, its volume and its area.
+type Object = (String, Option<String>, Option<(bool, Option<f64>, f64)>);
+
 #[pymethods]
 impl Model {
     /// Numbers of the entities of each shell, its handles (-1 where that is no number), its volume, and the shell of each face.
@@ -48,14 +51,21 @@ impl Model {
         Ok(facts)
     }
 
-    /// Names of the parts, and the JSON object that says something of each.
+    /// Names of the parts, the JSON object that says something of each, and, of those with faces, whether they are closed, their volumes
+    /// (`None` where that is no number) and areas.
     #[pyo3(name = "_objects")]
-    fn objects(&self, py: Python<'_>, terms: Terms) -> PyResult<Vec<(String, Option<String>)>> {
+    fn objects(&self, py: Python<'_>, memory: u64, terms: Terms) -> PyResult<Vec<Object>> {
         let model = self.get()?;
         jobs::run(py, terms, |work| {
+            let measures = model.part_measures(memory, work)?;
+            let mut measures = measures.into_iter().peekable();
             let parts = model.parts().iter().zip(0..).map(|(name, part)| {
                 work.check()?;
-                Ok((name.clone(), model.part_attributes(part)?))
+                let own = measures.next_if(|own| own.part == part).map(|own| {
+                    let volume = own.is_closed.then_some(own.measures.volume);
+                    (own.is_closed, volume, own.measures.area)
+                });
+                Ok((name.clone(), model.part_attributes(part)?, own))
             });
             parts.collect()
         })

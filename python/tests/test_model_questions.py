@@ -182,8 +182,12 @@ def test_shells_have_volumes_of_their_own(hollow: spinney.ExactModel) -> None:
 
 def test_objects_are_rows(hollow: spinney.ExactModel, tmp_path: Path) -> None:
     with spinney.open_brep(CHAPEL) as chapel:
-        assert [row["name"] for row in chapel.objects()] == chapel.parts
-    assert len(hollow.objects()) == len(hollow.parts)
+        rows = chapel.objects()
+        assert [row["name"] for row in rows] == chapel.parts
+        assert sum(row["area"] for row in rows) == pytest.approx(chapel.area)
+        if all(row["closed"] for row in rows):
+            assert sum(row["volume"] for row in rows) == pytest.approx(chapel.volume)
+    assert [(row["closed"], row["volume"], row["area"]) for row in hollow.objects()] == [(True, 448.0, 6 * 64.0 + 6 * 16.0)]
     hollow.export(tmp_path / "hollow.city.json")
     document = json.loads((tmp_path / "hollow.city.json").read_text())
     (own,) = document["CityObjects"].values()
