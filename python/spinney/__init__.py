@@ -35,6 +35,7 @@ from ._edit import Edit, edit
 from ._exact import ExactModel, build_brep, open_brep
 from ._files import add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, set_cache_memory, transform, verify
 from ._native import version as __version__
+from ._surfaces import RayCrossings, Shells
 from ._types import (
     BandStatistics,
     Blocks,
@@ -55,9 +56,7 @@ from ._types import (
     Mass,
     Mesh,
     Outcome,
-    RayCrossings,
     Section,
-    Shells,
     Solid,
     Statistics,
     Surface,

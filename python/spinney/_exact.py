@@ -18,6 +18,7 @@ from ._sources import is_mesh, mesh_file, paths_of
 from ._files import MEMORY
 from ._options import packing_of
 from ._progress import memory_of, working
+from ._surfaces import RayCrossings, Shells
 from ._types import (
     BBox,
     Box,
@@ -34,9 +35,7 @@ from ._types import (
     Path,
     Points,
     Progress,
-    RayCrossings,
     Section,
-    Shells,
     Surface,
     SurfaceHits,
     SurfaceIntersection,

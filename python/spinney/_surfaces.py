@@ -1,0 +1,50 @@
+"""What is told of the surfaces of exact models: their shells, and where rays pass through them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+
+@dataclass(frozen=True, eq=False)
+class RayCrossings:
+    """Places where rays pass through a surface, one per row of the arrays; those of a ray follow each other."""
+
+    rays: npt.NDArray[np.int64]
+    """Numbers of the rays, ascending."""
+    distance: npt.NDArray[np.float64]
+    """Lengths of the direction."""
+    points: npt.NDArray[np.float64]
+    faces: npt.NDArray[np.int64]
+    parts: npt.NDArray[np.int64]
+    entering: npt.NDArray[np.bool_]
+    """Whether the ray comes from outside."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shells:
+    """Surfaces that hang together, one per row of the arrays, in the order of their first faces."""
+
+    vertices: npt.NDArray[np.int64]
+    edges: npt.NDArray[np.int64]
+    faces: npt.NDArray[np.int64]
+    inner_rings: npt.NDArray[np.int64]
+    """Rings beside the first of each face."""
+    boundaries: npt.NDArray[np.int64]
+    """0 of closed ones."""
+    genus: npt.NDArray[np.int64]
+    """Handles; -1 where that is no number."""
+    volume: npt.NDArray[np.float64]
+    """What each encloses, rounded once; negative of cavities."""
+    of_faces: npt.NDArray[np.int64]
+    """For each face of the model the number of its shell."""
+
+    def __len__(self) -> int:
+        return len(self.volume)
+
+    @property
+    def bodies(self) -> int:
+        """How many of them are the outsides of bodies, and not cavities."""
+        return int(np.count_nonzero(self.volume > 0))
