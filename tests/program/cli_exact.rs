@@ -269,7 +269,7 @@ fn attributes_are_told() {
 #[test]
 fn distances_and_rays_are_told() {
     let folder = Folder::new();
-    let cube = folder.built(&folder.mesh("cube.off", CUBE), "cube.goblin", &["--snap", "1"]);
+    let cube = folder.built(&folder.mesh("cube.off", CUBE), "cube.goblin", &["--brep", "--snap", "1"]);
     let told = stdout(&["point", &cube, "--distance", "--", "32,32,1", "64,0,0", "-3,32,32", "67,68,32"]);
     assert_eq!(told, "-1\n0\n3\n5\n");
     // From inside, from outside, past it, along an edge, through two corners.
