@@ -1,4 +1,5 @@
 //! Rays, shells and set operations of exact models by the C interface, against the library.
+#![allow(clippy::undocumented_unsafe_blocks)] // what is tried are just these rules
 
 use std::ffi::CString;
 use std::ptr::{null, null_mut};
