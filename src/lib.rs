@@ -216,7 +216,8 @@ pub mod brep {
     pub use spinney_brep::{
         Attributes, BuildReport, ChosenParts, CombineReport, Defect, DefectKind, ExactModel, Face,
         FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MOST_BITS, ModelBuilder,
-        ModelNode, ModelNodeState, NodeCounts, NodeKind, Repair, Triangulated, combine, is_model_file,
+        ModelNode, ModelNodeState, Motion, NodeCounts, NodeKind, Repair, TransformOptions, TransformReport,
+        Triangulated, combine, is_model_file, transform,
     };
 
     /// Answers of exact models.

@@ -524,11 +524,17 @@ def rank(rows: list[list[int]]) -> int:
 
 
 def formula(data: bytes) -> Any:
-    """The formula of section 36: a name, or an operation's number and its operands."""
+    """The formula of section 36: a name, an operation's number and its operands, or the numbers of a map and its operand."""
     check(len(data) <= 1 << 20, "a formula is too long")
     text = data.decode()
 
     def operand(at: int) -> tuple[Any, int]:
+        if text[at : at + 5] == "(map ":
+            *numbers, _ = text[at + 5 :].split(" ", 12)
+            check(len(numbers) == 12, "a map of other than twelve numbers")
+            part, at = operand(at + 5 + sum(len(number) + 1 for number in numbers))
+            check(text[at : at + 1] == ")", "a formula that does not end")
+            return [[float(number) for number in numbers], part], at + 1
         if text[at : at + 3] != "(op":
             found, at = json.JSONDecoder().raw_decode(text, at)
             return found, at

@@ -14,6 +14,8 @@ mod crops;
 #[cfg(feature = "mesh")]
 mod exact_bodies;
 #[cfg(feature = "mesh")]
+mod exact_motions;
+#[cfg(feature = "mesh")]
 mod exact_operands;
 #[cfg(feature = "mesh")]
 mod exact_sections;

@@ -149,7 +149,7 @@ impl Grid {
     }
 
     /// The grid of a step over a box, if it has few enough points.
-    fn fit([min, max]: [[f64; 3]; 2], step: f64, divisor: f64) -> Option<Grid> {
+    pub(crate) fn fit([min, max]: [[f64; 3]; 2], step: f64, divisor: f64) -> Option<Grid> {
         let steps = |at: f64| (at * divisor / step).round_ties_even();
         // Whole numbers up to here are doubles.
         let exact = (1u64 << 53) as f64;

@@ -14,6 +14,7 @@ mod face_check;
 pub mod geometry;
 mod grid;
 mod hash;
+mod motion;
 mod piece;
 pub mod planar;
 pub mod query;
@@ -32,6 +33,7 @@ pub use combine::{CombineReport, combine};
 pub use exact::bounds::MOST_BITS;
 pub use face::{Face, FaceList, Faces};
 pub use grid::Grid;
+pub use motion::{Motion, TransformOptions, TransformReport, transform};
 pub use repair::{InsideRule, Repair, repair};
 pub use store::{
     ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind, is_model_file,

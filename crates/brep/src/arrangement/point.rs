@@ -68,6 +68,13 @@ impl ExactPlane {
         ExactPlane { offset: self.offset * i128::from(times) + moved, ..*self }
     }
 
+    /// The plane with other axes in the place of its own, some of them turned round.
+    pub(crate) fn permuted(&self, from: [usize; 3], mirrored: [bool; 3]) -> ExactPlane {
+        let part =
+            |axis: usize| if mirrored[axis] { -self.normal[from[axis]] } else { self.normal[from[axis]] };
+        ExactPlane { normal: [0, 1, 2].map(part), offset: self.offset }
+    }
+
     /// The side of a point that is known but for [`POINT_ERROR`](crate::exact::bounds::POINT_ERROR), if that is enough to tell.
     pub(super) fn side_near(&self, near: [f64; 3]) -> Option<i32> {
         let (mut height, mut size) = (-(self.offset as f64), 0.0);
@@ -197,6 +204,13 @@ impl ExactPoint {
             true => ExactPoint::of_grid(at.map(|at| at.as_())),
             false => ExactPoint::new(at, self.weight),
         }
+    }
+
+    /// The point with other axes in the place of its own, some of them turned round.
+    pub(crate) fn permuted(&self, from: [usize; 3], mirrored: [bool; 3]) -> ExactPoint {
+        let at = |axis: usize| if mirrored[axis] { -self.at[from[axis]] } else { self.at[from[axis]] };
+        let near = |axis: usize| if mirrored[axis] { -self.near[from[axis]] } else { self.near[from[axis]] };
+        ExactPoint { at: [0, 1, 2].map(at), near: [0, 1, 2].map(near), ..*self }
     }
 
     /// The order of two points along an axis.

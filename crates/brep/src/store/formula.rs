@@ -27,14 +27,23 @@ impl ExactModel {
     }
 }
 
+/// The formula of a model that was moved by the numbers of a map.
+pub(crate) fn moved_formula(numbers: &str, model: &ExactModel) -> Result<String> {
+    Ok(format!("(map {numbers} {})", operand(model)?))
+}
+
+/// What stands for a model in the formula of another one: its own, or its name.
+fn operand(model: &ExactModel) -> Result<String> {
+    let own = model.formula()?.filter(|own| own.len() <= MOST_NESTED);
+    Ok(own.unwrap_or_else(|| serde_json::Value::from(model.path().display().to_string()).to_string()))
+}
+
 /// The formula of an operation, of the models that it was done to.
 pub(crate) fn formula(operation: u8, models: &[&ExactModel]) -> Result<String> {
     let mut text = format!("(op{operation}");
     for model in models {
-        let own = model.formula()?.filter(|own| own.len() <= MOST_NESTED);
-        let name = || serde_json::Value::from(model.path().display().to_string()).to_string();
         text.push(' ');
-        text.push_str(&own.unwrap_or_else(name));
+        text.push_str(&operand(model)?);
         if text.len() as u64 >= MOST_FORMULA - 1 {
             // (Of so many models, a formula says nothing to anybody.)
             return Ok(String::new());

@@ -55,6 +55,13 @@ impl ExactModel {
         self.summary.grid.depth()
     }
 
+    /// The model with all of its faces on another grid of as many points.
+    pub(crate) fn on_grid(mut self, grid: Grid) -> ExactModel {
+        self.metadata.frame = grid.frame(self.metadata.frame.crs.take());
+        self.summary.grid = grid;
+        self
+    }
+
     /// Numbers of nodes by their kinds.
     pub fn nodes(&self) -> &NodeCounts {
         &self.summary.nodes

@@ -143,6 +143,33 @@ impl Step {
         }
     }
 
+    /// The step as a map of coordinates that are no cells, such as those of exact models: about the origin where no centre is told.
+    ///
+    /// # Errors
+    /// If it is no such map.
+    pub fn as_map(&self) -> Result<AffineMap> {
+        match self {
+            Step::Translate(by) => Ok(AffineMap::translation(*by)),
+            Step::Scale(factors) => {
+                Ok(AffineMap::scaling(std::array::from_fn(|axis| match (&factors[..], axis) {
+                    ([factor], _) => *factor,
+                    (factors, axis) => factors.get(axis).copied().unwrap_or(1.0),
+                })))
+            }
+            Step::Rotate(degrees, Turn::About(axis), centre) => {
+                Ok(AffineMap::rotation(*axis, *degrees, centre.unwrap_or_default()))
+            }
+            Step::Rotate(degrees, Turn::AboutLine(direction), centre) => {
+                AffineMap::rotation_about(*direction, *degrees, centre.unwrap_or_default())
+            }
+            Step::AffineMap(map) => Ok(*map),
+            _ => {
+                let expected = "translate=, scale=, rotate=, mirror=, transpose, axes= or affine=, which move coordinates";
+                Err(Error::invalid("step", format!("`{self}`"), expected))
+            }
+        }
+    }
+
     /// The files that the step reads, besides that of the view.
     pub fn files(&self) -> Vec<&Path> {
         match self {

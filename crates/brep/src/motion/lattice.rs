@@ -1,0 +1,198 @@
+//! Motions that take the points of a grid to those of another one: nothing of a model is rounded.
+
+use super::map::{Motion, Symmetry};
+use crate::arrangement::{Corner, ExactFace, ExactPlane, ExactPoint};
+use crate::{ExactModel, Faces, Grid, MOST_BITS};
+use spinney_base::{Error, Result};
+
+/// A motion of whole grids: axes become others and may be turned round, steps have another width, and the origin another place.
+pub(super) struct Lattice {
+    /// The grid of what was moved.
+    pub(super) grid: Grid,
+    from: [usize; 3],
+    mirrored: [bool; 3],
+    /// Steps of the grid in one of those before.
+    times: i64,
+    /// The place of the last point before, along each axis.
+    most: i64,
+    /// The distance from where the motion leads to: less than a step, and the same for all corners.
+    pub(super) displacement: f64,
+}
+
+/// Most steps that one is divided into so that a shift becomes a whole number of them.
+const MOST_TIMES: i64 = 1000;
+
+/// What a number of steps has beyond a whole number; nothing if it is no more than what some roundings make.
+fn part(steps: f64) -> f64 {
+    const LEAST: f64 = 1e-6;
+    /// That of a few roundings of large numbers, of which some make a quarter of a step.
+    const SHARE: f64 = 5.0 * f64::EPSILON;
+    let part = steps - steps.round();
+    if part.abs() <= LEAST.max((steps.abs() * SHARE).min(0.25)) { 0.0 } else { part }
+}
+
+/// Most steps from the world's origin that files tell.
+const FARTHEST: u64 = 1 << 53;
+
+impl Lattice {
+    /// The motion of a model's grid; `None` if it does not take it to another one. A shift that is no whole number of steps makes
+    /// them smaller if there is room for it, and otherwise goes to the nearest number.
+    pub(super) fn of(model: &ExactModel, motion: &Motion) -> Result<Option<Lattice>> {
+        let Some(Symmetry { scale, from, mirrored }) = motion.symmetry() else { return Ok(None) };
+        let old = model.grid();
+        let shift = motion.shift();
+        let last = (1i64 << old.bits) - 1;
+        // (What stands in for faces beside the grid is half a step beside them, of this grid.)
+        let room = if model.is_beside_grid() { 1 } else { ((1 << MOST_BITS) - 1) / last };
+        let steps = |grid: &Grid| shift.map(|at| at * grid.divisor / grid.step);
+        let mut found = None;
+        for times in 1..=room.min(MOST_TIMES) {
+            let grid = scaled(old, scale, times)?;
+            let is_whole = steps(&grid).iter().all(|at| part(*at) == 0.0);
+            if is_whole || found.is_none() {
+                found = Some((times, grid));
+            }
+            if is_whole {
+                break;
+            }
+        }
+        let Some((times, mut grid)) = found else { return Ok(None) };
+        // Invariant: where an axis is turned round, the cube of the grid's points goes to itself, the last ones to the first. So corners beside
+        // the grid, which are less than a step before its first points or behind its last ones, stay so near, as readers
+        // demand; and the inverse motion gives the same numbers again.
+        let most = last * times;
+        let mut beside = 0.0;
+        for axis in 0..3 {
+            let more = steps(&grid)[axis];
+            let start = times * old.origin[from[axis]];
+            let start = if mirrored[axis] { -start - most } else { start };
+            let there = (more.round() as i128).saturating_add(start.into());
+            if there.unsigned_abs() > FARTHEST.into() {
+                let found = format!("a place {there} steps of {} from the world's origin", grid.width());
+                let expected = "at most 2^53: choose wider steps with --snap";
+                return Err(Error::invalid("result", found, expected));
+            }
+            grid.origin[axis] = there as i64;
+            beside += (part(more) * grid.width()).powi(2);
+        }
+        Ok(Some(Lattice { grid, from, mirrored, times, most, displacement: beside.sqrt() }))
+    }
+
+    /// Whether the faces stay as they are on the grid, which lies where the motion says.
+    pub(super) fn is_only_the_grid(&self) -> bool {
+        self.from == [0, 1, 2] && self.mirrored == [false; 3] && self.times == 1 && self.displacement == 0.0
+    }
+
+    /// Where a point of the grid goes.
+    #[inline]
+    pub(super) fn point(&self, point: [i32; 3]) -> [i32; 3] {
+        [0, 1, 2].map(|axis| {
+            let at = self.times * i64::from(point[self.from[axis]]);
+            (if self.mirrored[axis] { self.most - at } else { at }) as i32
+        })
+    }
+
+    /// A face with corners beside the grid, its corners in the order that they had.
+    pub(super) fn exact(&self, face: ExactFace) -> ExactFace {
+        let shift = self.mirrored.map(|is_mirrored| if is_mirrored { self.most } else { 0 });
+        let plane = |plane: ExactPlane| plane.permuted(self.from, self.mirrored).placed(self.times, shift);
+        let point = |point: ExactPoint| point.permuted(self.from, self.mirrored).placed(self.times, shift);
+        let corner = |Corner { point: at, line }: Corner| Corner { point: point(at), line: plane(line) };
+        ExactFace {
+            plane: plane(face.plane),
+            corners: face.corners.into_iter().map(corner).collect(),
+            ..face
+        }
+    }
+}
+
+/// A grid of as many steps and more, so many times each of the old ones, of which all lengths are multiplied with a factor.
+fn scaled(old: &Grid, scale: f64, times: i64) -> Result<Grid> {
+    let (factor, part) = fraction(scale);
+    let (step, divisor) = reduced(old.step * factor, old.divisor * part * times as f64);
+    let most = ((1i64 << old.bits) - 1) * times;
+    let grid = Grid { bits: 64 - most.leading_zeros() as u8, origin: [0; 3], step, divisor };
+    if [step, divisor, grid.width()].iter().all(|number| number.is_normal()) {
+        return Ok(grid);
+    }
+    let found = format!("steps of {} by {scale}", old.width());
+    Err(Error::invalid("scale", found, "steps whose width is a number"))
+}
+
+/// A number as a quotient: of whole numbers, if it is a decimal fraction or the reciprocal of a whole number.
+fn fraction(number: f64) -> (f64, f64) {
+    let whole = |number: f64| number == number.round() && (1.0..=FARTHEST as f64).contains(&number);
+    if number.to_bits() << 12 == 0 {
+        // Powers of two need no divisor.
+        return (number, 1.0);
+    }
+    let decimals = (0..10).map(|digits| 10f64.powi(digits));
+    let found = decimals.map(|divisor| ((number * divisor).round(), divisor));
+    let reciprocal = (1.0, (1.0 / number).round());
+    let mut found = found.chain([reciprocal]).filter(|(a, b)| whole(*a) && whole(*b) && a / b == number);
+    found.next().unwrap_or((number, 1.0))
+}
+
+/// The same quotient of a step and its divisor, whatever it came of: in lowest terms, of whole numbers where these are small.
+fn reduced(step: f64, divisor: f64) -> (f64, f64) {
+    // An odd number, and the power of two that it is multiplied by.
+    let parts = |number: f64| {
+        let bits = number.to_bits();
+        let odd = bits & ((1 << 52) - 1) | 1 << 52;
+        (odd >> odd.trailing_zeros(), (bits >> 52) as i32 - 1075 + odd.trailing_zeros() as i32)
+    };
+    if ![step, divisor].iter().all(|number| number.is_normal()) {
+        return (step, divisor);
+    }
+    let ((a, i), (b, j)) = (parts(step), parts(divisor));
+    let common = common_divisor(a, b);
+    let (a, b, power) = ((a / common) as f64, (b / common) as f64, i - j);
+    // (By halves: a power itself may be beyond what doubles have.)
+    let times = |number: f64, power: i32| number * 2f64.powi(power / 2) * 2f64.powi(power - power / 2);
+    let whole = times(b, -power);
+    match b > 1.0 && power < 0 && whole <= FARTHEST as f64 {
+        true => (a, whole),
+        false => (times(a, power), b),
+    }
+}
+
+fn common_divisor(mut a: u64, mut b: u64) -> u64 {
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_of_grids_are_in_lowest_terms_already() {
+        for width in [1.0, 0.001, 0.0025, 0.3, 25.4, 1.0 / 3.0, 2f64.powi(-20), 1e-280, 7e12] {
+            let bounds = [[0.0; 3], [1000.0 * width; 3]];
+            let grid = Grid::over(bounds, Some(width)).unwrap();
+            assert_eq!(reduced(grid.step, grid.divisor), (grid.step, grid.divisor), "{width}");
+        }
+    }
+
+    /// Decimal factors and their inverses give the same step again, whatever was between.
+    #[test]
+    fn factors_that_cancel_leave_the_step() {
+        let scaled = |(step, divisor): (f64, f64), factor: f64| {
+            let (a, b) = fraction(factor);
+            reduced(step * a, divisor * b)
+        };
+        for step in [(1.0, 1000.0), (1.0, 1.0), (2f64.powi(-20), 1.0), (1.0, 3.0)] {
+            for (factor, inverse) in
+                [(1000.0, 0.001), (4.0, 0.25), (2.5, 0.4), (3.0, 1.0 / 3.0), (8.0, 0.125)]
+            {
+                let there = scaled(step, factor);
+                assert_eq!(scaled(there, inverse), step, "{factor}");
+                assert_eq!(there.0 / there.1, step.0 / step.1 * factor);
+            }
+        }
+        assert_eq!(scaled((1.0, 1.0), 25.4), (127.0, 5.0));
+        assert_eq!(scaled((1.0, 1000.0), 1000.0), (1.0, 1.0));
+    }
+}

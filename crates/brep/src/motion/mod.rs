@@ -1,0 +1,337 @@
+//! Motions of exact models: shifts, turns, mirrors, other sizes, and any affine map.
+//!
+//! Where a motion takes the points of the grid to those of another grid, nothing is rounded: axes are exchanged or turned round,
+//! and all else is said by the grid's origin and step. Corners beside the grid, and the planes that they are made of, are
+//! moved by the same whole numbers. All other motions compute corners anew. Octrees are built anew in any case: which side of a
+//! face a cell's corner is on that lies in it does not stay the same when axes are exchanged.
+
+mod lattice;
+mod map;
+mod snapped;
+
+use self::lattice::Lattice;
+use self::snapped::Snapping;
+use super::arrangement::{ExactFace, Turner};
+use super::closure::{Closure, Seed};
+use super::planar::PlanarCounts;
+use super::query::MassSums;
+use super::store::formula::moved_formula;
+use super::{BuildReport, ExactModel, Face, Faces, Grid, ModelBuilder};
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{Codec, Metadata, Tag};
+use spinney_crs::Crs;
+
+pub use self::map::Motion;
+
+/// Options for moving a model.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct TransformOptions {
+    /// Width of the steps of a new grid, to which all corners are moved; otherwise the model's own, with which nothing is rounded
+    /// that need not be.
+    pub snap: Option<f64>,
+    /// The coordinate system of the result; otherwise the model's.
+    pub crs: Option<Crs>,
+    /// Unit of length of the result's coordinates; otherwise the model's.
+    pub unit: Option<String>,
+    /// A line for the result's provenance; otherwise the map's numbers.
+    pub note: Option<String>,
+    /// Packing of the file.
+    pub codec: Codec,
+    /// Bytes of memory for everything.
+    pub memory: u64,
+}
+
+impl TransformOptions {
+    /// On the model's grid where that is possible, with so much memory.
+    pub fn new(memory: u64) -> TransformOptions {
+        let (snap, crs, unit, note) = (None, None, None, None);
+        TransformOptions { snap, crs, unit, note, codec: Codec::default(), memory }
+    }
+}
+
+/// Counts of a model that was moved.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct TransformReport {
+    /// Faces before.
+    pub before: u64,
+    /// Faces of the result.
+    pub after: u64,
+    /// Whether the body has the very shape that it had: no corner was moved against others.
+    pub is_exact: bool,
+    /// The furthest that a corner lies from where the motion takes it, in the model's unit.
+    pub displacement: f64,
+    /// Faces that were cut into triangles, as their corners do not lie in one plane on the grid, or their rings cross.
+    pub cut: u64,
+    /// Faces that were left out: on the grid they are points or lines.
+    pub collapsed: u64,
+    /// Faces with corners beside the grid that are gone: in their place are those on the grid that stood in for them.
+    pub rounded: u64,
+    /// The grid.
+    pub grid: Grid,
+    /// Counts of the octree.
+    pub built: BuildReport,
+}
+
+/// Moves a model, and writes it into a file.
+///
+/// Whole steps, quarter turns, mirrors, exchanged axes and one factor for all lengths are exact, also for corners beside the grid; a shift
+/// that is no whole number of steps, and for which there are no finer ones, goes to the nearest number. All other maps compute
+/// corners anew and move them to the nearest points of a grid; faces that are not planar then are cut into triangles. Names and attributes of parts, values of
+/// faces, colours and metadata are kept. Time goes with the number of faces, as in building; memory is
+/// bounded, but that faces with corners beside the grid are held.
+///
+/// ```
+/// use spinney::brep::{ExactModel, Faces, Motion, TransformOptions, transform};
+/// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+/// use spinney::io::Output;
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = |name: &str| folder.path().join(name);
+/// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+/// # std::fs::write(path("a.off"), text).unwrap();
+/// # import_exact(open_all(&[path("a.off")], 64 << 20)?, &ExactOptions::new(), Output::create(&path("a.goblin"))?, &())?;
+/// let model = ExactModel::open(&path("a.goblin"), &Default::default())?;
+/// let mirror = Motion::from_rows([[-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 2.0]])?;
+/// let output = Output::create(&path("b.goblin"))?;
+/// let report = transform(&model, &mirror, &TransformOptions::new(64 << 20), output, &())?;
+/// assert!(report.is_exact && report.after == model.len());
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the model is no body, if the result is none ([`Error::NoBody`], with the places: it passes through itself on the grid) or does not fit on a grid, if the memory
+/// is not enough, if files cannot be read or written, or on interruption. There is no file then.
+pub fn transform(
+    model: &ExactModel,
+    motion: &Motion,
+    options: &TransformOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<TransformReport> {
+    model.check_surface(progress)?;
+    let lattice = if options.snap.is_none() { Lattice::of(model, motion)? } else { None };
+    let work = Work { model, motion, options, progress };
+    match lattice {
+        Some(lattice) => work.exactly(&lattice, output),
+        None => work.anew(output),
+    }
+}
+
+impl ExactModel {
+    /// The model as it is seen after a motion, without a file of its own: all questions then tell of what was moved.
+    ///
+    /// # Errors
+    /// If the motion turns or mirrors, has different factors along the axes, or shifts by no whole number of the grid's steps.
+    pub fn seen_through(self, motion: &Motion) -> Result<ExactModel> {
+        match Lattice::of(&self, motion)? {
+            Some(lattice) if lattice.is_only_the_grid() => Ok(self.on_grid(lattice.grid)),
+            _ => Err(Error::invalid(
+                "view",
+                "a motion that does more than shift by whole steps, and by one factor",
+                "such a one, or a file: make it with `spinney transform`",
+            )),
+        }
+    }
+}
+
+/// A motion that is being done.
+struct Work<'a> {
+    model: &'a ExactModel,
+    motion: &'a Motion,
+    options: &'a TransformOptions,
+    progress: &'a dyn Progress,
+}
+
+impl Work<'_> {
+    /// Moves all to another grid, point by point.
+    fn exactly(&self, lattice: &Lattice, output: Output) -> Result<TransformReport> {
+        let is_mirrored = self.motion.is_mirrored();
+        let (mut exact, mut bytes) = (Vec::new(), 0);
+        self.model.each_exact(&mut |face| {
+            let moved = lattice.exact(face);
+            let moved = if is_mirrored { ExactFace { plane: moved.plane, ..moved.turned() } } else { moved };
+            bytes += moved.bytes();
+            self.check_room(bytes)?;
+            exact.push(moved);
+            if exact.len().is_multiple_of(1 << 8) { self.progress.check() } else { Ok(()) }
+        })?;
+        let mut target = Target::new(self, output, &lattice.grid, exact)?;
+        let (mut points, mut turner) = (Vec::new(), Turner::default());
+        self.model.each_face(&mut |face, stands_in| {
+            points.clear();
+            points.extend(face.points.iter().map(|point| lattice.point(*point)));
+            let moved = Face { points: &points, ..*face };
+            let moved = if is_mirrored { turner.turn(&moved) } else { moved };
+            target.push(&moved, stands_in, face.number)
+        })?;
+        target.finish(Rounding { displacement: lattice.displacement, ..Rounding::default() })
+    }
+
+    /// Computes all corners anew.
+    fn anew(&self, output: Output) -> Result<TransformReport> {
+        let mut snapping = Snapping::of(self.model, self.motion, self.options.snap, self.progress)?;
+        let mut target = Target::new(self, output, &snapping.grid.clone(), Vec::new())?;
+        let (mut closure, mut sums) = (Closure::new(Seed::new()), MassSums::new());
+        self.model.each(&mut |face| {
+            let number = face.number;
+            snapping.face(face, &mut |face| {
+                closure.add(face);
+                sums.add_face(face);
+                target.push(face, false, number)
+            })
+        })?;
+        let flaw = if sums.measures(&snapping.grid).volume == 0.0 && !self.model.is_empty() {
+            Some(format!("on a grid with steps of {} it has no volume", snapping.grid.width()))
+        } else {
+            (!closure.is_closed()).then(|| "some edges have a face on one side only".into())
+        };
+        if let Some(what) = flaw {
+            return Err(Error::NoBody {
+                path: self.model.path().to_path_buf(),
+                what: format!("the result would be no body: {what}"),
+                places: Vec::new(),
+                count: 0,
+                advice: "choose smaller steps with --snap, or look at the model with verify".into(),
+            });
+        }
+        let rounded = self.model.exact_faces().0;
+        let counts = Some(snapping.planar.counts);
+        target.finish(Rounding { displacement: snapping.displacement(), counts, rounded })
+    }
+
+    /// Fails if so many bytes for faces with corners beside the grid are too much.
+    fn check_room(&self, needed: u64) -> Result<()> {
+        let limit = self.options.memory / 2;
+        if needed <= limit {
+            return Ok(());
+        }
+        Err(Error::TooLarge {
+            path: self.model.path().to_path_buf(),
+            what: "the faces with corners beside the grid".into(),
+            needed,
+            limit,
+            advice: "allow more with --memory".into(),
+        })
+    }
+
+    /// Unit, place and provenance of the result.
+    fn metadata(&self, grid: &Grid, rounding: &Rounding) -> Metadata {
+        let TransformOptions { crs, unit, note, .. } = self.options;
+        let mut metadata = self.model.metadata().clone();
+        metadata.frame = grid.frame(crs.as_ref().or(self.model.crs()).cloned());
+        let rows = self.motion.to_rows();
+        let path = self.model.path().display();
+        let note = note.clone().unwrap_or_else(|| format!("affine={}", numbers(rows.as_flattened(), ",")));
+        metadata.provenance.push(format!("view of {path}: {note}"));
+        if let Some(unit) = unit {
+            metadata.set_tag(Tag::Unit, unit);
+        }
+        let number = |tag: Tag| metadata.tag(tag).and_then(|text| text.parse::<f64>().ok()).unwrap_or(0.0);
+        let displacement = number(Tag::ModelDisplacement) * self.motion.growth() + rounding.displacement;
+        let cut = number(Tag::ModelCutFaces);
+        metadata.set_tag(Tag::ModelDisplacement, displacement.to_string());
+        if let Some(counts) = &rounding.counts {
+            metadata.set_tag(Tag::ModelCutFaces, (cut + counts.cut as f64).to_string());
+            metadata.set_tag(Tag::ModelSlivers, counts.slivers.to_string());
+        }
+        metadata.tags.remove(Tag::ModelThinPlaces.key());
+        metadata
+    }
+}
+
+/// What was rounded.
+#[derive(Default)]
+struct Rounding {
+    displacement: f64,
+    /// What became of faces whose corners were computed.
+    counts: Option<PlanarCounts>,
+    /// Faces with corners beside the grid that are gone.
+    rounded: u64,
+}
+
+/// The file of what was moved.
+struct Target<'a> {
+    work: &'a Work<'a>,
+    grid: Grid,
+    builder: ModelBuilder,
+    /// Names of the columns of values of faces.
+    columns: Vec<String>,
+    after: u64,
+}
+
+impl<'a> Target<'a> {
+    fn new(work: &'a Work<'a>, output: Output, grid: &Grid, exact: Vec<ExactFace>) -> Result<Target<'a>> {
+        let TransformOptions { memory, codec, .. } = *work.options;
+        let memory = if exact.is_empty() { memory } else { memory / 2 };
+        let builder = ModelBuilder::new(output, grid.clone(), memory)?
+            .codec(codec)
+            .unbounded(work.model.is_unbounded())
+            .exact(exact);
+        let columns = work.model.face_columns()?.into_iter().filter_map(|names| names.into_iter().next());
+        Ok(Target { work, grid: grid.clone(), builder, columns: columns.collect(), after: 0 })
+    }
+
+    /// Adds a face that came of the model's of a number, with the values of that.
+    fn push(&mut self, face: &Face<'_>, stands_in: bool, number: u64) -> Result<()> {
+        if number.is_multiple_of(1 << 12) {
+            self.work.progress.check()?;
+        }
+        self.after += 1;
+        self.builder.push_face(face, stands_in)?;
+        for (column, name) in (0..).zip(&self.columns) {
+            // (Models have fewer than 2^32 faces.)
+            if let Some(value) = self.work.model.face_value(column, number as u32)? {
+                self.builder.face_value(name, &value)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(self, rounding: Rounding) -> Result<TransformReport> {
+        let Target { work, grid, mut builder, after, .. } = self;
+        let Work { model, motion, progress, .. } = *work;
+        for (part, name) in (0..).zip(model.parts()) {
+            builder.part(name, model.part_attributes(part)?.as_deref())?;
+        }
+        model.file_attributes()?.iter().try_for_each(|text| builder.about_file(text))?;
+        let rows = motion.to_rows();
+        let builder = builder.formula(moved_formula(&numbers(rows.as_flattened(), " "), model)?);
+        let is_exact = rounding.counts.is_none();
+        let is_rounded = model.is_beside_grid() && is_exact;
+        let mut metadata = work.metadata(&grid, &rounding);
+        let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {
+            if built.defect_count > 0 {
+                metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
+            }
+        })?;
+        if built.defect_count > 0 && !is_rounded {
+            let (what, advice) = match is_exact {
+                true => ("the model passes through itself", "look at it with verify, and build it again"),
+                false => (
+                    "on its new grid the result passes through itself: it bounds no body",
+                    "choose smaller steps with --snap, or move it by whole steps, quarter turns or one factor, which are exact",
+                ),
+            };
+            return Err(built.error(model.path(), what, advice));
+        }
+        let counts = rounding.counts.unwrap_or_default();
+        Ok(TransformReport {
+            before: model.len(),
+            after,
+            is_exact,
+            displacement: rounding.displacement,
+            cut: counts.cut + counts.fanned,
+            collapsed: counts.collapsed,
+            rounded: rounding.rounded,
+            grid,
+            built,
+        })
+    }
+}
+
+/// Numbers, as few digits as tell them.
+fn numbers(numbers: &[f64], between: &str) -> String {
+    numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(between)
+}

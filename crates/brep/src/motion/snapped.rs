@@ -1,0 +1,97 @@
+//! Motions that take the points of a grid to none of another one: corners are computed in the world and moved to the nearest
+//! points of a new grid.
+
+use super::map::Motion;
+use crate::arrangement::Turner;
+use crate::planar::PlanarFaces;
+use crate::{ExactModel, Face, Faces, Grid};
+use spinney_base::{Error, Progress, Result};
+
+/// Moves faces one by one; keeps its buffers from face to face.
+pub(super) struct Snapping<'a> {
+    motion: &'a Motion,
+    old: Grid,
+    pub(super) grid: Grid,
+    pub(super) planar: PlanarFaces,
+    /// The square of the furthest that a corner lies from where the motion takes it.
+    squared_displacement: f64,
+    turner: Turner,
+}
+
+impl<'a> Snapping<'a> {
+    /// Reads all faces, and lays a grid over where they will be: with a step of the width, or that of the model's grid if that is
+    /// no less than what there is room for.
+    pub(super) fn of(
+        model: &ExactModel,
+        motion: &'a Motion,
+        width: Option<f64>,
+        progress: &dyn Progress,
+    ) -> Result<Snapping<'a>> {
+        let old = model.grid().clone();
+        let mut bounds: Option<[[f64; 3]; 2]> = None;
+        model.each(&mut |face| {
+            if face.number.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+            for point in face.points {
+                let at = motion.apply(old.to_world(*point));
+                let [low, high] = bounds.get_or_insert([at; 2]);
+                for axis in 0..3 {
+                    low[axis] = low[axis].min(at[axis]);
+                    high[axis] = high[axis].max(at[axis]);
+                }
+            }
+            Ok(())
+        })?;
+        let bounds = bounds.unwrap_or([[0.0; 3]; 2]);
+        if !bounds.as_flattened().iter().all(|at| at.is_finite()) {
+            return Err(Error::invalid("result", "coordinates that are beyond all numbers", "a smaller one"));
+        }
+        let grid = match width {
+            None => Grid::fit(bounds, old.step, old.divisor).map_or_else(|| Grid::over(bounds, None), Ok),
+            width => Grid::over(bounds, width),
+        }?;
+        let mut planar = PlanarFaces::default();
+        planar.is_coloured = model.is_coloured()?;
+        Ok(Snapping { motion, old, grid, planar, squared_displacement: 0.0, turner: Turner::default() })
+    }
+
+    /// The furthest that a corner lies from where the motion takes it.
+    pub(super) fn displacement(&self) -> f64 {
+        self.squared_displacement.sqrt()
+    }
+
+    /// Hands out what becomes of a face: itself, some triangles, or nothing.
+    pub(super) fn face(
+        &mut self,
+        face: &Face<'_>,
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    ) -> Result<()> {
+        let Snapping { motion, old, grid, planar, squared_displacement, turner } = self;
+        let face = if motion.is_mirrored() { turner.turn(face) } else { *face };
+        planar.begin();
+        let mut start = 0;
+        for &end in face.ring_ends {
+            let ring_start = planar.corners();
+            for corner in start..end {
+                let point = motion.apply(old.to_world(face.points[corner]));
+                let snapped = grid.snap(point).ok_or_else(|| {
+                    Error::invalid(
+                        "corner",
+                        format!("{point:?}"),
+                        "one where it was when the model was read first",
+                    )
+                })?;
+                let there = grid.to_world(snapped);
+                let moved = (0..3).map(|axis| (there[axis] - point[axis]).powi(2)).sum::<f64>();
+                *squared_displacement = squared_displacement.max(moved);
+                planar.add_corner(ring_start, snapped, face.colours.get(corner));
+            }
+            start = end;
+            if !planar.end_ring(ring_start) {
+                break;
+            }
+        }
+        planar.finish(face.part, face.source, each)
+    }
+}
