@@ -86,12 +86,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let Wanted { above, below, class, leaf } = &args.condition;
     let file = args.tree.file.as_path();
     let mut found = Found::new(args.limit, args.largest);
-    if let Some(model) = exact::open(file)? {
+    if let Some(model) = args.tree.open_model()? {
         let given = [
             ("--above", above.is_some()),
             ("--below", below.is_some()),
             ("--class", class.is_some()),
-            ("--view", args.tree.is_viewed()),
             ("--window", args.part.is_given()),
             ("--within", args.within.is_some()),
         ];

@@ -60,9 +60,8 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    if let Some(model) = exact::open(&args.tree.file)? {
+    if let Some(model) = args.tree.open_model()? {
         let given = [
-            ("--view", args.tree.is_viewed()),
             ("--level", args.level.is_some()),
             ("--in", args.coordinates.given().is_some()),
             ("--json", args.json),

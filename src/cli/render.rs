@@ -98,9 +98,9 @@ fn parse_colour(text: &str) -> Result<Background, String> {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let file = args.tree.file.as_path();
-    let scene = match exact::open(file)? {
+    let scene = match args.tree.open_model()? {
         Some(model) => {
-            exact::refuse(file, &[("--view", args.tree.is_viewed()), ("--level", args.level.is_some())])?;
+            exact::refuse(file, &[("--level", args.level.is_some())])?;
             Scene::Model(Box::new(model))
         }
         None => Scene::Cells(args.tree.open_drawn()?),

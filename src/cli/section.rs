@@ -7,8 +7,9 @@ use anyhow::{Context as _, Result, bail};
 use spinney::brep::ExactModel;
 use spinney::brep::surface_intersection::surface_intersection;
 use spinney::export::vector::{SectionPlanes, VectorFormat, export_intersection, export_section};
+use spinney::ops::Step;
 
-use super::args::{Memory, OutputLimit, VECTOR_FORMATS, check_output, vector_format};
+use super::args::{Memory, OutputLimit, VECTOR_FORMATS, check_output, parse_step, vector_format};
 use super::report::{Work, report_output};
 use super::{Global, exact};
 
@@ -50,6 +51,10 @@ pub(crate) struct Args {
     /// Coordinates in the plane: y and z where x is given, z and x where y is, x and y where z is
     #[arg(long)]
     flat: bool,
+    /// See the file through a step of `transform`, translate= or scale= with one factor; may be given several times. Nothing is
+    /// made beforehand
+    #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
+    steps: Vec<Step>,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -88,11 +93,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if others.len() > usize::from(planes.is_empty()) {
         bail!("a model is cut by planes or by one other model: call `spinney section` once for each");
     }
-    let model = open(&args.file)?;
+    let model = open(&args.file, &args.steps)?;
     let format = vector_format(args.format.as_deref(), &args.output)?;
     check_output(others.iter().copied().chain([args.file.as_path()]), &args.output)?;
     let found = match others.first() {
-        Some(other) => intersect(args, [&model, &open(other)?], format, global)?,
+        Some(other) => intersect(args, [&model, &open(other, &[])?], format, global)?,
         None => cut(args, &model, &planes, format, global)?,
     };
     global.report("section", format_args!("{found}"));
@@ -143,8 +148,8 @@ fn intersect(args: &Args, models: [&ExactModel; 2], format: VectorFormat, global
     ))
 }
 
-fn open(path: &Path) -> Result<ExactModel> {
-    match exact::open(path)? {
+fn open(path: &Path, steps: &[Step]) -> Result<ExactModel> {
+    match exact::open_viewed(path, steps)? {
         Some(model) => Ok(model),
         None => {
             // (What is no tree at all is told as such.)

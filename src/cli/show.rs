@@ -88,8 +88,8 @@ fn drawn(args: &Args, room: [u64; 2], global: &Global) -> Result<Picture> {
         request.background = None;
         request
     };
-    let size = if let Some(model) = exact::open(file)? {
-        exact::refuse(file, &[("--view", args.tree.is_viewed()), ("--style", args.style.is_some())])?;
+    let size = if let Some(model) = args.tree.open_model()? {
+        exact::refuse(file, &[("--style", args.style.is_some())])?;
         render_exact(&model, &request(room), Output::create(&path)?, Format::Raw, &work)?;
         room
     } else {

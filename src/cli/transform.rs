@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
+use spinney::brep::TransformOptions;
 use spinney::ops::{self, Chain, Resampling, Step, WarpOptions};
 
-use super::Global;
-use super::args::{Memory, OutputLimit, Packing, check_output, parse_step};
+use super::args::{Memory, OutputLimit, Packing, UNITS, check_output, parse_step};
 use super::report::{Work, report_output};
+use super::{Global, exact};
 
 /// Make a tree of a part of another, moved, scaled, mirrored or turned, or of what is calculated with others.
 ///
@@ -19,12 +20,15 @@ use super::report::{Work, report_output};
 /// New cells that are no old ones get their value by the file's rule: the mean, or the class with the largest
 /// area, of what they cover; where axes do not stay axes, the value at their centre.
 ///
+/// Exact models are moved in the world: whole steps of the grid, quarter turns, mirrors, exchanged axes and one factor for
+/// all axes exactly, others with their corners moved to the nearest points of a grid.
+///
 /// The picture stays where it is in the world, however its cells are arranged; with --move it moves with its
 /// cells.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Tree file
+    /// Tree file, or exact model
     file: PathBuf,
     /// Steps, in order: see below
     #[arg(value_name = "STEP", value_parser = parse_step, allow_hyphen_values = false)]
@@ -43,6 +47,13 @@ pub(crate) struct Args {
     /// Move the picture in the world as its cells are moved
     #[arg(long = "move")]
     moves: bool,
+    /// Width of the steps of a new grid for exact models, to which all corners are moved
+    /// [default: the model's grid, on which nothing is rounded that need not be]
+    #[arg(long, value_name = "WIDTH")]
+    snap: Option<f64>,
+    /// Unit of the model's coordinates, of exact models [default: what the file says]
+    #[arg(long, value_parser = UNITS)]
+    unit: Option<String>,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -87,6 +98,9 @@ Steps:
   sieve=CELLS[,connect=8]  gives components of fewer cells to their largest neighbours, the smallest first; those in VOID stay
   sieve=AREAm2             the same with square metres, where the coordinate system tells them
                            (components= and sieve= go through all cells first, and are not for --view)
+Steps of exact models, in coordinates of the world, about its origin:
+  translate=DX,DY,DZ  scale=F  scale=FX,FY,FZ  mirror=x  transpose  axes=+y,-x,+z  affine=12 numbers  crs=DEF
+  rotate=DEG,AXIS[@X,Y,Z]  counterclockwise seen from the axis' end, also about another point
 
 Examples:
   spinney transform world.goblin window=20000,5000,4096,4096 -o part.goblin
@@ -103,12 +117,39 @@ Examples:
   spinney transform B04.goblin 'calc=(nir-b1)/(nir+b1),nir=B08.goblin' -o ndvi.goblin
   spinney transform may.goblin reduce=median,june=june.goblin,july=july.goblin -o summer.goblin
   spinney transform landcover.goblin components=4 -o labels.goblin
-  spinney transform landcover.goblin sieve=100 -o clean.goblin";
+  spinney transform landcover.goblin sieve=100 -o clean.goblin
+  spinney transform part.goblin rotate=90,x translate=0,0,12.5 -o placed.goblin
+  spinney transform inches.goblin scale=25.4 --unit mm -o part.goblin";
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args { file, steps, output: path, resampling, allow_ballpark, moves, memory, packing, limit } = args;
+    let Args {
+        file,
+        steps,
+        output: path,
+        resampling,
+        allow_ballpark,
+        moves,
+        snap,
+        unit,
+        memory,
+        packing,
+        limit,
+    } = args;
     check_output([file.as_path()].into_iter().chain(steps.iter().flat_map(Step::files)), &path)?;
+    if let Some(model) = exact::open(&file)? {
+        let given =
+            [("--resampling", resampling.is_some()), ("--allow-ballpark", allow_ballpark), ("--move", moves)];
+        exact::refuse(&file, &given)?;
+        let mut options = TransformOptions::new(memory.bytes);
+        (options.snap, options.unit, options.codec) = (snap, unit, packing.of_model(&file)?);
+        let moving = exact::Moving { model: &model, steps: &steps, options };
+        return exact::transform(moving, limit.create_tree(&path)?, global);
+    }
+    let given = [("--snap", snap.is_some()), ("--unit", unit.is_some())];
+    if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {
+        bail!("{}: is no exact model, which {name} is for", file.display());
+    }
     let mut warp = WarpOptions::default();
     (warp.resampling, warp.allow_ballpark) = (resampling, allow_ballpark);
     let chain = Chain { path: file, steps, moves, warp };

@@ -60,3 +60,6 @@ pub(crate) fn level_of(tree: &Dataset, asked: Option<u8>) -> Result<u8> {
     ensure!(level <= depth, "--level: {level}, the tree's levels are 0 to {depth}");
     Ok(level)
 }
+
+/// Units of length that models may have.
+pub(crate) const UNITS: [&str; 6] = ["mm", "cm", "m", "km", "in", "ft"];

@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use spinney::brep::ExactModel;
 use spinney::dataset::Dataset;
 use spinney::ops::{Calculation, LayerInfo, Step, WarpTarget};
 use spinney::store::FilePlace;
 
-use super::super::open;
+use super::super::{exact, open};
 use super::{LayerOption, parse_crs};
 
 /// A tree file, and the steps that it is seen through.
@@ -16,7 +17,7 @@ pub(crate) struct ViewedTree {
     /// Tree file
     pub(crate) file: PathBuf,
     /// See the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is
-    /// made beforehand
+    /// made beforehand. (Exact models are seen through translate= and scale= with one factor)
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,
     #[command(flatten)]
@@ -27,6 +28,11 @@ impl ViewedTree {
     /// Whether there are steps.
     pub(crate) fn is_viewed(&self) -> bool {
         !self.steps.is_empty()
+    }
+
+    /// Opens the file if it is an exact model, with or without steps.
+    pub(crate) fn open_model(&self) -> anyhow::Result<Option<ExactModel>> {
+        exact::open_viewed(&self.file, &self.steps)
     }
 
     /// What is seen of the file as text: another one for other layers or steps.

@@ -10,7 +10,8 @@ use spinney::import::mesh::{
 };
 use spinney::space::{EdgeRule, Up};
 
-use super::super::{args::check_output, open};
+use super::super::args::{UNITS, check_output};
+use super::super::open;
 use super::{Common, Grid, Lines, grid_of};
 
 /// Options for models only.
@@ -40,7 +41,7 @@ pub(super) struct SolidArgs {
     #[arg(long, value_name = "AXIS")]
     pub(super) up: Option<Up>,
     /// Unit of the model's coordinates, where the file does not say: mm, cm, m, km, in or ft
-    #[arg(long, value_parser = ["mm", "cm", "m", "km", "in", "ft"])]
+    #[arg(long, value_parser = UNITS)]
     pub(super) unit: Option<String>,
     /// Print how the surface was read and what is inside
     #[arg(long)]

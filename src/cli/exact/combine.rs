@@ -11,7 +11,7 @@ use spinney::store::Codec;
 
 use super::super::Global;
 use super::super::report::{Work, report_output};
-use super::open;
+use super::{open, tell_result};
 
 /// Makes a model of several by a set operation.
 pub(in crate::cli) fn combine(
@@ -70,17 +70,7 @@ fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
     if *displacement > 0.0 {
         global.report("moved", format_args!("new vertices, by {displacement} at most, to the grid"));
     }
-    let built = &report.built;
-    if built.defect_count > 0 {
-        let count = built.defect_count;
-        global.report(
-            "thin",
-            format_args!("{count} places where the surface passes through itself on the grid, as"),
-        );
-        built.defects.iter().take(5).for_each(|defect| global.report("", format_args!("{defect}")));
-    }
-    let far = if report.is_unbounded { ", around all that is far away" } else { "" };
-    global.report("result", format_args!("{after} faces{far}"));
+    tell_result(*after, report.is_unbounded, &report.built, global);
 }
 
 /// Whether any of some files is an exact model.

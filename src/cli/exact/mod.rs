@@ -6,14 +6,18 @@ mod find;
 mod info;
 mod point;
 mod stats;
+mod transform;
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use spinney::brep::{ExactModel, Faces, is_model_file};
+use spinney::brep::{BuildReport, ExactModel, Faces, is_model_file};
 use spinney::import::feature::{FeatureFilter, choose_objects};
+use spinney::ops::Step;
 use spinney::store::{OpenOptions, Tag};
+
+use super::Global;
 
 pub(super) use combine::{any_model, combine};
 pub(super) use export::export;
@@ -21,6 +25,7 @@ pub(super) use find::{LeafKind, find};
 pub(super) use info::info;
 pub(super) use point::{points, rays};
 pub(super) use stats::{each, stats};
+pub(super) use transform::{Moving, transform};
 
 /// The exact model in a file; `None` if it has anything else.
 pub(super) fn open(path: &Path) -> Result<Option<ExactModel>> {
@@ -28,6 +33,15 @@ pub(super) fn open(path: &Path) -> Result<Option<ExactModel>> {
         return Ok(None);
     }
     Ok(Some(ExactModel::open(path, &OpenOptions::new())?))
+}
+
+/// The exact model in a file as it is seen through steps; `None` if the file has anything else.
+pub(super) fn open_viewed(path: &Path, steps: &[Step]) -> Result<Option<ExactModel>> {
+    let Some(model) = open(path)? else { return Ok(None) };
+    if steps.is_empty() {
+        return Ok(Some(model));
+    }
+    Ok(Some(model.seen_through(&transform::motion(steps)?)?))
 }
 
 /// The parts of a model for which conditions hold, with their parts.
@@ -51,6 +65,20 @@ pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
         );
     }
     Ok(())
+}
+
+/// Tells how many faces a result has, and where its surface passes through itself.
+fn tell_result(faces: u64, is_unbounded: bool, built: &BuildReport, global: &Global) {
+    let count = built.defect_count;
+    if count > 0 {
+        global.report(
+            "thin",
+            format_args!("{count} places where the surface passes through itself on the grid, as"),
+        );
+        built.defects.iter().take(5).for_each(|defect| global.report("", format_args!("{defect}")));
+    }
+    let far = if is_unbounded { ", around all that is far away" } else { "" };
+    global.report("result", format_args!("{faces} faces{far}"));
 }
 
 /// The unit of length of a model's coordinates, where it is known, with a blank before it.

@@ -49,8 +49,8 @@ impl MeshOptions {
 pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()> {
     let start = Instant::now();
     let MeshOptions { level, smooth, triangles, ref filter } = args.mesh;
-    if let Some(model) = exact::open(&args.tree.file)? {
-        let given = [("--view", args.tree.is_viewed()), ("--level", level.is_some()), ("--smooth", smooth)];
+    if let Some(model) = args.tree.open_model()? {
+        let given = [("--level", level.is_some()), ("--smooth", smooth)];
         exact::refuse(&args.tree.file, &given)?;
         return exact::export(&model, args.output.path(), format, triangles, filter.as_ref(), global);
     }

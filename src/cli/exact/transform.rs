@@ -1,0 +1,78 @@
+//! `spinney transform` of exact models.
+
+use std::time::Instant;
+
+use anyhow::Result;
+use spinney::brep::{ExactModel, Faces, Motion, TransformOptions, TransformReport};
+use spinney::io::Output;
+use spinney::ops::{AffineMap, Step};
+
+use super::super::Global;
+use super::super::report::{Work, report_output};
+use super::{tell_result, unit};
+
+/// A model that is moved, and how.
+pub(in crate::cli) struct Moving<'a> {
+    pub(in crate::cli) model: &'a ExactModel,
+    pub(in crate::cli) steps: &'a [Step],
+    pub(in crate::cli) options: TransformOptions,
+}
+
+/// Makes a model of another one by steps.
+pub(in crate::cli) fn transform(moving: Moving<'_>, output: Output, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    let Moving { model, steps, mut options } = moving;
+    let path = output.path().to_path_buf();
+    let mut maps = Vec::new();
+    for step in steps {
+        match step {
+            Step::Crs(crs) => options.crs = Some(crs.clone()),
+            step => maps.push(step.clone()),
+        }
+    }
+    let motion = motion(&maps)?;
+    let texts: Vec<String> = steps.iter().map(Step::to_string).collect();
+    options.note = (!texts.is_empty()).then(|| texts.join(", "));
+    let work = Work::start(global, "faces")?;
+    let report = spinney::brep::transform(model, &motion, &options, output, &work)?;
+    work.finish();
+    global.report("input", format_args!("{}: {} faces", model.path().display(), report.before));
+    let unit = options.unit.map_or_else(|| unit(model), |unit| format!(" {unit}"));
+    tell(&report, &unit, model.is_unbounded(), global);
+    report_output(global, &path, start);
+    Ok(())
+}
+
+/// Steps, one after the other, as a map of the world.
+pub(super) fn motion(steps: &[Step]) -> Result<Motion> {
+    let map =
+        steps.iter().try_fold(AffineMap::IDENTITY, |map, step| step.as_map().map(|next| map.then(&next)))?;
+    Ok(Motion::from_rows(map.to_rows())?)
+}
+
+fn tell(report: &TransformReport, unit: &str, is_unbounded: bool, global: &Global) {
+    let TransformReport { is_exact, displacement, grid, cut, collapsed, rounded, after, .. } = report;
+    let moved = match (is_exact, displacement) {
+        (true, 0.0) => "exactly".into(),
+        (true, _) => {
+            format!("exactly, but to a place {displacement}{unit} beside: the nearest whole number of steps")
+        }
+        (false, 0.0) => "onto points of a new grid, all of them exactly".into(),
+        (false, _) => format!("onto points of a new grid, by at most {displacement}{unit}"),
+    };
+    global.report("corners", format_args!("moved {moved}"));
+    global.report("grid", format_args!("steps of {}{unit}, {} bits", grid.width(), grid.bits));
+    if *cut > 0 {
+        global.report(
+            "cut",
+            format_args!("{cut} faces into triangles: their corners lie in no plane on the grid"),
+        );
+    }
+    if *collapsed > 0 {
+        global.report("left out", format_args!("{collapsed} faces that are points or lines on the grid"));
+    }
+    if *rounded > 0 {
+        global.report("ROUNDED", format_args!("{rounded} faces with corners beside the grid, to the grid"));
+    }
+    tell_result(*after, is_unbounded, &report.built, global);
+}

@@ -1,0 +1,141 @@
+//! Exact models that are moved, on the command line.
+
+use std::path::Path;
+
+use serde_json::{Value as Json, json};
+use tempfile::TempDir;
+
+use crate::common::command::{command, complaint, stderr, stdout};
+
+/// A wedge on a grid of thousandths.
+struct Folder {
+    folder: TempDir,
+    wedge: String,
+}
+
+const WEDGE: &str = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 2 0\n0 0 3\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+
+impl Folder {
+    fn new() -> Folder {
+        let mut made = Folder { folder: tempfile::tempdir().unwrap(), wedge: String::new() };
+        let mesh = made.name("wedge.off");
+        made.wedge = made.name("wedge.goblin");
+        std::fs::write(&mesh, WEDGE).unwrap();
+        command(&["build", "-q", &mesh, "-o", &made.wedge, "--brep", "--snap", "0.001", "--unit", "in"])
+            .assert()
+            .success();
+        made
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().unwrap().into()
+    }
+
+    /// The file that some steps and options make, and what is told of it.
+    fn moved(&self, name: &str, arguments: &[&str]) -> (String, String) {
+        let file = self.name(name);
+        let all = [&["transform", &self.wedge, "-o", &file], arguments].concat();
+        let told = stderr(command(&all).assert().success().stdout(""));
+        command(&["verify", "-q", &file]).assert().success();
+        (file, told)
+    }
+}
+
+fn stats(file: &str, options: &[&str]) -> Json {
+    serde_json::from_str(&stdout(&[&["stats", file, "--json"], options].concat())).unwrap()
+}
+
+#[test]
+fn steps_move_models_in_the_world() {
+    let folder = Folder::new();
+    for (steps, bounds, volume) in [
+        (&["translate=1,-2,0.5"][..], json!([[1.0, -2.0, 0.5], [2.0, 0.0, 3.5]]), 1.0),
+        (&["rotate=90"], json!([[-2.0, 0.0, 0.0], [0.0, 1.0, 3.0]]), 1.0),
+        (&["rotate=90,x@0,0,1"], json!([[0.0, -2.0, 1.0], [1.0, 1.0, 3.0]]), 1.0),
+        (&["mirror=z", "translate=0,0,3"], json!([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]), 1.0),
+        (&["transpose"], json!([[0.0, 0.0, 0.0], [2.0, 1.0, 3.0]]), 1.0),
+        (&["axes=+z,-x,+y"], json!([[0.0, -1.0, 0.0], [3.0, 0.0, 2.0]]), 1.0),
+        (&["scale=2"], json!([[0.0, 0.0, 0.0], [2.0, 4.0, 6.0]]), 8.0),
+        (&["scale=2,1"], json!([[0.0, 0.0, 0.0], [2.0, 2.0, 3.0]]), 2.0),
+        (&["affine=1,0,0,0,0,-1,0,0,0,1,1,0"], json!([[0.0, -2.0, 0.0], [1.0, 0.0, 3.0]]), 1.0),
+    ] {
+        let (file, told) = folder.moved("moved.goblin", steps);
+        let found = stats(&file, &[]);
+        assert_eq!((&found["bounds"], &found["volume"]), (&bounds, &json!(volume)), "{steps:?}");
+        assert!(told.contains("exactly"), "{told}");
+    }
+    let (file, told) = folder.moved("moved.goblin", &["rotate=30", "--codec", "packed"]);
+    assert!(told.contains("by at most 0.000") && told.contains(" in\n"), "{told}");
+    let volume = stats(&file, &[])["volume"].as_f64().unwrap();
+    assert!((volume - 1.0).abs() < 0.01 && volume != 1.0, "{volume}");
+    let (file, told) = folder.moved("mm.goblin", &["scale=25.4", "crs=EPSG:25832", "--unit", "mm"]);
+    assert!(told.contains("0.0254 mm"), "{told}");
+    let info: Json = serde_json::from_str(&stdout(&["info", &file, "--json"])).unwrap();
+    assert_eq!((&info["unit"], &info["epsg"]), (&json!("mm"), &json!(25832)));
+    assert!(info["provenance"][1].as_str().unwrap().ends_with(": scale=25.4, crs=EPSG:25832"), "{info}");
+    let (_, told) = folder.moved("coarse.goblin", &["--snap", "0.25"]);
+    assert!(told.contains("steps of 0.25 in,") && told.contains("all of them exactly"), "{told}");
+}
+
+#[test]
+fn questions_see_models_through_shifts_and_factors() {
+    let folder = Folder::new();
+    let wedge = &folder.wedge;
+    let (file, _) = folder.moved("moved.goblin", &["translate=5,0,0", "scale=0.1"]);
+    let view = ["--view", "translate=5,0,0", "--view", "scale=0.1"];
+    let (mut seen, mut made) = (stats(wedge, &view), stats(&file, &[]));
+    (seen["file"], made["file"]) = (Json::Null, Json::Null);
+    assert_eq!(seen, made);
+    for question in [
+        &["point", "0.51,0.01,0.01"][..],
+        &["point", "0.49,0.01,0.01"],
+        &["find", "--leaf", "vertex"],
+        &["section", "z=0.1", "-o", "-", "--format", "csv"],
+    ] {
+        let ask = |file: &str, view: &[&str]| {
+            let (command, rest) = question.split_first().unwrap();
+            stdout(&[&[*command, file], rest, view].concat())
+        };
+        assert_eq!(ask(wedge, &view), ask(&file, &[]), "{question:?}");
+    }
+    let [seen, made] = ["seen.ply", "made.ply"].map(|name| folder.name(name));
+    command(&[&["export", "-q", wedge, &seen], &view[..]].concat()).assert().success();
+    command(&["export", "-q", &file, &made]).assert().success();
+    assert!(std::fs::read(seen).unwrap() == std::fs::read(made).unwrap());
+    for step in ["rotate=90", "scale=1,2,1", "translate=0.0001,0,0", "crop"] {
+        let told = complaint(&["stats", wedge, "--view", step], 1);
+        assert!(told.contains("spinney transform") || told.contains("which move coordinates"), "{told}");
+    }
+}
+
+#[test]
+fn what_means_nothing_is_refused() {
+    let folder = Folder::new();
+    let (wedge, never) = (&folder.wedge, folder.name("never.goblin"));
+    let cells = folder.name("cells.goblin");
+    command(&["build", "-q", wedge, "-o", &cells, "--cells", "16"]).assert().success();
+    let refuse = |arguments: &[&str]| {
+        let told = complaint(&[&["transform"], arguments, &["-o", &never]].concat(), 1);
+        assert!(!Path::new(&never).exists());
+        told
+    };
+    for options in
+        [&["--resampling", "nearest"][..], &["--allow-ballpark"], &["--move"], &["--max-error", "1"]]
+    {
+        let told = refuse(&[&[wedge, "mirror=x"], options].concat());
+        assert!(told.contains(&format!("{} means nothing", options[0])), "{told}");
+    }
+    for options in [["--snap", "1"], ["--unit", "mm"]] {
+        let told = refuse(&[&[&cells, "mirror=x"], &options[..]].concat());
+        assert!(told.contains("is no exact model, which --"), "{told}");
+    }
+    for step in ["crop", "window=0,0,9,9", "depth=4", "warp=EPSG:3035", "components=26"] {
+        let told = refuse(&[wedge, step]);
+        assert!(told.contains(&format!("got `{step}`")) && told.contains("translate="), "{told}");
+    }
+    assert!(refuse(&[wedge, "affine=1,0,0,0,0,1,0,0,0,0,0,0"]).contains("can be undone"));
+    assert!(refuse(&[wedge, "rotate=30", "--snap", "1e-9"]).contains("2^26"));
+    assert!(refuse(&[wedge, "translate=1e15,0,0"]).contains("2^53"));
+    let told = complaint(&["transform", wedge, "mirror=x", "-o", wedge], 1);
+    assert!(told.contains("output"), "{told}");
+}
