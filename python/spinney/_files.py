@@ -19,6 +19,7 @@ from ._types import (
     Differences,
     Effort,
     Finding,
+    MovedModel,
     Outcome,
     Path,
     Progress,
@@ -38,6 +39,8 @@ def transform(
     resampling: Resampling | None = None,
     allow_ballpark: bool = False,
     move: bool = False,
+    snap: float | None = None,
+    unit: str | None = None,
     memory: int | str = MEMORY,
     codec: Codec = "plain",
     effort: Effort | None = None,
@@ -45,20 +48,23 @@ def transform(
     max_bytes: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
-) -> Outcome:
+) -> Outcome | MovedModel:
     """Makes a tree of a part of another, moved, scaled, mirrored or turned.
 
     Steps are those of `spinney transform` (`spinney help transform` lists them): `"rotate=30"`, `["crop", "scale=0.5"]`.
     New cells get their values by the file's rule, or with `resampling` "nearest" from their centres; onto the grids of `like=`,
     `warp=` and `grid=` other ways are there, too. The picture stays where it is in
     the world unless `move` is set. An output that would have more than `max_bytes` is an OSError, and leaves nothing behind.
+
+    Exact models are moved in the world (`translate=`, `scale=`, `rotate=`, `mirror=`, `transpose`, `axes=`, `affine=`, `crs=`): whole steps of their grids, quarter
+    turns, mirrors and one factor exactly, others with corners moved to the nearest points of a grid, also of steps `snap`; `unit` names the result's unit of length.
     """
     chain = [steps] if isinstance(steps, str) else list(steps)
     with working(progress, threads, max_bytes) as terms:
         made = _native.transform(
-            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, memory_of(memory), packing_of(codec, effort, max_error), terms
+            os.fspath(path), chain, os.fspath(out), resampling, allow_ballpark, move, (snap, unit), memory_of(memory), packing_of(codec, effort, max_error), terms
         )
-    return outcome_of(made)
+    return MovedModel(**made) if "faces" in made else outcome_of(made)
 
 
 def combine(

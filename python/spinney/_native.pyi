@@ -334,7 +334,16 @@ def is_feature_file(path: Any) -> bool: ...
 def build_files(paths: list[Any], out: Any, options: dict[str, Any], terms: _Terms) -> None: ...
 def build_brep(paths: list[Any], out: Any, options: dict[str, Any], terms: _Terms) -> dict[str, Any]: ...
 def transform(
-    path: Any, steps: list[str], out: Any, resampling: str | None, allow_ballpark: bool, moves: bool, memory: int, packing: _Packing, terms: _Terms
+    path: Any,
+    steps: list[str],
+    out: Any,
+    resampling: str | None,
+    allow_ballpark: bool,
+    moves: bool,
+    of_model: tuple[float | None, str | None],
+    memory: int,
+    packing: _Packing,
+    terms: _Terms,
 ) -> dict[str, Any]: ...
 def combine(
     operation: str,

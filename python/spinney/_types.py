@@ -407,6 +407,26 @@ class CombinedModel:
 
 
 @dataclass(frozen=True)
+class MovedModel:
+    """Counts of an exact model that was moved."""
+
+    before: int
+    """Faces before."""
+    faces: int
+    """Faces of the result."""
+    is_exact: bool
+    """Whether the body has the very shape that it had."""
+    displacement: float
+    """The farthest that a corner lies from where the steps take it."""
+    cut: int
+    """Faces that were cut into triangles, as their corners lie in no plane on the grid."""
+    collapsed: int
+    """Faces that were left out, being points or lines on the grid."""
+    rounded: int
+    """Faces with corners beside the grid that are gone, for those on the grid that stood in for them."""
+
+
+@dataclass(frozen=True)
 class CombinedPolygons:
     """Counts of the polygons that were made of others."""
 

@@ -7,9 +7,11 @@ use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::Progress as _;
-use spinney::brep::{ExactModel, is_model_file};
+use spinney::brep::{ExactModel, Motion, TransformOptions, is_model_file};
 use spinney::dataset;
-use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions};
+use spinney::ops::{
+    self, AffineMap, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions,
+};
 use spinney::store::autumnal::{self, Commit, CompactOptions, History, Keep, Note};
 use spinney::store::{self, Codec, Header, Metadata, OpenOptions, file_of};
 use spinney::value::Number;
@@ -69,6 +71,7 @@ pub(crate) fn transform<'py>(
     resampling: Option<String>,
     allow_ballpark: bool,
     moves: bool,
+    of_model: (Option<f64>, Option<String>),
     memory: u64,
     packing: Packing,
     terms: Terms,
@@ -77,6 +80,17 @@ pub(crate) fn transform<'py>(
     let others = steps.iter().flat_map(Step::files).map(Path::to_path_buf);
     let inputs: Vec<PathBuf> = others.chain([path.clone()]).collect();
     check_output(&inputs, &out)?;
+    if is_model_file(&path) {
+        if resampling.is_some() || allow_ballpark || moves {
+            return Err(invalid("resampling, allow_ballpark and move mean nothing for exact models"));
+        }
+        let mut options = TransformOptions::new(memory);
+        ((options.snap, options.unit), options.codec) = (of_model, packing.of_model()?);
+        return transform_exact(py, &path, steps, &out, options, terms);
+    }
+    if of_model != (None, None) {
+        return Err(invalid("snap and unit are for exact models"));
+    }
     let mut warp = WarpOptions::default();
     warp.resampling = resampling.as_ref().map(|way| way.parse()).transpose().or_raise()?;
     warp.allow_ballpark = allow_ballpark;
@@ -84,6 +98,40 @@ pub(crate) fn transform<'py>(
     let how = packing.with(memory);
     let made = jobs::run(py, terms, |work| ops::transform(&chain, work.create_tree(&out)?, how, work))?;
     outcome(py, &made)
+}
+
+/// Makes an exact model of another one that is moved; returns counts by name.
+fn transform_exact<'py>(
+    py: Python<'py>,
+    path: &Path,
+    steps: Vec<Step>,
+    out: &Path,
+    mut options: TransformOptions,
+    terms: Terms,
+) -> PyResult<Bound<'py, PyDict>> {
+    let texts: Vec<String> = steps.iter().map(Step::to_string).collect();
+    options.note = (!texts.is_empty()).then(|| texts.join(", "));
+    let mut map = AffineMap::IDENTITY;
+    for step in steps {
+        match step {
+            Step::Crs(crs) => options.crs = Some(crs),
+            step => map = map.then(&step.as_map().or_raise()?),
+        }
+    }
+    let motion = Motion::from_rows(map.to_rows()).or_raise()?;
+    let made = jobs::run(py, terms, |work| {
+        let model = ExactModel::open(path, &OpenOptions::new())?;
+        spinney::brep::transform(&model, &motion, &options, work.create_tree(out)?, work)
+    })?;
+    let facts = PyDict::new(py);
+    facts.set_item("before", made.before)?;
+    facts.set_item("faces", made.after)?;
+    facts.set_item("is_exact", made.is_exact)?;
+    facts.set_item("displacement", made.displacement)?;
+    facts.set_item("cut", made.cut)?;
+    facts.set_item("collapsed", made.collapsed)?;
+    facts.set_item("rounded", made.rounded)?;
+    Ok(facts)
 }
 
 /// Makes one tree of several.

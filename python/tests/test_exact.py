@@ -77,3 +77,25 @@ def test_foreign_reader(program: str, tmp_path: Path, make: Callable[[], str], o
     # The octree says what all faces together say.
     for point, answer in list(zip(points, answers))[:: 12 if make is torus else 3]:
         assert answer is None or answer == (model.winding(tuple(map(int, point))) == 1)
+
+
+def test_models_are_moved(program: str, tmp_path: Path) -> None:
+    from models import Model
+
+    mesh, path, moved = (tmp_path / name for name in ("frame.off", "frame.goblin", "moved.goblin"))
+    mesh.write_text(frame())
+    run(program, "build", mesh, "-o", path, "--brep", "--snap", "1")
+    made = spinney.transform(path, ["rotate=90,x", "mirror=z"], moved)
+    assert isinstance(made, spinney.MovedModel)
+    assert (made.before, made.faces, made.is_exact, made.displacement) == (10, 10, True, 0.0)
+    with spinney.open_brep(path) as one, spinney.open_brep(moved) as other:
+        assert one.mass().volume == other.mass().volume
+    model = Model(moved.read_bytes())
+    assert model.formula == [[1, 0, 0, 0, 0, 0, -1, 0, 0, -1, 0, 0], str(path)]
+    made = spinney.transform(path, "rotate=30", moved, snap=0.001, unit="mm")
+    assert isinstance(made, spinney.MovedModel)
+    assert not made.is_exact
+    assert 0 < made.displacement < 0.001
+    for wrong in ({"move": True}, {"resampling": "nearest"}, {"snap": -1.0}):
+        with pytest.raises(ValueError):
+            spinney.transform(path, "rotate=30", moved, **wrong)
