@@ -1,6 +1,6 @@
 //! Exact models: boundary representations on an integer grid, kept as they are and not as cells.
 
-pub mod arrangement;
+mod arrangement;
 pub mod attributes;
 mod body_check;
 mod boxes;

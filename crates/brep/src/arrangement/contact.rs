@@ -4,9 +4,9 @@ use super::point::ExactPoint;
 
 /// Common points of two faces.
 pub(crate) struct Contact {
-    pub faces: [u32; 2],
-    pub segments: Vec<[ExactPoint; 2]>,
-    pub points: Vec<ExactPoint>,
+    pub(crate) faces: [u32; 2],
+    pub(crate) segments: Vec<[ExactPoint; 2]>,
+    pub(crate) points: Vec<ExactPoint>,
     /// Whether the faces lie in one plane, and on each other.
-    pub in_plane: bool,
+    pub(crate) in_plane: bool,
 }

@@ -14,12 +14,12 @@ use spinney_base::{Progress, Result};
 #[derive(Clone, Debug)]
 pub(crate) struct ExactFace {
     /// Its normal points out of the body.
-    pub plane: ExactPlane,
-    pub corners: Vec<Corner>,
-    pub ring_ends: Vec<usize>,
-    pub colours: Vec<[u8; 3]>,
-    pub part: u32,
-    pub source: u64,
+    pub(crate) plane: ExactPlane,
+    pub(crate) corners: Vec<Corner>,
+    pub(crate) ring_ends: Vec<usize>,
+    pub(crate) colours: Vec<[u8; 3]>,
+    pub(crate) part: u32,
+    pub(crate) source: u64,
 }
 
 impl ExactFace {
@@ -190,15 +190,15 @@ impl ExactFace {
 
 /// Faces, of which some have corners beside the grid: these stand in the list with rounded corners.
 #[derive(Clone, Debug)]
-pub struct ExactFaces {
+pub(crate) struct ExactFaces {
     /// The faces, with corners on the grid.
-    pub list: FaceList,
+    pub(crate) list: FaceList,
     pub(crate) exact: HashMap<u32, ExactFace>,
 }
 
 impl ExactFaces {
     /// Faces of the grid.
-    pub fn of_grid(list: FaceList) -> ExactFaces {
+    pub(crate) fn of_grid(list: FaceList) -> ExactFaces {
         ExactFaces { list, exact: HashMap::new() }
     }
 
@@ -230,7 +230,7 @@ impl ExactFaces {
     }
 
     /// Bytes of memory that they take.
-    pub fn bytes(&self) -> u64 {
+    pub(crate) fn bytes(&self) -> u64 {
         self.list.bytes() + self.exact.values().map(ExactFace::bytes).sum::<u64>()
     }
 }

@@ -22,7 +22,7 @@ pub(crate) struct PlaneSegment {
 
 /// A corner of a ring.
 #[derive(Clone, Copy, Debug)]
-pub struct Corner {
+pub(crate) struct Corner {
     pub(crate) point: ExactPoint,
     /// A plane that the edge to the next corner lies in, other than the face's.
     pub(crate) line: ExactPlane,
@@ -33,7 +33,7 @@ pub struct Corner {
 #[derive(Clone, Debug)]
 pub(crate) struct PlaneRegion {
     /// Corners of each ring, the outer ring first.
-    pub rings: Vec<Vec<Corner>>,
+    pub(crate) rings: Vec<Vec<Corner>>,
 }
 
 /// Divides a plane by segments, and segments where points lie on them; returns those of the bounded regions that `choose`
@@ -82,7 +82,7 @@ pub(crate) fn regions<T: PartialEq + Copy>(
 
 /// Points, none twice.
 #[derive(Default)]
-pub struct Vertices {
+pub(crate) struct Vertices {
     list: Vec<ExactPoint>,
     /// Numbers of the points in each cell of a lattice that is much coarser than the error of approximations.
     cells: HashMap<[i64; 3], Vec<u32>>,

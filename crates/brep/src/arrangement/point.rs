@@ -18,9 +18,9 @@ use crate::exact::vector::{self, dot, main_axis, others};
 /// A plane through points of the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ExactPlane {
-    pub normal: [i64; 3],
+    pub(crate) normal: [i64; 3],
     /// The product of the normal with each point of the plane.
-    pub offset: i128,
+    pub(crate) offset: i128,
 }
 
 impl ExactPlane {
@@ -114,11 +114,11 @@ pub(crate) fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
 /// A point by homogeneous coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ExactPoint {
-    pub at: [I256; 3],
+    pub(crate) at: [I256; 3],
     /// Divisor of the coordinates: positive.
-    pub weight: I256,
+    pub(crate) weight: I256,
     /// The point, but for [`POINT_ERROR`](crate::exact::bounds::POINT_ERROR).
-    pub near: [f64; 3],
+    pub(crate) near: [f64; 3],
     /// Whether it is a point of the grid, and `near` is exact.
     is_on_grid: bool,
 }

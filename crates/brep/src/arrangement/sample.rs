@@ -11,11 +11,11 @@ use crate::exact::perturbation::sign_or_first;
 use crate::exact::vector::others;
 
 /// A point of a plane by its place as seen along the plane's main axis, in homogeneous coordinates of at most 541 bits.
-pub struct SamplePoint<'a> {
+pub(crate) struct SamplePoint<'a> {
     pub(super) plane: &'a ExactPlane,
     /// Invariant: it is the plane's main axis, in whose direction the normal is not 0. So the line along it
     /// meets the plane in one point: `SamplePoint::side` and `near` divide by that part of the normal.
-    pub axis: usize,
+    pub(crate) axis: usize,
     /// Along the two other axes.
     at: [I1024; 2],
     /// Positive.
@@ -26,7 +26,7 @@ pub struct SamplePoint<'a> {
     /// bits each, are below 2^127. (What overflowed would be a wrong side of an edge.)
     small: Option<([i128; 2], i128)>,
     /// The point, nearly.
-    pub near: [f64; 3],
+    pub(crate) near: [f64; 3],
 }
 
 fn widen<const N: usize>(number: bnum::Int<N>) -> I1024 {
@@ -138,7 +138,7 @@ impl<'a> SamplePoint<'a> {
 
     /// Whether the line along the axis through the point, moved a little to greater coordinates (along the second axis
     /// by far less than along the first), meets a polygon: by even and odd.
-    pub fn meets(&self, points: &[[i32; 3]], ring_ends: &[usize]) -> bool {
+    pub(crate) fn meets(&self, points: &[[i32; 3]], ring_ends: &[usize]) -> bool {
         let mut inside = false;
         let mut start = 0;
         for &end in ring_ends {

@@ -44,24 +44,24 @@ pub(crate) struct Resolved {
 
 /// Surfaces whose faces stand one behind the other in a list, and what of space is inside of the result.
 #[derive(Clone, Copy)]
-pub struct Operands<'a> {
+pub(crate) struct Operands<'a> {
     /// Where each one's faces end in the list.
-    pub ends: &'a [u32],
+    pub(crate) ends: &'a [u32],
     /// How many times each goes around what is far away: 0, or 1 where it bounds what is outside of it.
-    pub far: &'a [i32],
+    pub(crate) far: &'a [i32],
     /// Whether each bounds a body by itself: its winding numbers are 0 or 1, and its faces do not pass through each other.
-    pub are_bodies: bool,
+    pub(crate) are_bodies: bool,
     /// Whether parts of a surface that are inside out are turned first, with all that is inside of them.
-    pub turns_roots: bool,
+    pub(crate) turns_roots: bool,
     /// Pairs of faces with more in common than neighbours have beyond which the work is refused; no bound where that is 0.
-    pub most_contacts: u64,
+    pub(crate) most_contacts: u64,
     /// If there are any: the faces of which each may pass through any other; no other pair does.
-    pub changed: &'a [bool],
+    pub(crate) changed: &'a [bool],
     /// The winding number of a body around a point that lies on none of its faces, if another way is known than through all of
     /// them.
-    pub winding: &'a (dyn Fn(usize, &SamplePoint<'_>) -> Option<Result<i32>> + Sync),
+    pub(crate) winding: &'a (dyn Fn(usize, &SamplePoint<'_>) -> Option<Result<i32>> + Sync),
     /// Whether places which they go around so many times are inside.
-    pub is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
+    pub(crate) is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
 }
 
 /// Remains of a face.
@@ -213,7 +213,7 @@ struct Divided {
 }
 
 /// Faces with their planes, and a tree over their boxes.
-pub struct Surface<'a> {
+pub(crate) struct Surface<'a> {
     pub(super) faces: &'a ExactFaces,
     pub(super) operands: &'a Operands<'a>,
     /// Of a model, for errors.
@@ -232,7 +232,7 @@ pub struct Surface<'a> {
 
 impl<'a> Surface<'a> {
     /// The surfaces of operands, if their planes and boxes fit into the memory. `path` is for errors.
-    pub fn new(
+    pub(crate) fn new(
         faces: &'a ExactFaces,
         operands: &'a Operands<'a>,
         path: &'a Path,
@@ -246,7 +246,7 @@ impl<'a> Surface<'a> {
     }
 
     /// The error of what is made of the surfaces, and would need more memory than there is.
-    pub fn too_large(&self, memory: u64) -> Error {
+    pub(crate) fn too_large(&self, memory: u64) -> Error {
         too_large(self.path, memory.saturating_add(1), memory)
     }
 
@@ -291,7 +291,7 @@ impl<'a> Surface<'a> {
     }
 
     /// The face of the surfaces' list.
-    pub fn face(&self, face: u32) -> Face<'a> {
+    pub(crate) fn face(&self, face: u32) -> Face<'a> {
         self.faces.list.get(face as usize)
     }
 
@@ -402,7 +402,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Whether the line through a sample meets a face.
-    pub fn meets(&self, sample: &SamplePoint<'_>, face: u32) -> bool {
+    pub(crate) fn meets(&self, sample: &SamplePoint<'_>, face: u32) -> bool {
         match self.exact(face) {
             Some(exact) => sample.meets_exact(exact),
             None => {
