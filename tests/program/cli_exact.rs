@@ -133,7 +133,7 @@ fn pictures_have_flat_faces_and_the_options_of_cells() {
     let refuse =
         |options: &[&str], code: i32| complaint(&[&["render", &cube, &never], options].concat(), code);
     assert!(refuse(&["--level", "3"], 1).contains("--level means nothing"));
-    assert!(refuse(&["--view", "rotate=30,z"], 1).contains("--view means nothing"));
+    assert!(refuse(&["--view", "rotate=30,z"], 1).contains("spinney transform"));
     assert!(refuse(&["--size", "10000000x10"], 1).contains("65536"));
     assert!(refuse(&["--scale", "0"], 1).contains("scale"));
     assert!(!Path::new(&never).exists());
@@ -196,9 +196,12 @@ fn conditions_are_those_of_the_kind_of_file() {
     for options in [["--above", "3"], ["--below", "3"], ["--class", "3"]] {
         assert!(refuse(&cube, &options, 1).contains(&format!("{} means nothing", options[0])));
     }
-    for options in [["--window", "0,0,1,1"], ["--view", "rotate=30,z"]] {
+    for (options, told) in [
+        (["--window", "0,0,1,1"], "--window means nothing"),
+        (["--view", "rotate=30,z"], "spinney transform"),
+    ] {
         let given = [&["--leaf", "full"][..], &options].concat();
-        assert!(refuse(&cube, &given, 1).contains(&format!("{} means nothing", options[0])));
+        assert!(refuse(&cube, &given, 1).contains(told));
     }
     assert!(refuse(&cells, &["--leaf", "full"], 1).contains("no exact model"));
 }
