@@ -45,11 +45,8 @@ pub unsafe extern "C" fn spinney_model_shells(
         check_size("shells", shell_size, size_of::<spinney_shell>())?;
         // SAFETY: as these say.
         let (model, count) = unsafe { (opened(model)?, place("count", count)?) };
-        // SAFETY: the caller has so much room there, or NULL and none.
-        let shells = match capacity {
-            0 => &mut [][..],
-            _ => unsafe { buffer("shells", shells, capacity, None)? },
-        };
+        // SAFETY: the caller has so much room there, or NULL and none, which is found.
+        let shells = unsafe { buffer("shells", shells, capacity, None)? };
         let options = TopologyOptions { memory, path: model.path().to_path_buf() };
         let topology = Topology::of(model, &options, &())?;
         let cube = model.grid().width().powi(3) / 6.0;
