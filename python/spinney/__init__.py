@@ -35,7 +35,7 @@ from ._edit import Edit, edit
 from ._exact import ExactModel, build_brep, open_brep
 from ._files import add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, set_cache_memory, transform, verify
 from ._native import version as __version__
-from ._surfaces import RayCrossings, Shells
+from ._surfaces import RayCrossings, Shells, SurfaceHits
 from ._types import (
     BandStatistics,
     Blocks,
@@ -61,7 +61,6 @@ from ._types import (
     Solid,
     Statistics,
     Surface,
-    SurfaceHits,
     SurfaceIntersection,
     Transform,
     ZoneBand,

@@ -18,7 +18,7 @@ from ._sources import is_mesh, mesh_file, paths_of
 from ._files import MEMORY
 from ._options import packing_of
 from ._progress import memory_of, working
-from ._surfaces import RayCrossings, Shells
+from ._surfaces import RayCrossings, Shells, SurfaceHits
 from ._types import (
     BBox,
     Box,
@@ -37,7 +37,6 @@ from ._types import (
     Progress,
     Section,
     Surface,
-    SurfaceHits,
     SurfaceIntersection,
 )
 

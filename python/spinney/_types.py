@@ -502,27 +502,6 @@ class Surface:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceHits:
-    """Where rays meet a surface, one per row of the arrays."""
-
-    distance: npt.NDArray[np.float64]
-    """Lengths of the direction; NaN where nothing is hit."""
-    points: npt.NDArray[np.float64]
-    """Coordinates in the world; NaN where nothing is hit."""
-    faces: npt.NDArray[np.int64]
-    """Numbers of the faces; -1 where nothing is hit."""
-    parts: npt.NDArray[np.int64]
-    """Numbers of the parts to which they belong; -1 where nothing is hit."""
-    entering: npt.NDArray[np.bool_]
-    """Whether the ray comes from outside."""
-
-    @property
-    def hit(self) -> npt.NDArray[np.bool_]:
-        """Whether each ray hits anything."""
-        return ~np.isnan(self.distance)
-
-
-@dataclass(frozen=True, eq=False)
 class Faces:
     """Planar faces with holes: a face has rings, the outer one first, and a ring has corners, counterclockwise seen from
     outside (holes the other way round)."""
