@@ -192,7 +192,7 @@ impl ModelBuilder {
     }
 
     /// Number of the faces that were added, but for those with corners beside the grid.
-    pub fn len(&self) -> u64 {
+    pub fn faces(&self) -> u64 {
         self.faces
     }
 
@@ -430,6 +430,9 @@ fn room_for(run: &Run) -> u64 {
     run.len() as u64 * (ITEM / TRIANGLE_WORDS + 1) as u64
 }
 
+/// Numbers of the faces of a cell, and of each of its children.
+type FaceCounts = (u64, [u64; 8]);
+
 /// Division of runs that are too long for memory.
 struct RunDivision<'a> {
     bits: u8,
@@ -440,7 +443,7 @@ struct RunDivision<'a> {
 
 impl RunDivision<'_> {
     /// The faces of a cell's children, the children, and the numbers of its faces and of theirs.
-    fn of(&self, cell: &Cell, run: Run, at: &mut Place) -> Result<(Vec<Run>, [Cell; 8], (u64, [u64; 8]))> {
+    fn of(&self, cell: &Cell, run: Run, at: &mut Place) -> Result<(Vec<Run>, [Cell; 8], FaceCounts)> {
         let division = Division::of(cell, self.bits);
         let limit = (self.memory / 4 / 4 / 16) as usize;
         let mut builders: Vec<RunBuilder> = (0..8).map(|_| RunBuilder::new(limit, at.clone())).collect();

@@ -210,7 +210,7 @@ pub fn import_exact(
         first += parts.len() as u32;
         attributes.files().iter().try_for_each(|text| builder.about_file(text))?;
     }
-    faces = repaired.map_or(faces, |_| builder.len());
+    faces = repaired.map_or(faces, |_| builder.faces());
     let is_beside_grid = builder.is_beside_grid();
     let displacement = snapper.squared_displacement.sqrt();
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
