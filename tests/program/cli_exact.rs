@@ -8,7 +8,7 @@ use spinney::import::raster::{self, Pixels};
 use spinney::space::Region;
 use tempfile::TempDir;
 
-use crate::common::command::{command, complaint, stderr, stdout};
+use crate::common::command::{command, complaint, spinney, stderr, stdout};
 use crate::common::shared_data;
 
 /// A cube whose sides have 64 units.
@@ -311,4 +311,72 @@ fn distances_and_rays_are_told() {
     let cells = folder.name("cells.goblin");
     command(&["build", &cube, "-o", &cells, "--cells", "16"]).assert().success();
     assert!(complaint(&["point", &cells, "--distance", "1,2,3"], 1).contains("for exact models"));
+}
+
+/// Three cubes as objects: one that is right, one that is open, and one that is inside out; and two that lie in each other.
+fn street(folder: &Folder) -> String {
+    let mut text = String::new();
+    let mut first = 1;
+    let sides = [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]];
+    for (name, x, count, is_turned) in
+        [("right", 0, 6, false), ("open", 20, 5, false), ("turned", 40, 6, true), ("twice", 5, 6, false)]
+    {
+        text += &format!("o {name}\n");
+        for corner in 0..8 {
+            let at = |axis: i32| if corner >> axis & 1 == 1 { 10 } else { 0 };
+            text += &format!("v {} {} {}\n", x + at(0), at(1), at(2));
+        }
+        for side in &sides[..count] {
+            let mut side = side.map(|corner| first + corner - 1);
+            if is_turned {
+                side.reverse();
+            }
+            text += &format!("f {} {} {} {}\n", side[0], side[1], side[2], side[3]);
+        }
+        first += 8;
+    }
+    folder.mesh("street.obj", &text)
+}
+
+#[test]
+fn objects_are_skipped_repaired_measured_and_exported() {
+    let folder = Folder::new();
+    let mesh = street(&folder);
+    let out = folder.name("street.goblin");
+    let refused = complaint(&["build", &mesh, "-o", &out, "--brep"], 1);
+    assert!(refused.contains("of open") && refused.contains("--skip-bad"), "{refused}");
+    let told = stderr(spinney(&["build", &mesh, "-o", &out, "--brep", "--repair", "--skip-bad"]).success());
+    for part in [
+        "objects    3; 1 LEFT OUT, which are no bodies:",
+        "skipped    open: open: 4 edges have a face on one side only",
+        "turned     1 body that was inside out, 6 of 18 faces",
+    ] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    // Two cubes that lie in each other by half, and one beside.
+    let json = stdout(&["stats", &out, "--json"]);
+    assert_eq!(serde_json::from_str::<Json>(&json).unwrap()["volume"], 2500.0);
+    let all = ["build", &mesh, "-o", &out, "--brep", "--repair", "--close"];
+    command(&all).args(["--inside", "odd"]).assert().success();
+    let json = stdout(&["stats", &out, "--json"]);
+    assert_eq!(serde_json::from_str::<Json>(&json).unwrap()["volume"], 3000.0);
+    command(&["build", &mesh, "-o", &out, "--brep", "--where", "id=right"]).assert().success();
+    let table = stdout(&["stats", "-q", "--each", &out]);
+    let lines: Vec<&str> = table.lines().map(str::trim_end).collect();
+    assert_eq!(lines.len(), 2, "{table}");
+    assert!(lines[1].ends_with("right,,true,6,1000,600,0,10,5,5,5"), "{table}");
+    let some = folder.name("some.obj");
+    command(&["export", "-q", &out, "-o", &some, "--where", "id=right"]).assert().success();
+    assert_eq!(
+        std::fs::read_to_string(&some).unwrap().lines().filter(|line| line.starts_with("f ")).count(),
+        6
+    );
+    let refused = complaint(&["export", &out, "-o", &some, "--where", "id=wrong"], 1);
+    assert!(refused.contains("--where id=wrong: no object is such"), "{refused}");
+    let refused = complaint(&["build", &mesh, "-o", &out, "--brep", "--where", "id=wrong"], 1);
+    assert!(refused.contains("no object is such"), "{refused}");
+    let refused = complaint(&["build", &mesh, "-o", &out, "--brep", "--repair", "--inside", "even"], 2);
+    assert!(refused.contains("nonzero, positive or odd"), "{refused}");
+    let refused = complaint(&["build", &mesh, "-o", &out, "--brep", "--inside", "odd"], 2);
+    assert!(refused.contains("--repair"), "{refused}");
 }

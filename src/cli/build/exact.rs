@@ -79,8 +79,8 @@ fn repaired(done: &Repair, unit: &str) -> Lines {
     let Repair { faces, turned, pairs, divided, removed, outside, outside_share, .. } = done;
     let mut lines = vec![];
     if turned.0 > 0 {
-        let bodies = if turned.0 == 1 { "body" } else { "bodies" };
-        let text = format!("{} {bodies} that were inside out, {} of {faces} faces", turned.0, turned.1);
+        let bodies = if turned.0 == 1 { "body that was" } else { "bodies that were" };
+        let text = format!("{} {bodies} inside out, {} of {faces} faces", turned.0, turned.1);
         lines.push(("turned", text));
     }
     lines.push((

@@ -99,14 +99,16 @@ impl Objects {
             .chunk_by(|a, b| object(&faces.get(*a as usize)) == object(&faces.get(*b as usize)))
             .collect();
         let rule = options.repair.then_some(options.inside);
+        // (The faces themselves take up to a half; each thread has an object at a time.)
+        let memory = options.memory / 2 / parallel::threads() as u64;
         let flaws = parallel::map(&runs, |run| {
             progress.check()?;
             let mut own = FaceList::new(faces.grid().clone(), Vec::new());
             run.iter().for_each(|face| own.push(&faces.get(*face as usize)));
             if options.close {
-                close(&mut own, path, options.memory)?;
+                close(&mut own, path, memory)?;
             }
-            let flaw = body_flaw(&own, rule, path, options.memory, progress)?;
+            let flaw = body_flaw(&own, rule, path, memory, progress)?;
             progress.advance(run.len() as u64, faces.len());
             Ok(flaw)
         });

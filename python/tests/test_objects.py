@@ -1,0 +1,53 @@
+"""Objects of exact models: chosen, left out, repaired by a rule, measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import spinney
+
+SIDES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+
+
+@pytest.fixture
+def street(tmp_path: Path) -> Path:
+    """A cube, an open one, one that is inside out, and one that lies in the first by half."""
+    lines = []
+    for number, (name, x) in enumerate([("right", 0), ("open", 20), ("turned", 40), ("half", 5)]):
+        lines.append(f"o {name}")
+        lines += [f"v {x + 10 * (i & 1)} {10 * (i >> 1 & 1)} {10 * (i >> 2)}" for i in range(8)]
+        for side in SIDES[: 5 if name == "open" else 6]:
+            corners = [str(8 * number + corner + 1) for corner in (side[::-1] if name == "turned" else side)]
+            lines.append(f"f {' '.join(corners)}")
+    path = tmp_path / "street.obj"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_objects_are_chosen_and_left_out(street: Path, tmp_path: Path) -> None:
+    out = tmp_path / "street.goblin"
+    with pytest.raises(ValueError, match="of open"):
+        spinney.build_brep(street, out)
+    built = spinney.build_brep(street, out, repair=True, skip_bad=True)
+    assert [name for name, _ in built.skipped] == ["open"] and "4 edges" in built.skipped[0][1]
+    assert built.turned_bodies == 1
+    with spinney.open_brep(out) as model:
+        assert model.volume == 2500.0
+        assert [row["name"] for row in model.objects()] == ["right", "turned", "half"]
+    built = spinney.build_brep(street, out, where="id=right")
+    assert built.skipped == [] and built.faces == 6
+    with spinney.open_brep(out) as model:
+        row = model.objects()[0]
+        assert (row["closed"], row["volume"], row["area"]) == (True, 1000.0, 600.0)
+
+
+def test_rules_are_named(street: Path, tmp_path: Path) -> None:
+    out = tmp_path / "street.goblin"
+    for rule, volume in [("nonzero", 3500.0), ("positive", 3500.0), ("odd", 3000.0)]:
+        spinney.build_brep(street, out, repair=True, close=True, inside=rule)  # type: ignore[arg-type]
+        with spinney.open_brep(out) as model:
+            assert model.volume == volume
+    with pytest.raises(ValueError, match="nonzero, positive or odd"):
+        spinney.build_brep(street, out, repair=True, close=True, inside="even")  # type: ignore[arg-type]
