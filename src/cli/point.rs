@@ -13,6 +13,7 @@ use spinney::space::{Coordinates, Places};
 use spinney::value::{Number, SampleType};
 
 use super::args::{CoordinatesOption, ViewedTree, level_of};
+use super::exact::PointQuestion;
 use super::report::{printable_json, warn};
 use super::{Global, exact};
 
@@ -51,12 +52,26 @@ pub(crate) struct Args {
     /// Print JSON: a line for each point, with names and times of the layers
     #[arg(long)]
     json: bool,
+    /// Name of the object of an exact model that a point is in or on, behind where it lies and a tab: that whose surface is nearest
+    #[arg(long, conflicts_with_all = ["distance", "rays"])]
+    object: bool,
     /// Distance from the surface of an exact model, negative inside, instead of where points lie
     #[arg(long)]
     distance: bool,
     /// Places where rays X,Y,Z,DX,DY,DZ pass through the surface of an exact model: first or all
     #[arg(long, value_name = "WHICH", value_parser = ["first", "all"], conflicts_with = "distance")]
     rays: Option<String>,
+}
+
+impl Args {
+    /// What is asked for points of exact models.
+    fn question(&self) -> PointQuestion {
+        match (self.object, self.distance) {
+            (true, _) => PointQuestion::Object,
+            (false, true) => PointQuestion::Distance,
+            (false, false) => PointQuestion::Place,
+        }
+    }
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -69,10 +84,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         exact::refuse(&args.tree.file, &given)?;
         return match &args.rays {
             Some(which) => exact::rays(&model, &args.points, which == "all"),
-            None => exact::points(&model, &args.points, args.distance),
+            None => exact::points(&model, &args.points, args.question()),
         };
     }
-    ensure!(!args.distance && args.rays.is_none(), "--distance and --rays are for exact models");
+    let is_of_models = args.distance || args.object || args.rays.is_some();
+    ensure!(!is_of_models, "--object, --distance and --rays are for exact models");
     let trees = args.tree.open_all()?;
     // Places are those of the layer with the smallest cells.
     let finest = trees.iter().max_by_key(|tree| tree.depth()).expect("a file has a layer");

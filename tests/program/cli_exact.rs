@@ -360,6 +360,8 @@ fn objects_are_skipped_repaired_measured_and_exported() {
     command(&all).args(["--inside", "odd"]).assert().success();
     let json = stdout(&["stats", &out, "--json"]);
     assert_eq!(serde_json::from_str::<Json>(&json).unwrap()["volume"], 3000.0);
+    let found = stdout(&["point", &out, "--object", "1,5,5", "45,5,5", "15,5,5", "60,5,5"]);
+    assert_eq!(found, "inside\tright\ninside\tturned\nboundary\ttwice\noutside\n");
     command(&["build", &mesh, "-o", &out, "--brep", "--where", "id=right"]).assert().success();
     let table = stdout(&["stats", "-q", "--each", &out]);
     let lines: Vec<&str> = table.lines().map(str::trim_end).collect();

@@ -23,7 +23,7 @@ pub(super) use combine::{any_model, combine};
 pub(super) use export::export;
 pub(super) use find::{LeafKind, find};
 pub(super) use info::info;
-pub(super) use point::{points, rays};
+pub(super) use point::{PointQuestion, points, rays};
 pub(super) use stats::{each, stats};
 pub(super) use transform::{Moving, transform};
 

@@ -4,17 +4,29 @@ use std::io::{self, BufRead as _, Write};
 
 use anyhow::{Context as _, Result, anyhow};
 use rayon::prelude::*;
-use spinney::brep::ExactModel;
 use spinney::brep::query::Location;
+use spinney::brep::{ExactModel, FaceBuffer, Faces};
 
 /// Points that are answered at a time.
 const BATCH: usize = 1 << 16;
 
-/// Says of each point, given in the world, whether it is inside of the body, or how far the surface is: those of the command line, or of
-/// standard input if there are none.
-pub(crate) fn points(model: &ExactModel, points: &[String], is_distance: bool) -> Result<()> {
-    each_batch(model, points, "X,Y,Z", &mut |points, _, out| {
-        if is_distance { answer_distances(model, points, out) } else { answer(model, points, out) }
+/// What is asked for points.
+#[derive(Clone, Copy)]
+pub(crate) enum PointQuestion {
+    /// Where they lie.
+    Place,
+    /// Where they lie, and the object of the surface that is nearest.
+    Object,
+    /// How far the surface is.
+    Distance,
+}
+
+/// Answers for each point, given in the world: those of the command line, or of standard input if there are none.
+pub(crate) fn points(model: &ExactModel, points: &[String], question: PointQuestion) -> Result<()> {
+    each_batch(model, points, "X,Y,Z", &mut |points, _, out| match question {
+        PointQuestion::Place => answer(model, points, out),
+        PointQuestion::Object => answer_objects(model, points, out),
+        PointQuestion::Distance => answer_distances(model, points, out),
     })
 }
 
@@ -90,13 +102,35 @@ fn answer(model: &ExactModel, points: &[[f64; 3]], out: &mut dyn Write) -> Resul
         .collect();
     for part in parts {
         for location in part? {
-            let text: &[u8] = match location {
-                Location::Inside => b"inside\n",
-                Location::Outside => b"outside\n",
-                Location::Boundary => b"boundary\n",
-            };
-            out.write_all(text)?;
+            writeln!(out, "{}", name_of(location))?;
         }
+    }
+    Ok(())
+}
+
+fn name_of(location: Location) -> &'static str {
+    match location {
+        Location::Inside => "inside",
+        Location::Outside => "outside",
+        Location::Boundary => "boundary",
+    }
+}
+
+fn answer_objects(model: &ExactModel, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
+    let object = |point: &[f64; 3]| -> spinney::Result<(Location, Option<u32>)> {
+        let location = model.locate(*point)?;
+        let nearest = if location == Location::Outside { None } else { model.nearest(*point)? };
+        let Some(nearest) = nearest else { return Ok((location, None)) };
+        let mut buffer = FaceBuffer::default();
+        model.face(nearest.face, &mut buffer)?;
+        Ok((location, Some(buffer.face().part)))
+    };
+    let found: Vec<spinney::Result<(Location, Option<u32>)>> =
+        points.par_iter().with_min_len(1 << 6).map(object).collect();
+    for found in found {
+        let (location, part) = found?;
+        let name = part.and_then(|part| model.parts().get(part as usize));
+        writeln!(out, "{}{}", name_of(location), name.map_or(String::new(), |name| format!("\t{name}")))?;
     }
     Ok(())
 }
