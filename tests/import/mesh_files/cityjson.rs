@@ -120,6 +120,64 @@ fn sequences() {
     assert!(files.error("a.jsonl", broken).contains("line 2"));
 }
 
+/// A cube as a template, in two places: twice as large and turned, and as it is at another level of detail.
+fn templates() -> String {
+    let points: Vec<[f64; 3]> = cube_points().to_vec();
+    let templates = format!(
+        "\"geometry-templates\":{{\"templates\":[\
+         {{\"type\":\"Solid\",\"lod\":\"2\",\"boundaries\":[{all}]}},\
+         {{\"type\":\"MultiSurface\",\"lod\":\"3\",\"boundaries\":{all}}}],\
+         \"vertices-templates\":{points:?}}},",
+        all = surfaces()
+    );
+    let instance = |template: u8, matrix: &str| {
+        format!(
+            "{{\"type\":\"GeometryInstance\",\"template\":{template},\"boundaries\":[7],\
+             \"transformationMatrix\":[{matrix},0,0,0,1]}}"
+        )
+    };
+    let large = instance(0, "2,0,0,10,0,0,-2,0,0,2,0,0.5");
+    let both = [large.clone(), instance(1, "1,0,0,-5,0,1,0,0,0,0,1,0")].join(",");
+    let tree = |name: &str, geometry: &str| {
+        format!("\"{name}\":{{\"type\":\"SolitaryVegetationObject\",\"geometry\":[{geometry}]}}")
+    };
+    let objects = [tree("one", &large), tree("fine", &both)].join(",");
+    file(&objects).replacen("\"CityObjects\"", &format!("{templates}\"CityObjects\""), 1)
+}
+
+#[test]
+fn templates_stand_where_they_are_placed() {
+    let files = Files::new();
+    let corner = cube_points()[7];
+    let moved = |map: &dyn Fn([f64; 3]) -> [f64; 3]| {
+        let mut faces = cube();
+        for point in faces.iter_mut().flat_map(|face| &mut face.points) {
+            let [x, y, z] = map(*point);
+            *point = [x + corner[0], y + corner[1], z + corner[2]];
+        }
+        faces
+    };
+    let mut expected = moved(&|[x, y, z]| [2.0 * x + 10.0, -2.0 * z, 2.0 * y + 0.5]);
+    let mut fine = moved(&|[x, y, z]| [x - 5.0, y, z]);
+    fine.iter_mut().for_each(|face| face.part = 1);
+    expected.extend(fine);
+    assert_eq!(files.faces("a.json", templates()).unwrap(), expected);
+    for (from, to, told) in [
+        ("\"template\":0", "\"template\":2", "an instance of template 2, expected one of the 2"),
+        ("\"template\":0", "\"template\":-1", "line 2"),
+        ("\"boundaries\":[7]", "\"boundaries\":[8]", "vertex 8 of 8"),
+        ("\"boundaries\":[7]", "\"boundaries\":[7,7]", "2 vertices"),
+        ("[2,0,0,10", "[1e308,0,0,1e308", "finite coordinates"),
+        ("[2,0,0,10,", "[2,0,0,", "an array of length 16"),
+        ("\"transformationMatrix\"", "\"transformation\"", "transformationMatrix"),
+    ] {
+        assert!(templates().contains(from), "{from}");
+        let found = files.error("a.json", templates().replacen(from, to, 1));
+        assert!(found.contains(told), "{from} -> {to}: {found}");
+    }
+    assert_eq!(read_truncated("a.json", templates().as_bytes()), 0);
+}
+
 #[test]
 fn broken() {
     let files = Files::new();
@@ -138,7 +196,7 @@ fn broken() {
         ("\"type\":\"CityJSON\"", "\"type\":\"FeatureCollection\"", "a GeoJSON document"),
         ("\"type\":\"CityJSON\"", "\"type\":\"Topology\"", "\"CityJSON\""),
         ("\"2.2\"", "\"high\"", "level of detail"),
-        ("\"MultiPoint\"", "\"GeometryInstance\"", "template"),
+        ("\"MultiPoint\"", "\"GeometryInstance\"", "transformationMatrix"),
     ] {
         assert!(text_cube().contains(from), "{from}");
         let found = files.error("a.json", text_cube().replacen(from, to, 1));

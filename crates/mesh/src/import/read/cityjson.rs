@@ -9,6 +9,7 @@ use serde::de::{DeserializeSeed, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 
+use super::city_templates::{Instance, Placement, Templates};
 use super::corners::{Corners, MOST_CORNERS};
 use super::model_file::ModelFile;
 use super::parts::Parts;
@@ -43,23 +44,25 @@ struct Document<'a> {
     objects: Option<&'a RawValue>,
     #[serde(borrow)]
     vertices: Option<&'a RawValue>,
+    #[serde(borrow, rename = "geometry-templates")]
+    templates: Option<&'a RawValue>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
-struct Transform {
+pub(super) struct Transform {
     scale: [f64; 3],
     translate: [f64; 3],
 }
 
 /// Goes through all values of a file; each comes with the transform that holds for it.
-fn documents(
-    source: &ModelFile,
-    mut each: impl FnMut(&Document<'_>, Option<Transform>) -> Result<()>,
+fn documents<'a>(
+    source: &'a ModelFile,
+    mut each: impl FnMut(&Document<'a>, Option<Transform>) -> Result<()>,
 ) -> Result<()> {
     let mut transform = None;
     let documents = serde_json::Deserializer::from_slice(source.bytes()).into_iter();
     for (number, document) in documents.enumerate() {
-        let document: Document<'_> = document.map_err(|error| not_json(source, 1, &error))?;
+        let document: Document<'a> = document.map_err(|error| not_json(source, 1, &error))?;
         let (kind, version) = (document.kind.as_deref(), document.version.as_deref());
         let expected = if number == 0 { "CityJSON" } else { "CityJSONFeature" };
         if number == 0 && matches!(kind, Some("FeatureCollection" | "Feature")) {
@@ -96,7 +99,7 @@ fn not_json(source: &ModelFile, first_line: u64, error: &serde_json::Error) -> E
 }
 
 /// An error in a part of a file.
-fn not_json_there(source: &ModelFile, text: &RawValue, error: &serde_json::Error) -> Error {
+pub(super) fn not_json_there(source: &ModelFile, text: &RawValue, error: &serde_json::Error) -> Error {
     let offset = text.get().as_ptr() as usize - source.bytes().as_ptr() as usize;
     not_json(source, line_number(source.bytes(), offset), error)
 }
@@ -119,7 +122,7 @@ fn walk<'a>(
 type Json<'a> = serde_json::Deserializer<serde_json::de::StrRead<'a>>;
 
 /// Keeps an error of ours while serde passes up one of its own.
-fn keep<E: serde::de::Error>(failure: &mut Option<Error>, result: Result<()>) -> Result<(), E> {
+fn keep<T, E: serde::de::Error>(failure: &mut Option<Error>, result: Result<T>) -> Result<T, E> {
     result.map_err(|error| {
         *failure = Some(error);
         E::custom("stopped")
@@ -170,11 +173,22 @@ fn read_vertices(
 ) -> Result<Vertices> {
     let mut vertices = VerticesBuilder::new(source.path(), Coordinates::F64, false, memory);
     if let Some(text) = document.vertices {
-        walk(source, text, &mut None, |failure, json| {
-            json.deserialize_seq(ReadVertices { source, transform, bounds, vertices: &mut vertices, failure })
-        })?;
+        read_list(source, text, transform, bounds, &mut vertices)?;
     }
     vertices.finish()
+}
+
+/// Reads a list of vertices.
+pub(super) fn read_list(
+    source: &ModelFile,
+    text: &RawValue,
+    transform: Option<Transform>,
+    bounds: &mut VertexBounds,
+    vertices: &mut VerticesBuilder,
+) -> Result<()> {
+    walk(source, text, &mut None, |failure, json| {
+        json.deserialize_seq(ReadVertices { source, transform, bounds, vertices, failure })
+    })
 }
 
 /// Metadata of a file: the reference system, and its other metadata and extensions.
@@ -255,18 +269,22 @@ struct CityObject<'a> {
 }
 
 #[derive(Deserialize)]
-struct Geometry<'a> {
+pub(super) struct Geometry<'a> {
     #[serde(rename = "type")]
     kind: String,
     lod: Option<Lod>,
     #[serde(borrow)]
-    boundaries: Option<&'a RawValue>,
+    pub(super) boundaries: Option<&'a RawValue>,
+    /// Of an instance: the number of its template, and the map of its points, row by row.
+    pub(super) template: Option<usize>,
+    #[serde(rename = "transformationMatrix")]
+    pub(super) matrix: Option<[f64; 16]>,
 }
 
 /// Level of detail: text since version 1.1, a number before.
 #[derive(Deserialize)]
 #[serde(untagged)]
-enum Lod {
+pub(super) enum Lod {
     Number(f64),
     Text(String),
 }
@@ -277,32 +295,47 @@ struct Geometries<'a> {
     lod: Option<f64>,
     /// Nesting depth of the surfaces, and the JSON of the lists.
     boundaries: Vec<(u8, &'a RawValue)>,
-    /// Whether some of them are made of a template.
-    has_template: bool,
+    /// Geometries that are made of templates, of any level of detail.
+    instances: Vec<Instance<'a>>,
 }
 
 /// Most geometries of an object with the same level of detail.
 const MOST_GEOMETRIES: usize = 1 << 16;
 
+impl Geometry<'_> {
+    /// Nesting depth of the surfaces, if it has any.
+    pub(super) fn depth(&self) -> Option<u8> {
+        match self.kind.as_str() {
+            "MultiSurface" | "CompositeSurface" => Some(3),
+            "Solid" => Some(4),
+            "MultiSolid" | "CompositeSolid" => Some(5),
+            _ => None,
+        }
+    }
+
+    /// The level of detail; none is below all.
+    pub(super) fn level<E: serde::de::Error>(&self) -> Result<f64, E> {
+        match &self.lod {
+            Some(Lod::Number(number)) => Ok(*number),
+            Some(Lod::Text(text)) => {
+                text.parse().map_err(|_| E::custom("a level of detail that is no number"))
+            }
+            None => Ok(f64::NEG_INFINITY),
+        }
+    }
+}
+
 impl<'a> Geometries<'a> {
     fn add<E: serde::de::Error>(&mut self, geometry: Geometry<'a>) -> Result<(), E> {
-        let depth = match geometry.kind.as_str() {
-            "MultiSurface" | "CompositeSurface" => 3,
-            "Solid" => 4,
-            "MultiSolid" | "CompositeSolid" => 5,
-            "GeometryInstance" => {
-                self.has_template = true;
-                return Ok(());
+        if geometry.kind == "GeometryInstance" {
+            if self.instances.len() == MOST_GEOMETRIES {
+                return Err(E::custom("more than 65536 geometries of an object"));
             }
-            _ => return Ok(()),
-        };
-        let lod = match geometry.lod {
-            Some(Lod::Number(number)) => number,
-            Some(Lod::Text(text)) => {
-                text.parse().map_err(|_| E::custom("a level of detail that is no number"))?
-            }
-            None => f64::NEG_INFINITY,
-        };
+            self.instances.push(Instance::of(&geometry)?);
+            return Ok(());
+        }
+        let Some(depth) = geometry.depth() else { return Ok(()) };
+        let lod = geometry.level()?;
         if self.lod.is_none_or(|best| lod > best) {
             self.lod = Some(lod);
             self.boundaries.clear();
@@ -350,6 +383,7 @@ impl<'de: 'a, 'a> Deserialize<'de> for Geometries<'a> {
 struct ReadObjects<'a, 'b> {
     source: &'a ModelFile,
     vertices: Table<'a>,
+    templates: &'b Templates<'a>,
     corners: &'b mut Corners,
     /// The part that the next object is.
     part: &'b mut u32,
@@ -366,19 +400,24 @@ impl<'de> Visitor<'de> for ReadObjects<'_, '_> {
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
         while let Some((name, object)) = map.next_entry::<String, CityObject<'de>>()? {
-            let geometries = object.geometry.unwrap_or_default();
-            if geometries.has_template {
-                let found = format!("a geometry template (in the object {})", shown(name.as_bytes()));
-                let advice = "replace instances of templates by what they stand for";
-                let error = Error::unsupported(self.source.path(), found, advice);
-                keep(self.failure, Err(error))?;
-            }
-            for (level, text) in geometries.boundaries {
-                let (source, vertices, part) = (self.source, self.vertices, *self.part);
+            let Geometries { lod, boundaries, instances } = object.geometry.unwrap_or_default();
+            let placed = self.templates.placed(self.source, &name, self.vertices, &instances);
+            let mut placed = keep(self.failure, placed)?;
+            // (Those of the highest level of detail count, as everywhere.)
+            let best =
+                placed.iter().map(|placed| placed.lod).fold(lod.unwrap_or(f64::NEG_INFINITY), f64::max);
+            placed.retain(|placed| placed.lod == best);
+            let own = boundaries.into_iter().filter(|_| lod == Some(best));
+            let own = own.map(|(level, text)| (level, text, self.vertices, None));
+            let of_templates = placed.into_iter().map(|placed| {
+                (placed.depth, placed.boundaries, self.templates.vertices(), Some(placed.placement))
+            });
+            for (level, text, vertices, placement) in own.chain(of_templates) {
+                let (source, part) = (self.source, *self.part);
                 let (corners, each) = (&mut *self.corners, &mut *self.each);
                 let walked = walk(source, text, &mut None, |failure, json| {
                     let name = &name;
-                    Boundaries { source, name, vertices, corners, part, each, failure, level }
+                    Boundaries { source, name, vertices, placement, corners, part, each, failure, level }
                         .deserialize(json)
                 });
                 keep(self.failure, walked)?;
@@ -395,6 +434,8 @@ struct Boundaries<'a, 'b> {
     source: &'a ModelFile,
     name: &'b str,
     vertices: Table<'a>,
+    /// Where the vertices of a template go.
+    placement: Option<Placement>,
     corners: &'b mut Corners,
     part: u32,
     each: &'b mut dyn FnMut(&MeshFace<'_>) -> Result<()>,
@@ -430,7 +471,13 @@ impl<'de> Visitor<'de> for Boundaries<'_, '_> {
                     let expected = "at most 2^20 corners that are in the list of vertices";
                     keep(self.failure, Err(self.source.corrupt(place(), found, expected)))?;
                 }
-                self.corners.push(self.vertices.position(index));
+                let point = self.vertices.position(index);
+                let point = self.placement.map_or(point, |placement| placement.apply(point));
+                if !point.iter().all(|coordinate| coordinate.is_finite()) {
+                    let found = format!("vertex {index} of a template at {point:?}");
+                    keep(self.failure, Err(self.source.corrupt(place(), found, "finite coordinates")))?;
+                }
+                self.corners.push(point);
             }
             self.corners.end_ring();
             return Ok(());
@@ -464,8 +511,10 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let (mut count, mut part, mut version, mut crs) = (0, 0, None, None);
     // One grid for all axes and all documents.
     let mut step: Option<Option<f64>> = None;
+    let mut has_templates = false;
     documents(&source, |document, transform| {
         count += 1;
+        has_templates |= document.templates.is_some();
         let own = transform
             .map(|Transform { scale: [x, y, z], .. }| (x, x == y && y == z && x.is_normal() && x > 0.0));
         let own = own.and_then(|(width, is_one)| is_one.then_some(width));
@@ -481,13 +530,13 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
             json.deserialize_map(ReadNames { source, parts, attributes, part: &mut part, failure })
         })
     })?;
-    let bounds = bounds.get().ok_or_else(|| source.no_vertices())?;
+    let vertex_bounds = bounds.get().ok_or_else(|| source.no_vertices())?;
     let kind = if count > 1 { "CityJSONSeq" } else { "CityJSON" };
     let info = ModelInfo {
         path: source.path().to_path_buf(),
         format: format!("{kind} {}", version.unwrap_or_default()).trim_end().into(),
         faces: None,
-        bounds,
+        bounds: vertex_bounds,
         crs,
         unit: Some("m".into()),
         step: step.flatten(),
@@ -497,7 +546,16 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         is_coloured: false,
         bytes: source.bytes().len() as u64,
     };
-    Ok(Box::new(CityJson { source, info, memory, degenerate: 0 }))
+    let mut model = CityJson { source, info, memory, degenerate: 0 };
+    if has_templates {
+        // (Vertices of templates are elsewhere once they are placed.)
+        model.faces(&mut |face| {
+            face.points.iter().for_each(|point| bounds.add(*point));
+            Ok(())
+        })?;
+        model.info.bounds = bounds.get().unwrap_or(vertex_bounds);
+    }
+    Ok(Box::new(model))
 }
 
 impl Model for CityJson {
@@ -507,13 +565,19 @@ impl Model for CityJson {
 
     fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
         let (source, mut corners, mut part) = (&self.source, Corners::default(), 0);
+        // (Those of the first document are for all that have none of their own.)
+        let mut templates = Templates::default();
         documents(source, |document, transform| {
+            if let Some(text) = document.templates {
+                templates = Templates::of(source, text, self.memory)?;
+            }
             let vertices = read_vertices(source, document, transform, &mut VertexBounds::new(), self.memory)?;
             let Some(text) = document.objects else { return Ok(()) };
             walk(source, text, &mut None, |failure, json| {
                 json.deserialize_map(ReadObjects {
                     source,
                     vertices: vertices.table(),
+                    templates: &templates,
                     corners: &mut corners,
                     part: &mut part,
                     each: &mut *each,

@@ -31,7 +31,7 @@ pub(super) struct VertexLayout {
 
 impl VertexLayout {
     /// Layout without gaps, as [`Vertices`] keeps them.
-    fn packed(coordinates: Coordinates, is_coloured: bool) -> VertexLayout {
+    pub(super) fn packed(coordinates: Coordinates, is_coloured: bool) -> VertexLayout {
         let size = match coordinates {
             Coordinates::F32 | Coordinates::F32Big => 4,
             Coordinates::F64 | Coordinates::F64Big => 8,

@@ -1,0 +1,142 @@
+//! Geometry templates of CityJSON: surfaces that stand in many places, each with a map of its own.
+
+use serde::Deserialize;
+use serde_json::value::RawValue;
+
+use super::cityjson::{Geometry, not_json_there, read_list};
+use super::model_file::ModelFile;
+use super::text::shown;
+use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, VerticesBuilder};
+use spinney_base::Result;
+
+/// Templates at most.
+const MOST_TEMPLATES: usize = 1 << 20;
+
+/// The templates of a file.
+#[derive(Default)]
+pub(super) struct Templates<'a> {
+    vertices: Option<Vertices>,
+    list: Vec<Template<'a>>,
+}
+
+/// A template: its level of detail, the nesting depth of its surfaces, and the JSON of their lists; nothing where it has no surfaces.
+struct Template<'a> {
+    lod: f64,
+    surfaces: Option<(u8, &'a RawValue)>,
+}
+
+#[derive(Deserialize)]
+struct Document<'a> {
+    #[serde(borrow)]
+    templates: Vec<Geometry<'a>>,
+    #[serde(borrow, rename = "vertices-templates")]
+    vertices: Option<&'a RawValue>,
+}
+
+/// A geometry that is made of a template.
+pub(super) struct Instance<'a> {
+    template: Option<usize>,
+    matrix: [f64; 16],
+    /// A list of the number of one vertex: where the template's origin goes.
+    anchor: Option<&'a RawValue>,
+}
+
+impl<'a> Instance<'a> {
+    pub(super) fn of<E: serde::de::Error>(geometry: &Geometry<'a>) -> Result<Instance<'a>, E> {
+        let Geometry { template, matrix, boundaries, .. } = geometry;
+        let matrix =
+            matrix.ok_or_else(|| E::custom("an instance of a template without a transformationMatrix"))?;
+        Ok(Instance { template: *template, matrix, anchor: *boundaries })
+    }
+}
+
+/// The map of an instance's points.
+#[derive(Clone, Copy)]
+pub(super) struct Placement {
+    matrix: [f64; 16],
+    anchor: [f64; 3],
+}
+
+impl Placement {
+    /// Where a point of the template goes. Matrices are of homogeneous coordinates, the last row of which is 0, 0, 0, 1.
+    pub(super) fn apply(&self, point: [f64; 3]) -> [f64; 3] {
+        [0, 1, 2].map(|row| {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|column| self.matrix[4 * row + column]);
+            a * point[0] + b * point[1] + c * point[2] + d + self.anchor[row]
+        })
+    }
+}
+
+/// A template in its place.
+pub(super) struct PlacedTemplate<'a> {
+    pub(super) lod: f64,
+    pub(super) depth: u8,
+    pub(super) boundaries: &'a RawValue,
+    pub(super) placement: Placement,
+}
+
+impl<'a> Templates<'a> {
+    /// Those of a file, by their JSON; vertices may take so many bytes of memory, and go to disk beyond.
+    pub(super) fn of(source: &ModelFile, text: &'a RawValue, memory: u64) -> Result<Templates<'a>> {
+        let found: Document<'a> =
+            serde_json::from_str(text.get()).map_err(|error| not_json_there(source, text, &error))?;
+        if found.templates.len() > MOST_TEMPLATES {
+            let count = found.templates.len();
+            return Err(source.corrupt("geometry-templates", format!("{count} templates"), "at most 2^20"));
+        }
+        let mut vertices = VerticesBuilder::new(source.path(), Coordinates::F64, false, memory / 2);
+        if let Some(text) = found.vertices {
+            read_list(source, text, None, &mut VertexBounds::new(), &mut vertices)?;
+        }
+        let mut list = Vec::with_capacity(found.templates.len());
+        for geometry in &found.templates {
+            let lod = geometry.level().map_err(|error| not_json_there(source, text, &error))?;
+            list.push(Template { lod, surfaces: geometry.depth().zip(geometry.boundaries) });
+        }
+        Ok(Templates { vertices: Some(vertices.finish()?), list })
+    }
+
+    /// The vertices of all templates.
+    pub(super) fn vertices(&self) -> Table<'_> {
+        let none = || Table::new(&[], VertexLayout::packed(Coordinates::F64, false));
+        self.vertices.as_ref().map_or_else(none, Vertices::table)
+    }
+
+    /// What the instances of an object have, of those templates that have surfaces; vertices are those of the document.
+    pub(super) fn placed(
+        &self,
+        source: &ModelFile,
+        name: &str,
+        vertices: Table<'_>,
+        instances: &[Instance<'a>],
+    ) -> Result<Vec<PlacedTemplate<'a>>> {
+        let place = || format!("object {}", shown(name.as_bytes()));
+        let mut placed = Vec::new();
+        for Instance { template, matrix, anchor } in instances {
+            let found = template.and_then(|number| self.list.get(number));
+            let Some(Template { lod, surfaces }) = found else {
+                let found = template.map_or("no template".into(), |number| format!("template {number}"));
+                let expected = format!("one of the {} templates of the file", self.list.len());
+                return Err(source.corrupt(place(), format!("an instance of {found}"), expected));
+            };
+            let numbers: Vec<u64> =
+                anchor.and_then(|text| serde_json::from_str(text.get()).ok()).unwrap_or_default();
+            let [anchor] = numbers[..] else {
+                let found = format!("an instance at {} vertices", numbers.len());
+                return Err(source.corrupt(place(), found, "one"));
+            };
+            if anchor >= vertices.len() {
+                let found = format!("an instance at vertex {anchor} of {}", vertices.len());
+                return Err(source.corrupt(place(), found, "a vertex that is in the list of vertices"));
+            }
+            let placement = Placement { matrix: *matrix, anchor: vertices.position(anchor) };
+            placed.extend(surfaces.map(|(depth, boundaries)| PlacedTemplate {
+                lod: *lod,
+                depth,
+                boundaries,
+                placement,
+            }));
+        }
+        Ok(placed)
+    }
+}
