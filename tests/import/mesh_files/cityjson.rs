@@ -55,7 +55,10 @@ fn kinds_of_geometry() {
     }
     let shells = file(&object("b", "Solid", "\"2\"", &format!("[{all},{all}]")));
     assert_eq!(files.faces("a.json", shells).unwrap(), [cube(), cube()].concat());
-    let model = files.open("a.json", text_cube()).unwrap();
+    let mut model = files.open("a.json", text_cube()).unwrap();
+    // (Semantics of surfaces are not kept, which is told.)
+    model.faces(&mut |_| Ok(())).unwrap();
+    assert_eq!(model.lost_columns(), 1);
     let info = model.info();
     assert_eq!(info.bounds, [[0.0; 3], [2.0; 3]]);
     assert_eq!(

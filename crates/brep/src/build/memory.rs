@@ -47,7 +47,7 @@ pub(crate) fn defects_of(faces: &FaceList, progress: &dyn Progress) -> Result<Ve
     };
     let root = Cell { level: 0, position: [0; 3], winding: 0 };
     let all: Vec<u32> = (0..items.len() as u32).collect();
-    let spread = Spread::new(all.len() as u64);
+    let spread = Spread::new(all.len() as u64, LEAF_SIZE);
     let mut arena = Arena::default();
     walk.cell(&root, all, (&[], spread), &mut arena)?;
     Ok(arena.defects.list.into_iter().map(|found| found.in_world(grid)).collect())

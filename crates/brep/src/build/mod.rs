@@ -313,7 +313,7 @@ impl ModelBuilder {
         let mark = arena.mark();
         let root = Cell { level: 0, position: [0; 3], winding: is_unbounded.into() };
         let near = all_near.of(&all_near.all(), &root, grid.bits);
-        let word = upper.cell(&root, run, (&near, Spread::new(wide)), &mut arena)?;
+        let word = upper.cell(&root, run, (&near, Spread::new(wide, leaf_size)), &mut arena)?;
         // The root owns a segment in any case.
         if word != CUT {
             arena.cut(Code::root(Dimension::Oct), mark, word);

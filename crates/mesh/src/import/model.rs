@@ -74,7 +74,7 @@ pub trait Model: Send {
         0
     }
 
-    /// Number of columns of values of faces that are not handed out.
+    /// Number of columns of values of faces (of CityJSON the semantics of surfaces) that are not handed out; 0 before the faces are read.
     fn lost_columns(&self) -> u64 {
         0
     }

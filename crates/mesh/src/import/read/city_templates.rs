@@ -3,7 +3,8 @@
 use serde::Deserialize;
 use serde_json::value::RawValue;
 
-use super::cityjson::{Geometry, not_json_there, read_list};
+use super::city_geometry::Geometry;
+use super::cityjson::{not_json_there, read_list};
 use super::model_file::ModelFile;
 use super::text::shown;
 use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, VerticesBuilder};

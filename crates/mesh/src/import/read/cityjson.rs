@@ -9,7 +9,8 @@ use serde::de::{DeserializeSeed, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 
-use super::city_templates::{Instance, Placement, Templates};
+use super::city_geometry::Geometries;
+use super::city_templates::{Placement, Templates};
 use super::corners::{Corners, MOST_CORNERS};
 use super::model_file::ModelFile;
 use super::parts::Parts;
@@ -27,6 +28,8 @@ struct CityJson {
     info: ModelInfo,
     memory: u64,
     degenerate: u64,
+    /// Whether surfaces have semantics, which are not handed out.
+    has_semantics: bool,
 }
 
 /// A CityJSON file, or the first or another line of a CityJSONSeq.
@@ -268,117 +271,6 @@ struct CityObject<'a> {
     geometry: Option<Geometries<'a>>,
 }
 
-#[derive(Deserialize)]
-pub(super) struct Geometry<'a> {
-    #[serde(rename = "type")]
-    kind: String,
-    lod: Option<Lod>,
-    #[serde(borrow)]
-    pub(super) boundaries: Option<&'a RawValue>,
-    /// Of an instance: the number of its template, and the map of its points, row by row.
-    pub(super) template: Option<usize>,
-    #[serde(rename = "transformationMatrix")]
-    pub(super) matrix: Option<[f64; 16]>,
-}
-
-/// Level of detail: text since version 1.1, a number before.
-#[derive(Deserialize)]
-#[serde(untagged)]
-pub(super) enum Lod {
-    Number(f64),
-    Text(String),
-}
-
-/// Geometries of an object that have surfaces, at the highest level of detail.
-#[derive(Default)]
-struct Geometries<'a> {
-    lod: Option<f64>,
-    /// Nesting depth of the surfaces, and the JSON of the lists.
-    boundaries: Vec<(u8, &'a RawValue)>,
-    /// Geometries that are made of templates, of any level of detail.
-    instances: Vec<Instance<'a>>,
-}
-
-/// Most geometries of an object with the same level of detail.
-const MOST_GEOMETRIES: usize = 1 << 16;
-
-impl Geometry<'_> {
-    /// Nesting depth of the surfaces, if it has any.
-    pub(super) fn depth(&self) -> Option<u8> {
-        match self.kind.as_str() {
-            "MultiSurface" | "CompositeSurface" => Some(3),
-            "Solid" => Some(4),
-            "MultiSolid" | "CompositeSolid" => Some(5),
-            _ => None,
-        }
-    }
-
-    /// The level of detail; none is below all.
-    pub(super) fn level<E: serde::de::Error>(&self) -> Result<f64, E> {
-        match &self.lod {
-            Some(Lod::Number(number)) => Ok(*number),
-            Some(Lod::Text(text)) => {
-                text.parse().map_err(|_| E::custom("a level of detail that is no number"))
-            }
-            None => Ok(f64::NEG_INFINITY),
-        }
-    }
-}
-
-impl<'a> Geometries<'a> {
-    fn add<E: serde::de::Error>(&mut self, geometry: Geometry<'a>) -> Result<(), E> {
-        if geometry.kind == "GeometryInstance" {
-            if self.instances.len() == MOST_GEOMETRIES {
-                return Err(E::custom("more than 65536 geometries of an object"));
-            }
-            self.instances.push(Instance::of(&geometry)?);
-            return Ok(());
-        }
-        let Some(depth) = geometry.depth() else { return Ok(()) };
-        let lod = geometry.level()?;
-        if self.lod.is_none_or(|best| lod > best) {
-            self.lod = Some(lod);
-            self.boundaries.clear();
-        }
-        // Where an object has both at the same level, its surfaces are the solid's once more.
-        let deepest = self.boundaries.first().map_or(0, |(depth, _)| *depth);
-        if self.lod == Some(lod) && (depth > 3) >= (deepest > 3) {
-            if depth > 3 && deepest == 3 {
-                self.boundaries.clear();
-            }
-            if self.boundaries.len() == MOST_GEOMETRIES {
-                return Err(E::custom("more than 65536 geometries of an object"));
-            }
-            self.boundaries.extend(geometry.boundaries.map(|text| (depth, text)));
-        }
-        Ok(())
-    }
-}
-
-impl<'de: 'a, 'a> Deserialize<'de> for Geometries<'a> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Choose;
-
-        impl<'de> Visitor<'de> for Choose {
-            type Value = Geometries<'de>;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a list of geometries")
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Geometries<'de>, A::Error> {
-                let mut geometries = Geometries::default();
-                while let Some(geometry) = list.next_element()? {
-                    geometries.add(geometry)?;
-                }
-                Ok(geometries)
-            }
-        }
-
-        deserializer.deserialize_seq(Choose)
-    }
-}
-
 /// Hands out the surfaces of all city objects.
 struct ReadObjects<'a, 'b> {
     source: &'a ModelFile,
@@ -387,6 +279,7 @@ struct ReadObjects<'a, 'b> {
     corners: &'b mut Corners,
     /// The part that the next object is.
     part: &'b mut u32,
+    has_semantics: &'b mut bool,
     each: &'b mut dyn FnMut(&MeshFace<'_>) -> Result<()>,
     failure: &'b mut Option<Error>,
 }
@@ -400,7 +293,9 @@ impl<'de> Visitor<'de> for ReadObjects<'_, '_> {
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
         while let Some((name, object)) = map.next_entry::<String, CityObject<'de>>()? {
-            let Geometries { lod, boundaries, instances } = object.geometry.unwrap_or_default();
+            let Geometries { lod, boundaries, instances, have_semantics } =
+                object.geometry.unwrap_or_default();
+            *self.has_semantics |= have_semantics;
             let placed = self.templates.placed(self.source, &name, self.vertices, &instances);
             let mut placed = keep(self.failure, placed)?;
             // (Those of the highest level of detail count, as everywhere.)
@@ -546,7 +441,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         is_coloured: false,
         bytes: source.bytes().len() as u64,
     };
-    let mut model = CityJson { source, info, memory, degenerate: 0 };
+    let mut model = CityJson { source, info, memory, degenerate: 0, has_semantics: false };
     if has_templates {
         // (Vertices of templates are elsewhere once they are placed.)
         model.faces(&mut |face| {
@@ -565,6 +460,7 @@ impl Model for CityJson {
 
     fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
         let (source, mut corners, mut part) = (&self.source, Corners::default(), 0);
+        let mut has_semantics = false;
         // (Those of the first document are for all that have none of their own.)
         let mut templates = Templates::default();
         documents(source, |document, transform| {
@@ -580,16 +476,22 @@ impl Model for CityJson {
                     templates: &templates,
                     corners: &mut corners,
                     part: &mut part,
+                    has_semantics: &mut has_semantics,
                     each: &mut *each,
                     failure,
                 })
             })
         })?;
+        self.has_semantics = has_semantics;
         self.degenerate = corners.degenerate;
         Ok(())
     }
 
     fn degenerate(&self) -> u64 {
         self.degenerate
+    }
+
+    fn lost_columns(&self) -> u64 {
+        u64::from(self.has_semantics)
     }
 }

@@ -1,5 +1,6 @@
 //! Readers of meshes, one file or folder for each format, and what they share.
 
+mod city_geometry;
 mod city_templates;
 mod cityjson;
 mod corners;

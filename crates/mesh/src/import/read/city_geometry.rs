@@ -1,0 +1,125 @@
+//! Geometries of city objects: which of them count.
+
+use std::fmt;
+
+use serde::de::{SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use serde_json::value::RawValue;
+
+use super::city_templates::Instance;
+
+#[derive(Deserialize)]
+pub(super) struct Geometry<'a> {
+    #[serde(rename = "type")]
+    kind: String,
+    lod: Option<Lod>,
+    #[serde(borrow)]
+    pub(super) boundaries: Option<&'a RawValue>,
+    #[serde(borrow)]
+    semantics: Option<&'a RawValue>,
+    /// Of an instance: the number of its template, and the map of its points, row by row.
+    pub(super) template: Option<usize>,
+    #[serde(rename = "transformationMatrix")]
+    pub(super) matrix: Option<[f64; 16]>,
+}
+
+/// Level of detail: text since version 1.1, a number before.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Lod {
+    Number(f64),
+    Text(String),
+}
+
+/// Geometries of an object that have surfaces, at the highest level of detail.
+#[derive(Default)]
+pub(super) struct Geometries<'a> {
+    pub(super) lod: Option<f64>,
+    /// Nesting depth of the surfaces, and the JSON of the lists.
+    pub(super) boundaries: Vec<(u8, &'a RawValue)>,
+    /// Geometries that are made of templates, of any level of detail.
+    pub(super) instances: Vec<Instance<'a>>,
+    /// Whether some have semantics of surfaces.
+    pub(super) have_semantics: bool,
+}
+
+/// Most geometries of an object with the same level of detail.
+const MOST_GEOMETRIES: usize = 1 << 16;
+
+impl Geometry<'_> {
+    /// Nesting depth of the surfaces, if it has any.
+    pub(super) fn depth(&self) -> Option<u8> {
+        match self.kind.as_str() {
+            "MultiSurface" | "CompositeSurface" => Some(3),
+            "Solid" => Some(4),
+            "MultiSolid" | "CompositeSolid" => Some(5),
+            _ => None,
+        }
+    }
+
+    /// The level of detail; none is below all.
+    pub(super) fn level<E: serde::de::Error>(&self) -> Result<f64, E> {
+        match &self.lod {
+            Some(Lod::Number(number)) => Ok(*number),
+            Some(Lod::Text(text)) => {
+                text.parse().map_err(|_| E::custom("a level of detail that is no number"))
+            }
+            None => Ok(f64::NEG_INFINITY),
+        }
+    }
+}
+
+impl<'a> Geometries<'a> {
+    fn add<E: serde::de::Error>(&mut self, geometry: Geometry<'a>) -> Result<(), E> {
+        if geometry.kind == "GeometryInstance" {
+            if self.instances.len() == MOST_GEOMETRIES {
+                return Err(E::custom("more than 65536 geometries of an object"));
+            }
+            self.instances.push(Instance::of(&geometry)?);
+            return Ok(());
+        }
+        let Some(depth) = geometry.depth() else { return Ok(()) };
+        let lod = geometry.level()?;
+        self.have_semantics |= geometry.semantics.is_some();
+        if self.lod.is_none_or(|best| lod > best) {
+            self.lod = Some(lod);
+            self.boundaries.clear();
+        }
+        // Where an object has both at the same level, its surfaces are the solid's once more.
+        let deepest = self.boundaries.first().map_or(0, |(depth, _)| *depth);
+        if self.lod == Some(lod) && (depth > 3) >= (deepest > 3) {
+            if depth > 3 && deepest == 3 {
+                self.boundaries.clear();
+            }
+            if self.boundaries.len() == MOST_GEOMETRIES {
+                return Err(E::custom("more than 65536 geometries of an object"));
+            }
+            self.boundaries.extend(geometry.boundaries.map(|text| (depth, text)));
+        }
+        Ok(())
+    }
+}
+
+impl<'de: 'a, 'a> Deserialize<'de> for Geometries<'a> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Choose;
+
+        impl<'de> Visitor<'de> for Choose {
+            type Value = Geometries<'de>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list of geometries")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Geometries<'de>, A::Error> {
+                let mut geometries = Geometries::default();
+                while let Some(geometry) = list.next_element()? {
+                    geometries.add(geometry)?;
+                }
+                Ok(geometries)
+            }
+        }
+
+        deserializer.deserialize_seq(Choose)
+    }
+}
