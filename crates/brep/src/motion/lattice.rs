@@ -169,11 +169,15 @@ mod tests {
 
     #[test]
     fn steps_of_grids_are_in_lowest_terms_already() {
-        for width in [1.0, 0.001, 0.0025, 0.3, 25.4, 1.0 / 3.0, 2f64.powi(-20), 1e-280, 7e12] {
-            let bounds = [[0.0; 3], [1000.0 * width; 3]];
-            let grid = Grid::over(bounds, Some(width)).unwrap();
+        let over = |width: f64| Grid::over([[0.0; 3], [1000.0 * width; 3]], Some(width)).unwrap();
+        for width in [1.0, 0.001, 0.0025, 0.3, 25.4, 1.0 / 3.0, 2f64.powi(-20), 7e12] {
+            let grid = over(width);
             assert_eq!(reduced(grid.step, grid.divisor), (grid.step, grid.divisor), "{width}");
         }
+        // (A divisor that is no small whole number becomes one, with the same quotient.)
+        let grid = over(1e-280);
+        let (step, divisor) = reduced(grid.step, grid.divisor);
+        assert!(divisor < FARTHEST as f64 && step / divisor == grid.step / grid.divisor);
     }
 
     /// Decimal factors and their inverses give the same step again, whatever was between.
@@ -189,7 +193,9 @@ mod tests {
             {
                 let there = scaled(step, factor);
                 assert_eq!(scaled(there, inverse), step, "{factor}");
-                assert_eq!(there.0 / there.1, step.0 / step.1 * factor);
+                // (The product of a quotient is rounded twice.)
+                let (quotient, expected) = (there.0 / there.1, step.0 / step.1 * factor);
+                assert!((quotient - expected).abs() <= f64::EPSILON * expected, "{quotient} {expected}");
             }
         }
         assert_eq!(scaled((1.0, 1.0), 25.4), (127.0, 5.0));
