@@ -36,33 +36,37 @@ pub struct PlanarFaces {
 }
 
 impl PlanarFaces {
-    /// Begins a face without corners.
-    pub fn begin(&mut self) {
+    /// Hands out what becomes of a face: itself, some triangles, or nothing.
+    pub fn face(&mut self, face: &Face<'_>, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+        self.begin(face.ring_ends, face.colours, &mut |corner| Ok(face.points[corner]))?;
+        self.finish(face.part, face.source, each)
+    }
+
+    /// Begins a face of rings with these ends, whose corners `place` puts on the grid, each by its number.
+    ///
+    /// # Errors
+    /// Those of `place`.
+    pub fn begin(
+        &mut self,
+        ring_ends: &[usize],
+        colours: &[[u8; 3]],
+        place: &mut dyn FnMut(usize) -> Result<[i32; 3]>,
+    ) -> Result<()> {
         self.points.clear();
         self.colours.clear();
         self.ring_ends.clear();
-    }
-
-    /// Hands out what becomes of a face: itself, some triangles, or nothing.
-    pub fn face(&mut self, face: &Face<'_>, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
-        self.begin();
         let mut start = 0;
-        for &end in face.ring_ends {
-            let ring_start = self.corners();
+        for &end in ring_ends {
+            let ring_start = self.points.len();
             for corner in start..end {
-                self.add_corner(ring_start, face.points[corner], face.colours.get(corner));
+                self.add_corner(ring_start, place(corner)?, colours.get(corner));
             }
             start = end;
             if !self.end_ring(ring_start) {
                 break;
             }
         }
-        self.finish(face.part, face.source, each)
-    }
-
-    /// Corners so far.
-    pub fn corners(&self) -> usize {
-        self.points.len()
+        Ok(())
     }
 
     /// Hands out what becomes of the face that was begun.
@@ -150,7 +154,7 @@ impl PlanarFaces {
     }
 
     /// Adds a corner to the ring that began at a place, unless it is where the one before is.
-    pub fn add_corner(&mut self, ring_start: usize, point: [i32; 3], colour: Option<&[u8; 3]>) {
+    fn add_corner(&mut self, ring_start: usize, point: [i32; 3], colour: Option<&[u8; 3]>) {
         if self.points.len() > ring_start && self.points.last() == Some(&point) {
             return;
         }
@@ -162,7 +166,7 @@ impl PlanarFaces {
 
     /// Ends the ring that began at a place, and leaves it out if it has fewer than three corners; says whether there is an
     /// outer ring now.
-    pub fn end_ring(&mut self, start: usize) -> bool {
+    fn end_ring(&mut self, start: usize) -> bool {
         while self.points.len() > start + 1 && self.points.last() == Some(&self.points[start]) {
             self.points.pop();
         }

@@ -69,29 +69,17 @@ impl<'a> Snapping<'a> {
     ) -> Result<()> {
         let Snapping { motion, old, grid, planar, squared_displacement, turner } = self;
         let face = if motion.is_mirrored() { turner.turn(face) } else { *face };
-        planar.begin();
-        let mut start = 0;
-        for &end in face.ring_ends {
-            let ring_start = planar.corners();
-            for corner in start..end {
-                let point = motion.apply(old.to_world(face.points[corner]));
-                let snapped = grid.snap(point).ok_or_else(|| {
-                    Error::invalid(
-                        "corner",
-                        format!("{point:?}"),
-                        "one where it was when the model was read first",
-                    )
-                })?;
-                let there = grid.to_world(snapped);
-                let moved = (0..3).map(|axis| (there[axis] - point[axis]).powi(2)).sum::<f64>();
-                *squared_displacement = squared_displacement.max(moved);
-                planar.add_corner(ring_start, snapped, face.colours.get(corner));
-            }
-            start = end;
-            if !planar.end_ring(ring_start) {
-                break;
-            }
-        }
+        planar.begin(face.ring_ends, face.colours, &mut |corner| {
+            let point = motion.apply(old.to_world(face.points[corner]));
+            let snapped = grid.snap(point).ok_or_else(|| {
+                let expected = "one where it was when the model was read first";
+                Error::invalid("corner", format!("{point:?}"), expected)
+            })?;
+            let there = grid.to_world(snapped);
+            let moved = (0..3).map(|axis| (there[axis] - point[axis]).powi(2)).sum::<f64>();
+            *squared_displacement = squared_displacement.max(moved);
+            Ok(snapped)
+        })?;
         planar.finish(face.part, face.source, each)
     }
 }

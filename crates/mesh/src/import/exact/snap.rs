@@ -37,30 +37,20 @@ impl Snapper {
         self.planar.finish(part, source, each)
     }
 
-    /// Moves the corners, and leaves out those that have come to lie on the one before, and rings that have fewer than
-    /// three then.
+    /// Moves the corners to the grid.
     fn move_corners(&mut self, path: &Path, face: &super::super::MeshFace<'_>) -> Result<()> {
-        self.planar.begin();
-        let mut start = 0;
-        for &end in face.ring_ends {
-            let ring_start = self.planar.corners();
-            for corner in start..end {
-                let point = self.up.to_z_up(face.points[corner]);
-                let snapped = self.grid.snap(point).ok_or_else(|| {
-                    let [x, y, z] = point;
-                    let expected = "vertices where they were when the file was read first";
-                    Error::corrupt(path, "vertices", format!("a vertex at {x}, {y}, {z}"), expected)
-                })?;
-                let there = self.grid.to_world(snapped);
-                let moved = (0..3).map(|axis| (there[axis] - point[axis]).powi(2)).sum::<f64>();
-                self.squared_displacement = self.squared_displacement.max(moved);
-                self.planar.add_corner(ring_start, snapped, face.colours.get(corner));
-            }
-            start = end;
-            if !self.planar.end_ring(ring_start) {
-                break;
-            }
-        }
-        Ok(())
+        let Snapper { grid, up, planar, squared_displacement, .. } = self;
+        planar.begin(face.ring_ends, face.colours, &mut |corner| {
+            let point = up.to_z_up(face.points[corner]);
+            let snapped = grid.snap(point).ok_or_else(|| {
+                let [x, y, z] = point;
+                let expected = "vertices where they were when the file was read first";
+                Error::corrupt(path, "vertices", format!("a vertex at {x}, {y}, {z}"), expected)
+            })?;
+            let there = grid.to_world(snapped);
+            let moved = (0..3).map(|axis| (there[axis] - point[axis]).powi(2)).sum::<f64>();
+            *squared_displacement = squared_displacement.max(moved);
+            Ok(snapped)
+        })
     }
 }
