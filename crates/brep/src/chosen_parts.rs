@@ -6,7 +6,7 @@ use crate::{Face, Faces, Grid};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// The faces of some parts of a model, which are numbered anew. Several passes read all faces of the model.
+/// The faces of some parts of a model, which are numbered anew, with corners on the grid. Several passes read all faces of the model.
 ///
 /// ```
 /// use spinney::brep::{ChosenParts, Face, FaceList, Faces, Grid};
@@ -25,6 +25,8 @@ pub struct ChosenParts<'a> {
     faces: &'a dyn Faces,
     /// Own number of each part that is chosen.
     numbers: BTreeMap<u32, u32>,
+    /// Numbers in the model, and names.
+    chosen: Vec<u32>,
     names: Vec<String>,
     len: u64,
 }
@@ -42,7 +44,8 @@ impl<'a> ChosenParts<'a> {
         }
         let numbers: BTreeMap<u32, u32> = chosen.iter().copied().zip(0..).collect();
         let names = chosen.iter().map(|part| all[*part as usize].clone()).collect();
-        let mut found = ChosenParts { faces, numbers, names, len: 0 };
+        let mut found =
+            ChosenParts { faces, numbers, chosen: chosen.iter().copied().collect(), names, len: 0 };
         let mut len = 0;
         found.each(&mut |_| {
             len += 1;
@@ -50,11 +53,6 @@ impl<'a> ChosenParts<'a> {
         })?;
         found.len = len;
         Ok(found)
-    }
-
-    /// The number of a part in the model.
-    fn of_model(&self, part: u32) -> Option<u32> {
-        self.numbers.keys().nth(part as usize).copied()
     }
 }
 
@@ -68,12 +66,12 @@ impl Faces for ChosenParts<'_> {
     }
 
     fn part_attributes(&self, part: u32) -> Result<Option<String>> {
-        self.of_model(part).map_or(Ok(None), |part| self.faces.part_attributes(part))
+        self.chosen.get(part as usize).map_or(Ok(None), |part| self.faces.part_attributes(*part))
     }
 
     fn parts_with_attributes(&self) -> Result<u64> {
         let mut count = 0;
-        for part in self.numbers.keys() {
+        for part in &self.chosen {
             count += u64::from(self.faces.part_attributes(*part)?.is_some());
         }
         Ok(count)

@@ -37,7 +37,7 @@ impl Surface<'_> {
         SamplePoint::of_triangle(plane, &corners.unwrap_or([first; 3]))
     }
 
-    /// What a face changes in the winding number of who passes it downwards, if it is turned up: 1, or -1 where its part is turned.
+    /// Change in the winding number of who passes a face downwards that is turned up: 1, or -1 where its part is turned.
     fn weight(&self, face: u32) -> i32 {
         if self.turned.get(face as usize).is_some_and(|turned| *turned) { -1 } else { 1 }
     }

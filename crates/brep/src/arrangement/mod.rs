@@ -29,7 +29,6 @@ pub(crate) use contact::Contact;
 pub(crate) use delaunay::flip_in_plane;
 pub(crate) use exact_face::ExactFace;
 pub(crate) use exact_face::ExactFaces;
-pub(crate) use orientation::six_volumes;
 pub(crate) use overlay::{Corner, Vertices};
 pub(crate) use overlay::{PlaneRegion, PlaneSegment, regions};
 pub(crate) use point::{ExactPlane, ExactPoint, cross, wide};

@@ -4,14 +4,12 @@ use std::collections::{BTreeMap, HashSet};
 
 use super::contact::Contact;
 use super::surface::Surface;
-use crate::Face;
 use crate::boxes::{Bounds, union};
 use crate::closure::{Closure, Seed};
 use crate::exact::union_find::UnionFind;
-use crate::exact::vector::{cross, dot};
 use spinney_base::{Progress, Result, parallel};
 
-/// What was turned of a surface.
+/// Counts of what was turned of a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Turned {
     /// Parts that were inside out, and were turned with what is inside of them.
@@ -115,7 +113,7 @@ impl Surface<'_> {
         let of_face = sets.roots();
         let mut list: BTreeMap<u32, Part> = BTreeMap::new();
         for (face, part) in (0..).zip(&of_face) {
-            let (volume, bounds) = (six_volumes(&self.face(face)), self.bounds(face));
+            let (volume, bounds) = (self.face(face).six_volumes(), self.bounds(face));
             let first = self.planes[face as usize].is_some().then_some(face);
             list.entry(*part)
                 .and_modify(|part| {
@@ -143,15 +141,4 @@ impl Surface<'_> {
 /// The volume of a box.
 fn extent([low, high]: &Bounds) -> u128 {
     (0..3).map(|axis| u128::from(high[axis].abs_diff(low[axis]))).product()
-}
-
-/// Six times the volume between a face and the grid's origin: of a closed surface these add up to its own.
-// Invariant: coordinates are below 2^26 and a face has less than 2^32 corners, so that sums of 2^32 faces are below 2^(81 + 32).
-pub(crate) fn six_volumes(face: &Face<'_>) -> i128 {
-    let of_ring = |ring: &[[i32; 3]]| -> i128 {
-        let wide = |point: [i32; 3]| point.map(i128::from);
-        let Some((first, rest)) = ring.split_first() else { return 0 };
-        rest.windows(2).map(|pair| dot(wide(*first), cross(wide(pair[0]), wide(pair[1])))).sum()
-    };
-    face.rings().map(of_ring).sum()
 }

@@ -66,25 +66,13 @@ impl MassProperties {
 impl ExactModel {
     /// See [`Faces::volume_beside`]: in doubles.
     pub(crate) fn volume_beside_grid(&self) -> Result<f64> {
-        let cone = |[a, b, c]: [[f64; 3]; 3]| dot(a, cross(b, c));
-        let cones =
-            |ring: &[[f64; 3]]| (2..ring.len()).map(|i| cone([ring[0], ring[i - 1], ring[i]])).sum::<f64>();
-        let mut ring: Vec<[f64; 3]> = Vec::new();
         let mut sum = 0.0;
         self.each_exact(&mut |face| {
-            for corners in face.rings() {
-                ring.clear();
-                ring.extend(corners.iter().map(|corner| corner.point.near));
-                sum += cones(&ring);
-            }
+            sum += face.six_volumes();
             Ok(())
         })?;
         self.each_stand_in(&mut |face| {
-            for corners in face.rings() {
-                ring.clear();
-                ring.extend(corners.iter().map(|corner| corner.map(f64::from)));
-                sum -= cones(&ring);
-            }
+            sum -= face.six_volumes() as f64;
             Ok(())
         })?;
         Ok(sum / 6.0)

@@ -14,7 +14,7 @@ const MOST_CORNERS: usize = 64;
 /// Faces that are most often in one block.
 const FACES_OF_BLOCK: u64 = 1 << 10;
 
-/// What was read last of a model: of each kind one for each number modulo how many there are, which is a power of two.
+/// Pieces of a model that were read last: of each kind one for each number modulo how many there are, which is a power of two.
 ///
 /// Answers do not depend on what is remembered: pieces are those of the file, and were checked when they were read first.
 pub(super) struct NearPieces<'a> {
@@ -95,7 +95,7 @@ impl<'a> NearPieces<'a> {
         }
     }
 
-    /// What a line meets with a crossing of a face.
+    /// The hit that a crossing of a face is.
     pub(super) fn hit(&mut self, line: &Line, face: u64, crossing: Crossing) -> Result<Hit> {
         let Crossing { share, is_entry } = crossing;
         let point = self.model.grid().to_world_between(line.at(share));

@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use super::mass::{MassProperties, MassSums};
 use crate::closure::{ExactClosure, Seed};
-use crate::exact::vector::{cross, dot};
-use crate::{ExactModel, Face, Faces};
+use crate::{ExactModel, Faces};
 use spinney_base::{Error, Progress, Result};
 
 /// Measures of a part.
@@ -65,7 +64,7 @@ impl ExactModel {
             sums_of(face.part, &mut |sums| {
                 sums.mass.add_face(face);
                 match stands_in {
-                    true => sums.beside -= cones(face),
+                    true => sums.beside -= face.six_volumes() as f64,
                     false => sums.closure.add(face),
                 }
             })
@@ -85,14 +84,4 @@ impl ExactModel {
         });
         Ok(measures.collect())
     }
-}
-
-/// Six times the volume between a face and the grid's first point, in doubles as that of exact faces is.
-fn cones(face: &Face<'_>) -> f64 {
-    let point = |at: [i32; 3]| at.map(f64::from);
-    let of_ring = |ring: &[[i32; 3]]| -> f64 {
-        let Some((first, rest)) = ring.split_first() else { return 0.0 };
-        rest.windows(2).map(|pair| dot(point(*first), cross(point(pair[0]), point(pair[1])))).sum()
-    };
-    face.rings().map(of_ring).sum()
 }
