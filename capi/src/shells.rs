@@ -26,7 +26,7 @@ pub struct spinney_shell {
     pub boundaries: u64,
     /// Number of handles; -1 where that is no number.
     pub genus: i64,
-    /// What it encloses, rounded once; negative of a cavity, so that a body is a shell of more than 0.
+    /// Volume that it encloses, rounded once; negative of a cavity, so that a body is a shell of more than 0.
     pub volume: f64,
 }
 

@@ -1,4 +1,4 @@
-"""What is told of the surfaces of exact models: their shells, and where rays pass through them."""
+"""Answers about the surfaces of exact models: their shells, and where rays pass through them."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Shells:
     genus: npt.NDArray[np.int64]
     """Handles; -1 where that is no number."""
     volume: npt.NDArray[np.float64]
-    """What each encloses, rounded once; negative of cavities."""
+    """Volume that each encloses, rounded once; negative of cavities."""
     of_faces: npt.NDArray[np.int64]
     """For each face of the model the number of its shell."""
 

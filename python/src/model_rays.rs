@@ -28,7 +28,7 @@ type Hits<'py> = (
     Bound<'py, PyArray1<bool>>,
 );
 
-/// What becomes arrays.
+/// Lists that become arrays.
 #[derive(Default)]
 struct Lists {
     distances: Vec<f64>,

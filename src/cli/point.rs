@@ -64,7 +64,7 @@ pub(crate) struct Args {
 }
 
 impl Args {
-    /// What is asked for points of exact models.
+    /// The question about points of exact models.
     fn question(&self) -> PointQuestion {
         match (self.object, self.distance) {
             (true, _) => PointQuestion::Object,

@@ -186,7 +186,7 @@ fn rules_take_other_places() {
     }
 }
 
-/// What bounds nothing is counted, and a surface that is mostly that is no body.
+/// Faces that bound nothing are counted, and a surface that is mostly such faces is no body.
 #[test]
 fn what_is_lost_is_counted_and_most_of_a_surface_is_not_lost() {
     let plate = |side: i32| -> Solid {

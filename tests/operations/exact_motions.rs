@@ -26,7 +26,7 @@ fn inverse(motion: &Motion) -> Motion {
     Motion::from_rows(AffineMap::from_rows(motion.to_rows()).inverse().unwrap().to_rows()).unwrap()
 }
 
-/// What a motion makes of a body; nothing is left behind where that fails.
+/// The body that a motion makes of another one; nothing is left behind where that fails.
 fn try_moved(body: &Body, motion: &Motion, options: &TransformOptions) -> Result<(Body, TransformReport)> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("moved.goblin");

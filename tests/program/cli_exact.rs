@@ -353,11 +353,19 @@ fn objects_are_skipped_repaired_measured_and_exported() {
     ] {
         assert!(told.contains(part), "{part}: {told}");
     }
+    let info = stdout(&["info", &out, "--json"]);
+    for part in [
+        "left out 1 objects that are no bodies: open",
+        "repaired, with nonzero windings inside: 1 bodies turned",
+    ] {
+        assert!(info.contains(part), "{part}: {info}");
+    }
     // Two cubes that lie in each other by half, and one beside.
     let json = stdout(&["stats", &out, "--json"]);
     assert_eq!(serde_json::from_str::<Json>(&json).unwrap()["volume"], 2500.0);
     let all = ["build", &mesh, "-o", &out, "--brep", "--repair", "--close"];
-    command(&all).args(["--inside", "odd"]).assert().success();
+    let told = stderr(command(&all).args(["--inside", "odd"]).assert().success());
+    assert!(told.contains("percent of what cells of the models have"), "{told}");
     let json = stdout(&["stats", &out, "--json"]);
     assert_eq!(serde_json::from_str::<Json>(&json).unwrap()["volume"], 3000.0);
     let found = stdout(&["point", &out, "--object", "1,5,5", "45,5,5", "15,5,5", "60,5,5"]);

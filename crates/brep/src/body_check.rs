@@ -9,7 +9,7 @@ use crate::repair::divided;
 use crate::{FaceList, Faces, InsideRule, show_place};
 use spinney_base::{Error, Progress, Result, sort};
 
-/// What keeps some faces from being the boundary of a body, in words, with a place; `None` if they are one, or can be repaired by a rule, if
+/// The flaw that keeps some faces from being the boundary of a body, in words, with a place; `None` if they are one, or can be repaired by a rule, if
 /// one is given. `path` is a model's for errors.
 ///
 /// # Errors

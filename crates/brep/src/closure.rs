@@ -161,7 +161,7 @@ impl SurfaceClosure {
         }
     }
 
-    /// What is wrong with the surface, in words, if it is not closed, or some of these exact faces are none.
+    /// The flaw of the surface, in words, if it is not closed, or some of these exact faces are none.
     ///
     /// # Errors
     /// On interruption.

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use crate::arrangement::{ExactFaces, Operands, Resolved, divide, round, six_volumes};
+use crate::arrangement::{ExactFaces, Operands, Resolved, divide, round};
 use crate::closure::SurfaceClosure;
 use crate::{FaceList, Faces, ModelBuilder};
 use spinney_base::{Error, Progress, Result};
@@ -87,6 +87,9 @@ impl Repair {
 /// Share of a surface's area, or of the volume that cells have, that may be lost.
 const MOST_LOST: f64 = 0.5;
 
+/// Share of the surface, or of the volume, whose change users are warned of.
+const WORTH_A_WARNING: f64 = 0.01;
+
 /// Pairs of faces that may meet, and for each face: of a surface that has more nobody knows what it should be.
 const MOST_CONTACTS: u64 = 1 << 20;
 const MOST_CONTACTS_OF_A_FACE: u64 = 256;
@@ -112,6 +115,7 @@ pub fn repair(
     let Divided { exact, done, volume, cells_volume } = divided(&faces, rule, path, memory, progress)?;
     let Resolved { pairs, divided, removed, outside, outside_share, turned } = done;
     drop(faces);
+    tell_changes(outside_share, volume / cells_volume, path, progress);
     let rounded = round(exact)?;
     let crossings = rounded.crossings(path, memory, progress)?;
     let rounded = rounded.closed(crossings, false, path, memory, progress)?;
@@ -142,7 +146,7 @@ pub fn repair(
     Ok((builder.push_rounded(rounded)?, repaired))
 }
 
-/// What is left of a surface, and its volume and that which cells have, in cubes of steps.
+/// Remains of a surface, with its volume and that which cells have, in cubes of steps.
 pub(crate) struct Divided {
     exact: ExactFaces,
     done: Resolved,
@@ -200,6 +204,20 @@ pub(crate) fn divided(
     Ok(Divided { exact, done, volume, cells_volume })
 }
 
+/// Warns of what users would not expect of a repair.
+fn tell_changes(outside_share: f64, of_cells: f64, path: &Path, progress: &dyn Progress) {
+    if outside_share > WORTH_A_WARNING {
+        let percent = outside_share * 100.0;
+        progress
+            .warn(path, &format!("{percent:.1} percent of the surface bounded nothing, and are left out"));
+    }
+    let change = of_cells - 1.0;
+    if change.abs() > WORTH_A_WARNING {
+        let percent = change * 100.0;
+        progress.warn(path, &format!("the volume is {percent:+.1} percent of what cells of the models have"));
+    }
+}
+
 fn refused(path: &Path, what: String, advice: &str) -> Error {
     let (places, count) = (Vec::new(), 0);
     Error::NoBody { path: path.to_path_buf(), what, places, count, advice: advice.into() }
@@ -208,7 +226,7 @@ fn refused(path: &Path, what: String, advice: &str) -> Error {
 /// The volume within a surface, in cubes of steps, nearly.
 fn volume(faces: &ExactFaces) -> f64 {
     let on_grid = (0..faces.list.len() as u32).filter(|number| !faces.exact.contains_key(number));
-    let whole: i128 = on_grid.map(|number| six_volumes(&faces.list.get(number as usize))).sum();
+    let whole: i128 = on_grid.map(|number| faces.list.get(number as usize).six_volumes()).sum();
     // (In the order of their numbers: sums of doubles depend on it.)
     let mut numbers: Vec<u32> = faces.exact.keys().copied().collect();
     numbers.sort_unstable();

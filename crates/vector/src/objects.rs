@@ -20,7 +20,7 @@ use spinney_brep::{ExactModel, Faces};
 /// [`Attributes`](spinney_brep::Attributes) have them, if anything is.
 ///
 /// # Errors
-/// What `about` returns.
+/// Those of `about`.
 pub fn choose_objects(
     filter: &FeatureFilter,
     names: &[String],
@@ -82,7 +82,12 @@ pub fn export_objects(
     let mut parts = model.part_measures(memory, progress)?;
     parts.retain(|part| chosen.is_none_or(|chosen| chosen.contains(&part.part)));
     let mut columns: Vec<(String, AttributeType)> = FIXED.map(|(name, kind)| (name.into(), kind)).to_vec();
-    let own = own_columns(model, &parts)?;
+    let (own, left_out) = own_columns(model, &parts)?;
+    if left_out > 0 {
+        let text =
+            format!("{left_out} attributes of objects are left out of the table, beyond {MOST_COLUMNS}");
+        progress.warn(output.path(), &text);
+    }
     for (name, kind) in &own {
         push_attribute(&mut columns, name.clone(), *kind);
     }
@@ -146,9 +151,13 @@ const FIXED: [(&str, AttributeType); 11] = [
     ("z", AttributeType::Number),
 ];
 
-/// Names and types of the attributes of some parts, in the order of the names: the first so many that come.
-fn own_columns(model: &ExactModel, parts: &[PartMeasures]) -> Result<BTreeMap<String, AttributeType>> {
+/// Names and types of the attributes of some parts, in the order of the names: the first so many that come; and the number of others.
+fn own_columns(
+    model: &ExactModel,
+    parts: &[PartMeasures],
+) -> Result<(BTreeMap<String, AttributeType>, usize)> {
     let mut found: BTreeMap<String, AttributeType> = BTreeMap::new();
+    let mut left_out: BTreeSet<String> = BTreeSet::new();
     for part in parts {
         let about = parsed(model.part_attributes(part.part)?);
         for (name, value) in about["attributes"].as_object().into_iter().flatten() {
@@ -156,8 +165,10 @@ fn own_columns(model: &ExactModel, parts: &[PartMeasures]) -> Result<BTreeMap<St
             let known = found.get(name).map(|known| known.with(kind));
             if known.is_some() || found.len() < MOST_COLUMNS {
                 found.insert(name.clone(), known.unwrap_or(kind));
+            } else {
+                left_out.insert(name.clone());
             }
         }
     }
-    Ok(found)
+    Ok((found, left_out.len()))
 }

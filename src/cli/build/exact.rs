@@ -71,7 +71,7 @@ fn chosen_parts(models: &[Box<dyn Model>], filter: &FeatureFilter) -> Result<BTr
     Ok(found)
 }
 
-/// What a repair did, and what users may want to know of it.
+/// Lines about a repair.
 fn repaired(done: &Repair, unit: &str) -> Lines {
     if done.is_nothing() {
         return vec![("repaired", "nothing: the surface is in order".into())];
@@ -91,26 +91,16 @@ fn repaired(done: &Repair, unit: &str) -> Lines {
             done.displacement
         ),
     ));
-    let Repair { volume, volume_before, cells_volume, .. } = done;
+    let Repair { volume, volume_before, .. } = done;
     let cubic = if unit.is_empty() { String::new() } else { format!("{unit}^3") };
     lines.push(("volume", format!("{volume:.9}{cubic}; of the surface as it came, with what it goes around twice counted twice, {volume_before:.9}{cubic}")));
     if *outside > 0 {
         let share = outside_share * 100.0;
         let text = format!("{outside} of the faces removed, {share:.2} percent of the area, bounded nothing");
-        lines.push((if share > WORTH_A_WARNING { "LOST" } else { "left out" }, text));
-    }
-    let change = (volume / cells_volume - 1.0) * 100.0;
-    if change.abs() > WORTH_A_WARNING {
-        let text = format!(
-            "cells of the models have a volume of {cells_volume:.9}{cubic}: this is {change:+.1} percent"
-        );
-        lines.push(("warning", text));
+        lines.push(("left out", text));
     }
     lines
 }
-
-/// Percent of change that users are warned of.
-const WORTH_A_WARNING: f64 = 1.0;
 
 fn lines(report: &ExactReport, stats: bool) -> Lines {
     let unit = report.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
@@ -147,9 +137,6 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
     }
     if report.attributes > 0 {
         lines.push(("attributes", format!("of {} parts", report.attributes)));
-    }
-    if report.lost_columns > 0 {
-        lines.push(("LOST", format!("{} columns of values of faces", report.lost_columns)));
     }
     let (boundaries, triangles) = report.closed;
     if boundaries > 0 {

@@ -64,9 +64,6 @@ fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
     }
     let CombineReport { pairs, divided, after, displacement, .. } = report;
     global.report("contacts", format_args!("{pairs} pairs of faces; {divided} faces divided"));
-    if report.lost_columns > 0 {
-        global.report("LOST", format_args!("{} columns of values of faces", report.lost_columns));
-    }
     if *displacement > 0.0 {
         global.report("moved", format_args!("new vertices, by {displacement} at most, to the grid"));
     }

@@ -10,7 +10,7 @@ use spinney::brep::{ExactModel, FaceBuffer, Faces};
 /// Points that are answered at a time.
 const BATCH: usize = 1 << 16;
 
-/// What is asked for points.
+/// Question about points.
 #[derive(Clone, Copy)]
 pub(crate) enum PointQuestion {
     /// Where they lie.
@@ -46,7 +46,7 @@ pub(crate) fn rays(model: &ExactModel, rays: &[String], is_all: bool) -> Result<
     })
 }
 
-/// What is done with some lines of so many numbers, of which the first has a number.
+/// Function that answers some lines of so many numbers, of which the first has a number.
 type Answer<'a, const N: usize> = dyn FnMut(&[[f64; N]], u64, &mut dyn Write) -> Result<()> + 'a;
 
 /// Reads lines of numbers, those of the command line, or of standard input if there are none, and answers some at a time.

@@ -50,6 +50,9 @@ impl<'a> Bodies<'a> {
             first.push((parts, 0));
             parts += model.parts().len() as u32;
         }
+        // Invariant: what is apart by the boxes of all its faces, exact ones too, lies where all others are what they are far
+        // away, and no vertex that is moved reaches it. So one fate is that of all its faces, those without an area that join
+        // edges included, and both of its surfaces stay closed for themselves.
         let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
         let fate = |model: usize| (are_all_near && placed.is_apart(model)).then(|| table.fate(model, &far));
         let apart = (0..models.len()).map(fate).collect();

@@ -241,6 +241,9 @@ fn made(
         ));
     }
     let lost_columns = models.iter().map(|model| model.value_columns()).sum::<Result<u64>>()?;
+    if lost_columns > 0 {
+        progress.warn(path, &format!("{lost_columns} columns of values of faces are not kept"));
+    }
     let before = Vec::new();
     Ok(CombineReport { before, after, pairs, divided, lost_columns, displacement, grid, is_unbounded, built })
 }

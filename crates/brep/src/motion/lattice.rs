@@ -22,8 +22,9 @@ pub(super) struct Lattice {
 /// Most steps that one is divided into so that a shift becomes a whole number of them.
 const MOST_TIMES: i64 = 1000;
 
-/// What a number of steps has beyond a whole number; nothing if it is no more than what some roundings make.
+/// The part of a number of steps beyond a whole number; 0 if some roundings make as much.
 fn part(steps: f64) -> f64 {
+    /// Of a shift that people write with a few decimals.
     const LEAST: f64 = 1e-6;
     /// That of a few roundings of large numbers, of which some make a quarter of a step.
     const SHARE: f64 = 5.0 * f64::EPSILON;
@@ -133,7 +134,7 @@ fn fraction(number: f64) -> (f64, f64) {
     found.next().unwrap_or((number, 1.0))
 }
 
-/// The same quotient of a step and its divisor, whatever it came of: in lowest terms, of whole numbers where these are small.
+/// A step and its divisor in lowest terms, of whole numbers where these are small, so that equal quotients are equal pairs.
 fn reduced(step: f64, divisor: f64) -> (f64, f64) {
     // An odd number, and the power of two that it is multiplied by.
     let parts = |number: f64| {

@@ -18,7 +18,7 @@ pub(super) struct Symmetry {
     pub(super) mirrored: [bool; 3],
 }
 
-/// Share of a number that turns make of nothing, since sines and cosines are rounded.
+/// Share of a number that turns make of nothing: sines and cosines of a chain of turns, each of which is rounded to 2^-53, about a hundred times that.
 const NOISE: f64 = 1e-14;
 
 impl Motion {
@@ -58,7 +58,7 @@ impl Motion {
         self.rows.map(|[a, b, c, d]| a * x + b * y + c * z + d)
     }
 
-    /// What is added in the end.
+    /// The shift, which is added in the end.
     pub(super) fn shift(&self) -> [f64; 3] {
         self.rows.map(|row| row[3])
     }

@@ -241,11 +241,11 @@ impl Work<'_> {
     }
 }
 
-/// What was rounded.
+/// Roundings of a motion.
 #[derive(Default)]
 struct Rounding {
     displacement: f64,
-    /// What became of faces whose corners were computed.
+    /// Counts of faces whose corners were computed.
     counts: Option<PlanarCounts>,
     /// Faces with corners beside the grid that are gone.
     rounded: u64,

@@ -32,7 +32,7 @@ pub(crate) fn moved_formula(numbers: &str, model: &ExactModel) -> Result<String>
     Ok(format!("(map {numbers} {})", operand(model)?))
 }
 
-/// What stands for a model in the formula of another one: its own, or its name.
+/// The operand that a model is in the formula of another one: its own formula, or its name.
 fn operand(model: &ExactModel) -> Result<String> {
     let own = model.formula()?.filter(|own| own.len() <= MOST_NESTED);
     Ok(own.unwrap_or_else(|| serde_json::Value::from(model.path().display().to_string()).to_string()))

@@ -6,6 +6,7 @@ use std::path::Path;
 use super::super::solid::closure::edge_number;
 use spinney_base::io::Sorter;
 use spinney_base::{Error, Result, sort};
+use spinney_brep::Face;
 use spinney_brep::geometry::Triangulator;
 
 /// Bytes of an edge: its number, its ends from the lesser to the greater, the direction, the part of the face, the object that this is of.
@@ -32,8 +33,13 @@ impl Boundary {
         Boundary { sorter: Sorter::new(folder, EDGE, memory) }
     }
 
+    /// Adds the edges of a face of an object.
+    pub(super) fn add_face(&mut self, face: &Face<'_>, object: u32) -> Result<()> {
+        edges(face).try_for_each(|[from, to]| self.add(from, to, face.part, object))
+    }
+
     /// Adds an edge of a face of a part of an object.
-    pub(super) fn add(&mut self, from: [i32; 3], to: [i32; 3], part: u32, object: u32) -> Result<()> {
+    fn add(&mut self, from: [i32; 3], to: [i32; 3], part: u32, object: u32) -> Result<()> {
         let (number, is_forward) = edge_number(from, to);
         let (low, high) = if is_forward { (from, to) } else { (to, from) };
         let mut item = Vec::with_capacity(EDGE);
@@ -139,10 +145,31 @@ fn chain(edges: Vec<OpenEdge>) -> Vec<Loop> {
     loops
 }
 
+/// Directed edges of a face.
+pub(super) fn edges<'a>(face: &Face<'a>) -> impl Iterator<Item = [[i32; 3]; 2]> + use<'a> {
+    face.rings().flat_map(|ring| (0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]))
+}
+
+/// Hands out triangles that close boundaries, with numbers from a first one on and this source, white where faces have colours.
+pub(super) fn close(
+    loops: &[Loop],
+    (first, source): (u64, u64),
+    is_coloured: bool,
+    each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+) -> Result<()> {
+    let colours = if is_coloured { &[[255; 3]; 3][..] } else { &[] };
+    let triangles =
+        loops.iter().flat_map(|hole| hole.triangles().into_iter().map(|points| (hole.part, points)));
+    for (number, (part, points)) in (first..).zip(triangles) {
+        each(&Face { number, points: &points, ring_ends: &[3], colours, part, source })?;
+    }
+    Ok(())
+}
+
 impl Loop {
     /// Triangles that close the hole: as it is seen along the axis from which it is largest, or a fan where it
     /// crosses itself there.
-    pub(super) fn triangles(&self) -> Vec<[[i32; 3]; 3]> {
+    fn triangles(&self) -> Vec<[[i32; 3]; 3]> {
         let wide: Vec<[i64; 3]> = self.points.iter().map(|point| point.map(i64::from)).collect();
         let mut triangles = Vec::new();
         if !Triangulator::new().triangulate(&wide, &[wide.len()], &mut triangles) {
@@ -173,7 +200,7 @@ mod tests {
         assert_eq!(loops[0].triangles().len(), 3);
     }
 
-    /// What one object lacks, another one beside it does not have for it.
+    /// Edges that one object lacks are not those of another one beside it.
     #[test]
     fn objects_have_loops_of_their_own() {
         let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);

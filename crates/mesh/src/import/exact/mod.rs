@@ -7,7 +7,7 @@ mod snap;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use self::boundary::{Boundary, Loop};
+use self::boundary::{Boundary, Loop, edges};
 use self::objects::Objects;
 use self::snap::Snapper;
 use super::solid::closure::Closure;
@@ -164,14 +164,12 @@ pub fn import_exact(
     let place = folder(output.path()).to_path_buf();
     let mut target = Target::new(output, &path, &grid, options)?;
     let mut snapper = Snapper::new(grid.clone(), options.up);
-    let mut closure = Closure::default();
+    // (Objects are closed one by one; where nobody asks for it, several may bound a body together.)
+    let object = |face: &Face<'_>| if options.close { objects.object(face.part) } else { 0 };
     let mut closures: BTreeMap<u32, Closure> = BTreeMap::new();
     read(&mut models, &objects, &mut snapper, progress, &mut |face| {
-        each_edge(face, |from, to| closure.add_edge(from, to));
-        if options.close {
-            let own = closures.entry(objects.object(face.part)).or_default();
-            each_edge(face, |from, to| own.add_edge(from, to));
-        }
+        let closure = closures.entry(object(face)).or_default();
+        edges(face).for_each(|[from, to]| closure.add_edge(from, to));
         target.push(face)
     })?;
     let counts = snapper.planar.counts;
@@ -179,19 +177,10 @@ pub fn import_exact(
     let mut closed = (0, 0);
     // Parts of the triangles that close boundaries.
     let mut closing: Vec<u32> = Vec::new();
-    // (Objects are closed one by one; where nobody asks for it, several may bound a body together.)
-    if !closure.is_closed() || closures.values().any(|closure| !closure.is_closed()) {
+    if closures.values().any(|closure| !closure.is_closed()) {
         let mut boundary = Boundary::new(&place, options.memory / 4);
         let mut again = Snapper::new(grid.clone(), options.up);
-        read(&mut models, &objects, &mut again, progress, &mut |face| {
-            let mut added = Ok(());
-            each_edge(face, |from, to| {
-                if added.is_ok() {
-                    added = boundary.add(from, to, face.part, objects.object(face.part));
-                }
-            });
-            added
-        })?;
+        read(&mut models, &objects, &mut again, progress, &mut |face| boundary.add_face(face, object(face)))?;
         let loops = boundary.loops(&path, options.memory / 4)?;
         if !options.close {
             return Err(open_surface(&path, &grid, &objects, &loops));
@@ -215,6 +204,7 @@ pub fn import_exact(
     let displacement = snapper.squared_displacement.sqrt();
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
     metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
+    metadata.provenance.extend(history(options, &skipped, repaired.as_ref()));
     let unit = options.unit.clone().or_else(|| models.iter().find_map(|model| model.info().unit.clone()));
     let furthest = repaired.map_or(displacement, |done| done.displacement.max(displacement));
     metadata.set_tag(Tag::ModelDisplacement, furthest.to_string());
@@ -248,6 +238,11 @@ pub fn import_exact(
         let error = built.error(&path, what, advice);
         return Err(named(error, &built, (&mut models, &objects, &closing), snapper, options.repair)?);
     }
+    let lost_columns = models.iter().map(|model| model.lost_columns()).sum();
+    if lost_columns > 0 {
+        let text = "values of faces (in CityJSON the semantics of surfaces) are not kept";
+        progress.warn(&path, &format!("{lost_columns} columns of {text}"));
+    }
     Ok(ExactReport {
         read: snapper.read,
         faces,
@@ -258,7 +253,7 @@ pub fn import_exact(
         objects: objects.count(),
         skipped,
         attributes: with_attributes,
-        lost_columns: models.iter().map(|model| model.lost_columns()).sum(),
+        lost_columns,
         closed,
         repair: repaired,
         displacement,
@@ -266,6 +261,33 @@ pub fn import_exact(
         unit,
         built,
     })
+}
+
+/// Lines for the provenance: which objects are not in the model, and what was done to its surface.
+fn history(options: &ExactOptions, skipped: &[SkippedObject], repaired: Option<&Repair>) -> Vec<String> {
+    /// Names that are told; a city may have any number.
+    const MOST_NAMES: usize = 100;
+    let mut lines = Vec::new();
+    if let Some(parts) = &options.parts {
+        lines.push(format!("{} parts were chosen", parts.len()));
+    }
+    if !skipped.is_empty() {
+        let names: Vec<&str> = skipped.iter().take(MOST_NAMES).map(|object| object.name.as_str()).collect();
+        let more = if skipped.len() > MOST_NAMES { ", ..." } else { "" };
+        lines.push(format!(
+            "left out {} objects that are no bodies: {}{more}",
+            skipped.len(),
+            names.join(", ")
+        ));
+    }
+    if let Some(done) = repaired.filter(|done| !done.is_nothing()) {
+        let (bodies, rule) = (done.turned.0, options.inside.name());
+        let (divided, removed) = (done.divided, done.removed);
+        lines.push(format!(
+            "repaired, with {rule} windings inside: {bodies} bodies turned, {divided} faces divided, {removed} removed"
+        ));
+    }
+    lines
 }
 
 /// Where faces on the grid go: straight into the file, or into a list if they are to be repaired first.
@@ -296,17 +318,12 @@ impl Target {
 
     /// Adds triangles over boundaries, after the faces that were counted; returns the part of each.
     fn close(&mut self, loops: &[Loop], snapper: &Snapper) -> Result<Vec<u32>> {
-        let colours = [[255; 3]; 3];
-        let colours = if snapper.planar.is_coloured { &colours[..] } else { &[] };
         let mut parts = Vec::new();
-        for hole in loops {
-            for points in hole.triangles() {
-                let (number, part, source) =
-                    (snapper.planar.counts.faces + parts.len() as u64, hole.part, snapper.read);
-                self.push(&Face { number, points: &points, ring_ends: &[3], colours, part, source })?;
-                parts.push(part);
-            }
-        }
+        let first = (snapper.planar.counts.faces, snapper.read);
+        boundary::close(loops, first, snapper.planar.is_coloured, &mut |face| {
+            parts.push(face.part);
+            self.push(face)
+        })?;
         Ok(parts)
     }
 
@@ -428,17 +445,6 @@ fn read(
         return Err(flat_faces(&path, bounds(models, snapper.up)?, snapper.grid.width()));
     }
     Ok(())
-}
-
-/// The directed edges of a face.
-fn each_edge(face: &Face<'_>, mut each: impl FnMut([i32; 3], [i32; 3])) {
-    for ring in face.rings() {
-        let Some(mut from) = ring.last() else { continue };
-        for to in ring {
-            each(*from, *to);
-            from = to;
-        }
-    }
 }
 
 /// The error of an open surface.

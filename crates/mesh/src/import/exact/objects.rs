@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::super::Model;
-use super::boundary::Boundary;
-use super::{ExactOptions, each_edge};
+use super::ExactOptions;
+use super::boundary::{self, Boundary};
 use spinney_base::{Error, Progress, Result, parallel};
 use spinney_brep::{Face, FaceList, Faces, body_flaw};
 
@@ -15,7 +15,7 @@ use spinney_brep::{Face, FaceList, Faces, body_flaw};
 pub struct SkippedObject {
     /// Its name; that of the file where the file is one object.
     pub name: String,
-    /// What keeps it from being a body, in words, with a place.
+    /// The flaw that keeps it from being a body, in words, with a place.
     pub why: String,
 }
 
@@ -72,13 +72,16 @@ impl Objects {
     }
 
     /// Number of objects that are taken.
+    // (Parts of an object stand together, and objects have the numbers of their first parts.)
     pub(super) fn count(&self) -> u64 {
-        (0..self.taken.len() as u32).map(|number| self.object(number)).collect::<BTreeSet<u32>>().len() as u64
+        let is_first = |number: &u32| *number == 0 || self.object(number - 1) != self.object(*number);
+        (0..self.taken.len() as u32).filter(is_first).count() as u64
     }
 
     /// The name of the object that a part of the exact model is of, where there are several.
     pub(super) fn name(&self, number: u32) -> Option<&str> {
-        if self.count() < 2 {
+        let last = (self.taken.len() as u32).checked_sub(1)?;
+        if self.object(0) == self.object(last) {
             return None;
         }
         Some(&self.parts[*self.taken.get(number as usize)? as usize].0)
@@ -140,22 +143,10 @@ impl Objects {
 /// Adds triangles over the boundaries of an object.
 fn close(faces: &mut FaceList, path: &Path, memory: u64) -> Result<()> {
     let mut boundary = Boundary::new(&std::env::temp_dir(), memory / 4);
-    for number in 0..faces.len() as usize {
-        let face = faces.get(number);
-        let mut added = Ok(());
-        each_edge(&face, |from, to| {
-            if added.is_ok() {
-                added = boundary.add(from, to, face.part, 0);
-            }
-        });
-        added?;
-    }
-    let colours = if faces.is_coloured() { &[[255; 3]; 3][..] } else { &[] };
-    for hole in boundary.loops(path, memory / 4)? {
-        for points in hole.triangles() {
-            let (number, part, source) = (faces.len(), hole.part, u64::MAX);
-            faces.push(&Face { number, points: &points, ring_ends: &[3], colours, part, source });
-        }
-    }
-    Ok(())
+    (0..faces.len() as usize).try_for_each(|number| boundary.add_face(&faces.get(number), 0))?;
+    let loops = boundary.loops(path, memory / 4)?;
+    boundary::close(&loops, (faces.len(), u64::MAX), faces.is_coloured(), &mut |face| {
+        faces.push(face);
+        Ok(())
+    })
 }

@@ -103,7 +103,7 @@ impl<'a> Templates<'a> {
         self.vertices.as_ref().map_or_else(none, Vertices::table)
     }
 
-    /// What the instances of an object have, of those templates that have surfaces; vertices are those of the document.
+    /// The templates of an object's instances, each in its place, of those that have surfaces; vertices are those of the document.
     pub(super) fn placed(
         &self,
         source: &ModelFile,
