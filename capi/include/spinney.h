@@ -219,7 +219,7 @@ typedef struct {
   uint64_t boundaries;
   // Number of handles; -1 where that is no number.
   int64_t genus;
-  // What it encloses, rounded once; negative of a cavity, so that a body is a shell of more than 0.
+  // Volume that it encloses, rounded once; negative of a cavity, so that a body is a shell of more than 0.
   double volume;
 } spinney_shell;
 
