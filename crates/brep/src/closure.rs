@@ -144,13 +144,16 @@ pub(crate) struct SurfaceClosure {
     closure: Closure,
     /// Of the exact surface, where it is another one.
     exact: Option<ExactClosure>,
+    /// The first flaw of a face with corners beside the grid.
+    flaw: Option<&'static str>,
 }
 
 impl SurfaceClosure {
     /// None so far.
     pub(crate) fn new(is_exact: bool) -> SurfaceClosure {
         let seed = Seed::new();
-        SurfaceClosure { closure: Closure::new(seed), exact: is_exact.then(|| ExactClosure::new(seed)) }
+        let exact = is_exact.then(|| ExactClosure::new(seed));
+        SurfaceClosure { closure: Closure::new(seed), exact, flaw: None }
     }
 
     /// Adds a face of the octree, which may stand in for exact ones.
@@ -161,21 +164,22 @@ impl SurfaceClosure {
         }
     }
 
-    /// The flaw of the surface, in words, if it is not closed, or some of these exact faces are none.
+    /// Adds a face with corners beside the grid.
     ///
     /// # Errors
     /// On interruption.
-    pub(crate) fn check(self, exact: &[ExactFace], progress: &dyn Progress) -> Result<Option<&'static str>> {
-        let mut is_closed = self.closure.is_closed();
-        let mut flaw = None;
-        if let Some(mut closure) = self.exact {
-            for face in exact {
-                flaw = flaw.or(face.flaw(progress)?);
-                closure.add_exact(face);
-            }
-            is_closed &= closure.is_closed();
+    pub(crate) fn add_exact(&mut self, face: &ExactFace, progress: &dyn Progress) -> Result<()> {
+        self.flaw = self.flaw.or(face.flaw(progress)?);
+        if let Some(exact) = &mut self.exact {
+            exact.add_exact(face);
         }
-        Ok(flaw.or((!is_closed).then_some("edges that have a face on one side only")))
+        Ok(())
+    }
+
+    /// The flaw of the surface, in words, if it is not closed, or some of its exact faces are none.
+    pub(crate) fn flaw(self) -> Option<&'static str> {
+        let is_closed = self.closure.is_closed() && self.exact.is_none_or(|exact| exact.is_closed());
+        self.flaw.or((!is_closed).then_some("edges that have a face on one side only"))
     }
 }
 

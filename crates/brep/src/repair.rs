@@ -124,7 +124,8 @@ pub fn repair(
         surface.add(face, rounded.stands_in[face.number as usize]);
         Ok(())
     })?;
-    if let Some(flaw) = surface.check(&rounded.exact, progress)? {
+    rounded.exact.iter().try_for_each(|face| surface.add_exact(face, progress))?;
+    if let Some(flaw) = surface.flaw() {
         let what = format!("what is inside would be no body: {flaw}");
         return Err(refused(path, what, "build cells of it (without --brep), and report it"));
     }

@@ -62,7 +62,8 @@ fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
     for (file, faces) in files.iter().zip(&report.before) {
         global.report("input", format_args!("{}: {faces} faces", file.display()));
     }
-    let CombineReport { pairs, divided, after, displacement, .. } = report;
+    let CombineReport { near, pairs, divided, after, displacement, .. } = report;
+    global.report("near", format_args!("{near} faces near other bodies; all others go as they are"));
     global.report("contacts", format_args!("{pairs} pairs of faces; {divided} faces divided"));
     if *displacement > 0.0 {
         global.report("moved", format_args!("new vertices, by {displacement} at most, to the grid"));

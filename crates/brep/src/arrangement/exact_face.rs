@@ -73,7 +73,7 @@ impl ExactFace {
     }
 
     /// The face as a region of its plane.
-    pub(super) fn region(&self) -> PlaneRegion {
+    pub(crate) fn region(&self) -> PlaneRegion {
         let is_up = self.plane.normal[self.plane.main_axis()] > 0;
         let ring = |ring: &[Corner]| if is_up { ring.to_vec() } else { reversed(ring).collect() };
         PlaneRegion { rings: self.rings().map(ring).collect() }

@@ -57,6 +57,8 @@ pub(crate) struct Rounded {
     moved: Vec<[i32; 3]>,
     /// The furthest that one was moved, in steps.
     pub(crate) displacement: f64,
+    /// Steps that faces lie at most beside those that they stand in for.
+    pub(crate) reach: u8,
 }
 
 /// Moves the vertices of a surface to the grid.
@@ -71,6 +73,7 @@ pub(crate) fn round(exact: ExactFaces) -> Result<Rounded> {
         changed: Vec::new(),
         moved: Vec::new(),
         displacement: 0.0,
+        reach: 1,
     };
     let (mut rounded, ()) = whole.again(|faces, each| {
         for number in 0..faces.list.len() as u32 {
@@ -96,20 +99,11 @@ impl Rounded {
         self.moved.extend(rounder.corners);
     }
 
-    /// Adds faces that were not moved.
-    pub(crate) fn append(&mut self, faces: &FaceList) {
-        for number in 0..faces.len() as usize {
-            self.faces.push(&faces.get(number));
-        }
-        self.stands_in.resize(self.faces.len() as usize, false);
-        self.changed.resize(self.faces.len() as usize, false);
-    }
-
-    /// Adds a face that stands for nothing of the others.
-    pub(crate) fn push(&mut self, face: &Face<'_>) {
+    /// Adds a face, which may stand in for others: as it was, or new.
+    pub(crate) fn push(&mut self, face: &Face<'_>, stands_in: bool, is_new: bool) {
         self.faces.push(face);
-        self.stands_in.push(true);
-        self.changed.push(true);
+        self.stands_in.push(stands_in);
+        self.changed.push(is_new);
     }
 
     /// Number of pairs of faces of which one was moved, and that have more in common now than neighbours have.
@@ -140,8 +134,8 @@ impl Rounded {
     ) -> Result<Rounded> {
         let mut seams = Seams::default();
         seams.add_all(&self.faces);
-        seams.close(self.faces.is_coloured(), &mut |face| {
-            self.push(face);
+        seams.close(self.reach, self.faces.is_coloured(), &mut |face| {
+            self.push(face, true, true);
             Ok(())
         })?;
         if crossings == 0 {
@@ -205,6 +199,7 @@ impl Rounded {
             })?;
             state = next;
             state.take(rounder);
+            state.reach = state.reach.saturating_add(1);
             let first = *first.get_or_insert(divided.max(50));
             if divided + removed == 0 || rounds == MOST_ROUNDS || divided > 2 * first {
                 let is_done = divided + removed == 0 && is_closed(&state.faces);
@@ -215,6 +210,7 @@ impl Rounded {
                 // Moving corners has made new crossings: what is thinner than a step has to go.
                 let (moved, changed) = (state.moved.clone(), state.changed.clone());
                 state = state.again(|faces, each| snap(&faces.list, &moved, &changed, progress, each))?.0;
+                state.reach = state.reach.saturating_add(1);
             }
         }
     }
@@ -225,7 +221,7 @@ impl Rounded {
         self,
         make: impl FnOnce(&ExactFaces, &mut EachFace<'_>) -> Result<R>,
     ) -> Result<(Rounded, R)> {
-        let Rounded { faces, stands_in, mut exact, moved, displacement, .. } = self;
+        let Rounded { faces, stands_in, mut exact, moved, displacement, reach, .. } = self;
         let faces = ExactFaces::of_grid(faces);
         let old = &faces.list;
         let mut list = FaceList::new(old.grid().clone(), old.parts().to_vec());
@@ -259,7 +255,7 @@ impl Rounded {
         // places.
         debug_assert!(changed.len() == list.len() as usize && still.len() == changed.len());
         let stands_in = still.into_iter().map(|still| !still).collect();
-        Ok((Rounded { faces: list, stands_in, exact, changed, moved, displacement }, made))
+        Ok((Rounded { faces: list, stands_in, exact, changed, moved, displacement, reach }, made))
     }
 }
 

@@ -154,7 +154,7 @@ impl<'a> SamplePoint<'a> {
     }
 
     /// [`SamplePoint::meets`] for a polygon with corners beside the grid.
-    pub(super) fn meets_exact(&self, face: &ExactFace) -> bool {
+    pub(crate) fn meets_exact(&self, face: &ExactFace) -> bool {
         face.edges().fold(false, |inside, (corner, next)| inside ^ self.passes(&corner.point, next))
     }
 

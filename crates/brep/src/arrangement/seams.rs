@@ -32,19 +32,16 @@ struct Seam {
 pub(crate) struct Seams(HashMap<Edge, Seam>);
 
 impl Seams {
-    /// Watches the edges at which these faces of several closed surfaces, each up to its end in the list, meet others of these
-    /// surfaces.
-    pub(crate) fn between(faces: &FaceList, ends: &[u32]) -> Seams {
-        let mut watched = HashMap::new();
-        let mut start = 0;
-        for &end in ends {
-            let mut open = Seams::default();
-            (start..end).for_each(|number| open.add(&faces.get(number as usize)));
-            let open = open.0.into_iter();
-            watched.extend(open.map(|(edge, seam)| (edge, Seam { surplus: 0, is_watched: true, ..seam })));
-            start = end;
-        }
-        Seams(watched)
+    /// Watches the edges that others are open at.
+    pub(crate) fn watch(&mut self, open: Seams) {
+        let open = open.0.into_iter();
+        self.0.extend(open.map(|(edge, seam)| (edge, Seam { surplus: 0, is_watched: true, ..seam })));
+    }
+
+    /// Bytes of memory that they take.
+    pub(crate) fn bytes(&self) -> u64 {
+        // (A table is half empty after it has grown.)
+        (2 * self.0.len() * (size_of::<(Edge, Seam)>() + 1)) as u64
     }
 
     /// Counts the edges of all faces of a list.
@@ -78,10 +75,11 @@ impl Seams {
         }
     }
 
-    /// Hands out faces that have what all edges lack. Faces wider than a step of the grid are none of them: what lacks these is
-    /// no closed surface.
+    /// Hands out faces that have what all edges lack. Faces wider than `width` steps of the grid are none of them: what lacks these
+    /// is no closed surface.
     pub(crate) fn close(
         self,
+        width: u8,
         is_coloured: bool,
         each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
     ) -> Result<()> {
@@ -120,7 +118,7 @@ impl Seams {
                     ring.iter().for_each(|from| {
                         places.remove(from);
                     });
-                    if is_thin(&ring) {
+                    if is_thin(&ring, width) {
                         let colours = vec![[255; 3]; if is_coloured { ring.len() } else { 0 }];
                         let ring_ends = [ring.len()];
                         let face = Face {
@@ -145,8 +143,8 @@ fn undirected([from, to]: Edge) -> (Edge, i32) {
     if from < to { ([from, to], 1) } else { ([to, from], -1) }
 }
 
-/// Whether all corners of a ring lie within a step of the line through its two ends, which are as far apart as any.
-fn is_thin(ring: &[[i32; 3]]) -> bool {
+/// Whether all corners of a ring lie within so many steps of the line through its two ends, which are as far apart as any.
+fn is_thin(ring: &[[i32; 3]], width: u8) -> bool {
     let minus = |a: [i32; 3], b: [i32; 3]| subtract(a.map(i128::from), b.map(i128::from));
     let furthest = |from: [i32; 3]| {
         let distance = |at: &&[i32; 3]| {
@@ -163,14 +161,13 @@ fn is_thin(ring: &[[i32; 3]]) -> bool {
         let there = minus(*at, from);
         let place = dot(there, along);
         // The square of the distance from the line times that of its length.
-        dot(there, there) * length - place * place <= length
+        dot(there, there) * length - place * place <= i128::from(width).pow(2) * length
     })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Grid;
 
     fn face(points: &[[i32; 3]]) -> Face<'_> {
         Face { number: 0, points, ring_ends: &[3], colours: &[], part: 3, source: 7 }
@@ -179,7 +176,7 @@ mod tests {
     fn closed(seams: Seams) -> Vec<Vec<[i32; 3]>> {
         let mut found = Vec::new();
         seams
-            .close(false, &mut |face| {
+            .close(1, false, &mut |face| {
                 assert_eq!((face.part, face.source), (3, 7));
                 found.push(face.points.to_vec());
                 Ok(())
@@ -202,10 +199,10 @@ mod tests {
         let found = closed(seams);
         assert_eq!(found, [[a, b, on]]);
         // The same where three of the faces are far: what is left out is among those that they were near to.
-        let grid = Grid { bits: 4, origin: [0; 3], step: 1.0, divisor: 1.0 };
-        let mut list = FaceList::new(grid, Vec::new());
-        [cut[1], cut[2], [a, b, on]].iter().for_each(|points| list.push(&face(points)));
-        let mut seams = Seams::between(&list, &[3]);
+        let mut near = Seams::default();
+        [cut[1], cut[2], [a, b, on]].iter().for_each(|points| near.add(&face(points)));
+        let mut seams = Seams::default();
+        seams.watch(near);
         cut[1..3].iter().for_each(|points| seams.add(&face(points)));
         for points in [cut[0], cut[3], cut[4]] {
             seams.add_watched(&face(&points));
@@ -221,6 +218,10 @@ mod tests {
             seams.add(&face(&points));
         }
         assert!(closed(seams).is_empty());
-        assert!(is_thin(&[a, b, [4, 1, 0]]) && !is_thin(&[a, b, [4, 1, 1]]));
+        assert!(
+            is_thin(&[a, b, [4, 1, 0]], 1)
+                && !is_thin(&[a, b, [4, 1, 1]], 1)
+                && is_thin(&[a, b, [4, 1, 1]], 2)
+        );
     }
 }

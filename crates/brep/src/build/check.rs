@@ -43,11 +43,12 @@ pub(crate) struct OctreeCheck {
 }
 
 impl OctreeCheck {
-    /// Takes about so many bytes of memory; what has no room there goes to temporary files.
-    pub(crate) fn new(memory: u64) -> OctreeCheck {
+    /// Takes about so many bytes of memory; what has no room there goes to temporary files. Faces lie at most `reach` steps beside
+    /// those that they stand in for.
+    pub(crate) fn new(memory: u64, reach: u8) -> OctreeCheck {
         let place = Place::Folder(std::env::temp_dir());
         let run = RunBuilder::new((memory / 4 / 4) as usize, place);
-        OctreeCheck { memory, run, words: Vec::new(), near: NearFaces::default() }
+        OctreeCheck { memory, run, words: Vec::new(), near: NearFaces::new(reach) }
     }
 
     /// Adds a face that is planar and has an area.

@@ -35,7 +35,7 @@ pub(crate) fn defects_of(faces: &FaceList, progress: &dyn Progress) -> Result<Ve
         Ok(())
     })?;
     let items = Items::of(run.finish()?.0)?;
-    let (near, stages) = (NearFaces::default(), Mutex::new(Stages::default()));
+    let (near, stages) = (NearFaces::new(1), Mutex::new(Stages::default()));
     let walk = Walk {
         items: &items,
         near: &near,

@@ -77,8 +77,7 @@ pub struct ModelBuilder {
     last_part: u32,
     leaf_size: usize,
     is_unbounded: bool,
-    takes_defects: bool,
-    exact: Vec<ExactFace>,
+    near: NearFaces,
     objects: ObjectWriter,
     face_values: TableWriter,
     face_columns: ColumnNames,
@@ -108,8 +107,7 @@ impl ModelBuilder {
             last_part: 0,
             leaf_size: LEAF_SIZE,
             is_unbounded: false,
-            takes_defects: false,
-            exact: Vec::new(),
+            near: NearFaces::new(1),
             objects: ObjectWriter::default(),
             face_values: TableWriter::default(),
             face_columns: ColumnNames::default(),
@@ -143,9 +141,29 @@ impl ModelBuilder {
         ModelBuilder { is_unbounded, ..self }
     }
 
-    /// Adds faces with corners beside the grid, for which others stand: a file is then made even if those have defects.
-    pub(super) fn exact(self, exact: Vec<ExactFace>) -> ModelBuilder {
-        ModelBuilder { takes_defects: !exact.is_empty(), exact, ..self }
+    /// Chooses how many steps faces may lie beside those that they stand in for, before there are any.
+    pub(super) fn reach(self, reach: u8) -> ModelBuilder {
+        ModelBuilder { near: NearFaces::new(reach), ..self }
+    }
+
+    /// Adds a face with corners beside the grid, for which others stand in: a file is then made even if those have defects.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or the memory is not enough.
+    pub(super) fn push_exact(&mut self, face: ExactFace) -> Result<()> {
+        let (needed, limit) = (self.writer.exact_faces() * NearFaces::BYTES, self.memory / 4);
+        if needed > limit {
+            return Err(Error::TooLarge {
+                path: self.writer.path().to_path_buf(),
+                what: "boxes and planes of the faces with corners beside the grid".into(),
+                needed,
+                limit,
+                advice: "allow more with --memory".into(),
+            });
+        }
+        self.last_part = self.last_part.max(face.part);
+        self.near.push(&face);
+        self.writer.exact_face(face)
     }
 
     /// Adds a face, whose number counts those before it. All corners lie in one plane, and its rings do not cross;
@@ -186,9 +204,11 @@ impl ModelBuilder {
 
     /// Adds all faces of a surface with corners moved to the grid, and what of it is not exact.
     pub(super) fn push_rounded(mut self, rounded: Rounded) -> Result<ModelBuilder> {
+        self = self.reach(rounded.reach);
         let Rounded { faces, stands_in, exact, .. } = rounded;
         faces.each(&mut |face| self.push_face(face, stands_in[face.number as usize]))?;
-        Ok(self.exact(exact))
+        exact.into_iter().try_for_each(|face| self.push_exact(face))?;
+        Ok(self)
     }
 
     /// Number of the faces that were added, but for those with corners beside the grid.
@@ -198,7 +218,7 @@ impl ModelBuilder {
 
     /// Whether faces with corners beside the grid were added.
     pub fn is_beside_grid(&self) -> bool {
-        !self.exact.is_empty()
+        self.writer.exact_faces() > 0
     }
 
     /// Adds a part, in the order of their numbers, with a JSON object that says something of it, as
@@ -283,8 +303,7 @@ impl ModelBuilder {
             last_part,
             leaf_size,
             is_unbounded,
-            takes_defects,
-            exact,
+            near: all_near,
             objects,
             mut face_values,
             face_columns,
@@ -292,8 +311,6 @@ impl ModelBuilder {
             ..
         } = self;
         let (run, place) = run.finish()?;
-        let mut all_near = NearFaces::default();
-        exact.iter().for_each(|face| all_near.push(face));
         let stages = Mutex::new(Stages::default());
         let total = run.len() as u64;
         let mut upper = Upper {
@@ -327,13 +344,11 @@ impl ModelBuilder {
         };
         let defects = std::mem::take(&mut arena.defects);
         report.defects = defects.list.into_iter().map(|found| found.in_world(&grid)).collect();
-        if report.defect_count > 0 && !takes_defects {
+        if report.defect_count > 0 && writer.exact_faces() == 0 {
             return Ok(report);
         }
         complete(metadata, &report);
-        writer.exact_faces(&exact)?;
         let parts = objects.finish(&mut |key, bytes| writer.piece(List::Objects, key, bytes))?;
-        let last_part = exact.iter().fold(last_part, |last, face| last.max(face.part));
         if u64::from(last_part) >= parts {
             let expected = format!("less than {parts}, the parts that were added");
             return Err(Error::invalid("part of a face", last_part.to_string(), expected));
@@ -341,9 +356,14 @@ impl ModelBuilder {
         let take = &mut |key, bytes: &[u8]| writer.piece(List::FaceValues, key, bytes);
         face_columns.write(&mut face_values, take)?;
         face_values.finish(take)?;
-        let (nodes, exact_faces) = (report.nodes, exact.len() as u64);
+        let (nodes, exact_faces, reach) = (
+            report.nodes,
+            writer.exact_faces(),
+            if writer.exact_faces() == 0 { 1 } else { all_near.reach() },
+        );
         let codec = writer.codec();
-        let summary = Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, stand_ins, parts };
+        let summary =
+            Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, stand_ins, reach, parts };
         writer.finish(&summary, &formula, metadata)?;
         Ok(report)
     }

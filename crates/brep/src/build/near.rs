@@ -6,19 +6,33 @@ use crate::boxes::{Bounds, bounds_of};
 
 /// Boxes and planes of faces with corners beside the grid.
 ///
-/// Invariant: a face is near every cell that is within half a step of one of its points, along each axis: boxes have the
-/// corners of the grid that are nearest to the face's, and a step more. Operations that look for pairs of faces in cells alone
-/// would miss some otherwise.
-#[derive(Default)]
+/// Invariant: a face is near every cell that is within half a step of one of its points, along each axis, and near every cell that
+/// a face standing in for a part of it cuts, or comes to by moving to the face. Boxes have the corners of the grid that are nearest
+/// to the face's, and as many steps more as faces may lie beside those that they stand in for. Operations that look for pairs of
+/// faces in cells alone would miss some otherwise, and cells that no face is near would not be what the octree says.
 pub(crate) struct NearFaces {
     list: Vec<(Bounds, ExactPlane)>,
+    reach: u8,
 }
 
 impl NearFaces {
+    /// None so far; faces that stand in for them lie at most so many steps beside them.
+    pub(crate) fn new(reach: u8) -> NearFaces {
+        NearFaces { list: Vec::new(), reach }
+    }
+
     /// Adds a face, whose number is that of those before it.
     pub(crate) fn push(&mut self, face: &ExactFace) {
-        self.list.push((bounds_of(&face.rounded(), 1), face.plane));
+        self.list.push((bounds_of(&face.rounded(), self.reach.into()), face.plane));
     }
+
+    /// Steps that faces lie at most beside those that they stand in for.
+    pub(super) fn reach(&self) -> u8 {
+        self.reach
+    }
+
+    /// Bytes of memory that a face takes.
+    pub(super) const BYTES: u64 = size_of::<(Bounds, ExactPlane)>() as u64;
 
     /// Numbers of all faces.
     pub(super) fn all(&self) -> Vec<u32> {
@@ -39,11 +53,11 @@ impl NearFaces {
         if (0..3).any(|axis| high[axis] < min[axis] || min[axis] + width < low[axis]) {
             return false;
         }
-        // The plane passes the cell with a step more on all sides, if its products with corners of that have both signs.
+        // The plane passes the cell with as many steps more on all sides, if its products with corners of that have both signs.
         let (mut middle, mut reach) = (-4 * plane.offset, 0);
         for (normal, min) in plane.normal.into_iter().zip(min) {
             middle += i128::from(normal) * i128::from(2 * min + width);
-            reach += i128::from(normal.unsigned_abs()) * i128::from(width + 4);
+            reach += i128::from(normal.unsigned_abs()) * i128::from(width + 4 * i64::from(self.reach));
         }
         middle.abs() <= reach
     }
@@ -68,7 +82,7 @@ mod tests {
             part: 0,
             source: 0,
         };
-        let mut near = NearFaces::default();
+        let mut near = NearFaces::new(1);
         near.push(&face);
         let is_near = |level: u8, position: [u32; 3]| {
             !near.of(&[0], &Cell { level, position, winding: 0 }, 4).is_empty()

@@ -1,12 +1,13 @@
 //! The faces of several models, as those of one.
 
+use std::collections::HashSet;
 use std::path::Path;
 
 use super::overlap::Overlap;
 use super::placed::Placed;
 use super::table::Fate;
 use super::table::OperationTable;
-use crate::arrangement::{ExactFace, ExactFaces, Turner};
+use crate::arrangement::{ExactFace, ExactFaces, Rounded, Seams, Turner};
 use crate::exact::normal::ring_normal;
 use crate::{ExactModel, Face, FaceList, Faces};
 use spinney_base::{Error, Progress, Result};
@@ -17,18 +18,53 @@ pub(super) struct Bodies<'a> {
     pub(super) placed: &'a Placed,
     pub(super) table: OperationTable,
     pub(super) overlaps: Vec<Overlap>,
-    /// Whether all faces are taken as near: where corners lie beside the grid, octrees are only those of the faces that stand for
-    /// others, which may be some steps off, or nowhere.
-    pub(super) are_all_near: bool,
-    /// The fate of all faces of each model that is then apart from all others.
-    apart: Vec<Option<Fate>>,
+    /// Of each model, the faces that stand in for others and are made anew.
+    replaced: Vec<Replaced>,
     is_coloured: bool,
     /// Numbers of each model's first part and first source.
     first: Vec<(u32, u64)>,
 }
 
+/// The faces of a model that stand in for others and are made anew, since some of those that they stand in for may be divided.
+///
+/// Files do not tell which faces stand in for which; but they are of the same part and source.
+struct Replaced {
+    /// Whether all are.
+    is_all: bool,
+    /// Parts and sources of those that are.
+    sources: HashSet<(u32, u64)>,
+}
+
+impl Replaced {
+    fn has(&self, part: u32, source: u64) -> bool {
+        self.is_all || self.sources.contains(&(part, source))
+    }
+}
+
+/// What becomes of a face.
+#[derive(Clone, Copy)]
+enum Use {
+    /// It is far from other bodies.
+    Settled(Fate),
+    /// It is near other bodies, or has no area and joins edges: it goes into the arrangement.
+    Arranged,
+    /// It stands in for others, for which new faces will.
+    Replaced,
+}
+
 /// Takes a face, whether it stands in for others, and what becomes of it.
-type TakeFace<'f> = dyn FnMut(&Face<'_>, bool, Option<Fate>) -> Result<()> + 'f;
+type TakeFace<'f> = dyn FnMut(&Face<'_>, bool, Use) -> Result<()> + 'f;
+
+/// Faces that are near other bodies, and what belongs to them.
+pub(super) struct Near {
+    pub(super) faces: ExactFaces,
+    /// Where those of each model end.
+    pub(super) ends: Vec<u32>,
+    /// The edges at which the faces that are divided or made anew meet those that are not.
+    pub(super) seams: Seams,
+    /// What becomes of faces with corners beside the grid that are not near, but for which new faces will stand in.
+    pub(super) beside: Vec<ExactFace>,
+}
 
 impl<'a> Bodies<'a> {
     /// Goes through all octrees.
@@ -38,73 +74,135 @@ impl<'a> Bodies<'a> {
         table: OperationTable,
         progress: &dyn Progress,
     ) -> Result<Bodies<'a>> {
-        let (mut overlaps, mut is_coloured) = (Vec::new(), false);
+        let (mut overlaps, mut replaced, mut is_coloured) = (Vec::new(), Vec::new(), false);
         let mut first = Vec::new();
         let mut parts = 0;
-        let are_all_near = models.iter().any(|model| model.is_beside_grid());
         for (number, model) in models.iter().enumerate() {
-            if !are_all_near {
-                overlaps.push(Overlap::of(number, models, placed, table, progress)?);
-            }
+            overlaps.push(Overlap::of(number, models, placed, table, progress)?);
+            // (On a finer grid they would lie many steps beside what they stand in for.)
+            let is_all = model.is_beside_grid() && placed.times(number) > 1;
+            replaced.push(Replaced { is_all, sources: HashSet::new() });
             is_coloured |= model.is_coloured()?;
             first.push((parts, 0));
             parts += model.parts().len() as u32;
         }
-        // Invariant: what is apart by the boxes of all its faces, exact ones too, lies where all others are what they are far
-        // away, and no vertex that is moved reaches it. So one fate is that of all its faces, those without an area that join
-        // edges included, and both of its surfaces stay closed for themselves.
-        let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
-        let fate = |model: usize| (are_all_near && placed.is_apart(model)).then(|| table.fate(model, &far));
-        let apart = (0..models.len()).map(fate).collect();
-        Ok(Bodies { models, placed, table, overlaps, are_all_near, apart, is_coloured, first })
+        let mut bodies = Bodies { models, placed, table, overlaps, replaced, is_coloured, first };
+        for number in (0..models.len()).filter(|number| models[*number].is_beside_grid()) {
+            bodies.settle_exact_faces(number, progress)?;
+            bodies.replace_stand_ins(number, progress)?;
+        }
+        Ok(bodies)
     }
 
-    /// The faces that are near other bodies; and where those of each model end.
-    pub(super) fn near(&mut self, memory: u64, progress: &dyn Progress) -> Result<(ExactFaces, Vec<u32>)> {
+    /// Notes the fates of the faces with corners beside the grid that are far from other bodies.
+    fn settle_exact_faces(&mut self, number: usize, progress: &dyn Progress) -> Result<()> {
+        let mut overlap = std::mem::replace(&mut self.overlaps[number], Overlap::none());
+        let mut next = 0u64;
+        self.models[number].each_exact_head(&mut |head| {
+            let index = next;
+            next += 1;
+            if index.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+            if overlap.exact.of(index).is_none() {
+                return Ok(());
+            }
+            // Invariant: the cell that has the grid's point nearest to a corner has the corner, too, since walls lie between
+            // the points; and so it is one of the face's cells, which are all far from the others' surfaces. (That a
+            // face is near a cell says less: it need not get there, and other bodies may be between.)
+            let at = self.placed.exact_point(number, head.corner).rounded().map(|at| 2 * i64::from(at));
+            let mut places = Vec::with_capacity(self.models.len());
+            for other in 0..self.models.len() {
+                let place =
+                    if other == number { Some(0) } else { self.placed.winding_at(self.models, other, at)? };
+                places.extend(place);
+            }
+            match places.len() == self.models.len() {
+                true => overlap.exact.note(index, self.table.fate(number, &places)),
+                // (Of damaged files only.)
+                false => overlap.exact.set_near(index),
+            }
+            Ok(())
+        })?;
+        self.overlaps[number] = overlap;
+        Ok(())
+    }
+
+    /// Takes those that stand in for others from the faces near other bodies: they are made anew.
+    fn replace_stand_ins(&mut self, number: usize, progress: &dyn Progress) -> Result<()> {
+        let near: Vec<u32> = self.overlaps[number].faces.near().collect();
+        let mut buffer = crate::FaceBuffer::default();
+        for (index, face) in near.into_iter().enumerate() {
+            if index.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+            self.models[number].face(face.into(), &mut buffer)?;
+            if buffer.stands_in {
+                self.overlaps[number].faces.settle(face.into(), Fate::Kept);
+                self.replaced[number].sources.insert((buffer.part, buffer.source));
+            }
+        }
+        Ok(())
+    }
+
+    /// The faces that are near other bodies, with what belongs to them.
+    pub(super) fn near(&mut self, memory: u64, progress: &dyn Progress) -> Result<Near> {
         let parts = self.models.iter().flat_map(|model| model.parts().iter().cloned()).collect();
-        let mut found = ExactFaces::of_grid(FaceList::new(self.placed.grid.clone(), parts));
-        let (mut ends, mut first_source, mut exact_bytes) = (Vec::new(), 0u64, 0u64);
+        let faces = ExactFaces::of_grid(FaceList::new(self.placed.grid.clone(), parts));
+        let mut found = Near { faces, ends: Vec::new(), seams: Seams::default(), beside: Vec::new() };
+        let (mut first_source, mut exact_bytes) = (0u64, 0u64);
         for (number, model) in self.models.iter().enumerate() {
             self.first[number].1 = first_source;
-            let mut sources = first_source;
-            self.each(number, progress, &mut |face, stands_in, fate| {
+            for face in self.overlaps[number].exact.near() {
+                let ExactFace { part, source, .. } = model.exact_face(face)?;
+                self.replaced[number].sources.insert((part, source));
+            }
+            let (mut sources, mut open) = (first_source, Seams::default());
+            let list = &mut found.faces.list;
+            self.each(number, progress, &mut |face, _, becomes| {
                 sources = sources.max(face.source.saturating_add(1));
-                if !stands_in && fate.is_none() {
-                    found.list.push(face);
-                    if found.list.len().is_multiple_of(1 << 12) {
-                        self.check_room(number, found.list.bytes().saturating_add(exact_bytes), memory)?;
-                    }
+                match becomes {
+                    Use::Settled(_) => return Ok(()),
+                    Use::Arranged => list.push(face),
+                    Use::Replaced => {}
+                }
+                open.add(face);
+                if face.number.is_multiple_of(1 << 12) {
+                    self.check_room(number, list.bytes() + open.bytes() + exact_bytes, memory)?;
                 }
                 Ok(())
             })?;
-            self.each_exact(number, &mut |face| {
-                // (New corners are at most half a step beside the others.)
-                let most = (1u64 << self.placed.grid.bits) as f64;
-                if face
-                    .corners
-                    .iter()
-                    .flat_map(|corner| corner.point.near)
-                    .any(|at| !(-1.0..=most).contains(&at))
-                {
-                    return Err(not_in_the_octree(model.path(), face.source));
+            let open_bytes = open.bytes();
+            found.seams.watch(open);
+            let (overlap, replaced) = (&self.overlaps[number].exact, &self.replaced[number]);
+            let mut next = 0u32;
+            model.each_exact_head(&mut |head| {
+                let index = next;
+                next += 1;
+                if index.is_multiple_of(1 << 8) {
+                    progress.check()?;
+                    let bytes = found.faces.list.bytes().saturating_add(exact_bytes) + open_bytes;
+                    self.check_room(number, bytes, memory)?;
                 }
-                sources = sources.max(face.source.saturating_add(1));
-                if self.apart[number].is_some() {
+                sources = sources.max(first_source.saturating_add(head.source).saturating_add(1));
+                let fate = overlap.of(index.into());
+                if fate.is_some() && !replaced.has(head.part, head.source) {
                     return Ok(());
                 }
-                exact_bytes += face.bytes();
-                found.push(face);
-                if found.list.len().is_multiple_of(1 << 8) {
-                    progress.check()?;
-                    self.check_room(number, found.list.bytes().saturating_add(exact_bytes), memory)?;
+                let face = self.exact(number, model.exact_face(index)?);
+                let bytes = face.bytes();
+                match fate {
+                    None => found.faces.push(face),
+                    Some(fate) => found.beside.extend(settled(face, fate)),
                 }
+                exact_bytes += bytes;
                 Ok(())
             })?;
-            self.check_room(number, found.list.bytes().saturating_add(exact_bytes), memory)?;
+            self.check_room(number, found.faces.list.bytes().saturating_add(exact_bytes), memory)?;
             first_source = sources;
-            ends.push(found.list.len() as u32);
+            found.ends.push(found.faces.list.len() as u32);
         }
-        Ok((found, ends))
+        Ok(found)
     }
 
     /// Hands out what becomes of the faces that are not near other bodies, and whether they stand in for others.
@@ -115,68 +213,76 @@ impl<'a> Bodies<'a> {
     ) -> Result<()> {
         let mut turner = Turner::default();
         for number in 0..self.models.len() {
-            self.each(number, progress, &mut |face, stands_in, fate| match fate {
-                Some(Fate::Kept) => each(face, stands_in),
-                Some(Fate::Turned) => each(&turner.turn(face), stands_in),
+            self.each(number, progress, &mut |face, stands_in, becomes| match becomes {
+                Use::Settled(Fate::Kept) => each(face, stands_in),
+                Use::Settled(Fate::Turned) => each(&turner.turn(face), stands_in),
                 _ => Ok(()),
             })?;
         }
         Ok(())
     }
 
-    /// Appends what becomes of the faces with corners beside the grid of models that are apart from all others.
-    pub(super) fn settle_exact(&self, exact: &mut Vec<ExactFace>, memory: u64) -> Result<()> {
-        let mut bytes: u64 = exact.iter().map(ExactFace::bytes).sum();
-        for (number, fate) in self.apart.iter().enumerate() {
-            let is_turned = match fate {
-                Some(Fate::Kept) => false,
-                Some(Fate::Turned) => true,
-                _ => continue,
-            };
-            self.each_exact(number, &mut |face| {
-                bytes += face.bytes();
-                self.check_room(number, bytes, memory)?;
-                exact.push(if is_turned { face.turned() } else { face });
-                Ok(())
+    /// Hands out what becomes of the faces with corners beside the grid that are not near other bodies, and for which the faces stand in
+    /// that did before.
+    pub(super) fn settled_exact(
+        &self,
+        progress: &dyn Progress,
+        each: &mut dyn FnMut(ExactFace) -> Result<()>,
+    ) -> Result<()> {
+        for (number, model) in self.models.iter().enumerate() {
+            let (overlap, replaced) = (&self.overlaps[number].exact, &self.replaced[number]);
+            let mut next = 0u64;
+            model.each_exact(&mut |face| {
+                let index = next;
+                next += 1;
+                if index.is_multiple_of(1 << 10) {
+                    progress.check()?;
+                }
+                let fate = overlap.of(index).filter(|_| !replaced.has(face.part, face.source));
+                match fate.and_then(|fate| settled(self.exact(number, face), fate)) {
+                    Some(face) => each(face),
+                    None => Ok(()),
+                }
             })?;
         }
         Ok(())
     }
 
-    /// Hands out the faces of a model with corners beside the grid, on the common one.
-    fn each_exact(&self, number: usize, each: &mut dyn FnMut(ExactFace) -> Result<()>) -> Result<()> {
+    /// A face of a model with corners beside the grid, on the common one.
+    fn exact(&self, number: usize, mut face: ExactFace) -> ExactFace {
         let (first_part, first_source) = self.first[number];
-        self.models[number].each_exact(&mut |mut face| {
-            if self.is_coloured && face.colours.is_empty() {
-                face.colours = vec![[255; 3]; face.corners.len()];
-            }
-            let face = self.placed.exact(number, face);
-            let part = face.part.saturating_add(first_part);
-            let source = face.source.saturating_add(first_source);
-            each(ExactFace { part, source, ..face })
-        })
+        if self.is_coloured && face.colours.is_empty() {
+            face.colours = vec![[255; 3]; face.corners.len()];
+        }
+        let part = face.part.saturating_add(first_part);
+        let source = face.source.saturating_add(first_source);
+        ExactFace { part, source, ..self.placed.exact(number, face) }
     }
 
-    /// The faces of the result that come from faces not near other bodies, in a list; `None` if that would be larger than `memory`.
-    pub(super) fn all_settled(&self, memory: u64, progress: &dyn Progress) -> Result<Option<FaceList>> {
+    /// Adds the faces of the result that come from faces not near other bodies, and says so; does not if these would be more
+    /// than `memory` has room for.
+    pub(super) fn append_settled(
+        &self,
+        rounded: &mut Rounded,
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<bool> {
         // (A triangle takes about as much.)
         const TRIANGLE: u64 = 80;
         if self.models.iter().map(|model| model.len()).sum::<u64>() * TRIANGLE > memory {
-            return Ok(None);
+            return Ok(false);
         }
-        let mut list = FaceList::new(self.placed.grid.clone(), Vec::new());
-        self.settled(progress, &mut |face, _| {
-            list.push(face);
+        self.settled(progress, &mut |face, stands_in| {
+            rounded.push(face, stands_in, false);
             Ok(())
         })?;
-        Ok(Some(list))
+        Ok(true)
     }
 
-    /// Hands out the faces of a model on the common grid, with whether they stand in for others, and what becomes of those that
-    /// are not near other bodies.
+    /// Hands out the faces of a model's octree on the common grid, with whether they stand in for others, and what becomes of them.
     fn each(&self, number: usize, progress: &dyn Progress, each: &mut TakeFace<'_>) -> Result<()> {
         let model = self.models[number];
-        let overlap = self.overlaps.get(number);
+        let (overlap, replaced) = (&self.overlaps[number].faces, &self.replaced[number]);
         let (first_part, first_source) = self.first[number];
         let (mut points, mut white) = (Vec::new(), Vec::new());
         model.each_face(&mut |face, stands_in| {
@@ -185,22 +291,21 @@ impl<'a> Bodies<'a> {
             }
             // (What has no area is in no cell.)
             let has_area = || ring_normal(face.rings().next().unwrap_or_default()) != [0; 3];
-            let fate = match overlap {
-                None => self.apart[number],
-                Some(overlap) if !overlap.near.has(face.number) && has_area() => {
-                    Some(overlap.fate(face.number))
-                }
-                _ => None,
+            let becomes = match (stands_in, overlap.of(face.number)) {
+                (true, None) => Use::Replaced,
+                (true, _) if replaced.has(face.part, face.source) || !has_area() => Use::Replaced,
+                (_, Some(fate)) if has_area() => Use::Settled(fate),
+                _ => Use::Arranged,
             };
-            if fate == Some(Fate::Dropped) {
-                return each(face, stands_in, fate);
+            if matches!(becomes, Use::Settled(Fate::Dropped)) {
+                return each(face, stands_in, becomes);
             }
             self.put(number, face.number, face.points, &mut points)?;
             white.resize(if self.is_coloured { points.len() } else { 0 }, [255; 3]);
             let colours = if face.colours.is_empty() { &white[..] } else { face.colours };
             let (part, source) =
                 (face.part.saturating_add(first_part), face.source.saturating_add(first_source));
-            each(&Face { points: &points, colours, part, source, ..*face }, stands_in, fate)
+            each(&Face { points: &points, colours, part, source, ..*face }, stands_in, becomes)
         })
     }
 
@@ -235,6 +340,15 @@ impl<'a> Bodies<'a> {
     }
 }
 
+/// What a fate makes of a face with corners beside the grid.
+fn settled(face: ExactFace, fate: Fate) -> Option<ExactFace> {
+    match fate {
+        Fate::Kept => Some(face),
+        Fate::Turned => Some(face.turned()),
+        Fate::Dropped => None,
+    }
+}
+
 /// Bytes of a face with its plane and box.
 const FACE: u64 = 400;
 
@@ -257,11 +371,11 @@ impl NearFaces {
         let placed = Placed::of(&models)?;
         // (Which operation does not matter for faces that are near.)
         let mut bodies = Bodies::new(&models, &placed, OperationTable::new(1, 2)?, progress)?;
-        let near: usize = bodies.overlaps.iter().map(|overlap| overlap.near.numbers().count()).sum();
+        let near: usize = (0..2).map(|body| bodies.near_of(body).len()).sum();
         if near as u64 * FACE > memory {
             bodies.drop_apart(memory, progress)?;
         }
-        let (faces, ends) = bodies.near(memory, progress)?;
+        let Near { faces, ends, .. } = bodies.near(memory, progress)?;
         Ok(NearFaces { faces, ends, first_sources: [0, bodies.first[1].1] })
     }
 }

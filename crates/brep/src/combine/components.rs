@@ -7,17 +7,45 @@ use std::collections::HashMap;
 use super::bodies::Bodies;
 use super::table::Fate;
 use super::winding::winding;
-use crate::arrangement::{ExactPlane, SamplePoint};
-use crate::boxes::{BoxTree, bounds_of, touch};
+use crate::arrangement::{ExactFace, ExactPlane, SamplePoint};
+use crate::boxes::{Bounds, BoxTree, bounds_of, touch};
 use crate::exact::normal::ring_normal;
 use crate::exact::union_find::UnionFind;
 use crate::geometry::Triangulator;
 use crate::piece::Piece;
-use crate::{Face, FaceBuffer};
+use crate::{ExactModel, FaceBuffer};
 use spinney_base::{Progress, Result, parallel};
 
 /// Faces that one task looks at.
 const TASK: usize = 1 << 10;
+
+/// A face of a body, by its number: of the octree, or with corners beside the grid.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum FaceNumber {
+    OnGrid(u32),
+    Exact(u32),
+}
+
+/// The corners of a face on the common grid.
+enum NearFace<'f> {
+    OnGrid { points: &'f [[i32; 3]], ring_ends: &'f [usize] },
+    Exact(ExactFace),
+}
+
+impl NearFace<'_> {
+    /// The points of the grid nearest to its corners, and how many steps these are off at most.
+    fn with_points<R>(&self, take: impl FnOnce(&[[i32; 3]], i32) -> R) -> R {
+        match self {
+            NearFace::OnGrid { points, .. } => take(points, 0),
+            NearFace::Exact(face) => take(&face.rounded(), 1),
+        }
+    }
+
+    /// The box around it, and so many steps more.
+    fn bounds(&self, more: i32) -> Bounds {
+        self.with_points(|points, off| bounds_of(points, off + more))
+    }
+}
 
 /// Faces of one body that touch no other.
 #[derive(Default)]
@@ -26,13 +54,13 @@ struct Components {
     of_vertex: HashMap<[i32; 3], u32>,
     sets: UnionFind,
     /// The first face of each component.
-    firsts: Vec<u32>,
+    firsts: Vec<FaceNumber>,
     /// Faces, with a component that each belongs to.
-    faces: Vec<(u32, u32)>,
+    faces: Vec<(FaceNumber, u32)>,
 }
 
 impl Components {
-    fn add(&mut self, face: u32, points: &[[i32; 3]]) {
+    fn add(&mut self, face: FaceNumber, points: &[[i32; 3]]) {
         let mut own: Option<u32> = None;
         for point in points {
             let new = own.unwrap_or(self.sets.len() as u32);
@@ -41,9 +69,10 @@ impl Components {
                 self.sets.push();
                 self.firsts.push(face);
             }
-            // Invariant: faces of a component hang together in points, and none of them comes within a step
-            // of another body. So all lie on the same sides of all other bodies, and one face tells for all.
-            // A face that touched another body would lead from its outside to its inside.
+            // Invariant: faces of a component hang together in points, or have corners within half a step of
+            // one point of the grid, and none of them comes within a step of another body. So all lie on the
+            // same sides of all other bodies, and one face tells for all. A face that touched another body would
+            // lead from its outside to its inside.
             own = Some(self.sets.join(own.unwrap_or(found), found));
         }
         self.faces.extend(own.map(|own| (face, own)));
@@ -53,7 +82,7 @@ impl Components {
     fn bytes(&self) -> u64 {
         // (A table is half empty after it has grown.)
         const VERTEX: usize = 2 * (size_of::<([i32; 3], u32)>() + 1);
-        (self.of_vertex.len() * VERTEX + 8 * self.sets.len() + size_of_val(&self.faces[..])) as u64
+        (self.of_vertex.len() * VERTEX + 12 * self.sets.len() + size_of_val(&self.faces[..])) as u64
     }
 }
 
@@ -82,7 +111,7 @@ impl Bodies<'_> {
             }
             for (face, component) in faces {
                 let fate = fate_of[&sets.root(component)];
-                self.overlaps[body].settle(face.into(), fate);
+                self.settle(body, face, fate);
             }
         }
         Ok(())
@@ -96,32 +125,46 @@ impl Bodies<'_> {
     pub(super) fn drop_apart(&mut self, memory: u64, progress: &dyn Progress) -> Result<()> {
         let (tree, ends) = self.near_boxes(memory, progress)?;
         for body in 0..self.models.len() {
-            let numbers: Vec<u32> = self.overlaps[body].near.numbers().collect();
-            let chunks: Vec<&[u32]> = numbers.chunks(TASK).collect();
+            let numbers = self.near_of(body);
+            let chunks: Vec<&[FaceNumber]> = numbers.chunks(TASK).collect();
             for chunks in chunks.chunks(64) {
                 progress.check()?;
                 for apart in parallel::map(chunks, |chunk| self.apart(body, chunk, &tree, &ends)) {
-                    apart?
-                        .into_iter()
-                        .for_each(|face| self.overlaps[body].settle(face.into(), Fate::Dropped));
+                    apart?.into_iter().for_each(|face| self.settle(body, face, Fate::Dropped));
                 }
             }
         }
         Ok(())
     }
 
+    /// The faces of a body in cells near other bodies.
+    pub(super) fn near_of(&self, body: usize) -> Vec<FaceNumber> {
+        let overlap = &self.overlaps[body];
+        let exact = overlap.exact.near().map(FaceNumber::Exact);
+        overlap.faces.near().map(FaceNumber::OnGrid).chain(exact).collect()
+    }
+
+    /// Notes the fate of a face that is not near other bodies after all.
+    fn settle(&mut self, body: usize, face: FaceNumber, fate: Fate) {
+        let overlap = &mut self.overlaps[body];
+        match face {
+            FaceNumber::OnGrid(number) => overlap.faces.settle(number.into(), fate),
+            FaceNumber::Exact(number) => overlap.exact.settle(number.into(), fate),
+        }
+    }
+
     /// A tree over the boxes of all faces in cells near other bodies, and where those of each body end.
     fn near_boxes(&self, memory: u64, progress: &dyn Progress) -> Result<(BoxTree, Vec<u32>)> {
         let (mut boxes, mut ends) = (Vec::new(), Vec::new());
         for body in 0..self.models.len() {
-            let numbers: Vec<u32> = self.overlaps[body].near.numbers().collect();
+            let numbers = self.near_of(body);
             self.check_room(body, (boxes.len() + numbers.len()) as u64 * BOX, memory)?;
             for (index, chunk) in numbers.chunks(TASK).enumerate() {
                 if index % 4 == 0 {
                     progress.check()?;
                 }
-                self.each_of(body, chunk, &mut |face| {
-                    boxes.push((boxes.len() as u32, bounds_of(face.points, 0)));
+                self.each_of(body, chunk, &mut |_, face| {
+                    boxes.push((boxes.len() as u32, face.bounds(0)));
                     Ok(())
                 })?;
             }
@@ -131,18 +174,24 @@ impl Bodies<'_> {
     }
 
     /// Those of some faces of a body whose boxes touch none of other bodies' faces.
-    fn apart(&self, body: usize, faces: &[u32], tree: &BoxTree, ends: &[u32]) -> Result<Vec<u32>> {
-        let mut apart: Vec<u32> = Vec::new();
-        self.each_of(body, faces, &mut |face| {
+    fn apart(
+        &self,
+        body: usize,
+        faces: &[FaceNumber],
+        tree: &BoxTree,
+        ends: &[u32],
+    ) -> Result<Vec<FaceNumber>> {
+        let mut apart = Vec::new();
+        self.each_of(body, faces, &mut |number, face| {
             // (A step more, since new vertices move.)
-            let own = bounds_of(face.points, 1);
+            let own = face.bounds(1);
             let is_touched = Cell::new(false);
             tree.each(&|bounds| !is_touched.get() && touch(bounds, &own), |other| {
                 let is_other = ends.partition_point(|end| *end <= other) != body;
                 is_touched.set(is_touched.get() || is_other);
             });
             if !is_touched.get() {
-                apart.push(face.number as u32);
+                apart.push(number);
             }
             Ok(())
         })?;
@@ -158,15 +207,15 @@ impl Bodies<'_> {
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<Components> {
-        let numbers: Vec<u32> = self.overlaps[body].near.numbers().collect();
+        let numbers = self.near_of(body);
         let mut found = Components::default();
-        let chunks: Vec<&[u32]> = numbers.chunks(TASK).collect();
+        let chunks: Vec<&[FaceNumber]> = numbers.chunks(TASK).collect();
         for chunks in chunks.chunks(64) {
             progress.check()?;
             let apart = parallel::map(chunks, |chunk| self.apart(body, chunk, tree, ends));
             for apart in apart {
-                self.each_of(body, &apart?, &mut |face| {
-                    found.add(face.number as u32, face.points);
+                self.each_of(body, &apart?, &mut |number, face| {
+                    face.with_points(|points, _| found.add(number, points));
                     Ok(())
                 })?;
             }
@@ -176,13 +225,23 @@ impl Bodies<'_> {
     }
 
     /// The fate of a face that touches no other body, by a point of it.
-    fn fate_of(&self, body: usize, number: u32) -> Result<Fate> {
+    fn fate_of(&self, body: usize, number: FaceNumber) -> Result<Fate> {
         let mut fate = Fate::Dropped;
-        self.each_of(body, &[number], &mut |&Face { points, ring_ends, .. }| {
-            let pieces = Piece::of_face(points, ring_ends, &mut Triangulator::new());
-            let corners = pieces.first().map_or([points[0]; 3], |piece| piece.corners);
-            let plane = ExactPlane::through(points[0], ring_normal(&points[..ring_ends[0]]));
-            let sample = SamplePoint::of_triangle(&plane, &corners);
+        self.each_of(body, &[number], &mut |_, face| {
+            let plane;
+            let (sample, region);
+            match face {
+                NearFace::OnGrid { points, ring_ends } => {
+                    let pieces = Piece::of_face(points, ring_ends, &mut Triangulator::new());
+                    let corners = pieces.first().map_or([points[0]; 3], |piece| piece.corners);
+                    plane = ExactPlane::through(points[0], ring_normal(&points[..ring_ends[0]]));
+                    sample = SamplePoint::of_triangle(&plane, &corners);
+                }
+                NearFace::Exact(face) => {
+                    region = face.region();
+                    sample = SamplePoint::of_region(&face.plane, &region);
+                }
+            }
             let mut places = Vec::with_capacity(self.models.len());
             for (other, model) in self.models.iter().enumerate() {
                 let is_own = other == body;
@@ -198,14 +257,22 @@ impl Bodies<'_> {
     fn each_of(
         &self,
         body: usize,
-        numbers: &[u32],
-        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+        numbers: &[FaceNumber],
+        each: &mut dyn FnMut(FaceNumber, &NearFace<'_>) -> Result<()>,
     ) -> Result<()> {
+        let model: &ExactModel = self.models[body];
         let (mut buffer, mut points) = (FaceBuffer::default(), Vec::new());
         for &number in numbers {
-            self.models[body].face(number.into(), &mut buffer)?;
-            self.put(body, number.into(), &buffer.points, &mut points)?;
-            each(&Face { points: &points, ..buffer.face() })?;
+            match number {
+                FaceNumber::OnGrid(face) => {
+                    model.face(face.into(), &mut buffer)?;
+                    self.put(body, face.into(), &buffer.points, &mut points)?;
+                    each(number, &NearFace::OnGrid { points: &points, ring_ends: &buffer.ring_ends })?;
+                }
+                FaceNumber::Exact(face) => {
+                    each(number, &NearFace::Exact(self.placed.exact(body, model.exact_face(face)?)))?;
+                }
+            }
         }
         Ok(())
     }

@@ -5,9 +5,14 @@
 //! faces turned round. The number of an operation is its truth table, and a face stays where the table has different
 //! values in front of it and behind it (the index theorem; where faces of two bodies lie on each other, the windings of both
 //! change, so that faces turned the same way and faces turned to each other come out right without a code of their own).
+//!
+//! Both octrees are walked side by side: faces in cells that no other body's surface is near are kept, turned or dropped as a whole,
+//! and only those near it are divided by each other. Faces with corners beside the grid are in lists of the cells that they are near,
+//! and so results are operands like all others; the faces that stand in for them go with them, or are made anew.
 
 mod bodies;
 mod components;
+mod fates;
 mod overlap;
 mod placed;
 mod table;
@@ -17,12 +22,12 @@ mod winding;
 
 use std::path::Path;
 
-use self::bodies::Bodies;
 pub(super) use self::bodies::NearFaces;
+use self::bodies::{Bodies, Near};
 use self::placed::Placed;
 use self::table::OperationTable;
 use self::winding::winding;
-use super::arrangement::{Operands, Resolved, Rounded, Seams, divide, round};
+use super::arrangement::{ExactFace, Operands, Resolved, Rounded, Seams, divide, round};
 use super::store::formula::formula;
 use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
 use crate::closure::SurfaceClosure;
@@ -38,6 +43,8 @@ pub struct CombineReport {
     pub before: Vec<u64>,
     /// Faces of the result.
     pub after: u64,
+    /// Faces in cells near other bodies, of which the result is arranged anew; of all others nothing is computed.
+    pub near: u64,
     /// Pairs of faces that touch or pass through each other.
     pub pairs: u64,
     /// Faces that were divided, or of which a part was taken away.
@@ -64,7 +71,7 @@ pub struct CombineReport {
 /// Grids must have the same step, or steps that are multiples of the least; coordinates stay as they are but for new vertices,
 /// which stay where they are as fractions, and go to the nearest points of the grid for what is asked of the file. Names of parts
 /// are those of the bodies on which the operation depends, one after the other. Memory: about 100 bytes for each face in cells near
-/// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; of models with corners beside the grid the latter are all.
+/// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; and 64 for each face with corners beside the grid.
 ///
 /// ```
 /// use spinney::brep::{ExactModel, combine};
@@ -147,10 +154,8 @@ fn made(
     let grid = placed.grid.clone();
     let path = models.first().map_or(Path::new(""), |model| model.path());
     let mut bodies = Bodies::new(models, placed, table, progress)?;
-    if !bodies.are_all_near {
-        bodies.settle_components(memory / 2, progress)?;
-    }
-    let (faces, ends) = bodies.near(memory / 2, progress)?;
+    bodies.settle_components(memory / 2, progress)?;
+    let Near { faces, ends, mut seams, beside } = bodies.near(memory / 2, progress)?;
     let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
     let operands = Operands {
         ends: &ends,
@@ -159,38 +164,35 @@ fn made(
         turns_roots: false,
         most_contacts: 0,
         changed: &[],
-        winding: &|number, sample| {
-            (!bodies.are_all_near).then(|| winding(models[number], number, placed, sample))
-        },
+        winding: &|number, sample| Some(winding(models[number], number, placed, sample)),
         is_inside: &|windings| table.is_inside(windings),
     };
     let is_unbounded = table.is_inside(&far);
-    let (exact, done) = divide(&faces, &operands, path, memory / 2, progress)?;
-    let mut is_whole = bodies.are_all_near;
-    let mut seams = if is_whole { Seams::default() } else { Seams::between(&faces.list, &ends) };
+    let near = faces.list.len();
+    let (mut exact, done) = divide(&faces, &operands, path, memory / 2, progress)?;
     drop(faces);
     let Resolved { pairs, divided, .. } = done;
+    beside.into_iter().for_each(|face| exact.push(face));
     let mut rounded = round(exact)?;
+    rounded.reach = models.iter().fold(rounded.reach, |most, model| most.max(model.reach()));
     let crossings = rounded.crossings(path, memory / 2, progress)?;
-    if let (true, false, Some(rest)) = (crossings > 0, is_whole, bodies.all_settled(memory / 4, progress)?) {
-        rounded.append(&rest);
-        seams = Seams::default();
-        is_whole = true;
-    }
+    let is_whole = crossings > 0 && bodies.append_settled(&mut rounded, memory / 4, progress)?;
     if is_whole {
         rounded = rounded.closed(crossings, is_unbounded, path, memory / 2, progress)?;
+        seams = Seams::default();
     } else {
         seams.add_all(&rounded.faces);
     }
-    let Rounded { faces, stands_in, mut exact, displacement, .. } = rounded;
-    bodies.settle_exact(&mut exact, memory / 4)?;
+    let Rounded { faces, stands_in, exact, displacement, reach, .. } = rounded;
     let displacement = displacement * grid.width();
-    let is_on_grid = exact.is_empty();
-    let mut builder =
-        ModelBuilder::new(output, grid.clone(), memory / 2)?.codec(codec).unbounded(is_unbounded);
-    let mut surface = SurfaceClosure::new(!exact.is_empty());
+    let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
+        .codec(codec)
+        .unbounded(is_unbounded)
+        .reach(reach);
+    let mut surface =
+        SurfaceClosure::new(!exact.is_empty() || models.iter().any(|model| model.is_beside_grid()));
     let mut settled = 0u64;
-    if bodies.are_all_near || !is_whole {
+    if !is_whole {
         bodies.settled(progress, &mut |face, stands_in| {
             settled += 1;
             seams.add_watched(face);
@@ -204,22 +206,29 @@ fn made(
         builder.push_face(face, stands_in)
     })?;
     let mut after = settled + faces.len();
-    seams.close(faces.is_coloured(), &mut |face| {
+    seams.close(reach, faces.is_coloured(), &mut |face| {
         after += 1;
         surface.add(face, true);
         builder.push_face(face, true)
     })?;
     drop(faces);
-    surface.check(&exact, progress)?.map_or(Ok(()), |flaw| {
-        Err(Error::NoBody {
+    let mut push_exact = |face: ExactFace| {
+        surface.add_exact(&face, progress)?;
+        builder.push_exact(face)
+    };
+    exact.into_iter().try_for_each(&mut push_exact)?;
+    bodies.settled_exact(progress, &mut push_exact)?;
+    if let Some(flaw) = surface.flaw() {
+        return Err(Error::NoBody {
             path: path.to_path_buf(),
             what: format!("the result would be no body, and so at least one of the models is none: {flaw}"),
             places: Vec::new(),
             count: 0,
             advice: "check them with verify, and build them again".into(),
-        })
-    })?;
-    let mut builder = builder.exact(exact).formula(formula(operation, models)?);
+        });
+    }
+    let is_on_grid = !builder.is_beside_grid();
+    let mut builder = builder.formula(formula(operation, models)?);
     for model in models {
         for (part, name) in (0..).zip(model.parts()) {
             builder.part(name, model.part_attributes(part)?.as_deref())?;
@@ -245,7 +254,18 @@ fn made(
         progress.warn(path, &format!("{lost_columns} columns of values of faces are not kept"));
     }
     let before = Vec::new();
-    Ok(CombineReport { before, after, pairs, divided, lost_columns, displacement, grid, is_unbounded, built })
+    Ok(CombineReport {
+        before,
+        after,
+        near,
+        pairs,
+        divided,
+        lost_columns,
+        displacement,
+        grid,
+        is_unbounded,
+        built,
+    })
 }
 
 /// Unit, place and provenance of the result.

@@ -1,77 +1,34 @@
 //! Where bodies come near each other: both octrees are gone through side by side, and what is far from all other surfaces is
 //! settled cell by cell, without a look at its faces.
 
+use super::fates::Fates;
 use super::placed::Placed;
 use super::table::{Fate, OperationTable};
 use crate::query::half_of;
 use crate::{ExactModel, Faces, ModelNode, ModelNodeState};
 use spinney_base::{Progress, Result};
 
-/// A set of faces, a bit for each of a model.
-pub(super) struct FaceSet(Vec<u64>);
-
-impl FaceSet {
-    fn new(count: u64) -> FaceSet {
-        FaceSet(vec![0; count.div_ceil(64) as usize])
-    }
-
-    fn add(&mut self, number: u64) {
-        if let Some(word) = self.0.get_mut((number / 64) as usize) {
-            *word |= 1 << (number % 64);
-        }
-    }
-
-    fn remove(&mut self, number: u64) {
-        if let Some(word) = self.0.get_mut((number / 64) as usize) {
-            *word &= !(1 << (number % 64));
-        }
-    }
-
-    /// The numbers in the set, ascending.
-    pub(super) fn numbers(&self) -> impl Iterator<Item = u32> {
-        let of_word = |(index, word): (u32, &u64)| {
-            let word = *word;
-            (0..64).filter(move |bit| word >> bit & 1 == 1).map(move |bit| 64 * index + bit)
-        };
-        (0..).zip(&self.0).flat_map(of_word)
-    }
-
-    pub(super) fn has(&self, number: u64) -> bool {
-        self.0.get((number / 64) as usize).is_some_and(|word| word >> (number % 64) & 1 == 1)
-    }
-}
-
-/// The faces of one body among others.
+/// What becomes of the faces of one body among others.
+///
+/// A cell decides of what is in it alone: of two cells, each of some body, of which one lies in the other with a step more on all
+/// sides, these are the entries of the table of an operation, by the states of both.
+///
+/// | own cell | VOID or FULL | FACE, EDGE, VERTEX or BOOLEAN | INNER |
+/// | --- | --- | --- | --- |
+/// | VOID, FULL | nothing to do | the other body's walk tells | the other body's walk tells |
+/// | FACE to BOOLEAN | kept, turned or dropped | near: arranged anew | near if a leaf below is |
+/// | INNER | kept, turned or dropped, with its subtree | children | children |
 pub(super) struct Overlap {
-    /// Those in cells that faces of other bodies are in or near, too, but for those that are settled otherwise.
-    pub(super) near: FaceSet,
-    /// Of the others, those to be turned, and those to be dropped.
-    turned: FaceSet,
-    dropped: FaceSet,
+    /// The faces of its octree. Those that stand in for others are never near: they go with these.
+    pub(super) faces: Fates,
+    /// Those with corners beside the grid.
+    pub(super) exact: Fates,
 }
 
 impl Overlap {
-    /// The fate of a face that is not near.
-    pub(super) fn fate(&self, number: u64) -> Fate {
-        // Invariant: all cells of a face that are far from other bodies have noted the same fate, since the
-        // face leads from one to the other without meeting any; and a face with a cell that is near is in
-        // `near`, which is looked at before this. So the order in which cells are gone through does not
-        // matter.
-        match (self.turned.has(number), self.dropped.has(number)) {
-            (_, true) => Fate::Dropped,
-            (true, _) => Fate::Turned,
-            _ => Fate::Kept,
-        }
-    }
-
-    /// Notes the fate of a face that is not near after all.
-    pub(super) fn settle(&mut self, number: u64, fate: Fate) {
-        self.near.remove(number);
-        match fate {
-            Fate::Kept => {}
-            Fate::Turned => self.turned.add(number),
-            Fate::Dropped => self.dropped.add(number),
-        }
+    /// That of a body without faces.
+    pub(super) fn none() -> Overlap {
+        Overlap { faces: Fates::new(0), exact: Fates::new(0) }
     }
 
     /// Finds out about one of several models.
@@ -82,9 +39,8 @@ impl Overlap {
         table: OperationTable,
         progress: &dyn Progress,
     ) -> Result<Overlap> {
-        let count = models[own].len();
-        let found =
-            Overlap { near: FaceSet::new(count), turned: FaceSet::new(count), dropped: FaceSet::new(count) };
+        let model = models[own];
+        let found = Overlap { faces: Fates::new(model.len()), exact: Fates::new(model.exact_faces().0) };
         let mut walk = Walk { own, models, placed, table, progress, found, visited: 0 };
         let places: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
         let mut others = Vec::new();
@@ -128,7 +84,7 @@ impl<'a> Walk<'a> {
         if self.visited.is_multiple_of(1 << 12) {
             self.progress.check()?;
         }
-        if matches!(node.state(), ModelNodeState::Void | ModelNodeState::Full) {
+        if node.winding().is_some() {
             return Ok(());
         }
         // Invariant: a face of a cell that is settled here has no other body's face within a step. The cell
@@ -136,11 +92,12 @@ impl<'a> Walk<'a> {
         // a face that nobody divided could pass through one whose corners were rounded.
         let [low, high] = self.placed.half_units(self.own, node);
         let around = [low.map(|at| at - 2), high.map(|at| at + 2)];
-        let is_leaf = matches!(node.state(), ModelNodeState::Leaf { .. });
+        let is_leaf = node.state() != ModelNodeState::Inner;
         if is_leaf {
             for other in others {
-                if self.has_leaf_at(other, &around)? {
-                    node.faces().for_each(|face| self.found.near.add(face));
+                if self.has_surface_at(other, &around)? {
+                    node.faces().for_each(|face| self.found.faces.set_near(face));
+                    node.near().into_iter().for_each(|face| self.found.exact.set_near(face.into()));
                     return Ok(());
                 }
             }
@@ -154,19 +111,14 @@ impl<'a> Walk<'a> {
                 self.refine(node, &around, is_leaf, &mut near)?;
             }
             let other = nodes[0].body;
-            let side = |other: &OtherNode<'_>| match other.node.state() {
-                ModelNodeState::Void => Some(0),
-                ModelNodeState::Full => Some(1),
-                _ => None,
-            };
-            if near[first..].iter().any(|node| side(node).is_none()) {
+            if near[first..].iter().any(|other| other.node.winding().is_none()) {
                 is_far = false;
                 continue;
             }
             // Invariant: `places` of a body none of whose faces is near is the same all over the cell, since
             // a winding number changes at faces only. So any of its nodes there says what it is, and far away
             // is what has no node. The children of the cell go on with it, and never ask that body again.
-            let found = near[first..].first().and_then(side);
+            let found = near[first..].first().and_then(|other| other.node.winding());
             places[other] = found.unwrap_or_else(|| self.models[other].far_winding());
             near.truncate(first);
         }
@@ -180,24 +132,21 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// Whether a leaf at or below a node meets a box.
-    fn has_leaf_at(&self, other: &OtherNode<'a>, around: &[[i64; 3]; 2]) -> Result<bool> {
-        match other.node.state() {
-            ModelNodeState::Void | ModelNodeState::Full => Ok(false),
-            ModelNodeState::Leaf { .. } => Ok(meet(&other.cell, around)),
-            ModelNodeState::Inner => {
-                for child in 0..8 {
-                    let cell = half_of(&other.cell, child);
-                    if meet(&cell, around) {
-                        let node = self.models[other.body].child(&other.node, child)?;
-                        if self.has_leaf_at(&OtherNode { node, cell, ..*other }, around)? {
-                            return Ok(true);
-                        }
-                    }
+    /// Whether a cell without children at or below a node meets a box, and has faces in it or near it.
+    fn has_surface_at(&self, other: &OtherNode<'a>, around: &[[i64; 3]; 2]) -> Result<bool> {
+        if other.node.state() != ModelNodeState::Inner {
+            return Ok(other.node.winding().is_none() && meet(&other.cell, around));
+        }
+        for child in 0..8 {
+            let cell = half_of(&other.cell, child);
+            if meet(&cell, around) {
+                let node = self.models[other.body].child(&other.node, child)?;
+                if self.has_surface_at(&OtherNode { node, cell, ..*other }, around)? {
+                    return Ok(true);
                 }
-                Ok(false)
             }
         }
+        Ok(false)
     }
 
     /// Appends the nodes that meet a box, those with faces as small as it or as they are.
@@ -236,8 +185,7 @@ impl<'a> Walk<'a> {
     }
 
     fn note(&mut self, node: &ModelNode<'a>, fate: Fate) -> Result<()> {
-        let faces = if fate == Fate::Turned { &mut self.found.turned } else { &mut self.found.dropped };
-        node.faces().for_each(|face| faces.add(face));
+        node.faces().for_each(|face| self.found.faces.note(face, fate));
         if node.state() == ModelNodeState::Inner {
             for child in 0..8 {
                 let child = self.models[self.own].child(node, child)?;

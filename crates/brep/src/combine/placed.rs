@@ -1,7 +1,8 @@
 //! Models on one grid.
 
-use crate::arrangement::{Corner, ExactFace};
-use crate::{ExactModel, Faces, Grid, MOST_BITS, ModelNode};
+use crate::arrangement::{Corner, ExactFace, ExactPoint};
+use crate::query::half_of;
+use crate::{ExactModel, Faces, Grid, MOST_BITS, ModelNode, ModelNodeState};
 use spinney_base::{Error, Result};
 use spinney_container::Tag;
 use spinney_crs::Crs;
@@ -12,8 +13,6 @@ pub(super) struct Placed {
     grids: Vec<Grid>,
     /// Of each model: steps of the grid in one of its own, and what is added then.
     shifts: Vec<(i64, [i64; 3])>,
-    /// The box around each on the grid, if it has faces.
-    boxes: Vec<Option<[[i64; 3]; 2]>>,
 }
 
 impl Placed {
@@ -24,9 +23,7 @@ impl Placed {
         let finest =
             grids.iter().copied().reduce(|best, grid| if grid.width() < best.width() { grid } else { best });
         let finest = finest.expect("operations have one body or more");
-        let mut least = [i64::MAX; 3];
-        let mut most = [i64::MIN; 3];
-        let (mut shifts, mut boxes) = (Vec::new(), Vec::new());
+        let mut shifts = Vec::new();
         for model in models {
             let grid = model.grid();
             let times = grid.steps_of(finest).ok_or_else(|| {
@@ -42,35 +39,42 @@ impl Placed {
             if origin.iter().any(|at| at.unsigned_abs() > 1 << 62) {
                 return Err(too_far(&grids));
             }
-            let origin = origin.map(|at| at as i64);
-            shifts.push((times, origin));
-            let placed =
-                |corner: [i32; 3]| [0, 1, 2].map(|axis| origin[axis] + times * i64::from(corner[axis]));
-            let bounds = bounds(model)?.map(|corners| corners.map(placed));
-            if let Some([low, high]) = bounds {
-                for axis in 0..3 {
-                    least[axis] = least[axis].min(low[axis]);
-                    most[axis] = most[axis].max(high[axis]);
-                }
-            }
-            boxes.push(bounds);
+            shifts.push((times, origin.map(|at| at as i64)));
         }
-        if least[0] > most[0] {
-            // No model has a face.
-            (least, most) = (shifts[0].1, shifts[0].1);
-        }
-        // The first model's own grid, if there is room for all.
-        let first = shifts[0].1;
-        let side = 1i64 << models[0].grid().bits;
-        let is_own = shifts[0].0 == 1
-            && (0..3).all(|axis| least[axis] >= first[axis] && most[axis] - first[axis] < side);
-        let (origin, bits) = match is_own {
-            true => (first, models[0].grid().bits),
-            false => {
-                let extent = (0..3).map(|axis| most[axis].abs_diff(least[axis])).max().unwrap_or(0);
-                (least, (64 - extent.leading_zeros() as u8).max(1))
-            }
+        let placed = |model: usize, corner: [i32; 3]| {
+            let (times, origin) = shifts[model];
+            [0, 1, 2].map(|axis| origin[axis] + times * i64::from(corner[axis]))
         };
+        let box_of = |model: usize| -> Result<Option<[[i64; 3]; 2]>> {
+            Ok(bounds(models[model])?.map(|corners| corners.map(|corner| placed(model, corner))))
+        };
+        // The first model's own grid, if there is room for all.
+        let ((times, mut origin), mut bits) = (shifts[0], models[0].grid().bits);
+        let fits = |[low, high]: [[i64; 3]; 2]| {
+            (0..3).all(|axis| low[axis] >= origin[axis] && high[axis] - origin[axis] < 1 << bits)
+        };
+        let mut is_own = times == 1;
+        for (model, file) in models.iter().enumerate() {
+            let last = ((1u64 << file.grid().bits) - 1) as i32;
+            // (That all of its grid has room is known without a look at faces.)
+            is_own = is_own
+                && (fits([[0; 3], [last; 3]].map(|corner| placed(model, corner)))
+                    || box_of(model)?.is_none_or(fits));
+        }
+        if !is_own {
+            let (mut least, mut most) = ([i64::MAX; 3], [i64::MIN; 3]);
+            for model in 0..models.len() {
+                let [low, high] = box_of(model)?.unwrap_or([least, most]);
+                least = [0, 1, 2].map(|axis| least[axis].min(low[axis]));
+                most = [0, 1, 2].map(|axis| most[axis].max(high[axis]));
+            }
+            // (No model may have a face.)
+            if least[0] <= most[0] {
+                origin = least;
+            }
+            let extent = (0..3).map(|axis| most[axis].saturating_sub(least[axis]).max(0)).max().unwrap_or(0);
+            bits = (64 - extent.leading_zeros() as u8).max(1);
+        }
         if bits > MOST_BITS || origin.iter().any(|at| at.unsigned_abs() > 1 << 53) {
             return Err(too_far(&grids));
         }
@@ -78,10 +82,7 @@ impl Placed {
         for (_, shift) in &mut shifts {
             (0..3).for_each(|axis| shift[axis] -= origin[axis]);
         }
-        for corner in boxes.iter_mut().flatten().flatten() {
-            (0..3).for_each(|axis| corner[axis] -= origin[axis]);
-        }
-        Ok(Placed { grid, grids: grids.into_iter().cloned().collect(), shifts, boxes })
+        Ok(Placed { grid, grids: grids.into_iter().cloned().collect(), shifts })
     }
 
     /// Some of the models, on the same grid.
@@ -90,17 +91,12 @@ impl Placed {
             grid: self.grid.clone(),
             grids: those.iter().map(|number| self.grids[*number].clone()).collect(),
             shifts: those.iter().map(|number| self.shifts[*number]).collect(),
-            boxes: those.iter().map(|number| self.boxes[*number]).collect(),
         }
     }
 
-    /// Whether a model is farther from all others than new vertices are moved, by the boxes around them.
-    pub(super) fn is_apart(&self, model: usize) -> bool {
-        let Some([low, high]) = self.boxes[model] else { return true };
-        let others = self.boxes.iter().enumerate().filter(|(other, _)| *other != model);
-        others.filter_map(|(_, other)| *other).all(|[other_low, other_high]| {
-            (0..3).any(|axis| low[axis] > other_high[axis] + 2 || other_low[axis] > high[axis] + 2)
-        })
+    /// Steps of the common grid in one of a model's own.
+    pub(super) fn times(&self, model: usize) -> i64 {
+        self.shifts[model].0
     }
 
     /// A point of a model on the common grid.
@@ -116,11 +112,39 @@ impl Placed {
         bounds.map(|corner| [0, 1, 2].map(|axis| times * corner[axis] + 2 * shift[axis]))
     }
 
+    /// The winding number of a model's surface all over the cell that has a point of the common grid, in half steps; `None` if faces are
+    /// in the cell or near it.
+    pub(super) fn winding_at(
+        &self,
+        models: &[&ExactModel],
+        model: usize,
+        at: [i64; 3],
+    ) -> Result<Option<i32>> {
+        let mut node = models[model].root()?;
+        let mut cell = self.half_units(model, &node);
+        if (0..3).any(|axis| at[axis] < cell[0][axis] || at[axis] > cell[1][axis]) {
+            return Ok(Some(models[model].far_winding()));
+        }
+        while node.state() == ModelNodeState::Inner {
+            let is_upper = |axis: usize| 2 * at[axis] >= cell[0][axis] + cell[1][axis];
+            let child = (0..3).map(|axis| usize::from(is_upper(axis)) << axis).sum();
+            cell = half_of(&cell, child);
+            node = models[model].child(&node, child)?;
+        }
+        Ok(node.winding())
+    }
+
+    /// A point beside a model's grid on the common one.
+    pub(super) fn exact_point(&self, model: usize, point: ExactPoint) -> ExactPoint {
+        let (times, shift) = self.shifts[model];
+        point.placed(times, shift)
+    }
+
     /// A face with corners beside a model's grid on the common one.
     pub(super) fn exact(&self, model: usize, face: ExactFace) -> ExactFace {
         let (times, shift) = self.shifts[model];
         let corner = |corner: Corner| Corner {
-            point: corner.point.placed(times, shift),
+            point: self.exact_point(model, corner.point),
             line: corner.line.placed(times, shift),
         };
         ExactFace {

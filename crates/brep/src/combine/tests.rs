@@ -1,12 +1,17 @@
 //! The algebra of sets, in rational numbers: volumes modulo a prime, where every fraction has its exact place.
 
+use std::collections::{HashMap, HashSet};
+
 use bnum::cast::As;
 use bnum::types::I256;
 
+use super::table::Fate;
 use super::*;
 use crate::arrangement::ExactFace;
 use crate::exact::normal::ring_normal;
-use crate::{Face, FaceList};
+use crate::query::Location;
+use crate::store::segment::NodeKind;
+use crate::{Face, FaceList, LEAF_SIZE, ModelNode, ModelNodeState};
 
 /// The prime.
 const P: i128 = (1 << 61) - 1;
@@ -23,6 +28,11 @@ fn random(seed: u64) -> impl FnMut(i32) -> i32 {
 
 /// A file of triangles, open.
 fn model(triangles: &[[[i32; 3]; 3]]) -> ExactModel {
+    model_of_leaves(triangles, LEAF_SIZE)
+}
+
+/// [`model`] with cells of so many faces.
+fn model_of_leaves(triangles: &[[[i32; 3]; 3]], leaf_size: usize) -> ExactModel {
     let grid = Grid { bits: 26, origin: [0; 3], step: 1.0, divisor: 1.0 };
     let mut list = FaceList::new(grid.clone(), vec!["body".into()]);
     for (source, points) in (0..).zip(triangles) {
@@ -30,7 +40,8 @@ fn model(triangles: &[[[i32; 3]; 3]]) -> ExactModel {
     }
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.goblin");
-    let mut builder = ModelBuilder::new(Output::create(&path).unwrap(), grid, 64 << 20).unwrap();
+    let builder = ModelBuilder::new(Output::create(&path).unwrap(), grid, 64 << 20).unwrap();
+    let mut builder = builder.leaf_size(leaf_size);
     list.each(&mut |face| builder.push(face)).unwrap();
     let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
     assert_eq!(report.defects, []);
@@ -49,14 +60,19 @@ fn tetrahedron([a, b, c, d]: Tetrahedron) -> Option<Vec<[[i32; 3]; 3]>> {
     }
 }
 
+/// The result of an operation, which is what a file has to be.
 fn combined(operation: u8, models: &[&ExactModel]) -> ExactModel {
+    let model = result(operation, models);
+    assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
+    model
+}
+
+fn result(operation: u8, models: &[&ExactModel]) -> ExactModel {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.goblin");
     combine(operation, models, Output::create(&path).unwrap(), Codec::Plain, 64 << 20, &())
         .unwrap_or_else(|error| panic!("{operation}: {error}"));
-    let model = ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap();
-    assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
-    model
+    ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap()
 }
 
 fn reduced(number: I256) -> i128 {
@@ -214,5 +230,232 @@ fn volumes_of_results_add_up() {
     for seed in 200..216 {
         let bodies = bodies(seed, [4, 5, 6, 12][seed as usize % 4], 3);
         check(&bodies[0], &bodies[1], &bodies[2], &format!("{seed}"));
+    }
+}
+
+/// Whether a point, in quarters of steps, is in a tetrahedron whose corners come as [`tetrahedron`] turns its faces; `None` if it is
+/// closer than two steps to one of its planes.
+fn is_in(faces: &[[[i32; 3]; 3]], point: [i32; 3]) -> Option<bool> {
+    let mut is_inside = true;
+    for face in faces {
+        let normal = ring_normal(face).map(i128::from);
+        let height: i128 =
+            (0..3).map(|axis| normal[axis] * i128::from(point[axis] - 4 * face[0][axis])).sum();
+        let length = normal.iter().map(|part| part * part).sum::<i128>();
+        if height * height < 64 * length {
+            return None;
+        }
+        is_inside &= height < 0;
+    }
+    Some(is_inside)
+}
+
+/// Operations one after the other: their volumes add up each time, places are inside or not as the operations on the operands'
+/// places say, and only what is near is arranged anew.
+#[test]
+fn chains_of_operations() {
+    const SIDE: i32 = 400;
+    for seed in [300, 301] {
+        let mut number = random(seed);
+        let mut body = |size: i32| loop {
+            let from: [i32; 3] = std::array::from_fn(|_| number(SIDE - size + 1));
+            let corners: Tetrahedron = std::array::from_fn(|_| from.map(|at| at + number(size)));
+            if let Some(faces) = tetrahedron(corners) {
+                break faces;
+            }
+        };
+        let first = body(SIDE);
+        let mut all = model(&first);
+        let mut steps = vec![(7, first)];
+        for step in 0..16 {
+            let faces = body(if step % 8 == 0 { 300 } else { 120 });
+            let other = model(&faces);
+            let operation = [7, 7, 2, 6][step % 4];
+            let found = combined(operation, &[&all, &other]);
+            let [a, b, both] = [&all, &other, &combined(1, &[&all, &other])].map(six_volumes);
+            let expected = match operation {
+                7 => a + b - both,
+                2 => a - both,
+                _ => a + b - 2 * both,
+            };
+            assert_eq!(six_volumes(&found), expected.rem_euclid(P), "{seed}, {step}: operation {operation}");
+            all = found;
+            steps.push((operation, faces));
+        }
+        let mut seen = [0; 2];
+        for _ in 0..1000 {
+            // Beside the mean of four corners of one of the bodies.
+            let corners = steps[number(steps.len() as i32) as usize].1.as_flattened();
+            let chosen: [_; 4] = std::array::from_fn(|_| corners[number(corners.len() as i32) as usize]);
+            let point = [0, 1, 2]
+                .map(|axis| chosen.iter().map(|corner| corner[axis]).sum::<i32>() + number(121) - 60);
+            let places: Option<Vec<bool>> = steps.iter().map(|(_, faces)| is_in(faces, point)).collect();
+            let Some(places) = places else { continue };
+            let expected =
+                steps.iter().zip(places).fold(false, |all, ((operation, _), place)| match operation {
+                    7 => all || place,
+                    2 => all && !place,
+                    _ => all != place,
+                });
+            let location = all.locate(point.map(|at| f64::from(at) / 4.0)).unwrap();
+            assert_eq!(location == Location::Inside, expected, "{seed}: {point:?} is {location:?}");
+            seen[usize::from(expected)] += 1;
+        }
+        assert!(seen[0] > 30 && seen[1] > 30, "{seed}: {seen:?}");
+    }
+}
+
+/// Leaves of a model's octree without exact faces near, with their kinds and the box in half steps.
+fn leaves(model: &ExactModel) -> Vec<(NodeKind, Vec<u64>, [[i64; 3]; 2])> {
+    let (mut open, mut found) = (vec![model.root().unwrap()], Vec::new());
+    while let Some(node) = open.pop() {
+        if let ModelNodeState::Leaf { kind, .. } = node.state() {
+            found.push((kind, node.faces().collect(), node.bounds(model.grid())));
+        }
+        open.extend(model.children(&node).unwrap().into_iter().flatten());
+    }
+    found
+}
+
+/// The winding number of a model all over a box; `None` if there are faces in it.
+fn winding_in(model: &ExactModel, node: &ModelNode<'_>, [low, high]: &[[i64; 3]; 2]) -> Option<i32> {
+    let cell = node.bounds(model.grid());
+    if (0..3).any(|axis| cell[1][axis] < low[axis] || high[axis] < cell[0][axis]) {
+        return Some(-1);
+    }
+    if node.state() != ModelNodeState::Inner {
+        return node.winding();
+    }
+    let parts = model.children(node).unwrap().into_iter().flatten();
+    let parts: Option<Vec<i32>> = parts.map(|part| winding_in(model, &part, &[*low, *high])).collect();
+    parts?.into_iter().filter(|winding| *winding >= 0).reduce(|a, b| if a == b { a } else { -2 })
+}
+
+/// The surface of a block of 800 steps, in triangles whose corners are moved a little, all of them or those in one layer.
+fn block(seed: u64, from: [i32; 3], layer: Option<i32>) -> Vec<[[i32; 3]; 3]> {
+    const PARTS: i32 = 10;
+    let mut number = random(seed);
+    let mut moved: HashMap<[i32; 3], [i32; 3]> = HashMap::new();
+    let mut corner = |at: [i32; 3]| {
+        *moved.entry(at).or_insert_with(|| {
+            let most = if layer.is_none_or(|layer| at[0] == layer) { 31 } else { 1 };
+            [0, 1, 2].map(|axis| from[axis] + 800 / PARTS * at[axis] + number(most))
+        })
+    };
+    let mut faces = Vec::new();
+    for axis in 0..3 {
+        for (side, u, v) in [0, PARTS]
+            .into_iter()
+            .flat_map(|side| (0..PARTS).flat_map(move |u| (0..PARTS).map(move |v| (side, u, v))))
+        {
+            let mut at = |u: i32, v: i32| {
+                let mut at = [0; 3];
+                (at[axis], at[(axis + 1) % 3], at[(axis + 2) % 3]) = (side, u, v);
+                corner(at)
+            };
+            let [a, b, c, d] = [at(u, v), at(u + 1, v), at(u + 1, v + 1), at(u, v + 1)];
+            match side {
+                0 => faces.extend([[a, c, b], [a, d, c]]),
+                _ => faces.extend([[a, b, c], [a, c, d]]),
+            }
+        }
+    }
+    faces
+}
+
+/// The tables of N. Navazo and others (six states of a cell by six): a cell in which one body has faces, of whatever kind, and the
+/// other is VOID or FULL keeps its faces, has them turned round or loses them, as the operation's table says; where both are VOID
+/// or FULL, so is the result.
+#[test]
+fn cells_are_as_the_tables_say() {
+    let mut seen: HashSet<(u8, usize, u8, i32)> = Default::default();
+    // Cells end where all faces are in one plane, and such ones are large: none of them is within the other body.
+    for (from, layers) in [([500, 520, 540], None), ([600, 620, 640], Some([10, 0]))] {
+        let [first, second] = [0, 1].map(|body| layers.map(|layers| layers[body]));
+        let bodies = [block(400, [100; 3], first), block(400, from, second)];
+        let bodies = bodies.map(|faces| model_of_leaves(&faces, 4));
+        let corners = |model: &ExactModel, number: u64| {
+            let mut buffer = crate::FaceBuffer::default();
+            model.face(number, &mut buffer).unwrap();
+            buffer.points
+        };
+        for operation in 0..16 {
+            let table = OperationTable::new(operation, 2).unwrap();
+            let result = result(operation, &[&bodies[0], &bodies[1]]);
+            let mut faces: HashSet<Vec<[i32; 3]>> = Default::default();
+            result
+                .each(&mut |face| {
+                    faces.insert(face.points.to_vec());
+                    Ok(())
+                })
+                .unwrap();
+            let has = |ring: &[[i32; 3]]| {
+                (0..ring.len()).any(|first| {
+                    let mut ring = ring.to_vec();
+                    ring.rotate_left(first);
+                    faces.contains(&ring)
+                })
+            };
+            let find = |at: [i64; 3]| result.leaf_at(at, 1).unwrap();
+            for own in 0..2 {
+                let (model, other) = (&bodies[own], &bodies[1 - own]);
+                let is_far = |cell: &[[i64; 3]; 2]| {
+                    let around = [cell[0].map(|at| at - 2), cell[1].map(|at| at + 2)];
+                    winding_in(other, &other.root().unwrap(), &around)
+                };
+                let all = leaves(model);
+                // A face is what its cells say; where all of these are far, it is as it was.
+                let mut cells_of: HashMap<u64, Vec<usize>> = HashMap::new();
+                for (index, (_, faces, _)) in all.iter().enumerate() {
+                    faces.iter().for_each(|face| cells_of.entry(*face).or_default().push(index));
+                }
+                let sides: Vec<Option<i32>> = all.iter().map(|(_, _, cell)| is_far(cell)).collect();
+                for (face, cells) in cells_of {
+                    let Some(sides) = cells.iter().map(|cell| sides[*cell]).collect::<Option<Vec<i32>>>()
+                    else {
+                        continue;
+                    };
+                    assert!(sides.iter().all(|side| *side == sides[0]), "{from:?}: {face} in {sides:?}");
+                    let mut places = [sides[0]; 2];
+                    places[own] = 0;
+                    let fate = table.fate(own, &places);
+                    let ring = corners(model, face);
+                    let turned: Vec<[i32; 3]> = ring.iter().rev().copied().collect();
+                    let expected = [fate == Fate::Kept, fate == Fate::Turned];
+                    assert_eq!(
+                        [has(&ring), has(&turned)],
+                        expected,
+                        "{from:?}: {operation}, face {face} of {own}"
+                    );
+                    cells.iter().for_each(|cell| {
+                        seen.insert((operation, own, all[*cell].0 as u8, sides[0]));
+                    });
+                }
+                // Places where both are VOID or FULL.
+                for (_, _, [low, _]) in all.iter().step_by(7) {
+                    for way in 0..6 {
+                        let mut at = *low;
+                        at[way / 2] += if way % 2 == 0 { -60 } else { 60 };
+                        let Some(there) = find(at) else { continue };
+                        let sides: Option<Vec<i32>> = bodies
+                            .iter()
+                            .map(|body| body.leaf_at(at, 1).unwrap().and_then(|node| node.winding()))
+                            .collect();
+                        let (Some(sides), Some(found)) = (sides, there.winding()) else { continue };
+                        assert_eq!(found == 1, table.is_inside(&sides), "{from:?}: {operation} at {at:?}");
+                    }
+                }
+            }
+        }
+    }
+    for operation in 0..16 {
+        for kind in [NodeKind::Face, NodeKind::Edge, NodeKind::Vertex, NodeKind::Boolean] {
+            for side in [0, 1] {
+                // (Within the other body, what is far from its surface has cells of several planes.)
+                let is_rare = (kind, side) == (NodeKind::Face, 1);
+                let is_seen = is_rare || (0..2).any(|own| seen.contains(&(operation, own, kind as u8, side)));
+                assert!(is_seen, "no cell of the kind {kind:?} with {side} in operation {operation}");
+            }
+        }
     }
 }

@@ -10,46 +10,57 @@ use crate::exact::normal::ring_normal;
 use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
 use spinney_base::{Result, sort};
 
-/// The winding number of a model's surface around a sample that lies on none of its faces. (The model has no corners beside its
-/// grid, which might lie in cells that no face cuts.)
+/// The winding number of a model's surface around a sample that lies on none of its faces. Where faces stand in for others with corners
+/// beside the grid, these are asked.
 pub(super) fn winding(
     model: &ExactModel,
     number: usize,
     placed: &Placed,
     sample: &SamplePoint<'_>,
 ) -> Result<i32> {
-    let mut line = LineWalk { model, number, placed, sample, faces: Vec::new() };
+    let mut line = LineWalk { model, number, placed, sample, faces: Vec::new(), exact: Vec::new() };
     let root = model.root()?;
     // Where a cell begins that is all inside or all outside, and on which side it is.
-    // Invariant: the line ends in a cell that no face cuts, or behind all of them: there the winding number
-    // is the same for points that are moved a little in different ways, as those of cells are and those of
-    // samples. And every face that the line meets before is in a leaf that it goes through. (But for leaves
-    // that end within 1e-6 of the point, which are passed over.)
+    // Invariant: the line ends in a cell that no face cuts and none with corners beside the grid is near, or
+    // behind all of them: there the winding number is the same for points that are moved a little in different
+    // ways, as those of cells are and those of samples, and for the surface of the faces that stand in. And
+    // every face that the line meets before is in a leaf that it goes through. (But for leaves that end within
+    // 1e-6 of the point, which are passed over.)
     let (end, mut winding) = match line.node(&root)? {
         ControlFlow::Break((at, side)) => (Some(at), side),
         ControlFlow::Continue(()) => (None, model.far_winding()),
     };
-    let mut buffer = FaceBuffer::default();
-    let mut points = Vec::new();
+    // The change where a face is crossed on the way: what is met where the cell begins does not go on into it.
+    let change = |plane: &ExactPlane| {
+        let up = plane.normal[sample.axis].signum() as i32;
+        let is_above = sample.side(plane) * up < 0;
+        let is_before = end.is_none_or(|end| sample.height_at(plane, end) * up >= 0);
+        if is_above && is_before { up } else { 0 }
+    };
+    let (mut buffer, mut points) = (FaceBuffer::default(), Vec::new());
     let mut known = HashSet::new();
     for face in line.faces {
         if !known.insert(face) {
             continue;
         }
         model.face(face, &mut buffer)?;
+        if buffer.stands_in {
+            continue;
+        }
         points.clear();
         points.extend(buffer.points.iter().map(|point| placed.point(number, *point)));
         let normal = ring_normal(&points[..buffer.ring_ends[0]]);
-        let up = normal[sample.axis].signum() as i32;
-        if up == 0 || !sample.meets(&points, &buffer.ring_ends) {
-            continue;
+        if normal[sample.axis] != 0 && sample.meets(&points, &buffer.ring_ends) {
+            winding += change(&ExactPlane::through(points[0], normal));
         }
-        let plane = ExactPlane::through(points[0], normal);
-        let is_above = sample.side(&plane) * up < 0;
-        // (What is met where the cell begins does not go on into it.)
-        let is_before = end.is_none_or(|end| sample.height_at(&plane, end) * up >= 0);
-        if is_above && is_before {
-            winding += up;
+    }
+    let mut known = HashSet::new();
+    for face in line.exact {
+        if known.insert(face) {
+            let face = placed.exact(number, model.exact_face(face)?);
+            if face.plane.normal[sample.axis] != 0 && sample.meets_exact(&face) {
+                winding += change(&face.plane);
+            }
         }
     }
     Ok(winding)
@@ -62,6 +73,8 @@ struct LineWalk<'a> {
     sample: &'a SamplePoint<'a>,
     /// Faces of the cells that the line goes through, some of them several times.
     faces: Vec<u64>,
+    /// Those with corners beside the grid that are near these cells.
+    exact: Vec<u32>,
 }
 
 impl<'a> LineWalk<'a> {
@@ -73,21 +86,22 @@ impl<'a> LineWalk<'a> {
         if (high[axis] as f64) / 2.0 < near[axis] + MARGIN || !self.sample.is_between(&low, &high) {
             return Ok(ControlFlow::Continue(()));
         }
-        match node.state() {
-            ModelNodeState::Void => return Ok(ControlFlow::Break((low[axis], 0))),
-            ModelNodeState::Full => return Ok(ControlFlow::Break((low[axis], 1))),
-            ModelNodeState::Leaf { .. } => self.faces.extend(node.faces()),
-            ModelNodeState::Inner => {
-                // Those that lie first along the axis, first.
-                let mut children: Vec<usize> = (0..8).collect();
-                sort::by_key(&mut children, |child| (child >> axis & 1) as u64);
-                for child in children {
-                    let child = self.model.child(node, child)?;
-                    let found = self.node(&child)?;
-                    if found.is_break() {
-                        return Ok(found);
-                    }
-                }
+        if let Some(winding) = node.winding() {
+            return Ok(ControlFlow::Break((low[axis], winding)));
+        }
+        if node.state() != ModelNodeState::Inner {
+            self.faces.extend(node.faces());
+            self.exact.extend(node.near());
+            return Ok(ControlFlow::Continue(()));
+        }
+        // Those that lie first along the axis, first.
+        let mut children: Vec<usize> = (0..8).collect();
+        sort::by_key(&mut children, |child| (child >> axis & 1) as u64);
+        for child in children {
+            let child = self.model.child(node, child)?;
+            let found = self.node(&child)?;
+            if found.is_break() {
+                return Ok(found);
             }
         }
         Ok(ControlFlow::Continue(()))

@@ -148,16 +148,19 @@ impl Work<'_> {
     /// Moves all to another grid, point by point.
     fn exactly(&self, lattice: &Lattice, output: Output) -> Result<TransformReport> {
         let is_mirrored = self.motion.is_mirrored();
-        let (mut exact, mut bytes) = (Vec::new(), 0);
+        let mut target = Target::new(self, output, &lattice.grid)?;
+        let mut count = 0u64;
         self.model.each_exact(&mut |face| {
             let moved = lattice.exact(face);
-            let moved = if is_mirrored { ExactFace { plane: moved.plane, ..moved.turned() } } else { moved };
-            bytes += moved.bytes();
-            self.check_room(bytes)?;
-            exact.push(moved);
-            if exact.len().is_multiple_of(1 << 8) { self.progress.check() } else { Ok(()) }
+            count += 1;
+            if count.is_multiple_of(1 << 8) {
+                self.progress.check()?;
+            }
+            target.builder.push_exact(match is_mirrored {
+                true => ExactFace { plane: moved.plane, ..moved.turned() },
+                false => moved,
+            })
         })?;
-        let mut target = Target::new(self, output, &lattice.grid, exact)?;
         let (mut points, mut turner) = (Vec::new(), Turner::default());
         self.model.each_face(&mut |face, stands_in| {
             points.clear();
@@ -172,7 +175,7 @@ impl Work<'_> {
     /// Computes all corners anew.
     fn anew(&self, output: Output) -> Result<TransformReport> {
         let mut snapping = Snapping::of(self.model, self.motion, self.options.snap, self.progress)?;
-        let mut target = Target::new(self, output, &snapping.grid.clone(), Vec::new())?;
+        let mut target = Target::new(self, output, &snapping.grid.clone())?;
         let (mut closure, mut sums) = (Closure::new(Seed::new()), MassSums::new());
         self.model.each(&mut |face| {
             let number = face.number;
@@ -199,21 +202,6 @@ impl Work<'_> {
         let rounded = self.model.exact_faces().0;
         let counts = Some(snapping.planar.counts);
         target.finish(Rounding { displacement: snapping.displacement(), counts, rounded })
-    }
-
-    /// Fails if so many bytes for faces with corners beside the grid are too much.
-    fn check_room(&self, needed: u64) -> Result<()> {
-        let limit = self.options.memory / 2;
-        if needed <= limit {
-            return Ok(());
-        }
-        Err(Error::TooLarge {
-            path: self.model.path().to_path_buf(),
-            what: "the faces with corners beside the grid".into(),
-            needed,
-            limit,
-            advice: "allow more with --memory".into(),
-        })
     }
 
     /// Unit, place and provenance of the result.
@@ -262,13 +250,12 @@ struct Target<'a> {
 }
 
 impl<'a> Target<'a> {
-    fn new(work: &'a Work<'a>, output: Output, grid: &Grid, exact: Vec<ExactFace>) -> Result<Target<'a>> {
+    fn new(work: &'a Work<'a>, output: Output, grid: &Grid) -> Result<Target<'a>> {
         let TransformOptions { memory, codec, .. } = *work.options;
-        let memory = if exact.is_empty() { memory } else { memory / 2 };
         let builder = ModelBuilder::new(output, grid.clone(), memory)?
             .codec(codec)
             .unbounded(work.model.is_unbounded())
-            .exact(exact);
+            .reach(work.model.reach());
         let columns = work.model.face_columns()?.into_iter().filter_map(|names| names.into_iter().next());
         Ok(Target { work, grid: grid.clone(), builder, columns: columns.collect(), after: 0 })
     }

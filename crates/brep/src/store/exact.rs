@@ -29,19 +29,45 @@ const GRID_VERTEX: usize = 12;
 /// Most bytes of a part of a normal, of its product with a point, of a coordinate and of a weight.
 const MOST_WIDTHS: [usize; 4] = [8, 16, 25, 22];
 
-/// The faces of each block, of a list of all.
-pub(crate) fn blocks(faces: &[ExactFace]) -> impl Iterator<Item = Range<usize>> {
-    let mut start = 0;
-    std::iter::from_fn(move || {
-        let (mut end, mut corners) = (start, 0);
-        while end < faces.len() && end - start < MOST_FACES && corners < MANY_CORNERS {
-            corners += faces[end].corners.len();
-            end += 1;
-        }
-        let range = start..end;
-        start = end;
-        (!range.is_empty()).then_some(range)
-    })
+/// Faces that are becoming a block, one after the other.
+#[derive(Default)]
+pub(crate) struct ExactBlockBuilder {
+    faces: Vec<ExactFace>,
+    corners: usize,
+    /// Faces of the blocks before.
+    before: u64,
+}
+
+impl ExactBlockBuilder {
+    pub(crate) fn push(&mut self, face: ExactFace) {
+        self.corners += face.corners.len();
+        self.faces.push(face);
+    }
+
+    /// Whether the block takes no more faces.
+    pub(crate) fn is_full(&self) -> bool {
+        self.faces.len() >= MOST_FACES || self.corners >= MANY_CORNERS
+    }
+
+    /// Whether the block has no face yet.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.faces.is_empty()
+    }
+
+    /// Number of the faces of all blocks so far.
+    pub(crate) fn len(&self) -> u64 {
+        self.before + self.faces.len() as u64
+    }
+
+    /// The number of the block's first face, and its bytes; begins the next one.
+    pub(crate) fn finish(&mut self) -> (u64, Vec<u8>) {
+        let first = self.before;
+        let bytes = encode(&self.faces);
+        self.before = self.len();
+        self.faces.clear();
+        self.corners = 0;
+        (first, bytes)
+    }
 }
 
 /// Bytes of a block.
@@ -229,6 +255,13 @@ impl ExactLayout {
     }
 }
 
+/// Part, source and first corner of a face.
+pub(crate) struct ExactHead {
+    pub(crate) part: u32,
+    pub(crate) source: u64,
+    pub(crate) corner: ExactPoint,
+}
+
 /// A block of a file. Faces are made of its bytes one by one, so that memory does not go with what counts in it say.
 pub(crate) struct ExactBlock<'a> {
     bytes: FileBytes<'a>,
@@ -339,6 +372,18 @@ impl<'a> ExactBlock<'a> {
         is_there.then_some(point).ok_or_else(|| "a vertex beside the grid's cells".into())
     }
 
+    /// What is quickly read of a face of a block that was checked, by its place there. What is wrong with it is told in words.
+    pub(crate) fn head(&self, face: usize) -> Result<ExactHead, String> {
+        let first = self.between(7, self.between(6, face).start).start;
+        let corner = self.vertex(self.number(8, 2 * first))?;
+        Ok(ExactHead { part: self.part(face), source: self.source(face), corner })
+    }
+
+    fn source(&self, face: usize) -> u64 {
+        let word = |half: usize| u64::from(self.word(self.layout.lists[5] + 8 * face + 4 * half));
+        word(0) | word(1) << 32
+    }
+
     /// A face of a block that was checked, by its place there. What is wrong with it is told in words.
     pub(crate) fn face(&self, face: usize) -> Result<ExactFace, String> {
         let plane = self.plane(self.number(3, face))?;
@@ -349,8 +394,7 @@ impl<'a> ExactBlock<'a> {
             ring_ends: Vec::with_capacity(rings.len()),
             colours: Vec::new(),
             part: self.part(face),
-            source: u64::from(self.word(self.layout.lists[5] + 8 * face))
-                | u64::from(self.word(self.layout.lists[5] + 8 * face + 4)) << 32,
+            source: self.source(face),
         };
         for ring in rings {
             let range = self.between(7, ring);

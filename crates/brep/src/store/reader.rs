@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::block::{Block, FaceBuffer};
-use super::exact::{EXACT, ExactBlock};
+use super::exact::{EXACT, ExactBlock, ExactHead};
 use super::formula::FORMULA;
 use super::objects::{FACE_VALUES, OBJECTS, SchemaCell};
 use super::pieces::Pieces;
@@ -186,6 +186,11 @@ impl ExactModel {
         (self.summary.exact_faces, self.summary.stand_ins)
     }
 
+    /// Steps that faces lie at most beside those that they stand in for.
+    pub(crate) fn reach(&self) -> u8 {
+        self.summary.reach
+    }
+
     /// Whether there are faces with corners beside the grid.
     pub(crate) fn is_beside_grid(&self) -> bool {
         self.summary.exact_faces > 0
@@ -231,6 +236,29 @@ impl ExactModel {
             }
         }
         Ok(())
+    }
+
+    /// Reads what is quickly read of all faces with corners beside the grid, in the order of their numbers.
+    pub(crate) fn each_exact_head(&self, each: &mut dyn FnMut(ExactHead) -> Result<()>) -> Result<()> {
+        for index in 0..self.exact.len() {
+            let block = self.exact_block(index)?;
+            for place in 0..block.len() {
+                each(block.head(place).map_err(|found| self.wrong_exact_block(index, found))?)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads a face with corners beside the grid.
+    pub(crate) fn exact_face(&self, number: u32) -> Result<ExactFace> {
+        let missing = || self.corrupt("list of exact faces".into(), format!("no face {number}"), "all faces");
+        let index = self.exact.find(&*self.backend, number.into()).ok_or_else(missing)?;
+        let place = u64::from(number) - self.exact.entry(&*self.backend, index).key;
+        let block = self.exact_block(index)?;
+        if place >= block.len() as u64 {
+            return Err(missing());
+        }
+        block.face(place as usize).map_err(|found| self.wrong_exact_block(index, found))
     }
 
     /// Reads all faces of the octree in the order of their numbers, and says of each whether it stands in for others.
@@ -448,6 +476,16 @@ impl ModelNode<'_> {
                 ModelNodeState::Leaf { kind, rule, inside }
             }
             _ => ModelNodeState::Inner,
+        }
+    }
+
+    /// The winding number of the whole surface all over the cell, if no face cuts it, and none with corners beside the grid is
+    /// near it.
+    pub(crate) fn winding(&self) -> Option<i32> {
+        match self.word & 7 {
+            VOID => Some(0),
+            FULL => Some(1),
+            _ => None,
         }
     }
 

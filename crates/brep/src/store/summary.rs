@@ -90,6 +90,8 @@ pub(crate) struct Summary {
     /// Faces with corners beside the grid, and those that stand in for them.
     pub exact_faces: u64,
     pub stand_ins: u64,
+    /// Steps that the latter lie at most beside the former, one or more.
+    pub reach: u8,
     /// Number of parts.
     pub parts: u64,
 }
@@ -99,7 +101,8 @@ const SIZE: usize = 8 + 24 + 16 + 8 + 56 + 24;
 
 impl Summary {
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = vec![self.grid.bits, self.is_unbounded.into(), self.codec as u8, 0, 0, 0, 0, 0];
+        let mut bytes =
+            vec![self.grid.bits, self.is_unbounded.into(), self.codec as u8, self.reach - 1, 0, 0, 0, 0];
         self.grid.origin.iter().for_each(|at| bytes.extend_from_slice(&at.to_le_bytes()));
         bytes.extend_from_slice(&self.grid.step.to_le_bytes());
         bytes.extend_from_slice(&self.grid.divisor.to_le_bytes());
@@ -156,6 +159,7 @@ impl Summary {
             return Err(corrupt(found, "fewer than 2^32, and at least one part"));
         }
         let codec = Codec::of_number(path, bytes[2], " of an exact model")?;
-        Ok(Summary { grid, codec, faces, is_unbounded: bytes[1] == 1, nodes, exact_faces, stand_ins, parts })
+        let (is_unbounded, reach) = (bytes[1] == 1, bytes[3].saturating_add(1));
+        Ok(Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, stand_ins, reach, parts })
     }
 }

@@ -97,7 +97,7 @@ impl ExactModel {
     fn verify_surface(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
         let seed = Seed::new();
-        let (mut closure, mut octree) = (Closure::new(seed), OctreeCheck::new(memory));
+        let (mut closure, mut octree) = (Closure::new(seed), OctreeCheck::new(memory, self.summary.reach));
         let mut check = FaceCheck::new(self.summary.grid.bits);
         let mut buffer = FaceBuffer::default();
         let total = 2 * self.len();

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::block::BlockBuilder;
-use super::exact::{self, EXACT};
+use super::exact::{EXACT, ExactBlockBuilder};
 use super::formula::FORMULA;
 use super::objects::{FACE_VALUES, OBJECTS};
 use super::packed::pack;
@@ -29,6 +29,7 @@ pub(crate) struct ModelWriter {
     position: u64,
     codec: Codec,
     block: BlockBuilder,
+    exact: ExactBlockBuilder,
     /// Entries of the lists.
     lists: [Sorter; 5],
 }
@@ -40,7 +41,8 @@ impl ModelWriter {
         check_tree_name(&path)?;
         let lists = List::ALL.map(|_| Sorter::new(folder(&path), ENTRY, memory));
         let (codec, block) = (Codec::Plain, BlockBuilder::default());
-        let mut writer = ModelWriter { out, path, position: 0, codec, block, lists };
+        let exact = ExactBlockBuilder::default();
+        let mut writer = ModelWriter { out, path, position: 0, codec, block, exact, lists };
         writer.write(&model_header(grid).to_bytes(), "write the header")?;
         Ok(writer)
     }
@@ -60,7 +62,7 @@ impl ModelWriter {
 
     /// Whether no face was added yet, and nothing was written but the header.
     pub(crate) fn is_empty(&self) -> bool {
-        self.block.is_empty() && self.position == HEADER_SIZE as u64
+        self.block.is_empty() && self.exact.is_empty() && self.position == HEADER_SIZE as u64
     }
 
     fn write(&mut self, bytes: &[u8], doing: &'static str) -> Result<()> {
@@ -105,15 +107,26 @@ impl ModelWriter {
         if !self.block.is_empty() {
             self.finish_block()?;
         }
+        if !self.exact.is_empty() {
+            self.finish_exact_block()?;
+        }
         self.piece(List::Segments, code.bits(), bytes)
     }
 
-    /// Writes all faces with corners beside the grid.
-    pub(crate) fn exact_faces(&mut self, faces: &[ExactFace]) -> Result<()> {
-        for range in exact::blocks(faces) {
-            self.piece(List::Exact, range.start as u64, &exact::encode(&faces[range]))?;
-        }
-        Ok(())
+    /// Adds a face with corners beside the grid.
+    pub(crate) fn exact_face(&mut self, face: ExactFace) -> Result<()> {
+        self.exact.push(face);
+        if self.exact.is_full() { self.finish_exact_block() } else { Ok(()) }
+    }
+
+    /// Number of the faces with corners beside the grid that were added.
+    pub(crate) fn exact_faces(&self) -> u64 {
+        self.exact.len()
+    }
+
+    fn finish_exact_block(&mut self) -> Result<()> {
+        let (first, bytes) = self.exact.finish();
+        self.piece(List::Exact, first, &bytes)
     }
 
     /// Writes what stands after the segments and puts the file in its place.

@@ -1,0 +1,84 @@
+//! Fates of the faces of a body, two bits for each.
+
+use super::table::Fate;
+
+/// A set of faces, a bit for each of a model.
+struct FaceSet(Vec<u64>);
+
+impl FaceSet {
+    fn new(count: u64) -> FaceSet {
+        FaceSet(vec![0; count.div_ceil(64) as usize])
+    }
+
+    fn set(&mut self, number: u64, is_in: bool) {
+        if let Some(word) = self.0.get_mut((number / 64) as usize) {
+            let bit = 1 << (number % 64);
+            *word = if is_in { *word | bit } else { *word & !bit };
+        }
+    }
+
+    fn has(&self, number: u64) -> bool {
+        self.0.get((number / 64) as usize).is_some_and(|word| word >> (number % 64) & 1 == 1)
+    }
+
+    /// The numbers in the set, ascending.
+    fn numbers(&self) -> impl Iterator<Item = u32> {
+        let of_word = |(index, word): (u32, &u64)| {
+            let word = *word;
+            (0..64).filter(move |bit| word >> bit & 1 == 1).map(move |bit| 64 * index + bit)
+        };
+        (0..).zip(&self.0).flat_map(of_word)
+    }
+}
+
+/// Fates of some faces of a body, by their numbers: of those of its octree, or of those with corners beside the grid.
+pub(super) struct Fates {
+    near: FaceSet,
+    turned: FaceSet,
+    dropped: FaceSet,
+}
+
+impl Fates {
+    /// So many faces that are all kept.
+    pub(super) fn new(count: u64) -> Fates {
+        Fates { near: FaceSet::new(count), turned: FaceSet::new(count), dropped: FaceSet::new(count) }
+    }
+
+    /// The fate of a face; `None` of one that is near other bodies, which the arrangement tells.
+    pub(super) fn of(&self, number: u64) -> Option<Fate> {
+        // Invariant: all cells of a face that are far from other bodies have noted the same fate, since the
+        // face leads from one to the other without meeting any; and a face with a cell that is near is in
+        // `near`, which is looked at before. So the order in which cells are gone through does not matter.
+        match (self.near.has(number), self.turned.has(number), self.dropped.has(number)) {
+            (true, ..) => None,
+            (_, _, true) => Some(Fate::Dropped),
+            (_, true, _) => Some(Fate::Turned),
+            _ => Some(Fate::Kept),
+        }
+    }
+
+    /// Notes that a face is near other bodies.
+    pub(super) fn set_near(&mut self, number: u64) {
+        self.near.set(number, true);
+    }
+
+    /// Notes the fate of a face, unless it is near.
+    pub(super) fn note(&mut self, number: u64, fate: Fate) {
+        match fate {
+            Fate::Kept => {}
+            Fate::Turned => self.turned.set(number, true),
+            Fate::Dropped => self.dropped.set(number, true),
+        }
+    }
+
+    /// Notes the fate of a face that is not near after all.
+    pub(super) fn settle(&mut self, number: u64, fate: Fate) {
+        self.near.set(number, false);
+        self.note(number, fate);
+    }
+
+    /// Numbers of the faces that are near other bodies, ascending.
+    pub(super) fn near(&self) -> impl Iterator<Item = u32> {
+        self.near.numbers()
+    }
+}
