@@ -9,7 +9,8 @@
 use std::hash::{BuildHasher, Hasher, RandomState};
 
 use crate::Face;
-use crate::arrangement::{ExactFace, Vertices, cross};
+use crate::arrangement::{ExactFace, VertexKey, Vertices, cross};
+use crate::store::exact::ExactBlock;
 use spinney_base::{Progress, Result};
 
 /// What the numbers of edges are drawn by: those of one test have one.
@@ -64,6 +65,13 @@ impl Closure {
         }
     }
 
+    /// Takes off the edges of a face.
+    fn remove(&mut self, face: &Face<'_>) {
+        let sum = std::mem::replace(&mut self.sum, 0);
+        self.add(face);
+        self.sum = sum.wrapping_sub(self.sum);
+    }
+
     /// Adds the edges of other faces, drawn by the same seed.
     pub(crate) fn append(&mut self, other: Closure) {
         self.sum = self.sum.wrapping_add(other.sum);
@@ -104,6 +112,24 @@ impl ExactClosure {
             let [from, to] = [&corner.point, next].map(|point| self.vertices.key(point));
             self.add_edge(cross(face.plane.normal, corner.line.normal), from, to);
         }
+    }
+
+    /// Adds the edges of a block of faces with corners beside the grid. What is wrong with it is told in words.
+    pub(crate) fn add_block(&mut self, block: &ExactBlock<'_>) -> Result<(), String> {
+        let keys: Vec<VertexKey> = block.points()?.iter().map(|point| self.vertices.key(point)).collect();
+        let mut missing = None;
+        block.each_edge(&mut |plane, line, ends| match ends.map(|end| keys.get(end).copied()) {
+            [Some(from), Some(to)] => self.add_edge(cross(plane.normal, line.normal), from, to),
+            _ => missing = Some(ends),
+        })?;
+        missing.map_or(Ok(()), |ends| Err(format!("an edge between the vertices {ends:?} of {}", keys.len())))
+    }
+
+    /// Takes off what an addition adds.
+    fn remove(&mut self, add: impl FnOnce(&mut ExactClosure)) {
+        let sum = std::mem::replace(&mut self.sum, 0);
+        add(self);
+        self.sum = sum.wrapping_sub(self.sum);
     }
 
     fn add_edge(&mut self, along: [i128; 3], from: ([i32; 3], u32), to: ([i32; 3], u32)) {
@@ -161,6 +187,21 @@ impl SurfaceClosure {
         self.closure.add(face);
         if let Some(exact) = self.exact.as_mut().filter(|_| !stands_in) {
             exact.add(face);
+        }
+    }
+
+    /// Takes a face of the octree off another surface that is closed, whose other faces are not added.
+    pub(crate) fn remove(&mut self, face: &Face<'_>, stands_in: bool) {
+        self.closure.remove(face);
+        if let Some(exact) = self.exact.as_mut().filter(|_| !stands_in) {
+            exact.remove(|exact| exact.add(face));
+        }
+    }
+
+    /// Takes a face with corners beside the grid off such a surface.
+    pub(crate) fn remove_exact(&mut self, face: &ExactFace) {
+        if let Some(exact) = &mut self.exact {
+            exact.remove(|exact| exact.add_exact(face));
         }
     }
 

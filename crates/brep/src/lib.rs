@@ -11,6 +11,7 @@ mod combine;
 pub mod exact;
 mod face;
 mod face_check;
+mod face_set;
 pub mod geometry;
 mod grid;
 mod hash;

@@ -29,7 +29,7 @@ pub(crate) use contact::Contact;
 pub(crate) use delaunay::flip_in_plane;
 pub(crate) use exact_face::ExactFace;
 pub(crate) use exact_face::ExactFaces;
-pub(crate) use overlay::{Corner, Vertices};
+pub(crate) use overlay::{Corner, VertexKey, Vertices};
 pub(crate) use overlay::{PlaneRegion, PlaneSegment, regions};
 pub(crate) use point::{ExactPlane, ExactPoint, cross, wide};
 pub(crate) use rounds::Turner;

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use crate::hash::Hasher;
 use crate::store::segment::{
-    CUT, INNER, LEAF, LeafHead, NEAR_FULL, NEAR_VOID, VOID, encode, push_leaf, push_list,
+    CUT, FULL, INNER, LEAF, LeafHead, NEAR_FULL, NEAR_VOID, VOID, encode, push_leaf, push_list,
 };
 use crate::store::summary::NodeCounts;
 use spinney_base::sort;
@@ -86,6 +86,19 @@ impl Arena {
     /// Tells the word of a child.
     pub(super) fn set(&mut self, record: usize, child: usize, word: u32) {
         self.words[record + child] = word;
+    }
+
+    /// The word of a node of which all children are VOID, or all FULL, and no exact face is near: it has none then.
+    pub(super) fn merged(&mut self, record: usize) -> Option<u32> {
+        let (_, words) = self.words.split_at(record);
+        let state = words[0];
+        if words.len() != 8 || !matches!(state, VOID | FULL) || words.iter().any(|word| *word != state) {
+            return None;
+        }
+        self.words.truncate(record);
+        self.counts.inner -= 1;
+        *if state == FULL { &mut self.counts.full } else { &mut self.counts.void } -= 7;
+        Some(state)
     }
 
     /// The word of a node whose children are complete; it is cut off into a segment if it has become large.

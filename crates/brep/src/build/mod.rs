@@ -7,6 +7,7 @@ mod check;
 mod defects;
 mod division;
 mod items;
+mod kept;
 mod memory;
 mod near;
 mod pairs;
@@ -23,6 +24,7 @@ use self::items::{ITEM, Items, bounds_of};
 use self::near::NearFaces;
 use self::run::{FaceWords, Place, Run, RunBuilder, TRIANGLE_WORDS};
 use self::spread::Spread;
+use super::store::exact::ExactBlock;
 use super::store::objects::{ColumnNames, ObjectWriter};
 use super::store::segment::CUT;
 use super::store::summary::{NodeCounts, Summary};
@@ -42,6 +44,7 @@ use spinney_container::{Codec, Metadata};
 pub(crate) use self::check::{Checked, OctreeCheck};
 pub use self::defects::show_place;
 pub use self::defects::{Defect, DefectKind};
+pub(crate) use self::kept::Kept;
 pub(crate) use self::memory::defects_of;
 
 /// Faces that a cell may have and end, if nothing else is said: with more, files get little smaller and questions
@@ -68,6 +71,9 @@ pub struct ModelBuilder {
     grid: Grid,
     memory: u64,
     run: RunBuilder,
+    /// Faces of a model before that go.
+    removed: RunBuilder,
+    near_before: NearFaces,
     words: Vec<u32>,
     faces: u64,
     /// Those of them that have an area.
@@ -93,13 +99,16 @@ impl ModelBuilder {
     pub fn new(output: Output, grid: Grid, memory: u64) -> Result<ModelBuilder> {
         let place: PathBuf = folder(output.path()).to_path_buf();
         let writer = ModelWriter::new(output, &grid, memory / 16)?;
-        let run = RunBuilder::new((memory / 4 / 4) as usize, Place::Folder(place));
+        let run = RunBuilder::new((memory / 4 / 4) as usize, Place::Folder(place.clone()));
+        let removed = RunBuilder::new((memory / 8 / 4) as usize, Place::Folder(place));
         let check = FaceCheck::new(grid.bits);
         Ok(ModelBuilder {
             writer,
             grid,
             memory,
             run,
+            removed,
+            near_before: NearFaces::new(1),
             words: Vec::new(),
             faces: 0,
             wide: 0,
@@ -143,7 +152,7 @@ impl ModelBuilder {
 
     /// Chooses how many steps faces may lie beside those that they stand in for, before there are any.
     pub(super) fn reach(self, reach: u8) -> ModelBuilder {
-        ModelBuilder { near: NearFaces::new(reach), ..self }
+        ModelBuilder { near: NearFaces::new(reach), near_before: NearFaces::new(reach), ..self }
     }
 
     /// Adds a face with corners beside the grid, for which others stand in: a file is then made even if those have defects.
@@ -151,19 +160,25 @@ impl ModelBuilder {
     /// # Errors
     /// If the file cannot be written, or the memory is not enough.
     pub(super) fn push_exact(&mut self, face: ExactFace) -> Result<()> {
-        let (needed, limit) = (self.writer.exact_faces() * NearFaces::BYTES, self.memory / 4);
-        if needed > limit {
-            return Err(Error::TooLarge {
-                path: self.writer.path().to_path_buf(),
-                what: "boxes and planes of the faces with corners beside the grid".into(),
-                needed,
-                limit,
-                advice: "allow more with --memory".into(),
-            });
-        }
+        self.check_exact_room(1)?;
         self.last_part = self.last_part.max(face.part);
         self.near.push(&face);
         self.writer.exact_face(face)
+    }
+
+    /// Fails if so many more faces with corners beside the grid are too much.
+    fn check_exact_room(&self, more: u64) -> Result<()> {
+        let (needed, limit) = ((self.writer.exact_faces() + more) * NearFaces::BYTES, self.memory / 4);
+        if needed <= limit {
+            return Ok(());
+        }
+        Err(Error::TooLarge {
+            path: self.writer.path().to_path_buf(),
+            what: "boxes and planes of the faces with corners beside the grid".into(),
+            needed,
+            limit,
+            advice: "allow more with --memory".into(),
+        })
     }
 
     /// Adds a face, whose number counts those before it. All corners lie in one plane, and its rings do not cross;
@@ -177,6 +192,44 @@ impl ModelBuilder {
 
     /// Adds a face as [`ModelBuilder::push`] does, which may stand in for faces with corners beside the grid.
     pub(super) fn push_face(&mut self, face: &Face<'_>, stands_in: bool) -> Result<()> {
+        let Some(number) = self.write_face(face, stands_in)? else { return Ok(()) };
+        self.wide += 1;
+        self.words.clear();
+        FaceWords::write(number, face.points, face.ring_ends, &mut self.words);
+        self.run.push(FaceWords(&self.words))
+    }
+
+    /// Adds a face as [`ModelBuilder::push_face`] does that stays as it is in a model before, whose octree has it: these come first, in the order
+    /// that they have there.
+    pub(super) fn push_kept(&mut self, face: &Face<'_>, stands_in: bool) -> Result<()> {
+        self.write_face(face, stands_in).map(|_| ())
+    }
+
+    /// Adds a block of faces with corners beside the grid of that model that all stay, of parts of which none has a number above `last_part`.
+    ///
+    /// # Errors
+    /// Those of [`ModelBuilder::push_exact`].
+    pub(super) fn push_kept_exact(&mut self, block: &ExactBlock<'_>, last_part: u32) -> Result<()> {
+        self.check_exact_room(block.len() as u64)?;
+        self.last_part = self.last_part.max(last_part);
+        self.near.skip(block.len());
+        self.writer.exact_block(block)
+    }
+
+    /// Tells of a face of that model that does not stay.
+    pub(super) fn remove(&mut self, face: &Face<'_>) -> Result<()> {
+        self.words.clear();
+        FaceWords::write(face.number as u32, face.points, face.ring_ends, &mut self.words);
+        self.removed.push(FaceWords(&self.words))
+    }
+
+    /// Tells of a face of that model with corners beside the grid that does not stay.
+    pub(super) fn remove_exact(&mut self, face: &ExactFace) {
+        self.near_before.push(face);
+    }
+
+    /// Writes a face; returns its number if it has an area.
+    fn write_face(&mut self, face: &Face<'_>, stands_in: bool) -> Result<Option<u32>> {
         let Ok(number) = u32::try_from(self.faces) else {
             return Err(Error::TooLarge {
                 path: self.writer.path().to_path_buf(),
@@ -193,13 +246,7 @@ impl ModelBuilder {
         self.stand_ins += u64::from(stands_in);
         self.last_part = self.last_part.max(face.part);
         self.writer.face(&Face { number: number.into(), ..*face }, stands_in)?;
-        if !has_area {
-            return Ok(());
-        }
-        self.wide += 1;
-        self.words.clear();
-        FaceWords::write(number, face.points, face.ring_ends, &mut self.words);
-        self.run.push(FaceWords(&self.words))
+        Ok(has_area.then_some(number))
     }
 
     /// Adds all faces of a surface with corners moved to the grid, and what of it is not exact.
@@ -292,18 +339,31 @@ impl ModelBuilder {
         progress: &dyn Progress,
         complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
     ) -> Result<BuildReport> {
+        self.finish_with(None, metadata, progress, complete)
+    }
+
+    /// [`ModelBuilder::finish`] where some faces are those of a model before, with the grid that this one has.
+    pub(super) fn finish_with(
+        self,
+        kept: Option<&Kept<'_>>,
+        metadata: &mut Metadata,
+        progress: &dyn Progress,
+        complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
+    ) -> Result<BuildReport> {
         let ModelBuilder {
             mut writer,
             grid,
             memory,
             run,
+            removed,
+            near_before,
             faces,
             wide,
             stand_ins,
             last_part,
             leaf_size,
             is_unbounded,
-            near: all_near,
+            near: mut all_near,
             objects,
             mut face_values,
             face_columns,
@@ -311,13 +371,15 @@ impl ModelBuilder {
             ..
         } = self;
         let (run, place) = run.finish()?;
+        let (removed, _) = removed.finish()?;
         let stages = Mutex::new(Stages::default());
-        let total = run.len() as u64;
+        let total = (run.len() + if kept.is_some() { removed.len() } else { 0 }) as u64;
         let mut upper = Upper {
             bits: grid.bits,
             depth: grid.depth(),
             leaf_size,
-            near: &all_near,
+            near: &mut all_near,
+            near_before: &near_before,
             memory,
             place,
             stages: &stages,
@@ -325,12 +387,24 @@ impl ModelBuilder {
             writer: &mut writer,
             done: 0,
             total,
+            visited: 0,
         };
         let mut arena = Arena::default();
         let mark = arena.mark();
         let root = Cell { level: 0, position: [0; 3], winding: is_unbounded.into() };
-        let near = all_near.of(&all_near.all(), &root, grid.bits);
-        let word = upper.cell(&root, run, (&near, Spread::new(wide, leaf_size)), &mut arena)?;
+        let word = match kept {
+            None => {
+                let near = upper.near.of(&upper.near.all(), &root, grid.bits);
+                upper.cell(&root, run, (&near, Spread::new(wide, leaf_size)), &mut arena)?
+            }
+            Some(kept) => {
+                let winding = root.winding - kept.model.far_winding();
+                let node = kept.model.root()?;
+                let near = [upper.near.from(kept.exact.len()), near_before.all()];
+                let (root, runs) = (Cell { winding, ..root }, [run, removed]);
+                upper.change_run(kept, (&root, &node), runs, [&near[0], &near[1]], &mut arena)?
+            }
+        };
         // The root owns a segment in any case.
         if word != CUT {
             arena.cut(Code::root(Dimension::Oct), mark, word);
@@ -374,7 +448,9 @@ struct Upper<'a> {
     bits: u8,
     depth: u8,
     leaf_size: usize,
-    near: &'a NearFaces,
+    near: &'a mut NearFaces,
+    /// Those of a model before that go.
+    near_before: &'a NearFaces,
     memory: u64,
     place: Place,
     stages: &'a Mutex<Stages>,
@@ -382,12 +458,28 @@ struct Upper<'a> {
     writer: &'a mut ModelWriter,
     done: u64,
     total: u64,
+    /// Nodes of a model before that were gone through.
+    visited: u64,
 }
 
 impl Upper<'_> {
     /// Writes the segments that are complete.
     fn store(&mut self, arena: &mut Arena) -> Result<()> {
         arena.segments.drain(..).try_for_each(|(code, bytes)| self.writer.segment(code, &bytes))
+    }
+
+    /// The walk over faces in memory.
+    fn walk<'w>(&'w self, items: &'w Items) -> Walk<'w> {
+        let Upper { bits, depth, leaf_size, stages, progress, .. } = *self;
+        Walk { items, near: self.near, bits, depth, leaf_size, stages, progress }
+    }
+
+    /// Tells that so many words of faces are done.
+    fn advance(&mut self, length: u64) {
+        // (Faces that several cells have count once.)
+        let more = length.min(self.total - self.done);
+        self.done += more;
+        self.progress.advance(more, self.total);
     }
 
     /// Builds a cell with its faces, and those beside the grid that are near it; returns the word of its node.
@@ -417,14 +509,10 @@ impl Upper<'_> {
         if fits {
             let length = run.len() as u64;
             let items = Items::of(run)?;
-            let Upper { bits, depth, leaf_size, near: all_near, stages, progress, .. } = *self;
-            let walk = Walk { items: &items, near: all_near, bits, depth, leaf_size, stages, progress };
+            let walk = self.walk(&items);
             let word = walk.cell(cell, (0..items.len() as u32).collect(), (near, spread), out)?;
             self.store(out)?;
-            // (Faces that several cells have count once.)
-            let more = length.min(self.total - self.done);
-            self.done += more;
-            self.progress.advance(more, self.total);
+            self.advance(length);
             return Ok(word);
         }
         let Upper { bits, memory, stages, progress, .. } = *self;

@@ -3,6 +3,7 @@
 use super::cells::Cell;
 use crate::arrangement::{ExactFace, ExactPlane};
 use crate::boxes::{Bounds, bounds_of};
+use spinney_base::Result;
 
 /// Boxes and planes of faces with corners beside the grid.
 ///
@@ -11,7 +12,7 @@ use crate::boxes::{Bounds, bounds_of};
 /// to the face's, and as many steps more as faces may lie beside those that they stand in for. Operations that look for pairs of
 /// faces in cells alone would miss some otherwise, and cells that no face is near would not be what the octree says.
 pub(crate) struct NearFaces {
-    list: Vec<(Bounds, ExactPlane)>,
+    list: Vec<Option<(Bounds, ExactPlane)>>,
     reach: u8,
 }
 
@@ -23,7 +24,24 @@ impl NearFaces {
 
     /// Adds a face, whose number is that of those before it.
     pub(crate) fn push(&mut self, face: &ExactFace) {
-        self.list.push((bounds_of(&face.rounded(), self.reach.into()), face.plane));
+        self.list.push(Some(self.place(face)));
+    }
+
+    fn place(&self, face: &ExactFace) -> (Bounds, ExactPlane) {
+        (bounds_of(&face.rounded(), self.reach.into()), face.plane)
+    }
+
+    /// Leaves out so many faces, which are told when they are asked for.
+    pub(super) fn skip(&mut self, count: usize) {
+        self.list.resize(self.list.len() + count, None);
+    }
+
+    /// Tells a face that was left out, if it was not told yet.
+    pub(super) fn tell(&mut self, number: u32, face: impl FnOnce() -> Result<ExactFace>) -> Result<()> {
+        if self.list[number as usize].is_none() {
+            self.list[number as usize] = Some(self.place(&face()?));
+        }
+        Ok(())
     }
 
     /// Steps that faces lie at most beside those that they stand in for.
@@ -32,11 +50,20 @@ impl NearFaces {
     }
 
     /// Bytes of memory that a face takes.
-    pub(super) const BYTES: u64 = size_of::<(Bounds, ExactPlane)>() as u64;
+    pub(super) const BYTES: u64 = size_of::<Option<(Bounds, ExactPlane)>>() as u64;
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.list.is_empty()
+    }
 
     /// Numbers of all faces.
     pub(super) fn all(&self) -> Vec<u32> {
-        (0..self.list.len() as u32).collect()
+        self.from(0)
+    }
+
+    /// Numbers of the faces from one on.
+    pub(super) fn from(&self, first: u32) -> Vec<u32> {
+        (first..self.list.len() as u32).collect()
     }
 
     /// Those of some faces that are near a cell of a grid of so many bits.
@@ -47,7 +74,8 @@ impl NearFaces {
 
     /// Whether a face is near a cell from `min` on, of a width, in half units of the grid.
     fn is_near(&self, face: u32, min: [i64; 3], width: i64) -> bool {
-        let (bounds, plane) = &self.list[face as usize];
+        // Invariant: whoever asks for a face that was left out has told it.
+        let Some((bounds, plane)) = &self.list[face as usize] else { return true };
         let [low, high] = bounds.map(|corner| corner.map(|at| 2 * i64::from(at)));
         // (Walls lie between points of the grid, and so never at the side of a box.)
         if (0..3).any(|axis| high[axis] < min[axis] || min[axis] + width < low[axis]) {

@@ -8,9 +8,13 @@ use super::placed::Placed;
 use super::table::Fate;
 use super::table::OperationTable;
 use crate::arrangement::{ExactFace, ExactFaces, Rounded, Seams, Turner};
+use crate::build::Kept;
+use crate::closure::SurfaceClosure;
 use crate::exact::normal::ring_normal;
-use crate::{ExactModel, Face, FaceList, Faces};
+use crate::face_set::{FaceSet, Renumbering};
+use crate::{ExactModel, Face, FaceList, Faces, ModelBuilder};
 use spinney_base::{Error, Progress, Result};
+use spinney_container::Tag;
 
 /// Models whose faces are read one after the other, as those of one.
 pub(super) struct Bodies<'a> {
@@ -23,6 +27,8 @@ pub(super) struct Bodies<'a> {
     is_coloured: bool,
     /// Numbers of each model's first part and first source.
     first: Vec<(u32, u64)>,
+    /// The model whose octree is taken over where no face changes, if there is one that has the common grid.
+    base: Option<usize>,
 }
 
 /// The faces of a model that stand in for others and are made anew, since some of those that they stand in for may be divided.
@@ -56,7 +62,7 @@ enum Use {
 type TakeFace<'f> = dyn FnMut(&Face<'_>, bool, Use) -> Result<()> + 'f;
 
 /// Faces that are near other bodies, and what belongs to them.
-pub(super) struct Near {
+pub(super) struct Near<'a> {
     pub(super) faces: ExactFaces,
     /// Where those of each model end.
     pub(super) ends: Vec<u32>,
@@ -64,6 +70,8 @@ pub(super) struct Near {
     pub(super) seams: Seams,
     /// What becomes of faces with corners beside the grid that are not near, but for which new faces will stand in.
     pub(super) beside: Vec<ExactFace>,
+    /// The base, and those of its faces that stay as they are.
+    pub(super) kept: Option<Kept<'a>>,
 }
 
 impl<'a> Bodies<'a> {
@@ -86,12 +94,25 @@ impl<'a> Bodies<'a> {
             first.push((parts, 0));
             parts += model.parts().len() as u32;
         }
-        let mut bodies = Bodies { models, placed, table, overlaps, replaced, is_coloured, first };
+        // Where its surface is thinner than a step, cells do not tell what winding numbers are.
+        let is_base = |number: &usize| {
+            let model = models[*number];
+            let is_reached = !model.is_beside_grid() || model.reach() == reach(models);
+            let is_thin = model.metadata().tag(Tag::ModelThinPlaces).is_some();
+            *model.grid() == placed.grid && is_reached && !is_thin
+        };
+        let base = (0..models.len()).filter(is_base).max_by_key(|number| models[*number].len());
+        let mut bodies = Bodies { models, placed, table, overlaps, replaced, is_coloured, first, base };
         for number in (0..models.len()).filter(|number| models[*number].is_beside_grid()) {
             bodies.settle_exact_faces(number, progress)?;
             bodies.replace_stand_ins(number, progress)?;
         }
         Ok(bodies)
+    }
+
+    /// Steps that faces of any model lie at most beside those that they stand in for.
+    pub(super) fn reach(&self) -> u8 {
+        reach(self.models)
     }
 
     /// Notes the fates of the faces with corners beside the grid that are far from other bodies.
@@ -145,11 +166,18 @@ impl<'a> Bodies<'a> {
         Ok(())
     }
 
-    /// The faces that are near other bodies, with what belongs to them.
-    pub(super) fn near(&mut self, memory: u64, progress: &dyn Progress) -> Result<Near> {
+    /// The faces that are near other bodies, with what belongs to them. The builder and the surface of the result are told which faces of
+    /// the base go.
+    pub(super) fn near(
+        &mut self,
+        mut result: Option<(&mut ModelBuilder, &mut SurfaceClosure)>,
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<Near<'a>> {
         let parts = self.models.iter().flat_map(|model| model.parts().iter().cloned()).collect();
         let faces = ExactFaces::of_grid(FaceList::new(self.placed.grid.clone(), parts));
-        let mut found = Near { faces, ends: Vec::new(), seams: Seams::default(), beside: Vec::new() };
+        let mut found =
+            Near { faces, ends: Vec::new(), seams: Seams::default(), beside: Vec::new(), kept: None };
         let (mut first_source, mut exact_bytes) = (0u64, 0u64);
         for (number, model) in self.models.iter().enumerate() {
             self.first[number].1 = first_source;
@@ -158,9 +186,26 @@ impl<'a> Bodies<'a> {
                 self.replaced[number].sources.insert((part, source));
             }
             let (mut sources, mut open) = (first_source, Seams::default());
+            let is_base = self.base == Some(number);
+            let mut stays = [model.len(), model.exact_faces().0]
+                .map(|count| FaceSet::new(if is_base { count } else { 0 }));
             let list = &mut found.faces.list;
-            self.each(number, progress, &mut |face, _, becomes| {
+            self.each(number, progress, &mut |face, stands_in, becomes| {
                 sources = sources.max(face.source.saturating_add(1));
+                match becomes {
+                    Use::Settled(Fate::Kept) => {
+                        stays[0].set(face.number, true);
+                        return Ok(());
+                    }
+                    _ => {
+                        if let Some((builder, surface)) = result.as_mut().filter(|_| is_base) {
+                            surface.remove(face, stands_in);
+                            if has_area(face) {
+                                builder.remove(face)?;
+                            }
+                        }
+                    }
+                }
                 match becomes {
                     Use::Settled(_) => return Ok(()),
                     Use::Arranged => list.push(face),
@@ -186,18 +231,30 @@ impl<'a> Bodies<'a> {
                 }
                 sources = sources.max(first_source.saturating_add(head.source).saturating_add(1));
                 let fate = overlap.of(index.into());
-                if fate.is_some() && !replaced.has(head.part, head.source) {
+                let is_settled = fate.is_some() && !replaced.has(head.part, head.source);
+                if is_settled && (!is_base || fate == Some(Fate::Kept)) {
+                    stays[1].set(index.into(), true);
                     return Ok(());
                 }
                 let face = self.exact(number, model.exact_face(index)?);
-                let bytes = face.bytes();
+                if let Some((builder, surface)) = result.as_mut().filter(|_| is_base) {
+                    builder.remove_exact(&face);
+                    surface.remove_exact(&face);
+                }
+                if is_settled {
+                    return Ok(());
+                }
+                exact_bytes += face.bytes();
                 match fate {
                     None => found.faces.push(face),
                     Some(fate) => found.beside.extend(settled(face, fate)),
                 }
-                exact_bytes += bytes;
                 Ok(())
             })?;
+            if is_base {
+                let [faces, exact] = stays.map(Renumbering::of);
+                found.kept = Some(Kept { model, faces, exact });
+            }
             self.check_room(number, found.faces.list.bytes().saturating_add(exact_bytes), memory)?;
             first_source = sources;
             found.ends.push(found.faces.list.len() as u32);
@@ -205,43 +262,82 @@ impl<'a> Bodies<'a> {
         Ok(found)
     }
 
-    /// Hands out what becomes of the faces that are not near other bodies, and whether they stand in for others.
+    /// The models, the base first: so the faces of it that stay have the lowest numbers.
+    fn base_first(&self) -> impl Iterator<Item = usize> {
+        let others = (0..self.models.len()).filter(|number| self.base != Some(*number));
+        self.base.into_iter().chain(others)
+    }
+
+    /// Hands out what becomes of the faces that are not near other bodies, whether they stand in for others, and whether they are of the base
+    /// and stay as they are.
     pub(super) fn settled(
         &self,
         progress: &dyn Progress,
-        each: &mut dyn FnMut(&Face<'_>, bool) -> Result<()>,
+        each: &mut dyn FnMut(&Face<'_>, bool, bool) -> Result<()>,
     ) -> Result<()> {
         let mut turner = Turner::default();
-        for number in 0..self.models.len() {
+        for number in self.base_first() {
+            let is_base = self.base == Some(number);
             self.each(number, progress, &mut |face, stands_in, becomes| match becomes {
-                Use::Settled(Fate::Kept) => each(face, stands_in),
-                Use::Settled(Fate::Turned) => each(&turner.turn(face), stands_in),
+                Use::Settled(Fate::Kept) => each(face, stands_in, is_base),
+                Use::Settled(Fate::Turned) => each(&turner.turn(face), stands_in, false),
                 _ => Ok(()),
             })?;
         }
         Ok(())
     }
 
+    /// Adds those faces of the base with corners beside the grid that stay as they are, whole blocks where these can stay, too.
+    pub(super) fn keep_exact(
+        &self,
+        kept: &Kept<'_>,
+        builder: &mut ModelBuilder,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let Some(number) = self.base else { return Ok(()) };
+        let last_part = kept.model.parts().len().saturating_sub(1) as u32;
+        kept.model.each_exact_block(&mut |first, block| {
+            progress.check()?;
+            let stays = |place: &usize| kept.exact.number(first + *place as u64).is_some();
+            if self.first[number] == (0, 0)
+                && block.is_coloured() == self.is_coloured
+                && (0..block.len()).all(|place| stays(&place))
+            {
+                return builder.push_kept_exact(block, last_part);
+            }
+            (0..block.len()).filter(stays).try_for_each(|place| {
+                let face = kept.model.exact_face((first + place as u64) as u32)?;
+                builder.push_exact(self.exact(number, face))
+            })
+        })
+    }
+
     /// Hands out what becomes of the faces with corners beside the grid that are not near other bodies, and for which the faces stand in
-    /// that did before.
+    /// that did before; but those of the base where `keeps_base`.
     pub(super) fn settled_exact(
         &self,
+        keeps_base: bool,
         progress: &dyn Progress,
         each: &mut dyn FnMut(ExactFace) -> Result<()>,
     ) -> Result<()> {
-        for (number, model) in self.models.iter().enumerate() {
+        for number in self.base_first() {
+            let (model, is_kept) = (self.models[number], keeps_base && self.base == Some(number));
             let (overlap, replaced) = (&self.overlaps[number].exact, &self.replaced[number]);
-            let mut next = 0u64;
-            model.each_exact(&mut |face| {
+            let mut next = 0u32;
+            model.each_exact_head(&mut |head| {
                 let index = next;
                 next += 1;
                 if index.is_multiple_of(1 << 10) {
                     progress.check()?;
                 }
-                let fate = overlap.of(index).filter(|_| !replaced.has(face.part, face.source));
-                match fate.and_then(|fate| settled(self.exact(number, face), fate)) {
-                    Some(face) => each(face),
-                    None => Ok(()),
+                let fate = overlap.of(index.into()).filter(|_| !replaced.has(head.part, head.source));
+                match fate {
+                    None | Some(Fate::Dropped) => Ok(()),
+                    Some(Fate::Kept) if is_kept => Ok(()),
+                    Some(fate) => {
+                        let face = self.exact(number, model.exact_face(index)?);
+                        settled(face, fate).map_or(Ok(()), &mut *each)
+                    }
                 }
             })?;
         }
@@ -272,7 +368,7 @@ impl<'a> Bodies<'a> {
         if self.models.iter().map(|model| model.len()).sum::<u64>() * TRIANGLE > memory {
             return Ok(false);
         }
-        self.settled(progress, &mut |face, stands_in| {
+        self.settled(progress, &mut |face, stands_in, _| {
             rounded.push(face, stands_in, false);
             Ok(())
         })?;
@@ -290,11 +386,10 @@ impl<'a> Bodies<'a> {
                 progress.check()?;
             }
             // (What has no area is in no cell.)
-            let has_area = || ring_normal(face.rings().next().unwrap_or_default()) != [0; 3];
             let becomes = match (stands_in, overlap.of(face.number)) {
                 (true, None) => Use::Replaced,
-                (true, _) if replaced.has(face.part, face.source) || !has_area() => Use::Replaced,
-                (_, Some(fate)) if has_area() => Use::Settled(fate),
+                (true, _) if replaced.has(face.part, face.source) || !has_area(face) => Use::Replaced,
+                (_, Some(fate)) if has_area(face) => Use::Settled(fate),
                 _ => Use::Arranged,
             };
             if matches!(becomes, Use::Settled(Fate::Dropped)) {
@@ -340,6 +435,16 @@ impl<'a> Bodies<'a> {
     }
 }
 
+/// Steps that faces of some models lie at most beside those that they stand in for.
+fn reach(models: &[&ExactModel]) -> u8 {
+    models.iter().map(|model| model.reach()).fold(1, u8::max)
+}
+
+/// Whether a face has an area.
+fn has_area(face: &Face<'_>) -> bool {
+    ring_normal(face.rings().next().unwrap_or_default()) != [0; 3]
+}
+
 /// What a fate makes of a face with corners beside the grid.
 fn settled(face: ExactFace, fate: Fate) -> Option<ExactFace> {
     match fate {
@@ -375,7 +480,7 @@ impl NearFaces {
         if near as u64 * FACE > memory {
             bodies.drop_apart(memory, progress)?;
         }
-        let Near { faces, ends, .. } = bodies.near(memory, progress)?;
+        let Near { faces, ends, .. } = bodies.near(None, memory, progress)?;
         Ok(NearFaces { faces, ends, first_sources: [0, bodies.first[1].1] })
     }
 }

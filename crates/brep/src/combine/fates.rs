@@ -1,35 +1,7 @@
-//! Fates of the faces of a body, two bits for each.
+//! Fates of the faces of a body, three bits for each.
 
 use super::table::Fate;
-
-/// A set of faces, a bit for each of a model.
-struct FaceSet(Vec<u64>);
-
-impl FaceSet {
-    fn new(count: u64) -> FaceSet {
-        FaceSet(vec![0; count.div_ceil(64) as usize])
-    }
-
-    fn set(&mut self, number: u64, is_in: bool) {
-        if let Some(word) = self.0.get_mut((number / 64) as usize) {
-            let bit = 1 << (number % 64);
-            *word = if is_in { *word | bit } else { *word & !bit };
-        }
-    }
-
-    fn has(&self, number: u64) -> bool {
-        self.0.get((number / 64) as usize).is_some_and(|word| word >> (number % 64) & 1 == 1)
-    }
-
-    /// The numbers in the set, ascending.
-    fn numbers(&self) -> impl Iterator<Item = u32> {
-        let of_word = |(index, word): (u32, &u64)| {
-            let word = *word;
-            (0..64).filter(move |bit| word >> bit & 1 == 1).map(move |bit| 64 * index + bit)
-        };
-        (0..).zip(&self.0).flat_map(of_word)
-    }
-}
+use crate::face_set::FaceSet;
 
 /// Fates of some faces of a body, by their numbers: of those of its octree, or of those with corners beside the grid.
 pub(super) struct Fates {

@@ -155,7 +155,16 @@ fn made(
     let path = models.first().map_or(Path::new(""), |model| model.path());
     let mut bodies = Bodies::new(models, placed, table, progress)?;
     bodies.settle_components(memory / 2, progress)?;
-    let Near { faces, ends, mut seams, beside } = bodies.near(memory / 2, progress)?;
+    let is_unbounded = table.is_inside(&models.iter().map(|model| model.far_winding()).collect::<Vec<_>>());
+    let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
+        .codec(codec)
+        .unbounded(is_unbounded)
+        .reach(bodies.reach());
+    // Invariant: of the base, which is closed, the faces that go are taken off, and those that stay are not added: it makes no difference
+    // which of both is counted.
+    let mut surface = SurfaceClosure::new(true);
+    let Near { faces, ends, mut seams, beside, kept } =
+        bodies.near(Some((&mut builder, &mut surface)), memory / 2, progress)?;
     let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
     let operands = Operands {
         ends: &ends,
@@ -167,35 +176,36 @@ fn made(
         winding: &|number, sample| Some(winding(models[number], number, placed, sample)),
         is_inside: &|windings| table.is_inside(windings),
     };
-    let is_unbounded = table.is_inside(&far);
     let near = faces.list.len();
     let (mut exact, done) = divide(&faces, &operands, path, memory / 2, progress)?;
     drop(faces);
     let Resolved { pairs, divided, .. } = done;
     beside.into_iter().for_each(|face| exact.push(face));
     let mut rounded = round(exact)?;
-    rounded.reach = models.iter().fold(rounded.reach, |most, model| most.max(model.reach()));
+    rounded.reach = rounded.reach.max(bodies.reach());
     let crossings = rounded.crossings(path, memory / 2, progress)?;
     let is_whole = crossings > 0 && bodies.append_settled(&mut rounded, memory / 4, progress)?;
     if is_whole {
         rounded = rounded.closed(crossings, is_unbounded, path, memory / 2, progress)?;
         seams = Seams::default();
+        builder = builder.reach(rounded.reach);
     } else {
         seams.add_all(&rounded.faces);
     }
     let Rounded { faces, stands_in, exact, displacement, reach, .. } = rounded;
     let displacement = displacement * grid.width();
-    let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
-        .codec(codec)
-        .unbounded(is_unbounded)
-        .reach(reach);
-    let mut surface =
-        SurfaceClosure::new(!exact.is_empty() || models.iter().any(|model| model.is_beside_grid()));
+    let kept = kept.filter(|_| !is_whole);
+    if kept.is_none() {
+        surface = SurfaceClosure::new(true);
+    }
     let mut settled = 0u64;
     if !is_whole {
-        bodies.settled(progress, &mut |face, stands_in| {
+        bodies.settled(progress, &mut |face, stands_in, is_base| {
             settled += 1;
             seams.add_watched(face);
+            if is_base && kept.is_some() {
+                return builder.push_kept(face, stands_in);
+            }
             surface.add(face, stands_in);
             builder.push_face(face, stands_in)
         })?;
@@ -212,12 +222,15 @@ fn made(
         builder.push_face(face, true)
     })?;
     drop(faces);
+    if let Some(kept) = &kept {
+        bodies.keep_exact(kept, &mut builder, progress)?;
+    }
     let mut push_exact = |face: ExactFace| {
         surface.add_exact(&face, progress)?;
         builder.push_exact(face)
     };
+    bodies.settled_exact(kept.is_some(), progress, &mut push_exact)?;
     exact.into_iter().try_for_each(&mut push_exact)?;
-    bodies.settled_exact(progress, &mut push_exact)?;
     if let Some(flaw) = surface.flaw() {
         return Err(Error::NoBody {
             path: path.to_path_buf(),
@@ -237,7 +250,7 @@ fn made(
     }
     let mut metadata = metadata(operation, models, &grid);
     metadata.set_tag(Tag::ModelDisplacement, displacement.to_string());
-    let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {
+    let built = builder.finish_with(kept.as_ref(), &mut metadata, progress, &mut |metadata, built| {
         if built.defect_count > 0 {
             metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
         }

@@ -54,6 +54,12 @@ impl ExactBlockBuilder {
         self.faces.is_empty()
     }
 
+    /// Counts the faces of a block that is written as it is; returns the number of the first. There are none in the block that is being made.
+    pub(crate) fn skip(&mut self, faces: usize) -> u64 {
+        self.before += faces as u64;
+        self.before - faces as u64
+    }
+
     /// Number of the faces of all blocks so far.
     pub(crate) fn len(&self) -> u64 {
         self.before + self.faces.len() as u64
@@ -304,6 +310,16 @@ impl<'a> ExactBlock<'a> {
         self.layout.counts[0]
     }
 
+    /// The bytes of the block.
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Whether corners have colours.
+    pub(crate) fn is_coloured(&self) -> bool {
+        self.layout.has(COLOURED)
+    }
+
     fn word(&self, at: usize) -> u32 {
         let four = self.bytes.get(at..at + 4);
         four.map_or(0, |four| u32::from_le_bytes(four.try_into().expect("four bytes")))
@@ -370,6 +386,31 @@ impl<'a> ExactBlock<'a> {
         let side = (1u64 << self.bits) as f64;
         let is_there = point.near.iter().all(|at| (-1.0..side).contains(at));
         is_there.then_some(point).ok_or_else(|| "a vertex beside the grid's cells".into())
+    }
+
+    /// All points of a block that was checked, in the order of their numbers. What is wrong with one is told in words.
+    pub(crate) fn points(&self) -> Result<Vec<ExactPoint>, String> {
+        let [_, _, grid_points, vertices, ..] = self.layout.counts;
+        (0..grid_points + vertices).map(|index| self.vertex(index)).collect()
+    }
+
+    /// Hands out the edges of all faces: the plane of the face, that of the edge, and the numbers of its ends. What is wrong is told in words.
+    pub(crate) fn each_edge(
+        &self,
+        each: &mut dyn FnMut(&ExactPlane, &ExactPlane, [usize; 2]),
+    ) -> Result<(), String> {
+        for face in 0..self.len() {
+            let plane = self.plane(self.number(3, face))?;
+            for ring in self.between(6, face) {
+                let range = self.between(7, ring);
+                let corners = range.clone().zip(range.clone().cycle().skip(1));
+                for (corner, next) in corners {
+                    let line = self.plane(self.number(8, 2 * corner + 1))?;
+                    each(&plane, &line, [corner, next].map(|corner| self.number(8, 2 * corner)));
+                }
+            }
+        }
+        Ok(())
     }
 
     /// What is quickly read of a face of a block that was checked, by its place there. What is wrong with it is told in words.

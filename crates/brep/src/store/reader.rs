@@ -210,7 +210,7 @@ impl ExactModel {
         Ok(block)
     }
 
-    fn wrong_exact_block(&self, index: usize, found: String) -> Error {
+    pub(super) fn wrong_exact_block(&self, index: usize, found: String) -> Error {
         self.corrupt(format!("block of exact faces {index}"), found, "a block as formats.md has it")
     }
 
@@ -234,6 +234,17 @@ impl ExactModel {
             for place in 0..block.len() {
                 each(block.face(place).map_err(|found| self.wrong_exact_block(index, found))?)?;
             }
+        }
+        Ok(())
+    }
+
+    /// Reads the blocks of the faces with corners beside the grid, each with the number of its first face, in order.
+    pub(crate) fn each_exact_block(
+        &self,
+        each: &mut dyn FnMut(u64, &ExactBlock<'_>) -> Result<()>,
+    ) -> Result<()> {
+        for index in 0..self.exact.len() {
+            each(self.exact.entry(&*self.backend, index).key, &self.exact_block(index)?)?;
         }
         Ok(())
     }

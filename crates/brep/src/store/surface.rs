@@ -9,7 +9,7 @@ use spinney_base::{Error, Progress, Result};
 
 impl ExactModel {
     /// Makes sure that each face is a planar polygon, and that the surface is closed; of a model with corners beside the grid, the
-    /// exact surface.
+    /// exact surface, too.
     ///
     /// # Errors
     /// If a face is none, if the surface is not closed, if the file is damaged or cannot be read, or on interruption.
@@ -25,11 +25,7 @@ impl ExactModel {
                 closure.append(found?);
             }
         }
-        let is_closed = match self.is_beside_grid() {
-            false => closure.is_closed(),
-            true => self.is_exactly_closed(seed, progress)?,
-        };
-        if is_closed {
+        if closure.is_closed() && (!self.is_beside_grid() || self.is_exactly_closed(seed, progress)?) {
             return Ok(());
         }
         Err(Error::NoBody {
@@ -73,15 +69,11 @@ impl ExactModel {
             }
             Ok(())
         })?;
-        let mut number = 0u64;
-        self.each_exact(&mut |face| {
-            if number.is_multiple_of(1 << 10) {
-                progress.check()?;
-            }
-            number += 1;
-            closure.add_exact(&face);
-            Ok(())
-        })?;
+        for index in 0..self.exact.len() {
+            progress.check()?;
+            let block = self.exact_block(index)?;
+            closure.add_block(&block).map_err(|found| self.wrong_exact_block(index, found))?;
+        }
         Ok(closure.is_closed())
     }
 }

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::block::BlockBuilder;
-use super::exact::{EXACT, ExactBlockBuilder};
+use super::exact::{EXACT, ExactBlock, ExactBlockBuilder};
 use super::formula::FORMULA;
 use super::objects::{FACE_VALUES, OBJECTS};
 use super::packed::pack;
@@ -117,6 +117,15 @@ impl ModelWriter {
     pub(crate) fn exact_face(&mut self, face: ExactFace) -> Result<()> {
         self.exact.push(face);
         if self.exact.is_full() { self.finish_exact_block() } else { Ok(()) }
+    }
+
+    /// Adds all faces of a block of another file.
+    pub(crate) fn exact_block(&mut self, block: &ExactBlock<'_>) -> Result<()> {
+        if !self.exact.is_empty() {
+            self.finish_exact_block()?;
+        }
+        let first = self.exact.skip(block.len());
+        self.piece(List::Exact, first, block.bytes())
     }
 
     /// Number of the faces with corners beside the grid that were added.

@@ -1,0 +1,277 @@
+//! The octree of a model most of whose faces are those of another one: what is below a cell in which no face changes is taken
+//! over from that one's octree.
+//!
+//! Winding numbers change between the corners of cells by what is added, less what goes: so of faces that stay, nothing is asked but in
+//! leaves that others cut, too. Cells are not joined again where faces go, unless nothing is left in them: an octree may be deeper than one
+//! that is built at once, and says the same.
+
+use super::arena::{Arena, Mark};
+use super::cells::{Cell, uniform};
+use super::division::{Division, each_bit};
+use super::items::Items;
+use super::near::NearFaces;
+use super::run::{FaceWords, Run, RunBuilder};
+use super::spread::Spread;
+use super::{RunDivision, Upper, room_for};
+use crate::face_set::Renumbering;
+use crate::geometry::Stages;
+use crate::store::segment::LeafHead;
+use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
+use spinney_base::{Error, Result};
+
+/// A model, and those of its faces that stay as they are.
+pub(crate) struct Kept<'a> {
+    pub(crate) model: &'a ExactModel,
+    /// New numbers of the faces of its octree.
+    pub(crate) faces: Renumbering,
+    /// Those of its faces with corners beside the grid.
+    pub(crate) exact: Renumbering,
+}
+
+/// Faces in a cell that are not in the octree before, or not in the one that is built.
+struct Changes<'c> {
+    /// Those that are added.
+    added: &'c [u32],
+    /// Those that go.
+    removed: &'c [u32],
+    /// Faces with corners beside the grid that are near it: those that are added, and those that go.
+    near: [&'c [u32]; 2],
+}
+
+impl Changes<'_> {
+    /// Whether there are none.
+    fn is_empty(&self) -> bool {
+        let Changes { added, removed, near } = self;
+        added.is_empty() && removed.is_empty() && near.iter().all(|near| near.is_empty())
+    }
+}
+
+impl Kept<'_> {
+    /// The error of an octree that does not belong to its faces.
+    fn wrong(&self, node: &ModelNode<'_>) -> Error {
+        let place = format!("node {:?} of level {}", node.position(), node.level());
+        Error::corrupt(self.model.path(), place, "faces that should not cut it", "the octree of the faces")
+    }
+
+    /// The new numbers of a node's faces that stay.
+    fn faces(&self, node: &ModelNode<'_>) -> Vec<u32> {
+        node.faces().filter_map(|face| self.faces.number(face)).collect()
+    }
+
+    /// The new numbers of the faces with corners beside the grid near a node that stay.
+    fn near(&self, node: &ModelNode<'_>) -> Vec<u32> {
+        node.near().into_iter().filter_map(|face| self.exact.number(face.into())).collect()
+    }
+
+    /// [`Kept::near`], of faces that will be asked for.
+    fn tell_near(&self, node: &ModelNode<'_>, all: &mut NearFaces) -> Result<Vec<u32>> {
+        for face in node.near() {
+            if let Some(number) = self.exact.number(face.into()) {
+                all.tell(number, || self.model.exact_face(face))?;
+            }
+        }
+        Ok(self.near(node))
+    }
+
+    /// Winding number around the least corner of a node's cell.
+    fn winding(&self, node: &ModelNode<'_>) -> Result<i32> {
+        let mut node = node.clone();
+        loop {
+            match node.state() {
+                ModelNodeState::Void => return Ok(0),
+                ModelNodeState::Full => return Ok(1),
+                ModelNodeState::Leaf { inside, .. } => return Ok(inside.into()),
+                ModelNodeState::Inner => node = self.model.child(&node, 0)?,
+            }
+        }
+    }
+}
+
+impl Upper<'_> {
+    /// Takes over a cell in which nothing changes; returns the word of its node.
+    fn copy(&mut self, kept: &Kept<'_>, node: &ModelNode<'_>, out: &mut Arena) -> Result<u32> {
+        let near = kept.near(node);
+        match node.state() {
+            ModelNodeState::Inner => {
+                self.visited += 1;
+                if self.visited.is_multiple_of(1 << 10) {
+                    self.progress.check()?;
+                }
+                let (mark, record) = (out.mark(), out.record());
+                for child in 0..8 {
+                    let word = self.copy(kept, &kept.model.child(node, child)?, out)?;
+                    out.set(record, child, word);
+                }
+                let cell = Cell { level: node.level(), position: node.position(), winding: 0 };
+                self.complete(&cell, mark, record, out)
+            }
+            ModelNodeState::Leaf { kind, rule, inside } => {
+                let faces = kept.faces(node);
+                if faces.len() != node.faces().count() {
+                    return Err(kept.wrong(node));
+                }
+                Ok(out.leaf(LeafHead { kind, rule, inside }, faces.into_iter(), &near))
+            }
+            state => {
+                let winding = i32::from(state == ModelNodeState::Full);
+                let cell = Cell { level: node.level(), position: node.position(), winding };
+                let word = uniform(&cell, self.bits, out);
+                Ok(out.near(word, &near))
+            }
+        }
+    }
+
+    /// Builds a cell of the octree before in which some faces are added and others go; the cell's winding number is the difference
+    /// to that before. Returns the word of its node.
+    pub(super) fn change_run(
+        &mut self,
+        kept: &Kept<'_>,
+        (cell, node): (&Cell, &ModelNode<'_>),
+        [added, removed]: [Run; 2],
+        near: [&[u32]; 2],
+        out: &mut Arena,
+    ) -> Result<u32> {
+        let length = (added.len() + removed.len()) as u64;
+        if room_for(&added) + room_for(&removed) <= self.memory / 2 {
+            let items = [Items::of(added)?, Items::of(removed)?];
+            let numbers = [&items[0], &items[1]].map(|items| (0..items.len() as u32).collect::<Vec<_>>());
+            let changes = Changes { added: &numbers[0], removed: &numbers[1], near };
+            let word = self.change(kept, (cell, node), [&items[0], &items[1]], &changes, out)?;
+            self.advance(length);
+            return Ok(word);
+        }
+        if node.state() != ModelNodeState::Inner {
+            let near = [kept.tell_near(node, self.near)?, self.near.of(near[0], cell, self.bits)].concat();
+            let winding = cell.winding + kept.winding(node)?;
+            let mut run = RunBuilder::new((self.memory / 4 / 4) as usize, self.place.clone());
+            let (mut words, mut count) = (Vec::new(), 0);
+            kept_words(kept, node, &mut words)?;
+            let mut push = |face: FaceWords<'_>| {
+                count += 1;
+                run.push(face)
+            };
+            FaceWords::all(&words).try_for_each(&mut push)?;
+            added.each(push)?;
+            let run = run.finish()?.0;
+            return self.cell(
+                &Cell { winding, ..*cell },
+                run,
+                (&near, Spread::new(count, self.leaf_size)),
+                out,
+            );
+        }
+        let Upper { bits, memory, stages, progress, .. } = *self;
+        let division = RunDivision { bits, memory, stages, progress };
+        let (added, cells, _) = division.of(cell, added, &mut self.place)?;
+        let (removed, others, _) = division.of(cell, removed, &mut self.place)?;
+        let (mark, record) = (out.mark(), out.record());
+        for (child, runs) in added.into_iter().zip(removed).enumerate() {
+            // What goes takes away what it has added.
+            let winding = cells[child].winding - (others[child].winding - cell.winding);
+            let cell = Cell { winding, ..cells[child] };
+            let near =
+                [self.near.of(near[0], &cell, self.bits), self.near_before.of(near[1], &cell, self.bits)];
+            let node = kept.model.child(node, child)?;
+            let near = [&near[0][..], &near[1]];
+            let word = self.change_run(kept, (&cell, &node), [runs.0, runs.1], near, out)?;
+            out.set(record, child, word);
+        }
+        self.complete(cell, mark, record, out)
+    }
+
+    /// Builds a cell of the octree before in which faces change, all of them in memory, as [`Upper::change_run`] does.
+    fn change(
+        &mut self,
+        kept: &Kept<'_>,
+        (cell, node): (&Cell, &ModelNode<'_>),
+        items: [&Items; 2],
+        changes: &Changes<'_>,
+        out: &mut Arena,
+    ) -> Result<u32> {
+        // Invariant: where no face changes in a cell, the difference of winding numbers is the same all over it.
+        if changes.is_empty() && cell.winding == 0 {
+            return self.copy(kept, node, out);
+        }
+        self.visited += 1;
+        if self.visited.is_multiple_of(1 << 10) {
+            self.progress.check()?;
+        }
+        if node.state() != ModelNodeState::Inner {
+            let added = self.near.of(changes.near[0], cell, self.bits);
+            let near = [kept.tell_near(node, self.near)?, added].concat();
+            let winding = cell.winding + kept.winding(node)?;
+            let mut words = Vec::new();
+            kept_words(kept, node, &mut words)?;
+            for item in changes.added {
+                let outline = items[0].outline(*item);
+                FaceWords::write(items[0].face(*item), outline.points, outline.ring_ends, &mut words);
+            }
+            return self.leaves(&Cell { winding, ..*cell }, Run::Held(words), &near, out);
+        }
+        let division = Division::of(cell, self.bits);
+        let mut windings = [0; 7];
+        let mut parts: [[Vec<u32>; 8]; 2] = Default::default();
+        let mut stages = Stages::default();
+        for (way, list) in [changes.added, changes.removed].into_iter().enumerate() {
+            let mut changed = [0; 7];
+            for &item in list {
+                let reach = division.reach(items[way].bounds(item));
+                let children = items[way].children(item, reach, &division, &mut stages);
+                each_bit(children, |child| parts[way][child].push(item));
+                division.count_changes(reach, || items[way].outline(item), &mut changed);
+            }
+            let sign = if way == 0 { 1 } else { -1 };
+            windings.iter_mut().zip(changed).for_each(|(sum, change)| *sum += sign * change);
+        }
+        self.stages.lock().expect("nobody panics with this lock").add(&stages);
+        let (mark, record) = (out.mark(), out.record());
+        for (child, cell) in Division::cells(cell, windings).iter().enumerate() {
+            let near = [
+                self.near.of(changes.near[0], cell, self.bits),
+                self.near_before.of(changes.near[1], cell, self.bits),
+            ];
+            let changes =
+                Changes { added: &parts[0][child], removed: &parts[1][child], near: [&near[0], &near[1]] };
+            let node = kept.model.child(node, child)?;
+            let word = self.change(kept, (cell, &node), items, &changes, out)?;
+            out.set(record, child, word);
+        }
+        self.complete(cell, mark, record, out)
+    }
+
+    /// The word of a node whose children are complete.
+    fn complete(&mut self, cell: &Cell, mark: Mark, record: usize, out: &mut Arena) -> Result<u32> {
+        // (A cell may be near a face with corners beside the grid that none of its children is near: boxes and planes are
+        // looked at one by one.)
+        let merged = if self.near.is_empty() { out.merged(record) } else { None };
+        let word = merged.unwrap_or_else(|| out.complete(cell.code(), mark, record));
+        self.store(out)?;
+        Ok(word)
+    }
+
+    /// Builds a cell with its faces in memory.
+    fn leaves(&mut self, cell: &Cell, run: Run, near: &[u32], out: &mut Arena) -> Result<u32> {
+        if run.len() == 0 {
+            let word = uniform(cell, self.bits, out);
+            return Ok(out.near(word, near));
+        }
+        let items = Items::of(run)?;
+        let count = items.len();
+        let spread = Spread::new(count as u64, self.leaf_size);
+        let word = self.walk(&items).cell(cell, (0..count as u32).collect(), (near, spread), out)?;
+        self.store(out)?;
+        Ok(word)
+    }
+}
+
+/// Appends the words of a leaf's faces that stay.
+fn kept_words(kept: &Kept<'_>, node: &ModelNode<'_>, words: &mut Vec<u32>) -> Result<()> {
+    let mut buffer = FaceBuffer::default();
+    for face in node.faces() {
+        if let Some(number) = kept.faces.number(face) {
+            kept.model.face(face, &mut buffer)?;
+            FaceWords::write(number, &buffer.points, &buffer.ring_ends, words);
+        }
+    }
+    Ok(())
+}
