@@ -4,6 +4,7 @@
 use std::ops::Range;
 use std::sync::Mutex;
 
+use super::Defect;
 use super::arena::Arena;
 use super::cells::{Cell, Lists, TASK, Walk, uniform};
 use super::defects::{Defects, MOST};
@@ -11,7 +12,7 @@ use super::division::Division;
 use super::items::Items;
 use super::near::NearFaces;
 use super::run::{FaceWords, Place, Run, RunBuilder};
-use super::{Defect, RunDivision, room_for};
+use super::upper::{RunDivision, room_for};
 use crate::arrangement::ExactFace;
 use crate::geometry::Stages;
 use crate::store::segment::{LeafHead, LeafRule, NodeKind};

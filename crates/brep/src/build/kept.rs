@@ -12,7 +12,7 @@ use super::items::Items;
 use super::near::NearFaces;
 use super::run::{FaceWords, Run, RunBuilder};
 use super::spread::Spread;
-use super::{RunDivision, Upper, room_for};
+use super::upper::{RunDivision, Upper, room_for};
 use crate::face_set::Renumbering;
 use crate::geometry::Stages;
 use crate::store::segment::LeafHead;

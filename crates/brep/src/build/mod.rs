@@ -13,17 +13,17 @@ mod near;
 mod pairs;
 mod run;
 mod spread;
+mod upper;
 
 use std::path::PathBuf;
 use std::sync::Mutex;
 
 use self::arena::Arena;
-use self::cells::{Cell, Walk, uniform};
-use self::division::Division;
-use self::items::{ITEM, Items, bounds_of};
+use self::cells::Cell;
 use self::near::NearFaces;
-use self::run::{FaceWords, Place, Run, RunBuilder, TRIANGLE_WORDS};
+use self::run::{FaceWords, Place, RunBuilder};
 use self::spread::Spread;
+use self::upper::Upper;
 use super::store::exact::ExactBlock;
 use super::store::objects::{ColumnNames, ObjectWriter};
 use super::store::segment::CUT;
@@ -32,10 +32,8 @@ use super::store::table::{FIRST_NAMED, MOST_BYTES, TableWriter};
 use super::store::writer::{List, ModelWriter};
 use super::{Face, Faces, Grid};
 use crate::arrangement::{ExactFace, Rounded};
-use crate::exact::crossing::Outline;
-use crate::exact::normal::ring_normal;
 use crate::face_check::{FaceCheck, FaceFlaw};
-use crate::geometry::{GridPolygon, Stages, Triangulator};
+use crate::geometry::Stages;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result};
@@ -440,177 +438,5 @@ impl ModelBuilder {
             Summary { grid, codec, faces, is_unbounded, nodes, exact_faces, stand_ins, reach, parts };
         writer.finish(&summary, &formula, metadata)?;
         Ok(report)
-    }
-}
-
-/// The upper cells, whose faces are too many for memory: they are divided face by face.
-struct Upper<'a> {
-    bits: u8,
-    depth: u8,
-    leaf_size: usize,
-    near: &'a mut NearFaces,
-    /// Those of a model before that go.
-    near_before: &'a NearFaces,
-    memory: u64,
-    place: Place,
-    stages: &'a Mutex<Stages>,
-    progress: &'a dyn Progress,
-    writer: &'a mut ModelWriter,
-    done: u64,
-    total: u64,
-    /// Nodes of a model before that were gone through.
-    visited: u64,
-}
-
-impl Upper<'_> {
-    /// Writes the segments that are complete.
-    fn store(&mut self, arena: &mut Arena) -> Result<()> {
-        arena.segments.drain(..).try_for_each(|(code, bytes)| self.writer.segment(code, &bytes))
-    }
-
-    /// The walk over faces in memory.
-    fn walk<'w>(&'w self, items: &'w Items) -> Walk<'w> {
-        let Upper { bits, depth, leaf_size, stages, progress, .. } = *self;
-        Walk { items, near: self.near, bits, depth, leaf_size, stages, progress }
-    }
-
-    /// Tells that so many words of faces are done.
-    fn advance(&mut self, length: u64) {
-        // (Faces that several cells have count once.)
-        let more = length.min(self.total - self.done);
-        self.done += more;
-        self.progress.advance(more, self.total);
-    }
-
-    /// Builds a cell with its faces, and those beside the grid that are near it; returns the word of its node.
-    fn cell(
-        &mut self,
-        cell: &Cell,
-        run: Run,
-        (near, spread): (&[u32], Spread),
-        out: &mut Arena,
-    ) -> Result<u32> {
-        if run.len() == 0 {
-            let word = uniform(cell, self.bits, out);
-            return Ok(out.near(word, near));
-        }
-        let needed = room_for(&run);
-        let fits = needed <= self.memory / 2;
-        let too_large = || Error::TooLarge {
-            path: self.writer.path().to_path_buf(),
-            what: "the faces of a cell that cannot be divided any further".into(),
-            needed,
-            limit: self.memory / 2,
-            advice: "allow more with --memory".into(),
-        };
-        if !fits && cell.level == self.depth {
-            return Err(too_large());
-        }
-        if fits {
-            let length = run.len() as u64;
-            let items = Items::of(run)?;
-            let walk = self.walk(&items);
-            let word = walk.cell(cell, (0..items.len() as u32).collect(), (near, spread), out)?;
-            self.store(out)?;
-            self.advance(length);
-            return Ok(word);
-        }
-        let Upper { bits, memory, stages, progress, .. } = *self;
-        let division = RunDivision { bits, memory, stages, progress };
-        let (runs, cells, counts) = division.of(cell, run, &mut self.place)?;
-        let Some(spread) = spread.divided(counts.0, counts.1) else { return Err(too_large()) };
-        let mark = out.mark();
-        let record = out.record();
-        for (child, run) in runs.into_iter().enumerate() {
-            let near = self.near.of(near, &cells[child], bits);
-            let spread = spread.of_child(counts.1[child]);
-            let word = self.cell(&cells[child], run, (&near, spread), out)?;
-            out.set(record, child, word);
-        }
-        let word = out.complete(cell.code(), mark, record);
-        self.store(out)?;
-        Ok(word)
-    }
-}
-
-/// Bytes of a run in memory, with all that its faces take there. (A face of a polygon is several times as large as its words.)
-fn room_for(run: &Run) -> u64 {
-    run.len() as u64 * (ITEM / TRIANGLE_WORDS + 1) as u64
-}
-
-/// Numbers of the faces of a cell, and of each of its children.
-type FaceCounts = (u64, [u64; 8]);
-
-/// Division of runs that are too long for memory.
-struct RunDivision<'a> {
-    bits: u8,
-    memory: u64,
-    stages: &'a Mutex<Stages>,
-    progress: &'a dyn Progress,
-}
-
-impl RunDivision<'_> {
-    /// The faces of a cell's children, the children, and the numbers of its faces and of theirs.
-    fn of(&self, cell: &Cell, run: Run, at: &mut Place) -> Result<(Vec<Run>, [Cell; 8], FaceCounts)> {
-        let division = Division::of(cell, self.bits);
-        let limit = (self.memory / 4 / 4 / 16) as usize;
-        let mut builders: Vec<RunBuilder> = (0..8).map(|_| RunBuilder::new(limit, at.clone())).collect();
-        let mut stages = Stages::default();
-        let mut triangulator = Triangulator::new();
-        let mut changes = [0; 7];
-        let (mut count, mut counts) = (0u64, [0u64; 8]);
-        run.each(|face| {
-            count += 1;
-            if count.is_multiple_of(1 << 12) {
-                self.progress.check()?;
-            }
-            let (points, ring_ends);
-            let corners;
-            let (outline, reach, children);
-            match face.triangle() {
-                Some(triangle) => {
-                    corners = triangle;
-                    reach = division.reach(&bounds_of(&corners));
-                    let normal = ring_normal(&corners);
-                    children = reach.only_child(&mut stages).unwrap_or_else(|| {
-                        division.children_of_triangle(reach, &corners, normal, &mut stages)
-                    });
-                    outline = Outline { points: &corners, ring_ends: &[3], normal };
-                }
-                None => {
-                    (points, ring_ends) = face.rings();
-                    reach = division.reach(&bounds_of(&points));
-                    let wide: Vec<[i64; 3]> =
-                        points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
-                    let Ok(polygon) = GridPolygon::new(&wide, &ring_ends, &mut triangulator) else {
-                        unreachable!("faces that are no polygons are refused before: {points:?}")
-                    };
-                    children = reach
-                        .only_child(&mut stages)
-                        .unwrap_or_else(|| division.children_of_polygon(reach, &polygon, &mut stages));
-                    let normal = ring_normal(&points[..ring_ends[0]]);
-                    outline = Outline { points: &points, ring_ends: &ring_ends, normal };
-                }
-            }
-            for (child, builder) in builders.iter_mut().enumerate() {
-                if children >> child & 1 == 1 {
-                    counts[child] += 1;
-                    builder.push(face)?;
-                }
-            }
-            division.count_changes(reach, || outline, &mut changes);
-            Ok(())
-        })?;
-        self.stages.lock().expect("nobody panics with this lock").add(&stages);
-        let mut runs = Vec::with_capacity(8);
-        for builder in builders {
-            let (run, place) = builder.finish()?;
-            // One temporary file serves all.
-            if matches!(place, Place::Spool(_)) {
-                *at = place;
-            }
-            runs.push(run);
-        }
-        Ok((runs, Division::cells(cell, changes), (count, counts)))
     }
 }

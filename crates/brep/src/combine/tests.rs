@@ -305,6 +305,29 @@ fn chains_of_operations() {
     }
 }
 
+/// What is far from the other body is not arranged anew, also where earlier operations have left corners beside the grid.
+#[test]
+fn only_what_is_near_is_arranged() {
+    let mut all = model(&block(7, [100; 3], None));
+    for (step, at) in
+        [[85, 300, 300], [300, 85, 420], [480, 333, 85], [300, 300, 300]].into_iter().enumerate()
+    {
+        let corner = |more: [i32; 3]| [0, 1, 2].map(|axis| at[axis] + more[axis]);
+        let solid = [[0, 0, 0], [61, 3, 2], [2, 59, 5], [4, 1, 63]].map(corner);
+        let other = model(&tetrahedron(solid).unwrap());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.goblin");
+        let report =
+            combine(2, &[&all, &other], Output::create(&path).unwrap(), Codec::Plain, 64 << 20, &()).unwrap();
+        // (The last one is within the body, where all its faces are turned.)
+        let expected = if step < 3 { 5..60 } else { 0..1 };
+        assert!(expected.contains(&report.near), "{step}: {} of {}", report.near, report.after);
+        all = ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap();
+        assert_eq!(all.verify(64 << 20, &()).unwrap(), [], "{step}");
+        assert!(report.after > 1200 && all.exact_faces().0 > 0, "{step}");
+    }
+}
+
 /// Leaves of a model's octree without exact faces near, with their kinds and the box in half steps.
 fn leaves(model: &ExactModel) -> Vec<(NodeKind, Vec<u64>, [[i64; 3]; 2])> {
     let (mut open, mut found) = (vec![model.root().unwrap()], Vec::new());
