@@ -40,6 +40,7 @@ say 'C11 and C++17, without a warning, under AddressSanitizer'
 strict=(-Wall -Wextra -Werror -pedantic -g -fsanitize=address,undefined)
 ${CC:-cc} -std=c11 "${strict[@]}" capi/examples/tile.c -o "$work/tile" "${flags[@]}"
 ${CC:-cc} -std=c11 "${strict[@]}" capi/examples/body.c -o "$work/body" "${flags[@]}"
+${CC:-cc} -std=c11 "${strict[@]}" capi/examples/cube.c -o "$work/cube" "${flags[@]}"
 ${CC:-cc} -std=c11 "${strict[@]}" capi/examples/layers.c -o "$work/layers" "${flags[@]}"
 ${CXX:-c++} -std=c++17 "${strict[@]}" capi/examples/levels.cpp -o "$work/levels" "${flags[@]}"
 # The header alone, in both languages.
@@ -100,6 +101,21 @@ for file in missing.goblin $fixtures/ball.goblin; do
     if "$work/body" "$file" 2> "$work/error.txt"; then fail "$file: opened as an exact model"; fi
     grep -q '^body: .*' "$work/error.txt" || fail "$file: no message"
 done
+
+say 'an exact model of arrays is that of a file'
+printf 'OFF\n8 6 0\n0 0 0\n2 0 0\n0 2 0\n2 2 0\n0 0 2\n2 0 2\n0 2 2\n2 2 2\n4 0 2 3 1\n4 4 5 7 6\n4 0 1 5 4\n4 2 6 7 3\n4 0 4 6 2\n4 1 3 7 5\n' > "$work/cube.off"
+"$spinney" build -q "$work/cube.off" -o "$work/cube.goblin" --brep
+"$work/cube" "$work/made.goblin" > "$work/cube.txt"
+diff - "$work/cube.txt" << 'END' || fail 'other numbers of a cube'
+volume 8
+ring 0 of polygon 0: 9 points, area 4
+END
+"$spinney" verify -q "$work/made.goblin"
+"$spinney" combine -q xor "$work/made.goblin" "$work/cube.goblin" -o "$work/nothing.goblin"
+"$spinney" stats --json "$work/nothing.goblin" | grep -q '"volume": *0.0*[,}]' || fail 'a cube of arrays is not that of a file'
+if "$work/cube" "$work/open.goblin" open 2> "$work/error.txt"; then fail 'an open surface was taken for a body'; fi
+grep -q 'a boundary of 3 edges from' "$work/error.txt" || fail 'no places of an open surface'
+[ ! -e "$work/open.goblin" ] || fail 'there is a file of what is no body'
 
 say 'statically'
 ${CC:-cc} -std=c11 capi/examples/tile.c -I"$work/prefix/include" -o "$work/static" "$work/prefix/lib/libspinney.a" -lpthread -ldl -lm

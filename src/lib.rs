@@ -286,9 +286,9 @@ pub mod import {
     #[cfg(feature = "mesh")]
     pub mod mesh {
         pub use spinney_mesh::import::{
-            Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshFace, Model, ModelInfo,
-            Resolution, SkippedObject, SolidImport, SolidOptions, SolidReport, import_exact, is_model, open,
-            open_all, parts_of, plan_models,
+            Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshArrays, MeshColours,
+            MeshFace, Model, ModelInfo, Resolution, SkippedObject, SolidImport, SolidOptions, SolidReport,
+            import_exact, is_model, open, open_all, parts_of, plan_models,
         };
     }
 

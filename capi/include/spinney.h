@@ -34,6 +34,15 @@
 // Inside the body.
 #define SPINNEY_INSIDE 1
 
+// For `inside` of spinney_mesh_options: inside are the places that a surface goes around, as cells have it.
+#define SPINNEY_INSIDE_NONZERO 0
+
+// Places that a surface goes around once or more.
+#define SPINNEY_INSIDE_POSITIVE 1
+
+// Places that a surface goes around an odd number of times.
+#define SPINNEY_INSIDE_ODD 2
+
 // The outcome of a call.
 typedef enum {
   // It is done.
@@ -208,6 +217,92 @@ typedef struct {
   bool is_hit;
 } spinney_hit;
 
+// A mesh in the caller's memory: vertices, and faces over them. Zeros and NULL are for what there is not, as in
+// `spinney_mesh mesh = {0};`.
+typedef struct {
+  // Name, for errors, and of the only part of a mesh without `part_names`; NULL for "mesh".
+  const char *name;
+  // Coordinates of the vertices: x, y and z of each.
+  const double *vertices;
+  // Number of vertices.
+  size_t vertex_count;
+  // Colours: red, green and blue of each vertex; NULL for none.
+  const uint8_t *colours;
+  // Corners of all faces, by the numbers of their vertices from 0: counterclockwise seen from outside.
+  const void *corners;
+  // Number of corners: three of each triangle, where there are no `ring_ends`.
+  size_t corner_count;
+  // Bytes of each of these numbers: 4 (uint32_t) or 8 (uint64_t).
+  size_t corner_size;
+  // Ends of the rings in `corners`, ascending, of faces that are polygons of any number of corners.
+  const uint64_t *ring_ends;
+  // Number of rings; 0 where all faces are triangles.
+  size_t ring_count;
+  // Ends of the faces among the rings, ascending, where faces have holes: the first ring of each is its outer one, its holes go the
+  // other way round.
+  const uint64_t *face_ends;
+  // Number of faces that `face_ends` has; 0 where each ring is a face.
+  size_t face_count;
+  // Number of the part of each face, from 0; NULL where all are of the first.
+  const uint32_t *parts;
+  // Names of the parts.
+  const char *const *part_names;
+  // Attributes of the parts: of each a JSON object such as {"attributes":{"height":5}}, or NULL. NULL where no part has any.
+  const char *const *part_attributes;
+  // Number of parts that have names.
+  size_t part_count;
+} spinney_mesh;
+
+// Options for building an exact model. Zeros are for what is usual, as in `spinney_mesh_options options = {0};`.
+typedef struct {
+  // Width of the grid's steps, to which corners are moved; 0 for the least power of two that leaves about 2^26 steps along the
+  // longest side.
+  double snap;
+  // Bytes of memory beside a copy of the meshes; 0 for 256 MiB. What does not fit goes to a temporary file beside the output.
+  uint64_t memory;
+  // The rule by which a repair tells what is inside: SPINNEY_INSIDE_NONZERO, SPINNEY_INSIDE_POSITIVE or SPINNEY_INSIDE_ODD.
+  uint32_t inside;
+  // Whether open surfaces are closed by triangles over their boundaries.
+  bool close;
+  // Whether surfaces that pass through themselves, lie on themselves or are inside out are resolved.
+  bool repair;
+  // Unit of length, such as "mm"; NULL if it is not known.
+  const char *unit;
+  // Definition of the coordinate system, such as "EPSG:25832"; NULL if it is not known.
+  const char *crs;
+} spinney_mesh_options;
+
+// Counts of an exact model that was built.
+typedef struct {
+  // Faces that were read, without those that have fewer than three different corners.
+  uint64_t read;
+  // Faces of the model.
+  uint64_t faces;
+  // Faces that are points or lines on the grid, and were left out.
+  uint64_t collapsed;
+  // Faces without area on the grid, which stay and bound nothing.
+  uint64_t slivers;
+  // Faces that the grid has bent, cut into triangles.
+  uint64_t cut;
+  // Faces that cross themselves, cut into triangles.
+  uint64_t fanned;
+  // Boundaries that were closed, and the triangles that close them.
+  uint64_t closed_boundaries;
+  uint64_t closing_triangles;
+  // Faces that a repair has divided or taken away, those of them that bounded nothing, and bodies that it has turned.
+  uint64_t repaired_faces;
+  uint64_t lost_faces;
+  uint64_t turned_bodies;
+  // Volumes of a repaired surface: as it came, what is inside now, and what cells would have inside; zeros where nothing is repaired.
+  double volume_before;
+  double volume;
+  double cells_volume;
+  // The farthest that a corner was moved to the grid.
+  double displacement;
+  // Width of the grid's steps.
+  double step;
+} spinney_mesh_report;
+
 // Numbers of the entities of a shell: a surface that hangs together.
 typedef struct {
   uint64_t vertices;
@@ -222,6 +317,17 @@ typedef struct {
   // Volume that it encloses, rounded once; negative of a cavity, so that a body is a shell of more than 0.
   double volume;
 } spinney_shell;
+
+// A ring of a section.
+typedef struct {
+  // Number of its polygon, from 0. Rings of one follow each other: the outer one, counterclockwise as seen from where the plane's normal
+  // points to, and then the holes, clockwise.
+  uint64_t polygon;
+  // End of its points, which begin where those of the ring before end. The last of them is the first one again.
+  uint64_t end;
+  // Area of the polygon without its holes; 0 of holes, so that the sum is the section's.
+  double area;
+} spinney_ring;
 
 // Reads parts of a file: `count` of them, the first from `offsets[0]` on, `lengths[0]` bytes to `buffers[0]`, and so on; `user` is what
 // spinney_open_parts() was given. Returns 0, or another number if one of them cannot be read. All parts of a call are needed before
@@ -476,6 +582,21 @@ spinney_status spinney_model_rays(const spinney_model *model,
                                   size_t hit_count,
                                   size_t hit_size);
 
+// Builds the file of an exact model of `count` meshes, one or more, as `spinney build --brep` does of files: each is an object, whose part
+// or parts have names. `mesh_size` is `sizeof(spinney_mesh)`. `options` may be NULL for what is usual, and `report` where nobody asks; else
+// `options_size` is `sizeof(spinney_mesh_options)`, and `report_size` `sizeof(spinney_mesh_report)`.
+//
+// A surface that is open, passes through itself or is inside out bounds no body: SPINNEY_INVALID, with the places, up to 100 of them, in
+// spinney_error(). Where it fails there is no file.
+spinney_status spinney_model_build(const spinney_mesh *meshes,
+                                   size_t count,
+                                   size_t mesh_size,
+                                   const spinney_mesh_options *options,
+                                   size_t options_size,
+                                   const char *path,
+                                   spinney_mesh_report *report,
+                                   size_t report_size);
+
 // Tells of each shell, in the order of their first faces; there is room for `capacity` of them, each of `shell_size` bytes,
 // `sizeof(spinney_shell)`. `count` gets how many there are. Takes at most `memory` bytes, about 60 for each corner of a face; reads all faces twice.
 spinney_status spinney_model_shells(const spinney_model *model,
@@ -493,6 +614,24 @@ spinney_status spinney_model_combine(uint32_t operation,
                                      size_t count,
                                      const char *path,
                                      uint64_t memory);
+
+// Cuts the body by the plane through `point` on which `normal` is upright (x, y, z each): polygons with holes. `rings` gets their rings, each of
+// `ring_size` bytes, `sizeof(spinney_ring)`, and `points` the points of one ring after the other, in space (x, y, z each). There is
+// room for `ring_capacity` rings and `point_capacity` points; `ring_count` and `point_count` get how many there are, and NULL and 0 ask for
+// these alone.
+//
+// The section is that just below the plane: what ends there from below counts, what stands on it does not. Reads only what is cut.
+// SPINNEY_UNSUPPORTED for bodies without bounds.
+spinney_status spinney_model_section(const spinney_model *model,
+                                     const double *point,
+                                     const double *normal,
+                                     spinney_ring *rings,
+                                     size_t ring_capacity,
+                                     size_t ring_size,
+                                     size_t *ring_count,
+                                     double *points,
+                                     size_t point_capacity,
+                                     size_t *point_count);
 
 // Opens a tree file that the caller reads, of `length` bytes; `name` is for messages, and says which commit is read if it ends with one
 // (`map.autumn@12`). What an answer needs is asked for in few calls of `fetch`, and held. `release` (which may be NULL) is called once

@@ -9,12 +9,16 @@ mod blocks;
 mod dataset;
 mod exact;
 mod layers;
+#[cfg(test)]
+mod mesh_tests;
+mod meshes;
 mod metadata;
 mod model;
 #[cfg(test)]
 mod model_tests;
 mod parts;
 mod questions;
+mod sections;
 mod shells;
 mod status;
 #[cfg(test)]
@@ -24,8 +28,10 @@ pub use blocks::*;
 pub use dataset::*;
 pub use exact::*;
 pub use layers::*;
+pub use meshes::*;
 pub use model::*;
 pub use parts::*;
 pub use questions::*;
+pub use sections::*;
 pub use shells::*;
 pub use status::*;

@@ -1,14 +1,13 @@
 //! Exact models: opening files of them, and questions.
 
 use std::ffi::{CStr, c_char};
-use std::slice;
 
 use engine::brep::query::{Hit, Location, MassProperties};
 use engine::brep::{ExactModel, Faces};
 use engine::store::OpenOptions;
 
 use crate::dataset::{SPINNEY_POSITIONED, path_of};
-use crate::questions::buffer;
+use crate::questions::{buffer, items};
 use crate::status::{Failure, guarded, spinney_status};
 
 /// An exact model: the boundary of a body, kept as it is and not as cells.
@@ -150,14 +149,8 @@ pub(crate) fn check_size(name: &str, size: usize, expected: usize) -> Result<(),
 
 /// Points of the caller's: so many, of three coordinates each.
 unsafe fn points_at<'a>(points: *const f64, count: usize) -> Result<&'a [[f64; 3]], Failure> {
-    if count == 0 {
-        return Ok(&[]);
-    }
-    if points.is_null() || count > isize::MAX as usize / 24 {
-        return Err(Failure::invalid(format!("points: got NULL or {count} of them, expected coordinates")));
-    }
     // SAFETY: the caller has so many there.
-    Ok(unsafe { slice::from_raw_parts(points.cast::<[f64; 3]>(), count) })
+    unsafe { items("points", points.cast(), count) }
 }
 
 /// Fails with SPINNEY_CHANGED if the file was overwritten or cut short since it was opened.

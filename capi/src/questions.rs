@@ -65,6 +65,19 @@ pub(crate) unsafe fn buffer<'a, T>(
     Ok(unsafe { slice::from_raw_parts_mut(items, count) })
 }
 
+/// The caller's array of so many items.
+pub(crate) unsafe fn items<'a, T>(name: &str, items: *const T, count: usize) -> Result<&'a [T], Failure> {
+    if count == 0 {
+        return Ok(&[]);
+    }
+    if items.is_null() || !items.is_aligned() || count > isize::MAX as usize / size_of::<T>() {
+        let found = if items.is_null() { "NULL".into() } else { format!("{count} at {items:?}") };
+        return Err(Failure::invalid(format!("{name}: got {found}, expected an array in memory")));
+    }
+    // SAFETY: the caller has so many there.
+    Ok(unsafe { slice::from_raw_parts(items, count) })
+}
+
 /// Cells of a box and the bytes that they take, if these are numbers at all.
 pub(crate) fn sizes(bounds: &Bounds, width: usize) -> Result<(u64, u64), Failure> {
     let extents = (0..3).map(|axis| bounds.max[axis] - bounds.min[axis]);

@@ -11,9 +11,10 @@ import numpy.typing as npt
 from . import _native
 from ._dataset import Dataset, Level
 from ._files import MEMORY
+from ._meshes import is_mesh, mesh_columns, unit_of
 from ._options import packing_of, refuse, time_of
 from ._progress import memory_of, working
-from ._sources import feature_file, is_mesh, mesh_file, paths_of
+from ._sources import feature_file, paths_of
 from ._stack import build_stack, layers_of
 from ._times import text_of_time
 from ._told import array_options, check_bands, colours_of, crs_text, numbers_of, pairs_of, texts_of
@@ -199,20 +200,19 @@ def build(
         check_bands(for_tree, source.count)
         with working(progress, threads, max_bytes) as terms:
             return source._build(os.fspath(out), for_tree, terms)
-    if is_mesh(source):
-        refuse("arrays", for_arrays)
+    meshes = mesh_columns([(None, source)]) if is_mesh(source) else []
+    if meshes:
+        refuse("arrays", for_arrays | {"transform": transform})
         refuse("pictures", of_stacks)
-        with mesh_file(source, out) as (path, told_unit):
-            given: dict[str, Any] = {**for_files, "unit": unit or told_unit, "shell": shell, "threads": threads, "progress": progress}
-            return build(path, out, rule=rule, kind=kind, crs=crs, depth=depth, memory=memory, share=share, codec=codec, effort=effort, max_error=max_error, time=time, max_bytes=max_bytes, **given)
-    if paths is not None:
+        for_files["unit"] = unit or unit_of([(None, source)])
+    if paths is not None or meshes:
         refuse("arrays", for_arrays)
         numbers = None if transform is None else numbers_of(transform)
         for_import = common | for_files | {"transform": numbers, "keep_transparent": keep_transparent, "shell": shell, "allow_ballpark": allow_ballpark, "fractions": bool(fractions)}
         for_import |= {"stack": stack, "names": None if names is None else [str(name) for name in names], "times": seen}
         for_import["bands"] = None if bands is None else list(bands)
         with working(progress, threads, max_bytes) as terms:
-            return _native.build_files(paths, os.fspath(out), for_import, terms)
+            return _native.build_files(paths or [], meshes, os.fspath(out), for_import, terms)
     if isinstance(source, list | tuple) and any(isinstance(part, Dataset) for part in source):
         raise TypeError("a tree as a source is the only one; spinney.combine lays trees over each other")
     refuse("files", for_files)

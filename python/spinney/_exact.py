@@ -14,9 +14,10 @@ from . import _native
 from ._arrays import points_of, rows_of
 from ._elsewhere import elsewhere_of, kept_name
 from ._told import crs_text
-from ._sources import is_mesh, mesh_file, paths_of
+from ._sources import paths_of
 from ._files import MEMORY
-from ._options import packing_of
+from ._meshes import mesh_columns, meshes_of, unit_of
+from ._options import packing_of, refuse
 from ._progress import memory_of, working
 from ._surfaces import RayCrossings, Shells, SurfaceHits
 from ._types import (
@@ -51,6 +52,10 @@ def build_brep(
     inside: Inside = "nonzero",
     where: str | None = None,
     skip_bad: bool = False,
+    colours: npt.ArrayLike | None = None,
+    parts: npt.ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    attributes: Sequence[Mapping[str, Any] | None] | Mapping[str, Mapping[str, Any]] | None = None,
     leaf_size: int | None = None,
     up: Literal["y", "z"] | None = None,
     unit: str | None = None,
@@ -64,7 +69,15 @@ def build_brep(
 ) -> BuiltModel:
     """Makes an exact model, a .goblin file, of one or several mesh files (PLY, OBJ, STL, OFF, CityJSON, exact models), or of a mesh: one
     of trimesh, anything with `vertices` and `faces`, or a pair of these: rows of x, y and z, and rows, or lists of any lengths, of the numbers
-    of three or more vertices, counterclockwise seen from outside.
+    of three or more vertices, counterclockwise seen from outside; or `Faces` of an exact model, polygons with holes. Several meshes, in a
+    list, by their names in a mapping, or in a scene of trimesh, are objects, each of them a part of the model::
+
+        spinney.build_brep((vertices, triangles), "a.goblin", colours=reds, parts=numbers, names=["roof", "wall"])
+        spinney.build_brep({"left": mesh, "right": other}, "b.goblin", attributes={"left": {"height": 5.5}})
+
+    Meshes of trimesh keep colours, names and units. Of a single mesh, `colours` are rows of red, green and blue from 0 to 255, one for each
+    vertex, and `parts` are numbers from 0, one for each face, of parts that are groups of one object. `names` are those of the parts, which are
+    called by their numbers without them, and `attributes` what is said of each: of all in their order, or by name.
 
     Corners are moved to a grid of whole steps; everything after that is exact. `snap` is the width of a step, otherwise
     that of the files' own grid or the finest one. `close` closes open surfaces with triangles over their boundaries;
@@ -75,15 +88,13 @@ def build_brep(
     `crs`, `memory` and `max_bytes` are as for `build`. With the `codec` "packed" the file takes fewer bytes, which are unpacked when they are used, whatever
     the `effort`.
     """
-    if is_mesh(models):
-        with mesh_file(models, out) as (path, told_unit):
-            return build_brep(
-                path, out, snap=snap, close=close, repair=repair, inside=inside, where=where, skip_bad=skip_bad, leaf_size=leaf_size, up=up, unit=unit or told_unit, crs=crs, memory=memory, codec=codec, effort=effort,
-                max_bytes=max_bytes, threads=threads, progress=progress,
-            )
-    paths = paths_of(models)
-    if paths is None:
-        raise TypeError(f"models: expected the path of a mesh file, or several, got {models!r}")
+    paths, meshes = paths_of(models), meshes_of(models)
+    if paths is None and meshes is None:
+        raise TypeError(f"models: expected the path of a mesh file, or several, or meshes, got {models!r}")
+    of_meshes: dict[str, Any] = {"colours": colours, "parts": parts, "names": names, "attributes": attributes}
+    if meshes is None:
+        refuse("meshes in memory", of_meshes)
+    columns = mesh_columns(meshes, **of_meshes) if meshes else []
     if leaf_size is not None and leaf_size < 0:
         raise ValueError(f"leaf_size: {leaf_size}, expected a number of faces")
     options = {
@@ -95,13 +106,13 @@ def build_brep(
         "skip_bad": skip_bad,
         "leaf_size": leaf_size,
         "up": up,
-        "unit": unit,
+        "unit": unit or unit_of(meshes or []),
         "crs": crs_text(crs),
         "packing": packing_of(codec, effort, None),
         "memory": memory_of(memory),
     }
     with working(progress, threads, max_bytes) as terms:
-        facts = _native.build_brep(paths, os.fspath(out), options, terms)
+        facts = _native.build_brep(paths or [], columns, os.fspath(out), options, terms)
     return BuiltModel(**facts)
 
 

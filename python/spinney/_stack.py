@@ -13,7 +13,8 @@ from . import _native
 from ._blocks import Blocks, usual_dims
 from ._options import refuse
 from ._progress import working
-from ._sources import is_mesh, is_rasterio, rasterio_layers
+from ._meshes import is_mesh
+from ._sources import is_rasterio, rasterio_layers
 from ._times import short_of, text_of_time
 from ._told import array_options
 from ._types import Progress

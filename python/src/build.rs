@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use spinney::import::feature::is_feature_file;
 use spinney::import::mesh::{self, Resolution, SolidOptions};
 use spinney::import::raster::{self, Band, ImportOptions, StackOptions, TargetGrid};
@@ -21,6 +22,7 @@ use spinney::{Result, dataset};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms, Work};
+use crate::meshes::{arrays_of, models_of};
 use crate::numbers::{PyNumber, names_of};
 use crate::packing::Packing;
 use crate::samples::{copy_bytes, sample_of};
@@ -479,12 +481,13 @@ impl FileOptions {
     }
 }
 
-/// Builds a tree of picture files (of several, the last lies on top), of models of solids, or of features.
+/// Builds a tree of picture files (of several, the last lies on top), of models of solids or meshes in memory, or of features.
 #[pyfunction]
-#[pyo3(signature = (paths, out, options, terms))]
+#[pyo3(signature = (paths, meshes, out, options, terms))]
 pub(crate) fn build_files(
     py: Python<'_>,
     paths: Vec<PathBuf>,
+    meshes: Vec<Bound<'_, PyDict>>,
     out: PathBuf,
     options: FileOptions,
     terms: Terms,
@@ -504,10 +507,11 @@ pub(crate) fn build_files(
     if options.has_feature_options() {
         return Err(invalid("value, overlaps, width, fractions and where are for features"));
     }
-    if paths.iter().any(|path| mesh::is_model(path)) {
-        let mut solid = options.solids()?;
+    if !meshes.is_empty() || paths.iter().any(|path| mesh::is_model(path)) {
+        let (mut solid, meshes) = (options.solids()?, arrays_of(&meshes)?);
         return jobs::run(py, terms, |work| {
-            let models = mesh::open_all(&paths, options.memory)?;
+            let mut models = mesh::open_all(&paths, options.memory)?;
+            models.extend(models_of(meshes)?);
             let told = models.iter().find_map(|model| model.info().unit.clone());
             solid.unit = options.unit.clone().or(told);
             mesh::plan_models(models, &solid)?.build(work.create_tree(&out)?, work).map(drop)

@@ -17,6 +17,7 @@ mod files;
 mod index;
 mod jobs;
 mod labels;
+mod meshes;
 mod model;
 mod model_faces;
 mod model_rays;

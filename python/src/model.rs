@@ -22,6 +22,7 @@ use crate::elsewhere::{Elsewhere, path_object};
 use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
+use crate::meshes::{arrays_of, models_of};
 use crate::packing::Packing;
 use crate::tree::crs_text;
 
@@ -311,17 +312,19 @@ pub(crate) struct ModelOptions {
     memory: u64,
 }
 
-/// Builds an exact model of mesh files; returns counts by name.
+/// Builds an exact model of mesh files and of meshes in memory; returns counts by name.
 #[pyfunction]
-#[pyo3(signature = (paths, out, options, terms))]
+#[pyo3(signature = (paths, meshes, out, options, terms))]
 pub(crate) fn build_brep<'py>(
     py: Python<'py>,
     paths: Vec<PathBuf>,
+    meshes: Vec<Bound<'py, PyDict>>,
     out: PathBuf,
     options: ModelOptions,
     terms: Terms,
 ) -> PyResult<Bound<'py, PyDict>> {
     check_output(&paths, &out)?;
+    let meshes = arrays_of(&meshes)?;
     let mut exact = ExactOptions::new();
     (exact.snap, exact.close, exact.memory) = (options.snap, options.close, options.memory);
     exact.repair = options.repair;
@@ -334,7 +337,8 @@ pub(crate) fn build_brep<'py>(
     exact.unit = options.unit;
     exact.crs = options.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
     let report = jobs::run(py, terms, |work| {
-        let models = mesh::open_all(&paths, exact.memory)?;
+        let mut models = mesh::open_all(&paths, exact.memory)?;
+        models.extend(models_of(meshes)?);
         if let Some(filter) = &filter {
             let (names, about) = mesh::parts_of(&models);
             exact.parts = Some(choose_objects(filter, &names, &|part| Ok(about[part as usize].clone()))?);

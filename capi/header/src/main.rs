@@ -6,7 +6,19 @@ use std::path::Path;
 fn main() {
     let crate_folder = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the library's folder");
     let config = cbindgen::Config::from_file(crate_folder.join("cbindgen.toml")).expect("cbindgen.toml");
-    let sources = ["status", "dataset", "layers", "questions", "exact", "blocks", "model", "shells", "parts"];
+    let sources = [
+        "status",
+        "dataset",
+        "layers",
+        "questions",
+        "exact",
+        "blocks",
+        "model",
+        "meshes",
+        "shells",
+        "sections",
+        "parts",
+    ];
     let builder = cbindgen::Builder::new().with_config(config);
     let builder = sources.into_iter().fold(builder, |builder, name| {
         builder.with_src(crate_folder.join("src").join(name).with_extension("rs"))

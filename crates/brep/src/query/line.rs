@@ -28,6 +28,8 @@ pub struct Line {
     /// The first end and the way to the second one in grid steps, exactly.
     start: [f64; 3],
     way: [f64; 3],
+    /// The most that turns around it of edges between points of the grid are off by where doubles compute them.
+    rounding: f64,
     /// The other axes than that along which the half-plane goes.
     across: [usize; 2],
     /// Shares of the given line at which this one begins and ends.
@@ -119,7 +121,13 @@ impl Line {
         let across = others(axis);
         let scale = 1.0 / (1u64 << fraction) as f64;
         let [start, way] = [from, along].map(|at| at.map(|at| at as f64 * scale));
-        (along != [0; 3]).then_some(Line { from, to, fraction, along, start, way, across, shares })
+        // Invariant: lines begin within a step of the grid, so that no coordinate of a point as seen from there is greater than the grid is wide,
+        // and no sum of the magnitudes of a turn's terms than these. Of a line that begins farther away, triangles would be missed.
+        debug_assert!(from.iter().all(|at| (-1..=1 << (BITS - fraction)).contains(&(at >> fraction))));
+        let reach = (1u64 << (BITS - fraction)) as f64;
+        let terms = 2.0 * way.iter().map(|at| at.abs()).sum::<f64>() * reach * reach;
+        let rounding = TURN_ROUNDING * terms;
+        (along != [0; 3]).then_some(Line { from, to, fraction, along, start, way, rounding, across, shares })
     }
 
     /// The crossing with a face, if there is one.
@@ -161,14 +169,8 @@ impl Line {
         };
         let [a, b, c] = [seen(&triangle[0]), seen(&triangle[1]), seen(&triangle[2])];
         let turns = [dot(d, cross(a, b)), dot(d, cross(b, c)), dot(d, cross(c, a))];
-        let largest = |p: &[f64; 3]| p[0].abs().max(p[1].abs()).max(p[2].abs());
-        let reach = largest(&a).max(largest(&b)).max(largest(&c));
-        // No sum of the magnitudes of a turn's terms is greater than that.
-        let terms = 2.0 * (d[0].abs() + d[1].abs() + d[2].abs()) * reach * reach;
-        let rounding = TURN_ROUNDING * terms;
-        let most = turns[0].max(turns[1]).max(turns[2]);
-        let least = turns[0].min(turns[1]).min(turns[2]);
-        most > rounding && least < -rounding
+        let most = self.rounding;
+        turns.iter().any(|turn| *turn > most) & turns.iter().any(|turn| *turn < -most)
     }
 
     /// A grid point as seen from an end.
@@ -238,7 +240,8 @@ impl Line {
         [a.min(b), a.max(b)]
     }
 
-    /// The passages through both halves of what lies between two walls, which it passes, divided by a wall between them.
+    /// The passages through both halves of what lies between two walls, which it passes, divided by a wall between them: that first in which it
+    /// begins.
     #[inline]
     pub(super) fn halves(&self, axis: usize, [first, last]: Passage, middle: f64) -> [Passage; 2] {
         let (from, along) = (self.start[axis], self.way[axis]);
@@ -246,8 +249,7 @@ impl Line {
             return [from <= middle, from >= middle].map(|is_there| if is_there { ALWAYS } else { NEVER });
         }
         let middle = (middle - from) / along;
-        let (before, behind) = ([first, middle], [middle, last]);
-        if along > 0.0 { [before, behind] } else { [behind, before] }
+        [[first, middle], [middle, last]]
     }
 
     /// [`Line::within`] of a box, by the passages along each axis.
@@ -261,8 +263,11 @@ impl Line {
     #[inline]
     pub(super) fn part_within(passages: &[Passage; 3]) -> Option<[f64; 2]> {
         let [[x, u], [y, v], [z, w]] = *passages;
-        let first = (x.max(y).max(z) - SHARE_ROUNDING).max(0.0);
-        let last = (u.min(v).min(w) + SHARE_ROUNDING).min(1.0);
+        // (Numbers all of them, for which this is one instruction.)
+        let greater = |a: f64, b: f64| if a > b { a } else { b };
+        let less = |a: f64, b: f64| if a < b { a } else { b };
+        let first = greater(greater(greater(x, y), z) - SHARE_ROUNDING, 0.0);
+        let last = less(less(less(u, v), w) + SHARE_ROUNDING, 1.0);
         (first <= last).then_some([first, last])
     }
 

@@ -68,9 +68,10 @@ impl<'a> NearPieces<'a> {
             let found = format!("a cut at level {level}");
             Error::corrupt(self.model.path(), "segment", found, "none there")
         })?;
-        // (Bits of the path are at the top.)
+        // (Bits of the path are at the top, and so are those of the product that hang on all of them.)
         let bits = code.bits();
-        let place = (bits.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize % self.segments.len();
+        let spread = bits.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let place = ((u128::from(spread) * self.segments.len() as u128) >> 64) as usize;
         match &self.segments[place] {
             Some((known, segment)) if *known == bits => Ok(segment.clone()),
             _ => {

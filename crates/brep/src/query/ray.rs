@@ -180,6 +180,9 @@ fn place_of([from, direction]: &[[f64; 3]; 2], low: [f64; 3], high: [f64; 3]) ->
     place
 }
 
+/// Children in the halves along each axis, for each choice of these: a bit for each child.
+const ALONG: [[u8; 4]; 3] = [[0, 0x55, 0xaa, 0xff], [0, 0x33, 0xcc, 0xff], [0, 0x0f, 0xf0, 0xff]];
+
 /// A way along a line.
 struct Walk<'a, 'r> {
     line: Line,
@@ -249,20 +252,22 @@ impl<'a, 'r> Walk<'a, 'r> {
         let middle = |axis: usize| (2.0 * f64::from(cell.position[axis]) + 1.0) * half - 0.5;
         let halves = |axis: usize| self.line.halves(axis, cell.passages[axis], middle(axis));
         let halves = [halves(0), halves(1), halves(2)];
-        let there = |axis: usize| Line::halves_within(&halves[axis], cell.part);
-        let there = [there(0), there(1), there(2)];
-        // Along each axis that half first in which the line begins.
+        let there = |axis: usize| usize::from(Line::halves_within(&halves[axis], cell.part));
+        // A bit for each child that it may pass, those first in which it begins.
+        let mut ahead = ALONG[0][there(0)] & ALONG[1][there(1)] & ALONG[2][there(2)];
         let turned = self.line.turned();
-        for child in (0..8).map(|child| child ^ turned) {
-            let [x, y, z] = [child & 1, child >> 1 & 1, child >> 2];
-            if there[0] >> x & there[1] >> y & there[2] >> z & 1 == 0 {
+        while ahead != 0 {
+            let place = ahead.trailing_zeros() as usize;
+            ahead &= ahead - 1;
+            let child = place ^ turned;
+            let word = segment.child(word, child);
+            if !matches!(word & 7, INNER | LEAF | CUT) {
                 continue;
             }
-            let passages = [halves[0][x], halves[1][y], halves[2][z]];
+            let passages = [halves[0][place & 1], halves[1][place >> 1 & 1], halves[2][place >> 2]];
             let Some(part) = self.wanted(&passages) else { continue };
-            let word = segment.child(word, child);
-            let [i, j, k] = cell.position;
-            let position = [2 * i + x as u32, 2 * j + y as u32, 2 * k + z as u32];
+            let position: [u32; 3] =
+                [0, 1, 2].map(|axis| 2 * cell.position[axis] + (child >> axis & 1) as u32);
             let inner = Cell { level: cell.level + 1, position, passages, part };
             if word & 7 == CUT { self.segment(&inner)? } else { self.node(segment, word, &inner)? }
         }

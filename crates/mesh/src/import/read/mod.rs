@@ -1,5 +1,6 @@
-//! Readers of meshes, one file or folder for each format, and what they share.
+//! Readers of meshes, one file or folder for each format and one for arrays in memory, and what they share.
 
+mod arrays;
 mod city_geometry;
 mod city_templates;
 mod cityjson;
@@ -20,6 +21,8 @@ use self::model_file::ModelFile;
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::Result;
 use spinney_container::OtherFormat;
+
+pub use self::arrays::{MeshArrays, MeshColours};
 
 /// Opens a boundary representation, whose format is recognised by its first bytes, and from its name only
 /// where those leave it open.

@@ -1,0 +1,333 @@
+//! Exact models built of meshes in memory by the C interface, and their sections.
+#![allow(clippy::undocumented_unsafe_blocks)] // what is tried are just these rules
+
+use std::ffi::{CStr, CString, c_char};
+use std::path::{Path, PathBuf};
+use std::ptr::{null, null_mut};
+
+use engine::brep::query::{CuttingPlane, MassProperties};
+use engine::brep::{ExactModel, FaceBuffer, Faces};
+use tempfile::TempDir;
+
+use crate::tests::open_model;
+use crate::*;
+use spinney_status::{SPINNEY_INVALID, SPINNEY_OK};
+
+const NO_RING: spinney_ring = spinney_ring { polygon: 9, end: 9, area: 9.0 };
+
+/// Corners of a box from the origin: x changes first.
+fn corners_of(size: [f64; 3]) -> Vec<[f64; 3]> {
+    (0..8)
+        .map(|corner| [0, 1, 2].map(|axis| if corner >> axis & 1 == 1 { size[axis] } else { 0.0 }))
+        .collect()
+}
+
+/// Sides of a box.
+const SIDES: [[u32; 4]; 6] =
+    [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+
+/// The sides as triangles.
+fn triangles() -> Vec<u32> {
+    SIDES.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect()
+}
+
+/// Arrays of a mesh, and the struct that tells of them.
+fn mesh_of(vertices: &[[f64; 3]], corners: &[u32]) -> spinney_mesh {
+    let mut mesh: spinney_mesh = unsafe { std::mem::zeroed() };
+    (mesh.vertices, mesh.vertex_count) = (vertices.as_ptr().cast(), vertices.len());
+    (mesh.corners, mesh.corner_count, mesh.corner_size) = (corners.as_ptr().cast(), corners.len(), 4);
+    mesh
+}
+
+fn usual() -> spinney_mesh_options {
+    unsafe { std::mem::zeroed() }
+}
+
+/// A folder with room for one file.
+struct Place {
+    _folder: TempDir,
+    path: PathBuf,
+    name: CString,
+}
+
+impl Place {
+    fn new() -> Place {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("made.goblin");
+        let name = CString::new(path.to_str().unwrap()).unwrap();
+        Place { _folder: folder, path, name }
+    }
+
+    fn build(
+        &self,
+        meshes: &[spinney_mesh],
+        options: &spinney_mesh_options,
+    ) -> Result<spinney_mesh_report, String> {
+        let mut report = unsafe { std::mem::zeroed() };
+        let (mesh_size, options_size) = (size_of::<spinney_mesh>(), size_of::<spinney_mesh_options>());
+        let done = unsafe {
+            let (first, count, path) = (meshes.as_ptr(), meshes.len(), self.name.as_ptr());
+            let report_size = size_of::<spinney_mesh_report>();
+            spinney_model_build(
+                first,
+                count,
+                mesh_size,
+                options,
+                options_size,
+                path,
+                &mut report,
+                report_size,
+            )
+        };
+        match done {
+            SPINNEY_OK => Ok(report),
+            other => {
+                assert_eq!(other, SPINNEY_INVALID);
+                Err(unsafe { CStr::from_ptr(spinney_error()) }.to_str().unwrap().into())
+            }
+        }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.path.parent().unwrap().read_dir().unwrap().next().is_none()
+    }
+}
+
+fn library(path: &Path) -> ExactModel {
+    ExactModel::open(path, &Default::default()).unwrap()
+}
+
+fn volume(path: &Path) -> f64 {
+    MassProperties::of(&library(path), &()).unwrap().volume
+}
+
+#[test]
+fn boxes_have_their_volumes() {
+    let (place, vertices, corners) = (Place::new(), corners_of([2.0, 3.0, 4.0]), triangles());
+    let mesh = mesh_of(&vertices, &corners);
+    let report = place.build(&[mesh], &usual()).unwrap();
+    assert_eq!((report.read, report.faces, report.displacement), (12, 12, 0.0));
+    assert_eq!(volume(&place.path), 24.0);
+    let made = library(&place.path);
+    assert_eq!((made.parts(), made.metadata().provenance.len()), (&["mesh".to_owned()][..], 1));
+    // Numbers of 64 bits, polygons, and options.
+    let wide: Vec<u64> = corners.iter().map(|corner| (*corner).into()).collect();
+    let mut wide_mesh = spinney_mesh { corners: wide.as_ptr().cast(), corner_size: 8, ..mesh };
+    let name = CString::new("a box").unwrap();
+    wide_mesh.name = name.as_ptr();
+    let [unit, crs] = ["mm", "EPSG:25832"].map(|text| CString::new(text).unwrap());
+    let options = spinney_mesh_options { snap: 0.5, unit: unit.as_ptr(), crs: crs.as_ptr(), ..usual() };
+    assert_eq!(place.build(&[wide_mesh], &options).unwrap().step, 0.5);
+    let made = library(&place.path);
+    assert_eq!((volume(&place.path), made.parts()), (24.0, &["a box".to_owned()][..]));
+    assert!(made.crs().is_some());
+    let ends: Vec<u64> = (1..=6).map(|side| 4 * side).collect();
+    let mut sides = mesh_of(&vertices, SIDES.as_flattened());
+    (sides.ring_ends, sides.ring_count) = (ends.as_ptr(), ends.len());
+    assert_eq!(place.build(&[sides], &usual()).unwrap().faces, 6);
+    assert_eq!(volume(&place.path), 24.0);
+}
+
+/// A block of 8 x 8 x 4 with a tunnel of 2 x 2 along z, whose ends are holes.
+fn frame() -> (Vec<[f64; 3]>, Vec<u32>, Vec<u64>, Vec<u64>) {
+    let mut vertices = corners_of([8.0, 8.0, 4.0]);
+    vertices.extend(corners_of([2.0, 2.0, 4.0]).iter().map(|[x, y, z]| [x + 3.0, y + 3.0, *z]));
+    let inner = |side: [u32; 4]| side.map(|corner| corner + 8);
+    let back = |[a, b, c, d]: [u32; 4]| [d, c, b, a];
+    let mut rings = vec![SIDES[0], back(inner(SIDES[0])), SIDES[1], back(inner(SIDES[1]))];
+    rings.extend_from_slice(&SIDES[2..]);
+    rings.extend(SIDES[2..].iter().map(|side| back(inner(*side))));
+    let ring_ends = (1..=12).map(|ring| 4 * ring).collect();
+    (vertices, rings.as_flattened().to_vec(), ring_ends, vec![2, 4, 5, 6, 7, 8, 9, 10, 11, 12])
+}
+
+#[test]
+fn sections_are_those_of_the_library() {
+    let place = Place::new();
+    let (vertices, corners, ring_ends, face_ends) = frame();
+    let mut mesh = mesh_of(&vertices, &corners);
+    (mesh.ring_ends, mesh.ring_count) = (ring_ends.as_ptr(), ring_ends.len());
+    (mesh.face_ends, mesh.face_count) = (face_ends.as_ptr(), face_ends.len());
+    assert_eq!(place.build(&[mesh], &usual()).unwrap().faces, 10);
+    assert_eq!(volume(&place.path), (64.0 - 4.0) * 4.0);
+    let (library, model) = (library(&place.path), open_model(place.path.to_str().unwrap(), 0).unwrap());
+    let size = size_of::<spinney_ring>();
+    // Through the tunnel and along it, beside it, across both, and nowhere.
+    let planes = [
+        ([0.0, 0.0, 1.0], [0.0, 0.0, 2.0], 60.0, 2),
+        ([1.0, 0.0, 0.0], [4.0, 9.0, 9.0], 24.0, 2),
+        ([0.0, -2.0, 0.0], [0.0, 1.0, 0.0], 32.0, 1),
+        ([1.0, 1.0, 1.0], [3.0, 3.0, 3.0], f64::NAN, 1),
+        ([0.0, 0.0, 1.0], [0.0, 0.0, 4.5], 0.0, 0),
+    ];
+    for (normal, point, area, count) in planes {
+        let (mut rings, mut points) = ([NO_RING; 9], [9.0; 300]);
+        let (mut ring_count, mut point_count) = (9, 9);
+        let mut cut = |ring_room: usize, point_room: usize| unsafe {
+            spinney_model_section(
+                model,
+                point.as_ptr(),
+                normal.as_ptr(),
+                if ring_room == 0 { null_mut() } else { rings.as_mut_ptr() },
+                ring_room,
+                size,
+                &mut ring_count,
+                if point_room == 0 { null_mut() } else { points.as_mut_ptr() },
+                point_room,
+                &mut point_count,
+            )
+        };
+        assert_eq!([cut(0, 0), cut(1, 1), cut(9, 100)], [SPINNEY_OK; 3]);
+        let distance = (0..3).map(|axis| normal[axis] * point[axis]).sum();
+        let expected = library.section(&CuttingPlane { normal, distance }, &()).unwrap();
+        let expected_rings: Vec<_> = expected.iter().flat_map(|polygon| &polygon.rings).collect();
+        assert_eq!((ring_count, expected_rings.len()), (count, count));
+        let mut first = 0;
+        for (ring, expected) in rings.iter().zip(&expected_rings) {
+            let end = ring.end as usize;
+            assert_eq!(points[3 * first..3 * end], *expected.as_flattened());
+            first = end;
+        }
+        assert_eq!((point_count, rings[count].end, points[3 * first]), (first, 9, 9.0));
+        let sum: f64 = rings[..count].iter().map(|ring| ring.area).sum();
+        let total: f64 = expected.iter().map(|polygon| polygon.area).sum();
+        assert!((sum - total).abs() < 1e-12 && (area.is_nan() || (sum - area).abs() < 1e-12), "{sum} {area}");
+        let holes = rings[..count].iter().filter(|ring| ring.area == 0.0).count();
+        assert_eq!(holes, count - expected.len());
+    }
+    let (up, mut counts) = ([0.0, 0.0, 1.0], [0; 2]);
+    let [rings, points] = &mut counts;
+    let mut refused = |point: *const f64, normal: *const f64, size: usize| unsafe {
+        let done =
+            spinney_model_section(model, point, normal, null_mut(), 0, size, rings, null_mut(), 0, points);
+        assert_eq!(done, SPINNEY_INVALID);
+    };
+    refused(null(), up.as_ptr(), size);
+    refused(up.as_ptr(), null(), size);
+    refused(up.as_ptr(), [0.0; 3].as_ptr(), size);
+    refused([f64::NAN; 3].as_ptr(), up.as_ptr(), size);
+    refused(up.as_ptr(), up.as_ptr(), size - 1);
+    unsafe { spinney_model_close(model) };
+}
+
+#[test]
+fn parts_and_colours_are_kept() {
+    let (place, vertices, corners) = (Place::new(), corners_of([2.0, 3.0, 4.0]), triangles());
+    let colours: Vec<[u8; 3]> = (0..8).map(|vertex| [vertex, 10 * vertex, 200]).collect();
+    let parts: Vec<u32> = (0..12).map(|triangle| u32::from(triangle >= 4)).collect();
+    let texts =
+        ["ends", "walls", "{\"attributes\": {\"height\": 4}}"].map(|text| CString::new(text).unwrap());
+    let names = [texts[0].as_ptr(), texts[1].as_ptr()];
+    let attributes = [null(), texts[2].as_ptr()];
+    let mut mesh = mesh_of(&vertices, &corners);
+    mesh.colours = colours.as_ptr().cast();
+    mesh.parts = parts.as_ptr();
+    (mesh.part_names, mesh.part_attributes, mesh.part_count) = (names.as_ptr(), attributes.as_ptr(), 2);
+    place.build(&[mesh], &usual()).unwrap();
+    let made = library(&place.path);
+    assert_eq!(made.parts(), ["ends", "walls"]);
+    assert_eq!(made.part_attributes(0).unwrap(), None);
+    assert_eq!(made.part_attributes(1).unwrap().as_deref(), Some("{\"attributes\":{\"height\":4}}"));
+    let mut buffer = FaceBuffer::default();
+    for number in 0..12 {
+        made.face(number, &mut buffer).unwrap();
+        let face = buffer.face();
+        assert_eq!(face.part, u32::from(number >= 4));
+        for (point, colour) in face.points.iter().zip(face.colours) {
+            let point = made.grid().to_world(*point);
+            let vertex = vertices.iter().position(|vertex| *vertex == point).unwrap();
+            assert_eq!(*colour, colours[vertex]);
+        }
+    }
+}
+
+#[test]
+fn what_is_no_body_is_refused_closed_or_repaired() {
+    let (place, vertices, corners) = (Place::new(), corners_of([2.0, 2.0, 2.0]), triangles());
+    let open = mesh_of(&vertices, &corners[..30]);
+    let told = place.build(&[open], &usual()).unwrap_err();
+    assert!(
+        told.starts_with("mesh: the surface is open") && told.contains("a boundary of 4 edges from"),
+        "{told}"
+    );
+    assert!(place.is_empty());
+    let report = place.build(&[open], &spinney_mesh_options { close: true, ..usual() }).unwrap();
+    assert_eq!((report.closed_boundaries, report.closing_triangles, volume(&place.path)), (1, 2, 8.0));
+    // Of several meshes, by their names; each is a part.
+    let beside: Vec<[f64; 3]> = vertices.iter().map(|[x, y, z]| [x + 1.0, *y, *z]).collect();
+    let names = ["left", "right"].map(|name| CString::new(name).unwrap());
+    let left = spinney_mesh { name: names[0].as_ptr(), ..mesh_of(&vertices, &corners) };
+    let right = spinney_mesh { name: names[1].as_ptr(), ..mesh_of(&beside, &corners) };
+    std::fs::remove_file(&place.path).unwrap();
+    let told = place.build(&[left, right], &usual()).unwrap_err();
+    assert!(told.contains("passes through itself") && told.contains("of left and right"), "{told}");
+    assert!(place.is_empty());
+    let repair = spinney_mesh_options { repair: true, ..usual() };
+    let report = place.build(&[left, right], &repair).unwrap();
+    assert_eq!((report.volume_before, report.volume, volume(&place.path)), (16.0, 12.0, 12.0));
+    assert_eq!(library(&place.path).parts(), ["left", "right"]);
+    let odd = spinney_mesh_options { inside: SPINNEY_INSIDE_ODD, ..repair };
+    let report = place.build(&[left, right], &odd).unwrap();
+    assert_eq!((report.volume, report.cells_volume), (8.0, 12.0));
+    // Inside out.
+    let turned: Vec<u32> = corners.iter().rev().copied().collect();
+    let report = place.build(&[mesh_of(&vertices, &turned)], &repair).unwrap();
+    assert_eq!((report.turned_bodies, volume(&place.path)), (1, 8.0));
+}
+
+#[test]
+fn arguments_that_make_no_sense_are_refused() {
+    let (place, vertices, corners) = (Place::new(), corners_of([2.0, 2.0, 2.0]), triangles());
+    let mesh = mesh_of(&vertices, &corners);
+    let refused = |change: &dyn Fn(&mut spinney_mesh), expected: &str| {
+        let mut mesh = mesh;
+        change(&mut mesh);
+        let told = place.build(&[mesh], &usual()).unwrap_err();
+        assert!(told.contains(expected), "{told}");
+    };
+    let (no_utf8, parts) = ([0xffu8, 0], [0u32; 12]);
+    let missing: [*const c_char; 1] = [null()];
+    refused(&|mesh| mesh.vertices = null(), "vertices: got NULL");
+    refused(&|mesh| mesh.vertex_count = 0, "vertices: got none");
+    refused(&|mesh| mesh.vertex_count = 7, "corners: got 7, expected numbers of vertices, 0 to 6");
+    refused(&|mesh| mesh.vertex_count = usize::MAX, "vertices: got");
+    refused(&|mesh| mesh.corners = null(), "corners: got NULL");
+    refused(&|mesh| mesh.corners = mesh.corners.wrapping_byte_add(1), "corners: got 36 at");
+    refused(&|mesh| mesh.corner_size = 2, "corner_size: got 2, expected 4 or 8");
+    refused(&|mesh| mesh.corner_count = 35, "corners: got 35, expected three of each triangle");
+    refused(&|mesh| mesh.ring_count = 1, "ring_ends: got NULL");
+    refused(&|mesh| mesh.part_count = 1, "part_names: got NULL");
+    refused(&|mesh| (mesh.part_names, mesh.part_count) = (missing.as_ptr(), 1), "expected a name");
+    refused(&|mesh| mesh.name = no_utf8.as_ptr().cast(), "name: got other bytes, expected UTF-8");
+    let only = [1; 12];
+    refused(
+        &|mesh| mesh.parts = only.as_ptr(),
+        "parts: got 1, expected numbers of parts that have names, 0 to 0",
+    );
+    assert!(place.is_empty());
+    for (options, expected) in [
+        (spinney_mesh_options { inside: 3, ..usual() }, "inside: got 3"),
+        (spinney_mesh_options { snap: -1.0, ..usual() }, "expected"),
+        (spinney_mesh_options { crs: no_utf8.as_ptr().cast(), ..usual() }, "crs: got other bytes"),
+    ] {
+        let told = place.build(&[mesh], &options).unwrap_err();
+        assert!(told.contains(expected), "{told}");
+    }
+    assert!(place.build(&[], &usual()).unwrap_err().contains("models"));
+    let (mesh_size, path) = (size_of::<spinney_mesh>(), place.name.as_ptr());
+    let (mesh, none): (*const _, _) = (&spinney_mesh { parts: parts.as_ptr(), ..mesh }, null());
+    let mut report: spinney_mesh_report = unsafe { std::mem::zeroed() };
+    unsafe {
+        let build = |mesh, size, path| spinney_model_build(mesh, 1, size, null(), 0, path, null_mut(), 0);
+        assert_eq!(build(mesh, mesh_size - 1, path), SPINNEY_INVALID);
+        assert_eq!(build(none, mesh_size, path), SPINNEY_INVALID);
+        assert_eq!(build(mesh, mesh_size, null()), SPINNEY_INVALID);
+        let done = spinney_model_build(mesh, 1, mesh_size, &usual(), 3, path, null_mut(), 0);
+        assert_eq!(done, SPINNEY_INVALID);
+        let done = spinney_model_build(mesh, 1, mesh_size, null(), 0, path, &mut report, 3);
+        assert_eq!(done, SPINNEY_INVALID);
+        assert!(place.is_empty());
+        assert_eq!(build(mesh, mesh_size, path), SPINNEY_OK);
+    }
+    assert_eq!(volume(&place.path), 8.0);
+}

@@ -1,0 +1,74 @@
+//! Sections of exact models by planes.
+
+use engine::brep::query::CuttingPlane;
+
+use crate::model::{check_size, opened, place, spinney_model};
+use crate::questions::{buffer, items};
+use crate::status::{guarded, spinney_status};
+
+/// A ring of a section.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct spinney_ring {
+    /// Number of its polygon, from 0. Rings of one follow each other: the outer one, counterclockwise as seen from where the plane's normal
+    /// points to, and then the holes, clockwise.
+    pub polygon: u64,
+    /// End of its points, which begin where those of the ring before end. The last of them is the first one again.
+    pub end: u64,
+    /// Area of the polygon without its holes; 0 of holes, so that the sum is the section's.
+    pub area: f64,
+}
+
+/// Cuts the body by the plane through `point` on which `normal` is upright (x, y, z each): polygons with holes. `rings` gets their rings, each of
+/// `ring_size` bytes, `sizeof(spinney_ring)`, and `points` the points of one ring after the other, in space (x, y, z each). There is
+/// room for `ring_capacity` rings and `point_capacity` points; `ring_count` and `point_count` get how many there are, and NULL and 0 ask for
+/// these alone.
+///
+/// The section is that just below the plane: what ends there from below counts, what stands on it does not. Reads only what is cut.
+/// SPINNEY_UNSUPPORTED for bodies without bounds.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_model_section(
+    model: *const spinney_model,
+    point: *const f64,
+    normal: *const f64,
+    rings: *mut spinney_ring,
+    ring_capacity: usize,
+    ring_size: usize,
+    ring_count: *mut usize,
+    points: *mut f64,
+    point_capacity: usize,
+    point_count: *mut usize,
+) -> spinney_status {
+    guarded(|| {
+        check_size("rings", ring_size, size_of::<spinney_ring>())?;
+        // SAFETY: the caller has what these say, or NULL, which is found.
+        let (model, point, normal) =
+            unsafe { (opened(model)?, items("point", point, 3)?, items("normal", normal, 3)?) };
+        // SAFETY: as these say.
+        let (ring_count, point_count) =
+            unsafe { (place("ring_count", ring_count)?, place("point_count", point_count)?) };
+        // SAFETY: the caller has so much room there, or NULL and none, which is found.
+        let (rings, points) = unsafe {
+            let rings = buffer("rings", rings, ring_capacity, None)?;
+            (rings, buffer("points", points.cast::<[f64; 3]>(), point_capacity, None)?)
+        };
+        let distance = point.iter().zip(normal).map(|(at, along)| at * along).sum();
+        let normal = [normal[0], normal[1], normal[2]];
+        let found = model.section(&CuttingPlane { normal, distance }, &())?;
+        model.check_unchanged()?;
+        (*ring_count, *point_count) = (0, 0);
+        for (number, polygon) in (0..).zip(&found) {
+            for (hole, ring) in polygon.rings.iter().enumerate() {
+                let places = points.iter_mut().skip(*point_count);
+                places.zip(ring).for_each(|(place, point)| *place = *point);
+                *point_count += ring.len();
+                if let Some(place) = rings.get_mut(*ring_count) {
+                    let area = if hole == 0 { polygon.area } else { 0.0 };
+                    *place = spinney_ring { polygon: number, end: *point_count as u64, area };
+                }
+                *ring_count += 1;
+            }
+        }
+        Ok(())
+    })
+}
