@@ -214,10 +214,10 @@ pub mod dataset {
 #[cfg(feature = "brep")]
 pub mod brep {
     pub use spinney_brep::{
-        Attributes, BuildReport, ChosenParts, CombineReport, Defect, DefectKind, ExactModel, Face,
-        FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MOST_BITS, ModelBuilder,
-        ModelNode, ModelNodeState, Motion, NodeCounts, NodeKind, Repair, TransformOptions, TransformReport,
-        Triangulated, combine, is_model_file, transform,
+        Attributes, BuildReport, ChosenParts, ColumnValues, CombineReport, Defect, DefectKind, ExactModel,
+        Face, FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MOST_BITS, ModelBuilder,
+        ModelNode, ModelNodeState, Motion, NodeCounts, NodeKind, Repair, TakeFaceWithValues,
+        TransformOptions, TransformReport, Triangulated, combine, is_model_file, transform,
     };
 
     /// Answers of exact models.

@@ -22,6 +22,8 @@ mod exact_repair;
 mod exact_round_trips;
 #[cfg(feature = "mesh")]
 mod exact_searches;
+#[cfg(feature = "mesh")]
+mod exact_semantics;
 #[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]
 mod features;
 #[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]

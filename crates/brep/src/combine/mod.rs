@@ -262,7 +262,8 @@ fn made(
             "check them with verify, and build them again",
         ));
     }
-    let lost_columns = models.iter().map(|model| model.value_columns()).sum::<Result<u64>>()?;
+    let lost_columns =
+        models.iter().map(|model| Ok(model.value_columns()?.len() as u64)).sum::<Result<u64>>()?;
     if lost_columns > 0 {
         progress.warn(path, &format!("{lost_columns} columns of values of faces are not kept"));
     }

@@ -7,6 +7,7 @@ mod solid;
 
 pub use exact::{ExactOptions, ExactReport, SkippedObject, import_exact};
 pub use model::{MeshFace, Model, ModelInfo, parts_of};
+pub(crate) use read::city_semantics;
 pub use read::{is_model, open, open_all};
 pub use solid::{
     Attribute, DEFAULT_MEMORY, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport, plan_models,

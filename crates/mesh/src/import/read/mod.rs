@@ -1,6 +1,7 @@
 //! Readers of meshes, one file or folder for each format, and what they share.
 
 mod city_geometry;
+pub(crate) mod city_semantics;
 mod city_templates;
 mod cityjson;
 mod corners;
