@@ -13,6 +13,8 @@ mod exact_attributes;
 #[cfg(feature = "mesh")]
 mod exact_build;
 #[cfg(feature = "mesh")]
+mod exact_contacts;
+#[cfg(feature = "mesh")]
 mod exact_objects;
 #[cfg(feature = "mesh")]
 mod exact_questions;

@@ -16,6 +16,7 @@ pub mod geometry;
 mod grid;
 mod hash;
 mod motion;
+mod object_contacts;
 mod piece;
 pub mod planar;
 pub mod query;
@@ -35,6 +36,7 @@ pub use exact::bounds::MOST_BITS;
 pub use face::{Face, FaceList, Faces, TakeFaceWithValues};
 pub use grid::Grid;
 pub use motion::{Motion, TransformOptions, TransformReport, transform};
+pub use object_contacts::{ContactKind, ObjectContact, TakeContact, object_contacts};
 pub use repair::{InsideRule, Repair, repair};
 pub use store::{
     ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind, is_model_file,

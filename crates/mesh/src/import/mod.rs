@@ -5,7 +5,7 @@ mod model;
 mod read;
 mod solid;
 
-pub use exact::{ExactOptions, ExactReport, SkippedObject, import_exact};
+pub use exact::{ExactOptions, ExactReport, ModelContact, SkippedObject, import_exact, model_contacts};
 pub use model::{MeshFace, Model, ModelInfo, parts_of};
 pub(crate) use read::city_semantics;
 pub use read::{is_model, open, open_all};

@@ -1,6 +1,7 @@
 //! Exact models from meshes: faces are moved to a grid, checked, and handed to the builder of files.
 
 mod boundary;
+mod contacts;
 mod objects;
 mod snap;
 
@@ -23,6 +24,7 @@ use spinney_brep::{
 use spinney_container::{Codec, Metadata, Tag};
 use spinney_crs::Crs;
 
+pub use self::contacts::{ModelContact, model_contacts};
 pub use self::objects::SkippedObject;
 
 /// Options for building an exact model.
@@ -149,15 +151,7 @@ pub fn import_exact(
         Some(crs) => Some(crs.clone()),
         None => common_crs(&models, None)?,
     };
-    let bounds = bounds(&mut models, options.up)?;
-    let grid = match options.snap {
-        Some(width) => Grid::over(bounds, Some(width))?,
-        // Files with a grid of their own keep it: coordinates then stay as they are.
-        None => match common_step(&models).map(|width| Grid::over(bounds, Some(width))) {
-            Some(Ok(grid)) => grid,
-            _ => Grid::over(bounds, None)?,
-        },
-    };
+    let grid = grid_of(&mut models, options)?;
     let mut objects = Objects::of(&models, options.parts.as_ref())?;
     let skipped = match options.skip_bad {
         true => skip_bad(&mut models, &mut objects, &grid, options, progress)?,
@@ -356,6 +350,19 @@ impl Target {
     }
 }
 
+/// The grid of some models.
+fn grid_of(models: &mut [Box<dyn Model>], options: &ExactOptions) -> Result<Grid> {
+    let bounds = bounds(models, options.up)?;
+    if options.snap.is_some() {
+        return Grid::over(bounds, options.snap);
+    }
+    // Files with a grid of their own keep it: coordinates then stay as they are.
+    match common_step(models).map(|width| Grid::over(bounds, Some(width))) {
+        Some(Ok(grid)) => Ok(grid),
+        _ => Grid::over(bounds, None),
+    }
+}
+
 /// Width of the grid that all models have their coordinates on, where they tell it.
 fn common_step(models: &[Box<dyn Model>]) -> Option<f64> {
     let first = models.first()?.info().step?;
@@ -438,13 +445,16 @@ fn named(
     Ok(Error::NoBody { path, what, places, count, advice })
 }
 
+/// Takes a face on the grid, with its values.
+type TakeFace<'a> = dyn FnMut(&Face<'_>, &[(&str, &str)]) -> Result<()> + 'a;
+
 /// Reads all faces of the objects of all models, and hands them out as they are on the grid, with their values.
 fn read(
     models: &mut [Box<dyn Model>],
     objects: &Objects,
     snapper: &mut Snapper,
     progress: &dyn Progress,
-    each: &mut dyn FnMut(&Face<'_>, &[(&str, &str)]) -> Result<()>,
+    each: &mut TakeFace<'_>,
 ) -> Result<()> {
     let mut first_part = 0;
     snapper.planar.is_coloured = models.iter().any(|model| model.info().is_coloured);
