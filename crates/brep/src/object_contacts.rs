@@ -78,7 +78,7 @@ pub fn object_contacts(
 }
 
 impl ExactModel {
-    /// Hands out the pairs of parts that touch, as [`object_contacts`] does. (Parts of a model do not overlap: see [`repair`](crate::repair).)
+    /// Hands out the pairs of parts that touch, as [`object_contacts`] does. (Parts of a model do not overlap, or it would be none.)
     ///
     /// # Errors
     /// If `memory` bytes are not enough, if the file cannot be read or is damaged, on interruption, or what `each` returns.
