@@ -300,6 +300,22 @@ class ExactModel(_native.Model):
         with working(progress, threads) as terms:
             return _contacts(self._contacts(memory_of(memory), terms))
 
+    @property
+    def face_columns(self) -> list[str]:
+        """Names of the columns of values of faces: of CityJSON's surfaces `surface`, `type`, `parent` and `attributes`."""
+        return self._face_columns()
+
+    def face_values(self, column: str, *, threads: int | None = None, progress: Progress = None) -> dict[int, Any]:
+        """The values of faces in a column of `face_columns`, by the numbers of the faces (`Faces.numbers`), of those that have one."""
+        names = self.face_columns
+        if column not in names:
+            raise KeyError(f"{self.path}: has no values of faces {column!r}; there are {', '.join(names) or 'none'}")
+        with working(progress, threads) as terms:
+            found = self._face_values(names.index(column), terms)
+        # (Faces of one surface have the same text.)
+        values = {text: json.loads(text) for text in {text for _, text in found}}
+        return {face: values[text] for face, text in found}
+
     def locate(self, points: Points, *, threads: int | None = None, progress: Progress = None) -> npt.NDArray[np.int8]:
         """1 for points inside the body, 0 on its surface, -1 outside; exact for the doubles that are given."""
         with working(progress, threads) as terms:

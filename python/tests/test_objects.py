@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -78,3 +79,28 @@ def test_objects_meet(street: Path, tmp_path: Path) -> None:
         assert (row["part"], row["volume"], row["bounds"]) == (1, 1000.0, spinney.Box(10, 0, 0, 20, 10, 10))
         with pytest.raises(KeyError, match="has no object 'lean'; there are leaning"):
             model.find_object("lean")
+
+
+def test_faces_have_values(tmp_path: Path) -> None:
+    surfaces = [[[4, 5, 7, 6]], *([side] for side in SIDES if side != [4, 5, 7, 6])]
+    semantics = {"surfaces": [{"type": "RoofSurface", "slope": 0.5}, {"type": "WallSurface"}], "values": [[0, 1, 1, None, 1, 1]]}
+    solid = {"type": "Solid", "lod": "2", "boundaries": [surfaces], "semantics": semantics}
+    city = {
+        "type": "CityJSON",
+        "version": "2.0",
+        "transform": {"scale": [1, 1, 1], "translate": [0, 0, 0]},
+        "CityObjects": {"house": {"type": "Building", "geometry": [solid]}},
+        "vertices": [[i & 1, i >> 1 & 1, i >> 2] for i in range(8)],
+    }
+    (tmp_path / "a.city.json").write_text(json.dumps(city))
+    spinney.build_brep(tmp_path / "a.city.json", tmp_path / "a.goblin")
+    with spinney.open_brep(tmp_path / "a.goblin") as model:
+        assert sorted(model.face_columns) == ["attributes", "surface", "type"]
+        wall = "WallSurface"
+        assert model.face_values("type") == {0: "RoofSurface", 1: wall, 2: wall, 4: wall, 5: wall}
+        assert model.face_values("attributes") == {0: {"slope": 0.5}}
+        with pytest.raises(KeyError, match="there are surface, type"):
+            model.face_values("material")
+        model.export(tmp_path / "b.city.json")
+    written = json.loads((tmp_path / "b.city.json").read_text())
+    assert written["CityObjects"]["house"]["geometry"][0]["semantics"] == semantics
