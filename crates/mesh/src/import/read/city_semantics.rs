@@ -1,6 +1,9 @@
 //! Semantics of the surfaces of CityJSON geometries, which become values of faces.
 
-use serde::Deserialize;
+use std::fmt;
+
+use serde::de::{self, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 use spinney_brep::attributes::{ObjectText, each_member};
 
@@ -16,6 +19,9 @@ pub(crate) const ATTRIBUTES: &str = "attributes";
 /// Most bytes of a type, and of attributes of a surface. Each face of a surface has them, so that files grow by as much with each number of two
 /// bytes.
 const MOST_BYTES: usize = 4096;
+
+/// Most surfaces of a geometry that have semantics: a few bytes of a file make a hundred in memory.
+const MOST_SURFACES: usize = 1 << 20;
 
 /// Semantics of a geometry's surfaces. Their numbers, lists as the boundaries have them, are gone through beside these, without building
 /// anything of them.
@@ -41,9 +47,40 @@ struct Surface {
 #[derive(Deserialize)]
 struct Document<'a> {
     #[serde(borrow, default)]
-    surfaces: Vec<&'a RawValue>,
+    surfaces: SurfaceList<'a>,
     #[serde(borrow)]
     values: Option<&'a RawValue>,
+}
+
+/// JSON texts of surfaces.
+#[derive(Default)]
+struct SurfaceList<'a>(Vec<&'a RawValue>);
+
+impl<'de: 'a, 'a> Deserialize<'de> for SurfaceList<'a> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Few;
+
+        impl<'de> Visitor<'de> for Few {
+            type Value = SurfaceList<'de>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list of surfaces")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<SurfaceList<'de>, A::Error> {
+                let mut surfaces = Vec::new();
+                while let Some(surface) = list.next_element()? {
+                    if surfaces.len() == MOST_SURFACES {
+                        return Err(de::Error::custom("more than 2^20 surfaces"));
+                    }
+                    surfaces.push(surface);
+                }
+                Ok(SurfaceList(surfaces))
+            }
+        }
+
+        deserializer.deserialize_seq(Few)
+    }
 }
 
 impl<'a> Semantics<'a> {
@@ -51,7 +88,8 @@ impl<'a> Semantics<'a> {
     pub(super) fn of(text: Option<&'a RawValue>, first: u64) -> Semantics<'a> {
         let mut semantics = Semantics { surfaces: Vec::new(), rest: &[], missing: 1, lost: 0 };
         let Some(text) = text else { return semantics };
-        let Ok(Document { surfaces, values }) = serde_json::from_str(text.get()) else {
+        let Ok(Document { surfaces: SurfaceList(surfaces), values }) = serde_json::from_str(text.get())
+        else {
             semantics.lost += 1;
             return semantics;
         };
@@ -295,7 +333,11 @@ mod tests {
         semantics.end_list();
         // A child that is not there, attributes that are too long, and a surface that is no object.
         assert_eq!(semantics.lost(), 3);
-        for wrong in ["7", "[]", "{\"surfaces\":{}}"] {
+        let surfaces =
+            |count: usize| format!("{{\"surfaces\":[{}{{}}],\"values\":[0]}}", "{},".repeat(count - 1));
+        let most = surfaces(MOST_SURFACES);
+        assert_eq!(Semantics::of(Some(serde_json::from_str(&most).unwrap()), 0).len(), MOST_SURFACES as u64);
+        for wrong in [&*surfaces(MOST_SURFACES + 1), "7", "[]", "{\"surfaces\":{}}"] {
             let mut semantics = Semantics::of(Some(serde_json::from_str(wrong).unwrap()), 0);
             semantics.begin_list();
             assert_eq!((semantics.next_face().len(), semantics.lost()), (0, 1));
