@@ -214,18 +214,19 @@ pub mod dataset {
 #[cfg(feature = "brep")]
 pub mod brep {
     pub use spinney_brep::{
-        Attributes, BuildReport, ChosenParts, CombineReport, Defect, DefectKind, ExactModel, Face,
-        FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MOST_BITS, ModelBuilder,
-        ModelNode, ModelNodeState, Motion, NodeCounts, NodeKind, Repair, TransformOptions, TransformReport,
-        Triangulated, combine, is_model_file, transform,
+        Attributes, BuildReport, ChosenParts, ColumnValues, CombineReport, ContactKind, Defect, DefectKind,
+        ExactModel, Face, FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MOST_BITS,
+        ModelBuilder, ModelNode, ModelNodeState, Motion, NodeCounts, NodeKind, ObjectContact, Repair,
+        TakeContact, TakeFaceWithValues, TransformOptions, TransformReport, Triangulated, combine,
+        is_model_file, object_contacts, transform,
     };
 
     /// Answers of exact models.
     pub mod query {
         pub use spinney_brep::query::{
             BoxPlace, CellCoverage, Coverage, CoverageSums, Crossing, Cube, CuttingPlane, Hit, Line,
-            Location, MassProperties, MassSums, ModelRays, Nearest, SectionPolygon, SurfacePoint,
-            TakeSection, Visited, nearest_on_face,
+            Location, MassProperties, MassSums, ModelRays, Nearest, PartMeasures, SectionPolygon,
+            SurfacePoint, TakeSection, Visited, nearest_on_face,
         };
     }
 
@@ -287,8 +288,8 @@ pub mod import {
     pub mod mesh {
         pub use spinney_mesh::import::{
             Attribute, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshArrays, MeshColours,
-            MeshFace, Model, ModelInfo, Resolution, SkippedObject, SolidImport, SolidOptions, SolidReport,
-            import_exact, is_model, open, open_all, parts_of, plan_models,
+            MeshFace, Model, ModelContact, ModelInfo, Resolution, SkippedObject, SolidImport, SolidOptions,
+            SolidReport, import_exact, is_model, model_contacts, open, open_all, parts_of, plan_models,
         };
     }
 

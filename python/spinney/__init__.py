@@ -32,7 +32,7 @@ nothing is left behind. Everything but a few lines runs without the interpreter'
 from ._build import build
 from ._dataset import Dataset, Level, open
 from ._edit import Edit, edit
-from ._exact import ExactModel, build_brep, open_brep
+from ._exact import ExactModel, build_brep, object_contacts, open_brep
 from ._files import add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, set_cache_memory, transform, verify
 from ._native import version as __version__
 from ._surfaces import RayCrossings, Shells, SurfaceHits
@@ -56,6 +56,7 @@ from ._types import (
     Mass,
     Mesh,
     MovedModel,
+    ObjectContact,
     Outcome,
     Section,
     Solid,
@@ -92,6 +93,7 @@ __all__ = [
     "Mass",
     "Mesh",
     "MovedModel",
+    "ObjectContact",
     "Outcome",
     "RayCrossings",
     "Section",
@@ -118,6 +120,7 @@ __all__ = [
     "drop_layer",
     "edit",
     "log",
+    "object_contacts",
     "open",
     "open_brep",
     "recover",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -33,6 +34,7 @@ from ._types import (
     Inside,
     Mass,
     Mesh,
+    ObjectContact,
     Path,
     Points,
     Progress,
@@ -114,6 +116,23 @@ def build_brep(
     with working(progress, threads, max_bytes) as terms:
         facts = _native.build_brep(paths or [], columns, os.fspath(out), options, terms)
     return BuiltModel(**facts)
+
+
+def object_contacts(
+    models: Path | Sequence[Path], *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None
+) -> list[ObjectContact]:
+    """The pairs of objects of mesh files, such as CityJSON, that overlap or touch, by their numbers, on the grid that `build_brep` would take. Objects
+    that are open are left out with a warning. (Of exact models see `ExactModel.contacts`.)"""
+    paths = paths_of(models)
+    if paths is None:
+        raise TypeError(f"models: expected the path of a mesh file, or several, got {models!r}")
+    with working(progress, threads) as terms:
+        return _contacts(_native.object_contacts(paths, memory_of(memory), terms))
+
+
+def _contacts(found: list[Any]) -> list[ObjectContact]:
+    rows = ((kind, tuple(names), tuple(parts), volume, area, tuple(place)) for names, parts, kind, volume, area, place in found)
+    return [ObjectContact(*row) for row in rows]
 
 
 def open_brep(
@@ -260,16 +279,53 @@ class ExactModel(_native.Model):
     def objects(self, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None) -> list[dict[str, Any]]:
         """The parts in their order, as `Faces.parts` counts them, a row for each, as `pandas.json_normalize` takes them: `name`, what is said
         of it (`type`, `attributes`, `parents`, ... of CityJSON's objects), and of those with faces `closed`, `volume` (`None` if it is not
-        closed for itself) and `area`."""
+        closed for itself), `area` and `bounds`."""
         with working(progress, threads) as terms:
             found = self._objects(memory_of(memory), terms)
         rows = []
         for name, told, measures in found:
             row = {**json.loads(told or "{}"), "name": name}
             if measures is not None:
-                row.update(zip(("closed", "volume", "area"), measures))
+                closed, volume, area, bounds = measures
+                row.update(closed=closed, volume=volume, area=area, bounds=bounds and Box(*bounds[0], *bounds[1]))
             rows.append(row)
         return rows
+
+    def find_object(
+        self, name: str, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None
+    ) -> dict[str, Any]:
+        """The part with a name, a row as `objects` has them, with its number as `part`: the first, if several have it. Without one it is a
+        KeyError, which tells names that are like it."""
+        names = self.parts
+        if name not in names:
+            near = ", ".join(difflib.get_close_matches(name, names, 5, 0) or names[:5])
+            raise KeyError(f"{self.path}: has no object {name!r}; there are {near}")
+        part = names.index(name)
+        return {"part": part, **self.objects(memory=memory, threads=threads, progress=progress)[part]}
+
+    def contacts(
+        self, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None
+    ) -> list[ObjectContact]:
+        """The pairs of parts that touch, by their numbers. Parts that are not closed for themselves are left out with a warning. (Parts of an exact
+        model do not overlap; for objects that do, and of which none can be built, see `object_contacts`.)"""
+        with working(progress, threads) as terms:
+            return _contacts(self._contacts(memory_of(memory), terms))
+
+    @property
+    def face_columns(self) -> list[str]:
+        """Names of the columns of values of faces: of CityJSON's surfaces `surface`, `type`, `parent` and `attributes`."""
+        return self._face_columns()
+
+    def face_values(self, column: str, *, threads: int | None = None, progress: Progress = None) -> dict[int, Any]:
+        """The values of faces in a column of `face_columns`, by the numbers of the faces (`Faces.numbers`), of those that have one."""
+        names = self.face_columns
+        if column not in names:
+            raise KeyError(f"{self.path}: has no values of faces {column!r}; there are {', '.join(names) or 'none'}")
+        with working(progress, threads) as terms:
+            found = self._face_values(names.index(column), terms)
+        # (Faces of one surface have the same text.)
+        values = {text: json.loads(text) for text in {text for _, text in found}}
+        return {face: values[text] for face, text in found}
 
     def locate(self, points: Points, *, threads: int | None = None, progress: Progress = None) -> npt.NDArray[np.int8]:
         """1 for points inside the body, 0 on its surface, -1 outside; exact for the doubles that are given."""

@@ -322,6 +322,23 @@ class Solid:
     """Area of the cells' faces, if it was asked for."""
 
 
+class ObjectContact(NamedTuple):
+    """Two objects that overlap or touch."""
+
+    kind: Literal["touch", "overlap", "contains", "within", "equal"]
+    """The way: "contains" is of the second one in the first, "within" of the first one in the second."""
+    names: tuple[str, str]
+    """Their names."""
+    parts: tuple[int, int]
+    """Their numbers, the lesser one first."""
+    volume: float
+    """Volume of what is inside of both; 0 where they touch."""
+    area: float
+    """Area in which surfaces that touch lie on each other; 0 where something is inside of both."""
+    place: tuple[float, float, float]
+    """A place that both have."""
+
+
 class Mesh(NamedTuple):
     """A closed surface of triangles: `trimesh.Trimesh(*mesh)`."""
 

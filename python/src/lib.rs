@@ -56,6 +56,8 @@ mod _native {
     #[pymodule_export]
     use super::model::{Model, build_brep};
     #[pymodule_export]
+    use super::model_shells::object_contacts;
+    #[pymodule_export]
     use super::overlay::combine_polygons;
     #[pymodule_export]
     use super::packing::set_cache_memory;

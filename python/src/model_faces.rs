@@ -9,6 +9,7 @@ use spinney::brep::{ExactModel, Face, FaceBuffer, Faces, ModelNode};
 use spinney::geometry::{Triangulator, join_rings};
 use spinney::{Progress, Result};
 
+use crate::error::OrRaise;
 use crate::jobs::{self, Terms};
 use crate::model::Model;
 
@@ -142,6 +143,31 @@ type Triangles<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>, Bou
 
 #[pymethods]
 impl Model {
+    /// Names of the columns of values of faces.
+    #[pyo3(name = "_face_columns")]
+    fn face_columns(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        let model = self.get()?;
+        py.detach(|| model.value_columns()).or_raise()
+    }
+
+    /// Values of faces in a column with a number, JSON texts, with the numbers of the faces.
+    #[pyo3(name = "_face_values")]
+    fn face_values(&self, py: Python<'_>, column: u32, terms: Terms) -> PyResult<Vec<(u32, String)>> {
+        let model = self.get()?;
+        jobs::run(py, terms, |work| {
+            let mut all = Vec::new();
+            model.each_face_value(column, &mut |face, json| {
+                if all.len().is_multiple_of(1 << 12) {
+                    work.check()?;
+                }
+                all.push((face, json.to_string()));
+                Ok(())
+            })?;
+            model.check_unchanged()?;
+            Ok(all)
+        })
+    }
+
     /// Faces as arrays, by name: all, or those whose boxes meet a box.
     #[pyo3(name = "_face_arrays")]
     fn face_arrays<'py>(

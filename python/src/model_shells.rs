@@ -1,17 +1,52 @@
-//! Shells of exact models, and their parts with what is said of them.
+//! Shells of exact models, their parts with what is said of them, and which of these meet.
+
+use std::path::PathBuf;
 
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::Progress;
-use spinney::brep::Faces;
 use spinney::brep::topology::{Topology, TopologyOptions};
+use spinney::brep::{Faces, ObjectContact};
+use spinney::import::mesh::{self, ExactOptions};
 
 use crate::jobs::{self, Terms};
 use crate::model::Model;
 
-/// Name, attributes, and whether it is closed, its volume and its area.
-type Object = (String, Option<String>, Option<(bool, Option<f64>, f64)>);
+/// Measures of an object: whether it is closed, its volume, area, and least and greatest coordinates.
+type Measures = (bool, Option<f64>, f64, Option<[[f64; 3]; 2]>);
+
+/// Name, attributes, and measures.
+type Object = (String, Option<String>, Option<Measures>);
+
+/// Names and numbers of two objects, how they meet, the volume and area that they have in common, and a place there.
+type Contact = ([String; 2], [u32; 2], &'static str, f64, f64, [f64; 3]);
+
+fn contact_of(names: [String; 2], contact: &ObjectContact) -> Contact {
+    let ObjectContact { parts, kind, volume, area, place, .. } = contact;
+    (names, *parts, kind.name(), *volume, *area, *place)
+}
+
+/// Pairs of objects of mesh files that overlap or touch.
+#[pyfunction]
+#[pyo3(signature = (paths, memory, terms))]
+pub(crate) fn object_contacts(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    memory: u64,
+    terms: Terms,
+) -> PyResult<Vec<Contact>> {
+    let mut options = ExactOptions::new();
+    options.memory = memory;
+    jobs::run(py, terms, |work| {
+        let mut all = Vec::new();
+        mesh::model_contacts(mesh::open_all(&paths, memory)?, &options, work, &mut |found| {
+            all.push(contact_of(found.names.clone(), &found.contact));
+            Ok(true)
+        })?;
+        Ok(all)
+    })
+}
 
 #[pymethods]
 impl Model {
@@ -52,7 +87,7 @@ impl Model {
     }
 
     /// Names of the parts, the JSON object that says something of each, and, of those with faces, whether they are closed, their volumes
-    /// (`None` where that is no number) and areas.
+    /// (`None` where that is no number), areas, and least and greatest coordinates.
     #[pyo3(name = "_objects")]
     fn objects(&self, py: Python<'_>, memory: u64, terms: Terms) -> PyResult<Vec<Object>> {
         let model = self.get()?;
@@ -63,11 +98,27 @@ impl Model {
                 work.check()?;
                 let own = measures.next_if(|own| own.part == part).map(|own| {
                     let volume = own.is_closed.then_some(own.measures.volume);
-                    (own.is_closed, volume, own.measures.area)
+                    (own.is_closed, volume, own.measures.area, own.measures.bounds)
                 });
                 Ok((name.clone(), model.part_attributes(part)?, own))
             });
             parts.collect()
+        })
+    }
+
+    /// Pairs of objects that touch.
+    #[pyo3(name = "_contacts")]
+    fn contacts(&self, py: Python<'_>, memory: u64, terms: Terms) -> PyResult<Vec<Contact>> {
+        let model = self.get()?;
+        jobs::run(py, terms, |work| {
+            let mut all = Vec::new();
+            let name = |part: u32| model.parts().get(part as usize).cloned().unwrap_or_default();
+            model.object_contacts(memory, work, &mut |contact| {
+                all.push(contact_of(contact.parts.map(name), contact));
+                Ok(true)
+            })?;
+            model.check_unchanged()?;
+            Ok(all)
         })
     }
 }

@@ -1,4 +1,4 @@
-//! `spinney find`: the blocks whose cells all meet a condition, and the leaves of exact models.
+//! `spinney find`: the blocks whose cells all meet a condition, the leaves and objects of exact models, and which of these touch.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,6 +23,8 @@ const EXAMPLES: &str = "Examples:
   spinney find landcover.goblin --class 11 --in world --window 5,44,17,48 --json > blocks.txt
   spinney find landcover.goblin --class 11 --within parks.gpkg --where 'kind=national'
   spinney find bracket.goblin --leaf edge,vertex --limit 20
+  spinney find city.goblin --object 'town hall'
+  spinney find city.city.json --contacts
 
 Every cell that meets the condition is in one block, and no block is a part of a larger one. They come
 by place, in the order of their FD codes (Z order), or with --largest by size.
@@ -32,9 +34,17 @@ A line has the block's FD code, level, first column and row, columns and rows, i
 value if it has only one.
 
 Of exact models --leaf lists the octree's leaves. A line has the leaf's FD code, level, kind, position
-among the cells of its level, its box in the world, and how many faces cut it.";
+among the cells of its level, its box in the world, and how many faces cut it.
 
-/// Find the blocks of the tree whose cells all meet a condition, or leaves of an exact model
+--object tells of an object by its name: a line has its number, its box in the world (least x, y, z and greatest x, y, z),
+its volume (- if it is not closed), and, each behind a tab, its name and what is said of it, as JSON.
+
+--contacts lists pairs of objects: those of an exact model touch, or else it were none; those of a mesh file (of
+CityJSON, say) may also overlap. A line has how they do (touch; overlap; contains: the second is in the first; within:
+the first is in the second; equal), the volume of what is in both, the area of walls that lie on each other where they
+touch, a place that both have, and, each behind a tab, their names.";
+
+/// Find the blocks of the tree whose cells all meet a condition, or leaves and objects of an exact model
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -80,22 +90,36 @@ struct Wanted {
     /// Leaves of exact models, of these kinds
     #[arg(long, value_name = "KIND,...", value_delimiter = ',')]
     leaf: Option<Vec<LeafKind>>,
+    /// Name of the object of an exact model that is told of: its number, box, volume and attributes
+    #[arg(long, value_name = "NAME")]
+    object: Option<String>,
+    /// Pairs of objects of an exact model, or of a mesh file, that touch or overlap
+    #[arg(long)]
+    contacts: bool,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    let Wanted { above, below, class, leaf } = &args.condition;
+    let Wanted { above, below, class, leaf, object, contacts } = &args.condition;
     let file = args.tree.file.as_path();
     let mut found = Found::new(args.limit, args.largest);
-    if let Some(model) = args.tree.open_model()? {
-        let given = [
-            ("--above", above.is_some()),
-            ("--below", below.is_some()),
-            ("--class", class.is_some()),
-            ("--window", args.part.is_given()),
-            ("--within", args.within.is_some()),
-        ];
+    let model = args.tree.open_model()?;
+    if *contacts {
+        exact::refuse(file, &args.of_trees())?;
+        exact::find_contacts(model.as_ref(), file, args.json, args.memory.bytes, global, &mut found)?;
+        found.finish()?;
+        return Ok(model.map_or(Ok(()), |model| model.check_unchanged())?);
+    }
+    if let Some(model) = model {
+        let given =
+            [("--above", above.is_some()), ("--below", below.is_some()), ("--class", class.is_some())];
         exact::refuse(file, &given)?;
-        exact::find(&model, leaf.as_deref().unwrap_or_default(), args.json, &mut found)?;
+        exact::refuse(file, &args.of_trees())?;
+        match object {
+            Some(name) => {
+                exact::find_object(&model, name, args.json, args.memory.bytes, global, &mut found)?;
+            }
+            None => exact::find(&model, leaf.as_deref().unwrap_or_default(), args.json, &mut found)?,
+        }
         found.finish()?;
         return Ok(model.check_unchanged()?);
     }
@@ -106,7 +130,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         (_, Some(bound), _) => Condition::Below(bound),
         (_, _, Some(number)) => Condition::Equal(number),
         _ => bail!(
-            "{}: is no exact model, which --leaf is for; use --above, --below or --class",
+            "{}: is no exact model, which --leaf and --object are for; use --above, --below or --class",
             file.display()
         ),
     };
@@ -128,6 +152,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 }
 
 impl Args {
+    /// Options for trees of cells, and whether they are given.
+    fn of_trees(&self) -> [(&'static str, bool); 2] {
+        [("--window", self.part.is_given()), ("--within", self.within.is_some())]
+    }
+
     /// The cells among which is searched, as a tree.
     fn zones(&self, tree: &Dataset, global: &Global) -> Result<Option<Arc<ViewSource>>> {
         let Some(file) = &self.within else {

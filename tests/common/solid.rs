@@ -89,6 +89,7 @@ impl Model for Polygons {
                 ring_ends: &ring_ends,
                 colours: &[face.colour],
                 part: face.part,
+                values: &[],
             })
         })
     }

@@ -147,7 +147,7 @@ fn cubes_that_are_inside_out_are_found() {
 }
 
 /// Bytes of models at random, with right checksums: what is good gives good results, and nothing fails in another way than by
-/// an error.
+/// an error. (Octrees are taken for what they say where no face changes, so that results of bad ones may be as bad.)
 #[test]
 fn what_is_good_gives_what_is_good() {
     if !is_alone("model_verify::what_is_good_gives_what_is_good") {
@@ -190,7 +190,7 @@ fn what_is_good_gives_what_is_good() {
                     made += 1;
                     let result = ExactModel::from_bytes(std::fs::read(&target).unwrap()).unwrap();
                     let found = result.verify(MEMORY, &()).unwrap();
-                    assert!(found.is_empty(), "round {round}, operation {operation}, {is_good}: {found:?}");
+                    assert!(!is_good || found.is_empty(), "round {round}, operation {operation}: {found:?}");
                 }
                 Err(error) => {
                     refused += 1;

@@ -13,6 +13,8 @@ mod exact_attributes;
 #[cfg(feature = "mesh")]
 mod exact_build;
 #[cfg(feature = "mesh")]
+mod exact_contacts;
+#[cfg(feature = "mesh")]
 mod exact_objects;
 #[cfg(feature = "mesh")]
 mod exact_questions;
@@ -22,6 +24,8 @@ mod exact_repair;
 mod exact_round_trips;
 #[cfg(feature = "mesh")]
 mod exact_searches;
+#[cfg(feature = "mesh")]
+mod exact_semantics;
 #[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]
 mod features;
 #[cfg(all(feature = "flatgeobuf", feature = "mbtiles"))]

@@ -390,3 +390,73 @@ fn objects_are_skipped_repaired_measured_and_exported() {
     let refused = complaint(&["build", &mesh, "-o", &out, "--brep", "--inside", "odd"], 2);
     assert!(refused.contains("--repair"), "{refused}");
 }
+
+/// Objects of a file that no exact model is made of as it is, and of one that is; one of them by its name.
+#[test]
+fn objects_are_found() {
+    let folder = Folder::new();
+    let mesh = street(&folder);
+    let told = spinney(&["find", &mesh, "--contacts"]).success();
+    assert_eq!(String::from_utf8_lossy(&told.get_output().stdout), "overlap 500 0 5,0,0\tright\ttwice\n");
+    assert!(stderr(told).contains("1 objects are open, and left out: open"));
+    let out = folder.name("street.goblin");
+    command(&["build", &mesh, "-o", &out, "--brep", "--where", "id=right"]).assert().success();
+    assert_eq!(stdout(&["find", &out, "--contacts"]), "");
+    assert_eq!(stdout(&["find", &out, "--object", "right"]), "0 0,0,0,10,10,10 1000\tright\n");
+    let json: Json = serde_json::from_str(&stdout(&["find", &out, "--object", "right", "--json"])).unwrap();
+    assert_eq!(
+        (&json["area"], &json["closed"], &json["attributes"]),
+        (&600.0.into(), &true.into(), &Json::Null)
+    );
+    let refused = complaint(&["find", &out, "--object", "rigth"], 1);
+    assert!(refused.contains("has no object rigth; there are right"), "{refused}");
+    let refused = complaint(&["find", &out, "--contacts", "--window", "0,0,0,1,1,1"], 1);
+    assert!(refused.contains("--window means nothing"), "{refused}");
+    let cells = folder.built(&mesh, "cells.goblin", &["--cells", "16"]);
+    let refused = complaint(&["find", &cells, "--contacts"], 1);
+    assert!(refused.contains("is no exact model and no mesh"), "{refused}");
+    let refused = complaint(&["find", &cells, "--object", "right"], 1);
+    assert!(refused.contains("--object are for"), "{refused}");
+
+    let wall = |low: i32| json_box([low, 0, 0], [low + 2, 2, 2]);
+    let city = folder.mesh("city.city.json", &city(&[("a", wall(0)), ("b b", wall(2))]));
+    let out = folder.built(&city, "city.goblin", &["--brep"]);
+    for file in [&city, &out] {
+        let found = stdout(&["find", file, "--contacts", "--json", "--limit", "9"]);
+        let found: Json = serde_json::from_str(&found).unwrap();
+        let expected = serde_json::json!({ "kind": "touch", "parts": [0, 1], "names": ["a", "b b"], "volume": 0.0,
+            "area": 4.0, "place": [2.0, 0.0, 0.0] });
+        assert_eq!(found, expected);
+        assert_eq!(stdout(&["find", file, "--contacts", "--limit", "0"]), "");
+    }
+    assert!(stdout(&["find", &out, "--object", "b b"]).ends_with(" 8\tb b\t{\"type\":\"Building\"}\n"));
+    let info = stdout(&["info", &out]);
+    assert!(info.contains("values      of faces: surface, type\n"), "{info}");
+    let json: Json = serde_json::from_str(&stdout(&["info", &out, "--json"])).unwrap();
+    assert_eq!(json["face_columns"], serde_json::json!(["surface", "type"]));
+}
+
+/// Corners of a box, those below first.
+fn json_box(low: [i32; 3], high: [i32; 3]) -> [[i32; 3]; 8] {
+    [0, 1, 2, 3, 4, 5, 6, 7].map(|corner: usize| {
+        let at = [[0, 0], [1, 0], [1, 1], [0, 1]][corner % 4];
+        [[low[0], high[0]][at[0]], [low[1], high[1]][at[1]], [low[2], high[2]][corner / 4]]
+    })
+}
+
+/// A city of boxes, of whose surfaces the upper one is a roof.
+fn city(boxes: &[(&str, [[i32; 3]; 8])]) -> String {
+    let sides = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
+    let mut objects = serde_json::Map::new();
+    for (number, (name, _)) in boxes.iter().enumerate() {
+        let sides = sides.map(|side| [side.map(|corner: usize| 8 * number + corner)]);
+        let semantics = serde_json::json!({ "surfaces": [{ "type": "RoofSurface" }], "values": [[null, 0, null, null, null, null]] });
+        let solid =
+            serde_json::json!({ "type": "Solid", "lod": "2", "boundaries": [sides], "semantics": semantics });
+        objects.insert((*name).into(), serde_json::json!({ "type": "Building", "geometry": [solid] }));
+    }
+    let vertices: Vec<_> = boxes.iter().flat_map(|(_, corners)| corners).collect();
+    serde_json::json!({ "type": "CityJSON", "version": "2.0", "CityObjects": objects, "vertices": vertices,
+        "transform": { "scale": [1.0, 1.0, 1.0], "translate": [0.0, 0.0, 0.0] } })
+    .to_string()
+}

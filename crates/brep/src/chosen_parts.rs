@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{Face, Faces, Grid};
+use crate::{Face, Faces, Grid, TakeFaceWithValues};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
@@ -81,7 +81,7 @@ impl Faces for ChosenParts<'_> {
         self.faces.file_attributes()
     }
 
-    fn value_columns(&self) -> Result<u64> {
+    fn value_columns(&self) -> Result<Vec<String>> {
         self.faces.value_columns()
     }
 
@@ -102,11 +102,15 @@ impl Faces for ChosenParts<'_> {
     }
 
     fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+        self.each_with_values(&[], &mut |face, _| each(face))
+    }
+
+    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
         let mut number = 0;
-        self.faces.each(&mut |face| {
+        self.faces.each_with_values(columns, &mut |face, values| {
             let Some(part) = self.numbers.get(&face.part) else { return Ok(()) };
             number += 1;
-            each(&Face { number: number - 1, part: *part, ..*face })
+            each(&Face { number: number - 1, part: *part, ..*face }, values)
         })
     }
 }

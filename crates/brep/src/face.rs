@@ -78,12 +78,12 @@ pub trait Faces {
         Ok(Vec::new())
     }
 
-    /// Number of columns of values of faces, which what is made of the model does not keep.
+    /// Names of the columns of values of faces.
     ///
     /// # Errors
-    /// If it cannot be read.
-    fn value_columns(&self) -> Result<u64> {
-        Ok(0)
+    /// If they cannot be read.
+    fn value_columns(&self) -> Result<Vec<String>> {
+        Ok(Vec::new())
     }
 
     /// The coordinate system of the world, where known.
@@ -123,7 +123,19 @@ pub trait Faces {
     /// # Errors
     /// If they cannot be read, or what `each` returns.
     fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()>;
+
+    /// Reads all faces as [`Faces::each`] does, and hands out each with its values in some columns, JSON texts.
+    ///
+    /// # Errors
+    /// If they cannot be read, or what `each` returns.
+    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
+        let none = vec![None; columns.len()];
+        self.each(&mut |face| each(face, &none))
+    }
 }
+
+/// Takes a face with its values in some columns.
+pub type TakeFaceWithValues<'a> = dyn FnMut(&Face<'_>, &[Option<String>]) -> Result<()> + 'a;
 
 /// Faces in memory.
 #[derive(Clone, Debug)]

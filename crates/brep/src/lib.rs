@@ -16,6 +16,7 @@ pub mod geometry;
 mod grid;
 mod hash;
 mod motion;
+mod object_contacts;
 mod piece;
 pub mod planar;
 pub mod query;
@@ -28,13 +29,14 @@ mod triangulated;
 pub use attributes::Attributes;
 pub use body_check::body_flaw;
 pub use build::show_place;
-pub use build::{BuildReport, Defect, DefectKind, LEAF_SIZE, ModelBuilder};
+pub use build::{BuildReport, ColumnValues, Defect, DefectKind, LEAF_SIZE, ModelBuilder};
 pub use chosen_parts::ChosenParts;
 pub use combine::{CombineReport, combine};
 pub use exact::bounds::MOST_BITS;
-pub use face::{Face, FaceList, Faces};
+pub use face::{Face, FaceList, Faces, TakeFaceWithValues};
 pub use grid::Grid;
 pub use motion::{Motion, TransformOptions, TransformReport, transform};
+pub use object_contacts::{ContactKind, ObjectContact, TakeContact, object_contacts};
 pub use repair::{InsideRule, Repair, repair};
 pub use store::{
     ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind, is_model_file,

@@ -225,7 +225,7 @@ fn refused(path: &Path, what: String, advice: &str) -> Error {
 }
 
 /// The volume within a surface, in cubes of steps, nearly.
-fn volume(faces: &ExactFaces) -> f64 {
+pub(crate) fn volume(faces: &ExactFaces) -> f64 {
     let on_grid = (0..faces.list.len() as u32).filter(|number| !faces.exact.contains_key(number));
     let whole: i128 = on_grid.map(|number| faces.list.get(number as usize).six_volumes()).sum();
     // (In the order of their numbers: sums of doubles depend on it.)

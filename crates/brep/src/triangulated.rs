@@ -1,7 +1,7 @@
 //! Faces cut into triangles.
 
 use super::arrangement::flip_in_plane;
-use super::{Face, Faces, Grid};
+use super::{Face, Faces, Grid, TakeFaceWithValues};
 use crate::exact::normal::ring_normal;
 use crate::geometry::Triangulator;
 use spinney_base::Result;
@@ -52,7 +52,7 @@ impl Faces for Triangulated<'_> {
         self.faces.file_attributes()
     }
 
-    fn value_columns(&self) -> Result<u64> {
+    fn value_columns(&self) -> Result<Vec<String>> {
         self.faces.value_columns()
     }
 
@@ -77,10 +77,14 @@ impl Faces for Triangulated<'_> {
     }
 
     fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+        self.each_with_values(&[], &mut |face, _| each(face))
+    }
+
+    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
         let mut triangulator = Triangulator::new();
         let (mut wide, mut triangles) = (Vec::new(), Vec::new());
         let mut number = 0;
-        self.faces.each(&mut |face| {
+        self.faces.each_with_values(columns, &mut |face, values| {
             triangles.clear();
             if face.points.len() == 3 {
                 triangles.push([0, 1, 2]);
@@ -107,7 +111,7 @@ impl Faces for Triangulated<'_> {
                 let colours =
                     triangle.map(|corner| face.colours.get(corner as usize).copied().unwrap_or_default());
                 let colours = if face.colours.is_empty() { &[][..] } else { &colours[..] };
-                each(&Face { number, points: &points, ring_ends: &[3], colours, ..*face })?;
+                each(&Face { number, points: &points, ring_ends: &[3], colours, ..*face }, values)?;
                 number += 1;
             }
             Ok(())

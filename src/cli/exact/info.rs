@@ -39,6 +39,7 @@ fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
         "segments": model.segments(),
         "parts": model.parts(),
         "attributes": attributes(model)?,
+        "face_columns": model.value_columns()?,
         "formula": model.formula()?,
         "epsg": metadata.frame.crs.as_ref().and_then(|crs| crs.numbers()).map(|numbers| numbers.horizontal),
         "provenance": metadata.provenance,
@@ -92,6 +93,12 @@ fn as_text(model: &ExactModel) -> Result<String> {
     let described = model.parts_with_attributes()?;
     if described > 0 {
         writeln!(text, "  attributes  of {described} parts (told with --json)")?;
+    }
+    let columns = model.value_columns()?;
+    if !columns.is_empty() {
+        let names: Vec<&str> = columns.iter().take(8).map(String::as_str).collect();
+        let more = if columns.len() > names.len() { ", ..." } else { "" };
+        writeln!(text, "  values      of faces: {}{more}", names.join(", "))?;
     }
     if let Some(formula) = model.formula()? {
         // (Of many operations it is long.)

@@ -56,9 +56,9 @@ fn kinds_of_geometry() {
     let shells = file(&object("b", "Solid", "\"2\"", &format!("[{all},{all}]")));
     assert_eq!(files.faces("a.json", shells).unwrap(), [cube(), cube()].concat());
     let mut model = files.open("a.json", text_cube()).unwrap();
-    // (Semantics of surfaces are not kept, which is told.)
+    // (Of five sides the semantics do not say what they are.)
     model.faces(&mut |_| Ok(())).unwrap();
-    assert_eq!(model.lost_columns(), 1);
+    assert_eq!(model.lost_values(), 5);
     let info = model.info();
     assert_eq!(info.bounds, [[0.0; 3], [2.0; 3]]);
     assert_eq!(

@@ -221,7 +221,7 @@ impl ExactFaces {
     }
 
     /// The box around a face.
-    pub(super) fn bounds(&self, face: u32) -> Bounds {
+    pub(crate) fn bounds(&self, face: u32) -> Bounds {
         // Invariant: the box has all of the face. Corners beside the grid stand in the list as the nearest
         // points of it, which are half a step away at most. Pairs whose boxes are apart are never looked at:
         // what stuck out would pass through others unseen.

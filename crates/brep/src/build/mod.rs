@@ -15,6 +15,7 @@ mod run;
 mod spread;
 mod upper;
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
@@ -85,9 +86,13 @@ pub struct ModelBuilder {
     objects: ObjectWriter,
     face_values: TableWriter,
     face_columns: ColumnNames,
+    values_by_source: BTreeMap<u64, ColumnValues>,
     formula: String,
     check: FaceCheck,
 }
+
+/// Values of a face: names of columns, and JSON texts.
+pub type ColumnValues = Vec<(String, String)>;
 
 impl ModelBuilder {
     /// Starts a file; about `memory` bytes are used.
@@ -118,6 +123,7 @@ impl ModelBuilder {
             objects: ObjectWriter::default(),
             face_values: TableWriter::default(),
             face_columns: ColumnNames::default(),
+            values_by_source: BTreeMap::new(),
             formula: String::new(),
             check,
         })
@@ -177,6 +183,12 @@ impl ModelBuilder {
             limit,
             advice: "allow more with --memory".into(),
         })
+    }
+
+    /// Gives the faces that are pushed from now on values by their sources ([`Face::source`]).
+    #[must_use]
+    pub fn values_by_source(self, values_by_source: BTreeMap<u64, ColumnValues>) -> ModelBuilder {
+        ModelBuilder { values_by_source, ..self }
     }
 
     /// Adds a face, whose number counts those before it. All corners lie in one plane, and its rings do not cross;
@@ -244,6 +256,9 @@ impl ModelBuilder {
         self.stand_ins += u64::from(stands_in);
         self.last_part = self.last_part.max(face.part);
         self.writer.face(&Face { number: number.into(), ..*face }, stands_in)?;
+        // (Several faces may be of one source.)
+        let values = self.values_by_source.get(&face.source).cloned().unwrap_or_default();
+        values.iter().try_for_each(|(column, json)| self.face_value(column, json))?;
         Ok(has_area.then_some(number))
     }
 

@@ -71,7 +71,7 @@ pub struct CombineReport {
 /// Grids must have the same step, or steps that are multiples of the least; coordinates stay as they are but for new vertices,
 /// which stay where they are as fractions, and go to the nearest points of the grid for what is asked of the file. Names of parts
 /// are those of the bodies on which the operation depends, one after the other. Memory: about 100 bytes for each face in cells near
-/// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; and 64 for each face with corners beside the grid.
+/// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; and 96 for each face with corners beside the grid.
 ///
 /// ```
 /// use spinney::brep::{ExactModel, combine};
@@ -88,6 +88,9 @@ pub struct CombineReport {
 /// assert_eq!((report.after, report.is_unbounded), (0, false));
 /// # Ok::<(), spinney::Error>(())
 /// ```
+///
+/// Octrees of files are taken for what they say: where no face changes, that of the largest operand on the result's grid is taken over.
+/// [`ExactModel::verify`] looks at one.
 ///
 /// # Errors
 /// If there is no such operation of so many bodies, if grids, coordinate systems or units do not fit together, if the memory is not
@@ -262,7 +265,8 @@ fn made(
             "check them with verify, and build them again",
         ));
     }
-    let lost_columns = models.iter().map(|model| model.value_columns()).sum::<Result<u64>>()?;
+    let lost_columns =
+        models.iter().map(|model| Ok(model.value_columns()?.len() as u64)).sum::<Result<u64>>()?;
     if lost_columns > 0 {
         progress.warn(path, &format!("{lost_columns} columns of values of faces are not kept"));
     }

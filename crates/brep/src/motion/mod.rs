@@ -256,8 +256,8 @@ impl<'a> Target<'a> {
             .codec(codec)
             .unbounded(work.model.is_unbounded())
             .reach(work.model.reach());
-        let columns = work.model.face_columns()?.into_iter().filter_map(|names| names.into_iter().next());
-        Ok(Target { work, grid: grid.clone(), builder, columns: columns.collect(), after: 0 })
+        let columns = work.model.value_columns()?;
+        Ok(Target { work, grid: grid.clone(), builder, columns, after: 0 })
     }
 
     /// Adds a face that came of the model's of a number, with the values of that.

@@ -12,7 +12,7 @@ use super::segment::{
 };
 use super::summary::{NodeCounts, Summary};
 use crate::arrangement::ExactFace;
-use crate::{Face, Faces, Grid};
+use crate::{Face, Faces, Grid, TakeFaceWithValues};
 use spinney_base::io::{ReadBackend, Stamp};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
@@ -535,8 +535,9 @@ impl Faces for ExactModel {
         self.read_file_attributes()
     }
 
-    fn value_columns(&self) -> Result<u64> {
-        Ok(self.face_columns()?.len() as u64)
+    fn value_columns(&self) -> Result<Vec<String>> {
+        // (Lists of one name.)
+        Ok(self.face_columns()?.into_iter().filter_map(|names| names.into_iter().next()).collect())
     }
 
     fn crs(&self) -> Option<&Crs> {
@@ -561,5 +562,22 @@ impl Faces for ExactModel {
 
     fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
         self.each_face(&mut |face, _| each(face))
+    }
+
+    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
+        let names = self.value_columns()?;
+        let numbers: Vec<Option<usize>> =
+            columns.iter().map(|column| names.iter().position(|name| name == column)).collect();
+        let mut values = vec![None; columns.len()];
+        self.each(&mut |face| {
+            for (value, number) in values.iter_mut().zip(&numbers) {
+                // (Models have fewer than 2^32 faces, and columns.)
+                *value = match number {
+                    Some(number) => self.face_value(*number as u32, face.number as u32)?,
+                    None => None,
+                };
+            }
+            each(face, &values)
+        })
     }
 }

@@ -14,7 +14,7 @@ use spinney_base::{Progress, Result, parallel, sort};
 ///
 /// # Errors
 /// If `memory` bytes are not enough, or on interruption.
-pub(super) fn areas(
+pub(crate) fn areas(
     surface: &Surface<'_>,
     contacts: &[Contact],
     grid: &Grid,

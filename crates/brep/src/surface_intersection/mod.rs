@@ -6,7 +6,7 @@
 //! are found through the octrees here and not by a matrix of all pairs, signs are those of whole numbers instead of coordinates in frames of faces,
 //! and what the article leaves open is decided: corners and edges that lie in faces, faces in one plane, and the order of the pieces.
 
-mod areas;
+pub(crate) mod areas;
 mod around;
 mod lines;
 mod segments;

@@ -5,8 +5,9 @@ mod model;
 mod read;
 mod solid;
 
-pub use exact::{ExactOptions, ExactReport, SkippedObject, import_exact};
+pub use exact::{ExactOptions, ExactReport, ModelContact, SkippedObject, import_exact, model_contacts};
 pub use model::{MeshFace, Model, ModelInfo, parts_of};
+pub(crate) use read::city_semantics;
 pub use read::{MeshArrays, MeshColours, is_model, open, open_all};
 pub use solid::{
     Attribute, DEFAULT_MEMORY, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport, plan_models,

@@ -19,6 +19,8 @@ pub struct MeshFace<'a> {
     pub colours: &'a [[u8; 3]],
     /// Number of the part that the face belongs to: see [`ModelInfo::parts`].
     pub part: u32,
+    /// Values of the face: names of columns, each once, and JSON texts.
+    pub values: &'a [(&'a str, &'a str)],
 }
 
 /// Properties of a model that are known before its faces are read.
@@ -74,8 +76,9 @@ pub trait Model: Send {
         0
     }
 
-    /// Number of columns of values of faces (of CityJSON the semantics of surfaces) that are not handed out; 0 before the faces are read.
-    fn lost_columns(&self) -> u64 {
+    /// Number of values of faces that were not handed out when all of them were read last, because they make no sense or are too long; 0 before
+    /// that.
+    fn lost_values(&self) -> u64 {
         0
     }
 }

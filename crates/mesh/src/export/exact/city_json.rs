@@ -1,25 +1,18 @@
-//! Exact models as CityJSON: an object per part, surfaces with holes, vertices as whole numbers on the grid.
+//! Exact models as CityJSON: an object per part, surfaces with holes and semantics, vertices as whole numbers on the grid.
 
 use std::collections::HashSet;
-use std::fs::File;
-use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
 
 use super::numbering::CornerNumbers;
+use super::semantics::COLUMNS;
+use super::surfaces::{List, Surfaces};
 use super::survey::Survey;
 use super::{ExactSummary, Job, temporary_folder};
 use crate::export::sink::failed;
-use spinney_base::io::{Output, Sorter};
-use spinney_base::{Error, Result};
-use spinney_brep::Face;
+use spinney_base::Result;
+use spinney_base::io::Output;
 use spinney_brep::attributes::each_member;
 use spinney_crs::Crs;
-
-/// Bytes after which a run ends.
-const MOST_BYTES: u64 = 1 << 20;
-
-/// Bytes of memory in which runs of faces of one part are sorted.
-const MEMORY: u64 = 64 << 20;
 
 pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
     let survey = Survey::of(job)?;
@@ -46,10 +39,12 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
     let mut surfaces = Surfaces::new(&folder)?;
     let mut found = Vec::new();
     let mut faces = 0;
-    job.each(&mut |face| {
+    let columns = job.faces.value_columns()?;
+    let wanted = if columns.is_empty() { &[][..] } else { &COLUMNS[..] };
+    job.each_with_values(wanted, &mut |face, values| {
         faces += 1;
         corners.next(face.points.len(), &mut found)?;
-        surfaces.push(face, &found)
+        surfaces.push(face, &found, values)
     })?;
     let mut names = Names::default();
     let mut open = None;
@@ -72,27 +67,37 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
         }
         Ok(())
     };
-    let end = |part: u32| if survey.is_closed(part) { "]]}]}" } else { "]}]}" };
-    surfaces.finish(job, |part, bytes| {
-        if open != Some(part) {
-            if let Some(before) = open {
-                text(end(before))?;
+    let end_of_list = |part: u32| if survey.is_closed(part) { "]]" } else { "]" };
+    let end = |(part, list): (u32, List)| {
+        let semantics = if list == List::Boundaries { "" } else { "}" };
+        format!("{}{semantics}}}]}}", end_of_list(part))
+    };
+    let lost_values = surfaces.finish(job, |part, list, bytes| {
+        let (kind, brackets) = if survey.is_closed(part) { ("Solid", "[[") } else { ("MultiSurface", "[") };
+        match open {
+            Some(now) if now == (part, list) => text(",")?,
+            Some((now, _)) if now == part => match list {
+                List::Values => text(&format!("],\"values\":{brackets}"))?,
+                _ => text(&format!("{},\"semantics\":{{\"surfaces\":[", end_of_list(part)))?,
+            },
+            _ => {
+                if let Some(before) = open {
+                    text(&end(before))?;
+                }
+                objects(part + 1, &mut text)?;
+                text(&format!(
+                    ",\"geometry\":[{{\"type\":\"{kind}\",\"lod\":\"2\",\"boundaries\":{brackets}"
+                ))?;
             }
-            open = Some(part);
-            objects(part + 1, &mut text)?;
-            let (kind, brackets) =
-                if survey.is_closed(part) { ("Solid", "[[") } else { ("MultiSurface", "[") };
-            text(&format!(",\"geometry\":[{{\"type\":\"{kind}\",\"lod\":\"2\",\"boundaries\":{brackets}"))?;
-        } else {
-            text(",")?;
         }
+        open = Some((part, list));
         text(bytes)
     })?;
     if let Some(last) = open {
-        text(end(last))?;
+        text(&end(last))?;
     }
     let parts = u32::try_from(all.len()).unwrap_or(u32::MAX);
-    if open.is_none_or(|last| last + 1 < parts) {
+    if open.is_none_or(|(last, _)| last + 1 < parts) {
         objects(parts, &mut text)?;
         text("}")?;
     }
@@ -103,6 +108,7 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
         faces,
         lost_colours: survey.has_colours,
         lost_attributes,
+        lost_values: lost_values > 0 || columns.iter().any(|name| !COLUMNS.contains(&name.as_str())),
         ..ExactSummary::default()
     })
 }
@@ -124,7 +130,8 @@ fn object_members(about: &str) -> Option<String> {
     Some(members.join(","))
 }
 
-fn member(key: &str, json: &str) -> String {
+/// A member of a JSON object.
+pub(super) fn member(key: &str, json: &str) -> String {
     format!("{}:{json}", serde_json::Value::from(key))
 }
 
@@ -188,94 +195,6 @@ impl Names {
         let key = serde_json::Value::from(unique.as_str()).to_string();
         self.taken.insert(unique);
         key
-    }
-}
-
-/// Texts of surfaces in a temporary file, until all of a part are there.
-struct Surfaces {
-    folder: PathBuf,
-    file: BufWriter<File>,
-    runs: Sorter,
-    /// Number of runs: of surfaces of the same part, and not too many.
-    count: u64,
-    part: Option<u32>,
-    start: u64,
-    at: u64,
-    text: String,
-}
-
-impl Surfaces {
-    fn new(folder: &Path) -> Result<Surfaces> {
-        let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "use a temporary file"))?;
-        Ok(Surfaces {
-            folder: folder.to_path_buf(),
-            file: BufWriter::with_capacity(1 << 20, file),
-            runs: Sorter::new(folder, 20, MEMORY),
-            count: 0,
-            part: None,
-            start: 0,
-            at: 0,
-            text: String::new(),
-        })
-    }
-
-    /// Adds a surface whose corners have such numbers.
-    fn push(&mut self, face: &Face<'_>, numbers: &[u64]) -> Result<()> {
-        if self.part != Some(face.part) || self.at - self.start > MOST_BYTES {
-            self.end_run()?;
-            self.part = Some(face.part);
-        }
-        self.text.clear();
-        if self.at > self.start {
-            self.text.push(',');
-        }
-        let mut start = 0;
-        for &end in face.ring_ends {
-            self.text.push_str(if start == 0 { "[[" } else { ",[" });
-            for (i, number) in numbers[start..end].iter().enumerate() {
-                if i > 0 {
-                    self.text.push(',');
-                }
-                self.text.push_str(&number.to_string());
-            }
-            self.text.push(']');
-            start = end;
-        }
-        self.text.push_str(if start == 0 { "[]\n" } else { "]\n" });
-        self.at += self.text.len() as u64;
-        self.file.write_all(self.text.as_bytes()).map_err(Error::io(&self.folder, "use a temporary file"))
-    }
-
-    fn end_run(&mut self) -> Result<()> {
-        let Some(part) = self.part.filter(|_| self.at > self.start) else { return Ok(()) };
-        // Parts one after the other, each with its runs in order; there cannot be 2^32 of them in a model that
-        // numbers of this size hold.
-        let key = u64::from(part) << 32 | self.count & u64::from(u32::MAX);
-        let mut item = Vec::with_capacity(20);
-        item.extend(part.to_le_bytes());
-        item.extend(self.start.to_le_bytes());
-        item.extend((self.at - self.start).to_le_bytes());
-        self.count += 1;
-        self.start = self.at;
-        self.runs.push(key, item)
-    }
-
-    /// Hands out all surfaces, part by part, in pieces of text; commas between runs are left to the caller.
-    fn finish(mut self, job: &Job<'_>, mut each: impl FnMut(u32, &str) -> Result<()>) -> Result<()> {
-        self.end_run()?;
-        let failed = || Error::io(&self.folder, "use a temporary file");
-        let mut file = self.file.into_inner().map_err(io::IntoInnerError::into_error).map_err(failed())?;
-        let mut bytes = Vec::new();
-        self.runs.finish(&mut |item| {
-            job.progress.check()?;
-            let eight = |at: usize| u64::from_le_bytes(item[at..at + 8].try_into().unwrap_or_default());
-            let part = u32::from_le_bytes(item[..4].try_into().unwrap_or_default());
-            let (start, len) = (eight(4), eight(12));
-            file.seek(SeekFrom::Start(start)).map_err(failed())?;
-            bytes.clear();
-            (&mut file).take(len).read_to_end(&mut bytes).map_err(failed())?;
-            each(part, str::from_utf8(&bytes).unwrap_or_default())
-        })
     }
 }
 

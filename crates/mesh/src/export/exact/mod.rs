@@ -7,6 +7,8 @@
 mod city_json;
 mod numbering;
 mod polygons;
+mod semantics;
+mod surfaces;
 mod survey;
 mod triangles;
 
@@ -16,7 +18,7 @@ use super::MeshFormat;
 use super::losses::Losses;
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
-use spinney_brep::{Face, Faces};
+use spinney_brep::{Face, Faces, TakeFaceWithValues};
 
 /// Size of a written model, and what its format had no room for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -32,6 +34,8 @@ pub struct ExactSummary {
     pub lost_colours: bool,
     /// Parts and files whose attributes are not in the file.
     pub lost_attributes: u64,
+    /// Whether there were values of faces that are not in the file.
+    pub lost_values: bool,
     /// Whether there were parts that the file does not tell apart.
     pub lost_parts: bool,
     /// STL: corners of triangles that single precision has moved.
@@ -59,7 +63,8 @@ pub struct ExactSummary {
 /// [`join_rings`](spinney_brep::geometry::join_rings) makes it; [`split_bridges`](spinney_brep::geometry::split_bridges) gives the
 /// rings again. Vertices stand in the order of their coordinates, within cells of 32 x 32 x 32 steps of the grid.
 ///
-/// Attributes of parts are written to CityJSON files alone. What is said of the file that the model was built from is, too, unless
+/// Values of faces in the columns `type`, `surface`, `parent` and `attributes`, of those that have a type, are the semantics of a CityJSON file's
+/// surfaces; other formats have none. Attributes of parts are written to CityJSON files alone. What is said of the file that the model was built from is, too, unless
 /// there were several.
 ///
 /// A part of a CityJSON file is a `Solid` with one shell if its faces are closed (every edge is passed as often in one
@@ -100,6 +105,7 @@ pub fn export_exact(
     let (is_city, crs) = (format == MeshFormat::CityJson, faces.crs());
     if !is_city {
         summary.lost_attributes = faces.parts_with_attributes()? + faces.file_attributes()?.len() as u64;
+        summary.lost_values = !faces.value_columns()?.is_empty();
     }
     losses.add(summary.lost_colours, "colours");
     losses.add(summary.lost_parts, "parts");
@@ -109,7 +115,7 @@ pub fn export_exact(
     losses.add(lost > 0, format!("what is said of {lost} parts and files, beyond their names"));
     let holes = summary.bridged_holes;
     losses.add(holes > 0, format!("holes ({holes} are joined to the rings around them)"));
-    losses.add(faces.value_columns()? > 0, "values of faces");
+    losses.add(summary.lost_values, "values of faces");
     losses.add_crs(crs.filter(|crs| !(is_city && city_json::reference_system(crs).is_some())));
     losses.add_unit(faces.unit(), is_city.then_some("m"));
     losses.tell(progress);
@@ -126,17 +132,22 @@ struct Job<'a> {
 impl Job<'_> {
     /// Reads all faces once.
     fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+        self.each_with_values(&[], &mut |face, _| each(face))
+    }
+
+    /// Reads all faces once, with their values in some columns.
+    fn each_with_values(&self, columns: &[&str], each: &mut TakeFaceWithValues<'_>) -> Result<()> {
         /// Faces between two looks at whether to go on.
         const OFTEN: u64 = 1024;
         let total = self.faces.len() * self.passes;
         let mut count = 0u64;
-        self.faces.each(&mut |face| {
+        self.faces.each_with_values(columns, &mut |face, values| {
             count += 1;
             if count.is_multiple_of(OFTEN) {
                 self.progress.check()?;
                 self.progress.advance(OFTEN, total);
             }
-            each(face)
+            each(face, values)
         })?;
         self.progress.check()?;
         self.progress.advance(count % OFTEN, total);

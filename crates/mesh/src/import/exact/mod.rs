@@ -1,6 +1,7 @@
 //! Exact models from meshes: faces are moved to a grid, checked, and handed to the builder of files.
 
 mod boundary;
+mod contacts;
 mod objects;
 mod snap;
 
@@ -17,10 +18,13 @@ use spinney_base::io::{Output, folder};
 use spinney_base::space::Up;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::show_place;
-use spinney_brep::{BuildReport, Face, FaceList, Grid, InsideRule, LEAF_SIZE, ModelBuilder, Repair, repair};
+use spinney_brep::{
+    BuildReport, ColumnValues, Face, FaceList, Grid, InsideRule, LEAF_SIZE, ModelBuilder, Repair, repair,
+};
 use spinney_container::{Codec, Metadata, Tag};
 use spinney_crs::Crs;
 
+pub use self::contacts::{ModelContact, model_contacts};
 pub use self::objects::SkippedObject;
 
 /// Options for building an exact model.
@@ -97,8 +101,8 @@ pub struct ExactReport {
     pub skipped: Vec<SkippedObject>,
     /// Parts with attributes.
     pub attributes: u64,
-    /// Columns of values of faces that are not kept.
-    pub lost_columns: u64,
+    /// Values of faces that are not kept, because they make no sense or are too long.
+    pub lost_values: u64,
     /// Boundaries that were closed, and the triangles that close them.
     pub closed: (u64, u64),
     /// Counts of the repair, if one was wanted.
@@ -147,15 +151,7 @@ pub fn import_exact(
         Some(crs) => Some(crs.clone()),
         None => common_crs(&models, None)?,
     };
-    let bounds = bounds(&mut models, options.up)?;
-    let grid = match options.snap {
-        Some(width) => Grid::over(bounds, Some(width))?,
-        // Files with a grid of their own keep it: coordinates then stay as they are.
-        None => match common_step(&models).map(|width| Grid::over(bounds, Some(width))) {
-            Some(Ok(grid)) => grid,
-            _ => Grid::over(bounds, None)?,
-        },
-    };
+    let grid = grid_of(&mut models, options)?;
     let mut objects = Objects::of(&models, options.parts.as_ref())?;
     let skipped = match options.skip_bad {
         true => skip_bad(&mut models, &mut objects, &grid, options, progress)?,
@@ -167,10 +163,10 @@ pub fn import_exact(
     // (Objects are closed one by one; where nobody asks for it, several may bound a body together.)
     let object = |face: &Face<'_>| if options.close { objects.object(face.part) } else { 0 };
     let mut closures: BTreeMap<u32, Closure> = BTreeMap::new();
-    read(&mut models, &objects, &mut snapper, progress, &mut |face| {
+    read(&mut models, &objects, &mut snapper, progress, &mut |face, values| {
         let closure = closures.entry(object(face)).or_default();
         edges(face).for_each(|[from, to]| closure.add_edge(from, to));
-        target.push(face)
+        target.push(face, values)
     })?;
     let counts = snapper.planar.counts;
     let mut faces = counts.faces;
@@ -180,7 +176,9 @@ pub fn import_exact(
     if closures.values().any(|closure| !closure.is_closed()) {
         let mut boundary = Boundary::new(&place, options.memory / 4);
         let mut again = Snapper::new(grid.clone(), options.up);
-        read(&mut models, &objects, &mut again, progress, &mut |face| boundary.add_face(face, object(face)))?;
+        read(&mut models, &objects, &mut again, progress, &mut |face, _| {
+            boundary.add_face(face, object(face))
+        })?;
         let loops = boundary.loops(&path, options.memory / 4)?;
         if !options.close {
             return Err(open_surface(&path, &grid, &objects, &loops));
@@ -238,10 +236,10 @@ pub fn import_exact(
         let error = built.error(&path, what, advice);
         return Err(named(error, &built, (&mut models, &objects, &closing), snapper, options.repair)?);
     }
-    let lost_columns = models.iter().map(|model| model.lost_columns()).sum();
-    if lost_columns > 0 {
-        let text = "values of faces (in CityJSON the semantics of surfaces) are not kept";
-        progress.warn(&path, &format!("{lost_columns} columns of {text}"));
+    let lost_values = models.iter().map(|model| model.lost_values()).sum();
+    if lost_values > 0 {
+        let text = "values of faces (in CityJSON semantics of surfaces) make no sense or are too long, and are not kept";
+        progress.warn(&path, &format!("{lost_values} {text}"));
     }
     Ok(ExactReport {
         read: snapper.read,
@@ -253,7 +251,7 @@ pub fn import_exact(
         objects: objects.count(),
         skipped,
         attributes: with_attributes,
-        lost_columns,
+        lost_values,
         closed,
         repair: repaired,
         displacement,
@@ -294,6 +292,9 @@ fn history(options: &ExactOptions, skipped: &[SkippedObject], repaired: Option<&
 struct Target {
     builder: ModelBuilder,
     held: Option<FaceList>,
+    /// Values of the faces that are held, by their sources, and bytes of these.
+    values: BTreeMap<u64, ColumnValues>,
+    value_bytes: u64,
     /// Of the first model, for errors.
     path: PathBuf,
     memory: u64,
@@ -307,13 +308,25 @@ impl Target {
             .codec(options.codec)
             .leaf_size(options.leaf_size);
         let held = options.repair.then(|| FaceList::new(grid.clone(), Vec::new()));
-        Ok(Target { builder, held, path: path.to_path_buf(), memory })
+        let (path, values) = (path.to_path_buf(), BTreeMap::new());
+        Ok(Target { builder, held, values, value_bytes: 0, path, memory })
     }
 
-    fn push(&mut self, face: &Face<'_>) -> Result<()> {
-        let Some(list) = &mut self.held else { return self.builder.push(face) };
+    fn push(&mut self, face: &Face<'_>, values: &[(&str, &str)]) -> Result<()> {
+        let Some(list) = &mut self.held else {
+            self.builder.push(face)?;
+            return values.iter().try_for_each(|(column, json)| self.builder.face_value(column, json));
+        };
         list.push(face);
-        check_room(&self.path, list, self.memory / 2, "the faces of a surface that is to be repaired")
+        if !values.is_empty() && !self.values.contains_key(&face.source) {
+            // (And what the containers take for it.)
+            let bytes = |(column, json): &(&str, &str)| (column.len() + json.len() + 64) as u64;
+            self.value_bytes += values.iter().map(bytes).sum::<u64>();
+            let own = values.iter().map(|(column, json)| (column.to_string(), json.to_string()));
+            self.values.insert(face.source, own.collect());
+        }
+        let bytes = list.bytes() + self.value_bytes;
+        check_room(&self.path, bytes, self.memory / 2, "the faces of a surface that is to be repaired")
     }
 
     /// Adds triangles over boundaries, after the faces that were counted; returns the part of each.
@@ -322,17 +335,31 @@ impl Target {
         let first = (snapper.planar.counts.faces, snapper.read);
         boundary::close(loops, first, snapper.planar.is_coloured, &mut |face| {
             parts.push(face.part);
-            self.push(face)
+            self.push(face, &[])
         })?;
         Ok(parts)
     }
 
     /// The builder with all faces in it, and what was repaired.
     fn repaired(self, inside: InsideRule, progress: &dyn Progress) -> Result<(ModelBuilder, Option<Repair>)> {
-        let Target { builder, held, path, memory } = self;
+        let Target { builder, held, values, path, memory, .. } = self;
         let Some(held) = held else { return Ok((builder, None)) };
+        let builder = builder.values_by_source(values);
         let (builder, done) = repair(held, inside, builder, &path, memory, progress)?;
         Ok((builder, Some(done)))
+    }
+}
+
+/// The grid of some models.
+fn grid_of(models: &mut [Box<dyn Model>], options: &ExactOptions) -> Result<Grid> {
+    let bounds = bounds(models, options.up)?;
+    if options.snap.is_some() {
+        return Grid::over(bounds, options.snap);
+    }
+    // Files with a grid of their own keep it: coordinates then stay as they are.
+    match common_step(models).map(|width| Grid::over(bounds, Some(width))) {
+        Some(Ok(grid)) => Ok(grid),
+        _ => Grid::over(bounds, None),
     }
 }
 
@@ -352,22 +379,27 @@ fn skip_bad(
 ) -> Result<Vec<SkippedObject>> {
     let path = models[0].info().path.clone();
     let mut faces = FaceList::new(grid.clone(), Vec::new());
-    read(models, objects, &mut Snapper::new(grid.clone(), options.up), progress, &mut |face| {
+    read(models, objects, &mut Snapper::new(grid.clone(), options.up), progress, &mut |face, _| {
         faces.push(face);
-        check_room(&path, &faces, options.memory / 2, "the faces of objects that are looked at one by one")
+        check_room(
+            &path,
+            faces.bytes(),
+            options.memory / 2,
+            "the faces of objects that are looked at one by one",
+        )
     })?;
     objects.skip_bad(&faces, options, &path, progress)
 }
 
 /// Fails if some faces take more bytes than a limit; in words what they are.
-fn check_room(path: &Path, faces: &FaceList, limit: u64, what: &str) -> Result<()> {
-    if faces.bytes() <= limit {
+fn check_room(path: &Path, bytes: u64, limit: u64, what: &str) -> Result<()> {
+    if bytes <= limit {
         return Ok(());
     }
     Err(Error::TooLarge {
         path: path.to_path_buf(),
         what: what.into(),
-        needed: faces.bytes(),
+        needed: bytes,
         limit,
         advice: "allow more with --memory".into(),
     })
@@ -390,7 +422,7 @@ fn named(
         built.defects.iter().flat_map(|defect| defect.faces.iter().copied()).collect();
     let mut part_of = BTreeMap::new();
     let mut again = Snapper::new(snapper.grid.clone(), snapper.up);
-    read(models, objects, &mut again, &(), &mut |face| {
+    read(models, objects, &mut again, &(), &mut |face, _| {
         if wanted.contains(&face.number) {
             part_of.insert(face.number, face.part);
         }
@@ -413,13 +445,16 @@ fn named(
     Ok(Error::NoBody { path, what, places, count, advice })
 }
 
-/// Reads all faces of the objects of all models, and hands them out as they are on the grid.
+/// Takes a face on the grid, with its values.
+type TakeFace<'a> = dyn FnMut(&Face<'_>, &[(&str, &str)]) -> Result<()> + 'a;
+
+/// Reads all faces of the objects of all models, and hands them out as they are on the grid, with their values.
 fn read(
     models: &mut [Box<dyn Model>],
     objects: &Objects,
     snapper: &mut Snapper,
     progress: &dyn Progress,
-    each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    each: &mut TakeFace<'_>,
 ) -> Result<()> {
     let mut first_part = 0;
     snapper.planar.is_coloured = models.iter().any(|model| model.info().is_coloured);
@@ -431,7 +466,7 @@ fn read(
                 progress.check()?;
             }
             match objects.number(first_part + face.part) {
-                Some(part) => snapper.face(&path, face, part, each),
+                Some(part) => snapper.face(&path, face, part, &mut |snapped| each(snapped, face.values)),
                 None => {
                     snapper.read += 1;
                     Ok(())

@@ -71,6 +71,11 @@ impl Objects {
         self.numbers.get(part as usize).copied().flatten()
     }
 
+    /// Names of all parts, by the numbers of objects.
+    pub(super) fn names(&self) -> Vec<String> {
+        self.parts.iter().map(|(name, _)| name.clone()).collect()
+    }
+
     /// Number of objects that are taken.
     // (Parts of an object stand together, and objects have the numbers of their first parts.)
     pub(super) fn count(&self) -> u64 {

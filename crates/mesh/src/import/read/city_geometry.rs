@@ -16,7 +16,7 @@ pub(super) struct Geometry<'a> {
     #[serde(borrow)]
     pub(super) boundaries: Option<&'a RawValue>,
     #[serde(borrow)]
-    semantics: Option<&'a RawValue>,
+    pub(super) semantics: Option<&'a RawValue>,
     /// Of an instance: the number of its template, and the map of its points, row by row.
     pub(super) template: Option<usize>,
     #[serde(rename = "transformationMatrix")]
@@ -31,24 +31,38 @@ enum Lod {
     Text(String),
 }
 
+/// Surfaces of a geometry, as JSON.
+#[derive(Clone, Copy)]
+pub(super) struct SurfaceTexts<'a> {
+    /// Nesting depth of the surfaces.
+    pub(super) depth: u8,
+    /// The lists.
+    pub(super) boundaries: &'a RawValue,
+    /// Semantics of the surfaces.
+    pub(super) semantics: Option<&'a RawValue>,
+}
+
 /// Geometries of an object that have surfaces, at the highest level of detail.
 #[derive(Default)]
 pub(super) struct Geometries<'a> {
     pub(super) lod: Option<f64>,
-    /// Nesting depth of the surfaces, and the JSON of the lists.
-    pub(super) boundaries: Vec<(u8, &'a RawValue)>,
+    pub(super) surfaces: Vec<SurfaceTexts<'a>>,
     /// Geometries that are made of templates, of any level of detail.
     pub(super) instances: Vec<Instance<'a>>,
-    /// Whether some have semantics of surfaces.
-    pub(super) have_semantics: bool,
 }
 
 /// Most geometries of an object with the same level of detail.
 const MOST_GEOMETRIES: usize = 1 << 16;
 
-impl Geometry<'_> {
-    /// Nesting depth of the surfaces, if it has any.
-    pub(super) fn depth(&self) -> Option<u8> {
+impl<'a> Geometry<'a> {
+    /// The surfaces, if it has any.
+    pub(super) fn surfaces(&self) -> Option<SurfaceTexts<'a>> {
+        let (depth, semantics) = (self.depth()?, self.semantics);
+        Some(SurfaceTexts { depth, boundaries: self.boundaries?, semantics })
+    }
+
+    /// Nesting depth of the surfaces, if it is of a kind that has some.
+    fn depth(&self) -> Option<u8> {
         match self.kind.as_str() {
             "MultiSurface" | "CompositeSurface" => Some(3),
             "Solid" => Some(4),
@@ -80,21 +94,20 @@ impl<'a> Geometries<'a> {
         }
         let Some(depth) = geometry.depth() else { return Ok(()) };
         let lod = geometry.level()?;
-        self.have_semantics |= geometry.semantics.is_some();
         if self.lod.is_none_or(|best| lod > best) {
             self.lod = Some(lod);
-            self.boundaries.clear();
+            self.surfaces.clear();
         }
         // Where an object has both at the same level, its surfaces are the solid's once more.
-        let deepest = self.boundaries.first().map_or(0, |(depth, _)| *depth);
+        let deepest = self.surfaces.first().map_or(0, |surfaces| surfaces.depth);
         if self.lod == Some(lod) && (depth > 3) >= (deepest > 3) {
             if depth > 3 && deepest == 3 {
-                self.boundaries.clear();
+                self.surfaces.clear();
             }
-            if self.boundaries.len() == MOST_GEOMETRIES {
+            if self.surfaces.len() == MOST_GEOMETRIES {
                 return Err(E::custom("more than 65536 geometries of an object"));
             }
-            self.boundaries.extend(geometry.boundaries.map(|text| (depth, text)));
+            self.surfaces.extend(geometry.surfaces());
         }
         Ok(())
     }

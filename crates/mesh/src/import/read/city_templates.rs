@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use serde_json::value::RawValue;
 
-use super::city_geometry::Geometry;
+use super::city_geometry::{Geometry, SurfaceTexts};
 use super::cityjson::{not_json_there, read_list};
 use super::model_file::ModelFile;
 use super::text::shown;
@@ -20,10 +20,10 @@ pub(super) struct Templates<'a> {
     list: Vec<Template<'a>>,
 }
 
-/// A template: its level of detail, the nesting depth of its surfaces, and the JSON of their lists; nothing where it has no surfaces.
+/// A template: its level of detail, and its surfaces where it has any.
 struct Template<'a> {
     lod: f64,
-    surfaces: Option<(u8, &'a RawValue)>,
+    surfaces: Option<SurfaceTexts<'a>>,
 }
 
 #[derive(Deserialize)]
@@ -71,8 +71,7 @@ impl Placement {
 /// A template in its place.
 pub(super) struct PlacedTemplate<'a> {
     pub(super) lod: f64,
-    pub(super) depth: u8,
-    pub(super) boundaries: &'a RawValue,
+    pub(super) surfaces: SurfaceTexts<'a>,
     pub(super) placement: Placement,
 }
 
@@ -92,7 +91,7 @@ impl<'a> Templates<'a> {
         let mut list = Vec::with_capacity(found.templates.len());
         for geometry in &found.templates {
             let lod = geometry.level().map_err(|error| not_json_there(source, text, &error))?;
-            list.push(Template { lod, surfaces: geometry.depth().zip(geometry.boundaries) });
+            list.push(Template { lod, surfaces: geometry.surfaces() });
         }
         Ok(Templates { vertices: Some(vertices.finish()?), list })
     }
@@ -131,12 +130,7 @@ impl<'a> Templates<'a> {
                 return Err(source.corrupt(place(), found, "a vertex that is in the list of vertices"));
             }
             let placement = Placement { matrix: *matrix, anchor: vertices.position(anchor) };
-            placed.extend(surfaces.map(|(depth, boundaries)| PlacedTemplate {
-                lod: *lod,
-                depth,
-                boundaries,
-                placement,
-            }));
+            placed.extend(surfaces.map(|surfaces| PlacedTemplate { lod: *lod, surfaces, placement }));
         }
         Ok(placed)
     }

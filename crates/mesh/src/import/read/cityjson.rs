@@ -10,6 +10,7 @@ use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 
 use super::city_geometry::Geometries;
+use super::city_semantics::Semantics;
 use super::city_templates::{Placement, Templates};
 use super::corners::{Corners, MOST_CORNERS};
 use super::model_file::ModelFile;
@@ -28,8 +29,7 @@ struct CityJson {
     info: ModelInfo,
     memory: u64,
     degenerate: u64,
-    /// Whether surfaces have semantics, which are not handed out.
-    has_semantics: bool,
+    lost_values: u64,
 }
 
 /// A CityJSON file, or the first or another line of a CityJSONSeq.
@@ -279,7 +279,8 @@ struct ReadObjects<'a, 'b> {
     corners: &'b mut Corners,
     /// The part that the next object is.
     part: &'b mut u32,
-    has_semantics: &'b mut bool,
+    /// Semantics of surfaces that are not handed out.
+    lost: &'b mut u64,
     each: &'b mut dyn FnMut(&MeshFace<'_>) -> Result<()>,
     failure: &'b mut Option<Error>,
 }
@@ -293,29 +294,42 @@ impl<'de> Visitor<'de> for ReadObjects<'_, '_> {
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
         while let Some((name, object)) = map.next_entry::<String, CityObject<'de>>()? {
-            let Geometries { lod, boundaries, instances, have_semantics } =
-                object.geometry.unwrap_or_default();
-            *self.has_semantics |= have_semantics;
+            let Geometries { lod, surfaces, instances } = object.geometry.unwrap_or_default();
             let placed = self.templates.placed(self.source, &name, self.vertices, &instances);
             let mut placed = keep(self.failure, placed)?;
             // (Those of the highest level of detail count, as everywhere.)
             let best =
                 placed.iter().map(|placed| placed.lod).fold(lod.unwrap_or(f64::NEG_INFINITY), f64::max);
             placed.retain(|placed| placed.lod == best);
-            let own = boundaries.into_iter().filter(|_| lod == Some(best));
-            let own = own.map(|(level, text)| (level, text, self.vertices, None));
-            let of_templates = placed.into_iter().map(|placed| {
-                (placed.depth, placed.boundaries, self.templates.vertices(), Some(placed.placement))
-            });
-            for (level, text, vertices, placement) in own.chain(of_templates) {
-                let (source, part) = (self.source, *self.part);
+            let own = surfaces.into_iter().filter(|_| lod == Some(best));
+            let own = own.map(|surfaces| (surfaces, self.vertices, None));
+            let of_templates = placed
+                .into_iter()
+                .map(|placed| (placed.surfaces, self.templates.vertices(), Some(placed.placement)));
+            let mut first_surface = 0;
+            for (surfaces, vertices, placement) in own.chain(of_templates) {
+                let (source, part, level) = (self.source, *self.part, surfaces.depth);
                 let (corners, each) = (&mut *self.corners, &mut *self.each);
-                let walked = walk(source, text, &mut None, |failure, json| {
-                    let name = &name;
-                    Boundaries { source, name, vertices, placement, corners, part, each, failure, level }
-                        .deserialize(json)
+                let mut semantics = Semantics::of(surfaces.semantics, first_surface);
+                let walked = walk(source, surfaces.boundaries, &mut None, |failure, json| {
+                    let (name, semantics) = (&name, &mut semantics);
+                    Boundaries {
+                        source,
+                        name,
+                        vertices,
+                        placement,
+                        semantics,
+                        corners,
+                        part,
+                        each,
+                        failure,
+                        level,
+                    }
+                    .deserialize(json)
                 });
                 keep(self.failure, walked)?;
+                first_surface += semantics.len();
+                *self.lost += semantics.lost();
             }
             *self.part += 1;
         }
@@ -331,6 +345,7 @@ struct Boundaries<'a, 'b> {
     vertices: Table<'a>,
     /// Where the vertices of a template go.
     placement: Option<Placement>,
+    semantics: &'b mut Semantics<'a>,
     corners: &'b mut Corners,
     part: u32,
     each: &'b mut dyn FnMut(&MeshFace<'_>) -> Result<()>,
@@ -377,11 +392,13 @@ impl<'de> Visitor<'de> for Boundaries<'_, '_> {
             self.corners.end_ring();
             return Ok(());
         }
-        if self.level == 2 {
-            self.corners.clear();
+        match self.level {
+            2 => self.corners.clear(),
+            _ => self.semantics.begin_list(),
         }
         loop {
             let inner = Boundaries {
+                semantics: &mut *self.semantics,
                 corners: &mut *self.corners,
                 each: &mut *self.each,
                 failure: &mut *self.failure,
@@ -392,10 +409,13 @@ impl<'de> Visitor<'de> for Boundaries<'_, '_> {
                 break;
             }
         }
-        if self.level == 2 {
-            keep(self.failure, self.corners.hand_out(self.part, self.each))?;
+        if self.level > 2 {
+            self.semantics.end_list();
+            return Ok(());
         }
-        Ok(())
+        let Boundaries { semantics, corners, part, each, failure, .. } = self;
+        let values = semantics.next_face();
+        keep(failure, corners.hand_out(part, &mut |face| each(&MeshFace { values: &values, ..*face })))
     }
 }
 
@@ -441,7 +461,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         is_coloured: false,
         bytes: source.bytes().len() as u64,
     };
-    let mut model = CityJson { source, info, memory, degenerate: 0, has_semantics: false };
+    let mut model = CityJson { source, info, memory, degenerate: 0, lost_values: 0 };
     if has_templates {
         // (Vertices of templates are elsewhere once they are placed.)
         model.faces(&mut |face| {
@@ -460,7 +480,7 @@ impl Model for CityJson {
 
     fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
         let (source, mut corners, mut part) = (&self.source, Corners::default(), 0);
-        let mut has_semantics = false;
+        let mut lost = 0;
         // (Those of the first document are for all that have none of their own.)
         let mut templates = Templates::default();
         documents(source, |document, transform| {
@@ -476,13 +496,13 @@ impl Model for CityJson {
                     templates: &templates,
                     corners: &mut corners,
                     part: &mut part,
-                    has_semantics: &mut has_semantics,
+                    lost: &mut lost,
                     each: &mut *each,
                     failure,
                 })
             })
         })?;
-        self.has_semantics = has_semantics;
+        self.lost_values = lost;
         self.degenerate = corners.degenerate;
         Ok(())
     }
@@ -491,7 +511,7 @@ impl Model for CityJson {
         self.degenerate
     }
 
-    fn lost_columns(&self) -> u64 {
-        u64::from(self.has_semantics)
+    fn lost_values(&self) -> u64 {
+        self.lost_values
     }
 }

@@ -97,7 +97,7 @@ impl Corners {
             return Ok(());
         }
         let (points, ring_ends, colours) = (&self.points, &self.ring_ends, &self.colours);
-        each(&MeshFace { points, ring_ends, colours, part })
+        each(&MeshFace { points, ring_ends, colours, part, values: &[] })
     }
 }
 

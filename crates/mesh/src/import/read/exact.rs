@@ -42,14 +42,12 @@ pub(super) fn open(path: &Path, memory: u64) -> Result<Option<Box<dyn Model>>> {
         is_coloured: model.is_coloured()?,
         bytes: model.file_size(),
     };
-    let lost_columns = model.value_columns()?;
-    Ok(Some(Box::new(Exact { model, info, lost_columns })))
+    Ok(Some(Box::new(Exact { model, info })))
 }
 
 struct Exact {
     model: ExactModel,
     info: ModelInfo,
-    lost_columns: u64,
 }
 
 impl Model for Exact {
@@ -57,18 +55,19 @@ impl Model for Exact {
         &self.info
     }
 
-    fn lost_columns(&self) -> u64 {
-        self.lost_columns
-    }
-
     fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
         let grid = self.model.grid().clone();
         let mut points = Vec::new();
-        self.model.each(&mut |face| {
+        let columns = self.model.value_columns()?;
+        let columns: Vec<&str> = columns.iter().map(String::as_str).collect();
+        self.model.each_with_values(&columns, &mut |face, values| {
             points.clear();
             points.extend(face.points.iter().map(|point| grid.to_world(*point)));
             let (ring_ends, colours, part) = (face.ring_ends, face.colours, face.part);
-            each(&MeshFace { points: &points, ring_ends, colours, part })
+            let values =
+                columns.iter().zip(values).filter_map(|(name, json)| Some((*name, json.as_deref()?)));
+            let values: Vec<(&str, &str)> = values.collect();
+            each(&MeshFace { points: &points, ring_ends, colours, part, values: &values })
         })
     }
 }

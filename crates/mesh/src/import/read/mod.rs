@@ -2,6 +2,7 @@
 
 mod arrays;
 mod city_geometry;
+pub(crate) mod city_semantics;
 mod city_templates;
 mod cityjson;
 mod corners;

@@ -1,0 +1,103 @@
+//! Values of faces as semantics of the surfaces of CityJSON objects.
+
+use std::collections::HashMap;
+
+use super::city_json::member;
+use crate::import::city_semantics::{ATTRIBUTES, PARENT, SURFACE, TYPE};
+use spinney_brep::attributes::each_member;
+
+/// Columns of values of faces that become semantics.
+pub(super) const COLUMNS: [&str; 4] = [SURFACE, TYPE, PARENT, ATTRIBUTES];
+
+/// Bytes of what is held of the semantics of a part.
+const MOST_BYTES: usize = 8 << 20;
+
+/// Semantics of the part at hand, numbered as they come: faces with the same values have the same. Of a part that has very many, or that comes
+/// again, they may be there twice, and what is a part of what is told only within those that are held together.
+#[derive(Default)]
+pub(super) struct Semantics {
+    /// Those that are held, by their values.
+    numbers: HashMap<Vec<Option<String>>, u32>,
+    /// In the order of their numbers.
+    held: Vec<Vec<Option<String>>>,
+    bytes: usize,
+    /// How many each part has, of those that have some.
+    counts: HashMap<u32, u32>,
+    lost: u64,
+}
+
+impl Semantics {
+    /// The number that some values, one for each column, have in a part; `None` if they say nothing, or not what it is.
+    pub(super) fn number(&mut self, part: u32, values: &[Option<String>]) -> Option<u32> {
+        if let Some(number) = self.numbers.get(values) {
+            return Some(*number);
+        }
+        let is_text = |json: &String| serde_json::from_str::<String>(json).is_ok();
+        if !values[1].as_ref().is_some_and(is_text) {
+            self.lost += u64::from(values.iter().any(Option::is_some));
+            return None;
+        }
+        let count = self.counts.entry(part).or_default();
+        let number = *count;
+        *count += 1;
+        // (And what the containers take for it, twice.)
+        self.bytes += 2 * values.iter().flatten().map(|json| json.len() + 48).sum::<usize>();
+        self.numbers.insert(values.to_vec(), number);
+        self.held.push(values.to_vec());
+        Some(number)
+    }
+
+    /// Whether a part has any.
+    pub(super) fn has_some(&self, part: u32) -> bool {
+        self.counts.contains_key(&part)
+    }
+
+    /// Whether no more should be held.
+    pub(super) fn is_full(&self) -> bool {
+        self.bytes > MOST_BYTES
+    }
+
+    /// Number of faces, and of members of semantics, that are left out.
+    pub(super) fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Those that are held, as JSON objects with commas between them; then none are.
+    pub(super) fn take(&mut self) -> String {
+        let held = std::mem::take(&mut self.held);
+        let numbers = std::mem::take(&mut self.numbers);
+        self.bytes = 0;
+        // By the number of the surface that they had.
+        let of_surface: HashMap<&str, u32> =
+            held.iter().filter_map(|values| Some((values[0].as_deref()?, numbers[values]))).collect();
+        let mut children: HashMap<u32, Vec<String>> = HashMap::new();
+        let parent = |values: &[Option<String>]| of_surface.get(values[2].as_deref()?).copied();
+        for values in &held {
+            if let Some(parent) = parent(values) {
+                children.entry(parent).or_default().push(numbers[values].to_string());
+            }
+        }
+        let texts = held.iter().map(|values| {
+            let mut members = vec![member(TYPE, values[1].as_deref().unwrap_or_default())];
+            if let Some(parent) = parent(values) {
+                members.push(member(PARENT, &parent.to_string()));
+            } else {
+                self.lost += u64::from(values[2].is_some());
+            }
+            if let Some(list) = children.get(&numbers[values]) {
+                members.push(member("children", &format!("[{}]", list.join(","))));
+            }
+            let mut others = Vec::new();
+            let known = each_member(values[3].as_deref().unwrap_or("{}"), |key, value| match key {
+                "type" | "parent" | "children" => self.lost += 1,
+                _ => others.push(member(key, value)),
+            });
+            match known {
+                Ok(()) => members.extend(others),
+                Err(_) => self.lost += 1,
+            }
+            format!("{{{}}}", members.join(","))
+        });
+        texts.collect::<Vec<_>>().join(",")
+    }
+}

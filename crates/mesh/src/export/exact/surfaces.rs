@@ -1,0 +1,165 @@
+//! Texts of the surfaces of CityJSON objects in a temporary file, until all of a part are there.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use super::Job;
+use super::semantics::Semantics;
+use spinney_base::io::Sorter;
+use spinney_base::{Error, Result};
+use spinney_brep::Face;
+
+/// Bytes after which a run ends.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// Bytes of memory in which runs of texts of one list are sorted.
+const MEMORY: u64 = 64 << 20;
+
+/// The lists of a geometry, in the order in which they are in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum List {
+    /// Surfaces as rings of numbers of vertices.
+    Boundaries,
+    /// Semantics that surfaces have.
+    Semantics,
+    /// Of each surface: the number of its semantics.
+    Values,
+}
+
+impl List {
+    const ALL: [List; 3] = [List::Boundaries, List::Semantics, List::Values];
+}
+
+/// Lists of all parts. A part whose surfaces have no semantics has boundaries alone.
+pub(super) struct Surfaces {
+    folder: PathBuf,
+    file: BufWriter<File>,
+    runs: Sorter,
+    /// Number of runs: of texts of the same list of a part, and not too many.
+    count: u64,
+    part: Option<u32>,
+    start: u64,
+    at: u64,
+    text: String,
+    values: String,
+    semantics: Semantics,
+}
+
+impl Surfaces {
+    pub(super) fn new(folder: &Path) -> Result<Surfaces> {
+        let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "use a temporary file"))?;
+        Ok(Surfaces {
+            folder: folder.to_path_buf(),
+            file: BufWriter::with_capacity(1 << 20, file),
+            runs: Sorter::new(folder, 21, MEMORY),
+            count: 0,
+            part: None,
+            start: 0,
+            at: 0,
+            text: String::new(),
+            values: String::new(),
+            semantics: Semantics::default(),
+        })
+    }
+
+    /// Adds a surface whose corners have such numbers, with its values in the columns of semantics, if there are any in the model.
+    pub(super) fn push(&mut self, face: &Face<'_>, numbers: &[u64], values: &[Option<String>]) -> Result<()> {
+        let is_other = self.part != Some(face.part);
+        if is_other || self.at - self.start > MOST_BYTES || self.semantics.is_full() {
+            self.end_run(is_other)?;
+            self.part = Some(face.part);
+        }
+        self.text.clear();
+        let separator = if self.at > self.start { "," } else { "" };
+        self.text.push_str(separator);
+        if !values.is_empty() {
+            let number = self.semantics.number(face.part, values);
+            let number = number.map_or("null".into(), |number| number.to_string());
+            self.values.push_str(separator);
+            self.values.push_str(&number);
+        }
+        let mut start = 0;
+        for &end in face.ring_ends {
+            self.text.push_str(if start == 0 { "[[" } else { ",[" });
+            for (i, number) in numbers[start..end].iter().enumerate() {
+                if i > 0 {
+                    self.text.push(',');
+                }
+                self.text.push_str(&number.to_string());
+            }
+            self.text.push(']');
+            start = end;
+        }
+        self.text.push_str(if start == 0 { "[]\n" } else { "]\n" });
+        self.write()
+    }
+
+    /// Appends the text to the file.
+    fn write(&mut self) -> Result<()> {
+        self.at += self.text.len() as u64;
+        self.file.write_all(self.text.as_bytes()).map_err(Error::io(&self.folder, "use a temporary file"))
+    }
+
+    /// Ends the runs of the part, that of semantics only if there are no more for now, or too many.
+    fn end_run(&mut self, is_last: bool) -> Result<()> {
+        let Some(part) = self.part.filter(|_| self.at > self.start) else { return Ok(()) };
+        self.push_run(part, List::Boundaries)?;
+        self.text = std::mem::take(&mut self.values);
+        self.write()?;
+        self.push_run(part, List::Values)?;
+        if is_last || self.semantics.is_full() {
+            self.text = self.semantics.take();
+            self.write()?;
+            self.push_run(part, List::Semantics)?;
+        }
+        Ok(())
+    }
+
+    /// Adds what was written behind the last run as one, unless it is nothing.
+    fn push_run(&mut self, part: u32, list: List) -> Result<()> {
+        let len = self.at - self.start;
+        if len == 0 {
+            return Ok(());
+        }
+        // Parts one after the other, each with its lists, and these with their runs in order; there cannot be 2^30 of them in a model
+        // that numbers of this size hold.
+        let key = u64::from(part) << 32 | (list as u64) << 30 | self.count & ((1 << 30) - 1);
+        let mut item = Vec::with_capacity(21);
+        item.extend(part.to_le_bytes());
+        item.extend(self.start.to_le_bytes());
+        item.extend(len.to_le_bytes());
+        item.push(list as u8);
+        self.count += 1;
+        self.start = self.at;
+        self.runs.push(key, item)
+    }
+
+    /// Hands out all lists, part by part, in pieces of text; commas between runs are left to the caller. Returns the number of surfaces, or
+    /// members of what is said of them, that have no place among semantics.
+    pub(super) fn finish(
+        mut self,
+        job: &Job<'_>,
+        mut each: impl FnMut(u32, List, &str) -> Result<()>,
+    ) -> Result<u64> {
+        self.end_run(true)?;
+        let failed = || Error::io(&self.folder, "use a temporary file");
+        let mut file = self.file.into_inner().map_err(io::IntoInnerError::into_error).map_err(failed())?;
+        let mut bytes = Vec::new();
+        self.runs.finish(&mut |item| {
+            job.progress.check()?;
+            let eight = |at: usize| u64::from_le_bytes(item[at..at + 8].try_into().unwrap_or_default());
+            let part = u32::from_le_bytes(item[..4].try_into().unwrap_or_default());
+            let (start, len) = (eight(4), eight(12));
+            let list = List::ALL[usize::from(item[20])];
+            if list == List::Values && !self.semantics.has_some(part) {
+                return Ok(());
+            }
+            file.seek(SeekFrom::Start(start)).map_err(failed())?;
+            bytes.clear();
+            (&mut file).take(len).read_to_end(&mut bytes).map_err(failed())?;
+            each(part, list, str::from_utf8(&bytes).unwrap_or_default())
+        })?;
+        Ok(self.semantics.lost())
+    }
+}

@@ -1,0 +1,55 @@
+//! Objects of mesh files whose bodies overlap or touch, on the grid of an exact model.
+
+use super::super::Model;
+use super::objects::Objects;
+use super::snap::Snapper;
+use super::{ExactOptions, check_room, grid_of, read};
+use spinney_base::{Error, Progress, Result};
+use spinney_brep::{Face, FaceList, ObjectContact, object_contacts};
+
+/// Two objects of mesh files that have places in common.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct ModelContact {
+    /// Their names, in the order of the files.
+    pub names: [String; 2],
+    /// Numbers, and what they have in common.
+    pub contact: ObjectContact,
+}
+
+/// Hands out the pairs of objects of models that overlap or touch when their corners are on the grid of an exact model, by their numbers, until
+/// `each` says that there are enough. Objects that are open are left out with a warning. The grid, the parts, the axis that points up, and the
+/// memory are those of the options: faces take up to a half of the memory.
+///
+/// # Errors
+/// If the models cannot be read, if the memory is not enough, on interruption, or what `each` returns.
+pub fn model_contacts(
+    mut models: Vec<Box<dyn Model>>,
+    options: &ExactOptions,
+    progress: &dyn Progress,
+    each: &mut dyn FnMut(&ModelContact) -> Result<bool>,
+) -> Result<()> {
+    let Some(first) = models.first() else {
+        return Err(Error::invalid("models", "none", "one or more"));
+    };
+    let path = first.info().path.clone();
+    let grid = grid_of(&mut models, options)?;
+    let objects = Objects::of(&models, options.parts.as_ref())?;
+    let mut faces = FaceList::new(grid.clone(), objects.names());
+    let mut snapper = Snapper::new(grid, options.up);
+    read(&mut models, &objects, &mut snapper, progress, &mut |face, _| {
+        faces.push(&Face { part: objects.object(face.part), ..*face });
+        check_room(
+            &path,
+            faces.bytes(),
+            options.memory / 2,
+            "the faces of objects that are looked at in pairs",
+        )
+    })?;
+    let names = objects.names();
+    object_contacts(faces, &path, options.memory, progress, &mut |contact| {
+        let names = contact.parts.map(|object| names[object as usize].clone());
+        each(&ModelContact { names, contact: *contact })
+    })?;
+    Ok(())
+}

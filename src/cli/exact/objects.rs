@@ -1,0 +1,135 @@
+//! `spinney find` of objects: one of an exact model by its name, and pairs that overlap or touch.
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+use serde_json::{Value, json};
+use spinney::brep::query::PartMeasures;
+use spinney::brep::{ExactModel, Faces, ObjectContact};
+use spinney::import::mesh;
+
+use super::super::Global;
+use super::super::report::{Found, Work};
+
+/// Lists the objects with a name, mostly one.
+pub(crate) fn find_object(
+    model: &ExactModel,
+    name: &str,
+    is_json: bool,
+    memory: u64,
+    global: &Global,
+    found: &mut Found,
+) -> Result<()> {
+    let parts: Vec<u32> =
+        (0..).zip(model.parts()).filter(|(_, own)| *own == name).map(|(part, _)| part).collect();
+    if parts.is_empty() {
+        let near = near_names(model.parts(), name).join(", ");
+        bail!("{}: has no object {name}; there are {near}", model.path().display());
+    }
+    let work = Work::start(global, "faces")?;
+    let measures = model.part_measures(memory, &work)?;
+    work.finish();
+    for part in parts {
+        let own = measures.iter().find(|measures| measures.part == part);
+        let about = model.part_attributes(part)?;
+        let line = || {
+            if is_json {
+                object_as_json(part, name, own, &about)
+            } else {
+                object_as_text(part, name, own, &about)
+            }
+        };
+        found.take(0, "", &line)?;
+    }
+    Ok(())
+}
+
+/// Names that are most like one: those that it is a part of, or that are a part of it, then those that begin like it.
+fn near_names<'a>(names: &'a [String], name: &str) -> Vec<&'a str> {
+    /// Names that are told.
+    const MOST: usize = 5;
+    let name = name.to_lowercase();
+    let likeness = |other: &String| {
+        let other = other.to_lowercase();
+        let has = !name.is_empty() && (other.contains(&name) || !other.is_empty() && name.contains(&other));
+        let same = other.chars().zip(name.chars()).take_while(|(a, b)| a == b).count();
+        (has, same)
+    };
+    let mut near: Vec<&String> = names.iter().collect();
+    near.sort_by_key(|other| std::cmp::Reverse(likeness(other)));
+    near.into_iter().take(MOST).map(String::as_str).collect()
+}
+
+fn object_as_text(part: u32, name: &str, measures: Option<&PartMeasures>, about: &Option<String>) -> String {
+    let none = || "-".to_string();
+    let bounds =
+        measures.and_then(|own| own.measures.bounds).map_or_else(none, |bounds| list(bounds.as_flattened()));
+    let closed = measures.filter(|own| own.is_closed);
+    let volume = closed.map_or_else(none, |own| own.measures.volume.to_string());
+    let about = about.as_deref().map_or(String::new(), |about| format!("\t{about}"));
+    format!("{part} {bounds} {volume}\t{name}{about}")
+}
+
+fn object_as_json(part: u32, name: &str, measures: Option<&PartMeasures>, about: &Option<String>) -> String {
+    let closed = measures.filter(|own| own.is_closed);
+    // (A text that is no JSON is shown as it is.)
+    let about = about.as_deref().map(|text| serde_json::from_str(text).unwrap_or_else(|_| Value::from(text)));
+    let object = json!({
+        "part": part,
+        "name": name,
+        "faces": measures.map_or(0, |own| own.measures.faces),
+        "closed": closed.is_some(),
+        "world": measures.and_then(|own| own.measures.bounds),
+        "volume": closed.map(|own| own.measures.volume),
+        "area": measures.map(|own| own.measures.area),
+        "attributes": about,
+    });
+    object.to_string()
+}
+
+/// Lists the pairs of objects of an exact model, or else of a mesh file, that overlap or touch.
+pub(crate) fn find_contacts(
+    model: Option<&ExactModel>,
+    file: &Path,
+    is_json: bool,
+    memory: u64,
+    global: &Global,
+    found: &mut Found,
+) -> Result<()> {
+    let mut take = |contact: &ObjectContact, names: [&str; 2]| {
+        found.take(0, "", &|| {
+            if is_json { contact_as_json(contact, names) } else { contact_as_text(contact, names) }
+        })
+    };
+    let work = Work::start(global, "objects")?;
+    if let Some(model) = model {
+        let name = |part: u32| model.parts().get(part as usize).map_or("", String::as_str);
+        model.object_contacts(memory, &work, &mut |contact| take(contact, contact.parts.map(name)))?;
+    } else if mesh::is_model(file) {
+        let models = mesh::open_all(&[file.to_path_buf()], memory)?;
+        let mut options = mesh::ExactOptions::new();
+        options.memory = memory;
+        mesh::model_contacts(models, &options, &work, &mut |found| {
+            take(&found.contact, [&found.names[0], &found.names[1]])
+        })?;
+    } else {
+        bail!("{}: is no exact model and no mesh, which --contacts is for", file.display());
+    }
+    work.finish();
+    Ok(())
+}
+
+fn list(numbers: &[f64]) -> String {
+    numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",")
+}
+
+fn contact_as_text(contact: &ObjectContact, [first, second]: [&str; 2]) -> String {
+    let ObjectContact { kind, volume, area, place, .. } = contact;
+    format!("{} {volume} {area} {}\t{first}\t{second}", kind.name(), list(place))
+}
+
+fn contact_as_json(contact: &ObjectContact, names: [&str; 2]) -> String {
+    let ObjectContact { parts, kind, volume, area, place, .. } = contact;
+    json!({ "kind": kind.name(), "parts": parts, "names": names, "volume": volume, "area": area, "place": place })
+        .to_string()
+}
