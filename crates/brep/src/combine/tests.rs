@@ -391,6 +391,8 @@ fn block(seed: u64, from: [i32; 3], layer: Option<i32>) -> Vec<[[i32; 3]; 3]> {
 /// or FULL, so is the result.
 #[test]
 fn cells_are_as_the_tables_say() {
+    /// The operations that depend on both bodies.
+    const BOTH: [u8; 10] = [1, 2, 4, 6, 7, 8, 9, 11, 13, 14];
     let mut seen: HashSet<(u8, usize, u8, i32)> = Default::default();
     // Cells end where all faces are in one plane, and such ones are large: none of them is within the other body.
     for (from, layers) in [([500, 520, 540], None), ([600, 620, 640], Some([10, 0]))] {
@@ -402,7 +404,7 @@ fn cells_are_as_the_tables_say() {
             model.face(number, &mut buffer).unwrap();
             buffer.points
         };
-        for operation in 0..16 {
+        for operation in BOTH {
             let table = OperationTable::new(operation, 2).unwrap();
             let result = result(operation, &[&bodies[0], &bodies[1]]);
             let mut faces: HashSet<Vec<[i32; 3]>> = Default::default();
@@ -471,7 +473,7 @@ fn cells_are_as_the_tables_say() {
             }
         }
     }
-    for operation in 0..16 {
+    for operation in BOTH {
         for kind in [NodeKind::Face, NodeKind::Edge, NodeKind::Vertex, NodeKind::Boolean] {
             for side in [0, 1] {
                 // (Within the other body, what is far from its surface has cells of several planes.)
