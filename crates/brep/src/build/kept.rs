@@ -72,19 +72,6 @@ impl Kept<'_> {
         }
         Ok(self.near(node))
     }
-
-    /// Winding number around the least corner of a node's cell.
-    fn winding(&self, node: &ModelNode<'_>) -> Result<i32> {
-        let mut node = node.clone();
-        loop {
-            match node.state() {
-                ModelNodeState::Void => return Ok(0),
-                ModelNodeState::Full => return Ok(1),
-                ModelNodeState::Leaf { inside, .. } => return Ok(inside.into()),
-                ModelNodeState::Inner => node = self.model.child(&node, 0)?,
-            }
-        }
-    }
 }
 
 impl Upper<'_> {
@@ -141,11 +128,9 @@ impl Upper<'_> {
             return Ok(word);
         }
         if node.state() != ModelNodeState::Inner {
-            let near = [kept.tell_near(node, self.near)?, self.near.of(near[0], cell, self.bits)].concat();
-            let winding = cell.winding + kept.winding(node)?;
+            let (cell, near, words) = self.leaf_before(kept, (cell, node), near[0])?;
             let mut run = RunBuilder::new((self.memory / 4 / 4) as usize, self.place.clone());
-            let (mut words, mut count) = (Vec::new(), 0);
-            kept_words(kept, node, &mut words)?;
+            let mut count = 0;
             let mut push = |face: FaceWords<'_>| {
                 count += 1;
                 run.push(face)
@@ -153,12 +138,7 @@ impl Upper<'_> {
             FaceWords::all(&words).try_for_each(&mut push)?;
             added.each(push)?;
             let run = run.finish()?.0;
-            return self.cell(
-                &Cell { winding, ..*cell },
-                run,
-                (&near, Spread::new(count, self.leaf_size)),
-                out,
-            );
+            return self.cell(&cell, run, (&near, Spread::new(count, self.leaf_size)), out);
         }
         let Upper { bits, memory, stages, progress, .. } = *self;
         let division = RunDivision { bits, memory, stages, progress };
@@ -197,16 +177,12 @@ impl Upper<'_> {
             self.progress.check()?;
         }
         if node.state() != ModelNodeState::Inner {
-            let added = self.near.of(changes.near[0], cell, self.bits);
-            let near = [kept.tell_near(node, self.near)?, added].concat();
-            let winding = cell.winding + kept.winding(node)?;
-            let mut words = Vec::new();
-            kept_words(kept, node, &mut words)?;
+            let (cell, near, mut words) = self.leaf_before(kept, (cell, node), changes.near[0])?;
             for item in changes.added {
                 let outline = items[0].outline(*item);
                 FaceWords::write(items[0].face(*item), outline.points, outline.ring_ends, &mut words);
             }
-            return self.leaves(&Cell { winding, ..*cell }, Run::Held(words), &near, out);
+            return self.leaves(&cell, Run::Held(words), &near, out);
         }
         let division = Division::of(cell, self.bits);
         let mut windings = [0; 7];
@@ -239,6 +215,30 @@ impl Upper<'_> {
         self.complete(cell, mark, record, out)
     }
 
+    /// A cell that was not divided before: with its winding number, the exact faces that are near it, those that are added included, and the
+    /// words of its faces that stay.
+    fn leaf_before(
+        &mut self,
+        kept: &Kept<'_>,
+        (cell, node): (&Cell, &ModelNode<'_>),
+        added_near: &[u32],
+    ) -> Result<(Cell, Vec<u32>, Vec<u32>)> {
+        let added_near = self.near.of(added_near, cell, self.bits);
+        let near = [kept.tell_near(node, self.near)?, added_near].concat();
+        let before = match node.state() {
+            ModelNodeState::Leaf { inside, .. } => inside,
+            state => state == ModelNodeState::Full,
+        };
+        let (mut words, mut buffer) = (Vec::new(), FaceBuffer::default());
+        for face in node.faces() {
+            if let Some(number) = kept.faces.number(face) {
+                kept.model.face(face, &mut buffer)?;
+                FaceWords::write(number, &buffer.points, &buffer.ring_ends, &mut words);
+            }
+        }
+        Ok((Cell { winding: cell.winding + i32::from(before), ..*cell }, near, words))
+    }
+
     /// The word of a node whose children are complete.
     fn complete(&mut self, cell: &Cell, mark: Mark, record: usize, out: &mut Arena) -> Result<u32> {
         // (A cell may be near a face with corners beside the grid that none of its children is near: boxes and planes are
@@ -262,16 +262,4 @@ impl Upper<'_> {
         self.store(out)?;
         Ok(word)
     }
-}
-
-/// Appends the words of a leaf's faces that stay.
-fn kept_words(kept: &Kept<'_>, node: &ModelNode<'_>, words: &mut Vec<u32>) -> Result<()> {
-    let mut buffer = FaceBuffer::default();
-    for face in node.faces() {
-        if let Some(number) = kept.faces.number(face) {
-            kept.model.face(face, &mut buffer)?;
-            FaceWords::write(number, &buffer.points, &buffer.ring_ends, words);
-        }
-    }
-    Ok(())
 }

@@ -33,6 +33,7 @@ use super::store::table::{FIRST_NAMED, MOST_BYTES, TableWriter};
 use super::store::writer::{List, ModelWriter};
 use super::{Face, Faces, Grid};
 use crate::arrangement::{ExactFace, Rounded};
+use crate::exact::normal::ring_normal;
 use crate::face_check::{FaceCheck, FaceFlaw};
 use crate::geometry::Stages;
 use spinney_base::io::{Output, folder};
@@ -226,8 +227,11 @@ impl ModelBuilder {
         self.writer.exact_block(block)
     }
 
-    /// Tells of a face of that model that does not stay.
+    /// Tells of a face of that model that does not stay; one without an area is in no cell.
     pub(super) fn remove(&mut self, face: &Face<'_>) -> Result<()> {
+        if ring_normal(face.rings().next().unwrap_or_default()) == [0; 3] {
+            return Ok(());
+        }
         self.words.clear();
         FaceWords::write(face.number as u32, face.points, face.ring_ends, &mut self.words);
         self.removed.push(FaceWords(&self.words))

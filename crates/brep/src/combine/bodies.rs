@@ -118,14 +118,11 @@ impl<'a> Bodies<'a> {
     /// Notes the fates of the faces with corners beside the grid that are far from other bodies.
     fn settle_exact_faces(&mut self, number: usize, progress: &dyn Progress) -> Result<()> {
         let mut overlap = std::mem::replace(&mut self.overlaps[number], Overlap::none());
-        let mut next = 0u64;
-        self.models[number].each_exact_head(&mut |head| {
-            let index = next;
-            next += 1;
+        self.models[number].each_exact_head(&mut |index, head| {
             if index.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
-            if overlap.exact.of(index).is_none() {
+            if overlap.exact.of(index.into()).is_none() {
                 return Ok(());
             }
             // Invariant: the cell that has the grid's point nearest to a corner has the corner, too, since walls lie between
@@ -139,9 +136,9 @@ impl<'a> Bodies<'a> {
                 places.extend(place);
             }
             match places.len() == self.models.len() {
-                true => overlap.exact.note(index, self.table.fate(number, &places)),
+                true => overlap.exact.note(index.into(), self.table.fate(number, &places)),
                 // (Of damaged files only.)
-                false => overlap.exact.set_near(index),
+                false => overlap.exact.set_near(index.into()),
             }
             Ok(())
         })?;
@@ -192,19 +189,13 @@ impl<'a> Bodies<'a> {
             let list = &mut found.faces.list;
             self.each(number, progress, &mut |face, stands_in, becomes| {
                 sources = sources.max(face.source.saturating_add(1));
-                match becomes {
-                    Use::Settled(Fate::Kept) => {
-                        stays[0].set(face.number, true);
-                        return Ok(());
-                    }
-                    _ => {
-                        if let Some((builder, surface)) = result.as_mut().filter(|_| is_base) {
-                            surface.remove(face, stands_in);
-                            if has_area(face) {
-                                builder.remove(face)?;
-                            }
-                        }
-                    }
+                if matches!(becomes, Use::Settled(Fate::Kept)) {
+                    stays[0].set(face.number, true);
+                    return Ok(());
+                }
+                if let Some((builder, surface)) = result.as_mut().filter(|_| is_base) {
+                    surface.remove(face, stands_in);
+                    builder.remove(face)?;
                 }
                 match becomes {
                     Use::Settled(_) => return Ok(()),
@@ -220,10 +211,7 @@ impl<'a> Bodies<'a> {
             let open_bytes = open.bytes();
             found.seams.watch(open);
             let (overlap, replaced) = (&self.overlaps[number].exact, &self.replaced[number]);
-            let mut next = 0u32;
-            model.each_exact_head(&mut |head| {
-                let index = next;
-                next += 1;
+            model.each_exact_head(&mut |index, head| {
                 if index.is_multiple_of(1 << 8) {
                     progress.check()?;
                     let bytes = found.faces.list.bytes().saturating_add(exact_bytes) + open_bytes;
@@ -323,10 +311,7 @@ impl<'a> Bodies<'a> {
         for number in self.base_first() {
             let (model, is_kept) = (self.models[number], keeps_base && self.base == Some(number));
             let (overlap, replaced) = (&self.overlaps[number].exact, &self.replaced[number]);
-            let mut next = 0u32;
-            model.each_exact_head(&mut |head| {
-                let index = next;
-                next += 1;
+            model.each_exact_head(&mut |index, head| {
                 if index.is_multiple_of(1 << 10) {
                     progress.check()?;
                 }

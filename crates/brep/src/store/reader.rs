@@ -249,12 +249,16 @@ impl ExactModel {
         Ok(())
     }
 
-    /// Reads what is quickly read of all faces with corners beside the grid, in the order of their numbers.
-    pub(crate) fn each_exact_head(&self, each: &mut dyn FnMut(ExactHead) -> Result<()>) -> Result<()> {
+    /// Reads what is quickly read of all faces with corners beside the grid, each with its number, in order.
+    pub(crate) fn each_exact_head(&self, each: &mut dyn FnMut(u32, ExactHead) -> Result<()>) -> Result<()> {
+        let mut number = 0;
         for index in 0..self.exact.len() {
             let block = self.exact_block(index)?;
             for place in 0..block.len() {
-                each(block.head(place).map_err(|found| self.wrong_exact_block(index, found))?)?;
+                let head = block.head(place).map_err(|found| self.wrong_exact_block(index, found))?;
+                each(number, head)?;
+                // (Files have fewer than 2^32.)
+                number += 1;
             }
         }
         Ok(())
