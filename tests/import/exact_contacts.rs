@@ -100,7 +100,7 @@ fn boxes_meet_as_their_sides_say() {
     assert!(matches!(error, Err(Error::TooLarge { .. })), "{error:?}");
 }
 
-/// What is inside out counts as inside, a cavity is not, and what is open is left out.
+/// Bodies inside out count as inside, cavities do not, and open ones are left out.
 #[test]
 fn objects_may_be_flawed() {
     let mut list = FaceList::new(grid(), Vec::new());

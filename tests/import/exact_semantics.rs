@@ -283,7 +283,7 @@ fn many_semantics_come_back() {
     }
 }
 
-/// Whatever the semantics are, faces are read, or an error says what is wrong.
+/// Faces are read whatever the semantics are, or an error says what is wrong.
 #[test]
 fn odd_semantics_do_no_harm() {
     let folder = tempfile::tempdir().unwrap();

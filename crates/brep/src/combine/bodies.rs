@@ -47,7 +47,7 @@ impl Replaced {
     }
 }
 
-/// What becomes of a face.
+/// Uses that an operation makes of a face.
 #[derive(Clone, Copy)]
 enum Use {
     /// It is far from other bodies.
@@ -68,7 +68,7 @@ pub(super) struct Near<'a> {
     pub(super) ends: Vec<u32>,
     /// The edges at which the faces that are divided or made anew meet those that are not.
     pub(super) seams: Seams,
-    /// What becomes of faces with corners beside the grid that are not near, but for which new faces will stand in.
+    /// Faces with corners beside the grid that are not near, as they are in the result, but for which new faces will stand in.
     pub(super) beside: Vec<ExactFace>,
     /// The base, and those of its faces that stay as they are.
     pub(super) kept: Option<Kept<'a>>,
@@ -430,7 +430,7 @@ fn has_area(face: &Face<'_>) -> bool {
     ring_normal(face.rings().next().unwrap_or_default()) != [0; 3]
 }
 
-/// What a fate makes of a face with corners beside the grid.
+/// A face with corners beside the grid as its fate leaves it; `None` of one that is dropped.
 fn settled(face: ExactFace, fate: Fate) -> Option<ExactFace> {
     match fate {
         Fate::Kept => Some(face),

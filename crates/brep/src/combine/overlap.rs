@@ -8,7 +8,7 @@ use crate::query::half_of;
 use crate::{ExactModel, Faces, ModelNode, ModelNodeState};
 use spinney_base::{Progress, Result};
 
-/// What becomes of the faces of one body among others.
+/// Fates of the faces of one body among others.
 ///
 /// A cell decides of what is in it alone: of two cells, each of some body, of which one lies in the other with a step more on all
 /// sides, these are the entries of the table of an operation, by the states of both.

@@ -305,7 +305,7 @@ fn chains_of_operations() {
     }
 }
 
-/// What is far from the other body is not arranged anew, also where earlier operations have left corners beside the grid.
+/// Faces far from the other body are not arranged anew, also where earlier operations have left corners beside the grid.
 #[test]
 fn only_what_is_near_is_arranged() {
     let mut all = model(&block(7, [100; 3], None));

@@ -413,7 +413,7 @@ impl<'a> ExactBlock<'a> {
         Ok(())
     }
 
-    /// What is quickly read of a face of a block that was checked, by its place there. What is wrong with it is told in words.
+    /// Part, source and first corner of a face, by its place in a block that was checked. What is wrong with it is told in words.
     pub(crate) fn head(&self, face: usize) -> Result<ExactHead, String> {
         let first = self.between(7, self.between(6, face).start).start;
         let corner = self.vertex(self.number(8, 2 * first))?;

@@ -202,7 +202,7 @@ impl<'a> Semantics<'a> {
         std::iter::once((SURFACE, number.as_str())).chain(values).collect()
     }
 
-    /// What comes next; blanks and commas before it are passed.
+    /// The next part of the text; blanks and commas before it are passed.
     fn next(&mut self) -> Token {
         let blanks = self.rest.iter().take_while(|byte| b", \t\r\n".contains(byte)).count();
         self.rest = &self.rest[blanks..];
