@@ -2,12 +2,12 @@
 //! in bounded memory.
 
 mod arena;
+mod base;
 mod cells;
 mod check;
 mod defects;
 mod division;
 mod items;
-mod kept;
 mod memory;
 mod near;
 mod pairs;
@@ -41,10 +41,10 @@ use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Codec, Metadata};
 
+pub(crate) use self::base::BaseModel;
 pub(crate) use self::check::{Checked, OctreeCheck};
 pub use self::defects::show_place;
 pub use self::defects::{Defect, DefectKind};
-pub(crate) use self::kept::Kept;
 pub(crate) use self::memory::defects_of;
 
 /// Faces that a cell may have and end, if nothing else is said: with more, files get little smaller and questions
@@ -71,9 +71,9 @@ pub struct ModelBuilder {
     grid: Grid,
     memory: u64,
     run: RunBuilder,
-    /// Faces of a model before that go.
+    /// Faces of the base that go.
     removed: RunBuilder,
-    near_before: NearFaces,
+    near_removed: NearFaces,
     words: Vec<u32>,
     faces: u64,
     /// Those of them that have an area.
@@ -112,7 +112,7 @@ impl ModelBuilder {
             memory,
             run,
             removed,
-            near_before: NearFaces::new(1),
+            near_removed: NearFaces::new(1),
             words: Vec::new(),
             faces: 0,
             wide: 0,
@@ -157,7 +157,7 @@ impl ModelBuilder {
 
     /// Chooses how many steps faces may lie beside those that they stand in for, before there are any.
     pub(super) fn reach(self, reach: u8) -> ModelBuilder {
-        ModelBuilder { near: NearFaces::new(reach), near_before: NearFaces::new(reach), ..self }
+        ModelBuilder { near: NearFaces::new(reach), near_removed: NearFaces::new(reach), ..self }
     }
 
     /// Adds a face with corners beside the grid, for which others stand in: a file is then made even if those have defects.
@@ -210,13 +210,13 @@ impl ModelBuilder {
         self.run.push(FaceWords(&self.words))
     }
 
-    /// Adds a face as [`ModelBuilder::push_face`] does that stays as it is in a model before, whose octree has it: these come first, in the order
+    /// Adds a face as [`ModelBuilder::push_face`] does that stays as it is in the base: these come first, in the order
     /// that they have there.
     pub(super) fn push_kept(&mut self, face: &Face<'_>, stands_in: bool) -> Result<()> {
         self.write_face(face, stands_in).map(|_| ())
     }
 
-    /// Adds a block of faces with corners beside the grid of that model that all stay, of parts of which none has a number above `last_part`.
+    /// Adds a block of faces with corners beside the grid of the base that all stay, of parts of which none has a number above `last_part`.
     ///
     /// # Errors
     /// Those of [`ModelBuilder::push_exact`].
@@ -227,7 +227,7 @@ impl ModelBuilder {
         self.writer.exact_block(block)
     }
 
-    /// Tells of a face of that model that does not stay; one without an area is in no cell.
+    /// Tells of a face of the base that does not stay; one without an area is in no cell.
     pub(super) fn remove(&mut self, face: &Face<'_>) -> Result<()> {
         if ring_normal(face.rings().next().unwrap_or_default()) == [0; 3] {
             return Ok(());
@@ -237,9 +237,9 @@ impl ModelBuilder {
         self.removed.push(FaceWords(&self.words))
     }
 
-    /// Tells of a face of that model with corners beside the grid that does not stay.
+    /// Tells of a face of the base with corners beside the grid that does not stay.
     pub(super) fn remove_exact(&mut self, face: &ExactFace) {
-        self.near_before.push(face);
+        self.near_removed.push(face);
     }
 
     /// Writes a face; returns its number if it has an area.
@@ -359,10 +359,10 @@ impl ModelBuilder {
         self.finish_with(None, metadata, progress, complete)
     }
 
-    /// [`ModelBuilder::finish`] where some faces are those of a model before, with the grid that this one has.
+    /// [`ModelBuilder::finish`] where some faces are those of a base, with the grid that this one has.
     pub(super) fn finish_with(
         self,
-        kept: Option<&Kept<'_>>,
+        base: Option<&BaseModel<'_>>,
         metadata: &mut Metadata,
         progress: &dyn Progress,
         complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
@@ -373,7 +373,7 @@ impl ModelBuilder {
             memory,
             run,
             removed,
-            near_before,
+            near_removed,
             faces,
             wide,
             stand_ins,
@@ -390,13 +390,13 @@ impl ModelBuilder {
         let (run, place) = run.finish()?;
         let (removed, _) = removed.finish()?;
         let stages = Mutex::new(Stages::default());
-        let total = (run.len() + if kept.is_some() { removed.len() } else { 0 }) as u64;
+        let total = (run.len() + if base.is_some() { removed.len() } else { 0 }) as u64;
         let mut upper = Upper {
             bits: grid.bits,
             depth: grid.depth(),
             leaf_size,
             near: &mut all_near,
-            near_before: &near_before,
+            near_removed: &near_removed,
             memory,
             place,
             stages: &stages,
@@ -409,17 +409,17 @@ impl ModelBuilder {
         let mut arena = Arena::default();
         let mark = arena.mark();
         let root = Cell { level: 0, position: [0; 3], winding: is_unbounded.into() };
-        let word = match kept {
+        let word = match base {
             None => {
                 let near = upper.near.of(&upper.near.all(), &root, grid.bits);
                 upper.cell(&root, run, (&near, Spread::new(wide, leaf_size)), &mut arena)?
             }
-            Some(kept) => {
-                let winding = root.winding - kept.model.far_winding();
-                let node = kept.model.root()?;
-                let near = [upper.near.from(kept.exact.len()), near_before.all()];
+            Some(base) => {
+                let winding = root.winding - base.model.far_winding();
+                let node = base.model.root()?;
+                let near = [upper.near.from(base.exact.len()), near_removed.all()];
                 let (root, runs) = (Cell { winding, ..root }, [run, removed]);
-                upper.change_run(kept, (&root, &node), runs, [&near[0], &near[1]], &mut arena)?
+                upper.change_run(base, (&root, &node), runs, [&near[0], &near[1]], &mut arena)?
             }
         };
         // The root owns a segment in any case.

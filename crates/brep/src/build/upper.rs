@@ -21,8 +21,8 @@ pub(super) struct Upper<'a> {
     pub(super) depth: u8,
     pub(super) leaf_size: usize,
     pub(super) near: &'a mut NearFaces,
-    /// Those of a model before that go.
-    pub(super) near_before: &'a NearFaces,
+    /// Those of the base that go.
+    pub(super) near_removed: &'a NearFaces,
     pub(super) memory: u64,
     pub(super) place: Place,
     pub(super) stages: &'a Mutex<Stages>,
@@ -30,7 +30,7 @@ pub(super) struct Upper<'a> {
     pub(super) writer: &'a mut ModelWriter,
     pub(super) done: u64,
     pub(super) total: u64,
-    /// Nodes of a model before that were gone through.
+    /// Nodes of the base that were gone through.
     pub(super) visited: u64,
 }
 

@@ -8,7 +8,7 @@ use super::placed::Placed;
 use super::table::Fate;
 use super::table::OperationTable;
 use crate::arrangement::{ExactFace, ExactFaces, Rounded, Seams, Turner};
-use crate::build::Kept;
+use crate::build::BaseModel;
 use crate::closure::SurfaceClosure;
 use crate::exact::normal::ring_normal;
 use crate::face_set::{FaceSet, Renumbering};
@@ -71,7 +71,7 @@ pub(super) struct Near<'a> {
     /// Faces with corners beside the grid that are not near, as they are in the result, but for which new faces will stand in.
     pub(super) beside: Vec<ExactFace>,
     /// The base, and those of its faces that stay as they are.
-    pub(super) kept: Option<Kept<'a>>,
+    pub(super) base: Option<BaseModel<'a>>,
 }
 
 impl<'a> Bodies<'a> {
@@ -174,7 +174,7 @@ impl<'a> Bodies<'a> {
         let parts = self.models.iter().flat_map(|model| model.parts().iter().cloned()).collect();
         let faces = ExactFaces::of_grid(FaceList::new(self.placed.grid.clone(), parts));
         let mut found =
-            Near { faces, ends: Vec::new(), seams: Seams::default(), beside: Vec::new(), kept: None };
+            Near { faces, ends: Vec::new(), seams: Seams::default(), beside: Vec::new(), base: None };
         let (mut first_source, mut exact_bytes) = (0u64, 0u64);
         for (number, model) in self.models.iter().enumerate() {
             self.first[number].1 = first_source;
@@ -241,7 +241,7 @@ impl<'a> Bodies<'a> {
             })?;
             if is_base {
                 let [faces, exact] = stays.map(Renumbering::of);
-                found.kept = Some(Kept { model, faces, exact });
+                found.base = Some(BaseModel { model, faces, exact });
             }
             self.check_room(number, found.faces.list.bytes().saturating_add(exact_bytes), memory)?;
             first_source = sources;
@@ -278,15 +278,15 @@ impl<'a> Bodies<'a> {
     /// Adds those faces of the base with corners beside the grid that stay as they are, whole blocks where these can stay, too.
     pub(super) fn keep_exact(
         &self,
-        kept: &Kept<'_>,
+        base: &BaseModel<'_>,
         builder: &mut ModelBuilder,
         progress: &dyn Progress,
     ) -> Result<()> {
         let Some(number) = self.base else { return Ok(()) };
-        let last_part = kept.model.parts().len().saturating_sub(1) as u32;
-        kept.model.each_exact_block(&mut |first, block| {
+        let last_part = base.model.parts().len().saturating_sub(1) as u32;
+        base.model.each_exact_block(&mut |first, block| {
             progress.check()?;
-            let stays = |place: &usize| kept.exact.number(first + *place as u64).is_some();
+            let stays = |place: &usize| base.exact.number(first + *place as u64).is_some();
             if self.first[number] == (0, 0)
                 && block.is_coloured() == self.is_coloured
                 && (0..block.len()).all(|place| stays(&place))
@@ -294,7 +294,7 @@ impl<'a> Bodies<'a> {
                 return builder.push_kept_exact(block, last_part);
             }
             (0..block.len()).filter(stays).try_for_each(|place| {
-                let face = kept.model.exact_face((first + place as u64) as u32)?;
+                let face = base.model.exact_face((first + place as u64) as u32)?;
                 builder.push_exact(self.exact(number, face))
             })
         })

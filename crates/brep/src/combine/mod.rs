@@ -166,7 +166,7 @@ fn made(
     // Invariant: of the base, which is closed, the faces that go are taken off, and those that stay are not added: it makes no difference
     // which of both is counted.
     let mut surface = SurfaceClosure::new(true);
-    let Near { faces, ends, mut seams, beside, kept } =
+    let Near { faces, ends, mut seams, beside, base } =
         bodies.near(Some((&mut builder, &mut surface)), memory / 2, progress)?;
     let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
     let operands = Operands {
@@ -197,8 +197,8 @@ fn made(
     }
     let Rounded { faces, stands_in, exact, displacement, reach, .. } = rounded;
     let displacement = displacement * grid.width();
-    let kept = kept.filter(|_| !is_whole);
-    if kept.is_none() {
+    let base = base.filter(|_| !is_whole);
+    if base.is_none() {
         surface = SurfaceClosure::new(true);
     }
     let mut settled = 0u64;
@@ -206,7 +206,7 @@ fn made(
         bodies.settled(progress, &mut |face, stands_in, is_base| {
             settled += 1;
             seams.add_watched(face);
-            if is_base && kept.is_some() {
+            if is_base && base.is_some() {
                 return builder.push_kept(face, stands_in);
             }
             surface.add(face, stands_in);
@@ -225,14 +225,14 @@ fn made(
         builder.push_face(face, true)
     })?;
     drop(faces);
-    if let Some(kept) = &kept {
-        bodies.keep_exact(kept, &mut builder, progress)?;
+    if let Some(base) = &base {
+        bodies.keep_exact(base, &mut builder, progress)?;
     }
     let mut push_exact = |face: ExactFace| {
         surface.add_exact(&face, progress)?;
         builder.push_exact(face)
     };
-    bodies.settled_exact(kept.is_some(), progress, &mut push_exact)?;
+    bodies.settled_exact(base.is_some(), progress, &mut push_exact)?;
     exact.into_iter().try_for_each(&mut push_exact)?;
     if let Some(flaw) = surface.flaw() {
         return Err(Error::NoBody {
@@ -253,7 +253,7 @@ fn made(
     }
     let mut metadata = metadata(operation, models, &grid);
     metadata.set_tag(Tag::ModelDisplacement, displacement.to_string());
-    let built = builder.finish_with(kept.as_ref(), &mut metadata, progress, &mut |metadata, built| {
+    let built = builder.finish_with(base.as_ref(), &mut metadata, progress, &mut |metadata, built| {
         if built.defect_count > 0 {
             metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
         }

@@ -20,7 +20,7 @@ use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
 use spinney_base::{Error, Result};
 
 /// A model, and those of its faces that stay as they are.
-pub(crate) struct Kept<'a> {
+pub(crate) struct BaseModel<'a> {
     pub(crate) model: &'a ExactModel,
     /// New numbers of the faces of its octree.
     pub(crate) faces: Renumbering,
@@ -28,7 +28,7 @@ pub(crate) struct Kept<'a> {
     pub(crate) exact: Renumbering,
 }
 
-/// Faces in a cell that are not in the octree before, or not in the one that is built.
+/// Faces in a cell that are not in the base, or not in the model that is built.
 struct Changes<'c> {
     /// Those that are added.
     added: &'c [u32],
@@ -46,7 +46,7 @@ impl Changes<'_> {
     }
 }
 
-impl Kept<'_> {
+impl BaseModel<'_> {
     /// The error of an octree that does not belong to its faces.
     fn wrong(&self, node: &ModelNode<'_>) -> Error {
         let place = format!("node {:?} of level {}", node.position(), node.level());
@@ -63,7 +63,7 @@ impl Kept<'_> {
         node.near().into_iter().filter_map(|face| self.exact.number(face.into())).collect()
     }
 
-    /// [`Kept::near`], of faces that will be asked for.
+    /// [`BaseModel::near`], of faces that will be asked for.
     fn tell_near(&self, node: &ModelNode<'_>, all: &mut NearFaces) -> Result<Vec<u32>> {
         for face in node.near() {
             if let Some(number) = self.exact.number(face.into()) {
@@ -76,8 +76,8 @@ impl Kept<'_> {
 
 impl Upper<'_> {
     /// Takes over a cell in which nothing changes; returns the word of its node.
-    fn copy(&mut self, kept: &Kept<'_>, node: &ModelNode<'_>, out: &mut Arena) -> Result<u32> {
-        let near = kept.near(node);
+    fn copy(&mut self, base: &BaseModel<'_>, node: &ModelNode<'_>, out: &mut Arena) -> Result<u32> {
+        let near = base.near(node);
         match node.state() {
             ModelNodeState::Inner => {
                 self.visited += 1;
@@ -86,16 +86,16 @@ impl Upper<'_> {
                 }
                 let (mark, record) = (out.mark(), out.record());
                 for child in 0..8 {
-                    let word = self.copy(kept, &kept.model.child(node, child)?, out)?;
+                    let word = self.copy(base, &base.model.child(node, child)?, out)?;
                     out.set(record, child, word);
                 }
                 let cell = Cell { level: node.level(), position: node.position(), winding: 0 };
                 self.complete(&cell, mark, record, out)
             }
             ModelNodeState::Leaf { kind, rule, inside } => {
-                let faces = kept.faces(node);
+                let faces = base.faces(node);
                 if faces.len() != node.faces().count() {
-                    return Err(kept.wrong(node));
+                    return Err(base.wrong(node));
                 }
                 Ok(out.leaf(LeafHead { kind, rule, inside }, faces.into_iter(), &near))
             }
@@ -108,11 +108,11 @@ impl Upper<'_> {
         }
     }
 
-    /// Builds a cell of the octree before in which some faces are added and others go; the cell's winding number is the difference
-    /// to that before. Returns the word of its node.
+    /// Builds a cell of the base in which some faces are added and others go; the cell's winding number is the difference
+    /// to that in the base. Returns the word of its node.
     pub(super) fn change_run(
         &mut self,
-        kept: &Kept<'_>,
+        base: &BaseModel<'_>,
         (cell, node): (&Cell, &ModelNode<'_>),
         [added, removed]: [Run; 2],
         near: [&[u32]; 2],
@@ -123,12 +123,12 @@ impl Upper<'_> {
             let items = [Items::of(added)?, Items::of(removed)?];
             let numbers = [&items[0], &items[1]].map(|items| (0..items.len() as u32).collect::<Vec<_>>());
             let changes = Changes { added: &numbers[0], removed: &numbers[1], near };
-            let word = self.change(kept, (cell, node), [&items[0], &items[1]], &changes, out)?;
+            let word = self.change(base, (cell, node), [&items[0], &items[1]], &changes, out)?;
             self.advance(length);
             return Ok(word);
         }
         if node.state() != ModelNodeState::Inner {
-            let (cell, near, words) = self.leaf_before(kept, (cell, node), near[0])?;
+            let (cell, near, words) = self.undivided(base, (cell, node), near[0])?;
             let mut run = RunBuilder::new((self.memory / 4 / 4) as usize, self.place.clone());
             let mut count = 0;
             let mut push = |face: FaceWords<'_>| {
@@ -150,19 +150,19 @@ impl Upper<'_> {
             let winding = cells[child].winding - (others[child].winding - cell.winding);
             let cell = Cell { winding, ..cells[child] };
             let near =
-                [self.near.of(near[0], &cell, self.bits), self.near_before.of(near[1], &cell, self.bits)];
-            let node = kept.model.child(node, child)?;
+                [self.near.of(near[0], &cell, self.bits), self.near_removed.of(near[1], &cell, self.bits)];
+            let node = base.model.child(node, child)?;
             let near = [&near[0][..], &near[1]];
-            let word = self.change_run(kept, (&cell, &node), [runs.0, runs.1], near, out)?;
+            let word = self.change_run(base, (&cell, &node), [runs.0, runs.1], near, out)?;
             out.set(record, child, word);
         }
         self.complete(cell, mark, record, out)
     }
 
-    /// Builds a cell of the octree before in which faces change, all of them in memory, as [`Upper::change_run`] does.
+    /// Builds a cell of the base in which faces change, all of them in memory, as [`Upper::change_run`] does.
     fn change(
         &mut self,
-        kept: &Kept<'_>,
+        base: &BaseModel<'_>,
         (cell, node): (&Cell, &ModelNode<'_>),
         items: [&Items; 2],
         changes: &Changes<'_>,
@@ -170,14 +170,14 @@ impl Upper<'_> {
     ) -> Result<u32> {
         // Invariant: where no face changes in a cell, the difference of winding numbers is the same all over it.
         if changes.is_empty() && cell.winding == 0 {
-            return self.copy(kept, node, out);
+            return self.copy(base, node, out);
         }
         self.visited += 1;
         if self.visited.is_multiple_of(1 << 10) {
             self.progress.check()?;
         }
         if node.state() != ModelNodeState::Inner {
-            let (cell, near, mut words) = self.leaf_before(kept, (cell, node), changes.near[0])?;
+            let (cell, near, mut words) = self.undivided(base, (cell, node), changes.near[0])?;
             for item in changes.added {
                 let outline = items[0].outline(*item);
                 FaceWords::write(items[0].face(*item), outline.points, outline.ring_ends, &mut words);
@@ -204,35 +204,35 @@ impl Upper<'_> {
         for (child, cell) in Division::cells(cell, windings).iter().enumerate() {
             let near = [
                 self.near.of(changes.near[0], cell, self.bits),
-                self.near_before.of(changes.near[1], cell, self.bits),
+                self.near_removed.of(changes.near[1], cell, self.bits),
             ];
             let changes =
                 Changes { added: &parts[0][child], removed: &parts[1][child], near: [&near[0], &near[1]] };
-            let node = kept.model.child(node, child)?;
-            let word = self.change(kept, (cell, &node), items, &changes, out)?;
+            let node = base.model.child(node, child)?;
+            let word = self.change(base, (cell, &node), items, &changes, out)?;
             out.set(record, child, word);
         }
         self.complete(cell, mark, record, out)
     }
 
-    /// A cell that was not divided before: with its winding number, the exact faces that are near it, those that are added included, and the
+    /// A cell that is not divided in the base: with its winding number, the exact faces that are near it, those that are added included, and the
     /// words of its faces that stay.
-    fn leaf_before(
+    fn undivided(
         &mut self,
-        kept: &Kept<'_>,
+        base: &BaseModel<'_>,
         (cell, node): (&Cell, &ModelNode<'_>),
         added_near: &[u32],
     ) -> Result<(Cell, Vec<u32>, Vec<u32>)> {
         let added_near = self.near.of(added_near, cell, self.bits);
-        let near = [kept.tell_near(node, self.near)?, added_near].concat();
+        let near = [base.tell_near(node, self.near)?, added_near].concat();
         let before = match node.state() {
             ModelNodeState::Leaf { inside, .. } => inside,
             state => state == ModelNodeState::Full,
         };
         let (mut words, mut buffer) = (Vec::new(), FaceBuffer::default());
         for face in node.faces() {
-            if let Some(number) = kept.faces.number(face) {
-                kept.model.face(face, &mut buffer)?;
+            if let Some(number) = base.faces.number(face) {
+                base.model.face(face, &mut buffer)?;
                 FaceWords::write(number, &buffer.points, &buffer.ring_ends, &mut words);
             }
         }
