@@ -119,7 +119,7 @@ impl Rounded {
     }
 
     /// Makes a whole surface closed edge by edge, and mends it where it is thinner than a step (there are `crossings`), if that comes to an
-    /// end: otherwise it stays as it is, and whoever builds a model of it tells where it passes through itself. `far` says whether what is far
+    /// end, and the memory is enough: otherwise it stays as it is, and whoever builds a model of it tells where it passes through itself. `far` says whether what is far
     /// away is inside.
     ///
     /// # Errors
@@ -143,7 +143,7 @@ impl Rounded {
         }
         match self.clone().mended(far, crossings, path, memory, progress) {
             Ok((mended, true)) => Ok(mended),
-            Ok(_) | Err(Error::NoBody { .. }) => Ok(self),
+            Ok(_) | Err(Error::NoBody { .. } | Error::TooLarge { .. }) => Ok(self),
             Err(error) => Err(error),
         }
     }

@@ -348,8 +348,8 @@ impl<'a> Bodies<'a> {
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<bool> {
-        // (A triangle takes about as much.)
-        const TRIANGLE: u64 = 80;
+        // (A triangle takes about as much while the whole is divided again.)
+        const TRIANGLE: u64 = 400;
         if self.models.iter().map(|model| model.len()).sum::<u64>() * TRIANGLE > memory {
             return Ok(false);
         }

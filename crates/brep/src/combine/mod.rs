@@ -187,7 +187,7 @@ fn made(
     let mut rounded = round(exact)?;
     rounded.reach = rounded.reach.max(bodies.reach());
     let crossings = rounded.crossings(path, memory / 2, progress)?;
-    let is_whole = crossings > 0 && bodies.append_settled(&mut rounded, memory / 4, progress)?;
+    let is_whole = crossings > 0 && bodies.append_settled(&mut rounded, memory / 2, progress)?;
     if is_whole {
         rounded = rounded.closed(crossings, is_unbounded, path, memory / 2, progress)?;
         seams = Seams::default();

@@ -317,8 +317,10 @@ fn only_what_is_near_is_arranged() {
         let other = model(&tetrahedron(solid).unwrap());
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.goblin");
+        // (Less than the faces of the whole would take to be divided again.)
+        let memory = 512 << 10;
         let report =
-            combine(2, &[&all, &other], Output::create(&path).unwrap(), Codec::Plain, 64 << 20, &()).unwrap();
+            combine(2, &[&all, &other], Output::create(&path).unwrap(), Codec::Plain, memory, &()).unwrap();
         // (The last one is within the body, where all its faces are turned.)
         let expected = if step < 3 { 5..60 } else { 0..1 };
         assert!(expected.contains(&report.near), "{step}: {} of {}", report.near, report.after);
