@@ -68,7 +68,12 @@ def peer():
     found = solid(*bodies[0])
     for operation, body in zip(operations, bodies[1:]):
         other = solid(*body)
-        found = {"or": found + other, "a-b": found - other, "xor": (found - other) + (other - found)}[operation]
+        if operation == "xor":
+            found = (found - other) + (other - found)
+        else:
+            found = found + other if operation == "or" else found - other
+        # (Or it is done at the end, and all over again for each use.)
+        found.num_tri()
     print(json.dumps([found.volume(), time.process_time() - began]))
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import signal
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +33,17 @@ settings.register_profile(
     "spinney", derandomize=True, deadline=None, suppress_health_check=list(HealthCheck), max_examples=60, database=None
 )
 settings.load_profile("spinney")
+
+
+@pytest.fixture
+def heeded_interruption() -> Iterator[None]:
+    """Interruption by Ctrl-C, which shells have ignored of what they start in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    # (What is raised while callbacks of the collector run is lost.)
+    gc.disable()
+    yield
+    gc.enable()
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="session")

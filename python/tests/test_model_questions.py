@@ -240,6 +240,7 @@ def test_polygons_of_any_lengths_become_models(tmp_path: Path) -> None:
     assert not (tmp_path / "wrong.goblin").exists()
 
 
+@pytest.mark.usefixtures("heeded_interruption")
 def test_a_million_rays_can_be_stopped(ball: spinney.ExactModel) -> None:
     origins = np.random.default_rng(4).uniform(-9, 9, (3_000_000, 3))
     timer = threading.Timer(0.3, signal.raise_signal, [signal.SIGINT])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import signal
@@ -10,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -357,17 +356,6 @@ LONG: dict[str, Work] = {
     "set": many_cells,
     "paste": pasted,
 }
-
-
-@pytest.fixture
-def heeded_interruption() -> Iterator[None]:
-    """Interruption by Ctrl-C, which shells have ignored of what they start in the background."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    # (What is raised while callbacks of the collector run is lost.)
-    gc.disable()
-    yield
-    gc.enable()
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
