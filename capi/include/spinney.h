@@ -587,7 +587,8 @@ spinney_status spinney_model_rays(const spinney_model *model,
 // `options_size` is `sizeof(spinney_mesh_options)`, and `report_size` `sizeof(spinney_mesh_report)`.
 //
 // A surface that is open, passes through itself or is inside out bounds no body: SPINNEY_INVALID, with the places, up to 100 of them, in
-// spinney_error(). Where it fails there is no file.
+// spinney_error(). Where it fails there is no file. The program warns where a repair changes a surface or its volume by more than a
+// hundredth; here the report has both volumes and the counts, and nobody is warned.
 spinney_status spinney_model_build(const spinney_mesh *meshes,
                                    size_t count,
                                    size_t mesh_size,

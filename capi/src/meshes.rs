@@ -118,7 +118,8 @@ pub struct spinney_mesh_report {
 /// `options_size` is `sizeof(spinney_mesh_options)`, and `report_size` `sizeof(spinney_mesh_report)`.
 ///
 /// A surface that is open, passes through itself or is inside out bounds no body: SPINNEY_INVALID, with the places, up to 100 of them, in
-/// spinney_error(). Where it fails there is no file.
+/// spinney_error(). Where it fails there is no file. The program warns where a repair changes a surface or its volume by more than a
+/// hundredth; here the report has both volumes and the counts, and nobody is warned.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_build(
     meshes: *const spinney_mesh,

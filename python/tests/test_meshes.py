@@ -93,7 +93,7 @@ def test_scenes_and_several_meshes_become_parts(tmp_path: Path) -> None:
         spinney.build_brep(meshes, tmp_path / "one.goblin", names=["x", "y"], attributes={"y": {"height": 4}}, where="height>3")
         with spinney.open_brep(tmp_path / "one.goblin") as model:
             assert model.parts == ["y"] and model.volume == 24.0
-    # What is no body by itself is told by its name, or left out.
+    # Objects that are no bodies by themselves are told by their names, or left out.
     hole = (VERTICES, TRIANGLES[1:])
     with pytest.raises(ValueError, match="a boundary of 3 edges from .*, of open"):
         spinney.build_brep({"whole": other, "open": hole}, tmp_path / "no.goblin")

@@ -34,6 +34,9 @@ pub(super) struct Bodies<'a> {
 /// The faces of a model that stand in for others and are made anew, since some of those that they stand in for may be divided.
 ///
 /// Files do not tell which faces stand in for which; but they are of the same part and source.
+///
+/// Invariant: where one exact face of a part and source is near other bodies, all faces that stand in for any of these go, and new ones
+/// are made for all of these. If some stayed, places would be covered twice in the octree, or not at all, and it would be open there.
 struct Replaced {
     /// Whether all are.
     is_all: bool,
@@ -250,7 +253,10 @@ impl<'a> Bodies<'a> {
         Ok(found)
     }
 
-    /// The models, the base first: so the faces of it that stay have the lowest numbers.
+    /// The models, the base first.
+    ///
+    /// Invariant: faces of the base that stay are written first and in the order of their numbers there, and so get the numbers that
+    /// [`Renumbering`] tells; leaves that are taken over would list other faces.
     fn base_first(&self) -> impl Iterator<Item = usize> {
         let others = (0..self.models.len()).filter(|number| self.base != Some(*number));
         self.base.into_iter().chain(others)

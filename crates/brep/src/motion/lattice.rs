@@ -176,7 +176,9 @@ mod tests {
             assert_eq!(reduced(grid.step, grid.divisor), (grid.step, grid.divisor), "{width}");
         }
         // (A divisor that is no small whole number becomes one, with the same quotient.)
-        let grid = over(1e-280);
+        /// Near the least widths that are normal numbers when they are multiplied with those of grids.
+        const NARROW: f64 = 1e-280;
+        let grid = over(NARROW);
         let (step, divisor) = reduced(grid.step, grid.divisor);
         assert!(divisor < FARTHEST as f64 && step / divisor == grid.step / grid.divisor);
     }
