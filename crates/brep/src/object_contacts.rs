@@ -264,6 +264,7 @@ impl Bodies<'_> {
             most_contacts: 0,
             changed: &[],
             winding: &|_, _| None,
+            rest: None,
             is_inside: &|windings| windings[0] != 0 && windings[1] != 0,
         };
         let of = |operands: &Operands<'_>| divide(&faces, operands, self.path, self.memory, progress);

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use crate::arrangement::{ExactFaces, Operands, Resolved, divide, round};
+use crate::arrangement::{ExactFaces, Operands, Resolved, Seams, Surroundings, divide, round};
 use crate::closure::SurfaceClosure;
 use crate::{FaceList, Faces, ModelBuilder};
 use spinney_base::{Error, Progress, Result};
@@ -118,7 +118,10 @@ pub fn repair(
     tell_changes(outside_share, volume / cells_volume, path, progress);
     let rounded = round(exact)?;
     let crossings = rounded.crossings(path, memory, progress)?;
-    let rounded = rounded.closed(crossings, false, path, memory, progress)?;
+    let mut seams = Seams::default();
+    seams.add_all(&rounded.faces);
+    let whole = Surroundings { is_unbounded: false, rest: None };
+    let rounded = rounded.closed(seams, crossings, &whole, path, memory, progress)?;
     let mut surface = SurfaceClosure::new(!rounded.exact.is_empty());
     rounded.faces.each(&mut |face| {
         surface.add(face, rounded.stands_in[face.number as usize]);
@@ -172,6 +175,7 @@ pub(crate) fn divided(
         most_contacts: MOST_CONTACTS_OF_A_FACE * count + MOST_CONTACTS,
         changed: &[],
         winding: &|_, _| None,
+        rest: None,
         is_inside: &|windings| rule.is_inside(windings[0]),
     };
     let (exact, done) = divide(faces, &all, path, memory, progress)?;

@@ -100,6 +100,9 @@ impl Surface<'_> {
         if is_asked.contains(&true) {
             self.add_above(sample, same, &is_asked, &mut above);
         }
+        if let Some(rest) = self.operands.rest {
+            above[0] += rest(sample)?;
+        }
         let below = above.iter().zip(&changes).map(|(above, change)| above + change.unwrap_or(0)).collect();
         Ok([above, below])
     }

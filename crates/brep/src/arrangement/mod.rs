@@ -33,7 +33,7 @@ pub(crate) use overlay::{Corner, VertexKey, Vertices};
 pub(crate) use overlay::{PlaneRegion, PlaneSegment, regions};
 pub(crate) use point::{ExactPlane, ExactPoint, cross, wide};
 pub(crate) use rounds::Turner;
-pub(crate) use rounds::{Rounded, divide, round};
+pub(crate) use rounds::{Rounded, Surroundings, divide, round};
 pub(crate) use sample::SamplePoint;
 pub(crate) use seams::Seams;
 pub(crate) use surface::Resolved;

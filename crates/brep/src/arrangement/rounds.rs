@@ -8,7 +8,7 @@ use super::point::ExactPlane;
 use super::rounding::Rounder;
 use super::seams::Seams;
 use super::snapping::{EachFace, snap};
-use super::surface::{Kept, Operands, Resolved, crossings, resolve};
+use super::surface::{Kept, Operands, OtherFaces, Resolved, crossings, resolve};
 use crate::exact::normal::ring_normal;
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
@@ -42,7 +42,16 @@ pub(crate) fn divide(
     Ok((found, resolved))
 }
 
-/// A surface on the grid, and what of it is not exact.
+/// Surroundings of the faces of a list.
+#[derive(Clone, Copy)]
+pub(crate) struct Surroundings<'a> {
+    /// Whether what is far away is inside.
+    pub(crate) is_unbounded: bool,
+    /// The faces of the surface that are not in the list, if there are any.
+    pub(crate) rest: Option<&'a OtherFaces<'a>>,
+}
+
+/// A surface on the grid, or a part of one, and what of it is not exact.
 #[derive(Clone)]
 pub(crate) struct Rounded {
     /// Planar faces with corners on the grid.
@@ -99,13 +108,6 @@ impl Rounded {
         self.moved.extend(rounder.corners);
     }
 
-    /// Adds a face, which may stand in for others: as it was, or new.
-    pub(crate) fn push(&mut self, face: &Face<'_>, stands_in: bool, is_new: bool) {
-        self.faces.push(face);
-        self.stands_in.push(stands_in);
-        self.changed.push(is_new);
-    }
-
     /// Number of pairs of faces of which one was moved, and that have more in common now than neighbours have.
     ///
     /// # Errors
@@ -115,61 +117,62 @@ impl Rounded {
             return Ok(0);
         }
         let faces = ExactFaces::of_grid(self.faces.clone());
-        crossings(&faces, &self.operands(&[faces.list.len() as u32], &[0], 0), path, memory, progress)
+        crossings(&faces, &self.operands(&[faces.list.len() as u32], &[0]), path, memory, progress)
     }
 
-    /// Makes a whole surface closed edge by edge, and mends it where it is thinner than a step (there are `crossings`), if that comes to an
-    /// end, and the memory is enough: otherwise it stays as it is, and whoever builds a model of it tells where it passes through itself. `far` says whether what is far
-    /// away is inside.
+    /// Closes a surface edge by edge where `seams` are open, and mends it where it is thinner than a step (there are `crossings`), if that comes to an
+    /// end, and the memory is enough: otherwise it stays as it is, and whoever builds a model of it tells where it passes through itself.
     ///
     /// # Errors
-    /// If `memory` bytes are not enough, or on interruption.
+    /// On interruption, or if the surroundings cannot be read.
     pub(crate) fn closed(
         mut self,
+        seams: Seams,
         crossings: u64,
-        far: bool,
+        surroundings: &Surroundings<'_>,
         path: &Path,
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<Rounded> {
-        let mut seams = Seams::default();
-        seams.add_all(&self.faces);
         seams.close(self.reach, self.faces.is_coloured(), &mut |face| {
-            self.push(face, true, true);
+            self.faces.push(face);
+            self.stands_in.push(true);
+            self.changed.push(true);
             Ok(())
         })?;
         if crossings == 0 {
             return Ok(self);
         }
-        match self.clone().mended(far, crossings, path, memory, progress) {
+        match self.clone().mended(crossings, surroundings, path, memory, progress) {
             Ok((mended, true)) => Ok(mended),
             Ok(_) | Err(Error::NoBody { .. } | Error::TooLarge { .. }) => Ok(self),
             Err(error) => Err(error),
         }
     }
 
-    fn operands<'a>(&'a self, ends: &'a [u32], far: &'a [i32], most_contacts: u64) -> Operands<'a> {
+    fn operands<'a>(&'a self, ends: &'a [u32], far: &'a [i32]) -> Operands<'a> {
         Operands {
             ends,
             far,
             are_bodies: false,
             turns_roots: false,
-            most_contacts,
+            most_contacts: 0,
             changed: &self.changed,
             winding: &|_, _| None,
+            rest: None,
             is_inside: &|windings| windings[0] > 0,
         }
     }
 
-    /// Mends what moving the vertices of a whole surface has done to it, as far as that gets in a few rounds; `far` says whether
-    /// what is far away is inside. Says whether nothing is left to do.
+    /// Mends what moving vertices has done to a surface, as far as that gets in a few rounds. Says whether nothing is left to do, and the
+    /// surface still meets the faces around it.
     ///
     /// # Errors
-    /// If `memory` bytes are not enough, or on interruption.
+    /// If `memory` bytes are not enough, on interruption, or if the surroundings cannot be read.
     fn mended(
         self,
-        far: bool,
         crossings: u64,
+        surroundings: &Surroundings<'_>,
         path: &Path,
         memory: u64,
         progress: &dyn Progress,
@@ -179,13 +182,16 @@ impl Rounded {
         // (Where crossings become many more, it gets worse.)
         let most_contacts = 4 * crossings + 1000;
         let mut rounds = 0;
-        let far = [i32::from(far)];
+        let far = [i32::from(surroundings.is_unbounded)];
+        let mut border = Seams::default();
+        border.add_all(&self.faces);
         let mut state = self;
         let mut first = None;
         loop {
             let before = state.clone();
             let ends = [state.faces.len() as u32];
-            let operands = before.operands(&ends, &far, most_contacts);
+            let operands =
+                Operands { most_contacts, rest: surroundings.rest, ..before.operands(&ends, &far) };
             let mut rounder = Rounder::default();
             let (next, Resolved { divided, removed, .. }) = state.again(|faces, each| {
                 let mut turner = Turner::default();
@@ -202,7 +208,9 @@ impl Rounded {
             state.reach = state.reach.saturating_add(1);
             let first = *first.get_or_insert(divided.max(50));
             if divided + removed == 0 || rounds == MOST_ROUNDS || divided > 2 * first {
-                let is_done = divided + removed == 0 && is_closed(&state.faces);
+                let mut now = Seams::default();
+                now.add_all(&state.faces);
+                let is_done = divided + removed == 0 && now.are_those_of(&border);
                 return Ok((state, is_done));
             }
             rounds += 1;
@@ -257,20 +265,6 @@ impl Rounded {
         let stands_in = still.into_iter().map(|still| !still).collect();
         Ok((Rounded { faces: list, stands_in, exact, changed, moved, displacement, reach }, made))
     }
-}
-
-/// Whether each edge is there as often in one direction as in the other.
-fn is_closed(faces: &FaceList) -> bool {
-    let mut edges = Vec::new();
-    for number in 0..faces.len() as usize {
-        for ring in faces.get(number).rings() {
-            edges.extend((0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]));
-        }
-    }
-    let mut turned: Vec<_> = edges.iter().map(|[from, to]| [*to, *from]).collect();
-    sort::point_pairs(&mut edges);
-    sort::point_pairs(&mut turned);
-    edges == turned
 }
 
 /// Turns faces to the other side; keeps its buffers from face to face.

@@ -62,6 +62,15 @@ impl Seams {
         }
     }
 
+    /// Whether the same edges are open as often.
+    pub(crate) fn are_those_of(&self, other: &Seams) -> bool {
+        self.0.len() == other.0.len()
+            && self
+                .0
+                .iter()
+                .all(|(edge, seam)| other.0.get(edge).is_some_and(|own| own.surplus == seam.surplus))
+    }
+
     /// Counts those edges of a face that are open or watched.
     pub(crate) fn add_watched(&mut self, face: &Face<'_>) {
         if self.0.is_empty() {

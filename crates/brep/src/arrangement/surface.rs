@@ -60,9 +60,15 @@ pub(crate) struct Operands<'a> {
     /// The winding number of a body around a point that lies on none of its faces, if another way is known than through all of
     /// them.
     pub(crate) winding: &'a (dyn Fn(usize, &SamplePoint<'_>) -> Option<Result<i32>> + Sync),
+    /// If the list has only a part of one surface: what its other faces above a sample, which touch none of the list's but neighbours,
+    /// change in the winding number.
+    pub(crate) rest: Option<&'a OtherFaces<'a>>,
     /// Whether places which they go around so many times are inside.
     pub(crate) is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
 }
+
+/// Function that returns the change in the winding number of a surface above a sample by faces that are in no list.
+pub(crate) type OtherFaces<'a> = dyn Fn(&SamplePoint<'_>) -> Result<i32> + Sync + 'a;
 
 /// Remains of a face.
 pub(super) enum Kept<'a> {

@@ -7,7 +7,7 @@ use super::overlap::Overlap;
 use super::placed::Placed;
 use super::table::Fate;
 use super::table::OperationTable;
-use crate::arrangement::{ExactFace, ExactFaces, Rounded, Seams, Turner};
+use crate::arrangement::{ExactFace, ExactFaces, Seams, Turner};
 use crate::build::BaseModel;
 use crate::closure::SurfaceClosure;
 use crate::exact::normal::ring_normal;
@@ -52,7 +52,7 @@ impl Replaced {
 
 /// Uses that an operation makes of a face.
 #[derive(Clone, Copy)]
-enum Use {
+pub(super) enum Use {
     /// It is far from other bodies.
     Settled(Fate),
     /// It is near other bodies, or has no area and joins edges: it goes into the arrangement.
@@ -253,27 +253,30 @@ impl<'a> Bodies<'a> {
         Ok(found)
     }
 
-    /// The models, the base first.
-    ///
-    /// Invariant: faces of the base that stay are written first and in the order of their numbers there, and so get the numbers that
-    /// [`Renumbering`] tells; leaves that are taken over would list other faces.
-    fn base_first(&self) -> impl Iterator<Item = usize> {
-        let others = (0..self.models.len()).filter(|number| self.base != Some(*number));
-        self.base.into_iter().chain(others)
-    }
-
     /// Hands out what becomes of the faces that are not near other bodies, whether they stand in for others, and whether they are of the base
     /// and stay as they are.
+    ///
+    /// Invariant: faces of the base that stay come before all others, in the order of their numbers there, and so get the numbers that
+    /// [`Renumbering`] tells; leaves that are taken over would list other faces.
     pub(super) fn settled(
         &self,
         progress: &dyn Progress,
         each: &mut dyn FnMut(&Face<'_>, bool, bool) -> Result<()>,
     ) -> Result<()> {
+        if let Some(base) = self.base {
+            self.each(base, progress, &mut |face, stands_in, becomes| match becomes {
+                Use::Settled(Fate::Kept) => each(face, stands_in, true),
+                _ => Ok(()),
+            })?;
+        }
         let mut turner = Turner::default();
-        for number in self.base_first() {
+        for number in 0..self.models.len() {
             let is_base = self.base == Some(number);
+            if is_base && !self.overlaps[number].faces.are_some_turned() {
+                continue;
+            }
             self.each(number, progress, &mut |face, stands_in, becomes| match becomes {
-                Use::Settled(Fate::Kept) => each(face, stands_in, is_base),
+                Use::Settled(Fate::Kept) if !is_base => each(face, stands_in, false),
                 Use::Settled(Fate::Turned) => each(&turner.turn(face), stands_in, false),
                 _ => Ok(()),
             })?;
@@ -314,7 +317,7 @@ impl<'a> Bodies<'a> {
         progress: &dyn Progress,
         each: &mut dyn FnMut(ExactFace) -> Result<()>,
     ) -> Result<()> {
-        for number in self.base_first() {
+        for number in 0..self.models.len() {
             let (model, is_kept) = (self.models[number], keeps_base && self.base == Some(number));
             let (overlap, replaced) = (&self.overlaps[number].exact, &self.replaced[number]);
             model.each_exact_head(&mut |index, head| {
@@ -346,43 +349,28 @@ impl<'a> Bodies<'a> {
         ExactFace { part, source, ..self.placed.exact(number, face) }
     }
 
-    /// Adds the faces of the result that come from faces not near other bodies, and says so; does not if these would be more
-    /// than `memory` has room for.
-    pub(super) fn append_settled(
-        &self,
-        rounded: &mut Rounded,
-        memory: u64,
-        progress: &dyn Progress,
-    ) -> Result<bool> {
-        // (A triangle takes about as much while the whole is divided again.)
-        const TRIANGLE: u64 = 400;
-        if self.models.iter().map(|model| model.len()).sum::<u64>() * TRIANGLE > memory {
-            return Ok(false);
+    /// The use of a face of a model's octree, which may stand in for others.
+    pub(super) fn becomes(&self, number: usize, face: &Face<'_>, stands_in: bool) -> Use {
+        let (fate, replaced) = (self.overlaps[number].faces.of(face.number), &self.replaced[number]);
+        // (What has no area is in no cell.)
+        match (stands_in, fate) {
+            (true, None) => Use::Replaced,
+            (true, _) if replaced.has(face.part, face.source) || !has_area(face) => Use::Replaced,
+            (_, Some(fate)) if has_area(face) => Use::Settled(fate),
+            _ => Use::Arranged,
         }
-        self.settled(progress, &mut |face, stands_in, _| {
-            rounded.push(face, stands_in, false);
-            Ok(())
-        })?;
-        Ok(true)
     }
 
     /// Hands out the faces of a model's octree on the common grid, with whether they stand in for others, and what becomes of them.
     fn each(&self, number: usize, progress: &dyn Progress, each: &mut TakeFace<'_>) -> Result<()> {
         let model = self.models[number];
-        let (overlap, replaced) = (&self.overlaps[number].faces, &self.replaced[number]);
         let (first_part, first_source) = self.first[number];
         let (mut points, mut white) = (Vec::new(), Vec::new());
         model.each_face(&mut |face, stands_in| {
             if face.number.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
-            // (What has no area is in no cell.)
-            let becomes = match (stands_in, overlap.of(face.number)) {
-                (true, None) => Use::Replaced,
-                (true, _) if replaced.has(face.part, face.source) || !has_area(face) => Use::Replaced,
-                (_, Some(fate)) if has_area(face) => Use::Settled(fate),
-                _ => Use::Arranged,
-            };
+            let becomes = self.becomes(number, face, stands_in);
             if matches!(becomes, Use::Settled(Fate::Dropped)) {
                 return each(face, stands_in, becomes);
             }

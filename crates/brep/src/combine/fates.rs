@@ -49,6 +49,11 @@ impl Fates {
         self.note(number, fate);
     }
 
+    /// Whether the fate of any face that is not near is to be turned.
+    pub(super) fn are_some_turned(&self) -> bool {
+        self.turned.numbers().any(|face| !self.near.has(face.into()))
+    }
+
     /// Numbers of the faces that are near other bodies, ascending.
     pub(super) fn near(&self) -> impl Iterator<Item = u32> {
         self.near.numbers()

@@ -20,14 +20,15 @@ mod table;
 mod tests;
 mod winding;
 
+use std::mem;
 use std::path::Path;
 
 pub(super) use self::bodies::NearFaces;
 use self::bodies::{Bodies, Near};
 use self::placed::Placed;
 use self::table::OperationTable;
-use self::winding::winding;
-use super::arrangement::{ExactFace, Operands, Resolved, Rounded, Seams, divide, round};
+use self::winding::{settled_above, winding};
+use super::arrangement::{ExactFace, Operands, Resolved, Rounded, SamplePoint, Surroundings, divide, round};
 use super::store::formula::formula;
 use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
 use crate::closure::SurfaceClosure;
@@ -177,6 +178,7 @@ fn made(
         most_contacts: 0,
         changed: &[],
         winding: &|number, sample| Some(winding(models[number], number, placed, sample)),
+        rest: None,
         is_inside: &|windings| table.is_inside(windings),
     };
     let near = faces.list.len();
@@ -187,32 +189,36 @@ fn made(
     let mut rounded = round(exact)?;
     rounded.reach = rounded.reach.max(bodies.reach());
     let crossings = rounded.crossings(path, memory / 2, progress)?;
-    let is_whole = crossings > 0 && bodies.append_settled(&mut rounded, memory / 2, progress)?;
-    if is_whole {
-        rounded = rounded.closed(crossings, is_unbounded, path, memory / 2, progress)?;
-        seams = Seams::default();
-        builder = builder.reach(rounded.reach);
-    } else {
-        seams.add_all(&rounded.faces);
+    seams.add_all(&rounded.faces);
+    if crossings > 0 {
+        bodies.settled(progress, &mut |face, _, _| {
+            seams.add_watched(face);
+            Ok(())
+        })?;
+        let rest = |sample: &SamplePoint<'_>| settled_above(&bodies, sample);
+        let around = Surroundings { is_unbounded, rest: Some(&rest) };
+        rounded = rounded.closed(mem::take(&mut seams), crossings, &around, path, memory / 2, progress)?;
     }
-    let Rounded { faces, stands_in, exact, displacement, reach, .. } = rounded;
-    let displacement = displacement * grid.width();
-    let base = base.filter(|_| !is_whole);
+    // Leaves of a base list exact faces as far away as faces that stand in for them may lie there.
+    let base = base.filter(|base| !base.model.is_beside_grid() || base.model.reach() == rounded.reach);
     if base.is_none() {
         surface = SurfaceClosure::new(true);
     }
-    let mut settled = 0u64;
-    if !is_whole {
-        bodies.settled(progress, &mut |face, stands_in, is_base| {
-            settled += 1;
-            seams.add_watched(face);
-            if is_base && base.is_some() {
-                return builder.push_kept(face, stands_in);
-            }
-            surface.add(face, stands_in);
-            builder.push_face(face, stands_in)
-        })?;
+    if rounded.reach != bodies.reach() {
+        builder = builder.reach(rounded.reach);
     }
+    let Rounded { faces, stands_in, exact, displacement, reach, .. } = rounded;
+    let displacement = displacement * grid.width();
+    let mut settled = 0u64;
+    bodies.settled(progress, &mut |face, stands_in, is_base| {
+        settled += 1;
+        seams.add_watched(face);
+        if is_base && base.is_some() {
+            return builder.push_kept(face, stands_in);
+        }
+        surface.add(face, stands_in);
+        builder.push_face(face, stands_in)
+    })?;
     faces.each(&mut |face| {
         let stands_in = stands_in[face.number as usize];
         surface.add(face, stands_in);

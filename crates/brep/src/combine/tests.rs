@@ -330,6 +330,30 @@ fn only_what_is_near_is_arranged() {
     }
 }
 
+/// Faces of the operand whose octree is taken over are numbered anew where some of them go, are turned, or stay.
+#[test]
+fn numbers_of_faces_that_stay_are_those_of_leaves() {
+    let bodies: Vec<[[i32; 3]; 3]> = (0..6)
+        .flat_map(|place| {
+            let corner = |more: [i32; 3]| [1000 * place + more[0] + 100, more[1] + 100, more[2] + 100];
+            tetrahedron([[0, 0, 0], [61, 3, 2], [2, 59, 5], [4, 1, 63]].map(corner)).unwrap()
+        })
+        .collect();
+    let all = model(&bodies);
+    // Around the second and third of them, which have lower numbers than those behind them.
+    let around = |low: i32, size: i32| {
+        let corner = |more: [i32; 3]| [0, 1, 2].map(|axis| [low, 0, 0][axis] + more[axis] * size);
+        tetrahedron([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]].map(corner)).unwrap()
+    };
+    let other = model(&around(1000, 3000));
+    for operation in 0..16 {
+        let of_both = combined(operation, &[&all, &other]);
+        let swapped = operation & 0b1001 | operation >> 1 & 0b10 | operation << 1 & 0b100;
+        let of_swapped = combined(swapped, &[&other, &all]);
+        assert_eq!(of_both.len(), of_swapped.len(), "{operation}");
+    }
+}
+
 /// Leaves of a model's octree without exact faces near, with their kinds and the box in half steps.
 fn leaves(model: &ExactModel) -> Vec<(NodeKind, Vec<u64>, [[i64; 3]; 2])> {
     let (mut open, mut found) = (vec![model.root().unwrap()], Vec::new());

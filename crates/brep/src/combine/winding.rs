@@ -3,7 +3,9 @@
 use std::collections::HashSet;
 use std::ops::ControlFlow;
 
+use super::bodies::{Bodies, Use};
 use super::placed::Placed;
+use super::table::Fate;
 use crate::arrangement::{ExactPlane, SamplePoint};
 use crate::exact::bounds::MARGIN;
 use crate::exact::normal::ring_normal;
@@ -18,7 +20,7 @@ pub(super) fn winding(
     placed: &Placed,
     sample: &SamplePoint<'_>,
 ) -> Result<i32> {
-    let mut line = LineWalk { model, number, placed, sample, faces: Vec::new(), exact: Vec::new() };
+    let mut line = LineWalk::new(model, number, placed, sample, true);
     let root = model.root()?;
     // Where a cell begins that is all inside or all outside, and on which side it is.
     // Invariant: the line ends in a cell that no face cuts and none with corners beside the grid is near, or
@@ -66,11 +68,43 @@ pub(super) fn winding(
     Ok(winding)
 }
 
+/// The change in the winding number of the result's surface above a sample by those faces that are not near other bodies; none of these is at
+/// the sample.
+pub(super) fn settled_above(bodies: &Bodies<'_>, sample: &SamplePoint<'_>) -> Result<i32> {
+    let (mut buffer, mut points) = (FaceBuffer::default(), Vec::new());
+    let mut known = HashSet::new();
+    let mut sum = 0;
+    for (number, model) in bodies.models.iter().enumerate() {
+        let mut line = LineWalk::new(model, number, bodies.placed, sample, false);
+        // (To its end: it breaks off nowhere.)
+        let _ = line.node(&model.root()?)?;
+        known.clear();
+        for face in line.faces.into_iter().filter(|face| known.insert(*face)) {
+            model.face(face, &mut buffer)?;
+            let way = match bodies.becomes(number, &buffer.face(), buffer.stands_in) {
+                Use::Settled(Fate::Kept) => 1,
+                Use::Settled(Fate::Turned) => -1,
+                _ => continue,
+            };
+            bodies.put(number, face, &buffer.points, &mut points)?;
+            let normal = ring_normal(&points[..buffer.ring_ends[0]]);
+            let up = normal[sample.axis].signum() as i32;
+            let plane = ExactPlane::through(points[0], normal);
+            if up != 0 && sample.meets(&points, &buffer.ring_ends) && sample.side(&plane) * up < 0 {
+                sum += way * up;
+            }
+        }
+    }
+    Ok(sum)
+}
+
 struct LineWalk<'a> {
     model: &'a ExactModel,
     number: usize,
     placed: &'a Placed,
     sample: &'a SamplePoint<'a>,
+    /// Whether it ends in the first cell that no face cuts.
+    stops: bool,
     /// Faces of the cells that the line goes through, some of them several times.
     faces: Vec<u64>,
     /// Those with corners beside the grid that are near these cells.
@@ -78,15 +112,26 @@ struct LineWalk<'a> {
 }
 
 impl<'a> LineWalk<'a> {
+    fn new(
+        model: &'a ExactModel,
+        number: usize,
+        placed: &'a Placed,
+        sample: &'a SamplePoint<'a>,
+        stops: bool,
+    ) -> LineWalk<'a> {
+        LineWalk { model, number, placed, sample, stops, faces: Vec::new(), exact: Vec::new() }
+    }
+
     /// Follows the line through a cell, if it gets there: stops at a part that no face cuts, with the place where that begins.
     fn node(&mut self, node: &ModelNode<'a>) -> Result<ControlFlow<(i64, i32)>> {
         let [low, high] = self.placed.half_units(self.number, node);
         let SamplePoint { axis, near, .. } = *self.sample;
-        // (A cell that ends where the point is may be passed over: others follow.)
-        if (high[axis] as f64) / 2.0 < near[axis] + MARGIN || !self.sample.is_between(&low, &high) {
+        // (A cell that ends where the point is may be passed over where others follow.)
+        let margin = if self.stops { MARGIN } else { -MARGIN };
+        if (high[axis] as f64) / 2.0 < near[axis] + margin || !self.sample.is_between(&low, &high) {
             return Ok(ControlFlow::Continue(()));
         }
-        if let Some(winding) = node.winding() {
+        if let Some(winding) = node.winding().filter(|_| self.stops) {
             return Ok(ControlFlow::Break((low[axis], winding)));
         }
         if node.state() != ModelNodeState::Inner {

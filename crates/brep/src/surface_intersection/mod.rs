@@ -140,6 +140,7 @@ pub fn surface_intersection(
         most_contacts: 0,
         changed: &[],
         winding: &|_, _| None,
+        rest: None,
         is_inside: &|_| false,
     };
     let surface = Surface::new(&faces, &operands, a.path(), memory)?;

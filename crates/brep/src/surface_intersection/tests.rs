@@ -59,6 +59,7 @@ fn pairs(faces: &crate::arrangement::ExactFaces, ends: &[u32], first: u64) -> (B
         most_contacts: 0,
         changed: &[],
         winding: &|_, _| None,
+        rest: None,
         is_inside: &|_| false,
     };
     let surface = Surface::new(faces, &operands, std::path::Path::new("x"), u64::MAX).unwrap();
