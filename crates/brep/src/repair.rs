@@ -120,7 +120,7 @@ pub fn repair(
     let crossings = rounded.crossings(path, memory, progress)?;
     let mut seams = Seams::default();
     seams.add_all(&rounded.faces);
-    let whole = Surroundings { is_unbounded: false, rest: None };
+    let whole = Surroundings { is_unbounded: false, reach: 1, rest: None };
     let rounded = rounded.closed(seams, crossings, &whole, path, memory, progress)?;
     let mut surface = SurfaceClosure::new(!rounded.exact.is_empty());
     rounded.faces.each(&mut |face| {

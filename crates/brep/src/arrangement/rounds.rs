@@ -47,7 +47,9 @@ pub(crate) fn divide(
 pub(crate) struct Surroundings<'a> {
     /// Whether what is far away is inside.
     pub(crate) is_unbounded: bool,
-    /// The faces of the surface that are not in the list, if there are any.
+    /// Steps that the surface's other faces lie at most beside those that they stand in for.
+    pub(crate) reach: u8,
+    /// These other faces, if there are any.
     pub(crate) rest: Option<&'a OtherFaces<'a>>,
 }
 
@@ -134,7 +136,8 @@ impl Rounded {
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<Rounded> {
-        seams.close(self.reach, self.faces.is_coloured(), &mut |face| {
+        let width = self.reach.max(surroundings.reach);
+        seams.close(width, self.faces.is_coloured(), &mut |face| {
             self.faces.push(face);
             self.stands_in.push(true);
             self.changed.push(true);

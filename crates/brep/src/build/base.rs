@@ -256,7 +256,7 @@ impl Upper<'_> {
             let word = uniform(cell, self.bits, out);
             return Ok(out.near(word, near));
         }
-        let items = Items::of(run)?;
+        let items = Items::with(run, &mut self.large)?;
         let count = items.len();
         let spread = Spread::new(count as u64, self.leaf_size);
         let word = self.walk(&items).cell(cell, (0..count as u32).collect(), (near, spread), out)?;

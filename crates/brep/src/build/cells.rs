@@ -6,11 +6,11 @@ use std::sync::Mutex;
 use super::arena::Arena;
 use super::defects::{DefectKind, Found};
 use super::division::{Division, each_bit};
-use super::items::Items;
+use super::items::{Items, bounds_of};
 use super::near::NearFaces;
 use super::pairs::{Contact, Shared, contact, passes, twin};
 use super::spread::Spread;
-use crate::boxes::{Bounds, BoxTree};
+use crate::boxes::{Bounds, BoxTree, touch};
 use crate::exact::crossing::FinePoint;
 use crate::exact::rank::rank_of_at_most;
 use crate::geometry::Stages;
@@ -322,9 +322,11 @@ impl Walk<'_> {
                 (other_low[axis] > high[axis]) | (low[axis] > other_high[axis])
             };
             let touches = |other: &Bounds| !(apart(0, other) | apart(1, other) | apart(2, other));
-            near.each(index + 1, &touches, |other| others.push(list[other]));
-            for &other in &others {
-                if let Some(kind) = self.conflict(one, other, list, owns) {
+            near.each(index + 1, &touches, |other| others.push(other));
+            for &place in &others {
+                let other = list[place];
+                let within = [near.boxes[index], near.boxes[place]];
+                if let Some(kind) = self.conflict([one, other], within, list, owns) {
                     let [[low, high], [other_low, other_high]] =
                         [one, other].map(|item| *self.items.bounds(item));
                     let at = [0, 1, 2].map(|axis| {
@@ -340,16 +342,39 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// The defect between two faces of a cell, if there is one.
+    /// The defect between two faces of a cell, if there is one; `within` are the boxes around what the cell has of each.
     fn conflict(
         &self,
-        one: u32,
-        other: u32,
+        [one, other]: [u32; 2],
+        within: [Bounds; 2],
         list: &[u32],
         owns: impl Fn([i32; 3]) -> bool,
     ) -> Option<DefectKind> {
-        for a in self.items.triangles(one) {
-            for b in self.items.triangles(other) {
+        let [firsts, seconds] = [one, other].map(|item| self.items.triangles(item));
+        if firsts.len() == 1 && seconds.len() == 1 {
+            return self.conflict_of_pieces(firsts, seconds, list, owns);
+        }
+        // Of many triangles, those that get to where both faces are.
+        let near = |triangles: &[Piece]| -> Vec<Piece> {
+            let is_near = |piece: &&Piece| {
+                let bounds = bounds_of(&piece.corners);
+                within.iter().all(|within| touch(&bounds, within))
+            };
+            triangles.iter().filter(is_near).copied().collect()
+        };
+        self.conflict_of_pieces(&near(firsts), &near(seconds), list, owns)
+    }
+
+    /// The defect between triangles of two faces of a cell.
+    fn conflict_of_pieces(
+        &self,
+        firsts: &[Piece],
+        seconds: &[Piece],
+        list: &[u32],
+        owns: impl Fn([i32; 3]) -> bool,
+    ) -> Option<DefectKind> {
+        for a in firsts {
+            for b in seconds {
                 // Invariant: some cell looks at each pair of triangles that may pass through each other, with
                 // all that decides about it. One that has a common corner is looked at in the cell that has
                 // it, where the faces around it are, and only there; one that has none, in each cell that

@@ -1,5 +1,8 @@
 //! Faces of a part of space, in memory, with what the tests against octants and each other need.
 
+use std::collections::HashMap;
+use std::sync::Arc;
+
 use super::division::{Division, Reach};
 use super::run::{FaceWords, Run, TRIANGLE_WORDS};
 use crate::MOST_BITS;
@@ -18,7 +21,7 @@ pub(super) struct Items {
     /// Least and greatest coordinates, which are looked at most.
     bounds: Vec<[[i32; 3]; 2]>,
     list: Vec<Item>,
-    polygons: Vec<PolygonItem>,
+    polygons: Vec<Arc<PolygonItem>>,
 }
 
 /// A face.
@@ -42,6 +45,45 @@ struct PolygonItem {
     triangles: Vec<Piece>,
 }
 
+/// Polygons of many corners that come again, by the numbers of their faces: walls of many holes are cut into triangles once for all leaves
+/// of a base.
+pub(super) struct LargePolygons {
+    known: HashMap<u32, Arc<PolygonItem>>,
+    /// Corners of all.
+    corners: usize,
+    most_corners: usize,
+}
+
+impl LargePolygons {
+    /// Corners of a polygon that is large.
+    const LARGE: usize = 64;
+    /// Bytes of memory of a corner, about: it has a triangle, and two planes.
+    const CORNER: u64 = 256;
+
+    /// None so far, and never more than fit into so many bytes.
+    pub(super) fn new(memory: u64) -> LargePolygons {
+        let most_corners = (memory / LargePolygons::CORNER) as usize;
+        LargePolygons { known: HashMap::new(), corners: 0, most_corners }
+    }
+
+    fn polygon(&mut self, face: FaceWords<'_>, triangulator: &mut Triangulator) -> Arc<PolygonItem> {
+        if let Some(known) = self.known.get(&face.number()) {
+            return known.clone();
+        }
+        let item = Arc::new(PolygonItem::of(face, triangulator));
+        let corners = item.points.len();
+        if (LargePolygons::LARGE..=self.most_corners).contains(&corners) {
+            if self.corners + corners > self.most_corners {
+                self.known.clear();
+                self.corners = 0;
+            }
+            self.corners += corners;
+            self.known.insert(face.number(), item.clone());
+        }
+        item
+    }
+}
+
 /// Bytes of a triangle that is brought to memory: its words, its place in the order, itself, and in lists of cells.
 pub(super) const ITEM: usize =
     4 * TRIANGLE_WORDS + size_of::<(u64, u32)>() + size_of::<Item>() + size_of::<[[i32; 3]; 2]>() + 16;
@@ -52,6 +94,11 @@ const ONE_RING: [usize; 1] = [3];
 impl Items {
     /// Takes faces to memory. They are planar and have an area.
     pub(super) fn of(run: Run) -> Result<Items> {
+        Items::with(run, &mut LargePolygons::new(0))
+    }
+
+    /// [`Items::of`], of faces of which some may be known already.
+    pub(super) fn with(run: Run, large: &mut LargePolygons) -> Result<Items> {
         let words = run.into_words()?;
         // Spreading has room for 21 bits of each coordinate; the lowest ones do not matter for being near.
         let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
@@ -82,16 +129,16 @@ impl Items {
         let mut triangulator = Triangulator::new();
         for coded in order {
             let face = FaceWords::all(&words[coded as u32 as usize..]).next();
-            face.into_iter().for_each(|face| items.push(face, &mut triangulator));
+            face.into_iter().for_each(|face| items.push(face, &mut triangulator, large));
         }
         Ok(items)
     }
 
-    fn push(&mut self, face: FaceWords<'_>, triangulator: &mut Triangulator) {
+    fn push(&mut self, face: FaceWords<'_>, triangulator: &mut Triangulator, large: &mut LargePolygons) {
         let (corners, normal, bounds, polygon) = match face.triangle() {
             Some(corners) => (corners, ring_normal(&corners), bounds_of(&corners), TRIANGLE),
             None => {
-                let item = PolygonItem::of(face, triangulator);
+                let item = large.polygon(face, triangulator);
                 let normal = ring_normal(&item.points[..item.ring_ends[0]]);
                 let corners = item.triangles.first().map_or([item.points[0]; 3], |piece| piece.corners);
                 let bounds = bounds_of(&item.points);
@@ -128,7 +175,11 @@ impl Items {
 
     #[inline]
     fn polygon(&self, item: &Item) -> Option<&PolygonItem> {
-        if item.polygon == TRIANGLE { None } else { self.polygons.get(item.polygon as usize) }
+        if item.polygon == TRIANGLE {
+            None
+        } else {
+            self.polygons.get(item.polygon as usize).map(Arc::as_ref)
+        }
     }
 
     /// Which children of a cell a face cuts that cuts the cell, as bits.

@@ -21,6 +21,7 @@ use std::sync::Mutex;
 
 use self::arena::Arena;
 use self::cells::Cell;
+use self::items::LargePolygons;
 use self::near::NearFaces;
 use self::run::{FaceWords, Place, RunBuilder};
 use self::spread::Spread;
@@ -404,6 +405,7 @@ impl ModelBuilder {
             writer: &mut writer,
             done: 0,
             total,
+            large: LargePolygons::new(memory / 32),
             visited: 0,
         };
         let mut arena = Arena::default();

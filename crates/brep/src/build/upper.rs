@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use super::arena::Arena;
 use super::cells::{Cell, Walk, uniform};
 use super::division::Division;
-use super::items::{ITEM, Items, bounds_of};
+use super::items::{ITEM, Items, LargePolygons, bounds_of};
 use super::near::NearFaces;
 use super::run::{Place, Run, RunBuilder, TRIANGLE_WORDS};
 use super::spread::Spread;
@@ -30,6 +30,8 @@ pub(super) struct Upper<'a> {
     pub(super) writer: &'a mut ModelWriter,
     pub(super) done: u64,
     pub(super) total: u64,
+    /// Polygons of the leaves of the base that are built anew.
+    pub(super) large: LargePolygons,
     /// Nodes of the base that were gone through.
     pub(super) visited: u64,
 }

@@ -187,7 +187,6 @@ fn made(
     let Resolved { pairs, divided, .. } = done;
     beside.into_iter().for_each(|face| exact.push(face));
     let mut rounded = round(exact)?;
-    rounded.reach = rounded.reach.max(bodies.reach());
     let crossings = rounded.crossings(path, memory / 2, progress)?;
     seams.add_all(&rounded.faces);
     if crossings > 0 {
@@ -196,9 +195,10 @@ fn made(
             Ok(())
         })?;
         let rest = |sample: &SamplePoint<'_>| settled_above(&bodies, sample);
-        let around = Surroundings { is_unbounded, rest: Some(&rest) };
+        let around = Surroundings { is_unbounded, reach: bodies.reach(), rest: Some(&rest) };
         rounded = rounded.closed(mem::take(&mut seams), crossings, &around, path, memory / 2, progress)?;
     }
+    rounded.reach = rounded.reach.max(bodies.reach());
     // Leaves of a base list exact faces as far away as faces that stand in for them may lie there.
     let base = base.filter(|base| !base.model.is_beside_grid() || base.model.reach() == rounded.reach);
     if base.is_none() {
