@@ -436,6 +436,29 @@ fn objects_are_found() {
     assert_eq!(json["face_columns"], serde_json::json!(["surface", "type"]));
 }
 
+/// What is said of surfaces stays with faces that `combine` divides.
+#[test]
+fn combine_keeps_values_of_faces() {
+    let folder = Folder::new();
+    let built = |name: &str, low: i32| {
+        let mesh = city(&[(name, json_box([low; 3], [low + 4; 3]))]);
+        let mesh = folder.mesh(&format!("{name}.city.json"), &mesh);
+        folder.built(&mesh, &format!("{name}.goblin"), &["--brep", "--snap", "1"])
+    };
+    let (a, b) = (built("a", 0), built("b", 2));
+    let out = folder.name("c.goblin");
+    let told = command(&["combine", "a-b", &a, &b, "-o", &out]).assert().success();
+    let told = stderr(told);
+    assert!(!told.contains("not kept"), "{told}");
+    assert!(stdout(&["info", &out]).contains("values      of faces: surface, type\n"));
+    let city = folder.name("c.city.json");
+    command(&["export", &out, &city]).assert().success();
+    let city: Json = serde_json::from_slice(&std::fs::read(&city).unwrap()).unwrap();
+    let semantics = |name: &str| city["CityObjects"][name]["geometry"][0]["semantics"].clone();
+    assert_eq!(semantics("a")["surfaces"], serde_json::json!([{ "type": "RoofSurface" }]));
+    assert_eq!(semantics("b"), Json::Null);
+}
+
 /// Corners of a box, those below first.
 fn json_box(low: [i32; 3], high: [i32; 3]) -> [[i32; 3]; 8] {
     [0, 1, 2, 3, 4, 5, 6, 7].map(|corner: usize| {
