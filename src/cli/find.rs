@@ -102,26 +102,29 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let Wanted { above, below, class, leaf, object, contacts } = &args.condition;
     let file = args.tree.file.as_path();
     let mut found = Found::new(args.limit, args.largest);
-    let model = args.tree.open_model()?;
+    let view = args.tree.open_model(global)?;
     if *contacts {
         exact::refuse(file, &args.of_trees())?;
-        exact::find_contacts(model.as_ref(), file, args.json, args.memory.bytes, global, &mut found)?;
+        exact::find_contacts(view.as_ref(), file, args.json, args.memory.bytes, global, &mut found)?;
         found.finish()?;
-        return Ok(model.map_or(Ok(()), |model| model.check_unchanged())?);
+        return Ok(view.map_or(Ok(()), |view| view.file().check_unchanged())?);
     }
-    if let Some(model) = model {
+    if let Some(view) = view {
         let given =
             [("--above", above.is_some()), ("--below", below.is_some()), ("--class", class.is_some())];
         exact::refuse(file, &given)?;
         exact::refuse(file, &args.of_trees())?;
         match object {
             Some(name) => {
-                exact::find_object(&model, name, args.json, args.memory.bytes, global, &mut found)?;
+                exact::find_object(&view, name, args.json, args.memory.bytes, global, &mut found)?;
             }
-            None => exact::find(&model, leaf.as_deref().unwrap_or_default(), args.json, &mut found)?,
+            None => {
+                let model = view.as_model("leaves of the octree")?;
+                exact::find(model, leaf.as_deref().unwrap_or_default(), args.json, &mut found)?;
+            }
         }
         found.finish()?;
-        return Ok(model.check_unchanged()?);
+        return Ok(view.file().check_unchanged()?);
     }
     let tree = args.tree.open()?;
     let boxes = args.part.boxes(&tree)?;

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use serde_json::{Value, json};
 use spinney::brep::query::PartMeasures;
-use spinney::brep::{ExactModel, Faces, ObjectContact};
+use spinney::brep::{Faces, ModelView, ObjectContact};
 use spinney::import::mesh;
 
 use super::super::Global;
@@ -13,13 +13,14 @@ use super::super::report::{Found, Work};
 
 /// Lists the objects with a name, mostly one.
 pub(crate) fn find_object(
-    model: &ExactModel,
+    view: &ModelView,
     name: &str,
     is_json: bool,
     memory: u64,
     global: &Global,
     found: &mut Found,
 ) -> Result<()> {
+    let model = view.file();
     let parts: Vec<u32> =
         (0..).zip(model.parts()).filter(|(_, own)| *own == name).map(|(part, _)| part).collect();
     if parts.is_empty() {
@@ -27,7 +28,7 @@ pub(crate) fn find_object(
         bail!("{}: has no object {name}; there are {near}", model.path().display());
     }
     let work = Work::start(global, "faces")?;
-    let measures = model.part_measures(memory, &work)?;
+    let measures = view.part_measures(memory, &work)?;
     work.finish();
     for part in parts {
         let own = measures.iter().find(|measures| measures.part == part);
@@ -89,7 +90,7 @@ fn object_as_json(part: u32, name: &str, measures: Option<&PartMeasures>, about:
 
 /// Lists the pairs of objects of an exact model, or else of a mesh file, that overlap or touch.
 pub(crate) fn find_contacts(
-    model: Option<&ExactModel>,
+    view: Option<&ModelView>,
     file: &Path,
     is_json: bool,
     memory: u64,
@@ -102,9 +103,9 @@ pub(crate) fn find_contacts(
         })
     };
     let work = Work::start(global, "objects")?;
-    if let Some(model) = model {
-        let name = |part: u32| model.parts().get(part as usize).map_or("", String::as_str);
-        model.object_contacts(memory, &work, &mut |contact| take(contact, contact.parts.map(name)))?;
+    if let Some(view) = view {
+        let name = |part: u32| view.file().parts().get(part as usize).map_or("", String::as_str);
+        view.object_contacts(memory, &work, &mut |contact| take(contact, contact.parts.map(name)))?;
     } else if mesh::is_model(file) {
         let models = mesh::open_all(&[file.to_path_buf()], memory)?;
         let mut options = mesh::ExactOptions::new();
