@@ -119,15 +119,20 @@ def build_brep(
 
 
 def object_contacts(
-    models: Path | Sequence[Path], *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None
+    models: Path | Sequence[Path],
+    *,
+    snap: float | None = None,
+    memory: int | str = MEMORY,
+    threads: int | None = None,
+    progress: Progress = None,
 ) -> list[ObjectContact]:
-    """The pairs of objects of mesh files, such as CityJSON, that overlap or touch, by their numbers, on the grid that `build_brep` would take. Objects
-    that are open are left out with a warning. (Of exact models see `ExactModel.contacts`.)"""
+    """The pairs of objects of mesh files, such as CityJSON, that overlap or touch, by their numbers, on the grid that `build_brep` would take, also of
+    steps `snap`. Objects that are open are left out with a warning. (Of exact models see `ExactModel.contacts`.)"""
     paths = paths_of(models)
     if paths is None:
         raise TypeError(f"models: expected the path of a mesh file, or several, got {models!r}")
     with working(progress, threads) as terms:
-        return _contacts(_native.object_contacts(paths, memory_of(memory), terms))
+        return _contacts(_native.object_contacts(paths, snap, memory_of(memory), terms))
 
 
 def _contacts(found: list[Any]) -> list[ObjectContact]:

@@ -29,15 +29,16 @@ fn contact_of(names: [String; 2], contact: &ObjectContact) -> Contact {
 
 /// Pairs of objects of mesh files that overlap or touch.
 #[pyfunction]
-#[pyo3(signature = (paths, memory, terms))]
+#[pyo3(signature = (paths, snap, memory, terms))]
 pub(crate) fn object_contacts(
     py: Python<'_>,
     paths: Vec<PathBuf>,
+    snap: Option<f64>,
     memory: u64,
     terms: Terms,
 ) -> PyResult<Vec<Contact>> {
     let mut options = ExactOptions::new();
-    options.memory = memory;
+    (options.snap, options.memory) = (snap, memory);
     jobs::run(py, terms, |work| {
         let mut all = Vec::new();
         mesh::model_contacts(mesh::open_all(&paths, memory)?, &options, work, &mut |found| {

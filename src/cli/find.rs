@@ -24,7 +24,7 @@ const EXAMPLES: &str = "Examples:
   spinney find landcover.goblin --class 11 --within parks.gpkg --where 'kind=national'
   spinney find bracket.goblin --leaf edge,vertex --limit 20
   spinney find city.goblin --object 'town hall'
-  spinney find city.city.json --contacts
+  spinney find city.city.json --contacts --snap 0.001
 
 Every cell that meets the condition is in one block, and no block is a part of a larger one. They come
 by place, in the order of their FD codes (Z order), or with --largest by size.
@@ -62,6 +62,9 @@ pub(crate) struct Args {
     features: FeatureCells,
     #[command(flatten)]
     memory: Memory,
+    /// Width of the steps that corners of a mesh file are moved to for --contacts [default: that of `build --brep`]
+    #[arg(long, value_name = "WIDTH", requires = "contacts")]
+    snap: Option<f64>,
     /// Number of blocks at most
     #[arg(long, value_name = "N")]
     limit: Option<u64>,
@@ -105,7 +108,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let view = args.tree.open_model(global)?;
     if *contacts {
         exact::refuse(file, &args.of_trees())?;
-        exact::find_contacts(view.as_ref(), file, args.json, args.memory.bytes, global, &mut found)?;
+        let how = (args.snap, args.memory.bytes);
+        exact::find_contacts(view.as_ref(), file, args.json, how, global, &mut found)?;
         found.finish()?;
         return Ok(view.map_or(Ok(()), |view| view.file().check_unchanged())?);
     }

@@ -415,6 +415,11 @@ fn objects_are_found() {
     let cells = folder.built(&mesh, "cells.goblin", &["--cells", "16"]);
     let refused = complaint(&["find", &cells, "--contacts"], 1);
     assert!(refused.contains("is no exact model and no mesh"), "{refused}");
+    // On a grid of coarse steps objects are where their corners are moved to.
+    let told = stdout(&["find", &mesh, "--contacts", "--snap", "4"]);
+    assert!(told.starts_with("overlap ") && told != "overlap 500 0 5,0,0\tright\ttwice\n", "{told}");
+    assert!(complaint(&["find", &mesh, "--contacts", "--snap", "0"], 1).contains("a width above zero"));
+    assert!(complaint(&["find", &out, "--contacts", "--snap", "1"], 1).contains("--snap is for mesh files"));
     let refused = complaint(&["find", &cells, "--object", "right"], 1);
     assert!(refused.contains("--object are for"), "{refused}");
 

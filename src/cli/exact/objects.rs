@@ -88,12 +88,12 @@ fn object_as_json(part: u32, name: &str, measures: Option<&PartMeasures>, about:
     object.to_string()
 }
 
-/// Lists the pairs of objects of an exact model, or else of a mesh file, that overlap or touch.
+/// Lists the pairs of objects of an exact model, or else of a mesh file on a grid of such steps, that overlap or touch.
 pub(crate) fn find_contacts(
     view: Option<&ModelView>,
     file: &Path,
     is_json: bool,
-    memory: u64,
+    (snap, memory): (Option<f64>, u64),
     global: &Global,
     found: &mut Found,
 ) -> Result<()> {
@@ -104,12 +104,15 @@ pub(crate) fn find_contacts(
     };
     let work = Work::start(global, "objects")?;
     if let Some(view) = view {
+        if snap.is_some() {
+            bail!("{}: is an exact model, which has a grid: --snap is for mesh files", file.display());
+        }
         let name = |part: u32| view.file().parts().get(part as usize).map_or("", String::as_str);
         view.object_contacts(memory, &work, &mut |contact| take(contact, contact.parts.map(name)))?;
     } else if mesh::is_model(file) {
         let models = mesh::open_all(&[file.to_path_buf()], memory)?;
         let mut options = mesh::ExactOptions::new();
-        options.memory = memory;
+        (options.snap, options.memory) = (snap, memory);
         mesh::model_contacts(models, &options, &work, &mut |found| {
             take(&found.contact, [&found.names[0], &found.names[1]])
         })?;
