@@ -119,15 +119,20 @@ def build_brep(
 
 
 def object_contacts(
-    models: Path | Sequence[Path], *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None
+    models: Path | Sequence[Path],
+    *,
+    snap: float | None = None,
+    memory: int | str = MEMORY,
+    threads: int | None = None,
+    progress: Progress = None,
 ) -> list[ObjectContact]:
-    """The pairs of objects of mesh files, such as CityJSON, that overlap or touch, by their numbers, on the grid that `build_brep` would take. Objects
-    that are open are left out with a warning. (Of exact models see `ExactModel.contacts`.)"""
+    """The pairs of objects of mesh files, such as CityJSON, that overlap or touch, by their numbers, on the grid that `build_brep` would take, also of
+    steps `snap`. Objects that are open are left out with a warning. (Of exact models see `ExactModel.contacts`.)"""
     paths = paths_of(models)
     if paths is None:
         raise TypeError(f"models: expected the path of a mesh file, or several, got {models!r}")
     with working(progress, threads) as terms:
-        return _contacts(_native.object_contacts(paths, memory_of(memory), terms))
+        return _contacts(_native.object_contacts(paths, snap, memory_of(memory), terms))
 
 
 def _contacts(found: list[Any]) -> list[ObjectContact]:
@@ -136,17 +141,22 @@ def _contacts(found: list[Any]) -> list[ObjectContact]:
 
 
 def open_brep(
-    path: Path, *, positioned: bool = False, storage_options: Mapping[str, Any] | None = None
+    path: Path, *, view: str | Sequence[str] = (), positioned: bool = False, storage_options: Mapping[str, Any] | None = None
 ) -> ExactModel:
     """Opens a file of an exact model, made by `build_brep` or `spinney build --brep`.
 
     Files are mapped; `positioned=True` reads those that may be replaced in place, or that lie on network folders, without
     mapping them. URLs and files of fsspec are opened, too (see `open`).
 
+    `view` are steps of `spinney transform` through which the model is seen, such as `"rotate=90,x"`: points, distances, rays, measures, sections by
+    planes, boxes and contacts are those of what would be moved, exactly through quarter turns, mirrors, whole steps of the grid and one factor (see
+    `ExactModel.rounding`). What has no answer through a map is a ValueError, such as distances through different factors; faces, `export`,
+    `coverage` and sections by other models want shifts by whole steps and one factor.
+
     Raises FileNotFoundError or another OSError if it cannot be read, is damaged, or is a tree of cells (which `open` opens).
     """
     name, elsewhere = elsewhere_of(path, storage_options)
-    return ExactModel(name, positioned, elsewhere)
+    return ExactModel(name, positioned, elsewhere, [view] if isinstance(view, str) else list(view))
 
 
 class ExactModel(_native.Model):
@@ -161,6 +171,8 @@ class ExactModel(_native.Model):
     """
 
     def __fspath__(self) -> str:
+        if self.view:
+            raise ValueError(f"{self.path}: is seen through {', '.join(self.view)}: make a file of it with `transform`")
         return os.fspath(self.path)
 
     def __enter__(self) -> Self:
@@ -171,14 +183,15 @@ class ExactModel(_native.Model):
 
     def __reduce__(self) -> tuple[Any, ...]:
         storage, file = self._elsewhere
-        return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2])
+        return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2], self.view)
 
     def __repr__(self) -> str:
         name = str(self.path)
         if self.closed:
             return f"<spinney.ExactModel {name!r}, closed>"
         unit = f" {self.unit}" if self.unit else ""
-        return f"<spinney.ExactModel {name!r}: {len(self)} faces, grid of {self.step:g}{unit}, depth {self.depth}>"
+        steps = f" through {', '.join(self.view)}" if self.view else ""
+        return f"<spinney.ExactModel {name!r}{steps}: {len(self)} faces, grid of {self.step:g}{unit}, depth {self.depth}>"
 
     def __bool__(self) -> bool:
         return True
@@ -235,6 +248,11 @@ class ExactModel(_native.Model):
     def provenance(self) -> list[str]:
         """Where the model comes from."""
         return list(self._facts()["provenance"])
+
+    @property
+    def rounding(self) -> float:
+        """The most that places are off, or somewhat more, where the model is seen through a `view`; 0 where nothing is rounded."""
+        return float(self._facts()["rounding"])
 
     @property
     def bounds(self) -> Box:
@@ -486,5 +504,7 @@ def _box(box: BBox) -> tuple[list[float], list[float]]:
     return numbers[:3], numbers[3:]
 
 
-def _reopen(path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None) -> ExactModel:
-    return ExactModel(path, positioned, elsewhere_of(file or path, dict(storage or []))[1])
+def _reopen(
+    path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None, view: Sequence[str] = ()
+) -> ExactModel:
+    return ExactModel(path, positioned, elsewhere_of(file or path, dict(storage or []))[1], list(view))

@@ -8,12 +8,13 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-use spinney::brep::query::{BoxPlace, Location, MassProperties};
+use spinney::brep::query::{BoxPlace, Location};
 use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, Faces, NodeCounts};
+use spinney::brep::{ExactModel, Faces, ModelView, Motion, NodeCounts};
 use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::import::feature::{FeatureFilter, choose_objects};
 use spinney::import::mesh::{self, ExactOptions};
+use spinney::ops::{AffineMap, Step};
 use spinney::space::Crs;
 use spinney::store::Tag;
 use spinney::{Progress, Result};
@@ -30,15 +31,17 @@ use crate::tree::crs_text;
 #[pyclass(subclass, frozen, weakref, module = "spinney._native")]
 pub(crate) struct Model {
     /// `None` when it is closed.
-    opened: RwLock<Option<Arc<ExactModel>>>,
+    opened: RwLock<Option<Arc<ModelView>>>,
     path: PathBuf,
+    /// Steps that it is seen through.
+    steps: Vec<Step>,
     positioned: bool,
     elsewhere: Elsewhere,
 }
 
 impl Model {
-    /// The open file.
-    pub(crate) fn get(&self) -> PyResult<Arc<ExactModel>> {
+    /// The open file, as it is seen.
+    pub(crate) fn get(&self) -> PyResult<Arc<ModelView>> {
         let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
         opened.clone().ok_or_else(|| PyValueError::new_err(format!("{}: is closed", self.path.display())))
     }
@@ -85,15 +88,31 @@ fn node_counts<'py>(py: Python<'py>, nodes: &NodeCounts) -> PyResult<Bound<'py, 
 #[pymethods]
 impl Model {
     #[new]
-    #[pyo3(signature = (path, positioned, elsewhere=Elsewhere::default()))]
-    fn new(py: Python<'_>, path: PathBuf, positioned: bool, elsewhere: Elsewhere) -> PyResult<Model> {
+    #[pyo3(signature = (path, positioned, elsewhere=Elsewhere::default(), steps=Vec::new()))]
+    fn new(
+        py: Python<'_>,
+        path: PathBuf,
+        positioned: bool,
+        elsewhere: Elsewhere,
+        steps: Vec<String>,
+    ) -> PyResult<Model> {
+        let steps: Vec<Step> = steps.iter().map(|step| step.parse()).collect::<Result<_>>().or_raise()?;
         let mut options = elsewhere.options();
         if positioned {
             let cache = options.cache;
             options = options.positioned(cache);
         }
-        let model = py.detach(|| ExactModel::open(&path, &options)).or_raise()?;
-        Ok(Model { opened: RwLock::new(Some(Arc::new(model))), path, positioned, elsewhere })
+        let open = || -> Result<ModelView> {
+            let model = ExactModel::open(&path, &options)?;
+            if steps.is_empty() {
+                return Ok(model.into());
+            }
+            let next = |map: AffineMap, step: &Step| Ok(map.then(&step.as_map()?));
+            let map = steps.iter().try_fold(AffineMap::IDENTITY, next)?;
+            ModelView::of(model, &Motion::from_rows(map.to_rows())?)
+        };
+        let view = py.detach(open).or_raise()?;
+        Ok(Model { opened: RwLock::new(Some(Arc::new(view))), path, steps, positioned, elsewhere })
     }
 
     /// Forgets the file; whoever is reading it at the moment can finish.
@@ -117,6 +136,12 @@ impl Model {
         &self.elsewhere
     }
 
+    /// Steps that the file is seen through.
+    #[getter]
+    fn view(&self) -> Vec<String> {
+        self.steps.iter().map(Step::to_string).collect()
+    }
+
     #[getter]
     fn positioned(&self) -> bool {
         self.positioned
@@ -125,17 +150,18 @@ impl Model {
     /// Fails if the file was overwritten since it was opened.
     fn check_unchanged(&self, py: Python<'_>) -> PyResult<()> {
         let model = self.get()?;
-        py.detach(|| model.check_unchanged()).or_raise()
+        py.detach(|| model.file().check_unchanged()).or_raise()
     }
 
     fn __len__(&self) -> PyResult<usize> {
-        Ok(self.get()?.len() as usize)
+        Ok(self.get()?.file().len() as usize)
     }
 
     /// Facts that are known without looking at faces, by name.
     #[pyo3(name = "_facts")]
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let model = self.get()?;
+        let view = self.get()?;
+        let model = view.file();
         let (grid, metadata) = (model.grid(), model.metadata());
         let facts = PyDict::new(py);
         facts.set_item("depth", model.depth())?;
@@ -149,6 +175,7 @@ impl Model {
         facts.set_item("tags", metadata.tags.clone())?;
         facts.set_item("provenance", metadata.provenance.clone())?;
         facts.set_item("bytes", model.file_size())?;
+        facts.set_item("rounding", view.rounding())?;
         Ok(facts)
     }
 
@@ -163,8 +190,8 @@ impl Model {
     fn mass<'py>(&self, py: Python<'py>, terms: Terms) -> PyResult<Bound<'py, PyDict>> {
         let model = self.get()?;
         let mass = jobs::run(py, terms, |work| {
-            let mass = MassProperties::of(&*model, work)?;
-            model.check_unchanged()?;
+            let mass = model.mass(work)?;
+            model.file().check_unchanged()?;
             Ok(mass)
         })?;
         let facts = PyDict::new(py);
@@ -181,7 +208,7 @@ impl Model {
     fn euler<'py>(&self, py: Python<'py>, memory: u64, terms: Terms) -> PyResult<Bound<'py, PyDict>> {
         let model = self.get()?;
         let options = TopologyOptions { memory, path: self.path.clone() };
-        let euler = jobs::run(py, terms, |work| Ok(Topology::of(&*model, &options, work)?.euler()))?;
+        let euler = jobs::run(py, terms, |work| Ok(Topology::of(model.file(), &options, work)?.euler()))?;
         let facts = PyDict::new(py);
         facts.set_item("vertices", euler.vertices)?;
         facts.set_item("edges", euler.edges)?;
@@ -211,7 +238,7 @@ impl Model {
                     Location::Outside => -1,
                 })
             })?;
-            model.check_unchanged()?;
+            model.file().check_unchanged()?;
             Ok(found)
         })?;
         Ok(PyArray1::from_vec(py, found))
@@ -238,7 +265,7 @@ impl Model {
                 };
                 Ok((distance, nearest.point, nearest.face as i64))
             })?;
-            model.check_unchanged()?;
+            model.file().check_unchanged()?;
             Ok(found)
         })?;
         let count = found.len();
@@ -254,7 +281,7 @@ impl Model {
     #[pyo3(name = "_place_of_box")]
     fn place_of_box(&self, py: Python<'_>, min: [f64; 3], max: [f64; 3]) -> PyResult<&'static str> {
         let model = self.get()?;
-        let (place, _) = py.detach(|| model.place_of_box(min, max)).or_raise()?;
+        let place = py.detach(|| model.place_of_box(min, max)).or_raise()?;
         Ok(match place {
             BoxPlace::Inside => "inside",
             BoxPlace::Outside => "outside",
@@ -272,7 +299,9 @@ impl Model {
         terms: Terms,
     ) -> PyResult<(f64, f64, Option<[f64; 3]>)> {
         let model = self.get()?;
-        let found = jobs::run(py, terms, |work| model.cell_coverage(level, position, work))?;
+        let found = jobs::run(py, terms, |work| {
+            model.as_model("shares of cells")?.cell_coverage(level, position, work)
+        })?;
         Ok((found.share, found.volume, found.centre))
     }
 
@@ -285,7 +314,8 @@ impl Model {
             invalid(format!("{}: use .ply, .obj, .stl, .off or .city.json", path.display()))
         })?;
         let made = jobs::run(py, terms, |work| {
-            let made = export_exact(&*model, format, work.create(&path)?, work)?;
+            let model = model.as_model("faces")?;
+            let made = export_exact(model, format, work.create(&path)?, work)?;
             model.check_unchanged()?;
             Ok(made)
         })?;

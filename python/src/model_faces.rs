@@ -147,7 +147,7 @@ impl Model {
     #[pyo3(name = "_face_columns")]
     fn face_columns(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let model = self.get()?;
-        py.detach(|| model.value_columns()).or_raise()
+        py.detach(|| model.file().value_columns()).or_raise()
     }
 
     /// Values of faces in a column with a number, JSON texts, with the numbers of the faces.
@@ -156,14 +156,14 @@ impl Model {
         let model = self.get()?;
         jobs::run(py, terms, |work| {
             let mut all = Vec::new();
-            model.each_face_value(column, &mut |face, json| {
+            model.file().each_face_value(column, &mut |face, json| {
                 if all.len().is_multiple_of(1 << 12) {
                     work.check()?;
                 }
                 all.push((face, json.to_string()));
                 Ok(())
             })?;
-            model.check_unchanged()?;
+            model.file().check_unchanged()?;
             Ok(all)
         })
     }
@@ -178,8 +178,8 @@ impl Model {
     ) -> PyResult<Bound<'py, PyDict>> {
         let model = self.get()?;
         let lists = jobs::run(py, terms, |work| {
-            let mut lists = Lists::default();
-            each(&model, part.as_ref(), work, &mut |face| lists.push(&model, face))?;
+            let (mut lists, model) = (Lists::default(), model.as_model("faces")?);
+            each(model, part.as_ref(), work, &mut |face| lists.push(model, face))?;
             Ok(lists)
         })?;
         let facts = PyDict::new(py);
@@ -208,8 +208,9 @@ impl Model {
         let model = self.get()?;
         let lists = jobs::run(py, terms, |work| {
             let (mut lists, mut triangulator) = (Lists::default(), Triangulator::new());
-            each(&model, part.as_ref(), work, &mut |face| {
-                lists.push_triangles(&model, face, &mut triangulator);
+            let model = model.as_model("faces")?;
+            each(model, part.as_ref(), work, &mut |face| {
+                lists.push_triangles(model, face, &mut triangulator);
             })?;
             Ok(lists)
         })?;

@@ -127,7 +127,7 @@ impl Model {
             each_part((origins, directions), work, first, |hits| {
                 hits.iter().for_each(|hit| lists.push(hit.as_ref()));
             })?;
-            model.check_unchanged()?;
+            model.file().check_unchanged()?;
             Ok(lists)
         })?;
         lists.into_arrays(py)
@@ -158,7 +158,7 @@ impl Model {
                     hits.iter().for_each(|hit| lists.push(Some(hit)));
                 }
             })?;
-            model.check_unchanged()?;
+            model.file().check_unchanged()?;
             Ok((counts, lists))
         })?;
         Ok((PyArray1::from_vec(py, counts), lists.into_arrays(py)?))

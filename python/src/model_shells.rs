@@ -29,15 +29,16 @@ fn contact_of(names: [String; 2], contact: &ObjectContact) -> Contact {
 
 /// Pairs of objects of mesh files that overlap or touch.
 #[pyfunction]
-#[pyo3(signature = (paths, memory, terms))]
+#[pyo3(signature = (paths, snap, memory, terms))]
 pub(crate) fn object_contacts(
     py: Python<'_>,
     paths: Vec<PathBuf>,
+    snap: Option<f64>,
     memory: u64,
     terms: Terms,
 ) -> PyResult<Vec<Contact>> {
     let mut options = ExactOptions::new();
-    options.memory = memory;
+    (options.snap, options.memory) = (snap, memory);
     jobs::run(py, terms, |work| {
         let mut all = Vec::new();
         mesh::model_contacts(mesh::open_all(&paths, memory)?, &options, work, &mut |found| {
@@ -53,12 +54,13 @@ impl Model {
     /// Numbers of the entities of each shell, its handles (-1 where that is no number), its volume, and the shell of each face.
     #[pyo3(name = "_shells")]
     fn shells<'py>(&self, py: Python<'py>, memory: u64, terms: Terms) -> PyResult<Bound<'py, PyDict>> {
-        let model = self.get()?;
+        let view = self.get()?;
+        let model = view.file();
         let options = TopologyOptions { memory, path: model.path().to_path_buf() };
         let (counts, volumes, of_faces) = jobs::run(py, terms, |work| {
-            let topology = Topology::of(&*model, &options, work)?;
+            let topology = Topology::of(model, &options, work)?;
             model.check_unchanged()?;
-            let cube = model.grid().width().powi(3) / 6.0;
+            let cube = model.grid().width().powi(3) * view.volume_factor() / 6.0;
             let volumes = (0..topology.shells()).map(|shell| topology.six_volumes(shell) as f64 * cube);
             let volumes: Vec<f64> = volumes.collect();
             let of_faces = (0..topology.faces()).map(|face| i64::from(topology.shell_of_face(face)));
@@ -90,9 +92,10 @@ impl Model {
     /// (`None` where that is no number), areas, and least and greatest coordinates.
     #[pyo3(name = "_objects")]
     fn objects(&self, py: Python<'_>, memory: u64, terms: Terms) -> PyResult<Vec<Object>> {
-        let model = self.get()?;
+        let view = self.get()?;
+        let model = view.file();
         jobs::run(py, terms, |work| {
-            let measures = model.part_measures(memory, work)?;
+            let measures = view.part_measures(memory, work)?;
             let mut measures = measures.into_iter().peekable();
             let parts = model.parts().iter().zip(0..).map(|(name, part)| {
                 work.check()?;
@@ -109,11 +112,11 @@ impl Model {
     /// Pairs of objects that touch.
     #[pyo3(name = "_contacts")]
     fn contacts(&self, py: Python<'_>, memory: u64, terms: Terms) -> PyResult<Vec<Contact>> {
-        let model = self.get()?;
+        let view = self.get()?;
         jobs::run(py, terms, |work| {
-            let mut all = Vec::new();
+            let (mut all, model) = (Vec::new(), view.file());
             let name = |part: u32| model.parts().get(part as usize).cloned().unwrap_or_default();
-            model.object_contacts(memory, work, &mut |contact| {
+            view.object_contacts(memory, work, &mut |contact| {
                 all.push(contact_of(contact.parts.map(name), contact));
                 Ok(true)
             })?;

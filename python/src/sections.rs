@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::brep::ExactModel;
 use spinney::brep::surface_intersection::surface_intersection;
+use spinney::brep::{ExactModel, ModelView};
 use spinney::export::vector::{SectionPlanes, VectorFormat, export_intersection, export_section};
 use spinney::store::OpenOptions;
 
@@ -19,7 +19,7 @@ use crate::model::Model;
 #[derive(Default)]
 struct Cutters {
     planes: Vec<SectionPlanes>,
-    models: Vec<Arc<ExactModel>>,
+    models: Vec<Arc<ModelView>>,
 }
 
 impl Cutters {
@@ -39,7 +39,7 @@ impl Cutters {
             }
             let path: PathBuf = cutter.extract()?;
             let model = py.detach(|| ExactModel::open(&path, &OpenOptions::new())).or_raise()?;
-            cutters.models.push(Arc::new(model));
+            cutters.models.push(Arc::new(model.into()));
         }
         Ok(cutters)
     }
@@ -60,7 +60,7 @@ impl Model {
     ) -> PyResult<Bound<'py, PyDict>> {
         let model = self.get()?;
         let Cutters { planes, models } = Cutters::of(py, &cutters)?;
-        let inputs = models.iter().chain([&model]).map(|model| model.path().to_path_buf());
+        let inputs = models.iter().chain([&model]).map(|model| model.file().path().to_path_buf());
         check_output(&inputs.collect::<Vec<_>>(), &path)?;
         let known = "use .geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply";
         let format = VectorFormat::of(&path)
@@ -80,8 +80,10 @@ impl Model {
             }
             [other] if planes.is_empty() => {
                 let made = jobs::run(py, terms, |work| {
-                    let found = surface_intersection(&model, other, memory, work)?;
-                    export_intersection(&found, [&model, other], work.create(&path)?, format, work)
+                    let what = "what two models have in common";
+                    let models = [model.as_model(what)?, other.as_model(what)?];
+                    let found = surface_intersection(models[0], models[1], memory, work)?;
+                    export_intersection(&found, models, work.create(&path)?, format, work)
                 })?;
                 facts.set_item("crossings", made.crossings)?;
                 facts.set_item("crossing_length", made.crossing_length)?;

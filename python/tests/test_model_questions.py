@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import pickle
 import signal
 import threading
 import time
@@ -251,3 +253,39 @@ def test_a_million_rays_can_be_stopped(ball: spinney.ExactModel) -> None:
             ball.rays(origins, -origins)
     timer.join()
     assert time.monotonic() - begun < 5
+
+
+def test_models_are_seen_through_maps(hollow: spinney.ExactModel, tmp_path: Path) -> None:
+    points = np.random.default_rng(4).uniform(-10, 10, (200, 3))
+    for view in ("rotate=90,x", ["mirror=x", "translate=8,0,3"], ["scale=2", "axes=+z,-x,+y"]):
+        spinney.transform(hollow.path, view, tmp_path / "moved.goblin")
+        with spinney.open_brep(tmp_path / "moved.goblin") as moved, spinney.open_brep(hollow.path, view=view) as seen:
+            assert seen.rounding == 0 and seen.view == ([view] if isinstance(view, str) else view)
+            assert seen.bounds == moved.bounds and seen.volume == moved.volume and seen.area == moved.area
+            assert seen.mass().centre == moved.mass().centre and seen.objects() == moved.objects()
+            assert (seen.locate(points) == moved.locate(points)).all()
+            assert np.allclose(seen.distance(points), moved.distance(points), atol=1e-12)
+            there = np.roll(points, 1, 0) - points
+            assert np.allclose(seen.rays(points, there).distance, moved.rays(points, there).distance, equal_nan=True)
+            assert np.allclose(seen.crossings(points, there).distance, moved.crossings(points, there).distance)
+            low = np.array(moved.bounds[:3])
+            assert seen.place_of_box((*(low + 0.5), *(low + 1))) == "inside"
+            cuts = [model.section(tmp_path / "cut.csv", "z=-0.7") for model in (seen, moved)]
+            assert cuts[0].polygons == cuts[1].polygons and cuts[0].area == pytest.approx(cuts[1].area)
+            assert list(seen.shells().volume) == list(moved.shells().volume)
+            again = pickle.loads(pickle.dumps(seen))
+            assert again.view == seen.view and (again.locate(points) == seen.locate(points)).all()
+            with pytest.raises(ValueError, match="transform"):
+                os.fspath(seen)
+    with spinney.open_brep(hollow.path, view="rotate=30,1,2,3") as turned:
+        assert 0 < turned.rounding < 1e-10
+        assert turned.volume == pytest.approx(hollow.volume) and turned.area == pytest.approx(hollow.area)
+        for question in (turned.faces, lambda: turned.place_of_box((0, 0, 0, 1, 1, 1)), lambda: turned.export(tmp_path / "a.ply")):
+            with pytest.raises(ValueError, match="affine=.*spinney transform"):
+                question()
+    with spinney.open_brep(hollow.path, view="scale=1,2,3") as stretched:
+        assert stretched.volume == pytest.approx(6 * hollow.volume)
+        with pytest.raises(ValueError, match="distances .*spinney transform"):
+            stretched.distance(points)
+    with pytest.raises(ValueError, match="crop"):
+        spinney.open_brep(hollow.path, view="crop")

@@ -64,6 +64,9 @@ def test_objects_meet(street: Path, tmp_path: Path) -> None:
     assert [(pair.kind, pair.names, pair.parts, pair.volume) for pair in found] == [("overlap", ("right", "half"), (0, 3), 500.0)]
     with pytest.raises(TypeError, match="mesh file"):
         spinney.object_contacts(3)  # type: ignore[arg-type]
+    with pytest.warns(UserWarning, match="left out: open"):
+        (coarse,) = spinney.object_contacts(street, snap=4)
+    assert (coarse.names, coarse.volume) == (("right", "half"), 256.0)
     lines = []
     for number, (name, x) in enumerate([("left", 0), ("leaning", 10), ("far", 30)]):
         lines.append(f"o {name}")

@@ -24,7 +24,7 @@ const EXAMPLES: &str = "Examples:
   spinney find landcover.goblin --class 11 --within parks.gpkg --where 'kind=national'
   spinney find bracket.goblin --leaf edge,vertex --limit 20
   spinney find city.goblin --object 'town hall'
-  spinney find city.city.json --contacts
+  spinney find city.city.json --contacts --snap 0.001
 
 Every cell that meets the condition is in one block, and no block is a part of a larger one. They come
 by place, in the order of their FD codes (Z order), or with --largest by size.
@@ -62,6 +62,9 @@ pub(crate) struct Args {
     features: FeatureCells,
     #[command(flatten)]
     memory: Memory,
+    /// Width of the steps that corners of a mesh file are moved to for --contacts [default: that of `build --brep`]
+    #[arg(long, value_name = "WIDTH", requires = "contacts")]
+    snap: Option<f64>,
     /// Number of blocks at most
     #[arg(long, value_name = "N")]
     limit: Option<u64>,
@@ -102,26 +105,30 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let Wanted { above, below, class, leaf, object, contacts } = &args.condition;
     let file = args.tree.file.as_path();
     let mut found = Found::new(args.limit, args.largest);
-    let model = args.tree.open_model()?;
+    let view = args.tree.open_model(global)?;
     if *contacts {
         exact::refuse(file, &args.of_trees())?;
-        exact::find_contacts(model.as_ref(), file, args.json, args.memory.bytes, global, &mut found)?;
+        let how = (args.snap, args.memory.bytes);
+        exact::find_contacts(view.as_ref(), file, args.json, how, global, &mut found)?;
         found.finish()?;
-        return Ok(model.map_or(Ok(()), |model| model.check_unchanged())?);
+        return Ok(view.map_or(Ok(()), |view| view.file().check_unchanged())?);
     }
-    if let Some(model) = model {
+    if let Some(view) = view {
         let given =
             [("--above", above.is_some()), ("--below", below.is_some()), ("--class", class.is_some())];
         exact::refuse(file, &given)?;
         exact::refuse(file, &args.of_trees())?;
         match object {
             Some(name) => {
-                exact::find_object(&model, name, args.json, args.memory.bytes, global, &mut found)?;
+                exact::find_object(&view, name, args.json, args.memory.bytes, global, &mut found)?;
             }
-            None => exact::find(&model, leaf.as_deref().unwrap_or_default(), args.json, &mut found)?,
+            None => {
+                let model = view.as_model("leaves of the octree")?;
+                exact::find(model, leaf.as_deref().unwrap_or_default(), args.json, &mut found)?;
+            }
         }
         found.finish()?;
-        return Ok(model.check_unchanged()?);
+        return Ok(view.file().check_unchanged()?);
     }
     let tree = args.tree.open()?;
     let boxes = args.part.boxes(&tree)?;

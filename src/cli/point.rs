@@ -75,7 +75,7 @@ impl Args {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    if let Some(model) = args.tree.open_model()? {
+    if let Some(view) = args.tree.open_model(global)? {
         let given = [
             ("--level", args.level.is_some()),
             ("--in", args.coordinates.given().is_some()),
@@ -83,8 +83,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         ];
         exact::refuse(&args.tree.file, &given)?;
         return match &args.rays {
-            Some(which) => exact::rays(&model, &args.points, which == "all"),
-            None => exact::points(&model, &args.points, args.question()),
+            Some(which) => exact::rays(&view, &args.points, which == "all"),
+            None => exact::points(&view, &args.points, args.question()),
         };
     }
     let is_of_models = args.distance || args.object || args.rays.is_some();

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::brep::ExactModel;
+use spinney::brep::ModelView;
 use spinney::dataset::Dataset;
 use spinney::export::{CameraProjection, RenderRequest, render, render_exact};
 use spinney::io::Output;
@@ -98,10 +98,11 @@ fn parse_colour(text: &str) -> Result<Background, String> {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let file = args.tree.file.as_path();
-    let scene = match args.tree.open_model()? {
-        Some(model) => {
+    let scene = match args.tree.open_model(global)? {
+        Some(view) => {
             exact::refuse(file, &[("--level", args.level.is_some())])?;
-            Scene::Model(Box::new(model))
+            view.as_model("pictures")?;
+            Scene::Model(Box::new(view))
         }
         None => Scene::Cells(args.tree.open_drawn()?),
     };
@@ -115,7 +116,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let work = Work::start(global, "pixels")?;
     let output = Output::create(path)?;
     let level = match &scene {
-        Scene::Model(model) => render_exact(model, &request, output, format, &work).map(|()| None),
+        Scene::Model(view) => view
+            .as_model("pictures")
+            .and_then(|model| render_exact(model, &request, output, format, &work))
+            .map(|()| None),
         Scene::Cells(tree) => {
             render(tree, &request, output, format, &work).map(|level| Some((level, tree.depth())))
         }
@@ -132,7 +136,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 /// Scene that is drawn.
 enum Scene {
     Cells(Dataset),
-    Model(Box<ExactModel>),
+    Model(Box<ModelView>),
 }
 
 impl Args {

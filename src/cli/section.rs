@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use spinney::brep::ExactModel;
 use spinney::brep::surface_intersection::surface_intersection;
+use spinney::brep::{ExactModel, ModelView};
 use spinney::export::vector::{SectionPlanes, VectorFormat, export_intersection, export_section};
 use spinney::ops::Step;
 
@@ -51,8 +51,8 @@ pub(crate) struct Args {
     /// Coordinates in the plane: y and z where x is given, z and x where y is, x and y where z is
     #[arg(long)]
     flat: bool,
-    /// See the file through a step of `transform`, translate= or scale= with one factor; may be given several times. Nothing is
-    /// made beforehand
+    /// See the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is made beforehand. (Another
+    /// model meets it only after translate= and scale= with one factor)
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,
     #[command(flatten)]
@@ -93,12 +93,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if others.len() > usize::from(planes.is_empty()) {
         bail!("a model is cut by planes or by one other model: call `spinney section` once for each");
     }
-    let model = open(&args.file, &args.steps)?;
+    let view = open(&args.file, &args.steps, global)?;
     let format = vector_format(args.format.as_deref(), &args.output)?;
     check_output(others.iter().copied().chain([args.file.as_path()]), &args.output)?;
     let found = match others.first() {
-        Some(other) => intersect(args, [&model, &open(other, &[])?], format, global)?,
-        None => cut(args, &model, &planes, format, global)?,
+        Some(other) => {
+            let (other, what) = (open(other, &[], global)?, "what two models have in common");
+            intersect(args, [view.as_model(what)?, other.as_model(what)?], format, global)?
+        }
+        None => cut(args, &view, &planes, format, global)?,
     };
     global.report("section", format_args!("{found}"));
     report_output(global, &args.output, start);
@@ -108,7 +111,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 /// Writes sections by planes; says what there is.
 fn cut(
     args: &Args,
-    model: &ExactModel,
+    view: &ModelView,
     planes: &[SectionPlanes],
     format: VectorFormat,
     global: &Global,
@@ -117,7 +120,7 @@ fn cut(
     let made = args
         .limit
         .create(&args.output)
-        .and_then(|output| export_section(model, planes, args.flat, output, format, &work))
+        .and_then(|output| export_section(view, planes, args.flat, output, format, &work))
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();
     Ok(format!("{} polygons in {} planes, with an area of {}", made.polygons, made.planes, made.area))
@@ -148,9 +151,9 @@ fn intersect(args: &Args, models: [&ExactModel; 2], format: VectorFormat, global
     ))
 }
 
-fn open(path: &Path, steps: &[Step]) -> Result<ExactModel> {
-    match exact::open_viewed(path, steps)? {
-        Some(model) => Ok(model),
+fn open(path: &Path, steps: &[Step], global: &Global) -> Result<ModelView> {
+    match exact::open_viewed(path, steps, global)? {
+        Some(view) => Ok(view),
         None => {
             // (What is no tree at all is told as such.)
             super::open(path)?;

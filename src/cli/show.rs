@@ -88,9 +88,9 @@ fn drawn(args: &Args, room: [u64; 2], global: &Global) -> Result<Picture> {
         request.background = None;
         request
     };
-    let size = if let Some(model) = args.tree.open_model()? {
+    let size = if let Some(view) = args.tree.open_model(global)? {
         exact::refuse(file, &[("--style", args.style.is_some())])?;
-        render_exact(&model, &request(room), Output::create(&path)?, Format::Raw, &work)?;
+        render_exact(view.as_model("pictures")?, &request(room), Output::create(&path)?, Format::Raw, &work)?;
         room
     } else {
         let tree = args.tree.open_drawn()?;

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 use spinney::Error;
-use spinney::brep::{ChosenParts, ExactModel, Faces};
+use spinney::brep::{ChosenParts, ExactModel, Faces, ModelView};
 use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::export::vector::{VectorFormat, export_objects};
 use spinney::import::feature::{FeatureFilter, choose_objects};
@@ -169,9 +169,10 @@ fn objects_are_measured_one_by_one() {
     assert_eq!(parts[0].measures.area, 600.0 + 54.0);
     assert_eq!(parts[0].measures.bounds, Some([[0.0; 3], [10.0; 3]]));
     assert!(matches!(model.part_measures(2 << 10, &()), Err(Error::TooLarge { .. })));
+    let view = ModelView::from(model);
     let table = folder.path().join("t.csv");
     let output = Output::create(&table).unwrap();
-    assert_eq!(export_objects(&model, None, output, VectorFormat::Csv, 1 << 20, &()).unwrap(), 3);
+    assert_eq!(export_objects(&view, None, output, VectorFormat::Csv, 1 << 20, &()).unwrap(), 3);
     let text = std::fs::read_to_string(&table).unwrap();
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!(lines[0].trim_end(), "WKT,id,type,closed,faces,volume,area,zmin,zmax,x,y,z,name,storeys");
@@ -183,7 +184,7 @@ fn objects_are_measured_one_by_one() {
     assert!(lines[2].contains(",front,,false,3,,300,"), "{text}");
     let some = BTreeSet::from([2]);
     let output = Output::create(&table).unwrap();
-    assert_eq!(export_objects(&model, Some(&some), output, VectorFormat::Csv, 1 << 20, &()).unwrap(), 1);
+    assert_eq!(export_objects(&view, Some(&some), output, VectorFormat::Csv, 1 << 20, &()).unwrap(), 1);
 }
 
 /// Some objects go out as they came in, with what is said of them.

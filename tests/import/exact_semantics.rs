@@ -1,14 +1,17 @@
 //! Semantics of surfaces of city objects: values of faces, and back.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use serde_json::{Value, json};
-use spinney::brep::{ChosenParts, ExactModel, Face, Faces, Grid, InsideRule, ModelBuilder, Triangulated};
+use spinney::brep::{
+    ChosenParts, CombineReport, ExactModel, Face, Faces, Grid, InsideRule, ModelBuilder, Triangulated,
+    combine,
+};
 use spinney::export::mesh::{ExactSummary, MeshFormat, export_exact};
 use spinney::import::mesh::{ExactOptions, ExactReport, MeshFace, import_exact, open_all};
 use spinney::io::Output;
-use spinney::store::{Metadata, OpenOptions};
+use spinney::store::{Codec, Metadata, OpenOptions};
 
 use crate::common::exact::cuboid;
 use crate::common::{Random, shared_data};
@@ -171,6 +174,145 @@ fn repairs_keep_semantics() {
         })
         .unwrap();
     assert!(heights.contains(&true) && heights.contains(&false));
+}
+
+fn operation(number: u8, models: &[&ExactModel], path: &Path) -> (ExactModel, CombineReport) {
+    let output = Output::create(path).unwrap();
+    let report = combine(number, models, output, Codec::Plain, 64 << 20, &()).unwrap();
+    let model = ExactModel::open(path, &OpenOptions::new()).unwrap();
+    assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
+    (model, report)
+}
+
+/// All values of a face, by the names of their columns.
+type Values = BTreeMap<String, String>;
+
+/// Part, source and values of each face.
+fn values(model: &ExactModel) -> Vec<(u32, u64, Values)> {
+    let names = model.value_columns().unwrap();
+    let columns: Vec<&str> = names.iter().map(String::as_str).collect();
+    let mut all = Vec::new();
+    model
+        .each_with_values(&columns, &mut |face, values| {
+            let own = names.iter().cloned().zip(values.iter().cloned());
+            let own = own.filter_map(|(name, value)| Some((name, value?)));
+            all.push((face.part, face.source, own.collect()));
+            Ok(())
+        })
+        .unwrap();
+    all
+}
+
+/// Checks that faces of a result have the values of those faces of the operands that they come of; returns how many have some.
+fn check_values(result: &ExactModel, operands: &[&ExactModel]) -> usize {
+    let mut expected: BTreeMap<(u32, u64), Values> = BTreeMap::new();
+    let (mut first_part, mut first_source) = (0, 0);
+    for operand in operands {
+        let mut last = 0;
+        for (part, source, own) in values(operand) {
+            last = last.max(source);
+            let before = expected.insert((first_part + part, first_source + source), own.clone());
+            assert!(before.is_none_or(|before| before == own), "part {part}, source {source}");
+        }
+        first_part += operand.parts().len() as u32;
+        first_source += last + 1;
+    }
+    let found = values(result);
+    for (part, source, own) in &found {
+        assert_eq!(Some(own), expected.get(&(*part, *source)), "part {part}, source {source}");
+    }
+    found.iter().filter(|(.., own)| !own.is_empty()).count()
+}
+
+/// A tetrahedron that goes through both twins of the city, with values in a column of the city's and in one of its own. All faces are of one source
+/// if `is_one`.
+fn tool(path: &Path, is_one: bool) -> ExactModel {
+    let grid = Grid { bits: 16, origin: [0, -8000, -8000], step: 1.0, divisor: 1000.0 };
+    let mut builder = ModelBuilder::new(Output::create(path).unwrap(), grid, 1 << 20).unwrap();
+    let corners =
+        [[21_003, 7001, 6007], [37_000, 10_011, 9002], [23_005, 15_000, 10_001], [26_000, 11_000, 17_003]];
+    for (number, side) in (0..).zip([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]) {
+        let points = side.map(|corner: usize| corners[corner]);
+        let source = if is_one { 0 } else { number };
+        let face = Face { number, points: &points, ring_ends: &[3], colours: &[], part: 0, source };
+        builder.push(&face).unwrap();
+        builder.face_value("type", "\"+Tool\"").unwrap();
+        if number > 0 {
+            builder.face_value("side", &number.to_string()).unwrap();
+        }
+    }
+    builder.part("tool", None).unwrap();
+    let built = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    assert_eq!(built.defect_count, 0);
+    ExactModel::open(path, &OpenOptions::new()).unwrap()
+}
+
+/// Faces of operations have the values of those that they come of, also where these are divided, and of results of operations.
+#[test]
+fn operations_keep_values_of_faces() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("a.city.json"), city().to_string()).unwrap();
+    let mut options = ExactOptions::new();
+    options.snap = Some(0.001);
+    let (city, _) = import(&at("a.city.json"), &at("a.goblin"), &options);
+    let tool = tool(&at("b.goblin"), false);
+    let (cut, report) = operation(2, &[&city, &tool], &at("c.goblin"));
+    assert!(report.divided > 0 && cut.exact_faces().0 > 0, "{report:?}");
+    assert_eq!((report.lost_columns, report.lost_values), (0, 0));
+    assert!(check_values(&cut, &[&city, &tool]) > 20);
+    let columns = |model: &ExactModel| model.value_columns().unwrap().into_iter().collect::<BTreeSet<_>>();
+    let expected = ["attributes", "parent", "side", "surface", "type"].map(String::from);
+    assert_eq!(columns(&cut), BTreeSet::from(expected));
+    let of_tool = values(&cut).into_iter().filter(|(part, ..)| cut.parts()[*part as usize] == "tool");
+    assert!(of_tool.count() > 2);
+
+    // Complements, and results of results, in which faces that stood in for others are made anew.
+    let (not, _) = operation(12, &[&cut], &at("d.goblin"));
+    check_values(&not, &[&cut]);
+    let (both, _) = operation(1, &[&tool, &city], &at("e.goblin"));
+    check_values(&both, &[&tool, &city]);
+    let (whole, report) = operation(7, &[&cut, &both], &at("f.goblin"));
+    check_values(&whole, &[&cut, &both]);
+    assert_eq!(report.lost_values, 0);
+    // (What is apart from all others goes as it is.)
+    let (far, _) = operation(7, &[&city, &cut, &both, &tool], &at("g.goblin"));
+    check_values(&far, &[&city, &cut, &both, &tool]);
+
+    // Semantics are written again, but for columns that are none.
+    let (file, _) = export(&cut, &at("c.city.json"));
+    let kinds = |name: &str| -> BTreeSet<String> {
+        let surfaces = semantics(&file, name)["surfaces"].clone();
+        let kinds =
+            surfaces.as_array().unwrap().iter().map(|surface| surface["type"].as_str().unwrap().into());
+        kinds.collect()
+    };
+    assert_eq!(kinds("twins"), BTreeSet::from(["+Outside", "RoofSurface", "WallSurface"].map(String::from)));
+    assert_eq!(kinds("tool"), BTreeSet::from(["+Tool".into()]));
+    assert_eq!(semantics(&file, "house")["surfaces"].as_array().unwrap().len(), 4);
+}
+
+/// Where faces of one source have different values, those that are divided have none, which is told.
+#[test]
+fn values_that_cannot_be_told_apart_are_not_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("a.city.json"), city().to_string()).unwrap();
+    let mut options = ExactOptions::new();
+    options.snap = Some(0.001);
+    let (city, _) = import(&at("a.city.json"), &at("a.goblin"), &options);
+    let tool = tool(&at("b.goblin"), true);
+    let (cut, report) = operation(2, &[&city, &tool], &at("c.goblin"));
+    let of_tool = values(&cut).into_iter().filter(|(part, ..)| cut.parts()[*part as usize] == "tool");
+    let of_tool: Vec<Values> = of_tool.map(|(.., own)| own).collect();
+    assert!(
+        of_tool.iter().all(BTreeMap::is_empty) && report.lost_values == of_tool.len() as u64,
+        "{report:?}"
+    );
+    assert!(!of_tool.is_empty());
+    // What is not near the other keeps them.
+    let (apart, report) = operation(3, &[&tool], &at("d.goblin"));
+    assert_eq!((report.lost_values, values(&apart)), (0, values(&tool)));
 }
 
 /// Surfaces of real files come back, as many of each type in each object.

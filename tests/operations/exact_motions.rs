@@ -17,7 +17,7 @@ use crate::common::Random;
 use crate::common::exact::{cuboid, model_on, prism, push, turned};
 use crate::common::sets::{Body, MEMORY, combined, grid, tetrahedron};
 
-fn motion(steps: &[&str]) -> Motion {
+pub(super) fn motion(steps: &[&str]) -> Motion {
     let next = |map: AffineMap, step: &&str| map.then(&step.parse::<Step>().unwrap().as_map().unwrap());
     Motion::from_rows(steps.iter().fold(AffineMap::IDENTITY, next).to_rows()).unwrap()
 }
@@ -35,7 +35,7 @@ fn try_moved(body: &Body, motion: &Motion, options: &TransformOptions) -> Result
     made.map(|report| (Body::of_bytes(std::fs::read(&path).unwrap()), report))
 }
 
-fn moved(body: &Body, motion: &Motion) -> (Body, TransformReport) {
+pub(super) fn moved(body: &Body, motion: &Motion) -> (Body, TransformReport) {
     let (found, report) = try_moved(body, motion, &TransformOptions::new(MEMORY)).unwrap();
     assert_eq!((report.before, report.after), (body.model.len(), found.model.len()));
     assert_eq!(report.grid, *found.model.grid());
@@ -44,7 +44,7 @@ fn moved(body: &Body, motion: &Motion) -> (Body, TransformReport) {
 }
 
 /// The quarter turns, mirrors and exchanges of axes.
-fn symmetries() -> Vec<Motion> {
+pub(super) fn symmetries() -> Vec<Motion> {
     let axes = [Axis::X, Axis::Y, Axis::Z];
     let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     let all = orders.into_iter().flat_map(|order| (0..8).map(move |bits| (order, bits)));
@@ -74,7 +74,7 @@ fn random_tetrahedra(bits: u8, count: u64) -> [Body; 2] {
 }
 
 /// Bodies on the grid.
-fn bodies() -> Vec<Body> {
+pub(super) fn bodies() -> Vec<Body> {
     let square = |low: i32, high: i32| vec![[low, low], [high, low], [high, high], [low, high]];
     let hole = square(5, 9).into_iter().rev().collect();
     let hollow = [cuboid([1; 3], [14; 3]), turned(cuboid([3, 4, 5], [8, 9, 11]))].concat();
@@ -89,7 +89,7 @@ fn bodies() -> Vec<Body> {
 }
 
 /// Operands whose results have corners beside the grid, and these.
-fn bodies_beside() -> [Body; 4] {
+pub(super) fn bodies_beside() -> [Body; 4] {
     let [a, b] = [
         tetrahedron([[0, 0, 0], [100, 7, 3], [11, 97, 1], [5, 13, 89]]).unwrap(),
         tetrahedron(
@@ -442,32 +442,6 @@ fn what_cannot_be_done_is_refused() {
     for step in ["crop", "window=0,0,1,1", "depth=3", "components=4"] {
         let error = step.parse::<Step>().unwrap().as_map().unwrap_err();
         assert!(error.to_string().contains(step) && error.to_string().contains("translate="), "{error}");
-    }
-}
-
-/// A model that is seen through a shift or a factor answers as the file of it does.
-#[test]
-fn models_are_seen_through_shifts_and_factors() {
-    let open = |body: &Body| ExactModel::from_bytes(body.bytes.clone()).unwrap();
-    let [_, _, both, _] = bodies_beside();
-    for body in [&both, &bodies()[0]] {
-        for steps in
-            [&["translate=3,-4,500"][..], &["scale=25.4"], &["scale=0.5", "translate=8,0,0", "scale=0.1"]]
-        {
-            let map = motion(steps);
-            let (file, _) = moved(body, &map);
-            let seen = open(body).seen_through(&map).unwrap();
-            assert_eq!(
-                (seen.grid(), &seen.metadata().frame),
-                (file.model.grid(), &file.model.metadata().frame)
-            );
-            let [a, b] = [&seen, &file.model].map(|model| MassProperties::of(model, &()).unwrap());
-            assert_eq!(a, b);
-        }
-    }
-    for steps in [&["mirror=x"][..], &["rotate=90"], &["translate=0.3,0,0"], &["scale=1,1,2"]] {
-        let error = open(&both).seen_through(&motion(steps)).map(|_| ()).unwrap_err();
-        assert!(error.to_string().contains("spinney transform"), "{error}");
     }
 }
 

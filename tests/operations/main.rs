@@ -22,6 +22,8 @@ mod exact_sections;
 mod exact_sets;
 mod exact_triangles;
 #[cfg(feature = "mesh")]
+mod exact_views;
+#[cfg(feature = "mesh")]
 mod isosurfaces;
 mod operations;
 mod overlay;

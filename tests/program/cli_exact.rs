@@ -415,6 +415,11 @@ fn objects_are_found() {
     let cells = folder.built(&mesh, "cells.goblin", &["--cells", "16"]);
     let refused = complaint(&["find", &cells, "--contacts"], 1);
     assert!(refused.contains("is no exact model and no mesh"), "{refused}");
+    // On a grid of coarse steps objects are where their corners are moved to.
+    let told = stdout(&["find", &mesh, "--contacts", "--snap", "4"]);
+    assert!(told.starts_with("overlap ") && told != "overlap 500 0 5,0,0\tright\ttwice\n", "{told}");
+    assert!(complaint(&["find", &mesh, "--contacts", "--snap", "0"], 1).contains("a width above zero"));
+    assert!(complaint(&["find", &out, "--contacts", "--snap", "1"], 1).contains("--snap is for mesh files"));
     let refused = complaint(&["find", &cells, "--object", "right"], 1);
     assert!(refused.contains("--object are for"), "{refused}");
 
@@ -434,6 +439,29 @@ fn objects_are_found() {
     assert!(info.contains("values      of faces: surface, type\n"), "{info}");
     let json: Json = serde_json::from_str(&stdout(&["info", &out, "--json"])).unwrap();
     assert_eq!(json["face_columns"], serde_json::json!(["surface", "type"]));
+}
+
+/// What is said of surfaces stays with faces that `combine` divides.
+#[test]
+fn combine_keeps_values_of_faces() {
+    let folder = Folder::new();
+    let built = |name: &str, low: i32| {
+        let mesh = city(&[(name, json_box([low; 3], [low + 4; 3]))]);
+        let mesh = folder.mesh(&format!("{name}.city.json"), &mesh);
+        folder.built(&mesh, &format!("{name}.goblin"), &["--brep", "--snap", "1"])
+    };
+    let (a, b) = (built("a", 0), built("b", 2));
+    let out = folder.name("c.goblin");
+    let told = command(&["combine", "a-b", &a, &b, "-o", &out]).assert().success();
+    let told = stderr(told);
+    assert!(!told.contains("not kept"), "{told}");
+    assert!(stdout(&["info", &out]).contains("values      of faces: surface, type\n"));
+    let city = folder.name("c.city.json");
+    command(&["export", &out, &city]).assert().success();
+    let city: Json = serde_json::from_slice(&std::fs::read(&city).unwrap()).unwrap();
+    let semantics = |name: &str| city["CityObjects"][name]["geometry"][0]["semantics"].clone();
+    assert_eq!(semantics("a")["surfaces"], serde_json::json!([{ "type": "RoofSurface" }]));
+    assert_eq!(semantics("b"), Json::Null);
 }
 
 /// Corners of a box, those below first.

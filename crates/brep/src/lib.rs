@@ -35,7 +35,7 @@ pub use combine::{CombineReport, combine};
 pub use exact::bounds::MOST_BITS;
 pub use face::{Face, FaceList, Faces, TakeFaceWithValues};
 pub use grid::Grid;
-pub use motion::{Motion, TransformOptions, TransformReport, transform};
+pub use motion::{ModelView, Motion, TransformOptions, TransformReport, ViewRays, transform};
 pub use object_contacts::{ContactKind, ObjectContact, TakeContact, object_contacts};
 pub use repair::{InsideRule, Repair, repair};
 pub use store::{

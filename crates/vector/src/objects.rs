@@ -13,7 +13,7 @@ use crate::import::filter::{AttributeCondition, FeatureFilter};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
 use spinney_brep::query::PartMeasures;
-use spinney_brep::{ExactModel, Faces};
+use spinney_brep::{ExactModel, Faces, ModelView};
 
 /// The numbers of those of some parts, by their names, for which all conditions hold, or for an object that they are a part of: on `id`, which is
 /// the name, on `type`, and on their attributes. `about` gives what is said of a part, a JSON object as
@@ -72,14 +72,15 @@ const MOST_COLUMNS: usize = 1000;
 /// If `memory` bytes are not enough for what is measured (a kilobyte for each part), if the file is damaged or was changed meanwhile,
 /// if the output cannot be written, or on interruption.
 pub fn export_objects(
-    model: &ExactModel,
+    view: &ModelView,
     chosen: Option<&BTreeSet<u32>>,
     output: Output,
     format: VectorFormat,
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<u64> {
-    let mut parts = model.part_measures(memory, progress)?;
+    let model = view.file();
+    let mut parts = view.part_measures(memory, progress)?;
     parts.retain(|part| chosen.is_none_or(|chosen| chosen.contains(&part.part)));
     let mut columns: Vec<(String, AttributeType)> = FIXED.map(|(name, kind)| (name.into(), kind)).to_vec();
     let (own, left_out) = own_columns(model, &parts)?;
@@ -91,7 +92,7 @@ pub fn export_objects(
     for (name, kind) in &own {
         push_attribute(&mut columns, name.clone(), *kind);
     }
-    let [low, high] = model.bounds().unwrap_or([[0.0; 3]; 2]);
+    let [low, high] = view.bounds().unwrap_or([[0.0; 3]; 2]);
     let layer = VectorLayer {
         name: "objects".into(),
         kind: Some(GeometryKind::Polygon),

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use spinney::brep::ExactModel;
+use spinney::brep::ModelView;
 use spinney::dataset::Dataset;
 use spinney::ops::{Calculation, LayerInfo, Step, WarpTarget};
 use spinney::store::FilePlace;
 
-use super::super::{exact, open};
+use super::super::{Global, exact, open};
 use super::{LayerOption, parse_crs};
 
 /// A tree file, and the steps that it is seen through.
@@ -17,7 +17,8 @@ pub(crate) struct ViewedTree {
     /// Tree file
     pub(crate) file: PathBuf,
     /// See the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is
-    /// made beforehand. (Exact models are seen through translate= and scale= with one factor)
+    /// made beforehand. (Exact models are seen through any affine map where numbers are asked for, and drawn and exported through
+    /// translate= and scale= with one factor)
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,
     #[command(flatten)]
@@ -31,8 +32,8 @@ impl ViewedTree {
     }
 
     /// Opens the file if it is an exact model, with or without steps.
-    pub(crate) fn open_model(&self) -> anyhow::Result<Option<ExactModel>> {
-        exact::open_viewed(&self.file, &self.steps)
+    pub(crate) fn open_model(&self, global: &Global) -> anyhow::Result<Option<ModelView>> {
+        exact::open_viewed(&self.file, &self.steps, global)
     }
 
     /// What is seen of the file as text: another one for other layers or steps.

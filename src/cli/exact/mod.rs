@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use spinney::brep::{BuildReport, ExactModel, Faces, is_model_file};
+use spinney::brep::{BuildReport, ExactModel, Faces, ModelView, is_model_file};
 use spinney::import::feature::{FeatureFilter, choose_objects};
 use spinney::ops::Step;
 use spinney::store::{OpenOptions, Tag};
@@ -38,12 +38,22 @@ pub(super) fn open(path: &Path) -> Result<Option<ExactModel>> {
 }
 
 /// The exact model in a file as it is seen through steps; `None` if the file has anything else.
-pub(super) fn open_viewed(path: &Path, steps: &[Step]) -> Result<Option<ExactModel>> {
+pub(super) fn open_viewed(path: &Path, steps: &[Step], global: &Global) -> Result<Option<ModelView>> {
     let Some(model) = open(path)? else { return Ok(None) };
     if steps.is_empty() {
-        return Ok(Some(model));
+        return Ok(Some(model.into()));
     }
-    Ok(Some(model.seen_through(&transform::motion(steps)?)?))
+    let view = ModelView::of(model, &transform::motion(steps)?)?;
+    if !view.is_exact() {
+        let (most, unit) = (view.rounding(), unit(view.file()));
+        global.report(
+            "view",
+            format_args!(
+                "places are rounded on the way to the model and back, by less than {most:.0e}{unit}"
+            ),
+        );
+    }
+    Ok(Some(view))
 }
 
 /// The parts of a model for which conditions hold, with their parts.

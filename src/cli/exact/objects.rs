@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Result, bail};
 use serde_json::{Value, json};
 use spinney::brep::query::PartMeasures;
-use spinney::brep::{ExactModel, Faces, ObjectContact};
+use spinney::brep::{Faces, ModelView, ObjectContact};
 use spinney::import::mesh;
 
 use super::super::Global;
@@ -13,13 +13,14 @@ use super::super::report::{Found, Work};
 
 /// Lists the objects with a name, mostly one.
 pub(crate) fn find_object(
-    model: &ExactModel,
+    view: &ModelView,
     name: &str,
     is_json: bool,
     memory: u64,
     global: &Global,
     found: &mut Found,
 ) -> Result<()> {
+    let model = view.file();
     let parts: Vec<u32> =
         (0..).zip(model.parts()).filter(|(_, own)| *own == name).map(|(part, _)| part).collect();
     if parts.is_empty() {
@@ -27,7 +28,7 @@ pub(crate) fn find_object(
         bail!("{}: has no object {name}; there are {near}", model.path().display());
     }
     let work = Work::start(global, "faces")?;
-    let measures = model.part_measures(memory, &work)?;
+    let measures = view.part_measures(memory, &work)?;
     work.finish();
     for part in parts {
         let own = measures.iter().find(|measures| measures.part == part);
@@ -87,12 +88,12 @@ fn object_as_json(part: u32, name: &str, measures: Option<&PartMeasures>, about:
     object.to_string()
 }
 
-/// Lists the pairs of objects of an exact model, or else of a mesh file, that overlap or touch.
+/// Lists the pairs of objects of an exact model, or else of a mesh file on a grid of such steps, that overlap or touch.
 pub(crate) fn find_contacts(
-    model: Option<&ExactModel>,
+    view: Option<&ModelView>,
     file: &Path,
     is_json: bool,
-    memory: u64,
+    (snap, memory): (Option<f64>, u64),
     global: &Global,
     found: &mut Found,
 ) -> Result<()> {
@@ -102,13 +103,16 @@ pub(crate) fn find_contacts(
         })
     };
     let work = Work::start(global, "objects")?;
-    if let Some(model) = model {
-        let name = |part: u32| model.parts().get(part as usize).map_or("", String::as_str);
-        model.object_contacts(memory, &work, &mut |contact| take(contact, contact.parts.map(name)))?;
+    if let Some(view) = view {
+        if snap.is_some() {
+            bail!("{}: is an exact model, which has a grid: --snap is for mesh files", file.display());
+        }
+        let name = |part: u32| view.file().parts().get(part as usize).map_or("", String::as_str);
+        view.object_contacts(memory, &work, &mut |contact| take(contact, contact.parts.map(name)))?;
     } else if mesh::is_model(file) {
         let models = mesh::open_all(&[file.to_path_buf()], memory)?;
         let mut options = mesh::ExactOptions::new();
-        options.memory = memory;
+        (options.snap, options.memory) = (snap, memory);
         mesh::model_contacts(models, &options, &work, &mut |found| {
             take(&found.contact, [&found.names[0], &found.names[1]])
         })?;

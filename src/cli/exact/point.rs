@@ -5,7 +5,7 @@ use std::io::{self, BufRead as _, Write};
 use anyhow::{Context as _, Result, anyhow};
 use rayon::prelude::*;
 use spinney::brep::query::Location;
-use spinney::brep::{ExactModel, FaceBuffer, Faces};
+use spinney::brep::{FaceBuffer, Faces, ModelView};
 
 /// Points that are answered at a time.
 const BATCH: usize = 1 << 16;
@@ -22,25 +22,25 @@ pub(crate) enum PointQuestion {
 }
 
 /// Answers for each point, given in the world: those of the command line, or of standard input if there are none.
-pub(crate) fn points(model: &ExactModel, points: &[String], question: PointQuestion) -> Result<()> {
-    each_batch(model, points, "X,Y,Z", &mut |points, _, out| match question {
-        PointQuestion::Place => answer(model, points, out),
-        PointQuestion::Object => answer_objects(model, points, out),
-        PointQuestion::Distance => answer_distances(model, points, out),
+pub(crate) fn points(view: &ModelView, points: &[String], question: PointQuestion) -> Result<()> {
+    each_batch(view, points, "X,Y,Z", &mut |points, _, out| match question {
+        PointQuestion::Place => answer(view, points, out),
+        PointQuestion::Object => answer_objects(view, points, out),
+        PointQuestion::Distance => answer_distances(view, points, out),
     })
 }
 
 /// Says where rays, each an origin and a direction in the world, pass through the surface: first, or everywhere.
-pub(crate) fn rays(model: &ExactModel, rays: &[String], is_all: bool) -> Result<()> {
+pub(crate) fn rays(view: &ModelView, rays: &[String], is_all: bool) -> Result<()> {
     let mut is_begun = false;
-    each_batch(model, rays, "X,Y,Z,DX,DY,DZ", &mut |rays: &[[f64; 6]], first, out| {
+    each_batch(view, rays, "X,Y,Z,DX,DY,DZ", &mut |rays: &[[f64; 6]], first, out| {
         if !std::mem::replace(&mut is_begun, true) {
             out.write_all(b"ray,distance,x,y,z,face,part,enters\n")?;
         }
         let parts: Vec<spinney::Result<Vec<u8>>> = rays
             .par_chunks(1 << 10)
             .enumerate()
-            .map(|(part, rays)| answer_rays(model, rays, first + (part << 10) as u64, is_all))
+            .map(|(part, rays)| answer_rays(view, rays, first + (part << 10) as u64, is_all))
             .collect();
         parts.into_iter().try_for_each(|part| Ok(out.write_all(&part?)?))
     })
@@ -51,7 +51,7 @@ type Answer<'a, const N: usize> = dyn FnMut(&[[f64; N]], u64, &mut dyn Write) ->
 
 /// Reads lines of numbers, those of the command line, or of standard input if there are none, and answers some at a time.
 fn each_batch<const N: usize>(
-    model: &ExactModel,
+    view: &ModelView,
     lines: &[String],
     wanted: &str,
     answer: &mut Answer<'_, N>,
@@ -77,7 +77,7 @@ fn each_batch<const N: usize>(
         answer(&batch, first, &mut out)?;
     }
     out.flush()?;
-    Ok(model.check_unchanged()?)
+    Ok(view.file().check_unchanged()?)
 }
 
 fn parse<const N: usize>(line: &str, from: &str, number: u64, wanted: &str) -> Result<[f64; N]> {
@@ -92,12 +92,12 @@ fn parse<const N: usize>(line: &str, from: &str, number: u64, wanted: &str) -> R
     if N == 6 && numbers[3..].iter().all(|along| *along == 0.0) { Err(wrong()) } else { Ok(numbers) }
 }
 
-fn answer(model: &ExactModel, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
+fn answer(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
     let parts: Vec<_> = points
         .par_chunks(1 << 12)
         .map(|part| {
             let mut locations = Vec::with_capacity(part.len());
-            model.locate_all(part, &mut locations).map(|()| locations)
+            view.locate_all(part, &mut locations).map(|()| locations)
         })
         .collect();
     for part in parts {
@@ -116,38 +116,38 @@ fn name_of(location: Location) -> &'static str {
     }
 }
 
-fn answer_objects(model: &ExactModel, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
+fn answer_objects(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
     let object = |point: &[f64; 3]| -> spinney::Result<(Location, Option<u32>)> {
-        let location = model.locate(*point)?;
-        let nearest = if location == Location::Outside { None } else { model.nearest(*point)? };
+        let location = view.locate(*point)?;
+        let nearest = if location == Location::Outside { None } else { view.nearest(*point)? };
         let Some(nearest) = nearest else { return Ok((location, None)) };
         let mut buffer = FaceBuffer::default();
-        model.face(nearest.face, &mut buffer)?;
+        view.file().face(nearest.face, &mut buffer)?;
         Ok((location, Some(buffer.face().part)))
     };
     let found: Vec<spinney::Result<(Location, Option<u32>)>> =
         points.par_iter().with_min_len(1 << 6).map(object).collect();
     for found in found {
         let (location, part) = found?;
-        let name = part.and_then(|part| model.parts().get(part as usize));
+        let name = part.and_then(|part| view.file().parts().get(part as usize));
         writeln!(out, "{}{}", name_of(location), name.map_or(String::new(), |name| format!("\t{name}")))?;
     }
     Ok(())
 }
 
-fn answer_distances(model: &ExactModel, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
+fn answer_distances(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) -> Result<()> {
     let distances: Vec<spinney::Result<f64>> =
-        points.par_iter().with_min_len(1 << 6).map(|point| model.signed_distance(*point)).collect();
+        points.par_iter().with_min_len(1 << 6).map(|point| view.signed_distance(*point)).collect();
     distances.into_iter().try_for_each(|distance| Ok(writeln!(out, "{}", distance?)?))
 }
 
 /// Lines about what rays meet, of which the first has a number.
-fn answer_rays(model: &ExactModel, rays: &[[f64; 6]], first: u64, is_all: bool) -> spinney::Result<Vec<u8>> {
-    let (mut text, mut caster) = (Vec::new(), model.rays());
+fn answer_rays(view: &ModelView, rays: &[[f64; 6]], first: u64, is_all: bool) -> spinney::Result<Vec<u8>> {
+    let (mut text, mut caster) = (Vec::new(), view.rays());
     for ([x, y, z, u, v, w], ray) in rays.iter().zip(first..) {
         let (from, along) = ([*x, *y, *z], [*u, *v, *w]);
         let hits = match is_all {
-            true => model.ray_crossings(from, along)?,
+            true => view.ray_crossings(from, along)?,
             false => caster.first(from, along)?.into_iter().collect(),
         };
         for hit in hits {

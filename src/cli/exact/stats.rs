@@ -8,7 +8,7 @@ use anyhow::Result;
 use serde_json::json;
 use spinney::brep::query::MassProperties;
 use spinney::brep::topology::{Euler, Topology, TopologyOptions};
-use spinney::brep::{ExactModel, Faces};
+use spinney::brep::{ExactModel, Faces, ModelView};
 use spinney::export::vector::{VectorFormat, export_objects};
 use spinney::import::feature::FeatureFilter;
 use spinney::io::Output;
@@ -20,9 +20,9 @@ use super::super::report::{Work, print_json, print_text, report_output, warn};
 use super::{chosen, list, unit};
 
 /// Measures an exact model: volume, centre, moments, surface, and its topology where that fits into memory.
-pub(crate) fn stats(model: &ExactModel, is_json: bool, global: &Global) -> Result<()> {
+pub(crate) fn stats(view: &ModelView, is_json: bool, global: &Global) -> Result<()> {
     let work = Work::start(global, "faces")?;
-    let mass = MassProperties::of(model, &work)?;
+    let (mass, model) = (view.mass(&work)?, view.file());
     let options = TopologyOptions { memory: 4 * DEFAULT_MEMORY, path: model.path().to_path_buf() };
     let euler = match Topology::of(model, &options, &work) {
         Ok(topology) => Some(topology.euler()),
@@ -42,13 +42,13 @@ pub(crate) fn stats(model: &ExactModel, is_json: bool, global: &Global) -> Resul
 
 /// Writes a table of the objects of an exact model for which conditions hold: to standard output as CSV, if no file is given.
 pub(crate) fn each(
-    model: &ExactModel,
+    view: &ModelView,
     filter: FeatureFilter,
     path: Option<&Path>,
     memory: u64,
     global: &Global,
 ) -> Result<()> {
-    let start = Instant::now();
+    let (start, model) = (Instant::now(), view.file());
     let objects = match filter.conditions.is_empty() {
         true => None,
         false => Some(chosen(model, &filter)?),
@@ -59,7 +59,7 @@ pub(crate) fn each(
     };
     check_output([model.path()], path)?;
     let work = Work::start(global, "faces")?;
-    let count = export_objects(model, objects.as_ref(), Output::create(path)?, format, memory, &work)?;
+    let count = export_objects(view, objects.as_ref(), Output::create(path)?, format, memory, &work)?;
     work.finish();
     global.report("objects", format_args!("{count} of {}", model.parts().len()));
     if path != Path::new("-") {

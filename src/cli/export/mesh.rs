@@ -49,10 +49,17 @@ impl MeshOptions {
 pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()> {
     let start = Instant::now();
     let MeshOptions { level, smooth, triangles, ref filter } = args.mesh;
-    if let Some(model) = args.tree.open_model()? {
+    if let Some(view) = args.tree.open_model(global)? {
         let given = [("--level", level.is_some()), ("--smooth", smooth)];
         exact::refuse(&args.tree.file, &given)?;
-        return exact::export(&model, args.output.path(), format, triangles, filter.as_ref(), global);
+        return exact::export(
+            view.as_model("faces")?,
+            args.output.path(),
+            format,
+            triangles,
+            filter.as_ref(),
+            global,
+        );
     }
     ensure!(filter.is_none(), "--where is for exact models, which have objects");
     let tree = args.tree.open()?;

@@ -101,7 +101,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    if let Some(model) = args.tree.open_model()? {
+    if let Some(view) = args.tree.open_model(global)? {
         let given = [
             ("--level", args.level.is_some()),
             ("--zones", args.zones.is_some()),
@@ -112,11 +112,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         if args.each {
             let zones::ZoneOptions { conditions, memory, .. } = &args.zone_options;
             let filter = FeatureFilter { conditions: conditions.clone() };
-            exact::each(&model, filter, args.label_options.output.as_deref(), memory.bytes, global)?;
-            return Ok(model.check_unchanged()?);
+            exact::each(&view, filter, args.label_options.output.as_deref(), memory.bytes, global)?;
+            return Ok(view.file().check_unchanged()?);
         }
-        exact::stats(&model, args.json, global)?;
-        return Ok(model.check_unchanged()?);
+        exact::stats(&view, args.json, global)?;
+        return Ok(view.file().check_unchanged()?);
     }
     ensure!(!args.each, "--each is for exact models; of trees --labels and --zones make tables");
     if args.label_options.labels {

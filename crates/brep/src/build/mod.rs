@@ -30,7 +30,7 @@ use super::store::exact::ExactBlock;
 use super::store::objects::{ColumnNames, ObjectWriter};
 use super::store::segment::CUT;
 use super::store::summary::{NodeCounts, Summary};
-use super::store::table::{FIRST_NAMED, MOST_BYTES, TableWriter};
+use super::store::table::{FIRST_NAMED, MOST_BYTES, MOST_NAMED, TableWriter};
 use super::store::writer::{List, ModelWriter};
 use super::{Face, Faces, Grid};
 use crate::arrangement::{ExactFace, Rounded};
@@ -97,6 +97,9 @@ pub struct ModelBuilder {
 pub type ColumnValues = Vec<(String, String)>;
 
 impl ModelBuilder {
+    /// Most columns of values of faces.
+    pub(crate) const MOST_COLUMNS: usize = MOST_NAMED as usize;
+
     /// Starts a file; about `memory` bytes are used.
     ///
     /// # Errors

@@ -7,6 +7,7 @@ use super::overlap::Overlap;
 use super::placed::Placed;
 use super::table::Fate;
 use super::table::OperationTable;
+use super::values::FaceValues;
 use crate::arrangement::{ExactFace, ExactFaces, Seams, Turner};
 use crate::build::BaseModel;
 use crate::closure::SurfaceClosure;
@@ -167,10 +168,10 @@ impl<'a> Bodies<'a> {
     }
 
     /// The faces that are near other bodies, with what belongs to them. The builder and the surface of the result are told which faces of
-    /// the base go.
+    /// the base go, and what is known of values which faces may be divided.
     pub(super) fn near(
         &mut self,
-        mut result: Option<(&mut ModelBuilder, &mut SurfaceClosure)>,
+        mut result: Option<(&mut ModelBuilder, &mut SurfaceClosure, &mut FaceValues<'_>)>,
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<Near<'a>> {
@@ -196,7 +197,7 @@ impl<'a> Bodies<'a> {
                     stays[0].set(face.number, true);
                     return Ok(());
                 }
-                if let Some((builder, surface)) = result.as_mut().filter(|_| is_base) {
+                if let Some((builder, surface, _)) = result.as_mut().filter(|_| is_base) {
                     surface.remove(face, stands_in);
                     builder.remove(face)?;
                 }
@@ -206,12 +207,16 @@ impl<'a> Bodies<'a> {
                     Use::Replaced => {}
                 }
                 open.add(face);
+                if let Some((.., values)) = &mut result {
+                    values.note(number, face)?;
+                }
                 if face.number.is_multiple_of(1 << 12) {
-                    self.check_room(number, list.bytes() + open.bytes() + exact_bytes, memory)?;
+                    let values = result.as_ref().map_or(0, |(.., values)| values.bytes());
+                    self.check_room(number, list.bytes() + open.bytes() + values + exact_bytes, memory)?;
                 }
                 Ok(())
             })?;
-            let open_bytes = open.bytes();
+            let open_bytes = open.bytes() + result.as_ref().map_or(0, |(.., values)| values.bytes());
             found.seams.watch(open);
             let (overlap, replaced) = (&self.overlaps[number].exact, &self.replaced[number]);
             model.each_exact_head(&mut |index, head| {
@@ -228,7 +233,7 @@ impl<'a> Bodies<'a> {
                     return Ok(());
                 }
                 let face = self.exact(number, model.exact_face(index)?);
-                if let Some((builder, surface)) = result.as_mut().filter(|_| is_base) {
+                if let Some((builder, surface, _)) = result.as_mut().filter(|_| is_base) {
                     builder.remove_exact(&face);
                     surface.remove_exact(&face);
                 }
@@ -253,19 +258,19 @@ impl<'a> Bodies<'a> {
         Ok(found)
     }
 
-    /// Hands out what becomes of the faces that are not near other bodies, whether they stand in for others, and whether they are of the base
-    /// and stay as they are.
+    /// Hands out what becomes of the faces that are not near other bodies, with the number of the model of each, whether they stand in for
+    /// others, and whether they are of the base and stay as they are.
     ///
     /// Invariant: faces of the base that stay come before all others, in the order of their numbers there, and so get the numbers that
     /// [`Renumbering`] tells; leaves that are taken over would list other faces.
     pub(super) fn settled(
         &self,
         progress: &dyn Progress,
-        each: &mut dyn FnMut(&Face<'_>, bool, bool) -> Result<()>,
+        each: &mut dyn FnMut(usize, &Face<'_>, bool, bool) -> Result<()>,
     ) -> Result<()> {
         if let Some(base) = self.base {
             self.each(base, progress, &mut |face, stands_in, becomes| match becomes {
-                Use::Settled(Fate::Kept) => each(face, stands_in, true),
+                Use::Settled(Fate::Kept) => each(base, face, stands_in, true),
                 _ => Ok(()),
             })?;
         }
@@ -276,8 +281,8 @@ impl<'a> Bodies<'a> {
                 continue;
             }
             self.each(number, progress, &mut |face, stands_in, becomes| match becomes {
-                Use::Settled(Fate::Kept) if !is_base => each(face, stands_in, false),
-                Use::Settled(Fate::Turned) => each(&turner.turn(face), stands_in, false),
+                Use::Settled(Fate::Kept) if !is_base => each(number, face, stands_in, false),
+                Use::Settled(Fate::Turned) => each(number, &turner.turn(face), stands_in, false),
                 _ => Ok(()),
             })?;
         }

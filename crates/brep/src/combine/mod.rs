@@ -18,6 +18,7 @@ mod placed;
 mod table;
 #[cfg(test)]
 mod tests;
+mod values;
 mod winding;
 
 use std::mem;
@@ -27,6 +28,7 @@ pub(super) use self::bodies::NearFaces;
 use self::bodies::{Bodies, Near};
 use self::placed::Placed;
 use self::table::OperationTable;
+use self::values::FaceValues;
 use self::winding::{settled_above, winding};
 use super::arrangement::{ExactFace, Operands, Resolved, Rounded, SamplePoint, Surroundings, divide, round};
 use super::store::formula::formula;
@@ -50,8 +52,10 @@ pub struct CombineReport {
     pub pairs: u64,
     /// Faces that were divided, or of which a part was taken away.
     pub divided: u64,
-    /// Columns of values of faces that the result does not keep.
+    /// Columns of values of faces that the result does not keep, because it would have more than 4096.
     pub lost_columns: u64,
+    /// Faces of the result whose values are not known, since they come of a source whose faces have different ones.
+    pub lost_values: u64,
     /// The furthest that a new vertex was moved to the grid, in the models' unit.
     pub displacement: f64,
     /// The grid.
@@ -71,7 +75,8 @@ pub struct CombineReport {
 ///
 /// Grids must have the same step, or steps that are multiples of the least; coordinates stay as they are but for new vertices,
 /// which stay where they are as fractions, and go to the nearest points of the grid for what is asked of the file. Names of parts
-/// are those of the bodies on which the operation depends, one after the other. Memory: about 100 bytes for each face in cells near
+/// are those of the bodies on which the operation depends, one after the other. Faces keep the values that they have, in columns that are
+/// joined by their names, and all parts of a face that is divided have its values. Memory: about 100 bytes for each face in cells near
 /// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; and 96 for each face with corners beside the grid.
 ///
 /// ```
@@ -167,8 +172,9 @@ fn made(
     // Invariant: of the base, which is closed, the faces that go are taken off, and those that stay are not added: it makes no difference
     // which of both is counted.
     let mut surface = SurfaceClosure::new(true);
+    let mut values = FaceValues::of(models)?;
     let Near { faces, ends, mut seams, beside, base } =
-        bodies.near(Some((&mut builder, &mut surface)), memory / 2, progress)?;
+        bodies.near(Some((&mut builder, &mut surface, &mut values)), memory / 2, progress)?;
     let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
     let operands = Operands {
         ends: &ends,
@@ -190,7 +196,7 @@ fn made(
     let crossings = rounded.crossings(path, memory / 2, progress)?;
     seams.add_all(&rounded.faces);
     if crossings > 0 {
-        bodies.settled(progress, &mut |face, _, _| {
+        bodies.settled(progress, &mut |_, face, _, _| {
             seams.add_watched(face);
             Ok(())
         })?;
@@ -210,25 +216,29 @@ fn made(
     let Rounded { faces, stands_in, exact, displacement, reach, .. } = rounded;
     let displacement = displacement * grid.width();
     let mut settled = 0u64;
-    bodies.settled(progress, &mut |face, stands_in, is_base| {
+    bodies.settled(progress, &mut |number, face, stands_in, is_base| {
         settled += 1;
         seams.add_watched(face);
         if is_base && base.is_some() {
-            return builder.push_kept(face, stands_in);
+            builder.push_kept(face, stands_in)?;
+        } else {
+            surface.add(face, stands_in);
+            builder.push_face(face, stands_in)?;
         }
-        surface.add(face, stands_in);
-        builder.push_face(face, stands_in)
+        values.copy(number, face.number, &mut builder)
     })?;
     faces.each(&mut |face| {
         let stands_in = stands_in[face.number as usize];
         surface.add(face, stands_in);
-        builder.push_face(face, stands_in)
+        builder.push_face(face, stands_in)?;
+        values.give(face, &mut builder)
     })?;
     let mut after = settled + faces.len();
     seams.close(reach, faces.is_coloured(), &mut |face| {
         after += 1;
         surface.add(face, true);
-        builder.push_face(face, true)
+        builder.push_face(face, true)?;
+        values.give(face, &mut builder)
     })?;
     drop(faces);
     if let Some(base) = &base {
@@ -271,10 +281,19 @@ fn made(
             "check them with verify, and build them again",
         ));
     }
-    let lost_columns =
-        models.iter().map(|model| Ok(model.value_columns()?.len() as u64)).sum::<Result<u64>>()?;
+    let FaceValues { lost_columns, lost_values, .. } = values;
     if lost_columns > 0 {
-        progress.warn(path, &format!("{lost_columns} columns of values of faces are not kept"));
+        let most = ModelBuilder::MOST_COLUMNS;
+        let text = format!(
+            "{lost_columns} columns of values of faces are not kept, as there would be more than {most}"
+        );
+        progress.warn(path, &text);
+    }
+    if lost_values > 0 {
+        let text = format!(
+            "values of {lost_values} faces that were divided are not kept: other faces of the same sources have others"
+        );
+        progress.warn(path, &text);
     }
     let before = Vec::new();
     Ok(CombineReport {
@@ -284,6 +303,7 @@ fn made(
         pairs,
         divided,
         lost_columns,
+        lost_values,
         displacement,
         grid,
         is_unbounded,

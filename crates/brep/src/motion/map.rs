@@ -1,5 +1,6 @@
 //! Affine maps of the world, and what of them grids can do exactly.
 
+use crate::exact::vector::{cross, dot};
 use spinney_base::{Error, Result};
 
 /// An affine map of the world that can be undone.
@@ -58,6 +59,85 @@ impl Motion {
         self.rows.map(|[a, b, c, d]| a * x + b * y + c * z + d)
     }
 
+    /// The image of a way, which has no place.
+    pub(super) fn turn(&self, way: [f64; 3]) -> [f64; 3] {
+        self.rows.map(|[a, b, c, _]| a * way[0] + b * way[1] + c * way[2] + 0.0)
+    }
+
+    /// The image of a way by the map whose rows are the columns of this one.
+    pub(super) fn turn_transposed(&self, way: [f64; 3]) -> [f64; 3] {
+        let [x, y, z] = self.rows;
+        [0, 1, 2].map(|axis| x[axis] * way[0] + y[axis] * way[1] + z[axis] * way[2] + 0.0)
+    }
+
+    /// The integrals of products of two coordinates about a centre, after the map: but for the factor of volumes.
+    pub(super) fn tensor(&self, own: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
+        let ways = [0, 1, 2].map(|column| self.turn([own[0][column], own[1][column], own[2][column]]));
+        [0, 1, 2].map(|row| self.turn([ways[0][row], ways[1][row], ways[2][row]]))
+    }
+
+    /// The map back.
+    ///
+    /// # Errors
+    /// If doubles have none of its numbers.
+    pub(super) fn inverse(&self) -> Result<Motion> {
+        let most = self.greatest();
+        let [a, b, c] = self.rows.map(|[x, y, z, _]| [x / most, y / most, z / most]);
+        let determinant = dot(a, cross(b, c));
+        let columns = [cross(b, c), cross(c, a), cross(a, b)];
+        let rows = [0, 1, 2].map(|row| {
+            let [x, y, z] = columns.map(|column| column[row] / determinant / most);
+            [x, y, z, -dot([x, y, z], self.shift())]
+        });
+        Motion::from_rows(rows)
+    }
+
+    /// The factor of volumes.
+    pub(super) fn volume_factor(&self) -> f64 {
+        self.determinant().abs() * self.greatest().powi(3)
+    }
+
+    /// The factor of all lengths; `None` if it depends on the direction.
+    pub(super) fn factor(&self) -> Option<f64> {
+        let most = self.greatest();
+        let columns = [0, 1, 2].map(|column| self.rows.map(|row| row[column] / most));
+        let square = dot(columns[0], columns[0]);
+        let is_near = |a: usize, b: usize| {
+            let expected = if a == b { square } else { 0.0 };
+            (dot(columns[a], columns[b]) - expected).abs() <= 4.0 * NOISE * square
+        };
+        (0..3).all(|a| (0..=a).all(|b| is_near(a, b))).then(|| most * square.sqrt())
+    }
+
+    /// Whether it leaves everything where it is.
+    pub(super) fn is_identity(&self) -> bool {
+        (0..3).all(|row| (0..4).all(|column| self.rows[row][column] == f64::from(u8::from(row == column))))
+    }
+
+    /// A factor with a shift, and an exchange of axes that comes after it and may turn some round, which are the map together; `None` if
+    /// there are no such.
+    pub(super) fn split(&self) -> Option<(Motion, Motion)> {
+        let Symmetry { scale, from, mirrored } = self.symmetry()?;
+        let (mut sized, mut turned) = ([[0.0; 4]; 3], [[0.0; 4]; 3]);
+        for (to, axis) in from.into_iter().enumerate() {
+            let sign = if mirrored[to] { -1.0 } else { 1.0 };
+            turned[to][axis] = sign;
+            sized[axis][axis] = scale;
+            sized[axis][3] = sign * self.rows[to][3] + 0.0;
+        }
+        Some((Motion { rows: sized }, Motion { rows: turned }))
+    }
+
+    /// The map without what turns by quarters make of nothing.
+    pub(super) fn without_noise(&self) -> Motion {
+        let Some((sized, turned)) = self.split() else { return self.clone() };
+        let rows = [0, 1, 2].map(|row| {
+            let [x, y, z, _] = turned.rows[row];
+            [x * sized.rows[0][0], y * sized.rows[1][1], z * sized.rows[2][2], self.rows[row][3]]
+        });
+        Motion { rows: rows.map(|row| row.map(|number| number + 0.0)) }
+    }
+
     /// The shift, which is added in the end.
     pub(super) fn shift(&self) -> [f64; 3] {
         self.rows.map(|row| row[3])
@@ -78,10 +158,15 @@ impl Motion {
 
     /// The factor of volumes, by the cube of the greatest number.
     fn determinant(&self) -> f64 {
-        let sizes = self.rows.iter().flat_map(|row| row[..3].iter().map(|number| number.abs()));
-        let most = sizes.fold(0.0, f64::max);
+        let most = self.greatest();
         let [a, b, c] = self.rows.map(|[x, y, z, _]| [x / most, y / most, z / most]);
-        crate::exact::vector::dot(a, crate::exact::vector::cross(b, c))
+        dot(a, cross(b, c))
+    }
+
+    /// The size of the greatest number but for the shift.
+    fn greatest(&self) -> f64 {
+        let sizes = self.rows.iter().flat_map(|row| row[..3].iter().map(|number| number.abs()));
+        sizes.fold(0.0, f64::max)
     }
 
     /// The symmetry that the map is but for a shift; `None` if it is none.
@@ -121,6 +206,32 @@ mod tests {
         let tiny = [x, y, z].map(|row| row.map(|number: f64| number * 1e-200));
         assert!(!Motion::from_rows(tiny).unwrap().is_mirrored());
         assert!(Motion::from_rows([y, x, z]).unwrap().is_mirrored());
+    }
+
+    #[test]
+    fn maps_are_undone_and_split() {
+        let rows = [[0.0, -2.5, 0.0, 5.0], [0.0, 0.0, 2.5, -1.0], [-2.5, 0.0, 0.0, 3.0]];
+        let map = Motion::from_rows(rows).unwrap();
+        let (sized, turned) = map.split().unwrap();
+        let point = [1.0, -2.0, 0.25];
+        assert_eq!(turned.apply(sized.apply(point)), map.apply(point));
+        assert_eq!(
+            (sized.shift(), map.factor(), map.volume_factor()),
+            ([-3.0, -5.0, -1.0], Some(2.5), 15.625)
+        );
+        assert_eq!(turned.inverse().unwrap().apply(turned.apply(point)), point);
+        assert!(!turned.is_identity() && turned.inverse().unwrap().inverse().unwrap() == turned);
+        let sheared =
+            Motion::from_rows([[2.0, 1.0, 0.0, 7.0], [0.0, 0.5, 0.0, 0.0], [1.0, 0.0, 1.0, 0.0]]).unwrap();
+        assert!(sheared.factor().is_none() && sheared.split().is_none());
+        let [there, back] = [sheared.apply(point), sheared.inverse().unwrap().apply(sheared.apply(point))];
+        assert!((0..3).all(|axis| (back[axis] - point[axis]).abs() < 1e-14), "{there:?} {back:?}");
+        // A tensor of two ways, by each of which it is carried.
+        let (a, b) = ([1.0, 2.0, 3.0], sheared.turn([1.0, 2.0, 3.0]));
+        let product = |way: [f64; 3]| way.map(|row| way.map(|column| row * column));
+        assert_eq!(sheared.tensor(&product(a)), product(b));
+        let [x, y] = [[0.3, -0.7, 0.1], [2.0, 0.0, -1.0]];
+        assert!((dot(sheared.turn(x), y) - dot(x, sheared.turn_transposed(y))).abs() < 1e-15);
     }
 
     #[test]

@@ -8,6 +8,7 @@
 mod lattice;
 mod map;
 mod snapped;
+mod view;
 
 use self::lattice::Lattice;
 use self::snapped::Snapping;
@@ -23,6 +24,7 @@ use spinney_container::{Codec, Metadata, Tag};
 use spinney_crs::Crs;
 
 pub use self::map::Motion;
+pub use self::view::{ModelView, ViewRays};
 
 /// Options for moving a model.
 #[derive(Clone, Debug)]
@@ -116,23 +118,6 @@ pub fn transform(
     match lattice {
         Some(lattice) => work.exactly(&lattice, output),
         None => work.anew(output),
-    }
-}
-
-impl ExactModel {
-    /// The model as it is seen after a motion, without a file of its own: all questions then tell of what was moved.
-    ///
-    /// # Errors
-    /// If the motion turns or mirrors, has different factors along the axes, or shifts by no whole number of the grid's steps.
-    pub fn seen_through(self, motion: &Motion) -> Result<ExactModel> {
-        match Lattice::of(&self, motion)? {
-            Some(lattice) if lattice.is_only_the_grid() => Ok(self.on_grid(lattice.grid)),
-            _ => Err(Error::invalid(
-                "view",
-                "a motion that does more than shift by whole steps, and by one factor",
-                "such a one, or a file: make it with `spinney transform`",
-            )),
-        }
     }
 }
 

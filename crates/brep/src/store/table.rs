@@ -13,7 +13,7 @@ pub(super) const COLUMN_NAMES: u32 = 2;
 /// The first column that has a name.
 pub(crate) const FIRST_NAMED: u32 = 16;
 /// Most columns that have names.
-pub(super) const MOST_NAMED: u32 = 4096;
+pub(crate) const MOST_NAMED: u32 = 4096;
 
 /// Most bytes of a value.
 pub(crate) const MOST_BYTES: usize = 16 << 20;

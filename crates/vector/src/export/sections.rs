@@ -6,7 +6,7 @@ use super::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLay
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::query::{CuttingPlane, SectionPolygon};
-use spinney_brep::{ExactModel, Faces};
+use spinney_brep::{Faces, ModelView};
 
 /// Parallel planes that an exact model is cut by, as people write them: `z=12.5`, many at a time `z=0..50/0.2`, or
 /// `plane=NX,NY,NZ,D` with a normal and its product with the plane's points.
@@ -111,7 +111,7 @@ pub struct SectionSummary {
 /// # import_exact(open_all(&[mesh], 64 << 20)?, &ExactOptions::new(), Output::create(&path)?, &())?;
 /// let model = ExactModel::open(&path, &Default::default())?;
 /// let planes = ["z=1..5/2".parse()?];
-/// let found = export_section(&model, &planes, false, Output::create(&out)?, VectorFormat::Csv, &())?;
+/// let found = export_section(&model.into(), &planes, false, Output::create(&out)?, VectorFormat::Csv, &())?;
 /// assert_eq!((found.polygons, found.area), (3, (25.0 + 9.0 + 1.0) / 2.0));
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -120,7 +120,7 @@ pub struct SectionSummary {
 /// If a plane is none, the body has no bounds, the file is damaged or was changed meanwhile, the output cannot be written, or on
 /// interruption.
 pub fn export_section(
-    model: &ExactModel,
+    view: &ModelView,
     planes: &[SectionPlanes],
     flat: bool,
     output: Output,
@@ -136,15 +136,15 @@ pub fn export_section(
         is_multi: false,
         has_z: !is_flat,
         attributes: attributes.iter().map(|(name, kind)| ((*name).into(), *kind)).collect(),
-        crs: if is_flat { None } else { model.crs().cloned() },
-        bounds: bounds_of(model, planes, is_flat)?,
+        crs: if is_flat { None } else { view.file().crs().cloned() },
+        bounds: bounds_of(view, planes, is_flat)?,
     };
     let mut writer = VectorWriter::create(output, format, layer)?;
     let mut made = SectionSummary::default();
     for planes in planes {
         made.planes += u64::from(planes.count);
         let mut distances = (0..planes.count as usize).map(|number| planes.at(number as u32));
-        model.plane_sections(planes.normal, &mut distances, progress, &mut |number, polygons| {
+        view.plane_sections(planes.normal, &mut distances, progress, &mut |number, polygons| {
             let at = planes.at(number as u32);
             let plane = CuttingPlane { normal: planes.normal, distance: at };
             for polygon in polygons {
@@ -162,13 +162,13 @@ pub fn export_section(
             Ok(())
         })?;
     }
-    model.check_unchanged()?;
+    view.file().check_unchanged()?;
     writer.finish(progress).map(|()| made)
 }
 
 /// Least and greatest coordinates that sections may have.
-fn bounds_of(model: &ExactModel, planes: &[SectionPlanes], is_flat: bool) -> Result<[[f64; 2]; 2]> {
-    let [low, high] = model.bounds()?;
+fn bounds_of(view: &ModelView, planes: &[SectionPlanes], is_flat: bool) -> Result<[[f64; 2]; 2]> {
+    let [low, high] = view.bounds()?;
     let corners = (0..8).map(|corner| [0, 1, 2].map(|axis| [low, high][corner >> axis & 1][axis]));
     let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
     for corner in corners {

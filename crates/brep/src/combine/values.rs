@@ -1,0 +1,98 @@
+//! Values of the faces of models, which go to the faces that a result has of these.
+
+use std::collections::{BTreeMap, HashSet};
+
+use crate::{ExactModel, Face, ModelBuilder};
+use spinney_base::Result;
+
+/// Values of the faces of models. They stay in the files until a face of the result is written: what is held is where they are.
+pub(super) struct FaceValues<'a> {
+    models: &'a [&'a ExactModel],
+    /// Of each model: numbers and names of the columns that the result keeps.
+    columns: Vec<Vec<(u32, String)>>,
+    /// Faces by their parts and sources in the result: the model of one, and its number there; nothing where others of its source have other
+    /// values.
+    origins: BTreeMap<(u32, u64), Option<(usize, u32)>>,
+    /// Columns that the result does not keep, because there are too many.
+    pub(super) lost_columns: u64,
+    /// Faces of the result whose values are not known.
+    pub(super) lost_values: u64,
+}
+
+impl<'a> FaceValues<'a> {
+    /// Bytes of memory for a face whose values are found by its source.
+    pub(super) const BYTES: u64 = 80;
+
+    /// Those of some models. Columns with the same name become one; of very many, the first ones are kept.
+    pub(super) fn of(models: &'a [&'a ExactModel]) -> Result<FaceValues<'a>> {
+        let mut names: HashSet<String> = HashSet::new();
+        let (mut columns, mut lost_columns) = (Vec::new(), 0);
+        for model in models {
+            let (mut own, mut taken) = (Vec::new(), HashSet::new());
+            for (number, name) in (0..).zip(model.face_columns()?) {
+                // (Lists of one name, each of which is there once, but for damaged files.)
+                let Some(name) = name.into_iter().next().filter(|name| taken.insert(name.clone())) else {
+                    continue;
+                };
+                if !names.contains(&name) && names.len() == ModelBuilder::MOST_COLUMNS {
+                    lost_columns += 1;
+                    continue;
+                }
+                names.insert(name.clone());
+                own.push((number, name));
+            }
+            columns.push(own);
+        }
+        Ok(FaceValues { models, columns, origins: BTreeMap::new(), lost_columns, lost_values: 0 })
+    }
+
+    /// Bytes of memory that they take.
+    pub(super) fn bytes(&self) -> u64 {
+        self.origins.len() as u64 * Self::BYTES
+    }
+
+    /// Notes that faces of the result may come of a model's face, whose part and source are those of the result.
+    pub(super) fn note(&mut self, model: usize, face: &Face<'_>) -> Result<()> {
+        if self.columns[model].is_empty() {
+            return Ok(());
+        }
+        // (Models have fewer than 2^32 faces.)
+        let own = (model, face.number as u32);
+        let key = (face.part, face.source);
+        match self.origins.get(&key).copied() {
+            None => drop(self.origins.insert(key, Some(own))),
+            Some(Some(first)) if self.values(first)? != self.values(own)? => {
+                self.origins.insert(key, None);
+            }
+            Some(_) => {}
+        }
+        Ok(())
+    }
+
+    /// Gives the face that a builder was given last the values of a model's face of that number.
+    pub(super) fn copy(&self, model: usize, number: u64, builder: &mut ModelBuilder) -> Result<()> {
+        let values = self.values((model, number as u32))?;
+        values.iter().try_for_each(|(name, json)| builder.face_value(name, json))
+    }
+
+    /// Gives the face that a builder was given last the values that the faces of its part and source have.
+    pub(super) fn give(&mut self, face: &Face<'_>, builder: &mut ModelBuilder) -> Result<()> {
+        match self.origins.get(&(face.part, face.source)).copied() {
+            Some(Some((model, number))) => self.copy(model, number.into(), builder),
+            Some(None) => {
+                self.lost_values += 1;
+                Ok(())
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Names of columns, and values of a model's face.
+    fn values(&self, (model, number): (usize, u32)) -> Result<Vec<(&str, String)>> {
+        let mut values = Vec::new();
+        for (column, name) in &self.columns[model] {
+            values.extend(self.models[model].face_value(*column, number)?.map(|json| (name.as_str(), json)));
+        }
+        Ok(values)
+    }
+}
