@@ -8,13 +8,14 @@ use super::point::ExactPlane;
 use super::rounding::Rounder;
 use super::seams::Seams;
 use super::snapping::{EachFace, snap};
-use super::surface::{Kept, Operands, Resolved, crossings, resolve};
+use super::surface::{Kept, OFTEN, Operands, Resolved, crossings, resolve};
 use crate::exact::normal::ring_normal;
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
-use spinney_base::{Error, Progress, Result, sort};
+use spinney_base::{Error, Progress, Result, Uncounted, sort};
 
-/// Returns the faces that bound what is inside of some closed surfaces, exactly. `path` is for errors.
+/// Returns the faces that bound what is inside of some closed surfaces, exactly. `path` is for errors. Progress counts faces, each
+/// twice.
 ///
 /// # Errors
 /// If `memory` bytes are not enough, or on interruption.
@@ -62,7 +63,10 @@ pub(crate) struct Rounded {
 }
 
 /// Moves the vertices of a surface to the grid.
-pub(crate) fn round(exact: ExactFaces) -> Result<Rounded> {
+///
+/// # Errors
+/// On interruption.
+pub(crate) fn round(exact: ExactFaces, progress: &dyn Progress) -> Result<Rounded> {
     let mut rounder = Rounder::default();
     let ExactFaces { list, exact: mut beside } = exact;
     let stands_in: Vec<bool> = (0..list.len() as u32).map(|number| beside.contains_key(&number)).collect();
@@ -77,6 +81,9 @@ pub(crate) fn round(exact: ExactFaces) -> Result<Rounded> {
     };
     let (mut rounded, ()) = whole.again(|faces, each| {
         for number in 0..faces.list.len() as u32 {
+            if number.is_multiple_of(OFTEN) {
+                progress.check()?;
+            }
             match beside.get(&number) {
                 Some(exact) => {
                     rounder.round(exact, &mut |face| each(&Face { number: number.into(), ..*face }, true))?;
@@ -133,7 +140,7 @@ impl Rounded {
         progress: &dyn Progress,
     ) -> Result<Rounded> {
         let mut seams = Seams::default();
-        seams.add_all(&self.faces);
+        seams.add_all(&self.faces, progress)?;
         seams.close(self.reach, self.faces.is_coloured(), &mut |face| {
             self.push(face, true, true);
             Ok(())
@@ -189,7 +196,7 @@ impl Rounded {
             let mut rounder = Rounder::default();
             let (next, Resolved { divided, removed, .. }) = state.again(|faces, each| {
                 let mut turner = Turner::default();
-                resolve(faces, &operands, path, memory, progress, &mut |kept| match kept {
+                resolve(faces, &operands, path, memory, &Uncounted(progress), &mut |kept| match kept {
                     Kept::Face { face, is_turned: false } => each(&face, false),
                     Kept::Face { face, is_turned: true } => each(&turner.turn(&face), true),
                     Kept::PlaneRegion { face, exact } => {
@@ -202,7 +209,7 @@ impl Rounded {
             state.reach = state.reach.saturating_add(1);
             let first = *first.get_or_insert(divided.max(50));
             if divided + removed == 0 || rounds == MOST_ROUNDS || divided > 2 * first {
-                let is_done = divided + removed == 0 && is_closed(&state.faces);
+                let is_done = divided + removed == 0 && is_closed(&state.faces, progress)?;
                 return Ok((state, is_done));
             }
             rounds += 1;
@@ -260,7 +267,7 @@ impl Rounded {
 }
 
 /// Whether each edge is there as often in one direction as in the other.
-fn is_closed(faces: &FaceList) -> bool {
+fn is_closed(faces: &FaceList, progress: &dyn Progress) -> Result<bool> {
     let mut edges = Vec::new();
     for number in 0..faces.len() as usize {
         for ring in faces.get(number).rings() {
@@ -268,9 +275,9 @@ fn is_closed(faces: &FaceList) -> bool {
         }
     }
     let mut turned: Vec<_> = edges.iter().map(|[from, to]| [*to, *from]).collect();
-    sort::point_pairs(&mut edges);
-    sort::point_pairs(&mut turned);
-    edges == turned
+    sort::watched(&mut edges, progress)?;
+    sort::watched(&mut turned, progress)?;
+    Ok(edges == turned)
 }
 
 /// Turns faces to the other side; keeps its buffers from face to face.
