@@ -191,7 +191,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         ];
         exact::refuse(&files[0], &given)?;
         let codec = packing.of_model(&files[0])?;
-        return exact::combine(operation, &files, limit.create_tree(&path)?, codec, memory.bytes, global);
+        return exact::combine(operation, &files, (&path, &limit), codec, memory.bytes, global);
     }
     let how = packing.with(memory)?;
     let work = Work::start(global, "cells")?;

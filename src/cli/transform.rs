@@ -144,7 +144,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         let mut options = TransformOptions::new(memory.bytes);
         (options.snap, options.unit, options.codec) = (snap, unit, packing.of_model(&file)?);
         let moving = exact::Moving { model: &model, steps: &steps, options };
-        return exact::transform(moving, limit.create_tree(&path)?, global);
+        return exact::transform(moving, &path, &limit, global);
     }
     let given = [("--snap", snap.is_some()), ("--unit", unit.is_some())];
     if let Some((name, _)) = given.iter().find(|(_, is_given)| *is_given) {

@@ -14,6 +14,8 @@ mod exact_attributes;
 mod exact_build;
 #[cfg(feature = "mesh")]
 mod exact_contacts;
+#[cfg(all(feature = "mesh", feature = "vector"))]
+mod exact_interrupts;
 #[cfg(feature = "mesh")]
 mod exact_objects;
 #[cfg(feature = "mesh")]

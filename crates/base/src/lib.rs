@@ -12,4 +12,4 @@ pub mod value;
 
 pub use error::{Error, Result};
 pub use form::Form;
-pub use progress::{PartOfWork, Progress};
+pub use progress::{PartOfWork, Progress, Uncounted};

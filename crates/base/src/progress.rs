@@ -31,6 +31,19 @@ pub trait Progress: Sync {
 /// No progress wanted.
 impl Progress for () {}
 
+/// Work whose units are none of those that are counted: it warns and is interrupted as all of the work, and does not advance it.
+pub struct Uncounted<'a>(pub &'a dyn Progress);
+
+impl Progress for Uncounted<'_> {
+    fn warn(&self, file: &Path, text: &str) {
+        self.0.warn(file, text);
+    }
+
+    fn interrupted(&self) -> bool {
+        self.0.interrupted()
+    }
+}
+
 /// One of several parts of long work, each of which counts units of its own: to whoever waits for all of it, a part has `share` of
 /// `total` units.
 pub struct PartOfWork<'a> {

@@ -7,12 +7,15 @@
 //! | items with a key of 64 bits | [`by_key`] | as they came | 16 bytes for each |
 //! | items with a key of 128 bits | [`by_wide_key`] | as they came | 48 bytes for each |
 //! | items that can only be compared | [`by`] | as they came | 12 bytes for each |
+//! | very many items, by their own order | [`watched`] | any | none |
 //!
 //! All take n log n steps. Lists of at most twenty items, as most are where geometry is at work, are sorted by insertion
 //! without memory beside them.
 
 use std::cmp::Ordering;
 use std::mem;
+
+use crate::{Progress, Result, parallel};
 
 /// Lists that are sorted by insertion have at most so many items (as in the standard library).
 const SHORT: usize = 20;
@@ -172,6 +175,32 @@ pub fn by<T>(items: &mut [T], compare: &mut dyn FnMut(&T, &T) -> Ordering) {
     }
 }
 
+/// Sorts items in place, on all threads of the current rayon pool, and ends within a fraction of a second if it is to stop.
+///
+/// ```
+/// let mut numbers = vec![3, 1, 2];
+/// spinney_base::sort::watched(&mut numbers, &())?;
+/// assert_eq!(numbers, [1, 2, 3]);
+/// # Ok::<(), spinney_base::Error>(())
+/// ```
+///
+/// # Errors
+/// On interruption; the items are then in no order.
+pub fn watched<T: Ord + Send>(items: &mut [T], progress: &dyn Progress) -> Result<()> {
+    /// Items that are sorted in one go.
+    const AT_ONCE: usize = 1 << 17;
+    if items.len() <= AT_ONCE {
+        items.sort_unstable();
+        return Ok(());
+    }
+    progress.check()?;
+    let (low, _, _) = items.select_nth_unstable(items.len() / 2);
+    let middle = low.len();
+    let (low, high) = items.split_at_mut(middle);
+    let (first, second) = parallel::join(|| watched(low, progress), || watched(high, progress));
+    first.and(second)
+}
+
 /// Puts items into the order of numbers that have their places in the lower halves.
 #[inline(never)]
 fn arrange(mut numbers: Vec<u128>, swap: &mut dyn FnMut(usize, usize)) {
@@ -307,6 +336,24 @@ mod tests {
             by(&mut sorted, &mut |a, b| a.0.cmp(&b.0));
             assert_eq!(sorted, expected);
         }
+    }
+
+    #[test]
+    fn very_many_items_come_in_order_unless_it_is_to_stop() {
+        struct Stopped(bool);
+        impl Progress for Stopped {
+            fn interrupted(&self) -> bool {
+                self.0
+            }
+        }
+        let mut random = Random(9);
+        let list: Vec<(u64, usize)> = (0..300_000).map(|place| (random.next() % 1000, place)).collect();
+        let mut sorted = list.clone();
+        watched(&mut sorted, &Stopped(false)).unwrap();
+        let mut expected = list;
+        expected.sort_unstable();
+        assert!(sorted == expected);
+        assert!(matches!(watched(&mut sorted, &Stopped(true)), Err(crate::Error::Interrupted)));
     }
 
     #[test]

@@ -7,10 +7,10 @@ use crate::build::defects_of;
 use crate::closure::{Closure, Seed, edges};
 use crate::repair::divided;
 use crate::{FaceList, Faces, InsideRule, show_place};
-use spinney_base::{Error, Progress, Result, sort};
+use spinney_base::{Error, Progress, Result, Uncounted, sort};
 
 /// The flaw that keeps some faces from being the boundary of a body, in words, with a place; `None` if they are one, or can be repaired by a rule, if
-/// one is given. `path` is a model's for errors.
+/// one is given. `path` is a model's for errors. Progress does not count.
 ///
 /// # Errors
 /// If `memory` bytes are not enough, if a face is none, or on interruption.
@@ -22,15 +22,20 @@ pub fn body_flaw(
     progress: &dyn Progress,
 ) -> Result<Option<String>> {
     let mut closure = Closure::new(Seed::new());
-    (0..faces.len() as usize).for_each(|number| closure.add(&faces.get(number)));
+    for number in 0..faces.len() as usize {
+        if number.is_multiple_of(1 << 12) {
+            progress.check()?;
+        }
+        closure.add(&faces.get(number));
+    }
     if !closure.is_closed() {
-        return Ok(Some(open_edges(faces)));
+        return open_edges(faces, progress).map(Some);
     }
     let Some(rule) = repair else {
         let defects = defects_of(faces, progress)?;
         return Ok(defects.first().map(|defect| format!("{} at {}", defect.kind, show_place(defect.place))));
     };
-    match divided(&ExactFaces::of_grid(faces.clone()), rule, path, memory, progress) {
+    match divided(&ExactFaces::of_grid(faces.clone()), rule, path, memory, &Uncounted(progress)) {
         Ok(_) => Ok(None),
         Err(Error::NoBody { what, places, .. }) => {
             Ok(Some(places.first().map_or(what.clone(), |place| format!("{what}: {place}"))))
@@ -40,12 +45,12 @@ pub fn body_flaw(
 }
 
 /// Edges that have a face on one side only, in words.
-fn open_edges(faces: &FaceList) -> String {
+fn open_edges(faces: &FaceList, progress: &dyn Progress) -> Result<String> {
     let all = || (0..faces.len() as usize).map(|number| faces.get(number));
     let mut there: Vec<[[i32; 3]; 2]> = all().flat_map(|face| edges(&face).collect::<Vec<_>>()).collect();
     let mut back: Vec<[[i32; 3]; 2]> = there.iter().map(|[from, to]| [*to, *from]).collect();
-    sort::point_pairs(&mut there);
-    sort::point_pairs(&mut back);
+    sort::watched(&mut there, progress)?;
+    sort::watched(&mut back, progress)?;
     let (mut count, mut first, mut at) = (0u64, None, 0);
     for edge in there {
         while back.get(at).is_some_and(|other| *other < edge) {
@@ -59,5 +64,5 @@ fn open_edges(faces: &FaceList) -> String {
         }
     }
     let place = first.map_or(String::new(), |at| format!(", at {}", show_place(faces.grid().to_world(at))));
-    format!("open: {count} edges have a face on one side only{place}")
+    Ok(format!("open: {count} edges have a face on one side only{place}"))
 }

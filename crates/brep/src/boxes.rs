@@ -2,8 +2,8 @@
 //! node (as in the packed R-tree of Kamel and Faloutsos, 1993).
 
 use crate::MOST_BITS;
-use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
+use spinney_base::{Progress, Result, sort};
 
 /// Least and greatest coordinates.
 pub(crate) type Bounds = [[i32; 3]; 2];
@@ -24,14 +24,28 @@ pub(crate) const BOX: usize = size_of::<Bounds>() * FAN_OUT / (FAN_OUT - 1) + 4;
 impl BoxTree {
     /// The tree over some boxes, which come by ascending numbers.
     pub(crate) fn of(mut boxes: Vec<(u32, Bounds)>) -> BoxTree {
-        let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
         debug_assert!(boxes.is_sorted_by_key(|(number, _)| *number));
-        sort::by_key(&mut boxes, |(_, [low, high])| {
-            let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
-            x | y << 1 | z << 2
-        });
+        sort::by_key(&mut boxes, |(_, bounds)| curve_key(bounds));
         let numbers = boxes.iter().map(|(number, _)| *number).collect();
-        let mut levels: Vec<Vec<Bounds>> = vec![boxes.into_iter().map(|(_, bounds)| bounds).collect()];
+        BoxTree::over(numbers, boxes.into_iter().map(|(_, bounds)| bounds).collect())
+    }
+
+    /// [`BoxTree::of`] very many boxes.
+    ///
+    /// # Errors
+    /// On interruption.
+    pub(crate) fn watched(boxes: &[(u32, Bounds)], progress: &dyn Progress) -> Result<BoxTree> {
+        let key = |((_, bounds), place): (&(u32, Bounds), u128)| u128::from(curve_key(bounds)) << 64 | place;
+        let mut keys: Vec<u128> = boxes.iter().zip(0..).map(key).collect();
+        sort::watched(&mut keys, progress)?;
+        let sorted = || keys.iter().map(|key| boxes[*key as u64 as usize]);
+        let numbers = sorted().map(|(number, _)| number).collect();
+        Ok(BoxTree::over(numbers, sorted().map(|(_, bounds)| bounds).collect()))
+    }
+
+    /// The tree over boxes that are in order.
+    fn over(numbers: Vec<u32>, boxes: Vec<Bounds>) -> BoxTree {
+        let mut levels = vec![boxes];
         while let Some(last) = levels.last().filter(|last| last.len() > 1) {
             let above =
                 last.chunks(FAN_OUT).map(|boxes| boxes.iter().skip(1).fold(boxes[0], union)).collect();
@@ -55,6 +69,13 @@ impl BoxTree {
             }
         }
     }
+}
+
+/// The place of a box's middle along the curve.
+fn curve_key([low, high]: &Bounds) -> u64 {
+    let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
+    let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
+    x | y << 1 | z << 2
 }
 
 /// The box around points, and so much more on all sides.
@@ -140,6 +161,8 @@ mod tests {
                 })
                 .collect();
             let tree = BoxTree::of(boxes.clone());
+            let watched = BoxTree::watched(&boxes, &()).unwrap();
+            assert!(watched.numbers == tree.numbers && watched.levels == tree.levels);
             for (_, wanted) in boxes.iter().take(50) {
                 let mut found = Vec::new();
                 tree.each(&|bounds| touch(bounds, wanted), |number| found.push(number));

@@ -37,7 +37,7 @@ pub use face::{Face, FaceList, Faces, TakeFaceWithValues};
 pub use grid::Grid;
 pub use motion::{ModelView, Motion, TransformOptions, TransformReport, ViewRays, transform};
 pub use object_contacts::{ContactKind, ObjectContact, TakeContact, object_contacts};
-pub use repair::{InsideRule, Repair, repair};
+pub use repair::{InsideRule, REPAIR_PASSES, Repair, repair, repair_bytes};
 pub use store::{
     ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind, is_model_file,
 };

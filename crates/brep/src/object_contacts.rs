@@ -10,7 +10,7 @@ use crate::exact::normal::ring_normal;
 use crate::repair::volume;
 use crate::surface_intersection::areas;
 use crate::{ExactModel, FaceList, Faces};
-use spinney_base::{Error, Progress, Result, parallel, sort};
+use spinney_base::{Error, Progress, Result, Uncounted, parallel, sort};
 
 /// The way in which two bodies have places in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -218,10 +218,12 @@ impl Bodies<'_> {
         let (seed, mut start) = (Seed::new(), 0);
         let (mut list, mut open) = (Vec::new(), Vec::new());
         for run in order.chunk_by(|a, b| part(a) == part(b)) {
-            progress.check()?;
             let mut closure = ExactClosure::new(seed);
             let mut bounds = faces.bounds(run[0]);
-            for face in run {
+            for (index, face) in run.iter().enumerate() {
+                if index.is_multiple_of(1 << 12) {
+                    progress.check()?;
+                }
                 match faces.exact.get(face) {
                     Some(exact) => closure.add_exact(exact),
                     None => closure.add(&faces.list.get(*face as usize)),
@@ -267,6 +269,7 @@ impl Bodies<'_> {
             rest: None,
             is_inside: &|windings| windings[0] != 0 && windings[1] != 0,
         };
+        let progress = &Uncounted(progress);
         let of = |operands: &Operands<'_>| divide(&faces, operands, self.path, self.memory, progress);
         let parts = bodies.map(|body| body.part);
         let (both, _) = of(&all)?;
@@ -282,7 +285,7 @@ impl Bodies<'_> {
             let (volume, place) = (volume(&both) * grid.width().powi(3), grid.to_world(place));
             return Ok(Some(ObjectContact { parts, kind, volume, area: 0.0, place }));
         }
-        let surface = Surface::new(&faces, &all, self.path, self.memory)?;
+        let surface = Surface::new(&faces, &all, self.path, self.memory, progress)?;
         let contacts = surface.contacts_of_first(self.memory, progress)?;
         let points = contacts.iter().flat_map(|contact| {
             contact.points.iter().chain(contact.segments.as_flattened()).map(|point| point.to_world(&grid))

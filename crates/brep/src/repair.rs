@@ -3,10 +3,10 @@
 
 use std::path::Path;
 
-use crate::arrangement::{ExactFaces, Operands, Resolved, Seams, Surroundings, divide, round};
+use crate::arrangement::{ExactFaces, FACE, Operands, Resolved, Seams, Surroundings, divide, round};
 use crate::closure::SurfaceClosure;
 use crate::{FaceList, Faces, ModelBuilder};
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, PartOfWork, Progress, Result};
 
 /// Rule that tells from the winding number of a surface around a place whether that is inside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -94,10 +94,18 @@ const WORTH_A_WARNING: f64 = 0.01;
 const MOST_CONTACTS: u64 = 1 << 20;
 const MOST_CONTACTS_OF_A_FACE: u64 = 256;
 
+/// Bytes of memory that dividing a surface takes at least, with the faces themselves: [`repair`] needs as many.
+pub fn repair_bytes(faces: &FaceList) -> u64 {
+    faces.len() * FACE + faces.bytes()
+}
+
+/// Times that a repair counts each face of a surface as work that is done.
+pub const REPAIR_PASSES: u64 = 5;
+
 /// Adds a closed surface to a model's builder, without what bounds no body. First, parts that nothing else is around and that are inside
 /// out are turned, with all that they are around. New vertices, where faces meet, stay exact. `path` is a model's for errors.
 ///
-/// All faces are held in memory, which may take `memory` bytes.
+/// All faces are held in memory, which may take `memory` bytes. Progress counts each face [`REPAIR_PASSES`] times.
 ///
 /// # Errors
 /// [`Error::NoBody`] if nothing is inside, or most of the surface would be lost; if the memory is not enough, if the file cannot
@@ -112,18 +120,23 @@ pub fn repair(
 ) -> Result<(ModelBuilder, Repair)> {
     let (width, count) = (faces.grid().width(), faces.len());
     let faces = ExactFaces::of_grid(faces);
-    let Divided { exact, done, volume, cells_volume } = divided(&faces, rule, path, memory, progress)?;
+    let part = |passes: u64| PartOfWork::new(progress, passes * count, REPAIR_PASSES * count);
+    let Divided { exact, done, volume, cells_volume } =
+        divided(&faces, rule, path, memory, &part(REPAIR_PASSES - 1))?;
     let Resolved { pairs, divided, removed, outside, outside_share, turned } = done;
     drop(faces);
     tell_changes(outside_share, volume / cells_volume, path, progress);
-    let rounded = round(exact)?;
+    let rounded = round(exact, progress)?;
     let crossings = rounded.crossings(path, memory, progress)?;
     let mut seams = Seams::default();
-    seams.add_all(&rounded.faces);
+    seams.add_all(&rounded.faces, progress)?;
     let whole = Surroundings { is_unbounded: false, reach: 1, rest: None };
     let rounded = rounded.closed(seams, crossings, &whole, path, memory, progress)?;
     let mut surface = SurfaceClosure::new(!rounded.exact.is_empty());
     rounded.faces.each(&mut |face| {
+        if face.number.is_multiple_of(1 << 12) {
+            progress.check()?;
+        }
         surface.add(face, rounded.stands_in[face.number as usize]);
         Ok(())
     })?;
@@ -147,7 +160,7 @@ pub fn repair(
         cells_volume: cells_volume * cube,
         displacement,
     };
-    Ok((builder.push_rounded(rounded)?, repaired))
+    Ok((builder.push_rounded(rounded, &part(1))?, repaired))
 }
 
 /// Remains of a surface, with its volume and that which cells have, in cubes of steps.
@@ -158,7 +171,7 @@ pub(crate) struct Divided {
     cells_volume: f64,
 }
 
-/// Divides a closed surface, and takes away what bounds no body; see [`repair`].
+/// Divides a closed surface, and takes away what bounds no body; see [`repair`]. Progress counts faces.
 pub(crate) fn divided(
     faces: &ExactFaces,
     rule: InsideRule,
@@ -178,7 +191,9 @@ pub(crate) fn divided(
         rest: None,
         is_inside: &|windings| rule.is_inside(windings[0]),
     };
-    let (exact, done) = divide(faces, &all, path, memory, progress)?;
+    let times = if rule == InsideRule::Nonzero { 1 } else { 2 };
+    let part = || PartOfWork::new(progress, count, times * count);
+    let (exact, done) = divide(faces, &all, path, memory, &part())?;
     if exact.list.is_empty() {
         let what = format!("nothing is inside, by the rule {}", rule.name());
         let advice = "choose another rule with --inside, or close the surface with --close";
@@ -190,7 +205,7 @@ pub(crate) fn divided(
         InsideRule::Nonzero => volume,
         _ => {
             let as_cells = Operands { is_inside: &|windings| windings[0] != 0, ..all };
-            self::volume(&divide(faces, &as_cells, path, memory, progress)?.0)
+            self::volume(&divide(faces, &as_cells, path, memory, &part())?.0)
         }
     };
     let lost = done.outside_share.max(1.0 - volume / cells_volume);

@@ -180,6 +180,14 @@ impl Import {
         }
     }
 
+    /// What the progress of building counts, in the plural.
+    fn unit(&self) -> &'static str {
+        match self {
+            Import::Exact(_) => "faces",
+            _ => "cells",
+        }
+    }
+
     /// Builds the tree, and gives what is to be said about it.
     fn build(self, output: Output, solids: &SolidArgs, progress: &dyn Progress) -> Result<Lines> {
         match self {
@@ -314,7 +322,7 @@ pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
         global.report(heading, text);
     }
     let input = args.inputs.iter().map(|input| std::fs::metadata(input).map_or(0, |file| file.len())).sum();
-    let work = Work::start(global, "cells")?;
+    let work = Work::start(global, import.unit())?;
     let output = args.common.limit.create_tree(&args.output)?;
     let lines = import.build(output, &args.solids, &work)?;
     work.finish();

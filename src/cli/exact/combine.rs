@@ -5,11 +5,11 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use spinney::brep::{CombineReport, ExactModel};
-use spinney::io::Output;
 use spinney::ops::Operation;
 use spinney::store::Codec;
 
 use super::super::Global;
+use super::super::args::OutputLimit;
 use super::super::report::{Work, report_output};
 use super::{open, tell_result};
 
@@ -17,7 +17,7 @@ use super::{open, tell_result};
 pub(in crate::cli) fn combine(
     operation: Operation,
     files: &[PathBuf],
-    output: Output,
+    (path, limit): (&Path, &OutputLimit),
     codec: Codec,
     memory: u64,
     global: &Global,
@@ -29,14 +29,14 @@ pub(in crate::cli) fn combine(
             files[0].display()
         );
     };
-    let path = output.path().to_path_buf();
     let models = models(files)?;
     let work = Work::start(global, "faces")?;
+    let output = limit.create_tree(path)?;
     let models = models.iter().collect::<Vec<_>>();
     let report = spinney::brep::combine(number, &models, output, codec, memory, &work)?;
     work.finish();
     tell(&report, files, global);
-    report_output(global, &path, start);
+    report_output(global, path, start);
     Ok(())
 }
 

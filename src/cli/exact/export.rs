@@ -31,10 +31,10 @@ pub(crate) fn export(
         None => None,
     };
     let whole: &dyn Faces = some.as_ref().map_or(model, |some| some);
-    let work = Work::start(global, "faces")?;
-    let output = Output::create(path)?;
     let cut = if triangles { Some(Triangulated::of(whole)?) } else { None };
     let faces: &dyn Faces = cut.as_ref().map_or(whole, |cut| cut);
+    let work = Work::start(global, "faces")?;
+    let output = Output::create(path)?;
     let summary = export_exact(faces, format, output, &work)
         .with_context(|| format!("cannot write {}", path.display()))?;
     work.finish();

@@ -102,24 +102,24 @@ pub(crate) fn find_contacts(
             if is_json { contact_as_json(contact, names) } else { contact_as_text(contact, names) }
         })
     };
-    let work = Work::start(global, "objects")?;
     if let Some(view) = view {
         if snap.is_some() {
             bail!("{}: is an exact model, which has a grid: --snap is for mesh files", file.display());
         }
+        let work = Work::start(global, "objects")?;
         let name = |part: u32| view.file().parts().get(part as usize).map_or("", String::as_str);
         view.object_contacts(memory, &work, &mut |contact| take(contact, contact.parts.map(name)))?;
     } else if mesh::is_model(file) {
         let models = mesh::open_all(&[file.to_path_buf()], memory)?;
         let mut options = mesh::ExactOptions::new();
         (options.snap, options.memory) = (snap, memory);
+        let work = Work::start(global, "objects")?;
         mesh::model_contacts(models, &options, &work, &mut |found| {
             take(&found.contact, [&found.names[0], &found.names[1]])
         })?;
     } else {
         bail!("{}: is no exact model and no mesh, which --contacts is for", file.display());
     }
-    work.finish();
     Ok(())
 }
 

@@ -1,13 +1,14 @@
 //! `spinney transform` of exact models.
 
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Result;
 use spinney::brep::{ExactModel, Faces, Motion, TransformOptions, TransformReport};
-use spinney::io::Output;
 use spinney::ops::{AffineMap, Step};
 
 use super::super::Global;
+use super::super::args::OutputLimit;
 use super::super::report::{Work, report_output};
 use super::{tell_result, unit};
 
@@ -19,10 +20,14 @@ pub(in crate::cli) struct Moving<'a> {
 }
 
 /// Makes a model of another one by steps.
-pub(in crate::cli) fn transform(moving: Moving<'_>, output: Output, global: &Global) -> Result<()> {
+pub(in crate::cli) fn transform(
+    moving: Moving<'_>,
+    path: &Path,
+    limit: &OutputLimit,
+    global: &Global,
+) -> Result<()> {
     let start = Instant::now();
     let Moving { model, steps, mut options } = moving;
-    let path = output.path().to_path_buf();
     let mut maps = Vec::new();
     for step in steps {
         match step {
@@ -34,12 +39,13 @@ pub(in crate::cli) fn transform(moving: Moving<'_>, output: Output, global: &Glo
     let texts: Vec<String> = steps.iter().map(Step::to_string).collect();
     options.note = (!texts.is_empty()).then(|| texts.join(", "));
     let work = Work::start(global, "faces")?;
+    let output = limit.create_tree(path)?;
     let report = spinney::brep::transform(model, &motion, &options, output, &work)?;
     work.finish();
     global.report("input", format_args!("{}: {} faces", model.path().display(), report.before));
     let unit = options.unit.map_or_else(|| unit(model), |unit| format!(" {unit}"));
     tell(&report, &unit, model.is_unbounded(), global);
-    report_output(global, &path, start);
+    report_output(global, path, start);
     Ok(())
 }
 

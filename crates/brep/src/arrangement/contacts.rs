@@ -9,7 +9,7 @@ use super::polygons::{Common, common};
 use super::surface::{Surface, too_large};
 use crate::boxes::touch;
 use crate::{Faces, show_place};
-use spinney_base::{Error, Progress, Result, parallel, sort};
+use spinney_base::{Error, Progress, Result, Uncounted, parallel, sort};
 
 /// Kinds of contacts that are looked for.
 #[derive(Clone, Copy, PartialEq)]
@@ -25,7 +25,8 @@ impl Surface<'_> {
     /// have nothing (others, which hang together with them, have what these have).
     pub(crate) fn contacts_of_first(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
         let first = self.operands.ends[0];
-        let (tree, others) = (self.boxes_of(0..first), self.boxes_of(first..self.planes.len() as u32));
+        let tree = self.boxes_of(0..first, progress)?;
+        let others = self.boxes_of(first..self.planes.len() as u32, progress)?;
         let (mut bytes, mut all) = (self.bytes, Vec::new());
         for groups in tree.groups().chunks(64) {
             progress.check()?;
@@ -89,7 +90,7 @@ impl Surface<'_> {
     }
 
     /// All pairs of faces that have more in common than neighbours have. Of bodies these are faces of different ones, and
-    /// what else such faces touch.
+    /// what else such faces touch. Progress counts faces.
     pub(super) fn contacts(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
         let mut bytes = self.bytes;
         let mut all = Vec::new();
@@ -129,7 +130,7 @@ impl Surface<'_> {
         while !open.is_empty() {
             let faces = std::mem::take(&mut open);
             let same = |one, other| one != other && self.operand(one) == self.operand(other);
-            self.pairs(&faces, &same, progress, &mut |mut found| {
+            self.pairs(&faces, &same, &Uncounted(progress), &mut |mut found| {
                 found.retain(|contact| {
                     let [one, other] = contact.faces;
                     seen.insert([one.min(other), one.max(other)])
@@ -141,7 +142,7 @@ impl Surface<'_> {
         Ok(all)
     }
 
-    /// Hands out, some at a time, the contacts of faces with others that are wanted.
+    /// Hands out, some at a time, the contacts of faces with others that are wanted. Progress counts the faces.
     fn pairs(
         &self,
         faces: &[u32],
@@ -150,6 +151,8 @@ impl Surface<'_> {
         each: &mut dyn FnMut(Vec<Contact>) -> Result<()>,
     ) -> Result<()> {
         const TASK: usize = 1 << 10;
+        self.make_boxes(progress)?;
+        let total = faces.len() as u64;
         let tasks: Vec<&[u32]> = faces.chunks(TASK).collect();
         for tasks in tasks.chunks(64) {
             progress.check()?;
@@ -172,6 +175,7 @@ impl Surface<'_> {
                         others.iter().filter_map(|other| self.contact(one, *other, Wanted::Irregular)),
                     );
                 }
+                progress.advance(faces.len() as u64, total);
                 found
             });
             found.into_iter().try_for_each(&mut *each)?;

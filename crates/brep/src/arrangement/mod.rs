@@ -37,4 +37,4 @@ pub(crate) use rounds::{Rounded, Surroundings, divide, round};
 pub(crate) use sample::SamplePoint;
 pub(crate) use seams::Seams;
 pub(crate) use surface::Resolved;
-pub(crate) use surface::{Operands, Surface};
+pub(crate) use surface::{FACE, Operands, Surface};

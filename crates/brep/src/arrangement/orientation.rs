@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashSet};
 
 use super::contact::Contact;
-use super::surface::Surface;
+use super::surface::{OFTEN, Surface};
 use crate::boxes::{Bounds, union};
 use crate::closure::{Closure, Seed};
 use crate::exact::union_find::UnionFind;
@@ -88,7 +88,7 @@ impl Surface<'_> {
 
     fn parts(&self, progress: &dyn Progress) -> Result<Parts> {
         let mut sets = UnionFind::new(self.planes.len());
-        let edges = self.sorted_edges();
+        let edges = self.sorted_edges(progress)?;
         let manifold = edges.chunk_by(|a, b| a.0 == b.0).filter(|faces| faces.len() == 2);
         manifold.for_each(|faces| _ = sets.join(faces[0].1, faces[1].1));
         progress.check()?;
@@ -97,6 +97,7 @@ impl Surface<'_> {
         let seed = Seed::new();
         let mut closures: BTreeMap<u32, Closure> = BTreeMap::new();
         for (face, part) in (0..).zip(sets.roots()) {
+            look(face, progress)?;
             closures.entry(part).or_insert_with(|| Closure::new(seed)).add(&self.face(face));
         }
         let open: HashSet<u32> =
@@ -113,6 +114,7 @@ impl Surface<'_> {
         let of_face = sets.roots();
         let mut list: BTreeMap<u32, Part> = BTreeMap::new();
         for (face, part) in (0..).zip(&of_face) {
+            look(face, progress)?;
             let (volume, bounds) = (self.face(face).six_volumes(), self.bounds(face));
             let first = self.planes[face as usize].is_some().then_some(face);
             list.entry(*part)
@@ -136,6 +138,11 @@ impl Surface<'_> {
         windings.retain(|other, winding| *winding != 0 && may_be(*other));
         windings.into_keys().collect()
     }
+}
+
+/// Looks at whether to go on, at few of the faces.
+fn look(face: u32, progress: &dyn Progress) -> Result<()> {
+    if face.is_multiple_of(OFTEN) { progress.check() } else { Ok(()) }
 }
 
 /// The volume of a box.

@@ -8,13 +8,14 @@ use super::point::ExactPlane;
 use super::rounding::Rounder;
 use super::seams::Seams;
 use super::snapping::{EachFace, snap};
-use super::surface::{Kept, Operands, OtherFaces, Resolved, crossings, resolve};
+use super::surface::{Kept, OFTEN, Operands, OtherFaces, Resolved, crossings, resolve};
 use crate::exact::normal::ring_normal;
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
-use spinney_base::{Error, Progress, Result, sort};
+use spinney_base::{Error, Progress, Result, Uncounted, sort};
 
-/// Returns the faces that bound what is inside of some closed surfaces, exactly. `path` is for errors.
+/// Returns the faces that bound what is inside of some closed surfaces, exactly. `path` is for errors. Progress counts faces, each
+/// twice.
 ///
 /// # Errors
 /// If `memory` bytes are not enough, or on interruption.
@@ -73,7 +74,10 @@ pub(crate) struct Rounded {
 }
 
 /// Moves the vertices of a surface to the grid.
-pub(crate) fn round(exact: ExactFaces) -> Result<Rounded> {
+///
+/// # Errors
+/// On interruption.
+pub(crate) fn round(exact: ExactFaces, progress: &dyn Progress) -> Result<Rounded> {
     let mut rounder = Rounder::default();
     let ExactFaces { list, exact: mut beside } = exact;
     let stands_in: Vec<bool> = (0..list.len() as u32).map(|number| beside.contains_key(&number)).collect();
@@ -88,6 +92,9 @@ pub(crate) fn round(exact: ExactFaces) -> Result<Rounded> {
     };
     let (mut rounded, ()) = whole.again(|faces, each| {
         for number in 0..faces.list.len() as u32 {
+            if number.is_multiple_of(OFTEN) {
+                progress.check()?;
+            }
             match beside.get(&number) {
                 Some(exact) => {
                     rounder.round(exact, &mut |face| each(&Face { number: number.into(), ..*face }, true))?;
@@ -187,7 +194,7 @@ impl Rounded {
         let mut rounds = 0;
         let far = [i32::from(surroundings.is_unbounded)];
         let mut border = Seams::default();
-        border.add_all(&self.faces);
+        border.add_all(&self.faces, progress)?;
         let mut state = self;
         let mut first = None;
         loop {
@@ -198,7 +205,7 @@ impl Rounded {
             let mut rounder = Rounder::default();
             let (next, Resolved { divided, removed, .. }) = state.again(|faces, each| {
                 let mut turner = Turner::default();
-                resolve(faces, &operands, path, memory, progress, &mut |kept| match kept {
+                resolve(faces, &operands, path, memory, &Uncounted(progress), &mut |kept| match kept {
                     Kept::Face { face, is_turned: false } => each(&face, false),
                     Kept::Face { face, is_turned: true } => each(&turner.turn(&face), true),
                     Kept::PlaneRegion { face, exact } => {
@@ -212,7 +219,7 @@ impl Rounded {
             let first = *first.get_or_insert(divided.max(50));
             if divided + removed == 0 || rounds == MOST_ROUNDS || divided > 2 * first {
                 let mut now = Seams::default();
-                now.add_all(&state.faces);
+                now.add_all(&state.faces, progress)?;
                 let is_done = divided + removed == 0 && now.are_those_of(&border);
                 return Ok((state, is_done));
             }

@@ -10,7 +10,7 @@ use crate::closure::edges;
 use crate::exact::vector::{dot, subtract};
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
-use spinney_base::{Result, sort};
+use spinney_base::{Progress, Result, sort};
 
 /// An edge; of an undirected one the lesser end comes first.
 type Edge = [[i32; 3]; 2];
@@ -45,8 +45,17 @@ impl Seams {
     }
 
     /// Counts the edges of all faces of a list.
-    pub(crate) fn add_all(&mut self, faces: &FaceList) {
-        (0..faces.len() as usize).for_each(|number| self.add(&faces.get(number)));
+    ///
+    /// # Errors
+    /// On interruption.
+    pub(crate) fn add_all(&mut self, faces: &FaceList, progress: &dyn Progress) -> Result<()> {
+        for number in 0..faces.len() as usize {
+            if number.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+            self.add(&faces.get(number));
+        }
+        Ok(())
     }
 
     /// Counts the edges of a face.

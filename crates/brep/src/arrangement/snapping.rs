@@ -23,10 +23,11 @@ pub(super) fn snap(
     each: &mut EachFace<'_>,
 ) -> Result<()> {
     let mut keys: Vec<u128> = vertices.iter().map(|vertex| sort::point_key(*vertex)).collect();
-    sort::numbers128(&mut keys);
+    sort::watched(&mut keys, progress)?;
     keys.dedup();
     let unique: Vec<[i32; 3]> = keys.into_iter().map(sort::key_point).collect();
-    let tree = BoxTree::of((0..).zip(&unique).map(|(number, at)| (number, [*at; 2])).collect());
+    let boxes: Vec<_> = (0..).zip(&unique).map(|(number, at)| (number, [*at; 2])).collect();
+    let tree = BoxTree::watched(&boxes, progress)?;
     let (mut points, mut colours, mut ring_ends) = (Vec::new(), Vec::new(), Vec::new());
     let mut near = Vec::new();
     for (number, is_changed) in changed.iter().enumerate() {

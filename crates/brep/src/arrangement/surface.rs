@@ -23,7 +23,7 @@ use crate::geometry::Triangulator;
 use crate::piece::Piece;
 use crate::{Face, Faces};
 use spinney_base::parallel;
-use spinney_base::{Error, Progress, Result, sort};
+use spinney_base::{Error, PartOfWork, Progress, Result, Uncounted, sort};
 
 /// Counts of what was done to a surface.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,15 +78,18 @@ pub(super) enum Kept<'a> {
     PlaneRegion { face: Face<'a>, exact: ExactFace },
 }
 
+/// Faces, or edges, between two looks at whether to go on.
+pub(super) const OFTEN: u32 = 1 << 12;
+
 /// Bytes that a triangle takes while a surface is resolved, apart from the list that it comes in.
-const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
+pub(crate) const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
 
 /// Hands out the faces that bound what is inside, in the order of those that they come from. Where faces pass through each
 /// other, they are divided; where they lie on each other, one stays. Surfaces have to be closed. Faces without an area stay where
 /// all around them does; of bodies none stays, so that vertices may lie on edges.
 ///
 /// All faces are held in memory; planes, boxes and edges take about 250 bytes each. The result depends on no number of
-/// threads.
+/// threads. Progress counts each face twice: when it was looked at for others that it meets, and when its fate is known.
 ///
 /// # Errors
 /// If `memory` bytes are not enough, on interruption, or what `each` returns.
@@ -98,8 +101,9 @@ pub(super) fn resolve(
     progress: &dyn Progress,
     each: &mut dyn FnMut(Kept<'_>) -> Result<()>,
 ) -> Result<Resolved> {
-    let mut surface = Surface::new(faces, operands, path, memory)?;
-    let contacts = surface.contacts(memory, progress)?;
+    let total = 2 * faces.list.len();
+    let mut surface = Surface::new(faces, operands, path, memory, progress)?;
+    let contacts = surface.contacts(memory, &PartOfWork::new(progress, faces.list.len(), total))?;
     let turned =
         if operands.turns_roots { surface.turn_roots(&contacts, progress)? } else { Turned::default() };
     let mut of_face: HashMap<u32, Vec<u32>> = HashMap::new();
@@ -131,8 +135,9 @@ pub(super) fn resolve(
         }
     };
     for number in 0..faces.len() as u32 {
-        if number % 4096 == 0 {
+        if number.is_multiple_of(OFTEN) {
             progress.check()?;
+            progress.advance(u64::from(OFTEN).min(faces.len() - u64::from(number)), total);
         }
         let face = faces.get(number as usize);
         if divided.get(next) == Some(&number) {
@@ -142,7 +147,7 @@ pub(super) fn resolve(
                     if progress.interrupted() {
                         return Ok(Divided::default());
                     }
-                    surface.divide(*face, &of_face[face], &contacts)
+                    surface.divide(*face, &of_face[face], &contacts, progress)
                 });
                 progress.check()?;
                 regions_of.clear();
@@ -183,7 +188,7 @@ pub(super) fn resolve(
     Ok(Resolved { pairs, divided, removed, outside, outside_share, turned })
 }
 
-/// Counts the pairs of faces that have more in common than neighbours have.
+/// Counts the pairs of faces that have more in common than neighbours have. Progress does not count.
 pub(super) fn crossings(
     faces: &ExactFaces,
     operands: &Operands<'_>,
@@ -191,8 +196,8 @@ pub(super) fn crossings(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<u64> {
-    let surface = Surface::of(faces, operands, path, faces.list.len() * FACE + faces.bytes());
-    Ok(surface.contacts(memory, progress)?.len() as u64)
+    let surface = Surface::of(faces, operands, path, faces.list.len() * FACE + faces.bytes(), progress)?;
+    Ok(surface.contacts(memory, &Uncounted(progress))?.len() as u64)
 }
 
 pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
@@ -237,17 +242,21 @@ pub(crate) struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
-    /// The surfaces of operands, if their planes and boxes fit into the memory. `path` is for errors.
+    /// The surfaces of operands. `path` is for errors.
+    ///
+    /// # Errors
+    /// If their planes and boxes do not fit into the memory, or on interruption.
     pub(crate) fn new(
         faces: &'a ExactFaces,
         operands: &'a Operands<'a>,
         path: &'a Path,
         memory: u64,
+        progress: &dyn Progress,
     ) -> Result<Surface<'a>> {
         let needed = faces.list.len() * FACE + faces.bytes();
         match needed > memory {
             true => Err(too_large(path, needed, memory)),
-            false => Ok(Surface::of(faces, operands, path, needed)),
+            false => Surface::of(faces, operands, path, needed, progress),
         }
     }
 
@@ -256,12 +265,21 @@ impl<'a> Surface<'a> {
         too_large(self.path, memory.saturating_add(1), memory)
     }
 
-    fn of(faces: &'a ExactFaces, operands: &'a Operands<'a>, path: &'a Path, bytes: u64) -> Surface<'a> {
+    fn of(
+        faces: &'a ExactFaces,
+        operands: &'a Operands<'a>,
+        path: &'a Path,
+        bytes: u64,
+        progress: &dyn Progress,
+    ) -> Result<Surface<'a>> {
         let count = faces.list.len() as u32;
         let mut planes = Vec::with_capacity(count as usize);
         let mut pieces = HashMap::new();
         let mut triangulator = Triangulator::new();
         for number in 0..count {
+            if number.is_multiple_of(OFTEN) {
+                progress.check()?;
+            }
             if let Some(exact) = faces.exact.get(&number) {
                 planes.push(Some(exact.plane));
                 continue;
@@ -277,18 +295,32 @@ impl<'a> Surface<'a> {
                 pieces.insert(number, Piece::of_face(face.points, face.ring_ends, &mut triangulator));
             }
         }
-        Surface { faces, operands, path, bytes, planes, turned: Vec::new(), tree: OnceLock::new(), pieces }
+        let (turned, tree) = (Vec::new(), OnceLock::new());
+        Ok(Surface { faces, operands, path, bytes, planes, turned, tree, pieces })
     }
 
     /// A tree over the boxes of all faces that have an area.
     pub(crate) fn boxes(&self) -> &BoxTree {
-        self.tree.get_or_init(|| self.boxes_of(0..self.planes.len() as u32))
+        self.tree.get_or_init(|| BoxTree::of(self.boxes_with_area(0..self.planes.len() as u32)))
+    }
+
+    /// Makes the tree of [`Surface::boxes`] if it is not there yet.
+    pub(super) fn make_boxes(&self, progress: &dyn Progress) -> Result<()> {
+        if self.tree.get().is_none() {
+            let tree = self.boxes_of(0..self.planes.len() as u32, progress)?;
+            self.tree.get_or_init(|| tree);
+        }
+        Ok(())
     }
 
     /// A tree over the boxes of those of some faces that have an area.
-    pub(super) fn boxes_of(&self, faces: Range<u32>) -> BoxTree {
+    pub(super) fn boxes_of(&self, faces: Range<u32>, progress: &dyn Progress) -> Result<BoxTree> {
+        BoxTree::watched(&self.boxes_with_area(faces), progress)
+    }
+
+    fn boxes_with_area(&self, faces: Range<u32>) -> Vec<(u32, Bounds)> {
         let has_area = |face: &u32| self.planes[*face as usize].is_some();
-        BoxTree::of(faces.filter(has_area).map(|face| (face, self.bounds(face))).collect())
+        faces.filter(has_area).map(|face| (face, self.bounds(face))).collect()
     }
 
     /// The face, if it has corners beside the grid.
@@ -350,13 +382,15 @@ impl<'a> Surface<'a> {
     ) -> Result<(Vec<u32>, Samples)> {
         let count = self.planes.len() as u32;
         let mut sets = UnionFind::new(count as usize);
-        let edges = self.sorted_edges();
-        progress.check()?;
+        let edges = self.sorted_edges(progress)?;
         // Invariant: all faces of a component have the same winding numbers in front of them, and behind.
         // Those that are joined meet at an edge that no third face has, and nothing else touches either, so
         // that nothing parts them. One sample decides for all of a component: if two of its faces lay on
         // different sides of something, one of them would stay or go with the other.
-        for edge in edges.chunk_by(|a, b| a.0 == b.0) {
+        for (number, edge) in edges.chunk_by(|a, b| a.0 == b.0).enumerate() {
+            if number.is_multiple_of(OFTEN as usize) {
+                progress.check()?;
+            }
             if let [(_, one), (_, other)] = edge
                 && !touching.contains_key(one)
                 && !touching.contains_key(other)
@@ -364,6 +398,7 @@ impl<'a> Surface<'a> {
                 sets.join(*one, *other);
             }
         }
+        drop(edges);
         let components = sets.roots();
         // (Faces without an area have no side; they go with their neighbours.)
         let mut firsts = vec![u32::MAX; count as usize];
@@ -379,11 +414,14 @@ impl<'a> Surface<'a> {
     }
 
     /// The edges of all faces, whatever their directions, each with its face.
-    pub(super) fn sorted_edges(&self) -> Vec<([VertexKey; 2], u32)> {
+    pub(super) fn sorted_edges(&self, progress: &dyn Progress) -> Result<Vec<([VertexKey; 2], u32)>> {
         let mut edges: Vec<([VertexKey; 2], u32)> = Vec::new();
         let mut vertices = Vertices::default();
         let mut ring: Vec<VertexKey> = Vec::new();
         for face in 0..self.planes.len() as u32 {
+            if face.is_multiple_of(OFTEN) {
+                progress.check()?;
+            }
             let mut add = |ring: &[VertexKey]| {
                 edges.extend((0..ring.len()).map(|i| {
                     let (from, to) = (ring[i], ring[(i + 1) % ring.len()]);
@@ -403,8 +441,8 @@ impl<'a> Surface<'a> {
                 }),
             }
         }
-        edges.sort_unstable();
-        edges
+        sort::watched(&mut edges, progress)?;
+        Ok(edges)
     }
 
     /// Whether the line through a sample meets a face.
@@ -430,7 +468,13 @@ impl<'a> Surface<'a> {
     }
 
     /// Divides a face by what touches it.
-    fn divide(&self, face: u32, touching: &[u32], contacts: &[Contact]) -> Result<Divided> {
+    fn divide(
+        &self,
+        face: u32,
+        touching: &[u32],
+        contacts: &[Contact],
+        progress: &dyn Progress,
+    ) -> Result<Divided> {
         let plane = self.plane(face);
         let axis = plane.main_axis();
         let mut segments = Vec::new();
@@ -460,7 +504,7 @@ impl<'a> Surface<'a> {
         let choose = |region: &PlaneRegion| {
             let sample = SamplePoint::of_region(plane, region);
             // Edges of others may have made regions outside of the face.
-            if !self.meets(&sample, face) {
+            if progress.interrupted() || !self.meets(&sample, face) {
                 return None;
             }
             match self.fate(&sample, face, false) {
@@ -470,7 +514,8 @@ impl<'a> Surface<'a> {
             }
             None
         };
-        let found = regions(plane, &segments, &points, &|_| false, choose).unwrap_or_default();
+        let gives_up = |_: usize| progress.interrupted();
+        let found = regions(plane, &segments, &points, &gives_up, choose).unwrap_or_default();
         if let Some(error) = failed.take() {
             return Err(error);
         }

@@ -270,12 +270,25 @@ impl ModelBuilder {
         Ok(has_area.then_some(number))
     }
 
-    /// Adds all faces of a surface with corners moved to the grid, and what of it is not exact.
-    pub(super) fn push_rounded(mut self, rounded: Rounded) -> Result<ModelBuilder> {
+    /// Adds all faces of a surface with corners moved to the grid, and what of it is not exact. Progress counts faces.
+    pub(super) fn push_rounded(mut self, rounded: Rounded, progress: &dyn Progress) -> Result<ModelBuilder> {
+        /// Faces between two looks at whether to go on.
+        const OFTEN: u64 = 1 << 12;
         self = self.reach(rounded.reach);
         let Rounded { faces, stands_in, exact, .. } = rounded;
-        faces.each(&mut |face| self.push_face(face, stands_in[face.number as usize]))?;
-        exact.into_iter().try_for_each(|face| self.push_exact(face))?;
+        faces.each(&mut |face| {
+            if face.number.is_multiple_of(OFTEN) {
+                progress.check()?;
+                progress.advance(OFTEN.min(faces.len() - face.number), faces.len());
+            }
+            self.push_face(face, stands_in[face.number as usize])
+        })?;
+        for (number, face) in (0..).zip(exact) {
+            if u64::is_multiple_of(number, OFTEN) {
+                progress.check()?;
+            }
+            self.push_exact(face)?;
+        }
         Ok(self)
     }
 

@@ -35,7 +35,7 @@ use super::store::formula::formula;
 use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
 use crate::closure::SurfaceClosure;
 use spinney_base::io::Output;
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, PartOfWork, Progress, Result};
 use spinney_container::{Codec, Metadata, Tag};
 
 /// Counts of a set operation on bodies.
@@ -188,13 +188,15 @@ fn made(
         is_inside: &|windings| table.is_inside(windings),
     };
     let near = faces.list.len();
-    let (mut exact, done) = divide(&faces, &operands, path, memory / 2, progress)?;
+    let all = models.iter().map(|model| model.len()).sum::<u64>();
+    let part = |share: u64| PartOfWork::new(progress, share, near + all);
+    let (mut exact, done) = divide(&faces, &operands, path, memory / 2, &part(near))?;
     drop(faces);
     let Resolved { pairs, divided, .. } = done;
     beside.into_iter().for_each(|face| exact.push(face));
-    let mut rounded = round(exact)?;
+    let mut rounded = round(exact, progress)?;
     let crossings = rounded.crossings(path, memory / 2, progress)?;
-    seams.add_all(&rounded.faces);
+    seams.add_all(&rounded.faces, progress)?;
     if crossings > 0 {
         bodies.settled(progress, &mut |_, face, _, _| {
             seams.add_watched(face);
@@ -269,7 +271,7 @@ fn made(
     }
     let mut metadata = metadata(operation, models, &grid);
     metadata.set_tag(Tag::ModelDisplacement, displacement.to_string());
-    let built = builder.finish_with(base.as_ref(), &mut metadata, progress, &mut |metadata, built| {
+    let built = builder.finish_with(base.as_ref(), &mut metadata, &part(all), &mut |metadata, built| {
         if built.defect_count > 0 {
             metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
         }

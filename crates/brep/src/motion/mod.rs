@@ -19,7 +19,7 @@ use super::query::MassSums;
 use super::store::formula::moved_formula;
 use super::{BuildReport, ExactModel, Face, Faces, Grid, ModelBuilder};
 use spinney_base::io::Output;
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, PartOfWork, Progress, Result};
 use spinney_container::{Codec, Metadata, Tag};
 use spinney_crs::Crs;
 
@@ -83,7 +83,7 @@ pub struct TransformReport {
 /// that is no whole number of steps, and for which there are no finer ones, goes to the nearest number. All other maps compute
 /// corners anew and move them to the nearest points of a grid; faces that are not planar then are cut into triangles. Names and attributes of parts, values of
 /// faces, colours and metadata are kept. Time goes with the number of faces, as in building; memory is
-/// bounded, but that faces with corners beside the grid are held.
+/// bounded, but that faces with corners beside the grid are held. Progress counts faces, each in several passes.
 ///
 /// ```
 /// use spinney::brep::{ExactModel, Faces, Motion, TransformOptions, transform};
@@ -232,6 +232,8 @@ struct Target<'a> {
     /// Names of the columns of values of faces.
     columns: Vec<String>,
     after: u64,
+    /// The first third of the work.
+    moving: PartOfWork<'a>,
 }
 
 impl<'a> Target<'a> {
@@ -242,13 +244,18 @@ impl<'a> Target<'a> {
             .unbounded(work.model.is_unbounded())
             .reach(work.model.reach());
         let columns = work.model.value_columns()?;
-        Ok(Target { work, grid: grid.clone(), builder, columns, after: 0 })
+        let count = work.model.len();
+        let moving = PartOfWork::new(work.progress, count, 3 * count);
+        Ok(Target { work, grid: grid.clone(), builder, columns, after: 0, moving })
     }
 
     /// Adds a face that came of the model's of a number, with the values of that.
     fn push(&mut self, face: &Face<'_>, stands_in: bool, number: u64) -> Result<()> {
-        if number.is_multiple_of(1 << 12) {
-            self.work.progress.check()?;
+        /// Faces between two looks at whether to go on.
+        const OFTEN: u64 = 1 << 12;
+        if number.is_multiple_of(OFTEN) {
+            self.moving.check()?;
+            self.moving.advance(OFTEN, self.work.model.len());
         }
         self.after += 1;
         self.builder.push_face(face, stands_in)?;
@@ -273,7 +280,8 @@ impl<'a> Target<'a> {
         let is_exact = rounding.counts.is_none();
         let is_rounded = model.is_beside_grid() && is_exact;
         let mut metadata = work.metadata(&grid, &rounding);
-        let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {
+        let building = PartOfWork::new(progress, 2 * model.len(), 3 * model.len());
+        let built = builder.finish(&mut metadata, &building, &mut |metadata, built| {
             if built.defect_count > 0 {
                 metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
             }

@@ -143,7 +143,7 @@ pub fn surface_intersection(
         rest: None,
         is_inside: &|_| false,
     };
-    let surface = Surface::new(&faces, &operands, a.path(), memory)?;
+    let surface = Surface::new(&faces, &operands, a.path(), memory, progress)?;
     // (As much goes into segments and points.)
     let contacts = surface.contacts_of_first(memory / 2, progress)?;
     let source = |face: u32| surface.face(face).source - first_sources[surface.operand(face)];

@@ -62,7 +62,7 @@ fn pairs(faces: &crate::arrangement::ExactFaces, ends: &[u32], first: u64) -> (B
         rest: None,
         is_inside: &|_| false,
     };
-    let surface = Surface::new(faces, &operands, std::path::Path::new("x"), u64::MAX).unwrap();
+    let surface = Surface::new(faces, &operands, std::path::Path::new("x"), u64::MAX, &()).unwrap();
     let contacts = surface.contacts_of_first(u64::MAX, &()).unwrap();
     let sources = |contact: &Contact| {
         let [a, b] = contact.faces.map(|face| surface.face(face).source);

@@ -2,7 +2,7 @@
 //! such that the readers of this library understand them again.
 //!
 //! Faces are read three times: to look what there is, to number the vertices by an external sort, and to be written.
-//! Memory does not grow with the model.
+//! Memory does not grow with the model: there are two sorts at a time, of 64 MiB each.
 
 mod city_json;
 mod numbering;

@@ -12,7 +12,7 @@ use spinney_base::io::Sorter;
 use spinney_base::{Error, Result, sort};
 
 /// Bytes of memory for each of the two sorts.
-const MEMORY: u64 = 128 << 20;
+const MEMORY: u64 = 64 << 20;
 
 /// Bytes of a corner that is sorted: its point, its colour and its place.
 const CORNER: usize = 12 + 3 + 8;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::super::solid::closure::edge_number;
 use spinney_base::io::Sorter;
-use spinney_base::{Error, Result, sort};
+use spinney_base::{Error, Progress, Result, sort};
 use spinney_brep::Face;
 use spinney_brep::geometry::Triangulator;
 
@@ -52,7 +52,7 @@ impl Boundary {
     }
 
     /// The loops of the edges that have no partner in their objects, object by object; they may take so many bytes of memory.
-    pub(super) fn loops(self, path: &Path, memory: u64) -> Result<Vec<Loop>> {
+    pub(super) fn loops(self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<Vec<Loop>> {
         // Edges that faces which close the surface would have, with the objects: object, from, to, part.
         let mut open: Vec<(u32, OpenEdge)> = Vec::new();
         let most = (memory / 160).max(1 << 12) as usize;
@@ -81,7 +81,12 @@ impl Boundary {
             same.clear();
             if open.len() > most { Err(too_many()) } else { Ok(()) }
         };
+        let mut count = 0u64;
         self.sorter.finish(&mut |item| {
+            count += 1;
+            if count.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
             let number = |at: usize| u32::from_le_bytes(item[at..at + 4].try_into().expect("four bytes"));
             let key = u64::from_le_bytes(item[..8].try_into().expect("eight bytes"));
             let point = |at: usize| [0, 4, 8].map(|axis| number(at + axis) as i32);
@@ -94,8 +99,11 @@ impl Boundary {
         settle(&mut same)?;
         // (Stable: edges of an object stay in their order.)
         sort::by_key(&mut open, |(object, _)| (*object).into());
-        let of_object = |edges: &[(u32, OpenEdge)]| chain(edges.iter().map(|(_, edge)| *edge).collect());
-        Ok(open.chunk_by(|a, b| a.0 == b.0).flat_map(of_object).collect())
+        let mut loops = Vec::new();
+        for edges in open.chunk_by(|a, b| a.0 == b.0) {
+            loops.extend(chain(edges.iter().map(|(_, edge)| *edge).collect(), progress)?);
+        }
+        Ok(loops)
     }
 }
 
@@ -103,7 +111,7 @@ impl Boundary {
 type OpenEdge = ([i32; 3], [i32; 3], u32);
 
 /// Joins edges to loops: as many begin as end in each point.
-fn chain(edges: Vec<OpenEdge>) -> Vec<Loop> {
+fn chain(edges: Vec<OpenEdge>, progress: &dyn Progress) -> Result<Vec<Loop>> {
     let mut from: BTreeMap<[i32; 3], Vec<([i32; 3], u32)>> = BTreeMap::new();
     for (start, end, part) in edges {
         from.entry(start).or_default().push((end, part));
@@ -112,7 +120,13 @@ fn chain(edges: Vec<OpenEdge>) -> Vec<Loop> {
         sort::by_wide_key(ends, |(to, part)| !(sort::point_key(*to) << 32 | u128::from(*part)));
     });
     let mut loops = Vec::new();
-    while let Some((&start, _)) = from.first_key_value() {
+    while let Some(first) = from.first_entry() {
+        if first.get().is_empty() {
+            first.remove();
+            continue;
+        }
+        progress.check()?;
+        let start = *first.key();
         let mut points = vec![start];
         let mut places = BTreeMap::new();
         places.insert(start, 0);
@@ -137,12 +151,11 @@ fn chain(edges: Vec<OpenEdge>) -> Vec<Loop> {
             points.push(next);
             at = next;
         }
-        from.retain(|_, ends| !ends.is_empty());
         if points.len() > 2 && at != start {
             loops.push(Loop { points, part });
         }
     }
-    loops
+    Ok(loops)
 }
 
 /// Directed edges of a face.
@@ -155,12 +168,16 @@ pub(super) fn close(
     loops: &[Loop],
     (first, source): (u64, u64),
     is_coloured: bool,
+    progress: &dyn Progress,
     each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
 ) -> Result<()> {
     let colours = if is_coloured { &[[255; 3]; 3][..] } else { &[] };
     let triangles =
         loops.iter().flat_map(|hole| hole.triangles().into_iter().map(|points| (hole.part, points)));
     for (number, (part, points)) in (first..).zip(triangles) {
+        if number.is_multiple_of(1 << 12) {
+            progress.check()?;
+        }
         each(&Face { number, points: &points, ring_ends: &[3], colours, part, source })?;
     }
     Ok(())
@@ -195,7 +212,7 @@ mod tests {
             let wing = [ring[1], ring[0], [2, -3, z]];
             (0..3).for_each(|i| boundary.add(wing[i], wing[(i + 1) % 3], 7, 0).unwrap());
         }
-        let loops = boundary.loops(Path::new("x"), 1 << 20).unwrap();
+        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
         assert_eq!(loops.iter().map(|hole| (hole.points.len(), hole.part)).collect::<Vec<_>>(), [(5, 7); 2]);
         assert_eq!(loops[0].triangles().len(), 3);
     }
@@ -209,7 +226,7 @@ mod tests {
             boundary.add(ring[i], ring[(i + 1) % 3], 0, 0).unwrap();
             boundary.add(ring[(i + 1) % 3], ring[i], 1, 1).unwrap();
         }
-        let loops = boundary.loops(Path::new("x"), 1 << 20).unwrap();
+        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
         assert_eq!(
             loops.iter().map(|hole| (hole.points.len(), hole.part)).collect::<Vec<_>>(),
             [(3, 0), (3, 1)]
@@ -223,7 +240,7 @@ mod tests {
         for ring in [[[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 0, 0], [-4, 0, 0], [0, -4, 0]]] {
             (0..3).for_each(|i| boundary.add(ring[i], ring[(i + 1) % 3], 0, 0).unwrap());
         }
-        let loops = boundary.loops(Path::new("x"), 1 << 20).unwrap();
+        let loops = boundary.loops(Path::new("x"), 1 << 20, &()).unwrap();
         assert_eq!(loops.iter().map(|hole| hole.points.len()).collect::<Vec<_>>(), [3, 3]);
     }
 }

@@ -16,10 +16,11 @@ use super::solid::{bounds, common_crs, flat_faces, provenance};
 use super::{Model, ModelInfo};
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Up;
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, PartOfWork, Progress, Result, Uncounted};
 use spinney_brep::show_place;
 use spinney_brep::{
-    BuildReport, ColumnValues, Face, FaceList, Grid, InsideRule, LEAF_SIZE, ModelBuilder, Repair, repair,
+    BuildReport, ColumnValues, Face, FaceList, Grid, InsideRule, LEAF_SIZE, ModelBuilder, REPAIR_PASSES,
+    Repair, repair, repair_bytes,
 };
 use spinney_container::{Codec, Metadata, Tag};
 use spinney_crs::Crs;
@@ -117,7 +118,7 @@ pub struct ExactReport {
     pub built: BuildReport,
 }
 
-/// Builds a file of an exact model from models, which become one. Progress counts faces; what does not fit into the
+/// Builds a file of an exact model from models, which become one. Progress counts faces, each in several passes; what does not fit into the
 /// memory goes to a temporary file in the output's folder.
 ///
 /// ```
@@ -153,8 +154,9 @@ pub fn import_exact(
     };
     let grid = grid_of(&mut models, options)?;
     let mut objects = Objects::of(&models, options.parts.as_ref())?;
+    let work = Passes::of(&models, options, progress);
     let skipped = match options.skip_bad {
-        true => skip_bad(&mut models, &mut objects, &grid, options, progress)?,
+        true => skip_bad(&mut models, &mut objects, &grid, options, &work.part(SKIPPING_PASSES))?,
         false => Vec::new(),
     };
     let place = folder(output.path()).to_path_buf();
@@ -163,7 +165,7 @@ pub fn import_exact(
     // (Objects are closed one by one; where nobody asks for it, several may bound a body together.)
     let object = |face: &Face<'_>| if options.close { objects.object(face.part) } else { 0 };
     let mut closures: BTreeMap<u32, Closure> = BTreeMap::new();
-    read(&mut models, &objects, &mut snapper, progress, &mut |face, values| {
+    read(&mut models, &objects, &mut snapper, &work.part(1), &mut |face, values| {
         let closure = closures.entry(object(face)).or_default();
         edges(face).for_each(|[from, to]| closure.add_edge(from, to));
         target.push(face, values)
@@ -176,18 +178,18 @@ pub fn import_exact(
     if closures.values().any(|closure| !closure.is_closed()) {
         let mut boundary = Boundary::new(&place, options.memory / 4);
         let mut again = Snapper::new(grid.clone(), options.up);
-        read(&mut models, &objects, &mut again, progress, &mut |face, _| {
+        read(&mut models, &objects, &mut again, &Uncounted(progress), &mut |face, _| {
             boundary.add_face(face, object(face))
         })?;
-        let loops = boundary.loops(&path, options.memory / 4)?;
+        let loops = boundary.loops(&path, options.memory / 4, progress)?;
         if !options.close {
             return Err(open_surface(&path, &grid, &objects, &loops));
         }
-        closing = target.close(&loops, &snapper)?;
+        closing = target.close(&loops, &snapper, progress)?;
         closed = (loops.len() as u64, closing.len() as u64);
         faces += closed.1;
     }
-    let (mut builder, repaired) = target.repaired(options.inside, progress)?;
+    let (mut builder, repaired) = target.repaired(options.inside, &work.part(REPAIR_PASSES))?;
     let (mut first, mut with_attributes) = (0, 0);
     for ModelInfo { parts, attributes, .. } in models.iter().map(|model| model.info()) {
         for (part, name) in (0..).zip(parts).filter(|(part, _)| objects.number(first + part).is_some()) {
@@ -215,7 +217,7 @@ pub fn import_exact(
     if let Some(unit) = &unit {
         metadata.set_tag(Tag::Unit, unit);
     }
-    let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {
+    let built = builder.finish(&mut metadata, &work.part(BUILDING_PASSES), &mut |metadata, built| {
         if built.defect_count > 0 {
             metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
         }
@@ -234,7 +236,9 @@ pub fn import_exact(
         };
         let what = "the surface passes through itself, or is inside out: it bounds no body";
         let error = built.error(&path, what, advice);
-        return Err(named(error, &built, (&mut models, &objects, &closing), snapper, options.repair)?);
+        let wrong =
+            Wrong { built: &built, objects: &objects, closing: &closing, is_repaired: options.repair };
+        return Err(wrong.named(error, &mut models, snapper, progress)?);
     }
     let lost_values = models.iter().map(|model| model.lost_values()).sum();
     if lost_values > 0 {
@@ -259,6 +263,40 @@ pub fn import_exact(
         unit,
         built,
     })
+}
+
+/// Passes over all faces that looking at objects one by one counts as, with reading them.
+const SKIPPING_PASSES: u64 = 2;
+
+/// Passes over all faces that building the octree counts as.
+const BUILDING_PASSES: u64 = 2;
+
+/// All of the work, which goes over the faces several times.
+struct Passes<'a> {
+    progress: &'a dyn Progress,
+    faces: u64,
+    total: u64,
+}
+
+impl<'a> Passes<'a> {
+    fn of(models: &[Box<dyn Model>], options: &ExactOptions, progress: &'a dyn Progress) -> Passes<'a> {
+        let faces = faces_of(models);
+        let skipping = if options.skip_bad { SKIPPING_PASSES } else { 0 };
+        let repair = if options.repair { REPAIR_PASSES } else { 0 };
+        Passes { progress, faces, total: faces * (1 + skipping + repair + BUILDING_PASSES) }
+    }
+
+    /// Work that counts as so many passes.
+    fn part(&self, passes: u64) -> PartOfWork<'a> {
+        PartOfWork::new(self.progress, passes * self.faces, self.total)
+    }
+}
+
+/// Number of the faces of some models, as near as it is known before they are read.
+fn faces_of(models: &[Box<dyn Model>]) -> u64 {
+    /// Bytes of a face in files that do not tell.
+    const BYTES: u64 = 100;
+    models.iter().map(|model| model.info()).map(|info| info.faces.unwrap_or(info.bytes / BYTES)).sum()
 }
 
 /// Lines for the provenance: which objects are not in the model, and what was done to its surface.
@@ -325,15 +363,16 @@ impl Target {
             let own = values.iter().map(|(column, json)| (column.to_string(), json.to_string()));
             self.values.insert(face.source, own.collect());
         }
-        let bytes = list.bytes() + self.value_bytes;
-        check_room(&self.path, bytes, self.memory / 2, "the faces of a surface that is to be repaired")
+        // (Told in terms of all of the memory, of which the builder has the other half.)
+        let bytes = repair_bytes(list) + self.value_bytes;
+        check_room(&self.path, 2 * bytes, 2 * self.memory, "the faces of a surface that is to be repaired")
     }
 
     /// Adds triangles over boundaries, after the faces that were counted; returns the part of each.
-    fn close(&mut self, loops: &[Loop], snapper: &Snapper) -> Result<Vec<u32>> {
+    fn close(&mut self, loops: &[Loop], snapper: &Snapper, progress: &dyn Progress) -> Result<Vec<u32>> {
         let mut parts = Vec::new();
         let first = (snapper.planar.counts.faces, snapper.read);
-        boundary::close(loops, first, snapper.planar.is_coloured, &mut |face| {
+        boundary::close(loops, first, snapper.planar.is_coloured, progress, &mut |face| {
             parts.push(face.part);
             self.push(face, &[])
         })?;
@@ -378,8 +417,10 @@ fn skip_bad(
     progress: &dyn Progress,
 ) -> Result<Vec<SkippedObject>> {
     let path = models[0].info().path.clone();
+    let all = faces_of(models);
+    let part = || PartOfWork::new(progress, all, SKIPPING_PASSES * all);
     let mut faces = FaceList::new(grid.clone(), Vec::new());
-    read(models, objects, &mut Snapper::new(grid.clone(), options.up), progress, &mut |face, _| {
+    read(models, objects, &mut Snapper::new(grid.clone(), options.up), &part(), &mut |face, _| {
         faces.push(face);
         check_room(
             &path,
@@ -388,7 +429,7 @@ fn skip_bad(
             "the faces of objects that are looked at one by one",
         )
     })?;
-    objects.skip_bad(&faces, options, &path, progress)
+    objects.skip_bad(&faces, options, &path, &part())
 }
 
 /// Fails if some faces take more bytes than a limit; in words what they are.
@@ -405,50 +446,62 @@ fn check_room(path: &Path, bytes: u64, limit: u64, what: &str) -> Result<()> {
     })
 }
 
-/// An error of a surface with defects, with the names of the objects that these are of, where there are several. (Numbers of faces are
-/// those of the surface before it is repaired only if it is not.)
-fn named(
-    error: Error,
-    built: &BuildReport,
-    (models, objects, closing): (&mut [Box<dyn Model>], &Objects, &[u32]),
-    snapper: Snapper,
+/// A surface with defects, and what it was made of.
+struct Wrong<'a> {
+    built: &'a BuildReport,
+    objects: &'a Objects,
+    /// Parts of the triangles that close boundaries.
+    closing: &'a [u32],
     is_repaired: bool,
-) -> Result<Error> {
-    let Error::NoBody { path, what, mut places, count, advice } = error else { return Ok(error) };
-    if is_repaired || objects.count() < 2 {
-        return Ok(Error::NoBody { path, what, places, count, advice });
-    }
-    let wanted: BTreeSet<u64> =
-        built.defects.iter().flat_map(|defect| defect.faces.iter().copied()).collect();
-    let mut part_of = BTreeMap::new();
-    let mut again = Snapper::new(snapper.grid.clone(), snapper.up);
-    read(models, objects, &mut again, &(), &mut |face, _| {
-        if wanted.contains(&face.number) {
-            part_of.insert(face.number, face.part);
+}
+
+impl Wrong<'_> {
+    /// An error of it, with the names of the objects that the defects are of, where there are several. (Numbers of faces are those of the
+    /// surface before it is repaired only if it is not.)
+    fn named(
+        &self,
+        error: Error,
+        models: &mut [Box<dyn Model>],
+        snapper: Snapper,
+        progress: &dyn Progress,
+    ) -> Result<Error> {
+        let Wrong { built, objects, closing, is_repaired } = *self;
+        let Error::NoBody { path, what, mut places, count, advice } = error else { return Ok(error) };
+        if is_repaired || objects.count() < 2 {
+            return Ok(Error::NoBody { path, what, places, count, advice });
         }
-        Ok(())
-    })?;
-    let count = again.planar.counts.faces;
-    let of_closing = |face: u64| closing.get(usize::try_from(face.checked_sub(count)?).ok()?).copied();
-    for (place, defect) in places.iter_mut().zip(&built.defects) {
-        let parts: BTreeSet<u32> = defect
-            .faces
-            .iter()
-            .filter_map(|face| part_of.get(face).copied().or_else(|| of_closing(*face)))
-            .collect();
-        let names: Vec<&str> = parts.iter().filter_map(|part| objects.name(*part)).collect();
-        if !names.is_empty() {
-            *place += &format!(", of {}", names.join(" and "));
+        let wanted: BTreeSet<u64> =
+            built.defects.iter().flat_map(|defect| defect.faces.iter().copied()).collect();
+        let mut part_of = BTreeMap::new();
+        let mut again = Snapper::new(snapper.grid.clone(), snapper.up);
+        read(models, objects, &mut again, &Uncounted(progress), &mut |face, _| {
+            if wanted.contains(&face.number) {
+                part_of.insert(face.number, face.part);
+            }
+            Ok(())
+        })?;
+        let count = again.planar.counts.faces;
+        let of_closing = |face: u64| closing.get(usize::try_from(face.checked_sub(count)?).ok()?).copied();
+        for (place, defect) in places.iter_mut().zip(&built.defects) {
+            let parts: BTreeSet<u32> = defect
+                .faces
+                .iter()
+                .filter_map(|face| part_of.get(face).copied().or_else(|| of_closing(*face)))
+                .collect();
+            let names: Vec<&str> = parts.iter().filter_map(|part| objects.name(*part)).collect();
+            if !names.is_empty() {
+                *place += &format!(", of {}", names.join(" and "));
+            }
         }
+        let advice = format!("{advice}; --skip-bad leaves out objects that are no bodies by themselves");
+        Ok(Error::NoBody { path, what, places, count, advice })
     }
-    let advice = format!("{advice}; --skip-bad leaves out objects that are no bodies by themselves");
-    Ok(Error::NoBody { path, what, places, count, advice })
 }
 
 /// Takes a face on the grid, with its values.
 type TakeFace<'a> = dyn FnMut(&Face<'_>, &[(&str, &str)]) -> Result<()> + 'a;
 
-/// Reads all faces of the objects of all models, and hands them out as they are on the grid, with their values.
+/// Reads all faces of the objects of all models, and hands them out as they are on the grid, with their values. Progress counts faces.
 fn read(
     models: &mut [Box<dyn Model>],
     objects: &Objects,
@@ -456,14 +509,17 @@ fn read(
     progress: &dyn Progress,
     each: &mut TakeFace<'_>,
 ) -> Result<()> {
-    let mut first_part = 0;
+    /// Faces between two looks at whether to go on.
+    const OFTEN: u64 = 1 << 12;
+    let (mut first_part, total) = (0, faces_of(models));
     snapper.planar.is_coloured = models.iter().any(|model| model.info().is_coloured);
     for model in models.iter_mut() {
         let path = model.info().path.clone();
         let parts = model.info().parts.len() as u32;
         model.faces(&mut |face| {
-            if snapper.read.is_multiple_of(1 << 12) {
+            if snapper.read.is_multiple_of(OFTEN) {
                 progress.check()?;
+                progress.advance(OFTEN, total);
             }
             match objects.number(first_part + face.part) {
                 Some(part) => snapper.face(&path, face, part, &mut |snapped| each(snapped, face.values)),

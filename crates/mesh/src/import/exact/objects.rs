@@ -114,7 +114,7 @@ impl Objects {
             let mut own = FaceList::new(faces.grid().clone(), Vec::new());
             run.iter().for_each(|face| own.push(&faces.get(*face as usize)));
             if options.close {
-                close(&mut own, path, memory)?;
+                close(&mut own, path, memory, progress)?;
             }
             let flaw = body_flaw(&own, rule, path, memory, progress)?;
             progress.advance(run.len() as u64, faces.len());
@@ -146,11 +146,11 @@ impl Objects {
 }
 
 /// Adds triangles over the boundaries of an object.
-fn close(faces: &mut FaceList, path: &Path, memory: u64) -> Result<()> {
+fn close(faces: &mut FaceList, path: &Path, memory: u64, progress: &dyn Progress) -> Result<()> {
     let mut boundary = Boundary::new(&std::env::temp_dir(), memory / 4);
     (0..faces.len() as usize).try_for_each(|number| boundary.add_face(&faces.get(number), 0))?;
-    let loops = boundary.loops(path, memory / 4)?;
-    boundary::close(&loops, (faces.len(), u64::MAX), faces.is_coloured(), &mut |face| {
+    let loops = boundary.loops(path, memory / 4, progress)?;
+    boundary::close(&loops, (faces.len(), u64::MAX), faces.is_coloured(), progress, &mut |face| {
         faces.push(face);
         Ok(())
     })

@@ -1,0 +1,229 @@
+//! Interruption of long work on exact models, at any of the moments at which it asks, and its progress.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use spinney::brep::surface_intersection::surface_intersection;
+use spinney::brep::{ExactModel, Faces, InsideRule, Motion, TransformOptions, combine, transform};
+use spinney::export::mesh::{MeshFormat, export_exact};
+use spinney::export::vector::{SectionPlanes, VectorFormat, export_objects, export_section};
+use spinney::import::mesh::{ExactOptions, import_exact, model_contacts, open_all};
+use spinney::io::Output;
+use spinney::store::{Codec, OpenOptions};
+use spinney::{Error, Progress, Result};
+
+/// So little that faces go to temporary files; but for a repair, which holds them.
+const MEMORY: u64 = 1 << 20;
+const PLENTY: u64 = 64 << 20;
+
+/// Somebody who wants to stop as soon as that has been asked so many times, and notes what is done.
+struct Impatient {
+    patience: u64,
+    asked: AtomicU64,
+    /// What was done, and each total that was told.
+    told: Mutex<(u64, Vec<u64>)>,
+}
+
+impl Impatient {
+    fn new(patience: u64) -> Impatient {
+        Impatient { patience, asked: AtomicU64::new(0), told: Mutex::default() }
+    }
+}
+
+impl Progress for Impatient {
+    fn advance(&self, done: u64, total: u64) {
+        let mut told = self.told.lock().unwrap();
+        told.0 += done;
+        told.1.push(total);
+    }
+
+    fn interrupted(&self) -> bool {
+        self.asked.fetch_add(1, Ordering::Relaxed) >= self.patience
+    }
+}
+
+/// Work that writes a file into a folder, if it writes one.
+type Work<'a> = dyn Fn(&Path, &dyn Progress) -> Result<()> + 'a;
+
+/// Does work, which asks at least so many times, and interrupts it at many of these moments: each time it ends as interrupted, and leaves
+/// nothing in its folder. Returns what was told when it was not.
+fn check(what: &str, least: u64, work: &Work<'_>) -> (u64, Vec<u64>) {
+    const MOMENTS: u64 = 16;
+    let run = |patience: u64| {
+        let folder = tempfile::tempdir().unwrap();
+        let progress = Impatient::new(patience);
+        let done = work(folder.path(), &progress);
+        let left = std::fs::read_dir(folder.path()).unwrap().count();
+        (done, progress, left)
+    };
+    let (done, patient, _) = run(u64::MAX);
+    done.unwrap();
+    let all = patient.asked.into_inner();
+    assert!(all >= least, "{what}: asked {all} times, not {least}");
+    for moment in 0..MOMENTS {
+        // (The last question is one of them.)
+        let patience = (all - 1) * moment / (MOMENTS - 1);
+        let (done, _, left) = run(patience);
+        assert!(matches!(done, Err(Error::Interrupted)), "{what} after {patience} of {all}: {done:?}");
+        assert_eq!(left, 0, "{what} after {patience} of {all}");
+    }
+    patient.told.into_inner().unwrap()
+}
+
+/// Two tori that pass through each other, each of `2 * side * side` triangles, as OBJ with an object each; or one of them.
+fn tori(folder: &Path, side: i32, which: &[i32]) -> PathBuf {
+    let angle = |step: i32| f64::from(step) * std::f64::consts::TAU / f64::from(side);
+    let mut text = String::new();
+    for (number, shift) in (0..).zip(which) {
+        text += &format!("o torus{shift}\n");
+        for (u, v) in (0..side).flat_map(|i| (0..side).map(move |j| (angle(i), angle(j)))) {
+            let radius = 300.0 + 100.0 * v.cos();
+            let at = [radius * u.cos(), radius * u.sin(), 100.0 * v.sin()].map(|at| at.round());
+            text += &format!(
+                "v {} {} {}\n",
+                at[0] + 71.0 * f64::from(*shift),
+                at[1],
+                at[2] + 13.0 * f64::from(*shift)
+            );
+        }
+        let corner = |i: i32, j: i32| 1 + side * side * number + i % side * side + j % side;
+        for (i, j) in (0..side).flat_map(|i| (0..side).map(move |j| (i, j))) {
+            let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+            text += &format!("f {a} {b} {c}\nf {a} {c} {d}\n");
+        }
+    }
+    let path = folder.join(format!("tori{which:?}.obj"));
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn options(memory: u64, set: impl FnOnce(&mut ExactOptions)) -> ExactOptions {
+    let mut options = ExactOptions::new();
+    (options.memory, options.snap) = (memory, Some(0.25));
+    set(&mut options);
+    options
+}
+
+fn build(mesh: &Path, options: &ExactOptions, folder: &Path, progress: &dyn Progress) -> Result<()> {
+    let models = open_all(&[mesh.to_path_buf()], PLENTY)?;
+    import_exact(models, options, Output::create(&folder.join("model.goblin"))?, progress).map(|_| ())
+}
+
+/// Models of the first torus and of the second one.
+fn models(folder: &Path, side: i32) -> [ExactModel; 2] {
+    [0, 1].map(|shift| {
+        let mesh = tori(folder, side, &[shift]);
+        let path = folder.join(format!("{shift}.goblin"));
+        let models = open_all(&[mesh], PLENTY).unwrap();
+        import_exact(models, &options(MEMORY, |_| ()), Output::create(&path).unwrap(), &()).unwrap();
+        ExactModel::open(&path, &OpenOptions::new()).unwrap()
+    })
+}
+
+#[test]
+fn builds_and_repairs_are_interrupted_and_leave_nothing() {
+    let input = tempfile::tempdir().unwrap();
+    let (one, both) = (tori(input.path(), 70, &[0]), tori(input.path(), 40, &[0, 1]));
+    let plain = options(MEMORY, |_| ());
+    check("build", 10, &|folder, progress| build(&one, &plain, folder, progress));
+    let repair = options(PLENTY, |options| options.repair = true);
+    check("repair", 100, &|folder, progress| build(&both, &repair, folder, progress));
+    let positive = options(PLENTY, |options| (options.repair, options.inside) = (true, InsideRule::Positive));
+    check("positive repair", 100, &|folder, progress| build(&both, &positive, folder, progress));
+    let skip =
+        options(PLENTY, |options| (options.repair, options.skip_bad, options.close) = (true, true, true));
+    check("repair of objects", 100, &|folder, progress| build(&both, &skip, folder, progress));
+    // Without the last faces both tori are open.
+    let text = std::fs::read_to_string(&one).unwrap();
+    let open = input.path().join("open.obj");
+    std::fs::write(&open, text.rsplit_once("f ").unwrap().0).unwrap();
+    let close = options(MEMORY, |options| options.close = true);
+    check("closing", 10, &|folder, progress| build(&open, &close, folder, progress));
+}
+
+#[test]
+fn operations_on_models_are_interrupted_and_leave_nothing() {
+    let input = tempfile::tempdir().unwrap();
+    let models = models(input.path(), 50);
+    let [a, b] = &models;
+    let file = |folder: &Path, name: &str| Output::create(&folder.join(name));
+    for operation in [2, 7] {
+        check("combine", 50, &|folder, progress| {
+            let output = file(folder, "made.goblin")?;
+            combine(operation, &[a, b], output, Codec::Packed, PLENTY, progress).map(|_| ())
+        });
+    }
+    let rows = |turn: f64| {
+        [[turn.cos(), -turn.sin(), 0.0, 1.0], [turn.sin(), turn.cos(), 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+    };
+    for turn in [0.0, 0.3] {
+        let motion = Motion::from_rows(rows(turn)).unwrap();
+        let how = TransformOptions::new(MEMORY);
+        check("transform", 10, &|folder, progress| {
+            transform(a, &motion, &how, file(folder, "made.goblin")?, progress).map(|_| ())
+        });
+    }
+    for format in [MeshFormat::Ply, MeshFormat::Obj, MeshFormat::Stl, MeshFormat::CityJson] {
+        check("export", 4, &|folder, progress| {
+            export_exact(a, format, file(folder, "made")?, progress).map(|_| ())
+        });
+    }
+    let planes: Vec<SectionPlanes> = vec!["z=-90..90/3".parse().unwrap()];
+    check("section", 100, &|folder, progress| {
+        export_section(a, &planes, false, file(folder, "made.geojson")?, VectorFormat::GeoJson, progress)
+            .map(|_| ())
+    });
+    check("stats --each", 4, &|folder, progress| {
+        export_objects(a, None, file(folder, "made.csv")?, VectorFormat::Csv, MEMORY, progress).map(|_| ())
+    });
+    check("section of two", 20, &|_, progress| surface_intersection(a, b, PLENTY, progress).map(|_| ()));
+    check("verify", 10, &|_, progress| a.verify(MEMORY, progress).map(|_| ()));
+}
+
+#[test]
+fn searches_for_contacts_are_interrupted() {
+    let input = tempfile::tempdir().unwrap();
+    let mesh = tori(input.path(), 40, &[0, 1]);
+    check("contacts", 100, &|_, progress| {
+        let models = open_all(std::slice::from_ref(&mesh), PLENTY)?;
+        model_contacts(models, &options(PLENTY, |_| ()), progress, &mut |_| Ok(true))
+    });
+}
+
+/// What is done comes to all that was told, one total from the beginning to the end, and well before that.
+#[test]
+fn progress_comes_to_its_end() {
+    let input = tempfile::tempdir().unwrap();
+    let both = tori(input.path(), 60, &[0, 1]);
+    let [a, b] = models(input.path(), 60);
+    let complete = |what: &str, least: usize, work: &Work<'_>| {
+        let folder = tempfile::tempdir().unwrap();
+        let progress = Impatient::new(u64::MAX);
+        work(folder.path(), &progress).unwrap();
+        let (done, totals) = progress.told.into_inner().unwrap();
+        let total = totals[0];
+        assert!(totals.iter().all(|other| *other == total), "{what}: {totals:?}");
+        assert!(totals.len() >= least, "{what}: told {} times", totals.len());
+        assert!(done <= total && done + total / 50 >= total, "{what}: {done} of {total}");
+    };
+    for inside in [InsideRule::Nonzero, InsideRule::Positive] {
+        let repair = options(PLENTY, |options| (options.repair, options.inside) = (true, inside));
+        complete("repair", 10, &|folder, progress| build(&both, &repair, folder, progress));
+    }
+    let skip = options(PLENTY, |options| (options.repair, options.skip_bad) = (true, true));
+    complete("repair of objects", 10, &|folder, progress| build(&both, &skip, folder, progress));
+    complete("combine", 5, &|folder, progress| {
+        let output = Output::create(&folder.join("made.goblin"))?;
+        combine(7, &[&a, &b], output, Codec::Plain, PLENTY, progress).map(|_| ())
+    });
+    let motion =
+        Motion::from_rows([[2.0, 0.0, 0.0, 0.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]]).unwrap();
+    assert!(a.len() > 4096);
+    let folder = tempfile::tempdir().unwrap();
+    let progress = Impatient::new(u64::MAX);
+    let output = Output::create(&folder.path().join("made.goblin")).unwrap();
+    transform(&a, &motion, &TransformOptions::new(PLENTY), output, &progress).unwrap();
+    let (done, totals) = progress.told.into_inner().unwrap();
+    assert!(totals.iter().all(|total| *total == 3 * a.len()) && done == 3 * a.len(), "{done} of {totals:?}");
+}
