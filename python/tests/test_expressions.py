@@ -177,10 +177,10 @@ def test_numbers_that_all_cells_share_do_not_count_alone(layers: tuple[Path, Num
 NAMED = ["f", "i", "c", '"big number"', "b1", "f.b1", "nothing", "type=u8", ",type=f64", ",type=x", ",x=none.goblin", ",i="]
 WRITTEN = ["0", "1", "2.5", "1e400", "1e-400", "1e", ".", "007", "9" * 400, "\u00e4", "\U0001f300", "\0", "\n", "\\", "%", "^", "[", "{", '"', "'"]
 SIGNS = [*BINARY, "=", "!", "&&", "not", "(", ")", "((", "))", ",", ",,"]
-TOKENS = [*NAMED, *WRITTEN, *SIGNS, "where(", "abs(", "sqrt", "min(", "max(", "mean(", "median(", "count("]
+TOKENS = np.array([*NAMED, *WRITTEN, *SIGNS, "where(", "abs(", "sqrt", "min(", "max(", "mean(", "median(", "count("])
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_no_text_does_more_than_fail(layers: tuple[Path, Numbers], seed: int) -> None:
     path, _ = layers
     random, answered = np.random.default_rng(seed), 0

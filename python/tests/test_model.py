@@ -113,7 +113,7 @@ def winding(mesh: trimesh.Trimesh, points: np.ndarray) -> np.ndarray:
 def test_points_are_where_winding_numbers_say(bodies: dict) -> None:
     random = np.random.default_rng(3)
     for mesh, model in bodies.values():
-        points = random.uniform(*(mesh.bounds * 1.1), (2000, 3))
+        points = random.uniform(*(mesh.bounds * 1.1), (800, 3))
         inside = winding(mesh, points) > 0.5
         located = model.locate(points)
         assert located.dtype == np.int8 and np.array_equal(located, np.where(inside, 1, -1))

@@ -37,6 +37,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     spinney.build(np.sqrt(x**2 + y**2 + z**2) + bumps < 60, folder / "ball.goblin", dims="zyx")
     with spinney.open(folder / "ball.goblin") as ball:
         spinney.build_brep(ball.mesh(6, smooth=True), folder / "model.goblin")
+    np.save(folder / "many.npy", noise((5000, 4000), "u2"))
     return folder
 
 
@@ -295,7 +296,7 @@ def many_cells(place: Path, to: Path) -> None:
     copy = to / "edit.autumn"
     copy.write_bytes((place / "map.autumn").read_bytes())
     with spinney.edit(copy) as edit:
-        edit.set(points(300_000, 2, 4096).astype(int), [7])
+        edit.set(points(150_000, 2, 4096).astype(int), [7])
 
 
 def pasted(place: Path, to: Path) -> None:
@@ -324,7 +325,7 @@ LONG: dict[str, Work] = {
     "smooth rays": lambda place, _: tree(place / "ball.goblin").rays(points(200_000, 3, 160), (1, 2, 3), smooth=True),
     "rays to a view": lambda place, _: tree(place / "ball.goblin", "rotate=30").rays(points(3_000, 3, 160), (1, 2, 3)),
     "contains of a view": lambda place, _: tree(place / "ball.goblin", "rotate=30").contains(points(60_000, 3, 160)),
-    "solid": lambda place, _: tree(place / "sponge.goblin").solid(surface=True),
+    "solid": lambda place, _: tree(place / "sponge.goblin").solid(7, surface=True),
     "mesh": lambda place, _: tree(place / "sponge.goblin").mesh(6),
     "export of a mesh": lambda place, to: tree(place / "sponge.goblin").export(to / "m.ply", level=7),
     "export of glTF": lambda place, to: tree(place / "sponge.goblin").export(to / "m.glb", level=7),
@@ -339,11 +340,11 @@ LONG: dict[str, Work] = {
     "histogram of a view": lambda place, _: tree(place / "heights.goblin", "rotate=30").histogram(9, (0, 9), window=(1, 1, 2000, 2000)),
     "find in a view": lambda place, _: tree(place / "first.goblin", "rotate=30").find(255, window=(0, 0, 2500, 2500)),
     "zonal": lambda place, _: tree(place / "first.goblin").zonal(triangles(), edge="area"),
-    "contours": lambda place, to: tree(place / "heights.goblin").contours(to / "c.csv", every=60),
+    "contours": lambda place, to: tree(place / "heights.goblin").contours(to / "c.csv", every=150),
     "export of tiles": lambda place, to: tree(place / "heights.goblin").export(to / "t.pmtiles"),
-    "build": lambda place, to: spinney.build(noise((5000, 4000), "u2"), to / "b.goblin"),
+    "build": lambda place, to: spinney.build(np.load(place / "many.npy", mmap_mode="r"), to / "b.goblin"),
     "build of rows": lambda place, to: spinney.build(rows(), to / "b.goblin", shape=(9000, 4000), dtype="u2"),
-    "transform": lambda place, to: spinney.transform(place / "first.goblin", ["window=0,0,2048,2048", "scale=0.7"], to / "t.goblin"),
+    "transform": lambda place, to: spinney.transform(place / "first.goblin", ["window=0,0,1400,1400", "scale=0.7"], to / "t.goblin"),
     "combine": lambda place, to: spinney.combine("max", [place / "first.goblin", place / "second.goblin"], to / "c.goblin"),
     "convert": lambda place, to: spinney.convert(place / "first.goblin", to / "c.autumn"),
     "compact": lambda place, to: spinney.compact(place / "map.autumn", to / "c.autumn"),

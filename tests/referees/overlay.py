@@ -114,11 +114,12 @@ def layers():
         found, bound = combined("partition", a, b, options=options)
         check(f"layers {round}", "partition", found, bound, whole[0] | whole[1])
         # Each part is in all features that it names, and in no other.
+        alone = [[valid([own]) for own in owns] for owns in (first, second)]
         for feature in found:
             place = shape(feature["geometry"]).representative_point()
             own = feature["properties"]
-            for number, (key, all_own) in enumerate([("features_1", first), ("features_2", second)]):
-                wanted = [index + 1 for index, other in enumerate(all_own) if valid([other]).covers(place)]
+            for number, (key, all_own) in enumerate(zip(("features_1", "features_2"), alone)):
+                wanted = [index + 1 for index, other in enumerate(all_own) if other.covers(place)]
                 names = [int(text) for text in (own[key] or "").split(",") if text]
                 if options and names != wanted:
                     continue  # (On a wide grid a small part may lie beside where it was.)

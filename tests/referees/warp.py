@@ -77,8 +77,8 @@ if shutil.which("gdalwarp") is None:
 folder.mkdir(exist_ok=True)
 compare("utm", "EPSG:32632", Affine(30, 0, 400000, 0, -30, 5400000), 13)
 compare("degrees", "EPSG:4326", Affine(0.01, 0, 7, 0, -0.01, 47), 8)
-compare("turned", "EPSG:3035", Affine(25, 9, 4321000, 8, -25, 3210000), 14)
-compare("polar", "EPSG:3413", Affine(1000, 0, -900000, 0, -1000, -1200000), 7)
+compare("turned", "EPSG:3035", Affine(25, 9, 4321000, 8, -25, 3210000), 13)
+compare("polar", "EPSG:3413", Affine(1000, 0, -900000, 0, -1000, -1200000), 6)
 compare("swiss", "EPSG:2056", Affine(100, 0, 2600000, 0, -100, 1200000), 11)
 
 # Systems without a number: user-defined keys as GDAL writes them into the file, at a longitude and a latitude. (Not gnomonic, which PROJ before
@@ -113,7 +113,7 @@ for name, (definition, longitude, latitude) in DEFINED.items():
     (x,), (y,) = transform("EPSG:4326", crs, [longitude], [latitude])
     cell = 100 / crs.linear_units_factor[1]
     place = Affine(cell, 0, x, 0, -cell, y)
-    compare(name, crs, place, 11)
+    compare(name, crs, place, 10 if name == "polar_stereographic" else 11)
     if name in ("transverse_mercator", "albers_us_feet", "conic_paris"):
         compare(f"{name}_told", crs, place, 11, told=definition)
         compare(f"{name}_text", crs, place, 11, told=crs.to_wkt())
