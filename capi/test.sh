@@ -116,6 +116,10 @@ END
 if "$work/cube" "$work/open.goblin" open 2> "$work/error.txt"; then fail 'an open surface was taken for a body'; fi
 grep -q 'a boundary of 3 edges from' "$work/error.txt" || fail 'no places of an open surface'
 [ ! -e "$work/open.goblin" ] || fail 'there is a file of what is no body'
+"$work/cube" "$work/twice.goblin" twice > "$work/cube.txt" 2> "$work/error.txt"
+grep -q '^volume 8$' "$work/cube.txt" || fail 'two cubes without what is in both have another volume'
+grep -q '^cube: .*: the volume is .* percent of what cells' "$work/error.txt" || fail 'no warning of a changed volume'
+"$work/cube" "$work/made.goblin" 2>&1 | grep -q '^cube: ' && fail 'a warning of a cube'
 
 say 'statically'
 ${CC:-cc} -std=c11 capi/examples/tile.c -I"$work/prefix/include" -o "$work/static" "$work/prefix/lib/libspinney.a" -lpthread -ldl -lm

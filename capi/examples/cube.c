@@ -1,11 +1,13 @@
 // Builds an exact model of a cube of arrays, tells its volume, and cuts it half way up:
 //
-//     cube model.goblin [open]
+//     cube model.goblin [open|twice]
 //
-// With `open` a triangle is left out: then it is no body, and the places are told.
+// With `open` a triangle is left out: then it is no body, and the places are told. With `twice` there is a second cube, half of which stands in
+// the first, and what is in both counts as outside: that changes the volume, of which the library warns.
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "spinney.h"
 
@@ -43,20 +45,35 @@ static int cut(const spinney_model *model) {
 
 int main(int count, char **words) {
   if (count < 2) {
-    fprintf(stderr, "usage: cube MODEL.goblin [open]\n");
+    fprintf(stderr, "usage: cube MODEL.goblin [open|twice]\n");
     return 2;
   }
   static const double vertices[] = {0, 0, 0, 2, 0, 0, 0, 2, 0, 2, 2, 0, 0, 0, 2, 2, 0, 2, 0, 2, 2, 2, 2, 2};
   static const uint32_t corners[] = {0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4, 2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5};
+  const char *word = count > 2 ? words[2] : "";
+  double beside[24];
+  for (int i = 0; i < 24; i++) {
+    beside[i] = vertices[i] + (i % 3 == 0);
+  }
   spinney_mesh mesh = {0};
   mesh.name = "cube";
   mesh.vertices = vertices;
   mesh.vertex_count = 8;
   mesh.corners = corners;
-  mesh.corner_count = count > 2 ? 33 : 36;
+  mesh.corner_count = strcmp(word, "open") == 0 ? 33 : 36;
   mesh.corner_size = sizeof corners[0];
-  if (spinney_model_build(&mesh, 1, sizeof mesh, NULL, 0, words[1], NULL, 0) != SPINNEY_OK) {
+  spinney_mesh meshes[2] = {mesh, mesh};
+  meshes[1].name = "other";
+  meshes[1].vertices = beside;
+  spinney_mesh_options options = {0};
+  const bool is_twice = strcmp(word, "twice") == 0;
+  options.repair = is_twice;
+  options.inside = is_twice ? SPINNEY_INSIDE_ODD : options.inside;
+  if (spinney_model_build(meshes, is_twice ? 2 : 1, sizeof mesh, &options, sizeof options, words[1], NULL, 0) != SPINNEY_OK) {
     return fail("build");
+  }
+  if (*spinney_warnings() != 0) {
+    fprintf(stderr, "cube: %s\n", spinney_warnings());
   }
   spinney_model *model = NULL;
   if (spinney_model_open(words[1], 0, &model) != SPINNEY_OK) {

@@ -1,7 +1,7 @@
 // Spinney files from C. Made by cbindgen from the sources in capi/src: do not edit.
 //
 // Every function that can fail returns a spinney_status; spinney_error() then has the text, for the calling thread and until
-// its next call. Nothing is printed, and no call ends the program.
+// its next call. Calls that make files may warn: spinney_warnings(). Nothing is printed, and no call ends the program.
 //
 // Pointers: what a function reads or writes through a pointer must be there for as long as the call takes; texts are
 // zero-terminated UTF-8 (paths are the bytes that the system takes). NULL where something is needed is SPINNEY_INVALID.
@@ -352,6 +352,11 @@ const char *spinney_error(void);
 // The library's version.
 const char *spinney_version(void);
 
+// What this thread's last call of spinney_model_build() or spinney_model_combine() has warned of, a line for each, beginning with the file that it is
+// about: what users should know of a file that was made all the same, such as a repair that changes the volume by more than a hundredth, or values of
+// faces that are not kept. Empty if there was nothing; it is there until the thread's next such call.
+const char *spinney_warnings(void);
+
 // Changes how many bytes of packed segments, unpacked, all open files together keep in memory for the next use: 64 MiB if nothing is said.
 void spinney_set_cache_memory(uint64_t bytes);
 
@@ -587,8 +592,8 @@ spinney_status spinney_model_rays(const spinney_model *model,
 // `options_size` is `sizeof(spinney_mesh_options)`, and `report_size` `sizeof(spinney_mesh_report)`.
 //
 // A surface that is open, passes through itself or is inside out bounds no body: SPINNEY_INVALID, with the places, up to 100 of them, in
-// spinney_error(). Where it fails there is no file. The program warns where a repair changes a surface or its volume by more than a
-// hundredth; here the report has both volumes and the counts, and nobody is warned.
+// spinney_error(). Where it fails there is no file. spinney_warnings() tells where a repair has changed the surface or its volume by more than a
+// hundredth, and the like.
 spinney_status spinney_model_build(const spinney_mesh *meshes,
                                    size_t count,
                                    size_t mesh_size,
@@ -609,7 +614,8 @@ spinney_status spinney_model_shells(const spinney_model *model,
 
 // Makes the file of the body of a set operation on `count` models, exactly, as `spinney combine` does; `operation` is its number, from 0 to 15: 1
 // is the intersection, 2 the first without the second, 6 the symmetric difference, 7 the union, 12 the complement. Grids must have the
-// same step. Takes at most `memory` bytes for the faces that are near each other's. Where it fails there is no file.
+// same step. Takes at most `memory` bytes for the faces that are near each other's. Where it fails there is no file; spinney_warnings() tells what of
+// the models is not kept.
 spinney_status spinney_model_combine(uint32_t operation,
                                      const spinney_model *const *models,
                                      size_t count,

@@ -23,6 +23,7 @@ mod shells;
 mod status;
 #[cfg(test)]
 mod tests;
+mod warnings;
 
 pub use blocks::*;
 pub use dataset::*;
@@ -35,3 +36,4 @@ pub use questions::*;
 pub use sections::*;
 pub use shells::*;
 pub use status::*;
+pub use warnings::*;

@@ -331,3 +331,32 @@ fn arguments_that_make_no_sense_are_refused() {
     }
     assert_eq!(volume(&place.path), 8.0);
 }
+
+/// What a repair changes is told, a line for each, until the next call that makes a model.
+#[test]
+fn warnings_are_told() {
+    let warnings = || unsafe { CStr::from_ptr(spinney_warnings()) }.to_str().unwrap().to_owned();
+    let (place, sides) = (Place::new(), triangles());
+    let one = corners_of([2.0; 3]);
+    let other: Vec<[f64; 3]> = one.iter().map(|corner| corner.map(|at| at + 1.0)).collect();
+    let meshes = [mesh_of(&one, &sides), mesh_of(&other, &sides)];
+    let mut options = usual();
+    (options.repair, options.inside) = (true, SPINNEY_INSIDE_ODD);
+    let build = |count: usize, options: &spinney_mesh_options| unsafe {
+        let (size, sizes) = (size_of::<spinney_mesh>(), size_of::<spinney_mesh_options>());
+        spinney_model_build(meshes.as_ptr(), count, size, options, sizes, place.name.as_ptr(), null_mut(), 0)
+    };
+    assert_eq!((build(2, &options), warnings().lines().count()), (SPINNEY_OK, 1));
+    assert!(
+        warnings().contains("the volume is ") && warnings().contains(" percent of what cells"),
+        "{}",
+        warnings()
+    );
+    assert_eq!(std::thread::spawn(|| unsafe { *spinney_warnings() }).join().unwrap(), 0);
+    // Calls that make none leave it, and others forget it.
+    assert_eq!(unsafe { spinney_model_open(null(), 0, null_mut()) }, SPINNEY_INVALID);
+    assert!(!warnings().is_empty());
+    assert_eq!((build(1, &usual()), warnings()), (SPINNEY_OK, String::new()));
+    assert_eq!((build(2, &options), warnings().is_empty()), (SPINNEY_OK, false));
+    assert_eq!((build(0, &options), warnings()), (SPINNEY_INVALID, String::new()));
+}

@@ -11,6 +11,7 @@ use crate::dataset::path_of;
 use crate::model::check_size;
 use crate::questions::items;
 use crate::status::{Failure, guarded, spinney_status};
+use crate::warnings::Warnings;
 
 /// A mesh in the caller's memory: vertices, and faces over them. Zeros and NULL are for what there is not, as in
 /// `spinney_mesh mesh = {0};`.
@@ -118,8 +119,8 @@ pub struct spinney_mesh_report {
 /// `options_size` is `sizeof(spinney_mesh_options)`, and `report_size` `sizeof(spinney_mesh_report)`.
 ///
 /// A surface that is open, passes through itself or is inside out bounds no body: SPINNEY_INVALID, with the places, up to 100 of them, in
-/// spinney_error(). Where it fails there is no file. The program warns where a repair changes a surface or its volume by more than a
-/// hundredth; here the report has both volumes and the counts, and nobody is warned.
+/// spinney_error(). Where it fails there is no file. spinney_warnings() tells where a repair has changed the surface or its volume by more than a
+/// hundredth, and the like.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_build(
     meshes: *const spinney_mesh,
@@ -132,6 +133,7 @@ pub unsafe extern "C" fn spinney_model_build(
     report_size: usize,
 ) -> spinney_status {
     guarded(|| {
+        let warnings = Warnings::begin();
         check_size("meshes", mesh_size, size_of::<spinney_mesh>())?;
         // SAFETY: the caller has so many there.
         let meshes = unsafe { items("meshes", meshes, count)? };
@@ -157,7 +159,7 @@ pub unsafe extern "C" fn spinney_model_build(
             // SAFETY: the caller has what its structs say.
             .map(|mesh| Ok(unsafe { mesh.arrays()? }.model()?))
             .collect::<Result<_, Failure>>()?;
-        let built = import_exact(models, &options, Output::create(&path)?, &())?;
+        let built = import_exact(models, &options, Output::create(&path)?, &warnings)?;
         if let Some(report) = report {
             *report = report_of(&built);
         }

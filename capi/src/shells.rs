@@ -12,6 +12,7 @@ use crate::dataset::path_of;
 use crate::model::{check_size, opened, place, spinney_model};
 use crate::questions::buffer;
 use crate::status::{Failure, guarded, spinney_status};
+use crate::warnings::Warnings;
 
 /// Numbers of the entities of a shell: a surface that hangs together.
 #[repr(C)]
@@ -68,7 +69,8 @@ pub unsafe extern "C" fn spinney_model_shells(
 
 /// Makes the file of the body of a set operation on `count` models, exactly, as `spinney combine` does; `operation` is its number, from 0 to 15: 1
 /// is the intersection, 2 the first without the second, 6 the symmetric difference, 7 the union, 12 the complement. Grids must have the
-/// same step. Takes at most `memory` bytes for the faces that are near each other's. Where it fails there is no file.
+/// same step. Takes at most `memory` bytes for the faces that are near each other's. Where it fails there is no file; spinney_warnings() tells what of
+/// the models is not kept.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_combine(
     operation: u32,
@@ -78,6 +80,7 @@ pub unsafe extern "C" fn spinney_model_combine(
     memory: u64,
 ) -> spinney_status {
     guarded(|| {
+        let warnings = Warnings::begin();
         if models.is_null()
             || path.is_null()
             || count > isize::MAX as usize / size_of::<*const spinney_model>()
@@ -98,7 +101,7 @@ pub unsafe extern "C" fn spinney_model_combine(
         if models.iter().any(|model| model.path() == path) {
             return Err(Failure::invalid("path: is that of one of the models, expected another file"));
         }
-        combine(number, &models, Output::create(&path)?, Codec::Plain, memory, &())?;
+        combine(number, &models, Output::create(&path)?, Codec::Plain, memory, &warnings)?;
         Ok(())
     })
 }

@@ -8,6 +8,7 @@ fn main() {
     let config = cbindgen::Config::from_file(crate_folder.join("cbindgen.toml")).expect("cbindgen.toml");
     let sources = [
         "status",
+        "warnings",
         "dataset",
         "layers",
         "questions",
