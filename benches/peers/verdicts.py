@@ -2,7 +2,7 @@
 """Buildings of city files: which are bodies and what volume they have, by `spinney build --brep --skip-bad` and `stats --each`, against trimesh and cjval.
 
     verdicts.py
-    verdicts.py lines     with cjval's verdict of each building, which takes it a third of a second
+    verdicts.py lines     with cjval's verdict of each building, which takes it a tenth of a second
 
 Files are those of Delft and Rotterdam in ../shared/data. What is compared, and what is not:
 

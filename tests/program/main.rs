@@ -13,6 +13,7 @@ mod cli_coordinates;
 mod cli_crs;
 mod cli_edits;
 mod cli_exact;
+mod cli_exact_memory;
 mod cli_exact_motions;
 mod cli_exact_sets;
 #[cfg(feature = "cli")]
