@@ -72,8 +72,8 @@ fn attack(name: &str, file: &[u8], every: usize) {
 fn fields_of_quadtrees() {
     if is_alone("attack_autumnal::fields_of_quadtrees") {
         attack("bytes", &random(QUAD, [6, 5, 1], (Rule::Mean, Kind::Continuous)), 1);
-        attack("classes", &random(QUAD, [6, 5, 1], (Rule::Majority, Kind::Categorical)), 3);
-        attack("floats", &random(quad(SampleType::F32, 2), [4, 4, 1], (Rule::Mean, Kind::Continuous)), 3);
+        attack("classes", &random(QUAD, [6, 5, 1], (Rule::Majority, Kind::Categorical)), 7);
+        attack("floats", &random(quad(SampleType::F32, 2), [4, 4, 1], (Rule::Mean, Kind::Continuous)), 7);
     }
 }
 
@@ -89,7 +89,7 @@ fn fields_of_zones_and_shared_subtrees() {
     if is_alone("attack_autumnal::fields_of_zones_and_shared_subtrees") {
         let stripes =
             MemTree::from_cells(QUAD, 7, Rule::Majority, &|[x, _, _]| Some(byte((x / 8 % 2) as u8)));
-        attack("zones", &file(&stripes, [128, 100, 1], (Rule::Majority, Kind::Categorical), true), 7);
+        attack("zones", &file(&stripes, [128, 100, 1], (Rule::Majority, Kind::Categorical), true), 13);
     }
 }
 
@@ -108,11 +108,11 @@ fn with_packed_history(bytes: &[u8]) -> Vec<u8> {
 #[test]
 fn fields_of_packed_history() {
     if is_alone("attack_autumnal::fields_of_packed_history") {
-        attack("bytes", &with_packed_history(&random(QUAD, [6, 5, 1], (Rule::Mean, Kind::Continuous))), 3);
+        attack("bytes", &with_packed_history(&random(QUAD, [6, 5, 1], (Rule::Mean, Kind::Continuous))), 7);
         let classes = random(QUAD, [13, 11, 1], (Rule::Majority, Kind::Categorical));
-        attack("classes", &with_packed_history(&classes), 13);
+        attack("classes", &with_packed_history(&classes), 29);
         let octree = random(OCT, [4, 3, 5], (Rule::Occupancy, Kind::Continuous));
-        attack("octree", &with_packed_history(&octree), 7);
+        attack("octree", &with_packed_history(&octree), 17);
     }
 }
 
@@ -120,6 +120,6 @@ fn fields_of_packed_history() {
 fn a_frozen_file_with_four_commits() {
     if is_alone("attack_autumnal::a_frozen_file_with_four_commits") {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/history.autumn");
-        attack("history", &std::fs::read(path).unwrap(), 3);
+        attack("history", &std::fs::read(path).unwrap(), 7);
     }
 }

@@ -146,7 +146,7 @@ fn fields_of_small_models() {
 fn fields_of_models_with_holes_and_parts() {
     if is_alone("attack_model::fields_of_models_with_holes_and_parts") {
         // (Each kind of field is there many times.)
-        attack(&house(4), 7);
+        attack(&house(4), 15);
     }
 }
 
@@ -154,7 +154,7 @@ fn fields_of_models_with_holes_and_parts() {
 fn fields_of_packed_models() {
     if is_alone("attack_model::fields_of_packed_models") {
         // (Bytes of packed pieces mean little one by one.)
-        attack(include_bytes!("../../fixtures/v1/crossing_packed.goblin"), 11);
+        attack(include_bytes!("../../fixtures/v1/crossing_packed.goblin"), 23);
     }
 }
 

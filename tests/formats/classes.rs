@@ -129,7 +129,7 @@ fn set(file: &mut CountedFile, [x, y]: [u64; 2], class: u32) -> u64 {
 
 #[test]
 fn an_edit_among_very_many_classes_writes_little() {
-    for (side, classes) in [(256, 1000), (256, 10_000), (512, 262_144), (1024, 1_000_000)] {
+    for (side, classes) in [(256, 1000), (256, 10_000), (512, 262_144)] {
         let mut cells = match classes {
             262_144 => {
                 made(FORM, [side, side, 1], |[x, y, _]| Some(Value::from([FIRST + (x + side * y) as u32])))

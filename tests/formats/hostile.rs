@@ -169,7 +169,7 @@ fn any_damage_to_a_tiny_file_is_found() {
 
 #[test]
 fn damage_to_a_file_with_segments_is_found() {
-    truncate_and_flip(map(), 997, 40);
+    truncate_and_flip(map(), 997, 25);
 }
 
 #[test]
