@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use spinney::brep::surface_intersection::surface_intersection;
-use spinney::brep::{ExactModel, Faces, InsideRule, Motion, TransformOptions, combine, transform};
+use spinney::brep::{ExactModel, Faces, InsideRule, ModelView, Motion, TransformOptions, combine, transform};
 use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::export::vector::{SectionPlanes, VectorFormat, export_objects, export_section};
 use spinney::import::mesh::{ExactOptions, import_exact, model_contacts, open_all};
@@ -146,7 +146,8 @@ fn builds_and_repairs_are_interrupted_and_leave_nothing() {
 fn operations_on_models_are_interrupted_and_leave_nothing() {
     let input = tempfile::tempdir().unwrap();
     let models = models(input.path(), 50);
-    let [a, b] = &models;
+    let [a, b] = models.map(ModelView::from);
+    let (view, a, b) = (&a, a.file(), b.file());
     let file = |folder: &Path, name: &str| Output::create(&folder.join(name));
     for operation in [2, 7] {
         check("combine", 50, &|folder, progress| {
@@ -171,11 +172,11 @@ fn operations_on_models_are_interrupted_and_leave_nothing() {
     }
     let planes: Vec<SectionPlanes> = vec!["z=-90..90/3".parse().unwrap()];
     check("section", 100, &|folder, progress| {
-        export_section(a, &planes, false, file(folder, "made.geojson")?, VectorFormat::GeoJson, progress)
+        export_section(view, &planes, false, file(folder, "made.geojson")?, VectorFormat::GeoJson, progress)
             .map(|_| ())
     });
     check("stats --each", 4, &|folder, progress| {
-        export_objects(a, None, file(folder, "made.csv")?, VectorFormat::Csv, MEMORY, progress).map(|_| ())
+        export_objects(view, None, file(folder, "made.csv")?, VectorFormat::Csv, MEMORY, progress).map(|_| ())
     });
     check("section of two", 20, &|_, progress| surface_intersection(a, b, PLENTY, progress).map(|_| ()));
     check("verify", 10, &|_, progress| a.verify(MEMORY, progress).map(|_| ()));
