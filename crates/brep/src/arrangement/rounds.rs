@@ -8,7 +8,7 @@ use super::point::ExactPlane;
 use super::rounding::Rounder;
 use super::seams::Seams;
 use super::snapping::{EachFace, snap};
-use super::surface::{Kept, OFTEN, Operands, OtherFaces, Resolved, crossings, resolve};
+use super::surface::{Kept, OFTEN, Operands, OtherFaces, Resolved, crossings, resolve, too_large};
 use crate::exact::normal::ring_normal;
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
@@ -28,7 +28,7 @@ pub(crate) fn divide(
 ) -> Result<(ExactFaces, Resolved)> {
     let mut found =
         ExactFaces::of_grid(FaceList::new(faces.list.grid().clone(), faces.list.parts().to_vec()));
-    let mut turner = Turner::default();
+    let (mut turner, mut part_bytes) = (Turner::default(), 0);
     let resolved = resolve(faces, operands, path, memory, progress, &mut |kept| {
         match kept {
             Kept::Face { face, is_turned } => match faces.exact.get(&(face.number as u32)) {
@@ -36,7 +36,14 @@ pub(crate) fn divide(
                 None if is_turned => found.list.push(&turner.turn(&face)),
                 None => found.list.push(&face),
             },
-            Kept::PlaneRegion { exact, .. } => found.push(exact),
+            Kept::PlaneRegion { exact, .. } => {
+                // (Where very many faces meet, parts of them take much more than the faces.)
+                part_bytes += exact.bytes();
+                if part_bytes > memory {
+                    return Err(too_large(path, part_bytes, memory));
+                }
+                found.push(exact);
+            }
         }
         Ok(())
     })?;
