@@ -126,7 +126,7 @@ pub fn repair(
     let Resolved { pairs, divided, removed, outside, outside_share, turned } = done;
     drop(faces);
     tell_changes(outside_share, volume / cells_volume, path, progress);
-    let rounded = round(exact, progress)?;
+    let mut rounded = round(exact, progress)?;
     let crossings = rounded.crossings(path, memory, progress)?;
     let mut seams = Seams::default();
     seams.add_all(&rounded.faces, progress)?;

@@ -1,6 +1,7 @@
 //! Arrangements, exact and on the grid: bodies are divided by each other once; then their new vertices are moved to the grid,
 //! and faces are divided again until that has no more consequences.
 
+use std::mem;
 use std::path::Path;
 
 use super::exact_face::{ExactFace, ExactFaces};
@@ -128,12 +129,16 @@ impl Rounded {
     ///
     /// # Errors
     /// If `memory` bytes are not enough, or on interruption.
-    pub(crate) fn crossings(&self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<u64> {
+    pub(crate) fn crossings(&mut self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<u64> {
         if !self.changed.contains(&true) {
             return Ok(0);
         }
-        let faces = ExactFaces::of_grid(self.faces.clone());
-        crossings(&faces, &self.operands(&[faces.list.len() as u32], &[0]), path, memory, progress)
+        let none = FaceList::new(self.faces.grid().clone(), Vec::new());
+        let faces = ExactFaces::of_grid(mem::replace(&mut self.faces, none));
+        let ends = [faces.list.len() as u32];
+        let found = crossings(&faces, &operands(&ends, &[0], &self.changed), path, memory, progress);
+        self.faces = faces.list;
+        found
     }
 
     /// Closes a surface edge by edge where `seams` are open, and mends it where it is thinner than a step (there are `crossings`), if that comes to an
@@ -160,25 +165,15 @@ impl Rounded {
         if crossings == 0 {
             return Ok(self);
         }
-        match self.clone().mended(crossings, surroundings, path, memory, progress) {
-            Ok((mended, true)) => Ok(mended),
-            Ok(_) | Err(Error::NoBody { .. } | Error::TooLarge { .. }) => Ok(self),
-            Err(error) => Err(error),
-        }
-    }
-
-    fn operands<'a>(&'a self, ends: &'a [u32], far: &'a [i32]) -> Operands<'a> {
-        Operands {
-            ends,
-            far,
-            are_bodies: false,
-            turns_roots: false,
-            most_contacts: 0,
-            changed: &self.changed,
-            winding: &|_, _| None,
-            rest: None,
-            is_inside: &|windings| windings[0] > 0,
-        }
+        // (What is exact stays so: others join it.)
+        let mut exact = mem::take(&mut self.exact);
+        let mut made = match self.clone().mended(crossings, surroundings, path, memory, progress) {
+            Ok((mended, true)) => mended,
+            Ok(_) | Err(Error::NoBody { .. } | Error::TooLarge { .. }) => self,
+            Err(error) => return Err(error),
+        };
+        exact.append(&mut made.exact);
+        Ok(Rounded { exact, ..made })
     }
 
     /// Mends what moving vertices has done to a surface, as far as that gets in a few rounds. Says whether nothing is left to do, and the
@@ -205,10 +200,9 @@ impl Rounded {
         let mut state = self;
         let mut first = None;
         loop {
-            let before = state.clone();
-            let ends = [state.faces.len() as u32];
+            let (ends, changed) = ([state.faces.len() as u32], state.changed.clone());
             let operands =
-                Operands { most_contacts, rest: surroundings.rest, ..before.operands(&ends, &far) };
+                Operands { most_contacts, rest: surroundings.rest, ..operands(&ends, &far, &changed) };
             let mut rounder = Rounder::default();
             let (next, Resolved { divided, removed, .. }) = state.again(|faces, each| {
                 let mut turner = Turner::default();
@@ -281,6 +275,21 @@ impl Rounded {
         debug_assert!(changed.len() == list.len() as usize && still.len() == changed.len());
         let stands_in = still.into_iter().map(|still| !still).collect();
         Ok((Rounded { faces: list, stands_in, exact, changed, moved, displacement, reach }, made))
+    }
+}
+
+/// The operand that a surface on the grid is: what it goes around once or more is inside.
+fn operands<'a>(ends: &'a [u32], far: &'a [i32], changed: &'a [bool]) -> Operands<'a> {
+    Operands {
+        ends,
+        far,
+        are_bodies: false,
+        turns_roots: false,
+        most_contacts: 0,
+        changed,
+        winding: &|_, _| None,
+        rest: None,
+        is_inside: &|windings| windings[0] > 0,
     }
 }
 
