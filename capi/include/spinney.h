@@ -352,7 +352,7 @@ const char *spinney_error(void);
 // The library's version.
 const char *spinney_version(void);
 
-// What this thread's last call of spinney_model_build() or spinney_model_combine() has warned of, a line for each, beginning with the file that it is
+// Warnings of this thread's last call of spinney_model_build() or spinney_model_combine(), a line for each, beginning with the file that it is
 // about: what users should know of a file that was made all the same, such as a repair that changes the volume by more than a hundredth, or values of
 // faces that are not kept. Empty if there was nothing; it is there until the thread's next such call.
 const char *spinney_warnings(void);

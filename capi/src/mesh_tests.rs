@@ -332,7 +332,7 @@ fn arguments_that_make_no_sense_are_refused() {
     assert_eq!(volume(&place.path), 8.0);
 }
 
-/// What a repair changes is told, a line for each, until the next call that makes a model.
+/// Changes by a repair are told, a line for each, until the next call that makes a model.
 #[test]
 fn warnings_are_told() {
     let warnings = || unsafe { CStr::from_ptr(spinney_warnings()) }.to_str().unwrap().to_owned();

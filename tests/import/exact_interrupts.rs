@@ -21,7 +21,7 @@ const PLENTY: u64 = 64 << 20;
 struct Impatient {
     patience: u64,
     asked: AtomicU64,
-    /// What was done, and each total that was told.
+    /// Work that was done, and each total that was told.
     told: Mutex<(u64, Vec<u64>)>,
 }
 
@@ -192,7 +192,7 @@ fn searches_for_contacts_are_interrupted() {
     });
 }
 
-/// What is done comes to all that was told, one total from the beginning to the end, and well before that.
+/// Work that is done comes to all that was told, one total from the beginning to the end, and well before that.
 #[test]
 fn progress_comes_to_its_end() {
     let input = tempfile::tempdir().unwrap();

@@ -247,17 +247,24 @@ fn tool(path: &Path, is_one: bool) -> ExactModel {
     ExactModel::open(path, &OpenOptions::new()).unwrap()
 }
 
+/// A city, a tool, whose faces are all of one source if `is_one`, and the city without the tool.
+fn cut_city(folder: &Path, is_one: bool) -> ([ExactModel; 3], CombineReport) {
+    let at = |name: &str| folder.join(name);
+    std::fs::write(at("a.city.json"), city().to_string()).unwrap();
+    let mut options = ExactOptions::new();
+    options.snap = Some(0.001);
+    let (city, _) = import(&at("a.city.json"), &at("a.goblin"), &options);
+    let tool = tool(&at("b.goblin"), is_one);
+    let (cut, report) = operation(2, &[&city, &tool], &at("c.goblin"));
+    ([city, tool, cut], report)
+}
+
 /// Faces of operations have the values of those that they come of, also where these are divided, and of results of operations.
 #[test]
 fn operations_keep_values_of_faces() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    std::fs::write(at("a.city.json"), city().to_string()).unwrap();
-    let mut options = ExactOptions::new();
-    options.snap = Some(0.001);
-    let (city, _) = import(&at("a.city.json"), &at("a.goblin"), &options);
-    let tool = tool(&at("b.goblin"), false);
-    let (cut, report) = operation(2, &[&city, &tool], &at("c.goblin"));
+    let ([city, tool, cut], report) = cut_city(folder.path(), false);
     assert!(report.divided > 0 && cut.exact_faces().0 > 0, "{report:?}");
     assert_eq!((report.lost_columns, report.lost_values), (0, 0));
     assert!(check_values(&cut, &[&city, &tool]) > 20);
@@ -296,13 +303,7 @@ fn operations_keep_values_of_faces() {
 #[test]
 fn values_that_cannot_be_told_apart_are_not_kept() {
     let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    std::fs::write(at("a.city.json"), city().to_string()).unwrap();
-    let mut options = ExactOptions::new();
-    options.snap = Some(0.001);
-    let (city, _) = import(&at("a.city.json"), &at("a.goblin"), &options);
-    let tool = tool(&at("b.goblin"), true);
-    let (cut, report) = operation(2, &[&city, &tool], &at("c.goblin"));
+    let ([_, tool, cut], report) = cut_city(folder.path(), true);
     let of_tool = values(&cut).into_iter().filter(|(part, ..)| cut.parts()[*part as usize] == "tool");
     let of_tool: Vec<Values> = of_tool.map(|(.., own)| own).collect();
     assert!(
@@ -311,7 +312,7 @@ fn values_that_cannot_be_told_apart_are_not_kept() {
     );
     assert!(!of_tool.is_empty());
     // What is not near the other keeps them.
-    let (apart, report) = operation(3, &[&tool], &at("d.goblin"));
+    let (apart, report) = operation(3, &[&tool], &folder.path().join("d.goblin"));
     assert_eq!((report.lost_values, values(&apart)), (0, values(&tool)));
 }
 

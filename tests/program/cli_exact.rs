@@ -441,7 +441,7 @@ fn objects_are_found() {
     assert_eq!(json["face_columns"], serde_json::json!(["surface", "type"]));
 }
 
-/// What is said of surfaces stays with faces that `combine` divides.
+/// Semantics of surfaces stay with faces that `combine` divides.
 #[test]
 fn combine_keeps_values_of_faces() {
     let folder = Folder::new();

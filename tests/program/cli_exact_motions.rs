@@ -106,7 +106,7 @@ fn questions_see_models_through_shifts_and_factors() {
     assert!(told.contains("which move coordinates"), "{told}");
 }
 
-/// What asks for numbers sees models through any map, and says so where these are rounded; all else wants a file.
+/// Questions for numbers see models through any map, and say so where these are rounded; all others want a file.
 #[test]
 fn questions_see_models_through_any_map() {
     let folder = Folder::new();

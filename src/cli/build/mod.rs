@@ -180,7 +180,7 @@ impl Import {
         }
     }
 
-    /// What the progress of building counts, in the plural.
+    /// Name of the units that the progress of building counts, in the plural.
     fn unit(&self) -> &'static str {
         match self {
             Import::Exact(_) => "faces",

@@ -355,6 +355,8 @@ impl Walk<'_> {
             return self.conflict_of_pieces(firsts, seconds, list, owns);
         }
         // Of many triangles, those that get to where both faces are.
+        // Invariant: whatever decides about a pair is in the cell, and in what the cell has of both faces: a corner that both have,
+        // or a point where they meet. So none is passed over that no other cell looks at.
         let near = |triangles: &[Piece]| -> Vec<Piece> {
             let is_near = |piece: &&Piece| {
                 let bounds = bounds_of(&piece.corners);

@@ -47,6 +47,9 @@ struct PolygonItem {
 
 /// Polygons of many corners that come again, by the numbers of their faces: walls of many holes are cut into triangles once for all leaves
 /// of a base.
+///
+/// Invariant: numbers are those of the file that is built, in which each is one face's. Faces of a base that go have the base's numbers,
+/// and are not asked for here.
 pub(super) struct LargePolygons {
     known: HashMap<u32, Arc<PolygonItem>>,
     /// Corners of all.

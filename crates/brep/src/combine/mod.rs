@@ -30,7 +30,9 @@ use self::placed::Placed;
 use self::table::OperationTable;
 use self::values::FaceValues;
 use self::winding::{settled_above, winding};
-use super::arrangement::{ExactFace, Operands, Resolved, Rounded, SamplePoint, Surroundings, divide, round};
+use super::arrangement::{
+    ExactFace, ExactFaces, Operands, Resolved, Rounded, SamplePoint, Seams, Surroundings, divide, round,
+};
 use super::store::formula::formula;
 use super::{BuildReport, ExactModel, Faces, Grid, ModelBuilder};
 use crate::closure::SurfaceClosure;
@@ -194,20 +196,9 @@ fn made(
     drop(faces);
     let Resolved { pairs, divided, .. } = done;
     beside.into_iter().for_each(|face| exact.push(face));
-    let mut rounded = round(exact, progress)?;
-    let crossings = rounded.crossings(path, memory / 2, progress)?;
-    seams.add_all(&rounded.faces, progress)?;
-    if crossings > 0 {
-        bodies.settled(progress, &mut |_, face, _, _| {
-            seams.add_watched(face);
-            Ok(())
-        })?;
-        let rest = |sample: &SamplePoint<'_>| settled_above(&bodies, sample);
-        let around = Surroundings { is_unbounded, reach: bodies.reach(), rest: Some(&rest) };
-        rounded = rounded.closed(mem::take(&mut seams), crossings, &around, path, memory / 2, progress)?;
-    }
-    rounded.reach = rounded.reach.max(bodies.reach());
-    // Leaves of a base list exact faces as far away as faces that stand in for them may lie there.
+    let rounded = on_grid(exact, &bodies, &mut seams, (is_unbounded, path), memory / 2, progress)?;
+    // Invariant: all leaves list exact faces as far away as the file says that faces standing in for them may lie; so do those of a base
+    // that is taken over. (One that is not has been told of faces that go, of which nothing is made then.)
     let base = base.filter(|base| !base.model.is_beside_grid() || base.model.reach() == rounded.reach);
     if base.is_none() {
         surface = SurfaceClosure::new(true);
@@ -311,6 +302,35 @@ fn made(
         is_unbounded,
         built,
     })
+}
+
+/// The faces near other bodies on the grid, mended where they pass through each other there. `seams` has the edges at which they meet the
+/// others; none is left where they were mended.
+fn on_grid(
+    exact: ExactFaces,
+    bodies: &Bodies<'_>,
+    seams: &mut Seams,
+    (is_unbounded, path): (bool, &Path),
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Rounded> {
+    let mut rounded = round(exact, progress)?;
+    let crossings = rounded.crossings(path, memory, progress)?;
+    seams.add_all(&rounded.faces, progress)?;
+    if crossings > 0 {
+        bodies.settled(progress, &mut |_, face, _, _| {
+            seams.add_watched(face);
+            Ok(())
+        })?;
+        // Invariant: faces that are not near other bodies pass through none of these, whose new corners lie on other bodies' faces, a step away
+        // or more, and are moved by less. So they are in no contact, and what they change in winding numbers is the same all over a region.
+        let rest = |sample: &SamplePoint<'_>| settled_above(bodies, sample);
+        let around = Surroundings { is_unbounded, reach: bodies.reach(), rest: Some(&rest) };
+        rounded = rounded.closed(mem::take(seams), crossings, &around, path, memory, progress)?;
+    }
+    // (Faces that are made anew lie as near as the mending leaves them; those that stay, as before.)
+    rounded.reach = rounded.reach.max(bodies.reach());
+    Ok(rounded)
 }
 
 /// Unit, place and provenance of the result.

@@ -70,6 +70,9 @@ pub(super) fn winding(
 
 /// The change in the winding number of the result's surface above a sample by those faces that are not near other bodies; none of these is at
 /// the sample.
+///
+/// Invariant: each face that the line meets is in a leaf that it goes through, and counts once, with the fate that it has in the result, so that
+/// these faces and those that are near are the whole surface, each once.
 pub(super) fn settled_above(bodies: &Bodies<'_>, sample: &SamplePoint<'_>) -> Result<i32> {
     let (mut buffer, mut points) = (FaceBuffer::default(), Vec::new());
     let mut known = HashSet::new();

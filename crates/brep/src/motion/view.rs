@@ -58,7 +58,7 @@ struct Rest {
     is_mirrored: bool,
 }
 
-/// What of faces that are carried does not follow from what they were.
+/// Measures of carried faces that do not follow from those of the faces where they lie in the model.
 struct Outline {
     /// Twice the area, in squares of the model's steps.
     area: f64,
