@@ -22,6 +22,8 @@ pub enum Content {
     Cells = 0,
     /// An exact model.
     Model = 2,
+    /// A tree of points.
+    Points = 3,
 }
 
 /// The first 24 bytes of a file, which the trailer of a Goblin file repeats.
@@ -84,6 +86,11 @@ impl FileHeader {
                     "make cells of it first (`spinney build MODEL.goblin --cells N -o CELLS.goblin`)";
                 Err(Error::unsupported(path, "an exact model, where cells are expected,", advice))
             }
+            Content::Points => {
+                let advice =
+                    "make a raster of it first (`spinney transform POINTS.goblin -o OUT.goblin raster=mean,cell=1`)";
+                Err(Error::unsupported(path, "a tree of points, where cells are expected,", advice))
+            }
         }
     }
 
@@ -143,6 +150,7 @@ impl FileHeader {
         let content = match (raw.content, format) {
             (0, _) => Content::Cells,
             (2, TreeFormat::Goblin) => Content::Model,
+            (3, TreeFormat::Goblin) => Content::Points,
             (other, _) => {
                 let advice = "read it with a program as new as the file";
                 return Err(Error::unsupported(path, format!("content number {other}"), advice));

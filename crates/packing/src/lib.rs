@@ -3,7 +3,8 @@
 //! A segment's nodes are coded level by level, each in the context of the nodes around it, and dense blocks of numbers plane by plane, foretold by
 //! the level above. What is unpacked is the plain segment, byte for byte. Knows what stands in a segment, and nothing of files.
 //!
-//! [`Columns`] codes numbers of which somebody else knows what they mean, such as those of exact models.
+//! [`Columns`] codes numbers of which somebody else knows what they mean, such as those of exact models; [`pack_numbers`] does so for many numbers that
+//! mean the same, such as those of points, and much faster.
 
 mod adaptive;
 mod around;
@@ -12,6 +13,7 @@ mod blocks;
 mod columns;
 mod counts;
 mod errors;
+mod fixed_log;
 mod fullness;
 mod initial;
 mod masks;
@@ -25,9 +27,12 @@ mod samples;
 mod segment;
 #[cfg(test)]
 mod tests;
+mod tokens;
 mod values;
 
 pub use columns::Columns;
+pub use fixed_log::{LOG_BITS, log2};
 pub use room::{PLAIN_BITS, PLAIN_PER_BYTE, may_unpack};
 pub use runs::{Run, RunForm, UnpackedRuns, pack_runs, unpack_runs};
 pub use segment::{Damage, Effort, SegmentForm, pack, unpack};
+pub use tokens::{MOST_CONTEXTS, pack_numbers, unpack_numbers};

@@ -1,0 +1,27 @@
+//! Logarithms in whole numbers, the same on every machine.
+
+/// Bits of a logarithm behind the point.
+pub const LOG_BITS: u32 = 12;
+
+/// The logarithm to base 2 of a number above 0, within 0.09: between powers of two it goes straight.
+pub fn log2(number: u64) -> u64 {
+    let whole = 63 - number.leading_zeros();
+    let behind = match whole.checked_sub(LOG_BITS) {
+        Some(shift) => number >> shift,
+        None => number << (LOG_BITS - whole),
+    };
+    (u64::from(whole) << LOG_BITS) + (behind & ((1 << LOG_BITS) - 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn logarithms_are_near() {
+        for number in (1..5000).chain([u64::MAX, 1 << 40, 3 << 50]) {
+            let found = log2(number) as f64 / f64::from(1 << LOG_BITS);
+            assert!((found - (number as f64).log2()).abs() < 0.09, "{number}");
+        }
+    }
+}

@@ -1,0 +1,496 @@
+//! Columns of numbers by tokens: those of a few thousand numbers and more, coded and decoded fast, with probabilities that are counted first.
+//!
+//! A number is a *token*, which tells about how large it is, and the bits that are left. Tokens are coded by rANS (Duda, arXiv:1311.2540) with
+//! two states of 32 bits that take turns, and probabilities in parts of 2^12, which stand before them; the bits that are left stand as they are.
+//! Tokens of one *context* have probabilities of their own; who reads knows each number's context before its token.
+
+use crate::bits::{fold, unfold};
+use crate::fixed_log::{LOG_BITS, log2};
+
+/// Contexts at most.
+pub const MOST_CONTEXTS: usize = 8;
+
+/// Bits of the sum of all probabilities.
+const TOTAL_BITS: u32 = 12;
+const TOTAL: u32 = 1 << TOTAL_BITS;
+/// The least state between two tokens.
+const LOW: u32 = 1 << 16;
+
+/// Numbers of fewer bits have a token each. Many such tokens suit numbers of which some come often and their neighbours do not, such as times
+/// between pulses.
+const COARSE: u32 = 4;
+const FINE: u32 = 9;
+/// Tokens at most.
+const TOKENS: usize = tokens(FINE);
+
+/// Number of the tokens of all numbers.
+const fn tokens(fineness: u32) -> usize {
+    (1 << fineness) + 4 * (64 - fineness as usize)
+}
+
+/// The token of a number, and how many of its lowest bits the token does not tell.
+#[inline(always)]
+fn token_of(number: u64, fineness: u32) -> (u16, u32) {
+    if number < 1 << fineness {
+        return (number as u16, 0);
+    }
+    // Four tokens for each power of two: 16, 20, 24, 28; 32, 40, ...
+    let highest = 63 - number.leading_zeros();
+    let rest = highest - 2;
+    let token = (1 << fineness) + (highest - fineness) * 4 + (number >> rest) as u32 - 4;
+    (token as u16, rest)
+}
+
+/// The least number with a token, and the number of bits behind it.
+#[inline(always)]
+fn number_of(token: u16, fineness: u32) -> (u64, u32) {
+    let token = u32::from(token);
+    let Some(above) = token.checked_sub(1 << fineness) else { return (token.into(), 0) };
+    let rest = above / 4 + fineness - 2;
+    (u64::from(4 + above % 4) << rest, rest)
+}
+
+/// Bits one after the other, from the lowest of each byte up.
+#[derive(Default)]
+struct Bits {
+    bytes: Vec<u8>,
+    some: u64,
+    count: u32,
+}
+
+impl Bits {
+    #[inline(always)]
+    fn put(&mut self, bits: u64, count: u32) {
+        if count > 32 {
+            self.put(bits & 0xffff_ffff, 32);
+            return self.put(bits >> 32, count - 32);
+        }
+        // Invariant: fewer than 32 bits wait, so that 32 more have room.
+        self.some |= bits << self.count;
+        self.count += count;
+        if self.count >= 32 {
+            self.bytes.extend_from_slice(&(self.some as u32).to_le_bytes());
+            self.some >>= 32;
+            self.count -= 32;
+        }
+    }
+
+    fn finish(mut self) -> Vec<u8> {
+        let left = self.count.div_ceil(8) as usize;
+        self.bytes.extend_from_slice(&self.some.to_le_bytes()[..left]);
+        self.bytes
+    }
+}
+
+/// A reader of [`Bits`]. Behind the last byte it goes on with zeros, which [`BitSlice::is_whole`] tells.
+struct BitSlice<'b> {
+    rest: &'b [u8],
+    some: u64,
+    count: u32,
+    is_short: bool,
+}
+
+impl<'b> BitSlice<'b> {
+    fn new(rest: &'b [u8]) -> BitSlice<'b> {
+        BitSlice { rest, some: 0, count: 0, is_short: false }
+    }
+
+    #[inline(always)]
+    fn take(&mut self, count: u32) -> u64 {
+        if count > 32 {
+            let low = self.take(32);
+            return low | self.take(count - 32) << 32;
+        }
+        if self.count < count {
+            self.fill();
+        }
+        let bits = self.some & ((1 << count) - 1);
+        self.some >>= count;
+        self.count -= count;
+        bits
+    }
+
+    #[inline(always)]
+    fn fill(&mut self) {
+        if let Some((word, rest)) = self.rest.split_first_chunk() {
+            self.some |= u64::from(u32::from_le_bytes(*word)) << self.count;
+            self.rest = rest;
+        } else {
+            self.is_short |= self.rest.is_empty();
+            let mut word = [0; 4];
+            word[..self.rest.len()].copy_from_slice(self.rest);
+            self.some |= u64::from(u32::from_le_bytes(word)) << self.count;
+            self.rest = &[];
+        }
+        self.count += 32;
+    }
+
+    /// Whether there were as many bits as were taken, and no byte is left.
+    fn is_whole(&self) -> bool {
+        !self.is_short && self.rest.is_empty()
+    }
+}
+
+/// Probabilities of the tokens of one context.
+struct Table {
+    frequencies: Vec<u16>,
+}
+
+impl Table {
+    /// The probabilities nearest to counts of tokens; each token that there is has at least one part.
+    fn of_counts(counts: &[u32]) -> Table {
+        let all: u64 = counts.iter().map(|count| u64::from(*count)).sum();
+        let mut frequencies = vec![0u16; TOKENS];
+        let mut left = i64::from(TOTAL);
+        for (frequency, count) in frequencies.iter_mut().zip(counts) {
+            if *count > 0 {
+                let part = (u64::from(*count) * u64::from(TOTAL) + all / 2) / all;
+                *frequency = part.clamp(1, u64::from(TOTAL)) as u16;
+                left -= i64::from(*frequency);
+            }
+        }
+        // What was rounded away goes to the most frequent ones, or comes from them. (There are fewer tokens than parts: one can give.)
+        while left != 0 && all > 0 {
+            let most = (0..TOKENS).max_by_key(|token| (frequencies[*token], TOKENS - token)).unwrap_or_default();
+            let change = left.clamp(-i64::from(frequencies[most] / 2).max(1), i64::from(TOTAL));
+            frequencies[most] = (i64::from(frequencies[most]) + change) as u16;
+            left -= change;
+        }
+        Table { frequencies }
+    }
+
+    /// Writes the first and last token that there is, and each frequency between: how many bits it has, then all but the highest. Behind
+    /// a frequency of 0 stands how many more of them follow, up to 15.
+    fn write(&self, bits: &mut Bits) {
+        let is_there = |token: &usize| self.frequencies[*token] > 0;
+        let Some(first) = (0..TOKENS).find(is_there) else {
+            // (The last before the first: there is none.)
+            return bits.put(1, 20);
+        };
+        let last = (0..TOKENS).rev().find(is_there).unwrap_or(first);
+        bits.put((first | last << 10) as u64, 20);
+        let mut rest = &self.frequencies[first..=last];
+        while let Some((frequency, behind)) = rest.split_first() {
+            rest = behind;
+            let length = u16::BITS - frequency.leading_zeros();
+            bits.put(length.into(), 4);
+            if length == 0 {
+                let more = rest.iter().take(15).take_while(|frequency| **frequency == 0).count();
+                bits.put(more as u64, 4);
+                rest = &rest[more..];
+            } else if length > 1 {
+                bits.put(u64::from(*frequency) & ((1 << (length - 1)) - 1), length - 1);
+            }
+        }
+    }
+
+    /// Reads what was written; `None` if the parts do not make a whole.
+    fn read(bits: &mut BitSlice<'_>, fineness: u32) -> Option<Table> {
+        let mut frequencies = vec![0; tokens(fineness)];
+        let (first, last) = (bits.take(10) as usize, bits.take(10) as usize);
+        if (first, last) == (1, 0) {
+            return Some(Table { frequencies });
+        }
+        let mut sum = 0;
+        let mut rest = frequencies.get_mut(first..=last)?.iter_mut();
+        while let Some(frequency) = rest.next() {
+            let length = bits.take(4) as u32;
+            if length == 0 {
+                let more = bits.take(4) as usize;
+                rest.by_ref().take(more).for_each(drop);
+                continue;
+            }
+            let number = 1 << (length - 1) | bits.take(length - 1);
+            *frequency = u16::try_from(number).ok().filter(|number| u32::from(*number) <= TOTAL)?;
+            sum += u32::from(*frequency);
+        }
+        (sum == TOTAL).then_some(Table { frequencies })
+    }
+}
+
+/// What writing a token takes.
+#[derive(Clone, Copy, Default)]
+struct Place {
+    frequency: u32,
+    start: u32,
+    /// 2^44 by the frequency, rounded up.
+    reciprocal: u64,
+}
+
+impl Place {
+    /// The places of all tokens.
+    fn all(table: &Table) -> Vec<Place> {
+        let mut start = 0;
+        let place = |frequency: &u16| {
+            let frequency = u32::from(*frequency);
+            let own = start;
+            start += frequency;
+            let reciprocal = (1u64 << 44).div_ceil(u64::from(frequency.max(1)));
+            Place { frequency, start: own, reciprocal }
+        };
+        table.frequencies.iter().map(place).collect()
+    }
+
+    /// The state behind this token.
+    #[inline(always)]
+    fn after(&self, state: u32) -> u32 {
+        // Exact: the reciprocal times the frequency is less than 2^12 above 2^44, and the state is below 2^32.
+        let whole = ((u128::from(state) * u128::from(self.reciprocal)) >> 44) as u32;
+        (whole << TOTAL_BITS) + (state - whole * self.frequency + self.start)
+    }
+}
+
+/// Counts of tokens by context.
+struct Counts(Vec<u32>);
+
+impl Counts {
+    fn of(numbers: &[i64], contexts: &[u8], used: usize) -> Counts {
+        let mut counts = vec![0; used * TOKENS];
+        if contexts.is_empty() {
+            numbers.iter().for_each(|number| counts[usize::from(token_of(fold(*number), FINE).0)] += 1);
+        }
+        for (number, context) in numbers.iter().zip(contexts) {
+            counts[usize::from(*context) * TOKENS + usize::from(token_of(fold(*number), FINE).0)] += 1;
+        }
+        Counts(counts)
+    }
+
+    /// Those of coarser tokens.
+    fn coarser(&self) -> Counts {
+        let mut coarser = vec![0; self.0.len()];
+        for (own, all) in coarser.chunks_mut(TOKENS).zip(self.0.chunks(TOKENS)) {
+            for (token, count) in all.iter().enumerate().filter(|(_, count)| **count > 0) {
+                own[usize::from(token_of(number_of(token as u16, FINE).0, COARSE).0)] += count;
+            }
+        }
+        Counts(coarser)
+    }
+
+    /// About the bits, in parts of 2^[`LOG_BITS`], that tokens take, their probabilities, and the bits behind.
+    fn cost(&self, fineness: u32) -> u64 {
+        let mut bits = 0;
+        for counts in self.0.chunks(TOKENS) {
+            let all: u64 = counts.iter().map(|count| u64::from(*count)).sum();
+            for (token, count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
+                let (_, rest) = number_of(token as u16, fineness);
+                let count = u64::from(*count);
+                bits += count * (log2(all) - log2(count)) + (count * u64::from(rest) + 9 << LOG_BITS);
+            }
+        }
+        bits
+    }
+}
+
+/// Writes numbers, each in its context, behind what is there; who reads them must know how many there are, and the context of each.
+///
+/// `contexts` has a number below [`MOST_CONTEXTS`] for each number, or nothing, which means that all are in context 0.
+///
+/// ```
+/// # use spinney_packing::{pack_numbers, unpack_numbers};
+/// let numbers = [3, -5, 1 << 40, 0];
+/// let mut bytes = Vec::new();
+/// pack_numbers(&numbers, &[], &mut bytes);
+/// let mut found = [0; 4];
+/// let rest = unpack_numbers(&bytes, &[], &mut found).unwrap();
+/// assert_eq!((found, rest), (numbers, &[][..]));
+/// ```
+pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
+    let used = contexts.iter().max().map_or(1, |most| usize::from(*most) + 1);
+    let fine = Counts::of(numbers, contexts, used);
+    let coarse = fine.coarser();
+    let (fineness, counts) =
+        if fine.cost(FINE) < coarse.cost(COARSE) { (FINE, fine) } else { (COARSE, coarse) };
+    let tables: Vec<Table> = counts.0.chunks(TOKENS).map(Table::of_counts).collect();
+    let mut head = Bits::default();
+    head.put(u64::from(fineness == FINE), 1);
+    tables.iter().for_each(|table| table.write(&mut head));
+    let head = head.finish();
+    let places: Vec<Place> = tables.iter().flat_map(Place::all).collect();
+    let mut bits = Bits::default();
+    for number in numbers {
+        let (_, rest) = token_of(fold(*number), fineness);
+        bits.put(fold(*number) & ((1 << rest) - 1), rest);
+    }
+    let bits = bits.finish();
+    let mut states = [LOW; 2];
+    let mut words: Vec<u16> = Vec::with_capacity(numbers.len());
+    for (index, number) in numbers.iter().enumerate().rev() {
+        let context = contexts.get(index).map_or(0, |context| usize::from(*context));
+        let place = places[context * TOKENS + usize::from(token_of(fold(*number), fineness).0)];
+        if place.frequency == TOTAL {
+            continue;
+        }
+        // Invariant: the state is from 2^16 up to 2^32, before each token and behind it. A word is put away if the state would leave
+        // that, which is just where a reader will find it below 2^16 and take a word.
+        let state = &mut states[index % 2];
+        if *state >= place.frequency << (32 - TOTAL_BITS) {
+            words.push(*state as u16);
+            *state >>= 16;
+        }
+        *state = place.after(*state);
+    }
+    bytes.extend_from_slice(&(head.len() as u16).to_le_bytes());
+    bytes.extend_from_slice(&(words.len() as u32).to_le_bytes());
+    bytes.extend_from_slice(&(bits.len() as u32).to_le_bytes());
+    bytes.extend_from_slice(&head);
+    states.iter().for_each(|state| bytes.extend_from_slice(&state.to_le_bytes()));
+    words.iter().rev().for_each(|word| bytes.extend_from_slice(&word.to_le_bytes()));
+    bytes.extend_from_slice(&bits);
+}
+
+/// Reads numbers that were written with the same contexts, as many as there is room for; hands out the bytes behind them. `None` if they are
+/// not what somebody wrote.
+pub fn unpack_numbers<'b>(bytes: &'b [u8], contexts: &[u8], numbers: &mut [i64]) -> Option<&'b [u8]> {
+    let used = contexts.iter().max().map_or(1, |most| usize::from(*most) + 1);
+    if used > MOST_CONTEXTS || !(contexts.is_empty() || contexts.len() == numbers.len()) {
+        return None;
+    }
+    let (head, rest) = bytes.split_first_chunk()?;
+    let (words, rest) = rest.split_first_chunk()?;
+    let (bits, rest) = rest.split_first_chunk()?;
+    let (words, bits) = (u32::from_le_bytes(*words) as usize, u32::from_le_bytes(*bits) as usize);
+    let (head, rest) = rest.split_at_checked(u16::from_le_bytes(*head).into())?;
+    let mut head = BitSlice::new(head);
+    let fineness = if head.take(1) == 1 { FINE } else { COARSE };
+    let tables = (0..used).map(|_| Table::read(&mut head, fineness)).collect::<Option<Vec<_>>>()?;
+    if !head.is_whole() {
+        return None;
+    }
+    let (states, rest) = rest.split_first_chunk::<8>()?;
+    let (words, rest) = rest.split_at_checked(words.checked_mul(2)?)?;
+    let (bits, rest) = rest.split_at_checked(bits)?;
+    // For each of the parts of a state: what it means.
+    let lookups: Vec<Vec<Part>> = tables.iter().map(|table| Part::all(table, fineness)).collect();
+    let state = |at: usize| u32::from_le_bytes(states[at..at + 4].try_into().expect("four bytes"));
+    let mut states = [state(0), state(4)];
+    let mut words = words.as_chunks::<2>().0.iter();
+    let mut bits = BitSlice::new(bits);
+    let mut is_short = false;
+    for (index, number) in numbers.iter_mut().enumerate() {
+        let context = contexts.get(index).map_or(0, |context| usize::from(*context));
+        let state = &mut states[index % 2];
+        // (There is none where the context has no tokens.)
+        let part = lookups[context].get((*state & (TOTAL - 1)) as usize)?;
+        if part.frequency < TOTAL as u16 {
+            *state = u32::from(part.frequency) * (*state >> TOTAL_BITS) + u32::from(part.place);
+            if *state < LOW {
+                let word = words.next().map(|word| u16::from_le_bytes(*word));
+                is_short |= word.is_none();
+                *state = *state << 16 | u32::from(word.unwrap_or_default());
+            }
+        }
+        let rest = if part.rest > 0 { bits.take(part.rest.into()) } else { 0 };
+        *number = unfold(part.least | rest);
+    }
+    let is_whole = !is_short && words.next().is_none() && states == [LOW; 2] && bits.is_whole();
+    is_whole.then_some(rest)
+}
+
+/// What one of the 2^12 parts of a state means.
+#[derive(Clone, Copy)]
+struct Part {
+    /// The least number with its token, and the bits behind it.
+    least: u64,
+    rest: u8,
+    frequency: u16,
+    /// The part's place among those of its token.
+    place: u16,
+}
+
+impl Part {
+    /// The meaning of all parts; nothing if no token is there.
+    fn all(table: &Table, fineness: u32) -> Vec<Part> {
+        let mut parts = Vec::new();
+        for (token, frequency) in table.frequencies.iter().enumerate() {
+            let (least, rest) = number_of(token as u16, fineness);
+            let part = |place| Part { least, rest: rest as u8, frequency: *frequency, place };
+            parts.extend((0..*frequency).map(part));
+        }
+        parts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn random() -> impl FnMut() -> u64 {
+        let mut state = 7u64;
+        move || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            state ^ state >> 33
+        }
+    }
+
+    #[test]
+    fn tokens_tell_all_numbers() {
+        let mut random = random();
+        let some = (0..10_000).map(|_| random() >> (random() % 64));
+        for number in (0..5000).chain(some).chain([u64::MAX, 1 << 63, (1 << 63) - 1]) {
+            for fineness in [COARSE, FINE] {
+                let (token, rest) = token_of(number, fineness);
+                let (least, bits) = number_of(token, fineness);
+                assert_eq!(bits, rest);
+                assert_eq!(least | number & ((1 << rest) - 1), number);
+            }
+        }
+        assert_eq!(usize::from(token_of(u64::MAX, FINE).0), TOKENS - 1);
+    }
+
+    #[test]
+    fn numbers_come_back() {
+        let mut random = random();
+        for count in [0, 1, 2, 3, 17, 1000, 20_000] {
+            for kinds in [0, 1, 2, 5] {
+                for size in [0, 1, 3, 20, 64] {
+                    let number = |bits: u64| if size == 0 { 7 } else { (bits >> (64 - size)) as i64 };
+                    let numbers: Vec<i64> = (0..count).map(|_| number(random())).collect();
+                    let contexts: Vec<u8> = match kinds {
+                        0 => Vec::new(),
+                        // (Not all are there.)
+                        kinds => (0..count).map(|_| (random() >> 40) as u8 % kinds).map(|kind| kind & 6).collect(),
+                    };
+                    let mut bytes = vec![1, 2];
+                    pack_numbers(&numbers, &contexts, &mut bytes);
+                    bytes.extend([9; 5]);
+                    let mut found = vec![0; count];
+                    let rest = unpack_numbers(&bytes[2..], &contexts, &mut found);
+                    assert_eq!((rest, &found), (Some(&[9; 5][..]), &numbers), "{count} {kinds} {size}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn damage_is_told_or_changes_numbers_only() {
+        let mut random = random();
+        let numbers: Vec<i64> = (0..300).map(|_| (random() >> (40 + random() % 20)) as i64).collect();
+        let contexts: Vec<u8> = (0..300).map(|index| (index % 3) as u8).collect();
+        let mut bytes = Vec::new();
+        pack_numbers(&numbers, &contexts, &mut bytes);
+        let mut found = vec![0; 300];
+        for _ in 0..20_000 {
+            let mut damaged = bytes.clone();
+            let at = random() as usize % damaged.len();
+            damaged[at] ^= 1 << (random() % 8);
+            damaged.truncate(damaged.len() - (random() % 3) as usize);
+            let _ = unpack_numbers(&damaged, &contexts, &mut found);
+        }
+        for length in 0..bytes.len() {
+            assert!(unpack_numbers(&bytes[..length], &contexts, &mut found).is_none());
+        }
+    }
+
+    #[test]
+    fn likely_numbers_take_few_bytes() {
+        let mut random = random();
+        let numbers: Vec<i64> = (0..40_000).map(|_| i64::from(random() % 20 == 0)).collect();
+        let mut bytes = Vec::new();
+        pack_numbers(&numbers, &[], &mut bytes);
+        // (The entropy is 0.286 bits a number.)
+        assert!(bytes.len() < 1500, "{}", bytes.len());
+        bytes.clear();
+        pack_numbers(&[5; 40_000], &[], &mut bytes);
+        assert!(bytes.len() < 32, "{}", bytes.len());
+    }
+}

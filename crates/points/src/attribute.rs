@@ -1,0 +1,198 @@
+//! Attributes of points, and where they stand in rows of bytes.
+
+use spinney_base::value::SampleType;
+
+/// An attribute that each point of a tree has.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Attribute {
+    /// Its name: those of LAS are `intensity`, `return_number`, `classification`, `gps_time` and so on.
+    pub name: String,
+    /// Type of its numbers.
+    pub sample: SampleType,
+    /// Factor and summand that make the quantity of the number, where there are such.
+    pub scale_offset: Option<(f64, f64)>,
+    /// What it is, in words, where the input says so.
+    pub description: String,
+}
+
+impl Attribute {
+    /// An attribute with a name and a type.
+    pub fn new(name: impl Into<String>, sample: SampleType) -> Attribute {
+        Attribute { name: name.into(), sample, scale_offset: None, description: String::new() }
+    }
+
+    /// The quantity that a number is.
+    pub(crate) fn quantity(&self, number: f64) -> f64 {
+        self.scale_offset.map_or(number, |(scale, offset)| number * scale + offset)
+    }
+}
+
+/// Where an attribute's number stands in a row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Its first byte.
+    pub offset: usize,
+    /// Its lowest bit and how many bits it has, if it has a part of one byte only.
+    pub bits: Option<(u8, u8)>,
+}
+
+/// A row of bytes for each point: x, y and z on the grid as `i32` (little-endian), then attributes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RowLayout {
+    /// Bytes of a row.
+    pub size: usize,
+    /// The attributes, in order.
+    pub attributes: Vec<Attribute>,
+    /// Their places.
+    pub fields: Vec<Field>,
+}
+
+/// Bytes of a row's coordinates.
+pub const PLACE_BYTES: usize = 12;
+
+impl RowLayout {
+    /// Rows in which attributes stand one after the other.
+    pub fn packed(attributes: Vec<Attribute>) -> RowLayout {
+        let mut size = PLACE_BYTES;
+        let fields = attributes.iter().map(|attribute| {
+            let offset = size;
+            size += attribute.sample.size();
+            Field { offset, bits: None }
+        });
+        let fields = fields.collect();
+        RowLayout { size, attributes, fields }
+    }
+
+    /// The place of an attribute among all.
+    pub fn position(&self, name: &str) -> Option<usize> {
+        self.attributes.iter().position(|attribute| attribute.name == name)
+    }
+
+    /// The number of an attribute in a row, in the order of [`ordered`].
+    #[inline]
+    pub(crate) fn number(&self, attribute: usize, row: &[u8]) -> i64 {
+        let Field { offset, bits } = self.fields[attribute];
+        match bits {
+            Some((shift, count)) => i64::from(row[offset] >> shift & (((1u16 << count) - 1) as u8)),
+            None => ordered(self.attributes[attribute].sample, &row[offset..]),
+        }
+    }
+
+    /// Puts an attribute's number into a row.
+    #[inline]
+    pub(crate) fn set_number(&self, attribute: usize, row: &mut [u8], number: i64) {
+        let Field { offset, bits } = self.fields[attribute];
+        match bits {
+            Some((shift, count)) => {
+                let mask = (((1u16 << count) - 1) as u8) << shift;
+                row[offset] = row[offset] & !mask | (number as u8) << shift & mask;
+            }
+            None => {
+                let sample = self.attributes[attribute].sample;
+                let bytes = bytes_of(sample, number);
+                row[offset..offset + sample.size()].copy_from_slice(&bytes[..sample.size()]);
+            }
+        }
+    }
+}
+
+/// The coordinates of a row.
+#[inline]
+pub(crate) fn place_of(row: &[u8]) -> [i32; 3] {
+    std::array::from_fn(|axis| i32::from_le_bytes(row[4 * axis..4 * axis + 4].try_into().expect("four bytes")))
+}
+
+/// A number of the first bytes as a whole number that is in the same order: that of floating-point numbers by their bits.
+#[inline]
+pub(crate) fn ordered(sample: SampleType, bytes: &[u8]) -> i64 {
+    fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
+        bytes[..N].try_into().expect("as long as it is")
+    }
+    match sample {
+        SampleType::U8 => bytes[0].into(),
+        SampleType::I8 => (bytes[0] as i8).into(),
+        SampleType::U16 => u16::from_le_bytes(first(bytes)).into(),
+        SampleType::I16 => i16::from_le_bytes(first(bytes)).into(),
+        SampleType::U32 => u32::from_le_bytes(first(bytes)).into(),
+        SampleType::I32 => i32::from_le_bytes(first(bytes)).into(),
+        // (Above 2^63 they are negative: in the order of their upper bit turned.)
+        SampleType::U64 => (u64::from_le_bytes(first(bytes)) ^ 1 << 63) as i64,
+        SampleType::I64 => i64::from_le_bytes(first(bytes)),
+        SampleType::F32 => {
+            let bits = i32::from_le_bytes(first(bytes));
+            (bits ^ ((bits >> 31) as u32 >> 1) as i32).into()
+        }
+        SampleType::F64 => {
+            let bits = i64::from_le_bytes(first(bytes));
+            bits ^ ((bits >> 63) as u64 >> 1) as i64
+        }
+    }
+}
+
+/// The bytes of the number that [`ordered`] made a whole number of.
+#[inline]
+pub(crate) fn bytes_of(sample: SampleType, number: i64) -> [u8; 8] {
+    match sample {
+        SampleType::U64 => (number as u64 ^ 1 << 63).to_le_bytes(),
+        SampleType::F32 => {
+            let bits = number as i32;
+            i64::from(bits ^ ((bits >> 31) as u32 >> 1) as i32).to_le_bytes()
+        }
+        SampleType::F64 => (number ^ ((number >> 63) as u64 >> 1) as i64).to_le_bytes(),
+        _ => number.to_le_bytes(),
+    }
+}
+
+/// The number as `f64`.
+#[inline]
+pub(crate) fn to_f64(sample: SampleType, number: i64) -> f64 {
+    match sample {
+        SampleType::U64 => (number as u64 ^ 1 << 63) as f64,
+        SampleType::F32 => f32::from_le_bytes(bytes_of(sample, number)[..4].try_into().expect("four bytes")).into(),
+        SampleType::F64 => f64::from_le_bytes(bytes_of(sample, number)),
+        _ => number as f64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_keep_their_order_and_come_back() {
+        let floats = [f64::NEG_INFINITY, -2.5, -0.0, 0.0, 1e-310, 3.0, f64::INFINITY];
+        for sample in [SampleType::F64, SampleType::F32] {
+            let bytes = |number: f64| match sample {
+                SampleType::F32 => (number as f32).to_le_bytes().to_vec(),
+                _ => number.to_le_bytes().to_vec(),
+            };
+            let numbers = floats.map(|number| ordered(sample, &bytes(number)));
+            assert!(numbers.is_sorted(), "{numbers:?}");
+            for (number, float) in numbers.into_iter().zip(floats) {
+                assert_eq!(&bytes_of(sample, number)[..sample.size()], bytes(float));
+                assert_eq!(to_f64(sample, number), if sample == SampleType::F32 { f64::from(float as f32) } else { float });
+            }
+        }
+        let numbers = [0, 1, 1 << 63, u64::MAX].map(|number: u64| ordered(SampleType::U64, &number.to_le_bytes()));
+        assert!(numbers.is_sorted());
+        assert_eq!(bytes_of(SampleType::U64, numbers[3]), [0xff; 8]);
+        for sample in SampleType::ALL {
+            for pattern in [[0; 8], [0x7f; 8], [0x80; 8], [1, 2, 3, 4, 5, 6, 7, 8]] {
+                let number = ordered(sample, &pattern);
+                assert_eq!(bytes_of(sample, number)[..sample.size()], pattern[..sample.size()], "{sample:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn fields_of_bits_leave_the_others_alone() {
+        let attributes = ["a", "b"].map(|name| Attribute::new(name, SampleType::U8)).to_vec();
+        let fields = [(0, 3), (3, 5)].map(|bits| Field { offset: 12, bits: Some(bits) }).to_vec();
+        let layout = RowLayout { size: 13, attributes, fields };
+        let mut row = [0xff; 13];
+        layout.set_number(0, &mut row, 2);
+        assert_eq!((layout.number(0, &row), layout.number(1, &row)), (2, 31));
+        layout.set_number(1, &mut row, 9);
+        assert_eq!((layout.number(0, &row), layout.number(1, &row)), (2, 9));
+    }
+}

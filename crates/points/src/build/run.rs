@@ -1,0 +1,306 @@
+//! The whole of building.
+
+use std::path::PathBuf;
+
+use super::assembler::{Assembler, Closed, Piece, leaf, node_level};
+use super::buckets::{Bucket, BucketedRows, Buckets};
+use super::encoder::Encoder;
+use super::{MOST_NUMBERS, NUMBER_BYTES};
+use crate::attribute::place_of;
+use crate::codec::MOST_POINTS;
+use crate::grid::PointGrid;
+use crate::source::PointSource;
+use crate::store::{PointWriter, Summary};
+use spinney_base::io::{Output, folder};
+use spinney_base::space::Code;
+use spinney_base::{Error, Progress, Result, parallel};
+use spinney_container::Metadata;
+
+/// Options of building.
+#[derive(Clone, Debug)]
+pub struct BuildOptions {
+    /// Points of a node that is not divided, at most; blocks have no more.
+    pub leaf_size: usize,
+    /// Bytes of memory that may be used, about.
+    pub memory: u64,
+}
+
+impl Default for BuildOptions {
+    fn default() -> BuildOptions {
+        BuildOptions { leaf_size: 50_000, memory: 256 << 20 }
+    }
+}
+
+/// What was built.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BuildSummary {
+    /// Number of points.
+    pub points: u64,
+    /// Points at the place of another one: for each place, all but one.
+    pub duplicates: u64,
+}
+
+/// Points that are read at a time.
+const BATCH: usize = 1 << 16;
+
+/// Builds a tree of points.
+///
+/// Each point goes into the coarsest node in which it is the first, by the order of codes, of its part of 1/128 of the node's side (1/256 in
+/// quadtrees). Takes a pass over the points and a temporary file of them, if they do not fit into memory.
+///
+/// # Errors
+/// If the points cannot be read, lie beyond the bounds that their source says, or the output cannot be written.
+pub fn build(
+    source: &mut dyn PointSource,
+    options: &BuildOptions,
+    metadata: &Metadata,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<BuildSummary> {
+    if !(1..=MOST_POINTS).contains(&options.leaf_size) {
+        let expected = format!("1 to {MOST_POINTS} points");
+        return Err(Error::invalid("leaf size", options.leaf_size.to_string(), expected));
+    }
+    let schema = source.schema().clone();
+    let grid = PointGrid::around(schema.scale, schema.offset, schema.bounds, schema.dimension);
+    let encoder = Encoder::new(schema.layout.clone(), grid);
+    let writer = PointWriter::new(output, &encoder.grid, encoder.block.columns, options.memory / 16)?;
+    let top = Code::root(schema.dimension);
+    let temporary = folder(writer.path()).to_path_buf();
+    let most = options.memory / 3;
+    let plan = Plan { encoder: &encoder, options, progress };
+    let mut work = Work { plan, temporary, writer, total: schema.count.unwrap_or(0), duplicates: 0 };
+    let mut buckets = Buckets::new(work.temporary.clone(), encoder.stride(), (top, encoder.grid.code_levels()), most);
+    let points = work.read(source, &mut buckets)?;
+    work.total = 2 * points;
+    let mut assembler = Assembler::new(&encoder, options.leaf_size, top);
+    let mut last = None;
+    work.assemble(&buckets.finish()?, &mut assembler, &mut last)?;
+    let (closed, pieces) = assembler.finish();
+    work.write(pieces)?;
+    let mut pieces = Vec::new();
+    if let Closed::Few(pending) = closed
+        && !pending.rows.is_empty()
+    {
+        leaf(&encoder, pending, &mut pieces);
+    }
+    work.write(pieces)?;
+    let summary = BuildSummary { points, duplicates: work.duplicates };
+    let section = Summary::new(&encoder, options.leaf_size, summary);
+    work.writer.finish(&section, metadata)?;
+    Ok(summary)
+}
+
+/// What all threads know.
+#[derive(Clone, Copy)]
+struct Plan<'a> {
+    encoder: &'a Encoder,
+    options: &'a BuildOptions,
+    progress: &'a dyn Progress,
+}
+
+struct Work<'a> {
+    plan: Plan<'a>,
+    temporary: PathBuf,
+    writer: PointWriter,
+    /// Points that are read and assembled.
+    total: u64,
+    duplicates: u64,
+}
+
+/// What came of the rows of a node.
+struct Assembled {
+    closed: Closed,
+    pieces: Vec<Piece>,
+    /// Rows of nodes above: their levels, and the rows.
+    levels: Vec<u8>,
+    above: Vec<u8>,
+    duplicates: u64,
+}
+
+impl Plan<'_> {
+    /// Rows that may be sorted by a thread at a time.
+    fn share(&self) -> u64 {
+        // (Rows as they are read and as nodes have them; codes with places; columns of a block are few.)
+        let row = 2 * self.encoder.stride() as u64 + 32;
+        (self.options.memory / 3 / parallel::threads() as u64 / row).max(4096)
+    }
+
+    /// Assembles the nodes of a node's rows in memory.
+    fn assemble_one(&self, rows: &BucketedRows, bucket: &Bucket, before: Option<Code>) -> Result<Assembled> {
+        self.progress.check()?;
+        let stride = self.encoder.stride();
+        let mut bytes = Vec::with_capacity(bucket.rows as usize * stride);
+        rows.read(bucket, 1 << 16, &mut |rows| {
+            bytes.extend_from_slice(rows);
+            Ok(())
+        })?;
+        let order = self.sorted(&bytes);
+        let (mut levels, mut above) = (Vec::new(), Vec::new());
+        let mut duplicates = 0;
+        let mut assembler = Assembler::new(self.encoder, self.options.leaf_size, bucket.code);
+        let mut same = before.map(|before| before.common_ancestor(bucket.code).level());
+        let mut last: Option<(Code, &[u8])> = None;
+        for (code, place) in order {
+            let row = &bytes[place as usize * stride..][..stride];
+            if let Some((before, point)) = last {
+                same = Some(before.common_ancestor(code).level());
+                duplicates += u64::from(place_of(point) == place_of(row));
+            }
+            let level = node_level(self.encoder, same);
+            if level < bucket.code.level() {
+                levels.push(level);
+                above.extend_from_slice(row);
+            } else {
+                assembler.advance(code);
+                assembler.add(code, level, row);
+            }
+            last = Some((code, row));
+        }
+        let (closed, pieces) = assembler.finish();
+        Ok(Assembled { closed, pieces, levels, above, duplicates })
+    }
+
+    /// The codes and places of rows, by code, then by place on the grid, then as they came in.
+    fn sorted(&self, rows: &[u8]) -> Vec<(Code, u32)> {
+        let code = |row: &[u8]| self.encoder.grid.code(place_of(row)).expect("it was in the root when it was read");
+        let dimension = self.encoder.grid.dimension;
+        let stride = self.encoder.stride();
+        let mut keys: Vec<u128> = rows
+            .chunks_exact(stride)
+            .enumerate()
+            .map(|(index, row)| u128::from(code(row).bits()) << 32 | index as u128)
+            .collect();
+        spinney_base::sort::numbers128(&mut keys);
+        let pair = |key: u128| {
+            let code = Code::from_bits(dimension, (key >> 32) as u64).expect("it was one");
+            (code, key as u32)
+        };
+        keys.into_iter().map(pair).collect()
+    }
+}
+
+impl Work<'_> {
+    /// Reads all points; returns how many there were.
+    fn read(&mut self, source: &mut dyn PointSource, buckets: &mut Buckets) -> Result<u64> {
+        let size = self.plan.encoder.layout.size;
+        let mut rows = Vec::new();
+        let mut row = vec![0; self.plan.encoder.stride()];
+        let mut number = 0u64;
+        loop {
+            self.plan.progress.check()?;
+            rows.clear();
+            let count = source.read(&mut rows, BATCH)?;
+            if count == 0 {
+                return Ok(number);
+            }
+            for point in rows.chunks_exact(size) {
+                let place = place_of(point);
+                let code = self.plan.encoder.grid.code(place).ok_or_else(|| {
+                    let bounds = source.schema().bounds;
+                    let found = format!("point {number} at {place:?} on the grid");
+                    Error::corrupt(self.writer.path(), "points", found, format!("points from {:?} to {:?}", bounds[0], bounds[1]))
+                })?;
+                row[..size].copy_from_slice(point);
+                row[size..].copy_from_slice(&number.to_le_bytes()[..NUMBER_BYTES]);
+                buckets.push(code, &row)?;
+                number += 1;
+            }
+            if number >= MOST_NUMBERS {
+                let found = format!("{number} points and more");
+                return Err(Error::invalid("points", found, format!("at most {MOST_NUMBERS} in a file")));
+            }
+            self.plan.progress.advance(count as u64, 2 * self.total.max(number));
+        }
+    }
+
+    /// Assembles nodes of the rows of many nodes, in order. `last` is the node that had points before.
+    fn assemble(&mut self, rows: &BucketedRows, assembler: &mut Assembler<'_>, last: &mut Option<Code>) -> Result<()> {
+        let plan = self.plan;
+        let share = plan.share();
+        let buckets = rows.buckets();
+        let mut rest = &buckets[..];
+        while let Some(first) = rest.first() {
+            self.plan.progress.check()?;
+            if first.rows > share {
+                self.divide(rows, first, assembler, last)?;
+                *last = Some(first.code);
+                rest = &rest[1..];
+                continue;
+            }
+            // As many as there is room for, each of them assembled by one thread.
+            let room = share * parallel::threads() as u64;
+            let mut sum = 0;
+            let fits = |bucket: &&Bucket| {
+                sum += bucket.rows;
+                bucket.rows <= share && sum <= room
+            };
+            let count = rest.iter().take_while(fits).count().max(1);
+            let (batch, behind) = rest.split_at(count);
+            rest = behind;
+            let befores = std::iter::once(*last).chain(batch.iter().map(|bucket| Some(bucket.code)));
+            let jobs: Vec<(Bucket, Option<Code>)> = batch.iter().copied().zip(befores).collect();
+            let made = parallel::map(&jobs, |(bucket, before)| plan.assemble_one(rows, bucket, *before));
+            for ((bucket, _), made) in jobs.iter().zip(made) {
+                let Assembled { closed, pieces, levels, above, duplicates } = made?;
+                self.duplicates += duplicates;
+                self.write(pieces)?;
+                assembler.advance(bucket.code);
+                for (level, row) in levels.iter().zip(above.chunks_exact(self.plan.encoder.stride())) {
+                    assembler.add(bucket.code, *level, row);
+                }
+                assembler.add_node(bucket.code, closed);
+                self.write(std::mem::take(&mut assembler.pieces))?;
+                self.plan.progress.advance(bucket.rows, self.total);
+            }
+            *last = batch.last().map(|bucket| bucket.code);
+        }
+        Ok(())
+    }
+
+    /// Assembles the nodes of more rows than there is room for: by nodes below.
+    fn divide(&mut self, rows: &BucketedRows, bucket: &Bucket, assembler: &mut Assembler<'_>, last: &mut Option<Code>) -> Result<()> {
+        let deepest = self.plan.encoder.grid.code_levels();
+        let stride = self.plan.encoder.stride();
+        if bucket.code.level() == deepest {
+            // All have one code: they come as they are.
+            return self.stream(rows, bucket, assembler, *last);
+        }
+        let mut buckets = Buckets::new(self.temporary.clone(), stride, (bucket.code, deepest), self.plan.options.memory / 3);
+        rows.read(bucket, BATCH, &mut |rows| {
+            self.plan.progress.check()?;
+            rows.chunks_exact(stride).try_for_each(|row| {
+                let code = self.plan.encoder.grid.code(place_of(row)).expect("it was in the root when it was read");
+                buckets.push(code, row)
+            })
+        })?;
+        self.assemble(&buckets.finish()?, assembler, last)
+    }
+
+    /// Adds rows that all have one code to the nodes that they belong to.
+    fn stream(&mut self, rows: &BucketedRows, bucket: &Bucket, assembler: &mut Assembler<'_>, last: Option<Code>) -> Result<()> {
+        assembler.advance(bucket.code);
+        let mut same = last.map(|last| last.common_ancestor(bucket.code).level());
+        let mut before: Option<[i32; 3]> = None;
+        let stride = self.plan.encoder.stride();
+        rows.read(bucket, BATCH, &mut |rows| {
+            self.plan.progress.check()?;
+            for row in rows.chunks_exact(stride) {
+                let place = place_of(row);
+                self.duplicates += u64::from(before == Some(place));
+                before = Some(place);
+                assembler.add(bucket.code, node_level(self.plan.encoder, same), row);
+                same = Some(bucket.code.level());
+            }
+            self.plan.progress.advance((rows.len() / stride) as u64, self.total);
+            self.write(std::mem::take(&mut assembler.pieces))
+        })
+    }
+
+    fn write(&mut self, pieces: Vec<Piece>) -> Result<()> {
+        pieces.into_iter().try_for_each(|piece| match piece {
+            Piece::Block(code, bytes, statistics) => self.writer.block(code, &bytes, &statistics),
+            Piece::Node(code, statistics) => self.writer.node(code, &statistics),
+        })
+    }
+}

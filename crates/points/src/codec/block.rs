@@ -1,0 +1,177 @@
+//! One block: columns, each with the way in which it is foretold.
+
+use super::prediction::{Clock, Prediction, errors_of, numbers_of};
+use crate::attribute::{PLACE_BYTES, RowLayout, place_of};
+use spinney_base::value::SampleType;
+use spinney_packing::{LOG_BITS, MOST_CONTEXTS, log2, pack_numbers, unpack_numbers};
+
+/// Points of a block at most.
+pub(crate) const MOST_POINTS: usize = 1 << 20;
+
+/// What a block's columns are.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct BlockLayout {
+    /// Number of columns: x, y, z, then the attributes.
+    pub columns: usize,
+    /// The column that tells the time, if there is one.
+    pub clock: Option<usize>,
+    /// The columns in the order in which they are coded: the clock, those that may be labels of points, then the others.
+    pub order: Vec<usize>,
+    /// How many are labels.
+    labels: usize,
+}
+
+impl BlockLayout {
+    /// The columns of rows. An attribute `gps_time` is the clock, those of type `u8` may be labels.
+    pub(crate) fn of(layout: &RowLayout) -> BlockLayout {
+        let columns = 3 + layout.attributes.len();
+        let clock = layout.position("gps_time").map(|place| place + 3);
+        let is_label = |column: &usize| *column >= 3 && layout.attributes[column - 3].sample == SampleType::U8;
+        let labels: Vec<usize> = (0..columns).filter(is_label).collect();
+        let others = (0..columns).filter(|column| !is_label(column) && Some(*column) != clock);
+        let order = clock.into_iter().chain(labels.iter().copied()).chain(others).collect();
+        BlockLayout { columns, clock, order, labels: labels.len() }
+    }
+
+    /// The columns that may be labels, as they stand in the order of coding.
+    fn labels(&self) -> std::ops::Range<usize> {
+        let first = usize::from(self.clock.is_some());
+        first..first + self.labels
+    }
+}
+
+/// Contexts of numbers: the lowest two bits of a label, and whether the time is that of the point before.
+fn contexts_of(labels: &[i64], clock: &Clock) -> Vec<u8> {
+    let same = clock.contexts.iter().copied().chain(std::iter::repeat(0));
+    labels.iter().zip(same).map(|(label, same)| (label & 3) as u8 | same << 2).collect()
+}
+
+/// Points that tell which prediction and label suit a column.
+const TRIED: usize = 2048;
+
+/// About the bits, in parts of 2^[`LOG_BITS`], that numbers take: those that tell how large each is, by how often that size comes in its context,
+/// and the rest.
+fn cost(numbers: &[i64], contexts: &[u8]) -> u64 {
+    let mut counts = [[0u64; 65]; MOST_CONTEXTS];
+    let mut bits = 0;
+    let mut count = |number: i64, context: u8| {
+        let folded = (number << 1 ^ number >> 63) as u64;
+        let size = u64::BITS - folded.leading_zeros();
+        counts[usize::from(context)][size as usize] += 1;
+        bits += u64::from(size.saturating_sub(1));
+    };
+    match contexts.is_empty() {
+        true => numbers.iter().for_each(|number| count(*number, 0)),
+        false => numbers.iter().zip(contexts).for_each(|(number, context)| count(*number, *context)),
+    }
+    let mut entropy = 0;
+    for counts in counts {
+        let all: u64 = counts.iter().sum();
+        entropy += counts.iter().filter(|count| **count > 0).map(|count| count * (log2(all) - log2(*count))).sum::<u64>();
+    }
+    (bits << LOG_BITS) + entropy
+}
+
+/// The columns of rows: all points of one column behind each other.
+pub(crate) fn columns_of(rows: &[u8], stride: usize, layout: &RowLayout) -> Vec<Vec<i64>> {
+    let rows = || rows.chunks_exact(stride);
+    let mut columns: Vec<Vec<i64>> = (0..3).map(|axis| rows().map(|row| place_of(row)[axis].into()).collect()).collect();
+    columns.extend((0..layout.attributes.len()).map(|attribute| rows().map(|row| layout.number(attribute, row)).collect()));
+    debug_assert!(layout.size >= PLACE_BYTES);
+    columns
+}
+
+/// The bytes of columns that are equally long: for each, in the order in which they are coded, its number of bytes (`u32`), then all of them.
+pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
+    let mut lengths = Vec::with_capacity(4 * layout.columns);
+    let mut bytes = Vec::new();
+    let (mut errors, mut other) = (Vec::new(), Vec::new());
+    let mut clock = Clock::new(None);
+    // Labels that tell something, as they stand in the order.
+    let mut labels: Vec<(usize, Vec<u8>)> = Vec::new();
+    for (place, column) in layout.order.iter().enumerate() {
+        let numbers = &columns[*column];
+        let tried = &numbers[..numbers.len().min(TRIED)];
+        let costs = Prediction::ALL.map(|prediction| {
+            errors_of(tried, &clock, prediction, &mut other);
+            cost(&other, clock.contexts.get(..tried.len()).unwrap_or_default())
+        });
+        // (Lines and means only where they gain: they take longer to read.)
+        let gain = ((tried.len() as u64) << LOG_BITS) / 8;
+        let worth = |prediction: Prediction| costs[prediction as usize] + if prediction > Prediction::Last { gain } else { 0 };
+        let prediction = Prediction::ALL.into_iter().min_by_key(|prediction| worth(*prediction)).expect("there are some");
+        errors_of(numbers, &clock, prediction, &mut errors);
+        let gain = |cost: u64| cost + ((tried.len() as u64) << LOG_BITS) / 16;
+        let tried = &errors[..tried.len()];
+        let mut least = cost(tried, clock.contexts.get(..tried.len()).unwrap_or_default());
+        let mut label = None;
+        for (place, contexts) in &labels {
+            let cost = gain(cost(tried, &contexts[..tried.len()]));
+            if cost < least {
+                (least, label) = (cost, Some((place, contexts)));
+            }
+        }
+        let before = bytes.len();
+        bytes.extend([prediction as u8, label.map_or(0, |(place, _)| *place as u8 + 1)]);
+        pack_numbers(&errors, label.map_or(&clock.contexts, |(_, contexts)| contexts), &mut bytes);
+        lengths.extend_from_slice(&((bytes.len() - before) as u32).to_le_bytes());
+        if Some(*column) == layout.clock {
+            clock = Clock::new(Some(numbers));
+        }
+        let is_label = layout.labels().contains(&place) && place < MOST_LABEL;
+        if is_label && numbers.iter().any(|number| *number != numbers[0]) {
+            labels.push((place, contexts_of(numbers, &clock)));
+        }
+    }
+    lengths.extend_from_slice(&bytes);
+    lengths
+}
+
+/// Labels stand before this place in the order of coding.
+const MOST_LABEL: usize = 255;
+
+/// Reads the columns of a block that are asked for; the others are empty. `None` if it is not what somebody wrote.
+pub(crate) fn decode(bytes: &[u8], points: usize, layout: &BlockLayout, wanted: &[bool]) -> Option<Vec<Vec<i64>>> {
+    let (lengths, mut rest) = bytes.split_at_checked(4 * layout.columns)?;
+    let mut parts = Vec::with_capacity(layout.columns);
+    for length in lengths.as_chunks::<4>().0 {
+        let (own, behind) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+        parts.push(own.split_first_chunk::<2>()?);
+        rest = behind;
+    }
+    if !rest.is_empty() {
+        return None;
+    }
+    let mut needed: Vec<bool> = layout.order.iter().map(|column| wanted[*column]).collect();
+    if layout.clock.is_some() {
+        needed[0] = true;
+    }
+    // (Invariant: labels stand before what they are labels of, so that going back finds all.)
+    for place in (0..parts.len()).rev() {
+        let label = usize::from(parts[place].0[1]);
+        if needed[place] && label > 0 {
+            let label = label - 1;
+            if label >= place || !layout.labels().contains(&label) {
+                return None;
+            }
+            needed[label] = true;
+        }
+    }
+    let mut columns = vec![Vec::new(); layout.columns];
+    let mut clock = Clock::new(None);
+    for (place, ([prediction, label], packed)) in parts.into_iter().enumerate().filter(|(place, _)| needed[*place]) {
+        let prediction = *Prediction::ALL.get(usize::from(*prediction))?;
+        let mut numbers = vec![0; points];
+        let labels = label.checked_sub(1).map(|label| &columns[layout.order[usize::from(label)]][..]);
+        let contexts = labels.map(|labels| contexts_of(labels, &clock));
+        if !unpack_numbers(packed, contexts.as_deref().unwrap_or(&clock.contexts), &mut numbers)?.is_empty() {
+            return None;
+        }
+        numbers_of(&mut numbers, &clock, prediction);
+        if Some(layout.order[place]) == layout.clock {
+            clock = Clock::new(Some(&numbers));
+        }
+        columns[layout.order[place]] = numbers;
+    }
+    Some(columns)
+}

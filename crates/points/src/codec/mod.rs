@@ -1,0 +1,6 @@
+//! Blocks of points in few bytes: each attribute is a column of whole numbers, foretold from the points before and coded by tokens.
+
+mod block;
+mod prediction;
+
+pub(crate) use block::{BlockLayout, MOST_POINTS, columns_of, decode, encode};

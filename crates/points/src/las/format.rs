@@ -1,0 +1,180 @@
+//! Point formats of LAS: what stands where in a record.
+
+use crate::attribute::{Attribute, Field, RowLayout};
+use spinney_base::value::SampleType;
+
+/// The greatest number of a point format.
+pub(crate) const MOST_FORMAT: u8 = 10;
+
+/// Collects the attributes of a record.
+struct Record(Vec<(Attribute, Field)>);
+
+impl Record {
+    fn whole(&mut self, name: &str, sample: SampleType, offset: usize) {
+        self.0.push((Attribute::new(name, sample), Field { offset, bits: None }));
+    }
+
+    /// Parts of a byte, from the lowest bit up, by name and number of bits.
+    fn parts(&mut self, offset: usize, parts: &[(&str, u8)]) {
+        let mut shift = 0;
+        for (name, bits) in parts {
+            self.0.push((Attribute::new(*name, SampleType::U8), Field { offset, bits: Some((shift, *bits)) }));
+            shift += bits;
+        }
+    }
+
+    fn colours(&mut self, offset: usize) {
+        for (place, name) in ["red", "green", "blue"].into_iter().enumerate() {
+            self.whole(name, SampleType::U16, offset + 2 * place);
+        }
+    }
+
+    fn wave(&mut self, offset: usize) {
+        self.whole("wavepacket_index", SampleType::U8, offset);
+        self.whole("wavepacket_offset", SampleType::U64, offset + 1);
+        self.whole("wavepacket_size", SampleType::U32, offset + 9);
+        for (place, name) in ["return_point_wave_location", "x_t", "y_t", "z_t"].into_iter().enumerate() {
+            self.whole(name, SampleType::F32, offset + 13 + 4 * place);
+        }
+    }
+}
+
+/// Bytes of a record of a format without extra bytes; `None` if there is no such format.
+pub(crate) fn record_bytes(format: u8) -> Option<usize> {
+    [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67].get(usize::from(format)).copied()
+}
+
+/// Adds the attributes of a format, named as laspy and PDAL's documentation of dimensions name them.
+fn add_format(record: &mut Record, format: u8) {
+    use SampleType::{F64, I8, I16, U8, U16};
+    record.whole("intensity", U16, 12);
+    if format < 6 {
+        record.parts(14, &[("return_number", 3), ("number_of_returns", 3), ("scan_direction_flag", 1), ("edge_of_flight_line", 1)]);
+        record.parts(15, &[("classification", 5), ("synthetic", 1), ("key_point", 1), ("withheld", 1)]);
+        record.whole("scan_angle_rank", I8, 16);
+        record.whole("user_data", U8, 17);
+        record.whole("point_source_id", U16, 18);
+        let timed = [1, 3, 4, 5].contains(&format);
+        if timed {
+            record.whole("gps_time", F64, 20);
+        }
+        match format {
+            2 => record.colours(20),
+            3 => record.colours(28),
+            4 => record.wave(28),
+            5 => {
+                record.colours(28);
+                record.wave(34);
+            }
+            _ => {}
+        }
+        return;
+    }
+    record.parts(14, &[("return_number", 4), ("number_of_returns", 4)]);
+    record.parts(
+        15,
+        &[
+            ("synthetic", 1),
+            ("key_point", 1),
+            ("withheld", 1),
+            ("overlap", 1),
+            ("scanner_channel", 2),
+            ("scan_direction_flag", 1),
+            ("edge_of_flight_line", 1),
+        ],
+    );
+    record.whole("classification", U8, 16);
+    record.whole("user_data", U8, 17);
+    record.whole("scan_angle", I16, 18);
+    record.whole("point_source_id", U16, 20);
+    record.whole("gps_time", F64, 22);
+    match format {
+        7 => record.colours(30),
+        8 => {
+            record.colours(30);
+            record.whole("nir", U16, 36);
+        }
+        9 => record.wave(30),
+        10 => {
+            record.colours(30);
+            record.whole("nir", U16, 36);
+            record.wave(38);
+        }
+        _ => {}
+    }
+}
+
+/// The record of a format with extra bytes that a VLR describes, as far as it does.
+pub(crate) fn record_layout(format: u8, size: usize, described: &[u8]) -> RowLayout {
+    let mut record = Record(Vec::new());
+    add_format(&mut record, format);
+    let own = record_bytes(format).unwrap_or(size);
+    let mut offset = own;
+    for descriptor in described.as_chunks::<192>().0 {
+        offset = add_extra(&mut record, descriptor, offset, size);
+    }
+    // (What nobody describes is kept all the same.)
+    for (number, offset) in (offset..size).enumerate() {
+        record.whole(&format!("extra_bytes_{number}"), SampleType::U8, offset);
+    }
+    let (attributes, fields) = record.0.into_iter().unzip();
+    RowLayout { size, attributes, fields }
+}
+
+/// Adds what a descriptor of extra bytes says, as far as there is room for it in the record; returns where the next one begins.
+fn add_extra(record: &mut Record, descriptor: &[u8; 192], offset: usize, size: usize) -> usize {
+    use SampleType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
+    let (kind, options) = (descriptor[2], descriptor[3]);
+    let text = |bytes: &[u8]| {
+        let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+        String::from_utf8_lossy(&bytes[..end]).trim().to_string()
+    };
+    let (name, description) = (text(&descriptor[4..36]), text(&descriptor[160..192]));
+    let types = [U8, I8, U16, I16, U32, I32, U64, I64, F32, F64];
+    // (0 are bytes without a type, as many as the options say; from 11 on there are two or three numbers, which LAS 1.4 R15 does away with.)
+    let (sample, count) = match kind {
+        0 => (U8, usize::from(options)),
+        1..=30 => (types[usize::from(kind - 1) % 10], usize::from(kind - 1) / 10 + 1),
+        _ => return offset,
+    };
+    if offset + sample.size() * count > size {
+        return offset;
+    }
+    let double = |at: usize| f64::from_le_bytes(descriptor[at..at + 8].try_into().expect("eight bytes"));
+    for number in 0..count {
+        let name = if count == 1 { name.clone() } else { format!("{name}[{number}]") };
+        let mut attribute = Attribute::new(name, sample);
+        attribute.description = description.clone();
+        let (scale, summand) = (double(112 + 8 * number.min(2)), double(136 + 8 * number.min(2)));
+        let is_scaled = kind != 0 && options & 0b1_1000 != 0;
+        let scale = if options & 0b1000 != 0 { scale } else { 1.0 };
+        let summand = if options & 0b1_0000 != 0 { summand } else { 0.0 };
+        attribute.scale_offset = is_scaled.then_some((scale, summand)).filter(|_| scale.is_finite() && summand.is_finite());
+        record.0.push((attribute, Field { offset: offset + number * sample.size(), bits: None }));
+    }
+    offset + sample.size() * count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_of_all_formats_are_full() {
+        for format in 0..=MOST_FORMAT {
+            let size = record_bytes(format).unwrap();
+            let layout = record_layout(format, size, &[]);
+            let mut bits = vec![0u32; size];
+            bits[..12].fill(8);
+            for (attribute, field) in layout.attributes.iter().zip(&layout.fields) {
+                match field.bits {
+                    Some((_, count)) => bits[field.offset] += u32::from(count),
+                    None => bits[field.offset..field.offset + attribute.sample.size()].iter_mut().for_each(|byte| *byte += 8),
+                }
+            }
+            assert_eq!(bits, vec![8; size], "{format}");
+        }
+        let last = record_layout(1, 30, &[]).attributes.pop();
+        assert_eq!(last.map(|last| last.name), Some("extra_bytes_1".into()));
+    }
+}

@@ -1,0 +1,219 @@
+//! Headers of LAS files, and what their records of variable length say.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use las::raw;
+
+use super::format::{MOST_FORMAT, record_bytes, record_layout};
+use crate::attribute::RowLayout;
+use spinney_base::guard::guard;
+use spinney_base::io::open_input;
+use spinney_base::{Error, Result};
+use spinney_crs::{Crs, GeoKeys};
+
+/// What stands before the points, understood.
+pub(crate) struct LasHeader {
+    pub header: raw::Header,
+    /// Number of points.
+    pub points: u64,
+    pub layout: RowLayout,
+    /// Bytes of the record that says how points are packed; nothing if they are not.
+    pub laszip: Option<Vec<u8>>,
+    pub crs: Option<Crs>,
+    pub tags: BTreeMap<String, String>,
+}
+
+/// Bytes of a record of variable length that are read at most, and records.
+const MOST_RECORD: u64 = 1 << 20;
+const MOST_RECORDS: u64 = 1 << 12;
+/// Bytes of records that are kept, though they mean nothing here.
+const MOST_KEPT: usize = 64 << 10;
+
+/// A record of variable length.
+struct VariableRecord {
+    user: String,
+    number: u16,
+    data: Vec<u8>,
+}
+
+fn text(bytes: &[u8]) -> String {
+    let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+    String::from_utf8_lossy(&bytes[..end]).trim().to_string()
+}
+
+impl LasHeader {
+    /// Reads and checks the header of a file.
+    pub(crate) fn read(path: &Path) -> Result<(LasHeader, BufReader<File>)> {
+        let file = open_input(path)?;
+        let length = file.metadata().map_err(Error::io(path, "read"))?.len();
+        let mut file = BufReader::with_capacity(1 << 20, file);
+        let header = guard(path, "header", || {
+            raw::Header::read_from(&mut file)
+                .map_err(|error| Error::corrupt(path, "header", error.to_string(), "the header of a LAS file"))
+        })?;
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
+        // (The two highest bits say that points are packed.)
+        let format = header.point_data_record_format & 0x3f;
+        let own = record_bytes(format).filter(|_| format <= MOST_FORMAT);
+        let Some(own) = own else {
+            let advice = "write it anew with a program that knows its point format";
+            return Err(Error::unsupported(path, format!("point format {format}"), advice));
+        };
+        let size = usize::from(header.point_data_record_length);
+        if size < own {
+            return Err(corrupt(format!("records of {size} bytes"), &format!("{own} or more, of point format {format}")));
+        }
+        let scales = [header.x_scale_factor, header.y_scale_factor, header.z_scale_factor];
+        let offsets = [header.x_offset, header.y_offset, header.z_offset];
+        let are_good = scales.iter().chain(&offsets).all(|number| number.is_finite()) && scales.iter().all(|scale| *scale > 0.0);
+        if !are_good {
+            return Err(corrupt(format!("scales {scales:?} and offsets {offsets:?}"), "finite numbers, scales above 0"));
+        }
+        let large = header.large_file.map(|large| large.number_of_point_records);
+        let points = large.filter(|points| *points > 0).unwrap_or(header.number_of_point_records.into());
+        let is_packed = header.point_data_record_format & 0x80 != 0;
+        let start = u64::from(header.offset_to_point_data);
+        let room = length.saturating_sub(start);
+        if start > length || !is_packed && points.checked_mul(size as u64).is_none_or(|bytes| bytes > room) {
+            let found = format!("{points} points of {size} bytes from byte {start} on");
+            return Err(corrupt(found, &format!("points that end at byte {length}, with the file")));
+        }
+        let records = variable_records(path, &mut file, &header, length)?;
+        let find = |user: &str, number: u16| {
+            records.iter().find(|record| record.user == user && record.number == number).map(|record| &record.data)
+        };
+        let laszip = find("laszip encoded", 22204).cloned();
+        if is_packed && laszip.is_none() {
+            return Err(corrupt("packed points, and no record that says how".into(), "a `laszip encoded` record"));
+        }
+        let described = find("LASF_Spec", 4).map_or(&[][..], |data| data);
+        let layout = record_layout(format, size, described);
+        let (crs, crs_is_lost) = crs_of(&find, header.global_encoding);
+        let mut tags = tags_of(&header, format);
+        keep_records(&records, crs_is_lost, &mut tags);
+        let laszip = laszip.filter(|_| is_packed);
+        Ok((LasHeader { header, points, layout, laszip, crs, tags }, file))
+    }
+
+    /// Units of the world that a step of the grid has, and the place of its origin.
+    pub(crate) fn scale_offset(&self) -> ([f64; 3], [f64; 3]) {
+        let header = &self.header;
+        (
+            [header.x_scale_factor, header.y_scale_factor, header.z_scale_factor],
+            [header.x_offset, header.y_offset, header.z_offset],
+        )
+    }
+
+    /// Least and greatest place on the grid, as the header says it.
+    pub(crate) fn bounds(&self) -> [[i32; 3]; 2] {
+        let header = &self.header;
+        let (scale, offset) = self.scale_offset();
+        let world = [[header.min_x, header.min_y, header.min_z], [header.max_x, header.max_y, header.max_z]];
+        world.map(|corner| std::array::from_fn(|axis| ((corner[axis] - offset[axis]) / scale[axis]).round() as i32))
+    }
+}
+
+/// All records of variable length, those behind the points too.
+fn variable_records(path: &Path, file: &mut BufReader<File>, header: &raw::Header, length: u64) -> Result<Vec<VariableRecord>> {
+    let mut records = Vec::new();
+    let near = (u64::from(header.header_size), u64::from(header.number_of_variable_length_records), false);
+    let far = header.evlr.map(|evlr| (evlr.start_of_first_evlr, u64::from(evlr.number_of_evlrs), true));
+    for (mut at, count, is_far) in [near].into_iter().chain(far) {
+        for _ in 0..count.min(MOST_RECORDS) {
+            let mut head = [0; 60];
+            let head = if is_far { &mut head[..60] } else { &mut head[..54] };
+            file.seek(SeekFrom::Start(at)).map_err(Error::io(path, "read"))?;
+            // (Files that promise more records than they have are common.)
+            if at + head.len() as u64 > length || file.read_exact(head).is_err() {
+                break;
+            }
+            let bytes = match is_far {
+                true => u64::from_le_bytes(head[20..28].try_into().expect("eight bytes")),
+                false => u16::from_le_bytes([head[20], head[21]]).into(),
+            };
+            let data_at = at + head.len() as u64;
+            let Some(end) = data_at.checked_add(bytes).filter(|end| *end <= length) else { break };
+            let number = u16::from_le_bytes([head[18], head[19]]);
+            let user = text(&head[2..18]);
+            at = end;
+            if bytes > MOST_RECORD {
+                continue;
+            }
+            let mut data = vec![0; bytes as usize];
+            file.read_exact(&mut data).map_err(Error::io(path, "read"))?;
+            records.push(VariableRecord { user, number, data });
+        }
+    }
+    Ok(records)
+}
+
+/// The coordinate system that records tell, and whether they tell one that cannot be read.
+fn crs_of<'r>(find: &impl Fn(&str, u16) -> Option<&'r Vec<u8>>, encoding: u16) -> (Option<Crs>, bool) {
+    const PROJECTION: &str = "LASF_Projection";
+    let wkt = || find(PROJECTION, 2112).map(|data| Crs::parse(&text(data)).ok());
+    let keys = || {
+        find(PROJECTION, 34735).map(|directory| {
+            let numbers: Vec<u16> = directory.as_chunks::<2>().0.iter().map(|pair| u16::from_le_bytes(*pair)).collect();
+            let doubles = find(PROJECTION, 34736).map_or(&[][..], |data| data);
+            let doubles: Vec<f64> = doubles.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+            let texts = find(PROJECTION, 34737).map_or(&[][..], |data| data);
+            GeoKeys::new(&numbers, &doubles, texts).map(Crs::GeoKeys)
+        })
+    };
+    // (The fifth bit says which of the two holds, in files that have both.)
+    let found = if encoding & 0x10 != 0 { wkt().or_else(keys) } else { keys().or_else(wkt) };
+    (found.clone().flatten(), found.is_some_and(|crs| crs.is_none()))
+}
+
+/// What the header says beside what is understood.
+fn tags_of(header: &raw::Header, format: u8) -> BTreeMap<String, String> {
+    let version = header.version;
+    let mut tags = BTreeMap::from([
+        ("las.version".to_string(), format!("{}.{}", version.major, version.minor)),
+        ("las.point_format".into(), format.to_string()),
+        ("las.global_encoding".into(), header.global_encoding.to_string()),
+    ]);
+    let mut put = |key: &str, value: String| {
+        if !value.is_empty() {
+            tags.insert(format!("las.{key}"), value);
+        }
+    };
+    put("system_identifier", text(&header.system_identifier));
+    put("generating_software", text(&header.generating_software));
+    if header.file_creation_year != 0 {
+        put("creation", format!("{}-{:03}", header.file_creation_year, header.file_creation_day_of_year));
+    }
+    if header.file_source_id != 0 {
+        put("file_source_id", header.file_source_id.to_string());
+    }
+    if header.guid != [0; 16] {
+        put("project_id", hexadecimal(&header.guid));
+    }
+    tags
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Keeps records that mean nothing here as tags, in hexadecimal digits, as long as they are short.
+fn keep_records(records: &[VariableRecord], crs_is_lost: bool, tags: &mut BTreeMap<String, String>) {
+    let mut left = MOST_KEPT;
+    for VariableRecord { user, number, data } in records {
+        let is_known = match user.as_str() {
+            "laszip encoded" => true,
+            // (Their offsets mean nothing in another file.)
+            "copc" => true,
+            "LASF_Spec" => *number == 4,
+            "LASF_Projection" => !crs_is_lost,
+            _ => false,
+        };
+        if !is_known && data.len() <= left {
+            left -= data.len();
+            tags.insert(format!("las.record.{user}.{number}"), hexadecimal(data));
+        }
+    }
+}

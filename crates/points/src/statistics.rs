@@ -1,0 +1,124 @@
+//! Counts, extremes and sums of the columns of many points.
+
+use crate::attribute::{Attribute, to_f64};
+use spinney_base::value::SampleType;
+
+/// What is known of a column of many points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ColumnStatistics {
+    /// Number of those that are numbers.
+    pub count: u64,
+    /// The least and the greatest, in the order of [`crate::attribute::ordered`]; the wrong way round if there are none.
+    pub least: i64,
+    pub most: i64,
+    /// The sum of all.
+    pub sum: f64,
+}
+
+impl ColumnStatistics {
+    const NONE: ColumnStatistics = ColumnStatistics { count: 0, least: i64::MAX, most: i64::MIN, sum: 0.0 };
+
+    fn of(numbers: &[i64], sample: SampleType) -> ColumnStatistics {
+        match sample {
+            SampleType::F32 | SampleType::F64 | SampleType::U64 => {
+                let mut found = ColumnStatistics::NONE;
+                for number in numbers {
+                    let value = to_f64(sample, *number);
+                    if !value.is_nan() {
+                        found.count += 1;
+                        found.least = found.least.min(*number);
+                        found.most = found.most.max(*number);
+                        found.sum += value;
+                    }
+                }
+                found
+            }
+            _ => ColumnStatistics {
+                count: numbers.len() as u64,
+                least: numbers.iter().copied().min().unwrap_or(i64::MAX),
+                most: numbers.iter().copied().max().unwrap_or(i64::MIN),
+                sum: numbers.iter().map(|number| i128::from(*number)).sum::<i128>() as f64,
+            },
+        }
+    }
+
+    fn add(&mut self, other: &ColumnStatistics) {
+        self.count += other.count;
+        self.least = self.least.min(other.least);
+        self.most = self.most.max(other.most);
+        self.sum += other.sum;
+    }
+}
+
+/// What is known of all columns of many points.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Statistics {
+    /// Number of the points.
+    pub points: u64,
+    /// The columns: x, y, z on the grid, then the attributes.
+    pub columns: Vec<ColumnStatistics>,
+}
+
+/// Bytes of a column's statistics.
+const COLUMN_BYTES: usize = 32;
+
+/// Bytes of the statistics of so many columns.
+pub(crate) fn statistics_bytes(columns: usize) -> usize {
+    8 + COLUMN_BYTES * columns
+}
+
+impl Statistics {
+    /// Those of no points.
+    pub(crate) fn none(columns: usize) -> Statistics {
+        Statistics { points: 0, columns: vec![ColumnStatistics::NONE; columns] }
+    }
+
+    /// Those of columns of numbers that are equally long.
+    pub(crate) fn of(columns: &[Vec<i64>], attributes: &[Attribute]) -> Statistics {
+        let samples = [SampleType::I32; 3].into_iter().chain(attributes.iter().map(|attribute| attribute.sample));
+        Statistics {
+            points: columns[0].len() as u64,
+            columns: columns.iter().zip(samples).map(|(column, sample)| ColumnStatistics::of(column, sample)).collect(),
+        }
+    }
+
+    /// Adds those of other points.
+    pub(crate) fn add(&mut self, other: &Statistics) {
+        self.points += other.points;
+        for (own, other) in self.columns.iter_mut().zip(&other.columns) {
+            own.add(other);
+        }
+    }
+
+    /// Least and greatest place on the grid of the points.
+    pub(crate) fn bounds(&self) -> [[i32; 3]; 2] {
+        // (Places are i32; those of no points stay the wrong way round.)
+        let number = |number: i64| number.clamp(i32::MIN.into(), i32::MAX.into()) as i32;
+        [
+            std::array::from_fn(|axis| number(self.columns[axis].least)),
+            std::array::from_fn(|axis| number(self.columns[axis].most)),
+        ]
+    }
+
+    pub(crate) fn write(&self, bytes: &mut Vec<u8>) {
+        bytes.extend_from_slice(&self.points.to_le_bytes());
+        for column in &self.columns {
+            bytes.extend_from_slice(&column.count.to_le_bytes());
+            bytes.extend_from_slice(&column.least.to_le_bytes());
+            bytes.extend_from_slice(&column.most.to_le_bytes());
+            bytes.extend_from_slice(&column.sum.to_le_bytes());
+        }
+    }
+
+    /// Reads what was written of so many columns; the bytes must be as many.
+    pub(crate) fn read(bytes: &[u8]) -> Statistics {
+        let eight = |at: usize| -> [u8; 8] { bytes[at..at + 8].try_into().expect("eight bytes") };
+        let columns = (8..bytes.len()).step_by(COLUMN_BYTES).map(|at| ColumnStatistics {
+            count: u64::from_le_bytes(eight(at)),
+            least: i64::from_le_bytes(eight(at + 8)),
+            most: i64::from_le_bytes(eight(at + 16)),
+            sum: f64::from_le_bytes(eight(at + 24)),
+        });
+        Statistics { points: u64::from_le_bytes(eight(0)), columns: columns.collect() }
+    }
+}

@@ -1,0 +1,120 @@
+//! The section that says what the points are.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::attribute::{Attribute, RowLayout};
+use crate::build::BuildSummary;
+use crate::build::Encoder;
+use crate::codec::MOST_POINTS;
+use crate::grid::PointGrid;
+use spinney_base::space::Dimension;
+use spinney_base::value::SampleType;
+use spinney_base::{Error, Result};
+
+/// Bytes that the section may have.
+const LIMIT: usize = 1 << 20;
+/// First number of the section: the version of the struct that follows.
+const VERSION: u32 = 1;
+/// Attributes of points at most.
+pub(crate) const MOST_ATTRIBUTES: usize = 4096;
+
+/// What the points of a file are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Summary {
+    /// Number of points, and of those at the place of another one.
+    pub points: u64,
+    pub duplicates: u64,
+    /// Points of a block at most.
+    pub leaf_size: u32,
+    /// The grid: see [`PointGrid`].
+    pub scale: [f64; 3],
+    pub offset: [f64; 3],
+    pub corner: [i32; 3],
+    pub bits: u8,
+    pub attributes: Vec<StoredAttribute>,
+}
+
+/// An attribute: see [`Attribute`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct StoredAttribute {
+    pub name: String,
+    pub sample: u8,
+    pub scale_offset: Option<(f64, f64)>,
+    pub description: String,
+}
+
+fn config() -> impl bincode::config::Config {
+    bincode::config::standard().with_limit::<LIMIT>()
+}
+
+impl Summary {
+    /// What an encoder's blocks are.
+    pub(crate) fn new(encoder: &Encoder, leaf_size: usize, summary: BuildSummary) -> Summary {
+        let attribute = |attribute: &Attribute| StoredAttribute {
+            name: attribute.name.clone(),
+            sample: attribute.sample as u8,
+            scale_offset: attribute.scale_offset,
+            description: attribute.description.clone(),
+        };
+        let PointGrid { scale, offset, corner, bits, .. } = encoder.grid.clone();
+        Summary {
+            points: summary.points,
+            duplicates: summary.duplicates,
+            leaf_size: leaf_size as u32,
+            scale,
+            offset,
+            corner,
+            bits,
+            attributes: encoder.layout.attributes.iter().map(attribute).collect(),
+        }
+    }
+
+    /// The section's bytes.
+    pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
+        let bytes = bincode::serde::encode_to_vec((VERSION, self), config()).ok();
+        bytes.filter(|bytes| bytes.len() <= LIMIT && self.attributes.len() <= MOST_ATTRIBUTES).ok_or_else(|| Error::TooLarge {
+            path: path.to_path_buf(),
+            what: "the description of the attributes".into(),
+            needed: LIMIT as u64 + 1,
+            limit: LIMIT as u64,
+            advice: "choose some of them with --attribute".into(),
+        })
+    }
+
+    /// Checks and understands the section of a tree with so many axes.
+    pub(crate) fn from_bytes(path: &Path, bytes: &[u8], dimension: Dimension) -> Result<(Summary, PointGrid, RowLayout)> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, "points", found, expected);
+        let (version, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config())
+            .map_err(|error| corrupt(error.to_string(), "a version number"))?;
+        if version != VERSION {
+            let advice = "read it with a program as new as the file";
+            return Err(Error::unsupported(path, format!("points of version {version}"), advice));
+        }
+        let (summary, _): (Summary, usize) = bincode::serde::decode_from_slice(&bytes[used..], config())
+            .map_err(|error| corrupt(error.to_string(), "the section of formats.md"))?;
+        let numbers = summary.scale.iter().chain(&summary.offset);
+        if !numbers.clone().all(|number| number.is_finite()) || summary.scale.iter().any(|scale| *scale <= 0.0) {
+            let found = format!("scale {:?}, offset {:?}", summary.scale, summary.offset);
+            return Err(corrupt(found, "finite numbers, and scales above 0"));
+        }
+        if summary.bits > 32 || summary.attributes.len() > MOST_ATTRIBUTES {
+            let found = format!("{} bits, {} attributes", summary.bits, summary.attributes.len());
+            return Err(corrupt(found, &format!("at most 32, and {MOST_ATTRIBUTES}")));
+        }
+        if !(1..=MOST_POINTS).contains(&(summary.leaf_size as usize)) {
+            return Err(corrupt(format!("{} points in a leaf", summary.leaf_size), &format!("1 to {MOST_POINTS}")));
+        }
+        let attribute = |stored: &StoredAttribute| {
+            let sample = SampleType::ALL.get(usize::from(stored.sample)).copied();
+            let sample = sample.ok_or_else(|| corrupt(format!("sample type {}", stored.sample), "0 to 9"))?;
+            let StoredAttribute { name, scale_offset, description, .. } = stored.clone();
+            Ok(Attribute { name, sample, scale_offset, description })
+        };
+        let attributes = summary.attributes.iter().map(attribute).collect::<Result<Vec<_>>>()?;
+        let Summary { scale, offset, corner, bits, .. } = summary.clone();
+        let grid = PointGrid { scale, offset, corner, bits, dimension };
+        Ok((summary, grid, RowLayout::packed(attributes)))
+    }
+}
