@@ -62,9 +62,14 @@ impl Bits {
     #[inline(always)]
     fn put(&mut self, bits: u64, count: u32) {
         if count > 32 {
-            self.put(bits & 0xffff_ffff, 32);
-            return self.put(bits >> 32, count - 32);
+            self.put_short(bits & 0xffff_ffff, 32);
+            return self.put_short(bits >> 32, count - 32);
         }
+        self.put_short(bits, count);
+    }
+
+    #[inline(always)]
+    fn put_short(&mut self, bits: u64, count: u32) {
         // Invariant: fewer than 32 bits wait, so that 32 more have room.
         self.some |= bits << self.count;
         self.count += count;
@@ -140,7 +145,7 @@ impl Table {
     /// The probabilities nearest to counts of tokens; each token that there is has at least one part.
     fn of_counts(counts: &[u32]) -> Table {
         let all: u64 = counts.iter().map(|count| u64::from(*count)).sum();
-        let mut frequencies = vec![0u16; TOKENS];
+        let mut frequencies = vec![0u16; counts.len()];
         let mut left = i64::from(TOTAL);
         for (frequency, count) in frequencies.iter_mut().zip(counts) {
             if *count > 0 {
@@ -151,7 +156,7 @@ impl Table {
         }
         // What was rounded away goes to the most frequent ones, or comes from them. (There are fewer tokens than parts: one can give.)
         while left != 0 && all > 0 {
-            let most = (0..TOKENS).max_by_key(|token| (frequencies[*token], TOKENS - token)).unwrap_or_default();
+            let most = (0..counts.len()).max_by_key(|token| (frequencies[*token], TOKENS - token)).unwrap_or_default();
             let change = left.clamp(-i64::from(frequencies[most] / 2).max(1), i64::from(TOTAL));
             frequencies[most] = (i64::from(frequencies[most]) + change) as u16;
             left -= change;
@@ -163,11 +168,11 @@ impl Table {
     /// a frequency of 0 stands how many more of them follow, up to 15.
     fn write(&self, bits: &mut Bits) {
         let is_there = |token: &usize| self.frequencies[*token] > 0;
-        let Some(first) = (0..TOKENS).find(is_there) else {
+        let Some(first) = (0..self.frequencies.len()).find(is_there) else {
             // (The last before the first: there is none.)
             return bits.put(1, 20);
         };
-        let last = (0..TOKENS).rev().find(is_there).unwrap_or(first);
+        let last = (0..self.frequencies.len()).rev().find(is_there).unwrap_or(first);
         bits.put((first | last << 10) as u64, 20);
         let mut rest = &self.frequencies[first..=last];
         while let Some((frequency, behind)) = rest.split_first() {
@@ -240,45 +245,56 @@ impl Place {
     }
 }
 
-/// Counts of tokens by context.
-struct Counts(Vec<u32>);
+/// Counts of tokens by context, of tokens below a number.
+struct Counts {
+    counts: Vec<u32>,
+    below: usize,
+}
 
 impl Counts {
-    fn of(numbers: &[i64], contexts: &[u8], used: usize) -> Counts {
-        let mut counts = vec![0; used * TOKENS];
-        if contexts.is_empty() {
-            numbers.iter().for_each(|number| counts[usize::from(token_of(fold(*number), FINE).0)] += 1);
+    /// Those of fine tokens, each with its context.
+    fn of(tokens: &[u16], contexts: &[u8], used: usize) -> Counts {
+        let below = tokens.iter().max().map_or(1, |most| usize::from(*most) + 1);
+        let mut counts = vec![0; used * below];
+        match contexts.is_empty() {
+            true => tokens.iter().for_each(|token| counts[usize::from(*token)] += 1),
+            false => tokens
+                .iter()
+                .zip(contexts)
+                .for_each(|(token, context)| counts[usize::from(*context) * below + usize::from(*token)] += 1),
         }
-        for (number, context) in numbers.iter().zip(contexts) {
-            counts[usize::from(*context) * TOKENS + usize::from(token_of(fold(*number), FINE).0)] += 1;
-        }
-        Counts(counts)
+        Counts { counts, below }
     }
 
     /// Those of coarser tokens.
     fn coarser(&self) -> Counts {
-        let mut coarser = vec![0; self.0.len()];
-        for (own, all) in coarser.chunks_mut(TOKENS).zip(self.0.chunks(TOKENS)) {
+        let mut coarser = vec![0; self.counts.len()];
+        for (own, all) in coarser.chunks_mut(self.below).zip(self.counts.chunks(self.below)) {
             for (token, count) in all.iter().enumerate().filter(|(_, count)| **count > 0) {
-                own[usize::from(token_of(number_of(token as u16, FINE).0, COARSE).0)] += count;
+                own[usize::from(coarse_token(token as u16))] += count;
             }
         }
-        Counts(coarser)
+        Counts { counts: coarser, below: self.below }
     }
 
     /// About the bits, in parts of 2^[`LOG_BITS`], that tokens take, their probabilities, and the bits behind.
     fn cost(&self, fineness: u32) -> u64 {
         let mut bits = 0;
-        for counts in self.0.chunks(TOKENS) {
+        for counts in self.counts.chunks(self.below) {
             let all: u64 = counts.iter().map(|count| u64::from(*count)).sum();
             for (token, count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
                 let (_, rest) = number_of(token as u16, fineness);
                 let count = u64::from(*count);
-                bits += count * (log2(all) - log2(count)) + (count * u64::from(rest) + 9 << LOG_BITS);
+                bits += count * (log2(all) - log2(count)) + ((count * u64::from(rest) + 9) << LOG_BITS);
             }
         }
         bits
     }
+}
+
+/// The coarse token of the least number with a fine one.
+fn coarse_token(fine: u16) -> u16 {
+    token_of(number_of(fine, FINE).0, COARSE).0
 }
 
 /// Writes numbers, each in its context, behind what is there; who reads them must know how many there are, and the context of each.
@@ -296,27 +312,35 @@ impl Counts {
 /// ```
 pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     let used = contexts.iter().max().map_or(1, |most| usize::from(*most) + 1);
-    let fine = Counts::of(numbers, contexts, used);
+    let mut tokens: Vec<u16> = numbers.iter().map(|number| token_of(fold(*number), FINE).0).collect();
+    let fine = Counts::of(&tokens, contexts, used);
     let coarse = fine.coarser();
     let (fineness, counts) =
         if fine.cost(FINE) < coarse.cost(COARSE) { (FINE, fine) } else { (COARSE, coarse) };
-    let tables: Vec<Table> = counts.0.chunks(TOKENS).map(Table::of_counts).collect();
+    if fineness == COARSE {
+        let coarse: Vec<u16> = (0..counts.below).map(|token| coarse_token(token as u16)).collect();
+        tokens.iter_mut().for_each(|token| *token = coarse[usize::from(*token)]);
+    }
+    let tables: Vec<Table> = counts.counts.chunks(counts.below).map(Table::of_counts).collect();
     let mut head = Bits::default();
     head.put(u64::from(fineness == FINE), 1);
     tables.iter().for_each(|table| table.write(&mut head));
     let head = head.finish();
     let places: Vec<Place> = tables.iter().flat_map(Place::all).collect();
+    let rests: Vec<u32> = (0..counts.below.min(self::tokens(fineness))).map(|token| number_of(token as u16, fineness).1).collect();
     let mut bits = Bits::default();
-    for number in numbers {
-        let (_, rest) = token_of(fold(*number), fineness);
-        bits.put(fold(*number) & ((1 << rest) - 1), rest);
+    if rests.iter().any(|rest| *rest > 0) {
+        for (number, token) in numbers.iter().zip(&tokens) {
+            let rest = rests[usize::from(*token)];
+            bits.put(fold(*number) & ((1 << rest) - 1), rest);
+        }
     }
     let bits = bits.finish();
     let mut states = [LOW; 2];
     let mut words: Vec<u16> = Vec::with_capacity(numbers.len());
-    for (index, number) in numbers.iter().enumerate().rev() {
+    for (index, token) in tokens.iter().enumerate().rev() {
         let context = contexts.get(index).map_or(0, |context| usize::from(*context));
-        let place = places[context * TOKENS + usize::from(token_of(fold(*number), fineness).0)];
+        let place = places[context * counts.below + usize::from(*token)];
         if place.frequency == TOTAL {
             continue;
         }

@@ -68,14 +68,23 @@ impl RowLayout {
         self.attributes.iter().position(|attribute| attribute.name == name)
     }
 
-    /// The number of an attribute in a row, in the order of [`ordered`].
-    #[inline]
-    pub(crate) fn number(&self, attribute: usize, row: &[u8]) -> i64 {
-        let Field { offset, bits } = self.fields[attribute];
-        match bits {
-            Some((shift, count)) => i64::from(row[offset] >> shift & (((1u16 << count) - 1) as u8)),
-            None => ordered(self.attributes[attribute].sample, &row[offset..]),
+    /// The numbers of an attribute in many rows, in the order of [`ordered`].
+    pub(crate) fn numbers<'r>(&self, attribute: usize, rows: impl Iterator<Item = &'r [u8]>) -> Vec<i64> {
+        // (The type is told before the rows, so that each has a loop of its own.)
+        macro_rules! all {
+            ($($sample:ident)*) => {
+                match (self.fields[attribute], self.attributes[attribute].sample) {
+                    (Field { offset, bits: Some((shift, count)) }, _) => {
+                        let mask = ((1u16 << count) - 1) as u8;
+                        rows.map(|row| i64::from(row[offset] >> shift & mask)).collect()
+                    }
+                    $((Field { offset, .. }, SampleType::$sample) => {
+                        rows.map(|row| ordered(SampleType::$sample, &row[offset..])).collect()
+                    })*
+                }
+            };
         }
+        all!(U8 U16 I16 U32 I32 F32 F64 I8 U64 I64)
     }
 
     /// Puts an attribute's number into a row.
@@ -103,7 +112,7 @@ pub(crate) fn place_of(row: &[u8]) -> [i32; 3] {
 }
 
 /// A number of the first bytes as a whole number that is in the same order: that of floating-point numbers by their bits.
-#[inline]
+#[inline(always)]
 pub(crate) fn ordered(sample: SampleType, bytes: &[u8]) -> i64 {
     fn first<const N: usize>(bytes: &[u8]) -> [u8; N] {
         bytes[..N].try_into().expect("as long as it is")
@@ -191,8 +200,9 @@ mod tests {
         let layout = RowLayout { size: 13, attributes, fields };
         let mut row = [0xff; 13];
         layout.set_number(0, &mut row, 2);
-        assert_eq!((layout.number(0, &row), layout.number(1, &row)), (2, 31));
+        let numbers = |row: &[u8]| [0, 1].map(|attribute| layout.numbers(attribute, std::iter::once(row))[0]);
+        assert_eq!(numbers(&row), [2, 31]);
         layout.set_number(1, &mut row, 9);
-        assert_eq!((layout.number(0, &row), layout.number(1, &row)), (2, 9));
+        assert_eq!(numbers(&row), [2, 9]);
     }
 }

@@ -1,15 +1,24 @@
-//! Trees of points.
+//! Octrees and quadtrees of points on disk: any number of points in one file with every level of detail inside, and answers straight from
+//! that file.
+//!
+//! Each point is there once, in the coarsest node whose spacing it keeps: who reads down to a level gets points that are spread evenly, and each
+//! deeper level adds some, and repeats none. Attributes are packed, column by column; counts, extremes and sums stand by each node.
 
 mod attribute;
 mod build;
 mod codec;
 mod grid;
 pub mod las;
+mod query;
 mod source;
 mod statistics;
 mod store;
+#[cfg(test)]
+mod tests;
 
 pub use attribute::{Attribute, Field, PLACE_BYTES, RowLayout};
 pub use build::{BuildOptions, BuildSummary, build};
 pub use grid::PointGrid;
-pub use source::{PointSchema, PointSource};
+pub use query::{ColumnSummary, PointColumns, PointCondition, PointRegion, PointRelation, PointStatistics, Selection};
+pub use source::{PointRows, PointSchema, PointSource};
+pub use store::{PointTree, is_point_file};

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::attribute::RowLayout;
-use spinney_base::Result;
+use crate::attribute::{PLACE_BYTES, RowLayout, place_of};
+use spinney_base::{Error, Result};
 use spinney_base::space::Dimension;
 use spinney_crs::Crs;
 
@@ -28,6 +28,14 @@ pub struct PointSchema {
     pub tags: BTreeMap<String, String>,
 }
 
+impl PointSchema {
+    /// A schema of rows on a grid whose steps are units of the world, of which nothing else is known.
+    pub fn new(layout: RowLayout, dimension: Dimension) -> PointSchema {
+        let (scale, offset, bounds) = ([1.0; 3], [0.0; 3], [[0; 3]; 2]);
+        PointSchema { layout, dimension, scale, offset, bounds, count: None, crs: None, tags: BTreeMap::new() }
+    }
+}
+
 /// Points that come in, in any order.
 pub trait PointSource: Send {
     /// Description of the points.
@@ -38,4 +46,67 @@ pub trait PointSource: Send {
     /// # Errors
     /// If they cannot be read, or break the rules of their format.
     fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize>;
+}
+
+/// Points in memory.
+#[derive(Clone, Debug)]
+pub struct PointRows {
+    schema: PointSchema,
+    rows: Vec<u8>,
+    at: usize,
+}
+
+impl PointRows {
+    /// Rows as the schema describes them. Bounds and number of points are those of the rows, whatever the schema says.
+    ///
+    /// # Errors
+    /// If they are no whole rows.
+    ///
+    /// ```
+    /// use spinney_points::{PointRows, PointSchema, RowLayout};
+    /// use spinney_base::space::Dimension;
+    ///
+    /// let rows: Vec<u8> = [[1i32, 2, 3], [4, 5, 6]].as_flattened().iter().flat_map(|number| number.to_le_bytes()).collect();
+    /// let points = PointRows::new(PointSchema::new(RowLayout::packed(vec![]), Dimension::Oct), rows)?;
+    /// # Ok::<(), spinney_base::Error>(())
+    /// ```
+    pub fn new(mut schema: PointSchema, rows: Vec<u8>) -> Result<PointRows> {
+        let size = schema.layout.size;
+        if size < PLACE_BYTES || !rows.len().is_multiple_of(size) {
+            let found = format!("{} bytes", rows.len());
+            return Err(Error::invalid("rows of points", found, format!("rows of {size} bytes, of {PLACE_BYTES} or more")));
+        }
+        schema.bounds = bounds_of(&rows, size).unwrap_or([[0; 3]; 2]);
+        schema.count = Some((rows.len() / size) as u64);
+        Ok(PointRows { schema, rows, at: 0 })
+    }
+}
+
+/// Least and greatest place of rows of so many bytes; `None` if there are none.
+pub(crate) fn bounds_of(rows: &[u8], size: usize) -> Option<[[i32; 3]; 2]> {
+    let mut bounds: Option<[[i32; 3]; 2]> = None;
+    for row in rows.chunks_exact(size) {
+        let place = place_of(row);
+        let [least, most] = bounds.get_or_insert([place; 2]);
+        for axis in 0..3 {
+            least[axis] = least[axis].min(place[axis]);
+            most[axis] = most[axis].max(place[axis]);
+        }
+    }
+    bounds
+}
+
+impl PointSource for PointRows {
+    fn schema(&self) -> &PointSchema {
+        &self.schema
+    }
+
+    fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize> {
+        let size = self.schema.layout.size;
+        let rest = &self.rows[self.at..];
+        let bytes = rest.len().min(most.saturating_mul(size));
+        rows.extend_from_slice(&rest[..bytes]);
+        self.at += bytes;
+        Ok(bytes / size)
+    }
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::{Error, Result};
 
-/// Collects items of one size, each with a key, and gives them back in the order of the keys.
+/// Collects items of one size, each with a key, and gives them back in the order of the keys; those with equal keys as they came.
 ///
 /// More items than the memory allows go to temporary files in sorted runs, which are merged in the end.
 pub struct Sorter {
@@ -57,7 +57,7 @@ impl Sorter {
     }
 
     fn spill(&mut self) -> io::Result<()> {
-        self.items.sort_unstable_by_key(|(key, _)| *key);
+        self.items.sort_by_key(|(key, _)| *key);
         let mut out = BufWriter::new(tempfile::spooled_tempfile_in(0, &self.folder));
         for (key, item) in &self.items {
             out.write_all(&key.to_le_bytes())?;
@@ -73,7 +73,7 @@ impl Sorter {
     /// Hands out all items in order.
     pub fn finish(mut self, item: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let spill_error = || Error::io(&self.folder, "use a temporary file");
-        self.items.sort_unstable_by_key(|(key, _)| *key);
+        self.items.sort_by_key(|(key, _)| *key);
         let mut last = self.items.into_iter().peekable();
         let mut runs: Vec<_> =
             self.runs.into_iter().map(|run| (BufReader::new(run.file), run.items)).collect();

@@ -151,6 +151,7 @@ impl<'a> Assembler<'a> {
                 self.divide(index);
                 self.open[index].below.add(&statistics);
             }
+            Closed::Few(pending) if pending.rows.is_empty() => {}
             Closed::Few(pending) if open.is_divided => {
                 let statistics = leaf(self.encoder, pending, &mut self.pieces);
                 open.below.add(&statistics);

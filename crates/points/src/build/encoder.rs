@@ -2,9 +2,10 @@
 
 use super::NUMBER_BYTES;
 use crate::attribute::{RowLayout, place_of};
-use crate::codec::{BlockLayout, columns_of, encode};
+use crate::codec::{BlockLayout, MOST_POINTS, columns_of, encode};
 use crate::grid::PointGrid;
 use crate::statistics::Statistics;
+use spinney_base::sort;
 use spinney_packing::{LOG_BITS, log2};
 
 /// A block, ready to be written.
@@ -26,6 +27,9 @@ pub(crate) struct Encoder {
 const TRIED: usize = 512;
 /// Bits that a time takes where points do not stand in its order.
 const TIME_BITS: u64 = 14;
+/// Bits of a row's place in a block.
+const PLACE_BITS: u32 = 20;
+const _: () = assert!(MOST_POINTS <= 1 << PLACE_BITS);
 
 impl Encoder {
     pub(crate) fn new(layout: RowLayout, grid: PointGrid) -> Encoder {
@@ -41,46 +45,48 @@ impl Encoder {
     /// costs fewer bits where they came in no order.
     pub(crate) fn encode(&self, rows: &[u8]) -> EncodedBlock {
         let stride = self.stride();
-        let came = self.ordered(rows, |row| number_of(row, self.layout.size));
-        let by_code = || self.ordered(rows, |row| self.grid.code(place_of(row)).map_or(0, |code| code.bits()));
-        let rows = match self.jumps(&came) > TIME_BITS * u64::from(self.block.clock.is_some()) + self.usual_jump(rows) {
-            false => came,
-            true => {
-                let other = by_code();
-                let time = TIME_BITS * u64::from(self.block.clock.is_some());
-                if self.jumps(&other) + time < self.jumps(&came) { other } else { came }
+        let came = |row: &[u8]| number_of(row, self.layout.size);
+        let least = rows.chunks_exact(stride).map(came).min().unwrap_or_default();
+        let mut order = self.order(rows, |row| came(row) - least);
+        // (Most come along the lines of a scanner: the other order is looked at only where it may gain.)
+        let time = TIME_BITS * u64::from(self.block.clock.is_some());
+        let jumps = self.jumps(rows, &order);
+        if jumps > time + self.usual_jump(rows) {
+            let code = |row: &[u8]| self.grid.code(place_of(row)).map_or(0, |code| code.bits() >> 5);
+            let least = rows.chunks_exact(stride).map(code).min().unwrap_or_default();
+            let by_code = self.order(rows, |row| code(row) - least);
+            if self.jumps(rows, &by_code) + time < jumps {
+                order = by_code;
             }
-        };
-        let columns = columns_of(&rows, stride, &self.layout);
+        }
+        let ordered = order.iter().map(|place| &rows[*place as usize * stride..][..stride]);
+        let columns = columns_of(ordered, &self.layout);
         let statistics = Statistics::of(&columns, &self.layout.attributes);
         EncodedBlock { bytes: encode(&columns, &self.block), statistics }
     }
 
-    /// The rows in the order of a key, those with equal ones as they are.
-    fn ordered(&self, rows: &[u8], key: impl Fn(&[u8]) -> u64) -> Vec<u8> {
-        let stride = self.stride();
-        let mut order: Vec<u128> = rows
-            .chunks_exact(stride)
-            .enumerate()
-            .map(|(index, row)| u128::from(key(row)) << 32 | index as u128)
-            .collect();
-        spinney_base::sort::numbers128(&mut order);
-        let mut sorted = Vec::with_capacity(rows.len());
-        for place in order {
-            let at = (place as u32) as usize * stride;
-            sorted.extend_from_slice(&rows[at..at + stride]);
+    /// The places of rows in the order of a key, those with equal ones as they are.
+    fn order(&self, rows: &[u8], key: impl Fn(&[u8]) -> u64) -> Vec<u32> {
+        let rows = || rows.chunks_exact(self.stride()).map(&key).enumerate();
+        // A block has at most 2^20 rows, so that mostly key and place fit into 64 bits.
+        let most = rows().map(|(_, key)| key).max().unwrap_or_default();
+        if most >> (64 - PLACE_BITS) == 0 {
+            let mut order: Vec<u64> = rows().map(|(place, key)| key << PLACE_BITS | place as u64).collect();
+            sort::numbers64(&mut order);
+            return order.into_iter().map(|place| (place & ((1 << PLACE_BITS) - 1)) as u32).collect();
         }
-        sorted
+        let mut order: Vec<u128> = rows().map(|(place, key)| u128::from(key) << 32 | place as u128).collect();
+        sort::numbers128(&mut order);
+        order.into_iter().map(|place| place as u32).collect()
     }
 
-    /// Bits, on average, of how far it is from point to point.
-    fn jumps(&self, rows: &[u8]) -> u64 {
+    /// Bits, on average, of how far it is from point to point in an order.
+    fn jumps(&self, rows: &[u8], order: &[u32]) -> u64 {
         let stride = self.stride();
-        let count = rows.len() / stride;
-        let step = (count / TRIED).max(1);
+        let step = (order.len() / TRIED).max(1);
         let (mut bits, mut pairs) = (0, 0);
-        for index in (1..count).step_by(step) {
-            let [before, here] = [index - 1, index].map(|index| place_of(&rows[index * stride..]));
+        for pair in order.windows(2).step_by(step) {
+            let [before, here] = [pair[0], pair[1]].map(|place| place_of(&rows[place as usize * stride..]));
             for axis in 0..3 {
                 bits += log2(u64::from(before[axis].abs_diff(here[axis])) + 1);
             }

@@ -11,7 +11,7 @@ use crate::codec::MOST_POINTS;
 use crate::grid::PointGrid;
 use crate::source::PointSource;
 use crate::store::{PointWriter, Summary};
-use spinney_base::io::{Output, folder};
+use spinney_base::io::{Output, Sorter, folder};
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result, parallel};
 use spinney_container::Metadata;
@@ -99,6 +99,19 @@ struct Plan<'a> {
     progress: &'a dyn Progress,
 }
 
+/// A number that no other place has.
+fn place_key([x, y, z]: [i32; 3]) -> u128 {
+    u128::from(x as u32) << 64 | u128::from(y as u32) << 32 | u128::from(z as u32)
+}
+
+/// Number of places that are there once more; takes all.
+fn duplicates_of(places: &mut Vec<u128>) -> u64 {
+    spinney_base::sort::numbers128(places);
+    let count = places.windows(2).filter(|pair| pair[0] == pair[1]).count();
+    places.clear();
+    count as u64
+}
+
 struct Work<'a> {
     plan: Plan<'a>,
     temporary: PathBuf,
@@ -140,13 +153,18 @@ impl Plan<'_> {
         let mut duplicates = 0;
         let mut assembler = Assembler::new(self.encoder, self.options.leaf_size, bucket.code);
         let mut same = before.map(|before| before.common_ancestor(bucket.code).level());
-        let mut last: Option<(Code, &[u8])> = None;
+        let mut last: Option<Code> = None;
+        // Places of points with the last code.
+        let mut places = Vec::new();
         for (code, place) in order {
             let row = &bytes[place as usize * stride..][..stride];
-            if let Some((before, point)) = last {
+            if let Some(before) = last {
                 same = Some(before.common_ancestor(code).level());
-                duplicates += u64::from(place_of(point) == place_of(row));
+                if before != code {
+                    duplicates += duplicates_of(&mut places);
+                }
             }
+            places.push(place_key(place_of(row)));
             let level = node_level(self.encoder, same);
             if level < bucket.code.level() {
                 levels.push(level);
@@ -155,13 +173,14 @@ impl Plan<'_> {
                 assembler.advance(code);
                 assembler.add(code, level, row);
             }
-            last = Some((code, row));
+            last = Some(code);
         }
+        duplicates += duplicates_of(&mut places);
         let (closed, pieces) = assembler.finish();
         Ok(Assembled { closed, pieces, levels, above, duplicates })
     }
 
-    /// The codes and places of rows, by code, then by place on the grid, then as they came in.
+    /// The codes and places of rows, by code, those with the same one as they came in.
     fn sorted(&self, rows: &[u8]) -> Vec<(Code, u32)> {
         let code = |row: &[u8]| self.encoder.grid.code(place_of(row)).expect("it was in the root when it was read");
         let dimension = self.encoder.grid.dimension;
@@ -281,19 +300,29 @@ impl Work<'_> {
     fn stream(&mut self, rows: &BucketedRows, bucket: &Bucket, assembler: &mut Assembler<'_>, last: Option<Code>) -> Result<()> {
         assembler.advance(bucket.code);
         let mut same = last.map(|last| last.common_ancestor(bucket.code).level());
-        let mut before: Option<[i32; 3]> = None;
         let stride = self.plan.encoder.stride();
+        // (Where codes do not tell all of a place, what they leave has fewer than 64 bits.)
+        let mut places = Sorter::new(&self.temporary, 8, self.plan.options.memory / 16);
+        let corner = self.plan.encoder.grid.node_box(bucket.code)[0];
         rows.read(bucket, BATCH, &mut |rows| {
             self.plan.progress.check()?;
             for row in rows.chunks_exact(stride) {
                 let place = place_of(row);
-                self.duplicates += u64::from(before == Some(place));
-                before = Some(place);
+                let low = |axis: usize| u64::from(place[axis].wrapping_sub(corner[axis]) as u32);
+                let key = low(0) << 48 | low(1) << 32 | low(2);
+                places.push(key, key.to_le_bytes().to_vec())?;
                 assembler.add(bucket.code, node_level(self.plan.encoder, same), row);
                 same = Some(bucket.code.level());
             }
             self.plan.progress.advance((rows.len() / stride) as u64, self.total);
             self.write(std::mem::take(&mut assembler.pieces))
+        })?;
+        let mut before = None;
+        places.finish(&mut |place| {
+            let place = Some(place.to_vec());
+            self.duplicates += u64::from(before == place);
+            before = place;
+            Ok(())
         })
     }
 

@@ -1,7 +1,7 @@
 //! One block: columns, each with the way in which it is foretold.
 
 use super::prediction::{Clock, Prediction, errors_of, numbers_of};
-use crate::attribute::{PLACE_BYTES, RowLayout, place_of};
+use crate::attribute::{RowLayout, place_of};
 use spinney_base::value::SampleType;
 use spinney_packing::{LOG_BITS, MOST_CONTEXTS, log2, pack_numbers, unpack_numbers};
 
@@ -46,8 +46,49 @@ fn contexts_of(labels: &[i64], clock: &Clock) -> Vec<u8> {
     labels.iter().zip(same).map(|(label, same)| (label & 3) as u8 | same << 2).collect()
 }
 
+/// Mark of a column of which steps are counted, beside its prediction.
+const HAS_STEPS: u8 = 0x80;
+/// Mark of a column whose numbers are all the same, in place of a prediction.
+const IS_CONSTANT: u8 = 0x40;
+
+/// Numbers that are all as many steps of one size from the first of them: times on a clock that ticks slowly, colours of 8 bits in 16.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Steps {
+    first: i64,
+    step: i64,
+}
+
+impl Steps {
+    /// The steps of numbers; `None` if they are of size 1.
+    fn of(numbers: &[i64]) -> Option<Steps> {
+        let first = *numbers.first()?;
+        let mut step = 0u64;
+        for number in numbers {
+            let (mut a, mut b) = (number.checked_sub(first)?.unsigned_abs(), step);
+            while b != 0 {
+                (a, b) = (b, a % b);
+            }
+            step = a;
+            if step == 1 {
+                return None;
+            }
+        }
+        let step = i64::try_from(step).ok().filter(|step| *step > 1)?;
+        Some(Steps { first, step })
+    }
+
+    fn counted(self, numbers: &[i64]) -> Vec<i64> {
+        // (The differences were found to fit.)
+        numbers.iter().map(|number| (number - self.first) / self.step).collect()
+    }
+
+    fn uncount(self, numbers: &mut [i64]) {
+        numbers.iter_mut().for_each(|number| *number = self.first.wrapping_add(number.wrapping_mul(self.step)));
+    }
+}
+
 /// Points that tell which prediction and label suit a column.
-const TRIED: usize = 2048;
+const TRIED: usize = 1024;
 
 /// About the bits, in parts of 2^[`LOG_BITS`], that numbers take: those that tell how large each is, by how often that size comes in its context,
 /// and the rest.
@@ -72,13 +113,11 @@ fn cost(numbers: &[i64], contexts: &[u8]) -> u64 {
     (bits << LOG_BITS) + entropy
 }
 
-/// The columns of rows: all points of one column behind each other.
-pub(crate) fn columns_of(rows: &[u8], stride: usize, layout: &RowLayout) -> Vec<Vec<i64>> {
-    let rows = || rows.chunks_exact(stride);
-    let mut columns: Vec<Vec<i64>> = (0..3).map(|axis| rows().map(|row| place_of(row)[axis].into()).collect()).collect();
-    columns.extend((0..layout.attributes.len()).map(|attribute| rows().map(|row| layout.number(attribute, row)).collect()));
-    debug_assert!(layout.size >= PLACE_BYTES);
-    columns
+/// The columns of rows, in an order: all points of one column behind each other.
+pub(crate) fn columns_of<'r>(rows: impl Iterator<Item = &'r [u8]> + Clone, layout: &RowLayout) -> Vec<Vec<i64>> {
+    let axis = |axis: usize| rows.clone().map(|row| place_of(row)[axis].into()).collect();
+    let attribute = |attribute| layout.numbers(attribute, rows.clone());
+    (0..3).map(axis).chain((0..layout.attributes.len()).map(attribute)).collect()
 }
 
 /// The bytes of columns that are equally long: for each, in the order in which they are coded, its number of bytes (`u32`), then all of them.
@@ -91,6 +130,19 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
     let mut labels: Vec<(usize, Vec<u8>)> = Vec::new();
     for (place, column) in layout.order.iter().enumerate() {
         let numbers = &columns[*column];
+        if numbers.iter().all(|number| *number == numbers[0]) {
+            let before = bytes.len();
+            bytes.extend([IS_CONSTANT, 0]);
+            bytes.extend_from_slice(&numbers.first().copied().unwrap_or(0).to_le_bytes());
+            lengths.extend_from_slice(&((bytes.len() - before) as u32).to_le_bytes());
+            if Some(*column) == layout.clock {
+                clock = Clock::new(Some(numbers));
+            }
+            continue;
+        }
+        let steps = Steps::of(numbers);
+        let counted = steps.map(|steps| steps.counted(numbers));
+        let numbers = counted.as_deref().unwrap_or(numbers);
         let tried = &numbers[..numbers.len().min(TRIED)];
         let costs = Prediction::ALL.map(|prediction| {
             errors_of(tried, &clock, prediction, &mut other);
@@ -112,14 +164,20 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
             }
         }
         let before = bytes.len();
-        bytes.extend([prediction as u8, label.map_or(0, |(place, _)| *place as u8 + 1)]);
+        let has_steps = if steps.is_some() { HAS_STEPS } else { 0 };
+        bytes.extend([prediction as u8 | has_steps, label.map_or(0, |(place, _)| *place as u8 + 1)]);
+        if let Some(Steps { first, step }) = steps {
+            bytes.extend_from_slice(&first.to_le_bytes());
+            bytes.extend_from_slice(&step.to_le_bytes());
+        }
         pack_numbers(&errors, label.map_or(&clock.contexts, |(_, contexts)| contexts), &mut bytes);
         lengths.extend_from_slice(&((bytes.len() - before) as u32).to_le_bytes());
+        let numbers = &columns[*column];
         if Some(*column) == layout.clock {
             clock = Clock::new(Some(numbers));
         }
         let is_label = layout.labels().contains(&place) && place < MOST_LABEL;
-        if is_label && numbers.iter().any(|number| *number != numbers[0]) {
+        if is_label {
             labels.push((place, contexts_of(numbers, &clock)));
         }
     }
@@ -160,7 +218,22 @@ pub(crate) fn decode(bytes: &[u8], points: usize, layout: &BlockLayout, wanted: 
     let mut columns = vec![Vec::new(); layout.columns];
     let mut clock = Clock::new(None);
     for (place, ([prediction, label], packed)) in parts.into_iter().enumerate().filter(|(place, _)| needed[*place]) {
-        let prediction = *Prediction::ALL.get(usize::from(*prediction))?;
+        if *prediction == IS_CONSTANT {
+            columns[layout.order[place]] = vec![i64::from_le_bytes(packed.try_into().ok()?); points];
+            if Some(layout.order[place]) == layout.clock {
+                clock = Clock::new(Some(&columns[layout.order[place]]));
+            }
+            continue;
+        }
+        let (steps, packed) = match prediction & HAS_STEPS != 0 {
+            true => {
+                let (first, packed) = packed.split_first_chunk()?;
+                let (step, packed) = packed.split_first_chunk()?;
+                (Some(Steps { first: i64::from_le_bytes(*first), step: i64::from_le_bytes(*step) }), packed)
+            }
+            false => (None, packed),
+        };
+        let prediction = *Prediction::ALL.get(usize::from(*prediction & !HAS_STEPS))?;
         let mut numbers = vec![0; points];
         let labels = label.checked_sub(1).map(|label| &columns[layout.order[usize::from(label)]][..]);
         let contexts = labels.map(|labels| contexts_of(labels, &clock));
@@ -168,6 +241,9 @@ pub(crate) fn decode(bytes: &[u8], points: usize, layout: &BlockLayout, wanted: 
             return None;
         }
         numbers_of(&mut numbers, &clock, prediction);
+        if let Some(steps) = steps {
+            steps.uncount(&mut numbers);
+        }
         if Some(layout.order[place]) == layout.clock {
             clock = Clock::new(Some(&numbers));
         }

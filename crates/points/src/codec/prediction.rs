@@ -96,8 +96,10 @@ impl Line {
 /// A prediction as a whole number.
 #[inline]
 fn whole(number: f64) -> i64 {
-    // (Saturating, and 0 for what is no number.)
-    (number + 0.5).floor() as i64
+    // (Saturating, and 0 for what is no number. `floor` would be a call where nobody asks for a newer processor.)
+    let number = number + 0.5;
+    let cut = number as i64;
+    cut.wrapping_sub(i64::from(cut as f64 > number))
 }
 
 /// The mean of the last numbers of a column, in which each number counts 15/16 of the one behind it; about the last one.

@@ -7,8 +7,7 @@ use std::path::{Path, PathBuf};
 use laz::{LasZipDecompressor, LazVlr};
 
 use super::header::LasHeader;
-use crate::attribute::place_of;
-use crate::source::{PointSchema, PointSource};
+use crate::source::{PointSchema, PointSource, bounds_of};
 use spinney_base::guard::guard;
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
@@ -75,21 +74,22 @@ impl LasReader {
     }
 
     fn bounds(mut self) -> Result<[[i32; 3]; 2]> {
-        let mut bounds = [[i32::MAX; 3], [i32::MIN; 3]];
+        let mut bounds: Option<[[i32; 3]; 2]> = None;
         let mut rows = Vec::new();
         loop {
             rows.clear();
             if self.read(&mut rows, 1 << 16)? == 0 {
                 // (Of no points: one place, so that there is a grid.)
-                return Ok(if bounds[0][0] > bounds[1][0] { [[0; 3]; 2] } else { bounds });
+                return Ok(bounds.unwrap_or([[0; 3]; 2]));
             }
-            for row in rows.chunks_exact(self.schema.layout.size) {
-                let place = place_of(row);
-                for axis in 0..3 {
-                    bounds[0][axis] = bounds[0][axis].min(place[axis]);
-                    bounds[1][axis] = bounds[1][axis].max(place[axis]);
-                }
-            }
+            let found = bounds_of(&rows, self.schema.layout.size);
+            bounds = match (bounds, found) {
+                (Some([a, b]), Some([c, d])) => Some([
+                    std::array::from_fn(|axis| a[axis].min(c[axis])),
+                    std::array::from_fn(|axis| b[axis].max(d[axis])),
+                ]),
+                (known, found) => known.or(found),
+            };
         }
     }
 }

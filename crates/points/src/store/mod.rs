@@ -1,7 +1,11 @@
 //! Files of trees of points: content 3 of a Goblin file.
 
+mod list;
+mod reader;
 mod summary;
 mod writer;
 
+pub(crate) use reader::PointNode;
+pub use reader::{PointTree, is_point_file};
 pub(crate) use summary::Summary;
 pub(crate) use writer::PointWriter;

@@ -185,7 +185,7 @@ impl Polygon {
             return Cover::Part;
         }
         // No edge passes between the centres, so that the first one's parity is that of all.
-        if self.has(low) { Cover::Whole } else { Cover::Nothing }
+        if self.contains(low) { Cover::Whole } else { Cover::Nothing }
     }
 
     /// Whether cells lie inside, with all of their area.
@@ -199,12 +199,12 @@ impl Polygon {
         if self.edges_in(self.bands(low[1], high[1])).any(near) {
             return Cover::Part;
         }
-        if self.has([centre(bounds.min[0]), centre(bounds.min[1])]) { Cover::Whole } else { Cover::Nothing }
+        if self.contains([centre(bounds.min[0]), centre(bounds.min[1])]) { Cover::Whole } else { Cover::Nothing }
     }
 
     /// Whether a point is inside, not too near an edge. Ends on the row count as below it: a ray through a corner then crosses
     /// both of its edges, or none, or the one that goes on, and parity is right.
-    fn has(&self, [x, y]: [f64; 2]) -> bool {
+    pub fn contains(&self, [x, y]: [f64; 2]) -> bool {
         let edges = self.edges_in(self.bands(y, y));
         edges.filter_map(|edge| crossing(edge, y)).filter(|at| x < *at).count() % 2 == 1
     }

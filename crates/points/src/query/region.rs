@@ -1,0 +1,121 @@
+//! Parts of space whose points are asked for.
+
+use crate::grid::PointGrid;
+use spinney_base::Result;
+use spinney_base::space::{Bounds, Cover, Polygon};
+
+/// A part of space, in the coordinates of the points. What lies on its border is in it, but for polygons: there it may be or not.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PointRegion {
+    /// All of it.
+    All,
+    /// A box, by its least and greatest corner.
+    Box([[f64; 3]; 2]),
+    /// All above and below polygons: parts, each of an outer ring and its holes.
+    Polygons(Vec<Vec<Vec<[f64; 2]>>>),
+    /// A ball, by its centre and radius.
+    Ball([f64; 3], f64),
+}
+
+/// A region on the grid of a tree.
+pub(crate) enum GridRegion {
+    All,
+    Nothing,
+    /// Least and greatest places.
+    Box([[i32; 3]; 2]),
+    /// In steps from the root's corner.
+    Polygon(Box<Polygon>),
+    Ball([f64; 3], f64),
+}
+
+impl PointRegion {
+    /// The region on a tree's grid.
+    ///
+    /// # Errors
+    /// If a polygon's ring has fewer than three corners, or one that is no number.
+    pub(crate) fn on(&self, grid: &PointGrid) -> Result<GridRegion> {
+        Ok(match self {
+            PointRegion::All => GridRegion::All,
+            PointRegion::Box(corners) => grid.places_in(*corners).map_or(GridRegion::Nothing, GridRegion::Box),
+            PointRegion::Ball(centre, radius) => GridRegion::Ball(*centre, *radius),
+            PointRegion::Polygons(parts) => {
+                let step = |at: [f64; 2]| -> [f64; 2] {
+                    std::array::from_fn(|axis| (at[axis] - grid.offset[axis]) / grid.scale[axis] - f64::from(grid.corner[axis]))
+                };
+                let parts: Vec<Vec<Vec<[f64; 2]>>> = parts
+                    .iter()
+                    .map(|part| part.iter().map(|ring| ring.iter().map(|at| step(*at)).collect()).collect())
+                    .collect();
+                GridRegion::Polygon(Box::new(Polygon::of_parts(&parts)?))
+            }
+        })
+    }
+}
+
+impl GridRegion {
+    /// How the region has the places of a box.
+    pub(crate) fn cover(&self, grid: &PointGrid, [least, most]: [[i32; 3]; 2]) -> Cover {
+        match self {
+            GridRegion::All => Cover::Whole,
+            GridRegion::Nothing => Cover::Nothing,
+            GridRegion::Box([low, high]) => {
+                let axes = || 0..3;
+                if axes().any(|axis| most[axis] < low[axis] || least[axis] > high[axis]) {
+                    Cover::Nothing
+                } else if axes().all(|axis| low[axis] <= least[axis] && most[axis] <= high[axis]) {
+                    Cover::Whole
+                } else {
+                    Cover::Part
+                }
+            }
+            GridRegion::Polygon(polygon) => {
+                let step = |place: i32, axis: usize| (i64::from(place) - i64::from(grid.corner[axis])).max(0) as u64;
+                let min = [step(least[0], 0), step(least[1], 1), 0];
+                let max = [step(most[0], 0) + 1, step(most[1], 1) + 1, 1];
+                polygon.cover_area(&Bounds { min, max })
+            }
+            GridRegion::Ball(centre, radius) => {
+                let (near, far) = distances(grid, *centre, [least, most]);
+                let square = radius * radius;
+                if near > square {
+                    Cover::Nothing
+                } else if far <= square {
+                    Cover::Whole
+                } else {
+                    Cover::Part
+                }
+            }
+        }
+    }
+
+    /// Whether a place is in the region.
+    #[inline]
+    pub(crate) fn has(&self, grid: &PointGrid, place: [i32; 3]) -> bool {
+        match self {
+            GridRegion::All => true,
+            GridRegion::Nothing => false,
+            GridRegion::Box([low, high]) => (0..3).all(|axis| low[axis] <= place[axis] && place[axis] <= high[axis]),
+            GridRegion::Polygon(polygon) => {
+                let step = |axis: usize| f64::from(place[axis]) - f64::from(grid.corner[axis]);
+                polygon.contains([step(0), step(1)])
+            }
+            GridRegion::Ball(centre, radius) => {
+                let at = grid.to_world(place);
+                let square: f64 = (0..3).map(|axis| (at[axis] - centre[axis]).powi(2)).sum();
+                square <= radius * radius
+            }
+        }
+    }
+}
+
+/// Squares of the least and the greatest distance, in the world, of a point from the places of a box.
+pub(crate) fn distances(grid: &PointGrid, from: [f64; 3], [least, most]: [[i32; 3]; 2]) -> (f64, f64) {
+    let (low, high) = (grid.to_world(least), grid.to_world(most));
+    let (mut near, mut far) = (0.0, 0.0);
+    for axis in 0..3 {
+        let (below, above) = (low[axis] - from[axis], from[axis] - high[axis]);
+        near += below.max(above).max(0.0).powi(2);
+        far += below.abs().max(above.abs()).powi(2);
+    }
+    (near, far)
+}

@@ -1,0 +1,265 @@
+//! Points of a region, of a level, for which conditions hold.
+
+use super::condition::PointCondition;
+use super::region::{GridRegion, PointRegion};
+use crate::attribute::{Attribute, to_f64};
+use crate::grid::PointGrid;
+use crate::statistics::Statistics;
+use crate::store::{PointNode, PointTree};
+use spinney_base::space::Cover;
+use spinney_base::value::SampleType;
+use spinney_base::{Progress, Result, parallel};
+
+/// Points that are asked for.
+#[derive(Clone, Debug)]
+pub struct Selection {
+    /// Where they are.
+    pub region: PointRegion,
+    /// The deepest level whose points are asked for; `None` for all.
+    pub level: Option<u8>,
+    /// What must hold for their attributes.
+    pub conditions: Vec<PointCondition>,
+}
+
+impl Default for Selection {
+    fn default() -> Selection {
+        Selection { region: PointRegion::All, level: None, conditions: Vec::new() }
+    }
+}
+
+/// Points: columns of x, y and z on the grid, then of the attributes that were asked for; columns of others are empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PointColumns {
+    pub(crate) columns: Vec<Vec<i64>>,
+}
+
+impl PointColumns {
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.columns.first().map_or(0, Vec::len)
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The place of a point on the grid.
+    #[inline]
+    pub fn place(&self, point: usize) -> [i32; 3] {
+        std::array::from_fn(|axis| self.columns[axis][point] as i32)
+    }
+
+    /// The number of an attribute of a point, as it was before scale and offset.
+    #[inline]
+    pub fn number(&self, attributes: &[Attribute], attribute: usize, point: usize) -> f64 {
+        to_f64(attributes[attribute].sample, self.columns[3 + attribute][point])
+    }
+}
+
+/// What is known of many points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointStatistics {
+    /// Number of points.
+    pub points: u64,
+    /// For x, y and z, in the coordinates of the points, and each attribute, with scale and offset: the numbers among them, their least, greatest and mean; nothing if
+    /// there are none.
+    pub columns: Vec<Option<ColumnSummary>>,
+}
+
+/// What is known of a column.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ColumnSummary {
+    /// Number of those that are numbers.
+    pub count: u64,
+    /// The least of them.
+    pub min: f64,
+    /// The greatest.
+    pub max: f64,
+    /// Their mean.
+    pub mean: f64,
+}
+
+impl PointStatistics {
+    fn of(statistics: &Statistics, grid: &PointGrid, attributes: &[Attribute]) -> PointStatistics {
+        let summary = |(column, found): (usize, &crate::statistics::ColumnStatistics)| {
+            if found.count == 0 {
+                return None;
+            }
+            let (sample, scale, offset) = match column.checked_sub(3) {
+                None => (SampleType::I32, grid.scale[column], grid.offset[column]),
+                Some(attribute) => {
+                    let attribute = &attributes[attribute];
+                    let (scale, offset) = attribute.scale_offset.unwrap_or((1.0, 0.0));
+                    (attribute.sample, scale, offset)
+                }
+            };
+            let ends = [found.least, found.most].map(|number| to_f64(sample, number) * scale + offset);
+            let mean = found.sum / found.count as f64 * scale + offset;
+            Some(ColumnSummary { count: found.count, min: ends[0].min(ends[1]), max: ends[0].max(ends[1]), mean })
+        };
+        PointStatistics { points: statistics.points, columns: statistics.columns.iter().enumerate().map(summary).collect() }
+    }
+}
+
+/// A node or block to look at, and whether all of it is in the region.
+#[derive(Clone, Copy)]
+struct Chosen {
+    block: usize,
+    is_whole: bool,
+}
+
+impl PointTree {
+    /// Hands out points of a selection, block by block, in the order of nodes: so those of a coarse level come before the ones below. `attributes` says
+    /// which of these are wanted; none for all.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read, and those of `each`.
+    pub fn select(
+        &self,
+        selection: &Selection,
+        attributes: Option<&[usize]>,
+        progress: &dyn Progress,
+        each: &mut dyn FnMut(&PointColumns) -> Result<()>,
+    ) -> Result<()> {
+        let region = selection.region.on(self.grid())?;
+        let chosen = self.chosen(&region, selection)?;
+        let mut wanted = vec![attributes.is_none(); self.columns()];
+        wanted[..3].fill(true);
+        attributes.unwrap_or_default().iter().for_each(|attribute| wanted[3 + attribute] = true);
+        // As many at a time as give all threads work; each has at most a million points, mostly far fewer.
+        for batch in chosen.chunks(4 * parallel::threads()) {
+            progress.check()?;
+            for points in parallel::map(batch, |chosen| self.points_of(*chosen, &region, selection, &wanted)) {
+                let points = points?;
+                if !points.is_empty() {
+                    each(&points)?;
+                }
+            }
+            progress.advance(batch.len() as u64, chosen.len() as u64);
+        }
+        Ok(())
+    }
+
+    /// Number of points of a selection. Nodes that are in the region as a whole are not looked into, unless there are conditions or a level.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn count(&self, selection: &Selection, progress: &dyn Progress) -> Result<u64> {
+        let wanted = [true; 3].into_iter().chain(std::iter::repeat_n(false, self.columns() - 3)).collect();
+        Ok(self.sum(selection, wanted, progress)?.points)
+    }
+
+    /// Counts, extremes and means of the points of a selection.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn statistics(&self, selection: &Selection, progress: &dyn Progress) -> Result<PointStatistics> {
+        let sum = self.sum(selection, vec![true; self.columns()], progress)?;
+        Ok(PointStatistics::of(&sum, self.grid(), self.attributes()))
+    }
+
+    fn sum(&self, selection: &Selection, wanted: Vec<bool>, progress: &dyn Progress) -> Result<Statistics> {
+        let region = selection.region.on(self.grid())?;
+        let mut sum = Statistics::none(self.columns());
+        let mut cut = Vec::new();
+        let looks_at_all = selection.level.is_some() || !selection.conditions.is_empty();
+        self.walk(&region, selection, &mut |node, cover| {
+            if cover == Cover::Whole && !looks_at_all {
+                sum.add(&node.statistics);
+                return false;
+            }
+            self.add_blocks(node, cover, &region, &mut cut);
+            true
+        })?;
+        for batch in cut.chunks(4 * parallel::threads()) {
+            progress.check()?;
+            let found = parallel::map(batch, |chosen| self.points_of(*chosen, &region, selection, &wanted));
+            for points in found {
+                let mut columns = points?.columns;
+                let points = columns[0].len();
+                columns.iter_mut().for_each(|column| column.resize(points, 0));
+                sum.add(&Statistics::of(&columns, self.attributes()));
+            }
+            progress.advance(batch.len() as u64, cut.len() as u64);
+        }
+        Ok(sum)
+    }
+
+    /// Goes through the nodes that may have points of a selection, from the root down; `visit` says whether to go on below.
+    fn walk(
+        &self,
+        region: &GridRegion,
+        selection: &Selection,
+        visit: &mut dyn FnMut(&PointNode, Cover) -> bool,
+    ) -> Result<()> {
+        let mut open: Vec<PointNode> = self.root()?.into_iter().collect();
+        while let Some(node) = open.pop() {
+            if selection.level.is_some_and(|level| node.code.level() > level) {
+                continue;
+            }
+            let may_hold = |condition: &PointCondition| {
+                let column = &node.statistics.columns[3 + condition.attribute];
+                condition.may_hold(&self.attributes()[condition.attribute], column, node.statistics.points)
+            };
+            if !selection.conditions.iter().all(may_hold) {
+                continue;
+            }
+            let cover = region.cover(self.grid(), node.statistics.bounds());
+            if cover != Cover::Nothing && visit(&node, cover) {
+                open.extend(self.children(&node)?.into_iter().rev());
+            }
+        }
+        Ok(())
+    }
+
+    fn add_blocks(&self, node: &PointNode, cover: Cover, region: &GridRegion, chosen: &mut Vec<Chosen>) {
+        for block in self.blocks_of(node.code) {
+            let cover = match cover {
+                Cover::Part => region.cover(self.grid(), self.entry(block).bounds),
+                other => other,
+            };
+            if cover != Cover::Nothing {
+                chosen.push(Chosen { block, is_whole: cover == Cover::Whole });
+            }
+        }
+    }
+
+    /// The blocks that may have points of a selection.
+    fn chosen(&self, region: &GridRegion, selection: &Selection) -> Result<Vec<Chosen>> {
+        let mut chosen = Vec::new();
+        self.walk(region, selection, &mut |node, cover| {
+            self.add_blocks(node, cover, region, &mut chosen);
+            true
+        })?;
+        Ok(chosen)
+    }
+
+    /// The points of a block that are asked for.
+    fn points_of(&self, chosen: Chosen, region: &GridRegion, selection: &Selection, wanted: &[bool]) -> Result<PointColumns> {
+        let mut needed = wanted.to_vec();
+        selection.conditions.iter().for_each(|condition| needed[3 + condition.attribute] = true);
+        let mut columns = self.block(chosen.block, &needed)?;
+        let attributes = self.attributes();
+        let mut keep: Vec<bool> = match chosen.is_whole {
+            true => vec![true; columns[0].len()],
+            false => (0..columns[0].len())
+                .map(|point| region.has(self.grid(), std::array::from_fn(|axis| columns[axis][point] as i32)))
+                .collect(),
+        };
+        for condition in &selection.conditions {
+            let attribute = &attributes[condition.attribute];
+            let numbers = &columns[3 + condition.attribute];
+            keep.iter_mut().zip(numbers).for_each(|(keep, number)| *keep &= condition.holds_for(attribute, *number));
+        }
+        for (column, wanted) in columns.iter_mut().zip(wanted) {
+            if !wanted {
+                *column = Vec::new();
+            } else if keep.contains(&false) {
+                let mut kept = keep.iter();
+                column.retain(|_| *kept.next().unwrap_or(&false));
+            }
+        }
+        Ok(PointColumns { columns })
+    }
+}

@@ -1,0 +1,289 @@
+//! Trees of points against all points in memory.
+
+use std::collections::HashMap;
+
+use crate::attribute::{Attribute, RowLayout, place_of};
+use crate::grid::spacing_levels;
+use crate::query::{PointCondition, PointRegion, PointRelation, Selection};
+use crate::source::{PointRows, PointSchema, PointSource};
+use crate::store::PointTree;
+use crate::{BuildOptions, BuildSummary, build};
+use spinney_base::Result;
+use spinney_base::io::Output;
+use spinney_base::space::Dimension;
+use spinney_base::value::SampleType;
+use spinney_container::Metadata;
+
+/// Random numbers with a fixed seed.
+pub(crate) fn random(seed: u64) -> impl FnMut() -> u64 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        let mixed = state ^ state >> 29;
+        mixed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 16
+    }
+}
+
+fn layout() -> RowLayout {
+    let attribute = |(name, sample): &(&str, SampleType)| Attribute::new(*name, *sample);
+    RowLayout::packed(
+        [("classification", SampleType::U8), ("gps_time", SampleType::F64), ("height", SampleType::F32)]
+            .iter()
+            .map(attribute)
+            .collect(),
+    )
+}
+
+/// Rows of points at places, with attributes by number.
+fn rows(places: impl IntoIterator<Item = [i32; 3]>, layout: &RowLayout) -> Vec<u8> {
+    let mut rows = Vec::new();
+    for (number, place) in places.into_iter().enumerate() {
+        place.iter().for_each(|step| rows.extend_from_slice(&step.to_le_bytes()));
+        for attribute in &layout.attributes {
+            match attribute.sample {
+                SampleType::U8 => rows.push((number % 5) as u8),
+                SampleType::F64 => rows.extend_from_slice(&(1e5 + (number / 3) as f64 * 0.25).to_le_bytes()),
+                _ => rows.extend_from_slice(&(place[2] as f32 * 0.5).to_le_bytes()),
+            }
+        }
+    }
+    rows
+}
+
+fn bytes_of(rows: &[u8], dimension: Dimension, options: &BuildOptions) -> Result<(Vec<u8>, BuildSummary)> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("p.goblin");
+    let mut source = PointRows::new(PointSchema::new(layout(), dimension), rows.to_vec())?;
+    let built = build(&mut source, options, &Metadata::default(), Output::create(&path)?, &())?;
+    Ok((std::fs::read(&path).unwrap(), built))
+}
+
+fn tree_of(rows: &[u8], dimension: Dimension, leaf_size: usize) -> PointTree {
+    let (bytes, _) = bytes_of(rows, dimension, &BuildOptions { leaf_size, ..BuildOptions::default() }).unwrap();
+    PointTree::from_bytes(bytes).unwrap()
+}
+
+/// The rows of a selection, in the order of their bytes.
+fn selected(tree: &PointTree, selection: &Selection) -> Vec<Vec<u8>> {
+    let mut found = Vec::new();
+    let layout = tree.layout();
+    tree.select(selection, None, &(), &mut |points| {
+        for point in 0..points.len() {
+            let mut row = vec![0; layout.size];
+            for (axis, step) in points.place(point).iter().enumerate() {
+                row[4 * axis..4 * axis + 4].copy_from_slice(&step.to_le_bytes());
+            }
+            (0..layout.attributes.len())
+                .for_each(|attribute| layout.set_number(attribute, &mut row, points.columns[3 + attribute][point]));
+            found.push(row);
+        }
+        Ok(())
+    })
+    .unwrap();
+    found.sort();
+    found
+}
+
+fn sorted(rows: &[u8], keep: impl Fn(&[u8]) -> bool) -> Vec<Vec<u8>> {
+    let mut rows: Vec<Vec<u8>> =
+        rows.chunks_exact(layout().size).filter(|row| keep(row)).map(<[u8]>::to_vec).collect();
+    rows.sort();
+    rows
+}
+
+/// Places of all kinds: scattered, on a plane, in clumps, equal ones, on lines that divide.
+fn all_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
+    let mut random = random(seed);
+    let mut number = |below: u64| (random() % below) as i32;
+    (0..count)
+        .map(|point| match point % 6 {
+            0 => [number(1 << 20), number(1 << 20), number(1 << 20)],
+            1 | 2 => [number(1 << 20), number(1 << 20), 5000 + number(40)],
+            3 => [700_000 + number(3), 100 + number(3), number(2)],
+            4 => [1 << 19, number(1 << 20), 1 << 19],
+            _ => [-3, -3, -3],
+        })
+        .collect()
+}
+
+#[test]
+fn all_points_are_there_once() {
+    for dimension in [Dimension::Oct, Dimension::Quad] {
+        for (count, leaf_size) in [(0, 10), (1, 1), (7, 1), (3000, 1), (3000, 100), (20_000, 500), (3000, 5000)] {
+            let rows = rows(all_places(count, 5), &layout());
+            let tree = tree_of(&rows, dimension, leaf_size);
+            assert_eq!(tree.len(), count as u64);
+            assert_eq!(selected(&tree, &Selection::default()), sorted(&rows, |_| true), "{dimension:?} {count} {leaf_size}");
+            let mut places: Vec<[i32; 3]> = rows.chunks_exact(layout().size).map(place_of).collect();
+            places.sort();
+            places.dedup();
+            assert_eq!(tree.duplicates(), (count - places.len()) as u64);
+        }
+    }
+}
+
+#[test]
+fn levels_have_points_in_all_parts_of_their_spacing() {
+    for dimension in [Dimension::Oct, Dimension::Quad] {
+        let rows = rows(all_places(30_000, 8), &layout());
+        // (A leaf of one point: nodes are divided as far as they can be.)
+        let tree = tree_of(&rows, dimension, 1);
+        let grid = tree.grid();
+        let deepest = grid.deepest();
+        for level in 0..deepest {
+            let part = |row: &[u8]| grid.code(place_of(row)).unwrap().ancestor(level + spacing_levels(dimension));
+            let mut found: Vec<_> = selected(&tree, &Selection { level: Some(level), ..Selection::default() })
+                .iter()
+                .map(|row| part(row))
+                .collect();
+            let all = found.len();
+            found.sort();
+            found.dedup();
+            let mut expected: Vec<_> = rows.chunks_exact(layout().size).map(part).collect();
+            expected.sort();
+            expected.dedup();
+            assert!(found == expected, "{dimension:?} {level}");
+            // (Beside a point for each part there are those of leaves: one point that is alone far and wide.)
+            let leaves = tree.counts().0;
+            assert!(all <= found.len() + leaves, "{dimension:?} {level}: {all} points in {} parts", found.len());
+        }
+    }
+}
+
+#[test]
+fn regions_and_conditions_choose_as_looking_at_all_points_does() {
+    let rows = rows(all_places(20_000, 3), &layout());
+    let tree = tree_of(&rows, Dimension::Oct, 300);
+    let within = |place: [i32; 3], least: [i32; 3], most: [i32; 3]| (0..3).all(|axis| (least[axis]..=most[axis]).contains(&place[axis]));
+    let mut random = random(77);
+    for _ in 0..60 {
+        let mut number = |below: u64| (random() % below) as i32;
+        let least = [number(1 << 20) - 9, number(1 << 20) - 9, number(1 << 14) - 9];
+        let most = std::array::from_fn(|axis| least[axis] + number(1 << 18));
+        let corners = [least, most].map(|corner| corner.map(f64::from));
+        let region = PointRegion::Box(corners);
+        let class = f64::from(number(6));
+        let relations = [
+            (PointRelation::Equal, 0u8),
+            (PointRelation::Unequal, 1),
+            (PointRelation::Less, 2),
+            (PointRelation::AtMost, 3),
+            (PointRelation::Greater, 4),
+            (PointRelation::AtLeast, 5),
+        ];
+        let (relation, kind) = relations[number(6) as usize];
+        let holds = |class_of: f64| [class_of == class, class_of != class, class_of < class, class_of <= class, class_of > class, class_of >= class][usize::from(kind)];
+        let conditions = vec![PointCondition { attribute: 0, relation, number: class }];
+        let selection = Selection { region, level: None, conditions };
+        let expected = sorted(&rows, |row| within(place_of(row), least, most) && holds(row[12].into()));
+        assert_eq!(selected(&tree, &selection), expected);
+        assert_eq!(tree.count(&selection, &()).unwrap(), expected.len() as u64);
+
+        let (centre, radius) = (corners[0], f64::from(number(1 << 18)));
+        let square = |row: &[u8]| (0..3).map(|axis| (f64::from(place_of(row)[axis]) - centre[axis]).powi(2)).sum::<f64>();
+        let selection = Selection { region: PointRegion::Ball(centre, radius), ..Selection::default() };
+        let expected = sorted(&rows, |row| square(row) <= radius * radius);
+        assert_eq!(tree.count(&selection, &()).unwrap(), expected.len() as u64);
+        assert_eq!(selected(&tree, &selection), expected);
+
+        // (Corners beside the grid, so that no point is on an edge.)
+        let corner = |x: i32, y: i32| [f64::from(x) + 0.25, f64::from(y) + 0.37];
+        let triangle = [corner(least[0], least[1]), corner(most[0], least[1] + number(99)), corner(number(1 << 20), most[1])];
+        let side = |a: [f64; 2], b: [f64; 2], p: [f64; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0.0;
+        let inside = |row: &[u8]| {
+            let at = [f64::from(place_of(row)[0]), f64::from(place_of(row)[1])];
+            let sides = [0, 1, 2].map(|edge| side(triangle[edge], triangle[(edge + 1) % 3], at));
+            sides == [true; 3] || sides == [false; 3]
+        };
+        let selection = Selection { region: PointRegion::Polygons(vec![vec![triangle.to_vec()]]), ..Selection::default() };
+        assert_eq!(selected(&tree, &selection), sorted(&rows, inside));
+        let statistics = tree.statistics(&selection, &()).unwrap();
+        let expected = sorted(&rows, inside);
+        assert_eq!(statistics.points, expected.len() as u64);
+        if let Some(height) = &statistics.columns[2] {
+            let heights: Vec<f64> = expected.iter().map(|row| place_of(row)[2].into()).collect();
+            assert_eq!(height.max, heights.iter().copied().fold(f64::MIN, f64::max));
+            let mean = heights.iter().sum::<f64>() / heights.len() as f64;
+            assert!((height.mean - mean).abs() <= 1e-9 * mean.abs().max(1.0), "{} {mean}", height.mean);
+        }
+    }
+}
+
+#[test]
+fn bytes_are_the_same_with_little_memory_and_many_threads() {
+    let rows = rows(all_places(60_000, 21), &layout());
+    for dimension in [Dimension::Oct, Dimension::Quad] {
+        let options = |memory: u64| BuildOptions { leaf_size: 700, memory };
+        let (expected, built) = bytes_of(&rows, dimension, &options(1 << 30)).unwrap();
+        for (memory, threads) in [(1 << 30, 5), (1, 1), (1 << 18, 3)] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let (found, same) = pool.install(|| bytes_of(&rows, dimension, &options(memory))).unwrap();
+            assert_eq!(same, built);
+            assert!(found == expected, "{dimension:?} {memory} {threads}");
+        }
+    }
+}
+
+#[test]
+fn many_points_may_be_equal() {
+    let mut places = vec![[7, 8, 9]; 1_000_000];
+    places.extend([[0; 3], [1 << 20; 3]]);
+    let rows = rows(places, &layout());
+    let options = BuildOptions { leaf_size: 50_000, memory: 8 << 20 };
+    let (bytes, built) = bytes_of(&rows, Dimension::Oct, &options).unwrap();
+    assert_eq!(built, BuildSummary { points: 1_000_002, duplicates: 999_999 });
+    // (All that tells them apart are times that go on evenly, and labels.)
+    assert!(bytes.len() < 800_000, "{}", bytes.len());
+    let tree = PointTree::from_bytes(bytes).unwrap();
+    let region = PointRegion::Ball([7.0, 8.0, 9.0], 0.5);
+    assert_eq!(tree.count(&Selection { region, ..Selection::default() }, &()).unwrap(), 1_000_000);
+    let counts = selected(&tree, &Selection::default()).into_iter().fold(HashMap::new(), |mut counts, row| {
+        *counts.entry(row[12]).or_insert(0) += 1;
+        counts
+    });
+    assert_eq!(counts[&0], 200_001);
+}
+
+#[test]
+fn points_beyond_the_bounds_that_are_told_are_an_error() {
+    struct Liar(PointRows, PointSchema);
+    impl PointSource for Liar {
+        fn schema(&self) -> &PointSchema {
+            &self.1
+        }
+        fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize> {
+            self.0.read(rows, most)
+        }
+    }
+    let rows = PointRows::new(PointSchema::new(layout(), Dimension::Oct), rows([[0; 3], [9; 3]], &layout())).unwrap();
+    let schema = PointSchema { bounds: [[0; 3], [7; 3]], ..rows.schema().clone() };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("p.goblin");
+    let output = Output::create(&path).unwrap();
+    let error = build(&mut Liar(rows, schema), &BuildOptions::default(), &Metadata::default(), output, &()).unwrap_err();
+    assert!(error.to_string().contains("[9, 9, 9]"), "{error}");
+    assert!(!path.exists());
+}
+
+#[test]
+fn damage_is_told() {
+    let rows = rows(all_places(3000, 4), &layout());
+    let (bytes, _) = bytes_of(&rows, Dimension::Oct, &BuildOptions { leaf_size: 200, ..BuildOptions::default() }).unwrap();
+    let mut random = random(9);
+    for round in 0..400 {
+        let mut damaged = bytes.clone();
+        match round % 3 {
+            0 => damaged.truncate(random() as usize % bytes.len()),
+            _ => damaged[random() as usize % bytes.len()] ^= 1 << (random() % 8),
+        }
+        let found = PointTree::from_bytes(damaged).and_then(|tree| {
+            let mut points = 0;
+            tree.select(&Selection::default(), None, &(), &mut |found| {
+                points += found.len();
+                Ok(())
+            })?;
+            Ok(points)
+        });
+        assert!(found.is_err(), "{round}");
+    }
+}
