@@ -58,6 +58,7 @@
 //! | `export` | pictures, arrays, tiles, meshes, renderings, lines and polygons out |
 //! | `style` | how values become colours, whatever is drawn |
 //! | `brep` | exact models: planar faces on an integer grid, their files, set operations, and what can be asked of them |
+//! | `points` | trees of points, their files, and what can be asked of them; LAS and LAZ |
 //! | `geometry` | polygons with holes on an integer grid: triangles, bridges, sections with octants |
 //! | [`store`] | the formats, and building |
 //! | [`tree`] | sources: everything that can be walked from the root down |
@@ -74,6 +75,7 @@
 //! | `brep` | exact models |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
+//! | `points` | trees of points; readers and writers of LAS and LAZ |
 //! | `vector` | readers and writers of features (with `brep`) |
 //! | `mbtiles` | MBTiles archives and GeoPackages: SQLite, which needs a C compiler (with `raster` and `vector`) |
 //! | `meshopt` | compressed glTF (with `mesh`) |
@@ -242,6 +244,18 @@ pub mod brep {
     pub mod topology {
         pub use spinney_brep::topology::{Counts, Euler, Topology, TopologyOptions};
     }
+}
+
+/// Trees of points: each once, in the coarsest node whose spacing it keeps, with attributes; LAS and LAZ in and out.
+#[cfg(feature = "points")]
+pub mod points {
+    pub use spinney_points::las::{LasFiles, LasReader};
+    pub use spinney_points::{
+        Attribute, BuildOptions, BuildSummary, ChosenPoints, ColumnSummary, Field, ImportOptions, NearPoint,
+        PLACE_BYTES, PointColumns, PointCondition, PointFormat, PointGrid, PointImport, PointRegion,
+        PointRelation, PointRows, PointSchema, PointSource, PointStatistics, PointTree, RowLayout, Selection,
+        build, export_points, is_las_file, is_point_file, plan_las, position,
+    };
 }
 
 /// Polygons with holes on an integer grid: against octants, into triangles, and as single rings. Exact, in integers.

@@ -17,6 +17,7 @@ use super::args::{
     OutputFile, PartOptions, Size, Slice, ViewedTree, check_output, level_of, numbers, parse_size,
     parse_slice, parse_style, picture_format,
 };
+use super::points::{self, PointPlaces};
 use super::report::{Work, report_output};
 
 const EXAMPLES: &str = "Examples:
@@ -32,6 +33,7 @@ const EXAMPLES: &str = "Examples:
   spinney get house.goblin floor.png --slice z=2.5 --in world
   spinney get house.goblin solid.npy --level 7
   spinney get house.goblin door.npy --window 100,40,0,64,64,32
+  spinney get scan.goblin street.laz --window 500100,5200100,500300,5200250 --where classification=2
 
 The output is a picture or an array, by its name: .png, .tif, .exr, .npy or .raw. Several layers are bands
 of a .tif, .npy or .raw file, on the grid of the one with the smallest cells; two to four that are named are
@@ -39,7 +41,10 @@ the colours of a .png, or of whatever has a --style.
 
 A slice across x or y has columns along y or x, and rows along z: pictures have the highest at the
 top, arrays the lowest first. Its --window counts so, too. An octree without --slice is an array of
-three dimensions, z, y, x, in .npy and .raw files.";
+three dimensions, z, y, x, in .npy and .raw files.
+
+Of trees of points (.las, .laz, .csv, .ply, .npy) a window is least and greatest coordinates, and --level N those points that are spread
+evenly at that level and above: each deeper level adds some.";
 
 /// Write any part at any level of detail as a picture or array
 #[derive(clap::Args)]
@@ -66,8 +71,13 @@ pub(crate) struct Args {
     /// Slice of an octree across an axis, as in z=12, x=3 or y=5: a cell of the deepest level [default: z=0]
     #[arg(long, value_name = "AXIS=N", value_parser = parse_slice)]
     slice: Option<Slice>,
-    /// Format where the output's name does not say
-    #[arg(long, value_parser = ["png", "tif", "exr", "npy", "raw"])]
+    #[command(flatten)]
+    places: PointPlaces,
+    /// Of points: names of the attributes that are written, as in intensity,classification [default: all]
+    #[arg(long, value_name = "NAME,...")]
+    attribute: Option<String>,
+    /// Format where the output's name does not say; points have las, laz, csv, ply and npy
+    #[arg(long, value_parser = ["png", "tif", "exr", "npy", "raw", "las", "laz", "csv", "ply"])]
     format: Option<String>,
     /// Number that means VOID
     #[arg(long, allow_hyphen_values = true)]
@@ -91,6 +101,29 @@ fn parse_range(text: &str) -> Result<[f64; 2], String> {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let path = args.output.path();
+    if let Some(tree) = points::open(&args.tree.file)? {
+        let given = [
+            ("--size", args.size.is_some()),
+            ("--slice", args.slice.is_some()),
+            ("--nodata", args.nodata.is_some()),
+            ("--style", args.style.is_some()),
+            ("--range", args.range.is_some()),
+            ("--view", args.tree.is_viewed()),
+        ];
+        points::refuse(&args.tree.file, &given)?;
+        let selection = args.places.selection(&tree, &args.part, args.level)?;
+        return points::get(
+            &tree,
+            &selection,
+            (path, args.format.as_deref()),
+            args.attribute.as_deref(),
+            global,
+        );
+    }
+    let of_points = args.places.given().or(args.attribute.as_ref().map(|_| "--attribute"));
+    if let Some(option) = of_points {
+        bail!("{option}: is for trees of points");
+    }
     let format = picture_format(path, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw");
     // What is drawn has layers as colours; what has values has them as bands.
     let is_drawn = args.style.is_some() || args.range.is_some() || args.slice.is_some();

@@ -21,6 +21,7 @@ mod legend;
 mod log;
 mod overlay;
 mod point;
+mod points;
 mod recover;
 mod render;
 mod report;

@@ -15,7 +15,7 @@ use spinney::value::{Number, SampleType};
 use super::args::{CoordinatesOption, ViewedTree, level_of};
 use super::exact::PointQuestion;
 use super::report::{printable_json, warn};
-use super::{Global, exact};
+use super::{Global, exact, points};
 
 const EXAMPLES: &str = "Examples:
   spinney point relief.goblin 7.66,45.98
@@ -58,6 +58,12 @@ pub(crate) struct Args {
     /// Distance from the surface of an exact model, negative inside, instead of where points lie
     #[arg(long)]
     distance: bool,
+    /// Of a tree of points: so many of those nearest to each place; a line has the place's number, the distance and the coordinates [default: 1]
+    #[arg(long, value_name = "K")]
+    nearest: Option<usize>,
+    /// Of a tree of points: no points farther away than this
+    #[arg(long, value_name = "DISTANCE")]
+    within: Option<f64>,
     /// Places where rays X,Y,Z,DX,DY,DZ pass through the surface of an exact model: first or all
     #[arg(long, value_name = "WHICH", value_parser = ["first", "all"], conflicts_with = "distance")]
     rays: Option<String>,
@@ -87,6 +93,16 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             None => exact::points(&view, &args.points, args.question()),
         };
     }
+    if let Some(tree) = points::open(&args.tree.file)? {
+        let given = [("--level", args.level.is_some()), ("--json", args.json), ("--object", args.object)];
+        points::refuse(&args.tree.file, &given)?;
+        let within = args.within.unwrap_or(f64::INFINITY);
+        return points::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
+    }
+    ensure!(
+        args.nearest.is_none() && args.within.is_none(),
+        "--nearest and --within are for trees of points"
+    );
     let is_of_models = args.distance || args.object || args.rays.is_some();
     ensure!(!is_of_models, "--object, --distance and --rays are for exact models");
     let trees = args.tree.open_all()?;

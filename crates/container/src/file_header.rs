@@ -87,8 +87,7 @@ impl FileHeader {
                 Err(Error::unsupported(path, "an exact model, where cells are expected,", advice))
             }
             Content::Points => {
-                let advice =
-                    "make a raster of it first (`spinney transform POINTS.goblin -o OUT.goblin raster=mean,cell=1`)";
+                let advice = "make a raster of it first (`spinney transform POINTS.goblin -o OUT.goblin raster=mean,cell=1`)";
                 Err(Error::unsupported(path, "a tree of points, where cells are expected,", advice))
             }
         }

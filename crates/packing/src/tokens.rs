@@ -156,7 +156,9 @@ impl Table {
         }
         // What was rounded away goes to the most frequent ones, or comes from them. (There are fewer tokens than parts: one can give.)
         while left != 0 && all > 0 {
-            let most = (0..counts.len()).max_by_key(|token| (frequencies[*token], TOKENS - token)).unwrap_or_default();
+            let most = (0..counts.len())
+                .max_by_key(|token| (frequencies[*token], TOKENS - token))
+                .unwrap_or_default();
             let change = left.clamp(-i64::from(frequencies[most] / 2).max(1), i64::from(TOTAL));
             frequencies[most] = (i64::from(frequencies[most]) + change) as u16;
             left -= change;
@@ -258,10 +260,9 @@ impl Counts {
         let mut counts = vec![0; used * below];
         match contexts.is_empty() {
             true => tokens.iter().for_each(|token| counts[usize::from(*token)] += 1),
-            false => tokens
-                .iter()
-                .zip(contexts)
-                .for_each(|(token, context)| counts[usize::from(*context) * below + usize::from(*token)] += 1),
+            false => tokens.iter().zip(contexts).for_each(|(token, context)| {
+                counts[usize::from(*context) * below + usize::from(*token)] += 1
+            }),
         }
         Counts { counts, below }
     }
@@ -327,7 +328,9 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     tables.iter().for_each(|table| table.write(&mut head));
     let head = head.finish();
     let places: Vec<Place> = tables.iter().flat_map(Place::all).collect();
-    let rests: Vec<u32> = (0..counts.below.min(self::tokens(fineness))).map(|token| number_of(token as u16, fineness).1).collect();
+    let rests: Vec<u32> = (0..counts.below.min(self::tokens(fineness)))
+        .map(|token| number_of(token as u16, fineness).1)
+        .collect();
     let mut bits = Bits::default();
     if rests.iter().any(|rest| *rest > 0) {
         for (number, token) in numbers.iter().zip(&tokens) {
@@ -472,7 +475,9 @@ mod tests {
                     let contexts: Vec<u8> = match kinds {
                         0 => Vec::new(),
                         // (Not all are there.)
-                        kinds => (0..count).map(|_| (random() >> 40) as u8 % kinds).map(|kind| kind & 6).collect(),
+                        kinds => {
+                            (0..count).map(|_| (random() >> 40) as u8 % kinds).map(|kind| kind & 6).collect()
+                        }
                     };
                     let mut bytes = vec![1, 2];
                     pack_numbers(&numbers, &contexts, &mut bytes);
@@ -508,7 +513,7 @@ mod tests {
     #[test]
     fn likely_numbers_take_few_bytes() {
         let mut random = random();
-        let numbers: Vec<i64> = (0..40_000).map(|_| i64::from(random() % 20 == 0)).collect();
+        let numbers: Vec<i64> = (0..40_000).map(|_| i64::from(random().is_multiple_of(20))).collect();
         let mut bytes = Vec::new();
         pack_numbers(&numbers, &[], &mut bytes);
         // (The entropy is 0.286 bits a number.)

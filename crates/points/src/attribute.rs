@@ -108,7 +108,9 @@ impl RowLayout {
 /// The coordinates of a row.
 #[inline]
 pub(crate) fn place_of(row: &[u8]) -> [i32; 3] {
-    std::array::from_fn(|axis| i32::from_le_bytes(row[4 * axis..4 * axis + 4].try_into().expect("four bytes")))
+    std::array::from_fn(|axis| {
+        i32::from_le_bytes(row[4 * axis..4 * axis + 4].try_into().expect("four bytes"))
+    })
 }
 
 /// A number of the first bytes as a whole number that is in the same order: that of floating-point numbers by their bits.
@@ -157,7 +159,9 @@ pub(crate) fn bytes_of(sample: SampleType, number: i64) -> [u8; 8] {
 pub(crate) fn to_f64(sample: SampleType, number: i64) -> f64 {
     match sample {
         SampleType::U64 => (number as u64 ^ 1 << 63) as f64,
-        SampleType::F32 => f32::from_le_bytes(bytes_of(sample, number)[..4].try_into().expect("four bytes")).into(),
+        SampleType::F32 => {
+            f32::from_le_bytes(bytes_of(sample, number)[..4].try_into().expect("four bytes")).into()
+        }
         SampleType::F64 => f64::from_le_bytes(bytes_of(sample, number)),
         _ => number as f64,
     }
@@ -179,10 +183,14 @@ mod tests {
             assert!(numbers.is_sorted(), "{numbers:?}");
             for (number, float) in numbers.into_iter().zip(floats) {
                 assert_eq!(&bytes_of(sample, number)[..sample.size()], bytes(float));
-                assert_eq!(to_f64(sample, number), if sample == SampleType::F32 { f64::from(float as f32) } else { float });
+                assert_eq!(
+                    to_f64(sample, number),
+                    if sample == SampleType::F32 { f64::from(float as f32) } else { float }
+                );
             }
         }
-        let numbers = [0, 1, 1 << 63, u64::MAX].map(|number: u64| ordered(SampleType::U64, &number.to_le_bytes()));
+        let numbers =
+            [0, 1, 1 << 63, u64::MAX].map(|number: u64| ordered(SampleType::U64, &number.to_le_bytes()));
         assert!(numbers.is_sorted());
         assert_eq!(bytes_of(SampleType::U64, numbers[3]), [0xff; 8]);
         for sample in SampleType::ALL {

@@ -33,7 +33,8 @@ impl PointGrid {
         [least, most]: [[i32; 3]; 2],
         dimension: Dimension,
     ) -> PointGrid {
-        let sides = (0..dimension.axes()).map(|axis| (i64::from(most[axis]) - i64::from(least[axis])).max(0) as u64);
+        let sides =
+            (0..dimension.axes()).map(|axis| (i64::from(most[axis]) - i64::from(least[axis])).max(0) as u64);
         let side = sides.max().unwrap_or_default();
         let bits = (u64::BITS - side.leading_zeros()) as u8;
         PointGrid { scale, offset, corner: least, bits, dimension }
@@ -91,8 +92,10 @@ impl PointGrid {
             let world = |step: i64| step as f64 * self.scale[axis] + self.offset[axis];
             let guess = |to: f64| ((to - self.offset[axis]) / self.scale[axis]).clamp(-4e9, 4e9) as i64;
             // (Division rounds: the step is looked for among the neighbours.)
-            let first = (-2..=2).map(|more| guess(least[axis]) + more).find(|step| world(*step) >= least[axis]);
-            let last = (-2..=2).rev().map(|more| guess(most[axis]) + more).find(|step| world(*step) <= most[axis]);
+            let first =
+                (-2..=2).map(|more| guess(least[axis]) + more).find(|step| world(*step) >= least[axis]);
+            let last =
+                (-2..=2).rev().map(|more| guess(most[axis]) + more).find(|step| world(*step) <= most[axis]);
             let (first, last) = (first?, last?);
             if first > last || first > i32::MAX.into() || last < i32::MIN.into() {
                 return None;
@@ -118,13 +121,19 @@ mod tests {
                 let code = grid.code(place).unwrap();
                 for level in [0, 1, 5, code.level()] {
                     let [least, most] = grid.node_box(code.ancestor(level));
-                    assert!((0..3).all(|axis| (least[axis]..=most[axis]).contains(&place[axis])), "{place:?} {level}");
+                    assert!(
+                        (0..3).all(|axis| (least[axis]..=most[axis]).contains(&place[axis])),
+                        "{place:?} {level}"
+                    );
                 }
             }
             assert_eq!(grid.code([-6, 0, 4]), None);
         }
         let point = PointGrid::around([1.0; 3], [0.0; 3], [[4; 3]; 2], Dimension::Oct);
-        assert_eq!((point.bits, point.code([4; 3]).map(Code::level), point.code([5, 4, 4])), (0, Some(0), None));
+        assert_eq!(
+            (point.bits, point.code([4; 3]).map(Code::level), point.code([5, 4, 4])),
+            (0, Some(0), None)
+        );
     }
 
     #[test]

@@ -7,7 +7,9 @@
 mod attribute;
 mod build;
 mod codec;
+mod export;
 mod grid;
+mod import;
 pub mod las;
 mod query;
 mod source;
@@ -18,7 +20,12 @@ mod tests;
 
 pub use attribute::{Attribute, Field, PLACE_BYTES, RowLayout};
 pub use build::{BuildOptions, BuildSummary, build};
+pub use export::{PointFormat, export_points};
 pub use grid::PointGrid;
-pub use query::{ColumnSummary, PointColumns, PointCondition, PointRegion, PointRelation, PointStatistics, Selection};
-pub use source::{PointRows, PointSchema, PointSource};
+pub use import::{ImportOptions, PointImport, is_las_file, plan_las, position};
+pub use query::{
+    ColumnSummary, NearPoint, PointColumns, PointCondition, PointRegion, PointRelation, PointStatistics,
+    Selection,
+};
+pub use source::{ChosenPoints, PointRows, PointSchema, PointSource};
 pub use store::{PointTree, is_point_file};

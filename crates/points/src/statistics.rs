@@ -75,10 +75,15 @@ impl Statistics {
 
     /// Those of columns of numbers that are equally long.
     pub(crate) fn of(columns: &[Vec<i64>], attributes: &[Attribute]) -> Statistics {
-        let samples = [SampleType::I32; 3].into_iter().chain(attributes.iter().map(|attribute| attribute.sample));
+        let samples =
+            [SampleType::I32; 3].into_iter().chain(attributes.iter().map(|attribute| attribute.sample));
         Statistics {
             points: columns[0].len() as u64,
-            columns: columns.iter().zip(samples).map(|(column, sample)| ColumnStatistics::of(column, sample)).collect(),
+            columns: columns
+                .iter()
+                .zip(samples)
+                .map(|(column, sample)| ColumnStatistics::of(column, sample))
+                .collect(),
         }
     }
 

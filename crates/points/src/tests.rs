@@ -59,7 +59,8 @@ fn bytes_of(rows: &[u8], dimension: Dimension, options: &BuildOptions) -> Result
 }
 
 fn tree_of(rows: &[u8], dimension: Dimension, leaf_size: usize) -> PointTree {
-    let (bytes, _) = bytes_of(rows, dimension, &BuildOptions { leaf_size, ..BuildOptions::default() }).unwrap();
+    let (bytes, _) =
+        bytes_of(rows, dimension, &BuildOptions { leaf_size, ..BuildOptions::default() }).unwrap();
     PointTree::from_bytes(bytes).unwrap()
 }
 
@@ -73,8 +74,9 @@ fn selected(tree: &PointTree, selection: &Selection) -> Vec<Vec<u8>> {
             for (axis, step) in points.place(point).iter().enumerate() {
                 row[4 * axis..4 * axis + 4].copy_from_slice(&step.to_le_bytes());
             }
-            (0..layout.attributes.len())
-                .for_each(|attribute| layout.set_number(attribute, &mut row, points.columns[3 + attribute][point]));
+            (0..layout.attributes.len()).for_each(|attribute| {
+                layout.set_number(attribute, &mut row, points.columns[3 + attribute][point])
+            });
             found.push(row);
         }
         Ok(())
@@ -109,15 +111,22 @@ fn all_places(count: usize, seed: u64) -> Vec<[i32; 3]> {
 #[test]
 fn all_points_are_there_once() {
     for dimension in [Dimension::Oct, Dimension::Quad] {
-        for (count, leaf_size) in [(0, 10), (1, 1), (7, 1), (3000, 1), (3000, 100), (20_000, 500), (3000, 5000)] {
+        for (count, leaf_size) in
+            [(0, 10), (1, 1), (7, 1), (3000, 1), (3000, 100), (20_000, 500), (3000, 5000)]
+        {
             let rows = rows(all_places(count, 5), &layout());
             let tree = tree_of(&rows, dimension, leaf_size);
             assert_eq!(tree.len(), count as u64);
-            assert_eq!(selected(&tree, &Selection::default()), sorted(&rows, |_| true), "{dimension:?} {count} {leaf_size}");
+            assert_eq!(
+                selected(&tree, &Selection::default()),
+                sorted(&rows, |_| true),
+                "{dimension:?} {count} {leaf_size}"
+            );
             let mut places: Vec<[i32; 3]> = rows.chunks_exact(layout().size).map(place_of).collect();
             places.sort();
             places.dedup();
             assert_eq!(tree.duplicates(), (count - places.len()) as u64);
+            assert_eq!(tree.verify(&()).unwrap(), []);
         }
     }
 }
@@ -131,11 +140,13 @@ fn levels_have_points_in_all_parts_of_their_spacing() {
         let grid = tree.grid();
         let deepest = grid.deepest();
         for level in 0..deepest {
-            let part = |row: &[u8]| grid.code(place_of(row)).unwrap().ancestor(level + spacing_levels(dimension));
-            let mut found: Vec<_> = selected(&tree, &Selection { level: Some(level), ..Selection::default() })
-                .iter()
-                .map(|row| part(row))
-                .collect();
+            let part =
+                |row: &[u8]| grid.code(place_of(row)).unwrap().ancestor(level + spacing_levels(dimension));
+            let mut found: Vec<_> =
+                selected(&tree, &Selection { level: Some(level), ..Selection::default() })
+                    .iter()
+                    .map(|row| part(row))
+                    .collect();
             let all = found.len();
             found.sort();
             found.dedup();
@@ -145,7 +156,11 @@ fn levels_have_points_in_all_parts_of_their_spacing() {
             assert!(found == expected, "{dimension:?} {level}");
             // (Beside a point for each part there are those of leaves: one point that is alone far and wide.)
             let leaves = tree.counts().0;
-            assert!(all <= found.len() + leaves, "{dimension:?} {level}: {all} points in {} parts", found.len());
+            assert!(
+                all <= found.len() + leaves,
+                "{dimension:?} {level}: {all} points in {} parts",
+                found.len()
+            );
         }
     }
 }
@@ -154,7 +169,9 @@ fn levels_have_points_in_all_parts_of_their_spacing() {
 fn regions_and_conditions_choose_as_looking_at_all_points_does() {
     let rows = rows(all_places(20_000, 3), &layout());
     let tree = tree_of(&rows, Dimension::Oct, 300);
-    let within = |place: [i32; 3], least: [i32; 3], most: [i32; 3]| (0..3).all(|axis| (least[axis]..=most[axis]).contains(&place[axis]));
+    let within = |place: [i32; 3], least: [i32; 3], most: [i32; 3]| {
+        (0..3).all(|axis| (least[axis]..=most[axis]).contains(&place[axis]))
+    };
     let mut random = random(77);
     for _ in 0..60 {
         let mut number = |below: u64| (random() % below) as i32;
@@ -172,7 +189,16 @@ fn regions_and_conditions_choose_as_looking_at_all_points_does() {
             (PointRelation::AtLeast, 5),
         ];
         let (relation, kind) = relations[number(6) as usize];
-        let holds = |class_of: f64| [class_of == class, class_of != class, class_of < class, class_of <= class, class_of > class, class_of >= class][usize::from(kind)];
+        let holds = |class_of: f64| {
+            [
+                class_of == class,
+                class_of != class,
+                class_of < class,
+                class_of <= class,
+                class_of > class,
+                class_of >= class,
+            ][usize::from(kind)]
+        };
         let conditions = vec![PointCondition { attribute: 0, relation, number: class }];
         let selection = Selection { region, level: None, conditions };
         let expected = sorted(&rows, |row| within(place_of(row), least, most) && holds(row[12].into()));
@@ -180,7 +206,9 @@ fn regions_and_conditions_choose_as_looking_at_all_points_does() {
         assert_eq!(tree.count(&selection, &()).unwrap(), expected.len() as u64);
 
         let (centre, radius) = (corners[0], f64::from(number(1 << 18)));
-        let square = |row: &[u8]| (0..3).map(|axis| (f64::from(place_of(row)[axis]) - centre[axis]).powi(2)).sum::<f64>();
+        let square = |row: &[u8]| {
+            (0..3).map(|axis| (f64::from(place_of(row)[axis]) - centre[axis]).powi(2)).sum::<f64>()
+        };
         let selection = Selection { region: PointRegion::Ball(centre, radius), ..Selection::default() };
         let expected = sorted(&rows, |row| square(row) <= radius * radius);
         assert_eq!(tree.count(&selection, &()).unwrap(), expected.len() as u64);
@@ -188,14 +216,23 @@ fn regions_and_conditions_choose_as_looking_at_all_points_does() {
 
         // (Corners beside the grid, so that no point is on an edge.)
         let corner = |x: i32, y: i32| [f64::from(x) + 0.25, f64::from(y) + 0.37];
-        let triangle = [corner(least[0], least[1]), corner(most[0], least[1] + number(99)), corner(number(1 << 20), most[1])];
-        let side = |a: [f64; 2], b: [f64; 2], p: [f64; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0.0;
+        let triangle = [
+            corner(least[0], least[1]),
+            corner(most[0], least[1] + number(99)),
+            corner(number(1 << 20), most[1]),
+        ];
+        let side = |a: [f64; 2], b: [f64; 2], p: [f64; 2]| {
+            (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0.0
+        };
         let inside = |row: &[u8]| {
             let at = [f64::from(place_of(row)[0]), f64::from(place_of(row)[1])];
             let sides = [0, 1, 2].map(|edge| side(triangle[edge], triangle[(edge + 1) % 3], at));
             sides == [true; 3] || sides == [false; 3]
         };
-        let selection = Selection { region: PointRegion::Polygons(vec![vec![triangle.to_vec()]]), ..Selection::default() };
+        let selection = Selection {
+            region: PointRegion::Polygons(vec![vec![triangle.to_vec()]]),
+            ..Selection::default()
+        };
         assert_eq!(selected(&tree, &selection), sorted(&rows, inside));
         let statistics = tree.statistics(&selection, &()).unwrap();
         let expected = sorted(&rows, inside);
@@ -237,10 +274,11 @@ fn many_points_may_be_equal() {
     let tree = PointTree::from_bytes(bytes).unwrap();
     let region = PointRegion::Ball([7.0, 8.0, 9.0], 0.5);
     assert_eq!(tree.count(&Selection { region, ..Selection::default() }, &()).unwrap(), 1_000_000);
-    let counts = selected(&tree, &Selection::default()).into_iter().fold(HashMap::new(), |mut counts, row| {
-        *counts.entry(row[12]).or_insert(0) += 1;
-        counts
-    });
+    let counts =
+        selected(&tree, &Selection::default()).into_iter().fold(HashMap::new(), |mut counts, row| {
+            *counts.entry(row[12]).or_insert(0) += 1;
+            counts
+        });
     assert_eq!(counts[&0], 200_001);
 }
 
@@ -255,20 +293,23 @@ fn points_beyond_the_bounds_that_are_told_are_an_error() {
             self.0.read(rows, most)
         }
     }
-    let rows = PointRows::new(PointSchema::new(layout(), Dimension::Oct), rows([[0; 3], [9; 3]], &layout())).unwrap();
+    let rows = PointRows::new(PointSchema::new(layout(), Dimension::Oct), rows([[0; 3], [9; 3]], &layout()))
+        .unwrap();
     let schema = PointSchema { bounds: [[0; 3], [7; 3]], ..rows.schema().clone() };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("p.goblin");
     let output = Output::create(&path).unwrap();
-    let error = build(&mut Liar(rows, schema), &BuildOptions::default(), &Metadata::default(), output, &()).unwrap_err();
-    assert!(error.to_string().contains("[9, 9, 9]"), "{error}");
+    let error = build(&mut Liar(rows, schema), &BuildOptions::default(), &Metadata::default(), output, &())
+        .unwrap_err();
+    assert!(error.to_string().contains("[7, 7, 7]"), "{error}");
     assert!(!path.exists());
 }
 
 #[test]
 fn damage_is_told() {
     let rows = rows(all_places(3000, 4), &layout());
-    let (bytes, _) = bytes_of(&rows, Dimension::Oct, &BuildOptions { leaf_size: 200, ..BuildOptions::default() }).unwrap();
+    let (bytes, _) =
+        bytes_of(&rows, Dimension::Oct, &BuildOptions { leaf_size: 200, ..BuildOptions::default() }).unwrap();
     let mut random = random(9);
     for round in 0..400 {
         let mut damaged = bytes.clone();
@@ -286,4 +327,38 @@ fn damage_is_told() {
         });
         assert!(found.is_err(), "{round}");
     }
+}
+
+#[test]
+fn nearest_points_are_those_of_looking_at_all() {
+    for dimension in [Dimension::Oct, Dimension::Quad] {
+        let rows = rows(all_places(4000, 15), &layout());
+        let tree = tree_of(&rows, dimension, 60);
+        let mut random = random(6);
+        let mut place = || [0; 3].map(|_: i32| (random() % (1 << 21)) as f64 / 1.5 - 2e5);
+        let mut asked: Vec<[f64; 3]> = (0..100).map(|_| place()).collect();
+        asked.push([-3.0; 3]);
+        for (most, within) in [(1, f64::INFINITY), (5, 1e5), (900, f64::INFINITY), (3, 0.0), (0, 1.0)] {
+            let found = tree.nearest(&asked, (most, within), 1 << 16, &()).unwrap();
+            for (from, found) in asked.iter().zip(found) {
+                let mut expected: Vec<f64> = rows
+                    .chunks_exact(layout().size)
+                    .map(|row| {
+                        let axes = 0..dimension.axes();
+                        axes.map(|axis| (f64::from(place_of(row)[axis]) - from[axis]).powi(2))
+                            .sum::<f64>()
+                            .sqrt()
+                    })
+                    .filter(|distance| *distance <= within)
+                    .collect();
+                expected.sort_by(f64::total_cmp);
+                expected.truncate(most);
+                let distances: Vec<f64> = found.iter().map(|point| point.distance).collect();
+                assert_eq!(distances, expected, "{dimension:?} {most} {within}");
+            }
+        }
+        assert!(tree.nearest(&[[f64::NAN; 3]], (1, 1.0), 0, &()).is_err());
+    }
+    let none = tree_of(&[], Dimension::Oct, 60);
+    assert_eq!(none.nearest(&[[0.0; 3]], (1, 1.0), 0, &()).unwrap(), vec![vec![]]);
 }

@@ -64,6 +64,11 @@ impl PartOptions {
         matches!(self.window, Some(Window::Solid(_)))
     }
 
+    /// Least and greatest coordinates of the part, as they were given.
+    pub(crate) fn corners(&self) -> Option<[[f64; 3]; 2]> {
+        self.window.map(Window::corners)
+    }
+
     /// The coordinates that were given.
     pub(crate) fn coordinates(&self) -> &CoordinatesOption {
         &self.coordinates

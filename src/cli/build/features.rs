@@ -49,6 +49,11 @@ impl FeatureArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
+    /// An option that was given, which makes no sense for points.
+    pub(super) fn not_of_points(&self) -> Option<&'static str> {
+        self.given().filter(|option| *option != "--where")
+    }
+
     /// Whether some inputs are files of features.
     pub(super) fn are_features(inputs: &[PathBuf]) -> bool {
         inputs.iter().any(|input| is_feature_file(input))

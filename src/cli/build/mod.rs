@@ -3,6 +3,7 @@
 mod exact;
 mod features;
 mod pictures;
+mod points;
 mod solids;
 mod tree;
 
@@ -19,6 +20,7 @@ use spinney::import::rasterize::FeatureImport;
 use spinney::import::volume;
 use spinney::io::Output;
 use spinney::ops::{WarpGrid, WarpOptions};
+use spinney::points::PointImport;
 use spinney::space::Crs;
 use spinney::store::{check_tree_name, file_is_tree};
 
@@ -31,7 +33,7 @@ use super::args::{Memory, OutputLimit, Packing, check_output, expand_lists, pars
 use super::report::{Work, report_built};
 use super::{Global, open};
 
-/// Make a tree of a picture, or of several on one grid, of a volume, of models of solids, or of features.
+/// Make a tree of a picture, or of several on one grid, of a volume, of models of solids, of features, or of points.
 ///
 /// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one file that
 /// holds them at every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can
@@ -49,6 +51,9 @@ use super::{Global, open};
 /// Reads features, too: points, lines and polygons of GeoJSON, FlatGeobuf, GeoPackage (x.gpkg:NAME is one layer of several), shapefiles and
 /// CSV with geometries. They become the cells that they have, exactly and without a raster between, with the value of an attribute.
 ///
+/// Reads point clouds, too: LAS and LAZ. They become a tree of points, each of which is there once, with its attributes, and coarse levels have a few of them
+/// spread evenly.
+///
 /// Takes a tree, too, and keeps what it tells about its cells, such as kind, rule, coordinate system and names, unless options
 /// say something else: with another --rule, coarser levels are made anew.
 ///
@@ -56,7 +61,7 @@ use super::{Global, open};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Raster files (of several, the last lies on top), a volume, models, files of features, or a tree; @FILE stands for the paths in a file, one a line
+    /// Raster files (of several, the last lies on top), a volume, models, files of features or points, or a tree; @FILE stands for the paths in a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// File to write; - is standard output
@@ -132,6 +137,7 @@ Examples:
   spinney build part.stl -o exact.goblin --brep
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
   spinney build zones.gpkg -o zones.goblin --cell 10 --value code
+  spinney build scan.laz -o scan.goblin --where 'classification=2' --attribute intensity,classification
   spinney build landcover.tif -o landcover.autumn --share
   spinney build heights.goblin -o highest.goblin --rule max
   spinney build landcover.tif -o tiles.goblin --grid xyz
@@ -152,6 +158,7 @@ enum Import {
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
     Features(Box<FeatureImport>),
+    Points(Box<PointImport>),
     Tree(Box<TreeImport>),
 }
 
@@ -176,6 +183,7 @@ impl Import {
             Import::Solid(import) => import.description(),
             Import::Exact(import) => import.description(),
             Import::Features(import) => import.description(),
+            Import::Points(import) => import.description(),
             Import::Tree(import) => import.description(),
         }
     }
@@ -184,6 +192,7 @@ impl Import {
     fn unit(&self) -> &'static str {
         match self {
             Import::Exact(_) => "faces",
+            Import::Points(_) => "points",
             _ => "cells",
         }
     }
@@ -219,6 +228,11 @@ impl Import {
                 import.build(output, progress)?;
                 Ok(Lines::new())
             }
+            Import::Points(import) => {
+                let built = import.build(output, progress)?;
+                let text = format!("{}, {} of them where another one is", built.points, built.duplicates);
+                Ok(vec![("points", text)])
+            }
             Import::Tree(import) => {
                 import.build(output, progress)?;
                 Ok(Lines::new())
@@ -233,6 +247,10 @@ impl Args {
         let Args { inputs, output, pictures, common, solids, features } = self;
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
         check_tree_name(output)?;
+        if points::are_points(inputs) {
+            let import = points::plan(inputs, (common, pictures, solids, features))?;
+            return Ok(Import::Points(Box::new(import)));
+        }
         if FeatureArgs::are_features(inputs) {
             let import = features.plan(inputs, output, (common, pictures, solids))?;
             return Ok(Import::Features(Box::new(import)));

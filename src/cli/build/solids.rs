@@ -5,9 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, bail};
 use spinney::brep::InsideRule;
 use spinney::geometry::Stages;
-use spinney::import::mesh::{
-    self, Attribute, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
-};
+use spinney::import::mesh::{self, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport};
 use spinney::space::{EdgeRule, Up};
 
 use super::super::args::{UNITS, check_output};
@@ -34,9 +32,9 @@ pub(super) struct SolidArgs {
     #[arg(long, value_name = "RULE")]
     edge: Option<EdgeRule>,
     /// Attribute that cells have: occupancy (255 is full), colour, or part (the number of an object, group or
-    /// material) [default: occupancy]
-    #[arg(long)]
-    attribute: Option<Attribute>,
+    /// material) [default: occupancy]; of points names of those that are kept, as in intensity,classification [default: all]
+    #[arg(long, value_name = "NAME,...")]
+    pub(super) attribute: Option<String>,
     /// Axis that points up in the model, y or z; y is turned to z [default: z]
     #[arg(long, value_name = "AXIS")]
     pub(super) up: Option<Up>,
@@ -50,8 +48,8 @@ pub(super) struct SolidArgs {
     #[arg(long, conflicts_with_all = ["cells", "cell", "grid", "depth", "shell", "edge", "attribute", "share", "max_error"])]
     pub(super) brep: bool,
     /// Faces that a cell may have and end, whatever their planes have in common; 0 divides cells until these have a
-    /// point in common, as in the literature [default: 12]
-    #[arg(long, value_name = "N", requires = "brep")]
+    /// point in common, as in the literature [default: 12]; or points that a node may have and end [default: 50000]
+    #[arg(long, value_name = "N")]
     pub(super) leaf_size: Option<usize>,
     /// Width of the steps that corners are moved to, such as 0.001 [default: the file's own grid, or the least power of two that
     /// leaves about 2^26 steps along the longest side]
@@ -113,7 +111,7 @@ impl SolidArgs {
             repair: _,
             inside: _,
             skip_bad: _,
-            leaf_size: _,
+            leaf_size,
             snap: _,
         } = self;
         cells.is_some()
@@ -121,6 +119,7 @@ impl SolidArgs {
             || *shell
             || edge.is_some()
             || attribute.is_some()
+            || leaf_size.is_some()
             || up.is_some()
             || unit.is_some()
             || *stats
@@ -153,6 +152,21 @@ impl SolidArgs {
         Ok((self.cells, cell, self.edge))
     }
 
+    /// An option that was given, which makes no sense for points.
+    pub(super) fn not_of_points(&self) -> Option<&'static str> {
+        let given = [
+            ("--cells", self.cells.is_some()),
+            ("--cell", self.cell.is_some()),
+            ("--shell", self.shell),
+            ("--edge", self.edge.is_some()),
+            ("--up", self.up.is_some()),
+            ("--unit", self.unit.is_some()),
+            ("--stats", self.stats),
+            ("--brep", self.brep),
+        ];
+        given.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| name)
+    }
+
     /// An option that was given and is for exact models alone.
     pub(super) fn of_exact_models(&self) -> Option<&'static str> {
         let given = [
@@ -178,7 +192,7 @@ impl SolidArgs {
         let mut options = SolidOptions::new();
         options.resolution = self.resolution(*depth, like, unit.as_deref())?;
         options.edge = self.edge.unwrap_or_default();
-        options.attribute = self.attribute.unwrap_or_default();
+        options.attribute = self.attribute.as_deref().map(str::parse).transpose()?.unwrap_or_default();
         options.shell = self.shell;
         options.up = self.up.unwrap_or_default();
         options.unit = self.unit.clone().or(unit);

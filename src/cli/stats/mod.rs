@@ -14,6 +14,7 @@ use spinney::space::Bounds;
 use spinney::value::{Number, Rule};
 
 use super::args::{PartOptions, ViewedTree, level_of};
+use super::points::{self, PointPlaces};
 use super::report::statistics::{channels_as_json, class_as_json};
 use super::report::{Work, print_json, print_text, solid};
 use super::{Global, exact};
@@ -117,6 +118,17 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         }
         exact::stats(&view, args.json, global)?;
         return Ok(view.file().check_unchanged()?);
+    }
+    if let Some(tree) = points::open(&args.tree.file)? {
+        let given = [
+            ("--each", args.each),
+            ("--zones", args.zones.is_some()),
+            ("--labels", args.label_options.labels),
+            ("--surface", args.surface),
+        ];
+        points::refuse(&args.tree.file, &given)?;
+        let selection = PointPlaces::default().selection(&tree, &args.part, args.level)?;
+        return points::stats(&tree, &selection, args.json, global);
     }
     ensure!(!args.each, "--each is for exact models; of trees --labels and --zones make tables");
     if args.label_options.labels {

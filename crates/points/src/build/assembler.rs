@@ -75,7 +75,15 @@ impl<'a> Assembler<'a> {
     fn push(&mut self, code: Code) {
         let none = || Statistics::none(self.encoder.block.columns);
         let (own, below) = (none(), none());
-        self.open.push(Open { code, rows: Vec::new(), pending: Vec::new(), pending_rows: 0, is_divided: false, own, below });
+        self.open.push(Open {
+            code,
+            rows: Vec::new(),
+            pending: Vec::new(),
+            pending_rows: 0,
+            is_divided: false,
+            own,
+            below,
+        });
     }
 
     /// Goes on to a point or node with this code, which must be in the top node: nodes that do not have it are complete.

@@ -102,10 +102,13 @@ impl Buckets {
         let out = self.file.as_mut().expect("it was made");
         for row in &order {
             let at = *row as usize * self.stride;
-            out.write_all(&self.rows[at..at + self.stride]).map_err(Error::io(&self.folder, "use a temporary file in"))?;
+            out.write_all(&self.rows[at..at + self.stride])
+                .map_err(Error::io(&self.folder, "use a temporary file in"))?;
             let extents = &mut self.extents[usize::from(self.nodes[*row as usize])];
             match extents.last_mut() {
-                Some(last) if last.offset + u64::from(last.rows) * self.stride as u64 == self.position => last.rows += 1,
+                Some(last) if last.offset + u64::from(last.rows) * self.stride as u64 == self.position => {
+                    last.rows += 1
+                }
                 _ => extents.push(Extent { offset: self.position, rows: 1 }),
             }
             self.position += self.stride as u64;
@@ -177,7 +180,12 @@ impl BucketedRows {
     }
 
     /// Hands out the rows of a node in the order in which they came in, so many at a time.
-    pub(crate) fn read(&self, bucket: &Bucket, most: usize, each: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
+    pub(crate) fn read(
+        &self,
+        bucket: &Bucket,
+        most: usize,
+        each: &mut dyn FnMut(&[u8]) -> Result<()>,
+    ) -> Result<()> {
         let mut bytes = Vec::new();
         for extent in &self.extents[bucket.number] {
             let file = self.file.as_ref().expect("where there are extents there is a file");
@@ -185,7 +193,8 @@ impl BucketedRows {
             while left > 0 {
                 let count = left.min(most.max(1));
                 bytes.resize(count * self.stride, 0);
-                read_exact_at(file, &mut bytes, offset).map_err(Error::io(&self.folder, "read a temporary file in"))?;
+                read_exact_at(file, &mut bytes, offset)
+                    .map_err(Error::io(&self.folder, "read a temporary file in"))?;
                 each(&bytes)?;
                 offset += bytes.len() as u64;
                 left -= count;

@@ -1,6 +1,6 @@
 //! The whole of building.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::assembler::{Assembler, Closed, Piece, leaf, node_level};
 use super::buckets::{Bucket, BucketedRows, Buckets};
@@ -9,7 +9,7 @@ use super::{MOST_NUMBERS, NUMBER_BYTES};
 use crate::attribute::place_of;
 use crate::codec::MOST_POINTS;
 use crate::grid::PointGrid;
-use crate::source::PointSource;
+use crate::source::{PointSchema, PointSource};
 use crate::store::{PointWriter, Summary};
 use spinney_base::io::{Output, Sorter, folder};
 use spinney_base::space::Code;
@@ -61,21 +61,25 @@ pub fn build(
         let expected = format!("1 to {MOST_POINTS} points");
         return Err(Error::invalid("leaf size", options.leaf_size.to_string(), expected));
     }
-    let schema = source.schema().clone();
-    let grid = PointGrid::around(schema.scale, schema.offset, schema.bounds, schema.dimension);
-    let encoder = Encoder::new(schema.layout.clone(), grid);
+    let temporary = folder(output.path()).to_path_buf();
+    let (rows, points) = match read(source, (&temporary, options.memory), progress)? {
+        Some(read) => read,
+        None if source.survey()? => {
+            let text = "its header is wrong about where its points are; all of them were looked at first";
+            progress.warn(source.path(), text);
+            let again = read(source, (&temporary, options.memory), progress)?;
+            again.ok_or_else(|| beyond(source))?
+        }
+        None => return Err(beyond(source)),
+    };
+    let encoder = encoder_of(source.schema());
     let writer = PointWriter::new(output, &encoder.grid, encoder.block.columns, options.memory / 16)?;
-    let top = Code::root(schema.dimension);
-    let temporary = folder(writer.path()).to_path_buf();
-    let most = options.memory / 3;
+    let top = Code::root(encoder.grid.dimension);
     let plan = Plan { encoder: &encoder, options, progress };
-    let mut work = Work { plan, temporary, writer, total: schema.count.unwrap_or(0), duplicates: 0 };
-    let mut buckets = Buckets::new(work.temporary.clone(), encoder.stride(), (top, encoder.grid.code_levels()), most);
-    let points = work.read(source, &mut buckets)?;
-    work.total = 2 * points;
+    let mut work = Work { plan, temporary, writer, total: 2 * points, duplicates: 0 };
     let mut assembler = Assembler::new(&encoder, options.leaf_size, top);
     let mut last = None;
-    work.assemble(&buckets.finish()?, &mut assembler, &mut last)?;
+    work.assemble(&rows, &mut assembler, &mut last)?;
     let (closed, pieces) = assembler.finish();
     work.write(pieces)?;
     let mut pieces = Vec::new();
@@ -89,6 +93,54 @@ pub fn build(
     let section = Summary::new(&encoder, options.leaf_size, summary);
     work.writer.finish(&section, metadata)?;
     Ok(summary)
+}
+
+fn encoder_of(schema: &PointSchema) -> Encoder {
+    let grid = PointGrid::around(schema.scale, schema.offset, schema.bounds, schema.dimension);
+    Encoder::new(schema.layout.clone(), grid)
+}
+
+/// The error that points lie beyond the bounds that were told.
+fn beyond(source: &dyn PointSource) -> Error {
+    let [least, most] = source.schema().bounds;
+    let expected = format!("points from {least:?} to {most:?} on the grid, as its header says");
+    Error::corrupt(source.path(), "points", "points beyond these bounds", expected)
+}
+
+/// Reads all points, and counts them; `None` if one lies beyond the bounds that were told.
+fn read(
+    source: &mut dyn PointSource,
+    (temporary, memory): (&Path, u64),
+    progress: &dyn Progress,
+) -> Result<Option<(BucketedRows, u64)>> {
+    let encoder = encoder_of(source.schema());
+    let total = source.schema().count.unwrap_or(0);
+    let top = (Code::root(encoder.grid.dimension), encoder.grid.code_levels());
+    let mut buckets = Buckets::new(temporary.to_path_buf(), encoder.stride(), top, memory / 3);
+    let size = encoder.layout.size;
+    let mut rows = Vec::new();
+    let mut row = vec![0; encoder.stride()];
+    let mut number = 0u64;
+    loop {
+        progress.check()?;
+        rows.clear();
+        let count = source.read(&mut rows, BATCH)?;
+        if count == 0 {
+            return Ok(Some((buckets.finish()?, number)));
+        }
+        for point in rows.chunks_exact(size) {
+            let Some(code) = encoder.grid.code(place_of(point)) else { return Ok(None) };
+            row[..size].copy_from_slice(point);
+            row[size..].copy_from_slice(&number.to_le_bytes()[..NUMBER_BYTES]);
+            buckets.push(code, &row)?;
+            number += 1;
+        }
+        if number >= MOST_NUMBERS {
+            let found = format!("{number} points and more");
+            return Err(Error::invalid("points", found, format!("at most {MOST_NUMBERS} in a file")));
+        }
+        progress.advance(count as u64, 2 * total.max(number));
+    }
 }
 
 /// What all threads know.
@@ -182,7 +234,8 @@ impl Plan<'_> {
 
     /// The codes and places of rows, by code, those with the same one as they came in.
     fn sorted(&self, rows: &[u8]) -> Vec<(Code, u32)> {
-        let code = |row: &[u8]| self.encoder.grid.code(place_of(row)).expect("it was in the root when it was read");
+        let code =
+            |row: &[u8]| self.encoder.grid.code(place_of(row)).expect("it was in the root when it was read");
         let dimension = self.encoder.grid.dimension;
         let stride = self.encoder.stride();
         let mut keys: Vec<u128> = rows
@@ -200,41 +253,13 @@ impl Plan<'_> {
 }
 
 impl Work<'_> {
-    /// Reads all points; returns how many there were.
-    fn read(&mut self, source: &mut dyn PointSource, buckets: &mut Buckets) -> Result<u64> {
-        let size = self.plan.encoder.layout.size;
-        let mut rows = Vec::new();
-        let mut row = vec![0; self.plan.encoder.stride()];
-        let mut number = 0u64;
-        loop {
-            self.plan.progress.check()?;
-            rows.clear();
-            let count = source.read(&mut rows, BATCH)?;
-            if count == 0 {
-                return Ok(number);
-            }
-            for point in rows.chunks_exact(size) {
-                let place = place_of(point);
-                let code = self.plan.encoder.grid.code(place).ok_or_else(|| {
-                    let bounds = source.schema().bounds;
-                    let found = format!("point {number} at {place:?} on the grid");
-                    Error::corrupt(self.writer.path(), "points", found, format!("points from {:?} to {:?}", bounds[0], bounds[1]))
-                })?;
-                row[..size].copy_from_slice(point);
-                row[size..].copy_from_slice(&number.to_le_bytes()[..NUMBER_BYTES]);
-                buckets.push(code, &row)?;
-                number += 1;
-            }
-            if number >= MOST_NUMBERS {
-                let found = format!("{number} points and more");
-                return Err(Error::invalid("points", found, format!("at most {MOST_NUMBERS} in a file")));
-            }
-            self.plan.progress.advance(count as u64, 2 * self.total.max(number));
-        }
-    }
-
     /// Assembles nodes of the rows of many nodes, in order. `last` is the node that had points before.
-    fn assemble(&mut self, rows: &BucketedRows, assembler: &mut Assembler<'_>, last: &mut Option<Code>) -> Result<()> {
+    fn assemble(
+        &mut self,
+        rows: &BucketedRows,
+        assembler: &mut Assembler<'_>,
+        last: &mut Option<Code>,
+    ) -> Result<()> {
         let plan = self.plan;
         let share = plan.share();
         let buckets = rows.buckets();
@@ -278,18 +303,30 @@ impl Work<'_> {
     }
 
     /// Assembles the nodes of more rows than there is room for: by nodes below.
-    fn divide(&mut self, rows: &BucketedRows, bucket: &Bucket, assembler: &mut Assembler<'_>, last: &mut Option<Code>) -> Result<()> {
+    fn divide(
+        &mut self,
+        rows: &BucketedRows,
+        bucket: &Bucket,
+        assembler: &mut Assembler<'_>,
+        last: &mut Option<Code>,
+    ) -> Result<()> {
         let deepest = self.plan.encoder.grid.code_levels();
         let stride = self.plan.encoder.stride();
         if bucket.code.level() == deepest {
             // All have one code: they come as they are.
             return self.stream(rows, bucket, assembler, *last);
         }
-        let mut buckets = Buckets::new(self.temporary.clone(), stride, (bucket.code, deepest), self.plan.options.memory / 3);
+        let mut buckets = Buckets::new(
+            self.temporary.clone(),
+            stride,
+            (bucket.code, deepest),
+            self.plan.options.memory / 3,
+        );
         rows.read(bucket, BATCH, &mut |rows| {
             self.plan.progress.check()?;
             rows.chunks_exact(stride).try_for_each(|row| {
-                let code = self.plan.encoder.grid.code(place_of(row)).expect("it was in the root when it was read");
+                let code =
+                    self.plan.encoder.grid.code(place_of(row)).expect("it was in the root when it was read");
                 buckets.push(code, row)
             })
         })?;
@@ -297,7 +334,13 @@ impl Work<'_> {
     }
 
     /// Adds rows that all have one code to the nodes that they belong to.
-    fn stream(&mut self, rows: &BucketedRows, bucket: &Bucket, assembler: &mut Assembler<'_>, last: Option<Code>) -> Result<()> {
+    fn stream(
+        &mut self,
+        rows: &BucketedRows,
+        bucket: &Bucket,
+        assembler: &mut Assembler<'_>,
+        last: Option<Code>,
+    ) -> Result<()> {
         assembler.advance(bucket.code);
         let mut same = last.map(|last| last.common_ancestor(bucket.code).level());
         let stride = self.plan.encoder.stride();

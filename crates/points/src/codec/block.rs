@@ -26,7 +26,8 @@ impl BlockLayout {
     pub(crate) fn of(layout: &RowLayout) -> BlockLayout {
         let columns = 3 + layout.attributes.len();
         let clock = layout.position("gps_time").map(|place| place + 3);
-        let is_label = |column: &usize| *column >= 3 && layout.attributes[column - 3].sample == SampleType::U8;
+        let is_label =
+            |column: &usize| *column >= 3 && layout.attributes[column - 3].sample == SampleType::U8;
         let labels: Vec<usize> = (0..columns).filter(is_label).collect();
         let others = (0..columns).filter(|column| !is_label(column) && Some(*column) != clock);
         let order = clock.into_iter().chain(labels.iter().copied()).chain(others).collect();
@@ -83,7 +84,9 @@ impl Steps {
     }
 
     fn uncount(self, numbers: &mut [i64]) {
-        numbers.iter_mut().for_each(|number| *number = self.first.wrapping_add(number.wrapping_mul(self.step)));
+        numbers
+            .iter_mut()
+            .for_each(|number| *number = self.first.wrapping_add(number.wrapping_mul(self.step)));
     }
 }
 
@@ -108,13 +111,20 @@ fn cost(numbers: &[i64], contexts: &[u8]) -> u64 {
     let mut entropy = 0;
     for counts in counts {
         let all: u64 = counts.iter().sum();
-        entropy += counts.iter().filter(|count| **count > 0).map(|count| count * (log2(all) - log2(*count))).sum::<u64>();
+        entropy += counts
+            .iter()
+            .filter(|count| **count > 0)
+            .map(|count| count * (log2(all) - log2(*count)))
+            .sum::<u64>();
     }
     (bits << LOG_BITS) + entropy
 }
 
 /// The columns of rows, in an order: all points of one column behind each other.
-pub(crate) fn columns_of<'r>(rows: impl Iterator<Item = &'r [u8]> + Clone, layout: &RowLayout) -> Vec<Vec<i64>> {
+pub(crate) fn columns_of<'r>(
+    rows: impl Iterator<Item = &'r [u8]> + Clone,
+    layout: &RowLayout,
+) -> Vec<Vec<i64>> {
     let axis = |axis: usize| rows.clone().map(|row| place_of(row)[axis].into()).collect();
     let attribute = |attribute| layout.numbers(attribute, rows.clone());
     (0..3).map(axis).chain((0..layout.attributes.len()).map(attribute)).collect()
@@ -150,8 +160,11 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
         });
         // (Lines and means only where they gain: they take longer to read.)
         let gain = ((tried.len() as u64) << LOG_BITS) / 8;
-        let worth = |prediction: Prediction| costs[prediction as usize] + if prediction > Prediction::Last { gain } else { 0 };
-        let prediction = Prediction::ALL.into_iter().min_by_key(|prediction| worth(*prediction)).expect("there are some");
+        let worth = |prediction: Prediction| {
+            costs[prediction as usize] + if prediction > Prediction::Last { gain } else { 0 }
+        };
+        let prediction =
+            Prediction::ALL.into_iter().min_by_key(|prediction| worth(*prediction)).expect("there are some");
         errors_of(numbers, &clock, prediction, &mut errors);
         let gain = |cost: u64| cost + ((tried.len() as u64) << LOG_BITS) / 16;
         let tried = &errors[..tried.len()];
@@ -189,7 +202,12 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
 const MOST_LABEL: usize = 255;
 
 /// Reads the columns of a block that are asked for; the others are empty. `None` if it is not what somebody wrote.
-pub(crate) fn decode(bytes: &[u8], points: usize, layout: &BlockLayout, wanted: &[bool]) -> Option<Vec<Vec<i64>>> {
+pub(crate) fn decode(
+    bytes: &[u8],
+    points: usize,
+    layout: &BlockLayout,
+    wanted: &[bool],
+) -> Option<Vec<Vec<i64>>> {
     let (lengths, mut rest) = bytes.split_at_checked(4 * layout.columns)?;
     let mut parts = Vec::with_capacity(layout.columns);
     for length in lengths.as_chunks::<4>().0 {
@@ -217,7 +235,9 @@ pub(crate) fn decode(bytes: &[u8], points: usize, layout: &BlockLayout, wanted: 
     }
     let mut columns = vec![Vec::new(); layout.columns];
     let mut clock = Clock::new(None);
-    for (place, ([prediction, label], packed)) in parts.into_iter().enumerate().filter(|(place, _)| needed[*place]) {
+    for (place, ([prediction, label], packed)) in
+        parts.into_iter().enumerate().filter(|(place, _)| needed[*place])
+    {
         if *prediction == IS_CONSTANT {
             columns[layout.order[place]] = vec![i64::from_le_bytes(packed.try_into().ok()?); points];
             if Some(layout.order[place]) == layout.clock {

@@ -81,7 +81,8 @@ impl Line {
             *self = Line::default();
         }
         // To the new point: all others are earlier by the step, and less by the change.
-        self.products = self.products - step * self.numbers - change * self.times + step * change * self.weight;
+        self.products =
+            self.products - step * self.numbers - change * self.times + step * change * self.weight;
         self.squares = self.squares - 2.0 * step * self.times + step * step * self.weight;
         self.times -= step * self.weight;
         self.numbers -= change * self.weight;
@@ -190,10 +191,12 @@ mod tests {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
             (state >> 33) as i64
         };
-        let times: Vec<i64> = (0..3000).scan(0, |time, _| {
-            *time += [0, 1, 1, 2, 40, 1 << 40][random() as usize % 6];
-            Some(*time)
-        }).collect();
+        let times: Vec<i64> = (0..3000)
+            .scan(0, |time, _| {
+                *time += [0, 1, 1, 2, 40, 1 << 40][random() as usize % 6];
+                Some(*time)
+            })
+            .collect();
         let columns: [Vec<i64>; 3] = [
             times.iter().map(|time| time * 3 + random() % 5).collect(),
             (0..3000).map(|_| random() << 33 | random()).collect(),
@@ -213,10 +216,12 @@ mod tests {
 
     #[test]
     fn what_moves_evenly_is_foretold() {
-        let times: Vec<i64> = (0..1000).scan(0, |time, at| {
-            *time += 1 + at % 3;
-            Some(*time)
-        }).collect();
+        let times: Vec<i64> = (0..1000)
+            .scan(0, |time, at| {
+                *time += 1 + at % 3;
+                Some(*time)
+            })
+            .collect();
         let numbers: Vec<i64> = times.iter().map(|time| 500 - 17 * time).collect();
         let mut errors = Vec::new();
         errors_of(&numbers, &Clock::new(Some(&times)), Prediction::Line, &mut errors);

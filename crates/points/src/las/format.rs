@@ -18,7 +18,8 @@ impl Record {
     fn parts(&mut self, offset: usize, parts: &[(&str, u8)]) {
         let mut shift = 0;
         for (name, bits) in parts {
-            self.0.push((Attribute::new(*name, SampleType::U8), Field { offset, bits: Some((shift, *bits)) }));
+            self.0
+                .push((Attribute::new(*name, SampleType::U8), Field { offset, bits: Some((shift, *bits)) }));
             shift += bits;
         }
     }
@@ -49,7 +50,15 @@ fn add_format(record: &mut Record, format: u8) {
     use SampleType::{F64, I8, I16, U8, U16};
     record.whole("intensity", U16, 12);
     if format < 6 {
-        record.parts(14, &[("return_number", 3), ("number_of_returns", 3), ("scan_direction_flag", 1), ("edge_of_flight_line", 1)]);
+        record.parts(
+            14,
+            &[
+                ("return_number", 3),
+                ("number_of_returns", 3),
+                ("scan_direction_flag", 1),
+                ("edge_of_flight_line", 1),
+            ],
+        );
         record.parts(15, &[("classification", 5), ("synthetic", 1), ("key_point", 1), ("withheld", 1)]);
         record.whole("scan_angle_rank", I8, 16);
         record.whole("user_data", U8, 17);
@@ -149,10 +158,34 @@ fn add_extra(record: &mut Record, descriptor: &[u8; 192], offset: usize, size: u
         let is_scaled = kind != 0 && options & 0b1_1000 != 0;
         let scale = if options & 0b1000 != 0 { scale } else { 1.0 };
         let summand = if options & 0b1_0000 != 0 { summand } else { 0.0 };
-        attribute.scale_offset = is_scaled.then_some((scale, summand)).filter(|_| scale.is_finite() && summand.is_finite());
+        attribute.scale_offset =
+            is_scaled.then_some((scale, summand)).filter(|_| scale.is_finite() && summand.is_finite());
         record.0.push((attribute, Field { offset: offset + number * sample.size(), bits: None }));
     }
     offset + sample.size() * count
+}
+
+/// The descriptor of an attribute in extra bytes.
+pub(crate) fn describe_extra(attribute: &Attribute) -> [u8; 192] {
+    use SampleType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
+    let mut bytes = [0; 192];
+    let number = [U8, I8, U16, I16, U32, I32, U64, I64, F32, F64]
+        .iter()
+        .position(|sample| *sample == attribute.sample);
+    bytes[2] = number.map_or(1, |number| number as u8 + 1);
+    let mut put = |at: usize, text: &str| {
+        // (As many whole characters as there is room for.)
+        let end = (0..=text.len().min(32)).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
+        bytes[at..at + end].copy_from_slice(&text.as_bytes()[..end]);
+    };
+    put(4, &attribute.name);
+    put(160, &attribute.description);
+    if let Some((scale, offset)) = attribute.scale_offset {
+        bytes[3] = 0b1_1000;
+        bytes[112..120].copy_from_slice(&scale.to_le_bytes());
+        bytes[136..144].copy_from_slice(&offset.to_le_bytes());
+    }
+    bytes
 }
 
 #[cfg(test)]
@@ -169,7 +202,9 @@ mod tests {
             for (attribute, field) in layout.attributes.iter().zip(&layout.fields) {
                 match field.bits {
                     Some((_, count)) => bits[field.offset] += u32::from(count),
-                    None => bits[field.offset..field.offset + attribute.sample.size()].iter_mut().for_each(|byte| *byte += 8),
+                    None => bits[field.offset..field.offset + attribute.sample.size()]
+                        .iter_mut()
+                        .for_each(|byte| *byte += 8),
                 }
             }
             assert_eq!(bits, vec![8; size], "{format}");

@@ -51,8 +51,9 @@ impl LasHeader {
         let length = file.metadata().map_err(Error::io(path, "read"))?.len();
         let mut file = BufReader::with_capacity(1 << 20, file);
         let header = guard(path, "header", || {
-            raw::Header::read_from(&mut file)
-                .map_err(|error| Error::corrupt(path, "header", error.to_string(), "the header of a LAS file"))
+            raw::Header::read_from(&mut file).map_err(|error| {
+                Error::corrupt(path, "header", error.to_string(), "the header of a LAS file")
+            })
         })?;
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
         // (The two highest bits say that points are packed.)
@@ -64,13 +65,20 @@ impl LasHeader {
         };
         let size = usize::from(header.point_data_record_length);
         if size < own {
-            return Err(corrupt(format!("records of {size} bytes"), &format!("{own} or more, of point format {format}")));
+            return Err(corrupt(
+                format!("records of {size} bytes"),
+                &format!("{own} or more, of point format {format}"),
+            ));
         }
         let scales = [header.x_scale_factor, header.y_scale_factor, header.z_scale_factor];
         let offsets = [header.x_offset, header.y_offset, header.z_offset];
-        let are_good = scales.iter().chain(&offsets).all(|number| number.is_finite()) && scales.iter().all(|scale| *scale > 0.0);
+        let are_good = scales.iter().chain(&offsets).all(|number| number.is_finite())
+            && scales.iter().all(|scale| *scale > 0.0);
         if !are_good {
-            return Err(corrupt(format!("scales {scales:?} and offsets {offsets:?}"), "finite numbers, scales above 0"));
+            return Err(corrupt(
+                format!("scales {scales:?} and offsets {offsets:?}"),
+                "finite numbers, scales above 0",
+            ));
         }
         let large = header.large_file.map(|large| large.number_of_point_records);
         let points = large.filter(|points| *points > 0).unwrap_or(header.number_of_point_records.into());
@@ -83,11 +91,17 @@ impl LasHeader {
         }
         let records = variable_records(path, &mut file, &header, length)?;
         let find = |user: &str, number: u16| {
-            records.iter().find(|record| record.user == user && record.number == number).map(|record| &record.data)
+            records
+                .iter()
+                .find(|record| record.user == user && record.number == number)
+                .map(|record| &record.data)
         };
         let laszip = find("laszip encoded", 22204).cloned();
         if is_packed && laszip.is_none() {
-            return Err(corrupt("packed points, and no record that says how".into(), "a `laszip encoded` record"));
+            return Err(corrupt(
+                "packed points, and no record that says how".into(),
+                "a `laszip encoded` record",
+            ));
         }
         let described = find("LASF_Spec", 4).map_or(&[][..], |data| data);
         let layout = record_layout(format, size, described);
@@ -112,12 +126,19 @@ impl LasHeader {
         let header = &self.header;
         let (scale, offset) = self.scale_offset();
         let world = [[header.min_x, header.min_y, header.min_z], [header.max_x, header.max_y, header.max_z]];
-        world.map(|corner| std::array::from_fn(|axis| ((corner[axis] - offset[axis]) / scale[axis]).round() as i32))
+        world.map(|corner| {
+            std::array::from_fn(|axis| ((corner[axis] - offset[axis]) / scale[axis]).round() as i32)
+        })
     }
 }
 
 /// All records of variable length, those behind the points too.
-fn variable_records(path: &Path, file: &mut BufReader<File>, header: &raw::Header, length: u64) -> Result<Vec<VariableRecord>> {
+fn variable_records(
+    path: &Path,
+    file: &mut BufReader<File>,
+    header: &raw::Header,
+    length: u64,
+) -> Result<Vec<VariableRecord>> {
     let mut records = Vec::new();
     let near = (u64::from(header.header_size), u64::from(header.number_of_variable_length_records), false);
     let far = header.evlr.map(|evlr| (evlr.start_of_first_evlr, u64::from(evlr.number_of_evlrs), true));
@@ -156,9 +177,11 @@ fn crs_of<'r>(find: &impl Fn(&str, u16) -> Option<&'r Vec<u8>>, encoding: u16) -
     let wkt = || find(PROJECTION, 2112).map(|data| Crs::parse(&text(data)).ok());
     let keys = || {
         find(PROJECTION, 34735).map(|directory| {
-            let numbers: Vec<u16> = directory.as_chunks::<2>().0.iter().map(|pair| u16::from_le_bytes(*pair)).collect();
+            let numbers: Vec<u16> =
+                directory.as_chunks::<2>().0.iter().map(|pair| u16::from_le_bytes(*pair)).collect();
             let doubles = find(PROJECTION, 34736).map_or(&[][..], |data| data);
-            let doubles: Vec<f64> = doubles.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+            let doubles: Vec<f64> =
+                doubles.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
             let texts = find(PROJECTION, 34737).map_or(&[][..], |data| data);
             GeoKeys::new(&numbers, &doubles, texts).map(Crs::GeoKeys)
         })

@@ -3,5 +3,11 @@
 mod format;
 mod header;
 mod read;
+mod several;
+#[cfg(test)]
+mod tests;
+mod write;
 
 pub use read::LasReader;
+pub use several::LasFiles;
+pub(crate) use write::{Fields, LasFile};

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use laz::{LasZipDecompressor, LazVlr};
 
 use super::header::LasHeader;
-use crate::source::{PointSchema, PointSource, bounds_of};
+use crate::source::{PointSchema, PointSource, both_bounds, bounds_of};
 use spinney_base::guard::guard;
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
@@ -60,38 +60,6 @@ impl LasReader {
         };
         Ok(LasReader { path: path.to_path_buf(), schema, points, left: header.points })
     }
-
-    /// Looks at all points for the places that they have, since headers are wrong now and then; the file is read from the start then.
-    ///
-    /// # Errors
-    /// If they cannot be read.
-    pub fn survey(self) -> Result<LasReader> {
-        let path = self.path.clone();
-        let bounds = self.bounds()?;
-        let mut reader = LasReader::open(&path)?;
-        reader.schema.bounds = bounds;
-        Ok(reader)
-    }
-
-    fn bounds(mut self) -> Result<[[i32; 3]; 2]> {
-        let mut bounds: Option<[[i32; 3]; 2]> = None;
-        let mut rows = Vec::new();
-        loop {
-            rows.clear();
-            if self.read(&mut rows, 1 << 16)? == 0 {
-                // (Of no points: one place, so that there is a grid.)
-                return Ok(bounds.unwrap_or([[0; 3]; 2]));
-            }
-            let found = bounds_of(&rows, self.schema.layout.size);
-            bounds = match (bounds, found) {
-                (Some([a, b]), Some([c, d])) => Some([
-                    std::array::from_fn(|axis| a[axis].min(c[axis])),
-                    std::array::from_fn(|axis| b[axis].max(d[axis])),
-                ]),
-                (known, found) => known.or(found),
-            };
-        }
-    }
 }
 
 /// How points are packed, by a record that must fit points of so many bytes.
@@ -141,18 +109,37 @@ impl PointSource for LasReader {
         &self.schema
     }
 
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
     fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize> {
         let count = self.left.min(most as u64) as usize;
         let before = rows.len();
         rows.resize(before + count * self.schema.layout.size, 0);
         let path = &self.path;
         match &mut self.points {
-            Points::Plain(file) => file.read_exact(&mut rows[before..]).map_err(Error::io(path, "read points of"))?,
+            Points::Plain(file) => {
+                file.read_exact(&mut rows[before..]).map_err(Error::io(path, "read points of"))?
+            }
             Points::Packed(reader) => guard(path, "packed points", || {
                 reader.decompress_many(&mut rows[before..]).map_err(|error| damaged(path, &error.to_string()))
             })?,
         }
         self.left -= count as u64;
         Ok(count)
+    }
+
+    fn survey(&mut self) -> Result<bool> {
+        let mut all = LasReader::open(&self.path)?;
+        let (mut bounds, mut rows) = (None, Vec::new());
+        while all.read(&mut rows, 1 << 16)? > 0 {
+            bounds = both_bounds(bounds, bounds_of(&rows, self.schema.layout.size));
+            rows.clear();
+        }
+        *self = LasReader::open(&self.path)?;
+        // (Of no points: one place, so that there is a grid.)
+        self.schema.bounds = bounds.unwrap_or([[0; 3]; 2]);
+        Ok(true)
     }
 }

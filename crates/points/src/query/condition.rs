@@ -54,7 +54,8 @@ impl PointCondition {
         if column.count < points {
             return true;
         }
-        let ends = [column.least, column.most].map(|number| attribute.quantity(to_f64(attribute.sample, number)));
+        let ends =
+            [column.least, column.most].map(|number| attribute.quantity(to_f64(attribute.sample, number)));
         let (least, most) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
         match self.relation {
             PointRelation::Equal => least <= self.number && self.number <= most,

@@ -1,9 +1,12 @@
 //! Questions about trees of points.
 
+mod block_index;
 mod condition;
+mod nearest;
 mod region;
 mod select;
 
 pub use condition::{PointCondition, PointRelation};
+pub use nearest::NearPoint;
 pub use region::PointRegion;
 pub use select::{ColumnSummary, PointColumns, PointStatistics, Selection};

@@ -36,11 +36,15 @@ impl PointRegion {
     pub(crate) fn on(&self, grid: &PointGrid) -> Result<GridRegion> {
         Ok(match self {
             PointRegion::All => GridRegion::All,
-            PointRegion::Box(corners) => grid.places_in(*corners).map_or(GridRegion::Nothing, GridRegion::Box),
+            PointRegion::Box(corners) => {
+                grid.places_in(*corners).map_or(GridRegion::Nothing, GridRegion::Box)
+            }
             PointRegion::Ball(centre, radius) => GridRegion::Ball(*centre, *radius),
             PointRegion::Polygons(parts) => {
                 let step = |at: [f64; 2]| -> [f64; 2] {
-                    std::array::from_fn(|axis| (at[axis] - grid.offset[axis]) / grid.scale[axis] - f64::from(grid.corner[axis]))
+                    std::array::from_fn(|axis| {
+                        (at[axis] - grid.offset[axis]) / grid.scale[axis] - f64::from(grid.corner[axis])
+                    })
                 };
                 let parts: Vec<Vec<Vec<[f64; 2]>>> = parts
                     .iter()
@@ -69,7 +73,8 @@ impl GridRegion {
                 }
             }
             GridRegion::Polygon(polygon) => {
-                let step = |place: i32, axis: usize| (i64::from(place) - i64::from(grid.corner[axis])).max(0) as u64;
+                let step =
+                    |place: i32, axis: usize| (i64::from(place) - i64::from(grid.corner[axis])).max(0) as u64;
                 let min = [step(least[0], 0), step(least[1], 1), 0];
                 let max = [step(most[0], 0) + 1, step(most[1], 1) + 1, 1];
                 polygon.cover_area(&Bounds { min, max })
@@ -94,7 +99,9 @@ impl GridRegion {
         match self {
             GridRegion::All => true,
             GridRegion::Nothing => false,
-            GridRegion::Box([low, high]) => (0..3).all(|axis| low[axis] <= place[axis] && place[axis] <= high[axis]),
+            GridRegion::Box([low, high]) => {
+                (0..3).all(|axis| low[axis] <= place[axis] && place[axis] <= high[axis])
+            }
             GridRegion::Polygon(polygon) => {
                 let step = |axis: usize| f64::from(place[axis]) - f64::from(grid.corner[axis]);
                 polygon.contains([step(0), step(1)])

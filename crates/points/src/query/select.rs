@@ -96,9 +96,17 @@ impl PointStatistics {
             };
             let ends = [found.least, found.most].map(|number| to_f64(sample, number) * scale + offset);
             let mean = found.sum / found.count as f64 * scale + offset;
-            Some(ColumnSummary { count: found.count, min: ends[0].min(ends[1]), max: ends[0].max(ends[1]), mean })
+            Some(ColumnSummary {
+                count: found.count,
+                min: ends[0].min(ends[1]),
+                max: ends[0].max(ends[1]),
+                mean,
+            })
         };
-        PointStatistics { points: statistics.points, columns: statistics.columns.iter().enumerate().map(summary).collect() }
+        PointStatistics {
+            points: statistics.points,
+            columns: statistics.columns.iter().enumerate().map(summary).collect(),
+        }
     }
 }
 
@@ -130,7 +138,8 @@ impl PointTree {
         // As many at a time as give all threads work; each has at most a million points, mostly far fewer.
         for batch in chosen.chunks(4 * parallel::threads()) {
             progress.check()?;
-            for points in parallel::map(batch, |chosen| self.points_of(*chosen, &region, selection, &wanted)) {
+            for points in parallel::map(batch, |chosen| self.points_of(*chosen, &region, selection, &wanted))
+            {
                 let points = points?;
                 if !points.is_empty() {
                     each(&points)?;
@@ -236,7 +245,13 @@ impl PointTree {
     }
 
     /// The points of a block that are asked for.
-    fn points_of(&self, chosen: Chosen, region: &GridRegion, selection: &Selection, wanted: &[bool]) -> Result<PointColumns> {
+    fn points_of(
+        &self,
+        chosen: Chosen,
+        region: &GridRegion,
+        selection: &Selection,
+        wanted: &[bool],
+    ) -> Result<PointColumns> {
         let mut needed = wanted.to_vec();
         selection.conditions.iter().for_each(|condition| needed[3 + condition.attribute] = true);
         let mut columns = self.block(chosen.block, &needed)?;
@@ -250,7 +265,9 @@ impl PointTree {
         for condition in &selection.conditions {
             let attribute = &attributes[condition.attribute];
             let numbers = &columns[3 + condition.attribute];
-            keep.iter_mut().zip(numbers).for_each(|(keep, number)| *keep &= condition.holds_for(attribute, *number));
+            keep.iter_mut()
+                .zip(numbers)
+                .for_each(|(keep, number)| *keep &= condition.holds_for(attribute, *number));
         }
         for (column, wanted) in columns.iter_mut().zip(wanted) {
             if !wanted {

@@ -16,7 +16,12 @@ pub(crate) struct List {
 
 impl List {
     /// The list of a section, with the right checksum. `most` bytes are held at most where the file is not mapped.
-    pub(crate) fn open(path: &Path, backend: &dyn ReadBackend, (section, name): (Section, &str), entry: usize) -> Result<List> {
+    pub(crate) fn open(
+        path: &Path,
+        backend: &dyn ReadBackend,
+        (section, name): (Section, &str),
+        entry: usize,
+    ) -> Result<List> {
         if !section.length.is_multiple_of(entry as u64) {
             let found = format!("{} bytes", section.length);
             return Err(Error::corrupt(path, name, found, format!("entries of {entry} bytes")));

@@ -3,6 +3,7 @@
 mod list;
 mod reader;
 mod summary;
+mod verify;
 mod writer;
 
 pub(crate) use reader::PointNode;

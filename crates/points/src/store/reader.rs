@@ -73,7 +73,11 @@ impl PointTree {
     ///
     /// # Errors
     /// Those of [`PointTree::open`].
-    pub fn from_backend(path: &Path, backend: Box<dyn ReadBackend>, options: &OpenOptions) -> Result<PointTree> {
+    pub fn from_backend(
+        path: &Path,
+        backend: Box<dyn ReadBackend>,
+        options: &OpenOptions,
+    ) -> Result<PointTree> {
         let backend = with_cache(backend, options.cache);
         let header = header(path, &*backend)?;
         let length = backend.len();
@@ -83,7 +87,8 @@ impl PointTree {
             return Err(Error::corrupt(path, "trailer", "another header", "the file's own"));
         }
         Metadata::check_length(path, trailer.section(METADATA).length)?;
-        let metadata = Metadata::from_bytes(path, &trailer.section(METADATA).read(path, &*backend, "metadata")?)?;
+        let metadata =
+            Metadata::from_bytes(path, &trailer.section(METADATA).read(path, &*backend, "metadata")?)?;
         Metadata::check_length(path, trailer.section(SUMMARY).length)?;
         let bytes = trailer.section(SUMMARY).read(path, &*backend, "points")?;
         let (summary, grid, layout) = Summary::from_bytes(path, &bytes, header.dimension)?;
@@ -94,21 +99,39 @@ impl PointTree {
         let end = trailer.section(BLOCKS).offset;
         let path = path.to_path_buf();
         let bytes = length;
-        let tree =
-            PointTree { path, backend, metadata, summary, grid, layout, block, blocks, nodes, check: options.check, bytes };
+        let tree = PointTree {
+            path,
+            backend,
+            metadata,
+            summary,
+            grid,
+            layout,
+            block,
+            blocks,
+            nodes,
+            check: options.check,
+            bytes,
+        };
         tree.check_lists(end)?;
         Ok(tree)
     }
 
     /// Checks that nodes ascend, and that their blocks are in the file, each once.
     fn check_lists(&self, end: u64) -> Result<()> {
-        let corrupt = |place: String, found: String, expected: &str| Err(Error::corrupt(&self.path, place, found, expected));
+        let corrupt = |place: String, found: String, expected: &str| {
+            Err(Error::corrupt(&self.path, place, found, expected))
+        };
         let mut before = None;
         for index in 0..self.nodes.len() {
             let code = self.nodes.code(&*self.backend, index);
-            let fits = Code::from_bits(self.grid.dimension, code).is_some_and(|code| code.level() <= self.grid.deepest());
+            let fits = Code::from_bits(self.grid.dimension, code)
+                .is_some_and(|code| code.level() <= self.grid.deepest());
             if before.is_some_and(|before| before >= code) || !fits {
-                return corrupt(format!("node {index}"), format!("code {code:x}"), "codes of the tree that ascend");
+                return corrupt(
+                    format!("node {index}"),
+                    format!("code {code:x}"),
+                    "codes of the tree that ascend",
+                );
             }
             before = Some(code);
         }
@@ -117,7 +140,11 @@ impl PointTree {
             let entry = self.entry(index);
             node = self.nodes.find(&*self.backend, node, entry.code);
             if self.nodes.code(&*self.backend, node) != entry.code {
-                return corrupt(format!("block {index}"), format!("code {:x}", entry.code), "codes of nodes, in order");
+                return corrupt(
+                    format!("block {index}"),
+                    format!("code {:x}", entry.code),
+                    "codes of nodes, in order",
+                );
             }
             let range = entry.offset.checked_add(entry.length.into());
             let is_inside = range.is_some_and(|last| entry.offset >= HEADER_SIZE as u64 && last <= end);
@@ -130,7 +157,11 @@ impl PointTree {
         }
         // Blocks that are stored once each: the work of going through all of them goes with the file's size.
         if sum > end {
-            return corrupt("list of blocks".into(), format!("{sum} bytes of blocks"), &format!("at most {end}"));
+            return corrupt(
+                "list of blocks".into(),
+                format!("{sum} bytes of blocks"),
+                &format!("at most {end}"),
+            );
         }
         Ok(())
     }
@@ -202,9 +233,10 @@ impl PointTree {
     }
 
     /// The node in a place of the list.
-    fn node(&self, index: usize) -> Result<PointNode> {
+    pub(crate) fn node(&self, index: usize) -> Result<PointNode> {
         let entry = self.nodes.get(&*self.backend, index);
-        let code = |bytes: &[u8]| Code::from_bits(self.grid.dimension, u64::from_le_bytes(*bytes.first_chunk()?));
+        let code =
+            |bytes: &[u8]| Code::from_bits(self.grid.dimension, u64::from_le_bytes(*bytes.first_chunk()?));
         let found = entry.and_then(|entry| Some((code(entry)?, &entry[8..])));
         let Some((code, rest)) = found else {
             let place = format!("node {index}");
@@ -250,7 +282,9 @@ impl PointTree {
 
     /// The bytes of a block, with the right checksum.
     fn block_bytes(&self, index: usize, entry: &BlockEntry) -> Result<FileBytes<'_>> {
-        let corrupt = |found: String, expected: &str| Err(Error::corrupt(&self.path, format!("block {index}"), found, expected));
+        let corrupt = |found: String, expected: &str| {
+            Err(Error::corrupt(&self.path, format!("block {index}"), found, expected))
+        };
         if entry.offset + u64::from(entry.length) > self.backend.len() {
             return corrupt("no bytes".into(), "a file that nobody cuts short");
         }
@@ -268,8 +302,14 @@ impl PointTree {
     pub(crate) fn block(&self, index: usize, wanted: &[bool]) -> Result<Vec<Vec<i64>>> {
         let entry = self.entry(index);
         let bytes = self.block_bytes(index, &entry)?;
-        decode(&bytes, entry.points as usize, &self.block, wanted)
-            .ok_or_else(|| Error::corrupt(&self.path, format!("block {index}"), "bytes that no columns have", "columns that were packed"))
+        decode(&bytes, entry.points as usize, &self.block, wanted).ok_or_else(|| {
+            Error::corrupt(
+                &self.path,
+                format!("block {index}"),
+                "bytes that no columns have",
+                "columns that were packed",
+            )
+        })
     }
 
     /// Whether the tree divides x and y only.

@@ -74,17 +74,23 @@ impl Summary {
     /// The section's bytes.
     pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
         let bytes = bincode::serde::encode_to_vec((VERSION, self), config()).ok();
-        bytes.filter(|bytes| bytes.len() <= LIMIT && self.attributes.len() <= MOST_ATTRIBUTES).ok_or_else(|| Error::TooLarge {
-            path: path.to_path_buf(),
-            what: "the description of the attributes".into(),
-            needed: LIMIT as u64 + 1,
-            limit: LIMIT as u64,
-            advice: "choose some of them with --attribute".into(),
-        })
+        bytes.filter(|bytes| bytes.len() <= LIMIT && self.attributes.len() <= MOST_ATTRIBUTES).ok_or_else(
+            || Error::TooLarge {
+                path: path.to_path_buf(),
+                what: "the description of the attributes".into(),
+                needed: LIMIT as u64 + 1,
+                limit: LIMIT as u64,
+                advice: "choose some of them with --attribute".into(),
+            },
+        )
     }
 
     /// Checks and understands the section of a tree with so many axes.
-    pub(crate) fn from_bytes(path: &Path, bytes: &[u8], dimension: Dimension) -> Result<(Summary, PointGrid, RowLayout)> {
+    pub(crate) fn from_bytes(
+        path: &Path,
+        bytes: &[u8],
+        dimension: Dimension,
+    ) -> Result<(Summary, PointGrid, RowLayout)> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "points", found, expected);
         let (version, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config())
             .map_err(|error| corrupt(error.to_string(), "a version number"))?;
@@ -95,7 +101,9 @@ impl Summary {
         let (summary, _): (Summary, usize) = bincode::serde::decode_from_slice(&bytes[used..], config())
             .map_err(|error| corrupt(error.to_string(), "the section of formats.md"))?;
         let numbers = summary.scale.iter().chain(&summary.offset);
-        if !numbers.clone().all(|number| number.is_finite()) || summary.scale.iter().any(|scale| *scale <= 0.0) {
+        if !numbers.clone().all(|number| number.is_finite())
+            || summary.scale.iter().any(|scale| *scale <= 0.0)
+        {
             let found = format!("scale {:?}, offset {:?}", summary.scale, summary.offset);
             return Err(corrupt(found, "finite numbers, and scales above 0"));
         }
@@ -104,7 +112,10 @@ impl Summary {
             return Err(corrupt(found, &format!("at most 32, and {MOST_ATTRIBUTES}")));
         }
         if !(1..=MOST_POINTS).contains(&(summary.leaf_size as usize)) {
-            return Err(corrupt(format!("{} points in a leaf", summary.leaf_size), &format!("1 to {MOST_POINTS}")));
+            return Err(corrupt(
+                format!("{} points in a leaf", summary.leaf_size),
+                &format!("1 to {MOST_POINTS}"),
+            ));
         }
         let attribute = |stored: &StoredAttribute| {
             let sample = SampleType::ALL.get(usize::from(stored.sample)).copied();

@@ -1,7 +1,7 @@
 //! Writes a file of a tree of points: header, blocks as they come, lists of blocks and nodes, metadata, trailer.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use super::summary::Summary;
 use crate::grid::PointGrid;
@@ -86,16 +86,13 @@ impl PointWriter {
             return Err(Error::unsupported(path, "an Autumnal file of points", advice));
         }
         let (format, content) = (TreeFormat::Goblin, Content::Points);
-        let header = FileHeader { format, content, dimension: grid.dimension, depth: grid.deepest(), layers: 0 };
+        let header =
+            FileHeader { format, content, dimension: grid.dimension, depth: grid.deepest(), layers: 0 };
         let blocks = Sorter::new(folder(&path), BLOCK_ENTRY, memory);
         let nodes = Sorter::new(folder(&path), 8 + statistics_bytes(columns), memory);
         let mut writer = PointWriter { out, path, header, position: 0, blocks, nodes, deepest: 0 };
         writer.write(&header.to_bytes(), "write the header")?;
         Ok(writer)
-    }
-
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
     }
 
     fn write(&mut self, bytes: &[u8], doing: &'static str) -> Result<()> {

@@ -199,7 +199,11 @@ impl Polygon {
         if self.edges_in(self.bands(low[1], high[1])).any(near) {
             return Cover::Part;
         }
-        if self.contains([centre(bounds.min[0]), centre(bounds.min[1])]) { Cover::Whole } else { Cover::Nothing }
+        if self.contains([centre(bounds.min[0]), centre(bounds.min[1])]) {
+            Cover::Whole
+        } else {
+            Cover::Nothing
+        }
     }
 
     /// Whether a point is inside, not too near an edge. Ends on the row count as below it: a ray through a corner then crosses

@@ -1,11 +1,16 @@
 //! Points as they come in, row by row.
 
+mod chosen;
+
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use crate::attribute::{PLACE_BYTES, RowLayout, place_of};
-use spinney_base::{Error, Result};
 use spinney_base::space::Dimension;
+use spinney_base::{Error, Result};
 use spinney_crs::Crs;
+
+pub use chosen::ChosenPoints;
 
 /// Description of points that come in.
 #[derive(Clone, Debug)]
@@ -32,7 +37,16 @@ impl PointSchema {
     /// A schema of rows on a grid whose steps are units of the world, of which nothing else is known.
     pub fn new(layout: RowLayout, dimension: Dimension) -> PointSchema {
         let (scale, offset, bounds) = ([1.0; 3], [0.0; 3], [[0; 3]; 2]);
-        PointSchema { layout, dimension, scale, offset, bounds, count: None, crs: None, tags: BTreeMap::new() }
+        PointSchema {
+            layout,
+            dimension,
+            scale,
+            offset,
+            bounds,
+            count: None,
+            crs: None,
+            tags: BTreeMap::new(),
+        }
     }
 }
 
@@ -41,11 +55,24 @@ pub trait PointSource: Send {
     /// Description of the points.
     fn schema(&self) -> &PointSchema;
 
+    /// The file that they come from, for messages.
+    fn path(&self) -> &Path {
+        Path::new("(memory)")
+    }
+
     /// Appends rows, at most so many; none behind the last.
     ///
     /// # Errors
     /// If they cannot be read, or break the rules of their format.
     fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize>;
+
+    /// Begins anew, with bounds that were found by looking at all points: those of headers are wrong now and then. `false` if that cannot be done.
+    ///
+    /// # Errors
+    /// Those of [`PointSource::read`].
+    fn survey(&mut self) -> Result<bool> {
+        Ok(false)
+    }
 }
 
 /// Points in memory.
@@ -74,12 +101,25 @@ impl PointRows {
         let size = schema.layout.size;
         if size < PLACE_BYTES || !rows.len().is_multiple_of(size) {
             let found = format!("{} bytes", rows.len());
-            return Err(Error::invalid("rows of points", found, format!("rows of {size} bytes, of {PLACE_BYTES} or more")));
+            return Err(Error::invalid(
+                "rows of points",
+                found,
+                format!("rows of {size} bytes, of {PLACE_BYTES} or more"),
+            ));
         }
         schema.bounds = bounds_of(&rows, size).unwrap_or([[0; 3]; 2]);
         schema.count = Some((rows.len() / size) as u64);
         Ok(PointRows { schema, rows, at: 0 })
     }
+}
+
+/// The places that two lots of points have, each of which may be none.
+pub(crate) fn both_bounds(a: Option<[[i32; 3]; 2]>, b: Option<[[i32; 3]; 2]>) -> Option<[[i32; 3]; 2]> {
+    let (Some([low, high]), Some([lower, higher])) = (a, b) else { return a.or(b) };
+    Some([
+        std::array::from_fn(|axis| low[axis].min(lower[axis])),
+        std::array::from_fn(|axis| high[axis].max(higher[axis])),
+    ])
 }
 
 /// Least and greatest place of rows of so many bytes; `None` if there are none.

@@ -1,0 +1,86 @@
+//! Points of trees as files of other programs.
+
+mod csv;
+mod las;
+mod numbers;
+mod tables;
+
+use std::path::Path;
+
+use crate::query::{PointColumns, Selection};
+use crate::store::PointTree;
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+
+/// A format of points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PointFormat {
+    /// LAS.
+    Las,
+    /// LAS, packed.
+    Laz,
+    /// Comma-separated values, with a line of names.
+    Csv,
+    /// PLY, binary: doubles and the attributes.
+    Ply,
+    /// A structured array of `NumPy`.
+    Npy,
+}
+
+impl PointFormat {
+    /// The format of a file of this name; `None` if it is that of none.
+    pub fn of(path: &Path) -> Option<PointFormat> {
+        let ending = path.extension()?.to_str()?.to_ascii_lowercase();
+        Some(match ending.as_str() {
+            "las" => PointFormat::Las,
+            "laz" => PointFormat::Laz,
+            "csv" => PointFormat::Csv,
+            "ply" => PointFormat::Ply,
+            "npy" => PointFormat::Npy,
+            _ => return None,
+        })
+    }
+}
+
+/// What takes points in.
+trait PointSink {
+    /// Takes some points.
+    fn put(&mut self, points: &PointColumns) -> Result<()>;
+    /// Ends the file and puts it in its place.
+    fn finish(self: Box<Self>) -> Result<()>;
+}
+
+/// Writes points of a selection, with some attributes, or all. Returns how many there are.
+///
+/// LAS files keep scale, offset, coordinate system and what else the points came with; their other attributes are extra bytes.
+///
+/// # Errors
+/// If the tree is damaged, the output cannot be written, or the format has no room for an attribute.
+pub fn export_points(
+    tree: &PointTree,
+    selection: &Selection,
+    attributes: Option<&[usize]>,
+    (output, format): (Output, PointFormat),
+    progress: &dyn Progress,
+) -> Result<u64> {
+    let all: Vec<usize> = (0..tree.attributes().len()).collect();
+    let chosen = attributes.unwrap_or(&all).to_vec();
+    if let Some(wrong) = chosen.iter().find(|attribute| **attribute >= all.len()) {
+        return Err(Error::invalid("attribute", wrong.to_string(), format!("a number below {}", all.len())));
+    }
+    // (Headers say how many points follow: without conditions that is known before most of them are read.)
+    let count = || tree.count(selection, &());
+    let mut sink: Box<dyn PointSink> = match format {
+        PointFormat::Las | PointFormat::Laz => las::sink(tree, &chosen, output, format == PointFormat::Laz)?,
+        PointFormat::Csv => Box::new(csv::CsvSink::new(tree, chosen, output)?),
+        PointFormat::Ply => Box::new(tables::TableSink::ply(tree, chosen, count()?, output)?),
+        PointFormat::Npy => Box::new(tables::TableSink::npy(tree, chosen, count()?, output)?),
+    };
+    let mut written = 0;
+    tree.select(selection, attributes, progress, &mut |points| {
+        written += points.len() as u64;
+        sink.put(points)
+    })?;
+    sink.finish()?;
+    Ok(written)
+}

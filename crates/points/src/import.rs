@@ -1,0 +1,124 @@
+//! Files of points as trees of points.
+
+use std::path::{Path, PathBuf};
+
+use crate::build::{BuildOptions, BuildSummary, build};
+use crate::las::LasFiles;
+use crate::query::PointCondition;
+use crate::source::{ChosenPoints, PointSource};
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Metadata;
+use spinney_crs::Crs;
+
+/// Options of building a tree of files.
+#[derive(Clone, Debug, Default)]
+pub struct ImportOptions {
+    /// How the tree is built.
+    pub build: BuildOptions,
+    /// Names of the attributes that are kept; `None` for all.
+    pub attributes: Option<Vec<String>>,
+    /// The coordinate system, instead of that which the files tell.
+    pub crs: Option<Crs>,
+}
+
+/// Files that are open and understood, ready to be built.
+pub struct PointImport {
+    source: Box<dyn PointSource>,
+    metadata: Metadata,
+    options: BuildOptions,
+    description: Vec<(&'static str, String)>,
+}
+
+/// Whether a file is one of points, by its name.
+pub fn is_las_file(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("las") || ending.eq_ignore_ascii_case("laz"))
+}
+
+/// Opens LAS and LAZ files, and plans a tree of all their points for which conditions hold: `conditions` gets names by number.
+///
+/// # Errors
+/// If a file cannot be read, is none or damaged; if files lie in different systems; if there is no attribute of a name.
+pub fn plan_las(
+    paths: &[PathBuf],
+    conditions: &mut dyn FnMut(&[crate::Attribute]) -> Result<Vec<PointCondition>>,
+    options: &ImportOptions,
+) -> Result<PointImport> {
+    let files = LasFiles::open(paths)?;
+    let mut description = Vec::new();
+    if files.is_rounded() {
+        description.push((
+            "rounded",
+            "places of some files lie beside the finest grid of all: moved by at most half of its steps"
+                .into(),
+        ));
+    }
+    plan(Box::new(files), paths, (conditions, description), options)
+}
+
+/// Plans a tree of points that come from somewhere.
+fn plan(
+    source: Box<dyn PointSource>,
+    paths: &[PathBuf],
+    (conditions, mut description): (
+        &mut dyn FnMut(&[crate::Attribute]) -> Result<Vec<PointCondition>>,
+        Vec<(&'static str, String)>,
+    ),
+    options: &ImportOptions,
+) -> Result<PointImport> {
+    let attributes = source.schema().layout.attributes.clone();
+    let conditions = conditions(&attributes)?;
+    let kept = options
+        .attributes
+        .as_ref()
+        .map(|names| names.iter().map(|name| position(&attributes, name)).collect::<Result<Vec<_>>>());
+    let kept = kept.transpose()?;
+    let source: Box<dyn PointSource> = match conditions.is_empty() && kept.is_none() {
+        true => source,
+        false => Box::new(ChosenPoints::new(source, conditions, kept)),
+    };
+    let schema = source.schema();
+    let mut metadata = Metadata { tags: schema.tags.clone(), ..Metadata::default() };
+    metadata.frame.crs = options.crs.clone().or(schema.crs.clone());
+    metadata.provenance = paths.iter().map(|path| path.display().to_string()).collect();
+    if let Some(count) = schema.count {
+        description.push((
+            "points",
+            format!("{count} in {} file{}", paths.len(), if paths.len() == 1 { "" } else { "s" }),
+        ));
+    }
+    let names: Vec<&str> = schema.layout.attributes.iter().map(|attribute| attribute.name.as_str()).collect();
+    description.push(("attributes", names.join(", ")));
+    Ok(PointImport { source, metadata, options: options.build.clone(), description })
+}
+
+/// The place of an attribute among all.
+///
+/// # Errors
+/// If there is none of that name.
+pub fn position(attributes: &[crate::Attribute], name: &str) -> Result<usize> {
+    attributes.iter().position(|attribute| attribute.name == name).ok_or_else(|| {
+        let names: Vec<&str> = attributes.iter().map(|attribute| attribute.name.as_str()).collect();
+        Error::invalid(
+            "attribute",
+            format!("`{name}`"),
+            format!("one that points have: {}", names.join(", ")),
+        )
+    })
+}
+
+impl PointImport {
+    /// Lines about what was found, each with its heading.
+    pub fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// Builds the tree.
+    ///
+    /// # Errors
+    /// Those of [`build`].
+    pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<BuildSummary> {
+        build(&mut *self.source, &self.options, &self.metadata, output, progress)
+    }
+}

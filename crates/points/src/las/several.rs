@@ -1,0 +1,194 @@
+//! Several LAS files as one lot of points.
+
+use std::path::{Path, PathBuf};
+
+use super::read::LasReader;
+use crate::attribute::{Attribute, PLACE_BYTES, RowLayout, place_of};
+use crate::source::{PointSchema, PointSource, both_bounds};
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+
+/// The points of LAS and LAZ files, one file after the other.
+pub struct LasFiles {
+    paths: Vec<PathBuf>,
+    schema: PointSchema,
+    is_rounded: bool,
+    /// The file that is being read; `None` before the first and behind the last.
+    open: Option<LasReader>,
+    /// The number of the next one.
+    next: usize,
+    rows: Vec<u8>,
+}
+
+impl LasFiles {
+    /// Opens files, and looks at their headers. The points have all attributes that any file has, 0 where their own has none, and lie on the finest of
+    /// the grids.
+    ///
+    /// # Errors
+    /// If there are none, one cannot be read or is damaged, they lie in different coordinate systems, or too far from each other for one grid.
+    pub fn open(paths: &[PathBuf]) -> Result<LasFiles> {
+        let schemas = paths
+            .iter()
+            .map(|path| Ok(LasReader::open(path)?.schema().clone()))
+            .collect::<Result<Vec<_>>>()?;
+        let (Some(path), Some(first)) = (paths.first(), schemas.first()) else {
+            return Err(Error::invalid("LAS files", "none", "one or more"));
+        };
+        let mut schema = first.clone();
+        let one_by_one = |found: String| Error::unsupported(path, found, "build a tree of each");
+        for (other, other_path) in schemas.iter().zip(paths) {
+            let name = |path: &Path| path.display().to_string();
+            Crs::check_same((&name(path), first.crs.as_ref()), (&name(other_path), other.crs.as_ref()))?;
+            schema.scale = std::array::from_fn(|axis| schema.scale[axis].min(other.scale[axis]));
+        }
+        if schemas.iter().any(|other| other.layout != first.layout) {
+            let mut attributes = Vec::new();
+            for attribute in schemas.iter().flat_map(|other| &other.layout.attributes) {
+                add_attribute(&mut attributes, attribute).map_err(one_by_one)?;
+            }
+            schema.layout = RowLayout::packed(attributes);
+        }
+        let mut bounds = None;
+        let mut is_rounded = false;
+        for other in &schemas {
+            let corners = other.bounds.map(|place| moved(other, &schema, place));
+            let [Some(least), Some(most)] = corners else {
+                return Err(one_by_one("points that lie too far apart for one grid".into()));
+            };
+            bounds = both_bounds(bounds, Some([least, most]));
+            is_rounded |= !is_on_grid(other, &schema);
+        }
+        schema.bounds = bounds.unwrap_or(schema.bounds);
+        schema.count = schemas.iter().map(|other| other.count).sum();
+        Ok(LasFiles { paths: paths.to_vec(), schema, is_rounded, open: None, next: 0, rows: Vec::new() })
+    }
+
+    /// Whether places are rounded to the grid, by at most half of its steps: those of files whose grid has others.
+    pub fn is_rounded(&self) -> bool {
+        self.is_rounded
+    }
+}
+
+/// Adds an attribute to others, unless it is there; fails if there is one of its name of another type.
+fn add_attribute(attributes: &mut Vec<Attribute>, attribute: &Attribute) -> Result<(), String> {
+    match attributes.iter().find(|other| other.name == attribute.name) {
+        None => attributes.push(attribute.clone()),
+        Some(other) if other.sample == attribute.sample && other.scale_offset == attribute.scale_offset => {}
+        Some(other) => {
+            return Err(format!(
+                "files whose attribute {} is {} and {}",
+                other.name,
+                other.sample.name(),
+                attribute.sample.name()
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// A place of one grid on another; `None` if that does not reach so far.
+fn moved(from: &PointSchema, to: &PointSchema, place: [i32; 3]) -> Option<[i32; 3]> {
+    let mut moved = place;
+    for axis in 0..3 {
+        if (from.scale[axis], from.offset[axis]) != (to.scale[axis], to.offset[axis]) {
+            // (From differences, which are small: what is far away from 0 would lose digits.)
+            let ratio = from.scale[axis] / to.scale[axis];
+            let step =
+                f64::from(place[axis]) * ratio + (from.offset[axis] - to.offset[axis]) / to.scale[axis];
+            let step = step.round();
+            if !(f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&step) {
+                return None;
+            }
+            moved[axis] = step as i32;
+        }
+    }
+    Some(moved)
+}
+
+/// Whether the places of one grid are places of another.
+fn is_on_grid(from: &PointSchema, to: &PointSchema) -> bool {
+    let is_whole = |number: f64| (number - number.round()).abs() < 1e-6;
+    (0..3).all(|axis| {
+        is_whole(from.scale[axis] / to.scale[axis])
+            && is_whole((from.offset[axis] - to.offset[axis]) / to.scale[axis])
+    })
+}
+
+impl PointSource for LasFiles {
+    fn schema(&self) -> &PointSchema {
+        &self.schema
+    }
+
+    fn path(&self) -> &Path {
+        &self.paths[self.next.saturating_sub(1).min(self.paths.len() - 1)]
+    }
+
+    fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize> {
+        loop {
+            let Some(reader) = &mut self.open else {
+                let Some(path) = self.paths.get(self.next) else { return Ok(0) };
+                self.open = Some(LasReader::open(path)?);
+                self.next += 1;
+                continue;
+            };
+            let (own, all) = (reader.schema().clone(), &self.schema);
+            let is_alike = own.layout == all.layout && own.scale == all.scale && own.offset == all.offset;
+            self.rows.clear();
+            let count = match is_alike {
+                true => reader.read(rows, most)?,
+                false => reader.read(&mut self.rows, most)?,
+            };
+            if count == 0 {
+                self.open = None;
+                continue;
+            }
+            if !is_alike {
+                convert(&self.rows, (&own, all), rows).ok_or_else(|| {
+                    Error::corrupt(
+                        self.path(),
+                        "points",
+                        "points beyond the bounds of its header",
+                        "points within",
+                    )
+                })?;
+            }
+            return Ok(count);
+        }
+    }
+
+    fn survey(&mut self) -> Result<bool> {
+        let mut bounds = None;
+        for path in &self.paths {
+            let mut reader = LasReader::open(path)?;
+            reader.survey()?;
+            let [least, most] =
+                reader.schema().bounds.map(|place| moved(reader.schema(), &self.schema, place));
+            bounds = both_bounds(bounds, least.zip(most).map(|(least, most)| [least, most]));
+        }
+        self.schema.bounds = bounds.unwrap_or([[0; 3]; 2]);
+        (self.open, self.next) = (None, 0);
+        Ok(true)
+    }
+}
+
+/// Appends rows of one schema as those of another; `None` if a place is not on its grid.
+fn convert(rows: &[u8], (from, to): (&PointSchema, &PointSchema), made: &mut Vec<u8>) -> Option<()> {
+    let all = || rows.chunks_exact(from.layout.size);
+    let (before, size) = (made.len(), to.layout.size);
+    made.resize(before + all().len() * size, 0);
+    for (own, row) in made[before..].chunks_exact_mut(size).zip(all()) {
+        let place = moved(from, to, place_of(row))?;
+        for (bytes, step) in own[..PLACE_BYTES].chunks_exact_mut(4).zip(place) {
+            bytes.copy_from_slice(&step.to_le_bytes());
+        }
+    }
+    for (attribute, wanted) in to.layout.attributes.iter().enumerate() {
+        if let Some(place) = from.layout.position(&wanted.name) {
+            let numbers = from.layout.numbers(place, all());
+            for (own, number) in made[before..].chunks_exact_mut(size).zip(numbers) {
+                to.layout.set_number(attribute, own, number);
+            }
+        }
+    }
+    Some(())
+}

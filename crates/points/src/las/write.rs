@@ -1,0 +1,296 @@
+//! Headers of LAS files of points that a tree has.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use las::{Version, raw};
+
+use super::format::{MOST_FORMAT, describe_extra, record_bytes, record_layout};
+use crate::attribute::{Attribute, RowLayout};
+use crate::grid::PointGrid;
+use crate::source::{both_bounds, bounds_of};
+use crate::store::PointTree;
+use spinney_base::{Error, Result};
+use spinney_container::Metadata;
+
+/// The header of a file to be written, and what it counts.
+pub(crate) struct LasFile {
+    header: raw::Header,
+    records: Vec<raw::Vlr>,
+    layout: RowLayout,
+    grid: PointGrid,
+    format: u8,
+    points: u64,
+    by_return: [u64; 15],
+    bounds: Option<[[i32; 3]; 2]>,
+    return_number: Option<usize>,
+}
+
+/// Where columns of a tree go in records.
+pub(crate) struct Fields {
+    layout: RowLayout,
+    /// The column of each attribute of the records; `None` where the tree has none.
+    columns: Vec<Option<usize>>,
+}
+
+impl Fields {
+    /// Makes records of columns.
+    pub(crate) fn rows(&self, columns: &[Vec<i64>], rows: &mut Vec<u8>) {
+        rows.clear();
+        rows.resize(columns[0].len() * self.layout.size, 0);
+        let chunks = |rows: &mut Vec<u8>, put: &mut dyn FnMut(usize, &mut [u8])| {
+            rows.chunks_exact_mut(self.layout.size).enumerate().for_each(|(point, row)| put(point, row));
+        };
+        for (axis, numbers) in columns[..3].iter().enumerate() {
+            let at = 4 * axis;
+            chunks(rows, &mut |point, row| {
+                row[at..at + 4].copy_from_slice(&(numbers[point] as i32).to_le_bytes())
+            });
+        }
+        for (attribute, column) in self.columns.iter().enumerate() {
+            if let Some(column) = column {
+                chunks(rows, &mut |point, row| {
+                    self.layout.set_number(attribute, row, columns[*column][point])
+                });
+            }
+        }
+    }
+}
+
+/// The format of records that has the most of some attributes; of several the one that the points came in, or the smallest.
+fn best_format(attributes: &[&Attribute], came_in: Option<u8>) -> u8 {
+    let candidates = came_in.into_iter().chain(6..=MOST_FORMAT);
+    let room = |format: &u8| {
+        let layout = record_layout(*format, record_bytes(*format).unwrap_or(0), &[]);
+        let fits = |attribute: &&&Attribute| {
+            let place = layout.position(&attribute.name);
+            place.is_some_and(|place| layout.attributes[place].sample == attribute.sample)
+        };
+        attributes.iter().filter(fits).count()
+    };
+    let candidates: Vec<u8> = candidates.collect();
+    let most = candidates.iter().map(room).max().unwrap_or(0);
+    candidates.into_iter().find(|format| room(format) == most).unwrap_or(6)
+}
+
+fn tag<'m>(metadata: &'m Metadata, key: &str) -> Option<&'m str> {
+    metadata.tags.get(&format!("las.{key}")).map(String::as_str)
+}
+
+fn bytes_of_hexadecimal(text: &str) -> Option<Vec<u8>> {
+    let digit = |byte: u8| char::from(byte).to_digit(16).map(|digit| digit as u8);
+    let pairs = text.as_bytes().as_chunks::<2>();
+    pairs
+        .0
+        .iter()
+        .map(|[high, low]| Some(digit(*high)? << 4 | digit(*low)?))
+        .collect::<Option<Vec<u8>>>()
+        .filter(|_| pairs.1.is_empty())
+}
+
+fn padded<const N: usize>(text: &str) -> [u8; N] {
+    let mut bytes = [0; N];
+    let count = text.len().min(N);
+    bytes[..count].copy_from_slice(&text.as_bytes()[..count]);
+    bytes
+}
+
+fn record(user: &str, number: u16, description: &str, data: Vec<u8>) -> raw::Vlr {
+    raw::Vlr {
+        reserved: 0,
+        user_id: padded(user),
+        record_id: number,
+        record_length_after_header: raw::vlr::RecordLength::Vlr(data.len().min(u16::MAX.into()) as u16),
+        description: padded(description),
+        data,
+    }
+}
+
+impl LasFile {
+    /// The file of points of a tree with some of its attributes, and where these go.
+    pub(crate) fn of(tree: &PointTree, chosen: &[usize]) -> Result<(LasFile, Fields)> {
+        let metadata = tree.metadata();
+        let attributes: Vec<&Attribute> =
+            chosen.iter().map(|attribute| &tree.attributes()[*attribute]).collect();
+        let came_in = tag(metadata, "point_format")
+            .and_then(|text| text.parse().ok())
+            .filter(|format| *format <= MOST_FORMAT);
+        let format = best_format(&attributes, came_in);
+        let own = record_bytes(format).unwrap_or(0);
+        let standard = record_layout(format, own, &[]);
+        let is_extra = |attribute: &&&Attribute| {
+            let place = standard.position(&attribute.name);
+            place.is_none_or(|place| standard.attributes[place].sample != attribute.sample)
+        };
+        let extra: Vec<&Attribute> = attributes.iter().filter(is_extra).copied().collect();
+        let descriptors: Vec<u8> = extra.iter().flat_map(|attribute| describe_extra(attribute)).collect();
+        let size = own + extra.iter().map(|attribute| attribute.sample.size()).sum::<usize>();
+        let Ok(record_length) = u16::try_from(size) else {
+            let advice = "choose fewer attributes with --attribute";
+            return Err(Error::unsupported(tree.path(), format!("records of {size} bytes in LAS"), advice));
+        };
+        let layout = record_layout(format, size, &descriptors);
+        // (Attributes of the tree are found by their names, those that are extra by their order: names may have been cut.)
+        let columns =
+            (0..layout.attributes.len()).map(|place| match place.checked_sub(standard.attributes.len()) {
+                Some(number) => {
+                    extra.get(number).and_then(|attribute| tree.layout().position(&attribute.name))
+                }
+                None => {
+                    let same = |attribute: &&&Attribute| {
+                        attribute.name == layout.attributes[place].name
+                            && attribute.sample == layout.attributes[place].sample
+                    };
+                    attributes.iter().find(same).and_then(|attribute| tree.layout().position(&attribute.name))
+                }
+            });
+        let columns = columns.map(|column| column.map(|column| 3 + column)).collect();
+        let mut records = Vec::new();
+        let mut encoding =
+            tag(metadata, "global_encoding").and_then(|text| text.parse::<u16>().ok()).unwrap_or(0);
+        // (Whether waves are inside or beside: they are neither now.)
+        encoding &= !0b1_0110;
+        if let Some(crs) = &metadata.frame.crs {
+            encoding |= add_crs(crs, format, &mut records)?;
+        }
+        if !descriptors.is_empty() {
+            records.push(record("LASF_Spec", 4, "extra bytes", descriptors));
+        }
+        let kept = metadata.tags.iter().filter_map(|(key, text)| {
+            let (user, number) = key.strip_prefix("las.record.")?.rsplit_once('.')?;
+            let data = bytes_of_hexadecimal(text).filter(|data| data.len() <= u16::MAX.into())?;
+            Some(record(user, number.parse().ok()?, "", data))
+        });
+        records.extend(kept);
+        let header = header_of(metadata, format, encoding, record_length);
+        let return_number = layout.position("return_number");
+        let (points, by_return, bounds) = (0, [0; 15], None);
+        let fields = Fields { layout: layout.clone(), columns };
+        let grid = tree.grid().clone();
+        let file =
+            LasFile { header, records, layout, grid, format, points, by_return, bounds, return_number };
+        Ok((file, fields))
+    }
+
+    /// Number of the point format.
+    pub(crate) fn format(&self) -> u8 {
+        self.format
+    }
+
+    /// Bytes of a record beyond those of its format.
+    pub(crate) fn extra_bytes(&self) -> u16 {
+        (self.layout.size - record_bytes(self.format).unwrap_or(0)) as u16
+    }
+
+    /// Says that records are packed, and how.
+    pub(crate) fn pack(&mut self, laszip: Vec<u8>) {
+        self.header.point_data_record_format |= 0x80;
+        self.records.push(record("laszip encoded", 22204, "by laszip of LAStools", laszip));
+    }
+
+    /// Counts records that are written.
+    pub(crate) fn count(&mut self, rows: &[u8]) {
+        let size = self.layout.size;
+        self.points += (rows.len() / size) as u64;
+        if let Some(attribute) = self.return_number {
+            for number in self.layout.numbers(attribute, rows.chunks_exact(size)) {
+                if let Some(count) = self.by_return.get_mut((number - 1).clamp(-1, 15) as usize) {
+                    *count += 1;
+                }
+            }
+        }
+        self.bounds = both_bounds(self.bounds, bounds_of(rows, size));
+    }
+
+    /// The header and the records of variable length, as they are known by now.
+    pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
+        let mut header = self.header.clone();
+        let records: usize = self.records.iter().map(|record| 54 + record.data.len()).sum();
+        header.offset_to_point_data = (usize::from(header.header_size) + records) as u32;
+        header.number_of_variable_length_records = self.records.len() as u32;
+        let is_large = header.version == Version::new(1, 4);
+        // (What readers of older versions look at: nothing where it would not fit, or where they know no such points.)
+        let is_old = self.format < 6 && self.points <= u32::MAX.into();
+        if !is_large && !is_old {
+            let advice = "write parts of it (--window), or .npy";
+            return Err(Error::unsupported(
+                path,
+                format!("{} points of format {} in LAS", self.points, self.format),
+                advice,
+            ));
+        }
+        if is_old {
+            header.number_of_point_records = self.points as u32;
+            header.number_of_points_by_return = std::array::from_fn(|number| self.by_return[number] as u32);
+        }
+        if is_large {
+            header.large_file = Some(raw::header::LargeFile {
+                number_of_point_records: self.points,
+                number_of_points_by_return: self.by_return,
+            });
+        }
+        let (scale, offset) = (self.grid.scale, self.grid.offset);
+        [header.x_scale_factor, header.y_scale_factor, header.z_scale_factor] = scale;
+        [header.x_offset, header.y_offset, header.z_offset] = offset;
+        if let Some([least, most]) = self.bounds.map(|bounds| bounds.map(|place| self.grid.to_world(place))) {
+            [header.min_x, header.min_y, header.min_z] = least;
+            [header.max_x, header.max_y, header.max_z] = most;
+        }
+        let mut bytes = Cursor::new(Vec::new());
+        let failed =
+            |error: las::Error| Error::unsupported(path, format!("a header of LAS ({error})"), "write .npy");
+        header.write_to(&mut bytes).map_err(failed)?;
+        for record in &self.records {
+            record.write_to(&mut bytes).map_err(failed)?;
+        }
+        Ok(bytes.into_inner())
+    }
+}
+
+/// Adds records that tell the coordinate system; returns the bit of the encoding that says how.
+fn add_crs(crs: &spinney_crs::Crs, format: u8, records: &mut Vec<raw::Vlr>) -> Result<u16> {
+    const PROJECTION: &str = "LASF_Projection";
+    // LAS 1.4 has well-known text for its own formats.
+    if format >= 6 {
+        let mut text = crs.to_text()?.into_bytes();
+        text.push(0);
+        records.push(record(PROJECTION, 2112, "coordinate system", text));
+        return Ok(0b1_0000);
+    }
+    let keys = crs.to_geo_keys()?;
+    let words = keys.directory(1).into_iter().flat_map(u16::to_le_bytes).collect();
+    records.push(record(PROJECTION, 34735, "GeoKeyDirectory", words));
+    if !keys.doubles().is_empty() {
+        let doubles = keys.doubles().iter().flat_map(|number| number.to_le_bytes()).collect();
+        records.push(record(PROJECTION, 34736, "GeoDoubleParams", doubles));
+    }
+    if !keys.texts().is_empty() {
+        records.push(record(PROJECTION, 34737, "GeoAsciiParams", keys.texts().to_vec()));
+    }
+    Ok(0)
+}
+
+/// The header with what is known before there are points.
+fn header_of(metadata: &Metadata, format: u8, encoding: u16, record_length: u16) -> raw::Header {
+    let minor = tag(metadata, "version").and_then(|text| text.strip_prefix("1.")?.parse::<u8>().ok());
+    let minor = if format >= 6 { 4 } else { minor.unwrap_or(2).clamp(if format >= 4 { 3 } else { 2 }, 4) };
+    let version = Version::new(1, minor);
+    let date = tag(metadata, "creation").and_then(|text| text.split_once('-'));
+    let date = date.and_then(|(year, day)| Some((year.parse().ok()?, day.parse().ok()?)));
+    let project =
+        tag(metadata, "project_id").and_then(bytes_of_hexadecimal).and_then(|bytes| bytes.try_into().ok());
+    raw::Header {
+        file_source_id: tag(metadata, "file_source_id").and_then(|text| text.parse().ok()).unwrap_or(0),
+        global_encoding: encoding,
+        guid: project.unwrap_or([0; 16]),
+        version,
+        system_identifier: padded(tag(metadata, "system_identifier").unwrap_or_default()),
+        generating_software: padded(concat!("spinney ", env!("CARGO_PKG_VERSION"))),
+        file_creation_year: date.map_or(0, |(year, _)| year),
+        file_creation_day_of_year: date.map_or(0, |(_, day)| day),
+        header_size: version.header_size(),
+        point_data_record_format: format,
+        point_data_record_length: record_length,
+        ..raw::Header::default()
+    }
+}

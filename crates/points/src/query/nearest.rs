@@ -1,0 +1,234 @@
+//! The points nearest to places.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::block_index::{Best, BlockIndex, IndexedPoint};
+use crate::store::PointTree;
+use spinney_base::{Error, Progress, Result, parallel, sort};
+
+/// A point near a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NearPoint {
+    /// Where it is, in the coordinates of the points.
+    pub place: [f64; 3],
+    /// How far away that is; in a quadtree along x and y.
+    pub distance: f64,
+    /// Its block and its place there: together its number in the file.
+    pub number: (u32, u32),
+}
+
+/// What a search needs to know of a node.
+struct NearNode {
+    /// The node behind all below it, in preorder.
+    end: u32,
+    /// The blocks of its own points.
+    blocks: (u32, u32),
+    /// Least and greatest corner of all points in it and below, in the world.
+    corners: [[f64; 3]; 2],
+}
+
+/// Indexes of blocks that are kept for further questions.
+#[derive(Default)]
+struct Kept {
+    blocks: HashMap<u32, Arc<BlockIndex>>,
+    bytes: u64,
+}
+
+struct Search<'t> {
+    tree: &'t PointTree,
+    nodes: Vec<NearNode>,
+    block_corners: Vec<[[f64; 3]; 2]>,
+    axes: usize,
+    most_bytes: u64,
+    kept: Mutex<Kept>,
+}
+
+/// Questions that are answered by one thread, one after the other.
+const TOGETHER: usize = 1024;
+
+impl PointTree {
+    /// Finds the points nearest to each of some places: `most` of them, no farther than `within`; the nearest first, of those that are equally far the
+    /// one that comes first in the file. In a quadtree z does not count.
+    ///
+    /// Places are gone through in the order of their codes, so that each block is unpacked about once; about `memory` bytes of them are kept.
+    ///
+    /// # Errors
+    /// If a coordinate is no number, the file is damaged or cannot be read.
+    pub fn nearest(
+        &self,
+        places: &[[f64; 3]],
+        (most, within): (usize, f64),
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Vec<NearPoint>>> {
+        if let Some(place) = places.iter().find(|place| place.iter().any(|number| !number.is_finite())) {
+            return Err(Error::invalid("place", format!("{place:?}"), "coordinates that are numbers"));
+        }
+        if most == 0 || within.is_nan() {
+            return Ok(vec![Vec::new(); places.len()]);
+        }
+        let search = Search::new(self, memory)?;
+        let order = self.order(places);
+        let mut found = vec![Vec::new(); places.len()];
+        let parts: Vec<&[u32]> = order.chunks(TOGETHER).collect();
+        for batch in parts.chunks(8 * parallel::threads()) {
+            progress.check()?;
+            let answers = parallel::map(batch, |part| search.answer(part, places, (most, within * within)));
+            for (part, answers) in batch.iter().zip(answers) {
+                for (place, answer) in part.iter().zip(answers?) {
+                    found[*place as usize] = answer;
+                }
+                progress.advance(part.len() as u64, places.len() as u64);
+            }
+        }
+        Ok(found)
+    }
+
+    /// The numbers of places in the order of the codes nearest to them.
+    fn order(&self, places: &[[f64; 3]]) -> Vec<u32> {
+        let grid = self.grid();
+        let far = grid.node_box(spinney_base::space::Code::root(grid.dimension));
+        let key = |place: &[f64; 3]| {
+            let step: [i32; 3] = std::array::from_fn(|axis| {
+                let step = ((place[axis] - grid.offset[axis]) / grid.scale[axis]) as i64;
+                step.clamp(far[0][axis].into(), far[1][axis].into()) as i32
+            });
+            grid.code(step).map_or(0, |code| code.bits())
+        };
+        let mut order: Vec<u128> = places
+            .iter()
+            .enumerate()
+            .map(|(number, place)| u128::from(key(place)) << 32 | number as u128)
+            .collect();
+        sort::numbers128(&mut order);
+        order.into_iter().map(|key| key as u32).collect()
+    }
+}
+
+impl Search<'_> {
+    fn new(tree: &PointTree, memory: u64) -> Result<Search<'_>> {
+        let (nodes, blocks) = tree.counts();
+        let world = |[least, most]: [[i32; 3]; 2]| [tree.grid().to_world(least), tree.grid().to_world(most)];
+        let mut near: Vec<NearNode> = Vec::with_capacity(nodes);
+        let mut open: Vec<(spinney_base::space::Code, usize)> = Vec::new();
+        for index in 0..nodes {
+            let node = tree.node(index)?;
+            while let Some((code, above)) = open.last().copied().filter(|(code, _)| !code.contains(node.code))
+            {
+                near[above].end = index as u32;
+                debug_assert!(!code.contains(node.code));
+                open.pop();
+            }
+            let blocks = tree.blocks_of(node.code);
+            let corners = world(node.statistics.bounds());
+            near.push(NearNode {
+                end: nodes as u32,
+                blocks: (blocks.start as u32, blocks.end as u32),
+                corners,
+            });
+            open.push((node.code, index));
+        }
+        let block_corners = (0..blocks).map(|block| world(tree.entry(block).bounds)).collect();
+        let axes = tree.dimension().axes();
+        Ok(Search { tree, nodes: near, block_corners, axes, most_bytes: memory, kept: Mutex::default() })
+    }
+
+    /// Square of the distance from a box.
+    #[inline]
+    fn distance(&self, from: [f64; 3], [low, high]: &[[f64; 3]; 2]) -> f64 {
+        (0..self.axes)
+            .map(|axis| (low[axis] - from[axis]).max(from[axis] - high[axis]).max(0.0).powi(2))
+            .sum()
+    }
+
+    fn answer(
+        &self,
+        part: &[u32],
+        places: &[[f64; 3]],
+        (most, limit): (usize, f64),
+    ) -> Result<Vec<Vec<NearPoint>>> {
+        // (What this thread has at hand needs no lock.)
+        let mut at_hand = HashMap::new();
+        let near = |place: &u32| {
+            let mut best = Best::new(most, limit, self.axes);
+            if !self.nodes.is_empty() {
+                self.look(0, places[*place as usize], &mut best, &mut at_hand)?;
+            }
+            let point = |found: super::block_index::Candidate| NearPoint {
+                place: found.place,
+                distance: found.square.sqrt(),
+                number: found.number,
+            };
+            Ok(best.finish().into_iter().map(point).collect())
+        };
+        part.iter().map(near).collect()
+    }
+
+    /// Looks for better points in a node: below it first, the nearest child first, since the finest levels have the most points.
+    fn look(
+        &self,
+        index: usize,
+        from: [f64; 3],
+        best: &mut Best,
+        at_hand: &mut HashMap<u32, Arc<BlockIndex>>,
+    ) -> Result<()> {
+        let node = &self.nodes[index];
+        let mut children = [(0.0, 0usize); 8];
+        let mut count = 0;
+        let mut child = index + 1;
+        while child < node.end as usize {
+            // (A hostile list may have nodes whose parents are missing: no more are looked at than there can be children.)
+            let Some(place) = children.get_mut(count) else { break };
+            *place = (self.distance(from, &self.nodes[child].corners), child);
+            count += 1;
+            child = (self.nodes[child].end as usize).max(child + 1);
+        }
+        let children = &mut children[..count];
+        children.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        for (distance, child) in children {
+            if *distance <= best.limit {
+                self.look(*child, from, best, at_hand)?;
+            }
+        }
+        for block in node.blocks.0..node.blocks.1 {
+            if self.distance(from, &self.block_corners[block as usize]) <= best.limit {
+                let index = match at_hand.get(&block) {
+                    Some(index) => index,
+                    None => {
+                        let index = self.block(block)?;
+                        at_hand.entry(block).or_insert(index)
+                    }
+                };
+                index.search(block, from, best);
+            }
+        }
+        Ok(())
+    }
+
+    /// The index of a block.
+    fn block(&self, block: u32) -> Result<Arc<BlockIndex>> {
+        let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(index) = kept().blocks.get(&block) {
+            return Ok(index.clone());
+        }
+        let wanted: Vec<bool> = (0..self.tree.columns()).map(|column| column < 3).collect();
+        let columns = self.tree.block(block as usize, &wanted)?;
+        let grid = self.tree.grid();
+        let point = |number: usize| IndexedPoint {
+            place: grid.to_world(std::array::from_fn(|axis| columns[axis][number] as i32)),
+            number: number as u32,
+            axis: 0,
+        };
+        let index = Arc::new(BlockIndex::new((0..columns[0].len()).map(point).collect(), self.axes));
+        let mut kept = kept();
+        if kept.bytes + index.bytes() > self.most_bytes {
+            // (Places come in order: what was kept for those before is mostly not needed again.)
+            kept.blocks.clear();
+            kept.bytes = 0;
+        }
+        kept.bytes += index.bytes();
+        kept.blocks.insert(block, index.clone());
+        Ok(index)
+    }
+}

@@ -1,0 +1,142 @@
+//! Parts of subcommands that are about trees of points.
+
+mod get;
+mod info;
+mod nearest;
+mod stats;
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+use spinney::Error;
+use spinney::import::feature::{FeatureFilter, FeatureOptions, Relation, open_features};
+use spinney::points::{
+    Attribute, PointCondition, PointRegion, PointRelation, PointTree, is_point_file, position,
+};
+use spinney::space::Coordinates;
+use spinney::store::OpenOptions;
+
+use super::args::PartOptions;
+
+pub(super) use get::get;
+pub(super) use info::info;
+pub(super) use nearest::nearest;
+pub(super) use stats::stats;
+
+/// The tree of points in a file; `None` if it has anything else.
+pub(super) fn open(path: &Path) -> Result<Option<PointTree>> {
+    if !is_point_file(path) {
+        return Ok(None);
+    }
+    Ok(Some(PointTree::open(path, &OpenOptions::new())?))
+}
+
+/// Fails if options were given that mean nothing for trees of points.
+pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
+    if let Some((name, _)) = options.iter().find(|(_, is_given)| *is_given) {
+        bail!("{}: is a tree of points, for which {name} means nothing", path.display());
+    }
+    Ok(())
+}
+
+/// The conditions of a filter on attributes of points.
+pub(super) fn conditions(
+    filter: &FeatureFilter,
+    attributes: &[Attribute],
+) -> spinney::Result<Vec<PointCondition>> {
+    let condition = |condition: &spinney::import::feature::AttributeCondition| {
+        let number = condition.value.parse().map_err(|_| {
+            let expected = format!("a number, with which {} is compared", condition.name);
+            Error::invalid("condition", format!("`{condition}`"), expected)
+        })?;
+        let relation = match condition.relation {
+            Relation::Equal => PointRelation::Equal,
+            Relation::Unequal => PointRelation::Unequal,
+            Relation::Less => PointRelation::Less,
+            Relation::AtMost => PointRelation::AtMost,
+            Relation::Greater => PointRelation::Greater,
+            Relation::AtLeast => PointRelation::AtLeast,
+        };
+        Ok(PointCondition { attribute: position(attributes, &condition.name)?, relation, number })
+    };
+    filter.conditions.iter().map(condition).collect()
+}
+
+/// Where points are asked for, as options say it.
+#[derive(clap::Args, Debug, Default)]
+pub(crate) struct PointPlaces {
+    /// Of points: those in the polygons of a file of features, in the tree's own coordinates
+    #[arg(long, value_name = "FEATURES", conflicts_with_all = ["window", "ball"])]
+    within: Option<std::path::PathBuf>,
+    /// Of points: those in a ball around X,Y,Z, no farther away than R
+    #[arg(long, value_name = "X,Y,Z,R", value_parser = parse_ball, conflicts_with = "window", allow_hyphen_values = true)]
+    ball: Option<[f64; 4]>,
+    /// Of points: those for which all of this holds, as in 'classification=2,intensity>100'
+    #[arg(long = "where", value_name = "CONDITION,...")]
+    filter: Option<FeatureFilter>,
+}
+
+fn parse_ball(text: &str) -> Result<[f64; 4], String> {
+    super::args::numbers(text)
+        .filter(|[_, _, _, radius]: &[f64; 4]| *radius >= 0.0)
+        .ok_or_else(|| "expected four numbers, a centre and a radius, as in 100,200,30,5".into())
+}
+
+impl PointPlaces {
+    /// An option that was given, which makes no sense for other trees.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let given = [
+            ("--within", self.within.is_some()),
+            ("--ball", self.ball.is_some()),
+            ("--where", self.filter.is_some()),
+        ];
+        given.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| name)
+    }
+
+    /// The selection that is meant.
+    pub(super) fn selection(
+        &self,
+        tree: &PointTree,
+        part: &PartOptions,
+        level: Option<u8>,
+    ) -> Result<spinney::points::Selection> {
+        let is_world = matches!(part.coordinates().given(), None | Some(Coordinates::World));
+        if !is_world {
+            bail!("--in: of points places are given in their own coordinates (--in world)");
+        }
+        let region = match (&self.within, self.ball, part.corners()) {
+            (Some(path), ..) => PointRegion::Polygons(polygons(path, tree)?),
+            (None, Some([x, y, z, radius]), _) => PointRegion::Ball([x, y, z], radius),
+            (None, None, Some(corners)) => PointRegion::Box(corners),
+            (None, None, None) => PointRegion::All,
+        };
+        let conditions =
+            self.filter.as_ref().map(|filter| conditions(filter, tree.attributes())).transpose()?;
+        Ok(spinney::points::Selection { region, level, conditions: conditions.unwrap_or_default() })
+    }
+}
+
+/// All polygons of a file of features.
+fn polygons(path: &Path, tree: &PointTree) -> Result<Vec<Vec<Vec<[f64; 2]>>>> {
+    let mut reader = open_features(path, &FeatureOptions::default())?;
+    if let (Some(own), Some(other)) = (&tree.metadata().frame.crs, &reader.schema().crs)
+        && !own.is_same(other)
+    {
+        bail!(
+            "{}: its polygons are in {other}, the points in {own}; bring them to that system first",
+            path.display()
+        );
+    }
+    let mut parts = Vec::new();
+    while let Some(feature) = reader.next()? {
+        match feature.geometry {
+            Some(spinney::import::feature::FeatureGeometry::Polygons(own)) => parts.extend(own),
+            None => {}
+            Some(_) => bail!("{}: has features that are no polygons", path.display()),
+        }
+    }
+    if parts.is_empty() {
+        bail!("{}: has no polygons", path.display());
+    }
+    Ok(parts)
+}
