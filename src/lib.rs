@@ -76,7 +76,7 @@
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
 //! | `points` | trees of points; readers and writers of LAS and LAZ |
-//! | `vector` | readers and writers of features (with `brep`) |
+//! | `vector` | readers and writers of features (with `brep` and `points`) |
 //! | `mbtiles` | MBTiles archives and GeoPackages: SQLite, which needs a C compiler (with `raster` and `vector`) |
 //! | `meshopt` | compressed glTF (with `mesh`) |
 //! | `flatgeobuf` | features in FlatGeobuf (with `vector`) |
@@ -251,11 +251,14 @@ pub mod brep {
 pub mod points {
     pub use spinney_points::las::{LasFiles, LasReader};
     pub use spinney_points::{
-        Attribute, BuildOptions, BuildSummary, ChosenPoints, ColumnSummary, Field, ImportOptions, NearPoint,
-        PLACE_BYTES, PointColumns, PointCondition, PointFormat, PointGrid, PointImport, PointRegion,
-        PointRelation, PointRows, PointSchema, PointSource, PointStatistics, PointTree, RowLayout, Selection,
-        build, export_points, is_las_file, is_point_file, plan_las, position,
+        Attribute, BuildOptions, BuildSummary, ChosenPoints, ColumnSummary, Field, GriddedPoints,
+        ImportOptions, NearPoint, PLACE_BYTES, PointColumns, PointCondition, PointFormat, PointGrid,
+        PointImport, PointRegion, PointRelation, PointRows, PointSchema, PointSource, PointStatistics,
+        PointTree, RowLayout, Selection, WorldPoints, build, export_points, is_las_file, is_point_file,
+        ordered_number, plan_las, plan_points, position,
     };
+    #[cfg(feature = "vector")]
+    pub use spinney_vector::{CellRule, PointRaster, rasterize_points};
 }
 
 /// Polygons with holes on an integer grid: against octants, into triangles, and as single rings. Exact, in integers.
@@ -293,6 +296,7 @@ pub mod import {
         pub use spinney_vector::import::zones::{
             FoundPolygons, PolygonLayer, PolygonReader, parse_polygons, read_polygons,
         };
+        pub use spinney_vector::import::{FeaturePoints, open_feature_points};
         pub use spinney_vector::objects::choose_objects;
         pub use spinney_vector::zonal::FeatureZones;
     }

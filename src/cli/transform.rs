@@ -6,10 +6,11 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use spinney::brep::TransformOptions;
 use spinney::ops::{self, Chain, Resampling, Step, WarpOptions};
+use spinney::points::{PointRaster, rasterize_points};
 
 use super::args::{Memory, OutputLimit, Packing, UNITS, check_output, parse_step};
 use super::report::{Work, report_output};
-use super::{Global, exact};
+use super::{Global, exact, points};
 
 /// Make a tree of a part of another, moved, scaled, mirrored or turned, or of what is calculated with others.
 ///
@@ -31,8 +32,8 @@ pub(crate) struct Args {
     /// Tree file, or exact model
     file: PathBuf,
     /// Steps, in order: see below
-    #[arg(value_name = "STEP", value_parser = parse_step, allow_hyphen_values = false)]
-    steps: Vec<Step>,
+    #[arg(value_name = "STEP", value_parser = parse_any_step, allow_hyphen_values = false)]
+    steps: Vec<AnyStep>,
     /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
@@ -60,6 +61,22 @@ pub(crate) struct Args {
     packing: Packing,
     #[command(flatten)]
     limit: OutputLimit,
+}
+
+/// A step of trees of cells and exact models, or what becomes of trees of points.
+#[derive(Clone, Debug)]
+enum AnyStep {
+    Cells(Step),
+    Points(PointRaster),
+}
+
+fn parse_any_step(text: &str) -> Result<AnyStep, String> {
+    match text.strip_prefix("raster=") {
+        Some(raster) => {
+            raster.parse().map(AnyStep::Points).map_err(|error: spinney::Error| error.to_string())
+        }
+        None => parse_step(text).map(AnyStep::Cells),
+    }
 }
 
 const EXAMPLES: &str = "\
@@ -101,6 +118,9 @@ Steps:
 Steps of exact models, in coordinates of the world, about its origin:
   translate=DX,DY,DZ  scale=F  scale=FX,FY,FZ  mirror=x  transpose  axes=+y,-x,+z  affine=12 numbers  crs=DEF
   rotate=DEG,AXIS[@X,Y,Z]  counterclockwise seen from the axis' end, also about another point
+Of trees of points:
+  raster=RULE,cell=W[,attribute=NAME]
+                           a quadtree of cells of width W: the min, max or mean of the points' z (or an attribute), or their count
 
 Examples:
   spinney transform world.goblin window=20000,5000,4096,4096 -o part.goblin
@@ -119,7 +139,8 @@ Examples:
   spinney transform landcover.goblin components=4 -o labels.goblin
   spinney transform landcover.goblin sieve=100 -o clean.goblin
   spinney transform part.goblin rotate=90,x translate=0,0,12.5 -o placed.goblin
-  spinney transform inches.goblin scale=25.4 --unit mm -o part.goblin";
+  spinney transform inches.goblin scale=25.4 --unit mm -o part.goblin
+  spinney transform scan.goblin raster=max,cell=0.5 -o surface.goblin";
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
@@ -136,7 +157,39 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         packing,
         limit,
     } = args;
+    let (mut cells, mut rasters) = (Vec::new(), Vec::new());
+    for step in steps {
+        match step {
+            AnyStep::Cells(step) => cells.push(step),
+            AnyStep::Points(raster) => rasters.push(raster),
+        }
+    }
+    let steps = cells;
     check_output([file.as_path()].into_iter().chain(steps.iter().flat_map(Step::files)), &path)?;
+    if let Some(tree) = points::open(&file)? {
+        let [raster] = &rasters[..] else {
+            bail!(
+                "{}: is a tree of points, of which one step makes cells: raster=mean,cell=1",
+                file.display()
+            );
+        };
+        let given = [
+            ("--resampling", resampling.is_some()),
+            ("--move", moves),
+            ("a step of cells", !steps.is_empty()),
+        ];
+        points::refuse(&file, &given)?;
+        let work = Work::start(global, "cells")?;
+        let memory = (memory.bytes, packing.choice()?);
+        let [columns, rows] = rasterize_points(&tree, raster, memory, limit.create_tree(&path)?, &work)?;
+        work.finish();
+        global.report("size", format_args!("{columns} x {rows} cells"));
+        report_output(global, &path, start);
+        return Ok(());
+    }
+    if !rasters.is_empty() {
+        bail!("{}: is no tree of points, which raster= is for", file.display());
+    }
     if let Some(model) = exact::open(&file)? {
         let given =
             [("--resampling", resampling.is_some()), ("--allow-ballpark", allow_ballpark), ("--move", moves)];

@@ -33,6 +33,8 @@ mod cli_operations;
 mod cli_overlay;
 mod cli_packed;
 mod cli_pictures;
+#[cfg(feature = "cli")]
+mod cli_points;
 #[cfg(unix)]
 mod cli_safety;
 mod cli_section;

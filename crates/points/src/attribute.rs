@@ -140,6 +140,14 @@ pub(crate) fn ordered(sample: SampleType, bytes: &[u8]) -> i64 {
     }
 }
 
+/// A number of the first bytes, little-endian, as a whole number: those of one type are in the same order as what they stand for.
+///
+/// # Panics
+/// If there are fewer bytes than the type has.
+pub fn ordered_number(sample: SampleType, bytes: &[u8]) -> i64 {
+    ordered(sample, bytes)
+}
+
 /// The bytes of the number that [`ordered`] made a whole number of.
 #[inline]
 pub(crate) fn bytes_of(sample: SampleType, number: i64) -> [u8; 8] {

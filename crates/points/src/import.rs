@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::attribute::Attribute;
 use crate::build::{BuildOptions, BuildSummary, build};
 use crate::las::LasFiles;
 use crate::query::PointCondition;
@@ -36,44 +37,41 @@ pub fn is_las_file(path: &Path) -> bool {
         .is_some_and(|ending| ending.eq_ignore_ascii_case("las") || ending.eq_ignore_ascii_case("laz"))
 }
 
-/// Opens LAS and LAZ files, and plans a tree of all their points for which conditions hold: `conditions` gets names by number.
+/// Opens LAS and LAZ files, and plans a tree of all their points for which conditions hold, which are made for the attributes that there are.
 ///
 /// # Errors
 /// If a file cannot be read, is none or damaged; if files lie in different systems; if there is no attribute of a name.
 pub fn plan_las(
     paths: &[PathBuf],
-    conditions: &mut dyn FnMut(&[crate::Attribute]) -> Result<Vec<PointCondition>>,
+    conditions: &mut dyn FnMut(&[Attribute]) -> Result<Vec<PointCondition>>,
     options: &ImportOptions,
 ) -> Result<PointImport> {
     let files = LasFiles::open(paths)?;
-    let mut description = Vec::new();
-    if files.is_rounded() {
-        description.push((
-            "rounded",
-            "places of some files lie beside the finest grid of all: moved by at most half of its steps"
-                .into(),
-        ));
+    let is_rounded = files.is_rounded();
+    let conditions = conditions(&files.schema().layout.attributes)?;
+    let mut import = plan_points(Box::new(files), paths, conditions, options)?;
+    if is_rounded {
+        let text =
+            "places of some files lie beside the finest grid of all: moved by at most half of its steps";
+        import.description.push(("rounded", text.into()));
     }
-    plan(Box::new(files), paths, (conditions, description), options)
+    Ok(import)
 }
 
-/// Plans a tree of points that come from somewhere.
-fn plan(
+/// Plans a tree of points that come from files, those for which conditions hold.
+///
+/// # Errors
+/// If there is no attribute of a name.
+pub fn plan_points(
     source: Box<dyn PointSource>,
     paths: &[PathBuf],
-    (conditions, mut description): (
-        &mut dyn FnMut(&[crate::Attribute]) -> Result<Vec<PointCondition>>,
-        Vec<(&'static str, String)>,
-    ),
+    conditions: Vec<PointCondition>,
     options: &ImportOptions,
 ) -> Result<PointImport> {
-    let attributes = source.schema().layout.attributes.clone();
-    let conditions = conditions(&attributes)?;
-    let kept = options
-        .attributes
-        .as_ref()
-        .map(|names| names.iter().map(|name| position(&attributes, name)).collect::<Result<Vec<_>>>());
-    let kept = kept.transpose()?;
+    let attributes = &source.schema().layout.attributes;
+    let places =
+        |names: &Vec<String>| names.iter().map(|name| position(attributes, name)).collect::<Result<Vec<_>>>();
+    let kept = options.attributes.as_ref().map(places).transpose()?;
     let source: Box<dyn PointSource> = match conditions.is_empty() && kept.is_none() {
         true => source,
         false => Box::new(ChosenPoints::new(source, conditions, kept)),
@@ -82,14 +80,15 @@ fn plan(
     let mut metadata = Metadata { tags: schema.tags.clone(), ..Metadata::default() };
     metadata.frame.crs = options.crs.clone().or(schema.crs.clone());
     metadata.provenance = paths.iter().map(|path| path.display().to_string()).collect();
+    let mut description = Vec::new();
     if let Some(count) = schema.count {
-        description.push((
-            "points",
-            format!("{count} in {} file{}", paths.len(), if paths.len() == 1 { "" } else { "s" }),
-        ));
+        let files = if paths.len() == 1 { "1 file".into() } else { format!("{} files", paths.len()) };
+        description.push(("input", format!("{count} points in {files}")));
     }
     let names: Vec<&str> = schema.layout.attributes.iter().map(|attribute| attribute.name.as_str()).collect();
-    description.push(("attributes", names.join(", ")));
+    if !names.is_empty() {
+        description.push(("attributes", names.join(", ")));
+    }
     Ok(PointImport { source, metadata, options: options.build.clone(), description })
 }
 
@@ -97,7 +96,7 @@ fn plan(
 ///
 /// # Errors
 /// If there is none of that name.
-pub fn position(attributes: &[crate::Attribute], name: &str) -> Result<usize> {
+pub fn position(attributes: &[Attribute], name: &str) -> Result<usize> {
     attributes.iter().position(|attribute| attribute.name == name).ok_or_else(|| {
         let names: Vec<&str> = attributes.iter().map(|attribute| attribute.name.as_str()).collect();
         Error::invalid(

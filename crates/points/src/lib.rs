@@ -18,14 +18,14 @@ mod store;
 #[cfg(test)]
 mod tests;
 
-pub use attribute::{Attribute, Field, PLACE_BYTES, RowLayout};
+pub use attribute::{Attribute, Field, PLACE_BYTES, RowLayout, ordered_number};
 pub use build::{BuildOptions, BuildSummary, build};
 pub use export::{PointFormat, export_points};
 pub use grid::PointGrid;
-pub use import::{ImportOptions, PointImport, is_las_file, plan_las, position};
+pub use import::{ImportOptions, PointImport, is_las_file, plan_las, plan_points, position};
 pub use query::{
     ColumnSummary, NearPoint, PointColumns, PointCondition, PointRegion, PointRelation, PointStatistics,
     Selection,
 };
-pub use source::{ChosenPoints, PointRows, PointSchema, PointSource};
+pub use source::{ChosenPoints, GriddedPoints, PointRows, PointSchema, PointSource, WorldPoints};
 pub use store::{PointTree, is_point_file};

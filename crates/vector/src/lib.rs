@@ -4,4 +4,7 @@ pub mod export;
 pub mod import;
 pub mod objects;
 pub mod overlay;
+mod point_raster;
 pub mod zonal;
+
+pub use point_raster::{CellRule, PointRaster, rasterize_points};

@@ -34,6 +34,16 @@ pub(super) struct FeatureArgs {
     /// --brep objects of models, and their parts: id and type count as attributes
     #[arg(long = "where", value_name = "CONDITION,...")]
     pub(super) filter: Option<FeatureFilter>,
+    /// Keep features as they are, in a tree of points, instead of making cells of them
+    #[arg(long, value_name = "KIND")]
+    pub(super) index: Option<Index>,
+}
+
+/// A kind of trees that keep features.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Index {
+    /// A tree of points.
+    Points,
 }
 
 impl FeatureArgs {
@@ -45,13 +55,14 @@ impl FeatureArgs {
             ("--width", self.width.is_some()),
             ("--fractions", self.fractions),
             ("--where", self.filter.is_some()),
+            ("--index", self.index.is_some()),
         ];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
     /// An option that was given, which makes no sense for points.
     pub(super) fn not_of_points(&self) -> Option<&'static str> {
-        self.given().filter(|option| *option != "--where")
+        self.given().filter(|option| !["--where", "--index"].contains(option))
     }
 
     /// Whether some inputs are files of features.

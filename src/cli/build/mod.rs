@@ -247,7 +247,7 @@ impl Args {
         let Args { inputs, output, pictures, common, solids, features } = self;
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
         check_tree_name(output)?;
-        if points::are_points(inputs) {
+        if points::are_points(inputs, features) {
             let import = points::plan(inputs, (common, pictures, solids, features))?;
             return Ok(Import::Points(Box::new(import)));
         }

@@ -33,7 +33,8 @@ fn records(format: u8, more: usize, count: usize) -> Vec<u8> {
 
 /// A LAS file of records, with extra bytes that are described.
 fn las_bytes(format: u8, rows: &[u8], extra: &[Attribute], scale: f64) -> Vec<u8> {
-    let size = record_bytes(format).unwrap() + extra.iter().map(|attribute| attribute.sample.size()).sum::<usize>();
+    let size =
+        record_bytes(format).unwrap() + extra.iter().map(|attribute| attribute.sample.size()).sum::<usize>();
     let version = Version::new(1, if format >= 6 { 4 } else { 3 });
     let count = rows.len() / size;
     let bounds = bounds_of(rows, size).unwrap_or([[0; 3]; 2]);
@@ -65,7 +66,10 @@ fn las_bytes(format: u8, rows: &[u8], extra: &[Attribute], scale: f64) -> Vec<u8
     [header.min_x, header.min_y, header.min_z] = least;
     [header.max_x, header.max_y, header.max_z] = most;
     if format >= 6 {
-        header.large_file = Some(raw::header::LargeFile { number_of_point_records: count as u64, number_of_points_by_return: [0; 15] });
+        header.large_file = Some(raw::header::LargeFile {
+            number_of_point_records: count as u64,
+            number_of_points_by_return: [0; 15],
+        });
     }
     let mut bytes = Vec::new();
     header.write_to(&mut bytes).unwrap();
@@ -98,11 +102,14 @@ fn sorted_records(path: &Path) -> Result<Vec<Vec<u8>>> {
 #[test]
 fn records_of_all_formats_come_back() {
     let folder = tempfile::tempdir().unwrap();
-    let extra = [Attribute::new("amplitude", SampleType::F32), Attribute {
-        scale_offset: Some((0.5, 3.0)),
-        description: "of the echo".into(),
-        ..Attribute::new("width", SampleType::I16)
-    }];
+    let extra = [
+        Attribute::new("amplitude", SampleType::F32),
+        Attribute {
+            scale_offset: Some((0.5, 3.0)),
+            description: "of the echo".into(),
+            ..Attribute::new("width", SampleType::I16)
+        },
+    ];
     for format in 0..=MOST_FORMAT {
         for extra in [&[][..], &extra] {
             let more = extra.iter().map(|attribute| attribute.sample.size()).sum();
@@ -113,13 +120,22 @@ fn records_of_all_formats_come_back() {
             assert_eq!(tree.verify(&()).unwrap(), []);
             for (name, kind) in [("out.las", PointFormat::Las), ("out.laz", PointFormat::Laz)] {
                 let out = folder.path().join(name);
-                let written =
-                    export_points(&tree, &Selection::default(), None, (Output::create(&out).unwrap(), kind), &()).unwrap();
+                let written = export_points(
+                    &tree,
+                    &Selection::default(),
+                    None,
+                    (Output::create(&out).unwrap(), kind),
+                    &(),
+                )
+                .unwrap();
                 assert_eq!(written, 1500);
                 assert!(sorted_records(&out).unwrap() == before, "{format} {name}");
                 let (found, expected) = (LasReader::open(&out).unwrap(), LasReader::open(&path).unwrap());
                 let (found, expected) = (found.schema(), expected.schema());
-                assert_eq!((found.scale, found.offset, found.bounds), (expected.scale, expected.offset, expected.bounds));
+                assert_eq!(
+                    (found.scale, found.offset, found.bounds),
+                    (expected.scale, expected.offset, expected.bounds)
+                );
                 assert_eq!(found.layout, expected.layout);
                 let tag = |key: &str| found.tags.get(&format!("las.{key}")).map(String::as_str);
                 assert_eq!((tag("system_identifier"), tag("file_source_id")), (Some("scan"), Some("7")));
@@ -175,7 +191,14 @@ fn files_that_lie_are_errors() {
     std::fs::write(&path, las_bytes(3, &records(3, 0, 2000), &[], 0.01)).unwrap();
     let tree = tree_of(std::slice::from_ref(&path), folder.path()).unwrap();
     let packed = folder.path().join("in.laz");
-    export_points(&tree, &Selection::default(), None, (Output::create(&packed).unwrap(), PointFormat::Laz), &()).unwrap();
+    export_points(
+        &tree,
+        &Selection::default(),
+        None,
+        (Output::create(&packed).unwrap(), PointFormat::Laz),
+        &(),
+    )
+    .unwrap();
     let mut random = random(5);
     for path in [path, packed] {
         let bytes = std::fs::read(&path).unwrap();

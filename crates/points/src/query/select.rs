@@ -50,10 +50,11 @@ impl PointColumns {
         std::array::from_fn(|axis| self.columns[axis][point] as i32)
     }
 
-    /// The number of an attribute of a point, as it was before scale and offset.
+    /// The quantity that an attribute of a point is.
     #[inline]
-    pub fn number(&self, attributes: &[Attribute], attribute: usize, point: usize) -> f64 {
-        to_f64(attributes[attribute].sample, self.columns[3 + attribute][point])
+    pub fn quantity(&self, attributes: &[Attribute], attribute: usize, point: usize) -> f64 {
+        let attributes = &attributes[attribute];
+        attributes.quantity(to_f64(attributes.sample, self.columns[3 + attribute][point]))
     }
 }
 

@@ -1,6 +1,7 @@
 //! Points as they come in, row by row.
 
 mod chosen;
+mod world;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,6 +12,7 @@ use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
 pub use chosen::ChosenPoints;
+pub use world::{GriddedPoints, WorldPoints};
 
 /// Description of points that come in.
 #[derive(Clone, Debug)]
@@ -51,7 +53,7 @@ impl PointSchema {
 }
 
 /// Points that come in, in any order.
-pub trait PointSource: Send {
+pub trait PointSource {
     /// Description of the points.
     fn schema(&self) -> &PointSchema;
 

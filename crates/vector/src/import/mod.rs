@@ -12,6 +12,7 @@ mod formats;
 mod geojson;
 #[cfg(feature = "geopackage")]
 mod geopackage;
+mod points;
 pub mod rasterize;
 mod rings;
 mod rows;
@@ -20,3 +21,5 @@ mod shapefile;
 mod wkb;
 mod wkt;
 pub mod zones;
+
+pub use points::{FeaturePoints, open_feature_points};

@@ -1,0 +1,224 @@
+//! Points at any places in the world, put on a grid of whole numbers.
+
+use std::path::Path;
+
+use super::{PointSchema, PointSource};
+use crate::attribute::{Attribute, RowLayout};
+use spinney_base::space::Dimension;
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+
+/// Points that come in as doubles, and can be gone through more than once.
+pub trait WorldPoints {
+    /// The attributes of points. Their numbers are in the order of [`ordered_number`](crate::ordered_number).
+    fn attributes(&self) -> &[Attribute];
+
+    /// Whether z counts as one of the axes.
+    fn dimension(&self) -> Dimension;
+
+    /// The coordinate system, where known.
+    fn crs(&self) -> Option<&Crs>;
+
+    /// The file that they come from, for messages.
+    fn path(&self) -> &Path;
+
+    /// Hands out the next point: its coordinates, and the numbers of its attributes, which are put into `numbers`; `None` behind the last.
+    ///
+    /// # Errors
+    /// If it cannot be read, or breaks the rules of its format.
+    fn next(&mut self, numbers: &mut [i64]) -> Result<Option<[f64; 3]>>;
+
+    /// Begins anew.
+    ///
+    /// # Errors
+    /// If that fails.
+    fn rewind(&mut self) -> Result<()>;
+}
+
+/// What coordinates along an axis are like.
+#[derive(Clone, Copy)]
+struct Axis {
+    least: f64,
+    most: f64,
+    /// Digits behind the decimal point that all have at most; `None` if more than [`MOST_DIGITS`].
+    digits: Option<i32>,
+    /// Bits behind the binary point that all have at most.
+    bits: i32,
+}
+
+/// Digits behind the point of decimal grids at most.
+const MOST_DIGITS: i32 = 9;
+/// Steps of a grid from 0 on.
+const MOST_STEPS: f64 = (1u64 << 31) as f64 - 1.0;
+
+impl Axis {
+    const NONE: Axis = Axis { least: f64::INFINITY, most: f64::NEG_INFINITY, digits: Some(0), bits: 0 };
+
+    fn look(&mut self, number: f64) {
+        self.least = self.least.min(number);
+        self.most = self.most.max(number);
+        while let Some(digits) = self.digits
+            && !has_digits(number, digits)
+        {
+            self.digits = Some(digits + 1).filter(|digits| *digits <= MOST_DIGITS);
+        }
+        self.bits = self.bits.max(bits_behind(number));
+    }
+
+    /// Scale and offset of a grid that has all coordinates, or else of the finest that reaches over all; and whether it has all.
+    fn grid(&self) -> (f64, f64, bool) {
+        if self.least > self.most {
+            return (1.0, 0.0, true);
+        }
+        // (Whole, so that steps are those of the coordinates.)
+        let reach = self.least.abs().max(self.most.abs());
+        let fits = |scale: f64| {
+            let offset = if reach / scale <= MOST_STEPS { 0.0 } else { self.least.floor() };
+            ((self.most - offset) / scale <= MOST_STEPS).then_some(offset)
+        };
+        let decimal = self.digits.map(|digits| 10f64.powi(-digits));
+        let binary = (self.bits <= 40).then(|| 2f64.powi(-self.bits));
+        for scale in [decimal, binary].into_iter().flatten() {
+            if let Some(offset) = fits(scale) {
+                return (scale, offset, true);
+            }
+        }
+        let scale = (-40..=1023).map(|power| 2f64.powi(power)).find_map(|scale| Some((scale, fits(scale)?)));
+        let (scale, offset) = scale.unwrap_or((f64::MAX, 0.0));
+        (scale, offset, false)
+    }
+}
+
+/// Whether a number is one with so many digits behind the point, as near as doubles are.
+fn has_digits(number: f64, digits: i32) -> bool {
+    let steps = number * 10f64.powi(digits);
+    (steps - steps.round()).abs() <= steps.abs() * 4.0 * f64::EPSILON
+}
+
+/// Bits that a number has behind the binary point.
+fn bits_behind(number: f64) -> i32 {
+    if number == 0.0 {
+        return 0;
+    }
+    let bits = number.to_bits();
+    let (exponent, fraction) = ((bits >> 52 & 0x7ff) as i32, bits & ((1 << 52) - 1));
+    let zeros = if fraction == 0 { 52 } else { fraction.trailing_zeros() as i32 };
+    (1075 - exponent.max(1) - zeros).max(0)
+}
+
+/// Points of the world as rows on a grid: that of the digits which all coordinates have, where there are few; else that of their bits; else the
+/// finest that reaches over all of them.
+pub struct GriddedPoints {
+    points: Box<dyn WorldPoints>,
+    schema: PointSchema,
+    is_rounded: bool,
+    numbers: Vec<i64>,
+}
+
+impl GriddedPoints {
+    /// Goes through all points once, to find their grid.
+    ///
+    /// # Errors
+    /// If they cannot be read, or a coordinate is no number.
+    pub fn new(mut points: Box<dyn WorldPoints>) -> Result<GriddedPoints> {
+        let attributes = points.attributes().to_vec();
+        let mut numbers = vec![0; attributes.len()];
+        let mut axes = [Axis::NONE; 3];
+        let mut count = 0u64;
+        while let Some(place) = points.next(&mut numbers)? {
+            count += 1;
+            for (axis, number) in axes.iter_mut().zip(place) {
+                if !number.is_finite() {
+                    let found = format!("{place:?}");
+                    return Err(Error::corrupt(
+                        points.path(),
+                        format!("point {count}"),
+                        found,
+                        "coordinates that are numbers",
+                    ));
+                }
+                axis.look(number);
+            }
+        }
+        points.rewind()?;
+        let grids = axes.map(|axis| axis.grid());
+        let mut schema = PointSchema::new(RowLayout::packed(attributes), points.dimension());
+        schema.scale = grids.map(|(scale, ..)| scale);
+        schema.offset = grids.map(|(_, offset, _)| offset);
+        let corner = |end: [f64; 3]| std::array::from_fn(|axis| step(&schema, axis, end[axis]));
+        schema.bounds = match count {
+            0 => [[0; 3]; 2],
+            _ => [corner(axes.map(|axis| axis.least)), corner(axes.map(|axis| axis.most))],
+        };
+        schema.count = Some(count);
+        schema.crs = points.crs().cloned();
+        let is_rounded = grids.iter().any(|(.., has_all)| !has_all);
+        Ok(GriddedPoints { points, schema, is_rounded, numbers })
+    }
+
+    /// Whether places are rounded to the grid, by at most half of its steps.
+    pub fn is_rounded(&self) -> bool {
+        self.is_rounded
+    }
+}
+
+fn step(schema: &PointSchema, axis: usize, number: f64) -> i32 {
+    ((number - schema.offset[axis]) / schema.scale[axis]).round() as i32
+}
+
+impl PointSource for GriddedPoints {
+    fn schema(&self) -> &PointSchema {
+        &self.schema
+    }
+
+    fn path(&self) -> &Path {
+        self.points.path()
+    }
+
+    fn read(&mut self, rows: &mut Vec<u8>, most: usize) -> Result<usize> {
+        let size = self.schema.layout.size;
+        for count in 0..most {
+            let Some(place) = self.points.next(&mut self.numbers)? else { return Ok(count) };
+            let before = rows.len();
+            rows.resize(before + size, 0);
+            let row = &mut rows[before..];
+            for axis in 0..3 {
+                row[4 * axis..4 * axis + 4]
+                    .copy_from_slice(&step(&self.schema, axis, place[axis]).to_le_bytes());
+            }
+            for (attribute, number) in self.numbers.iter().enumerate() {
+                self.schema.layout.set_number(attribute, row, *number);
+            }
+        }
+        Ok(most)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(numbers: &[f64]) -> (f64, f64, bool) {
+        let mut axis = Axis::NONE;
+        numbers.iter().for_each(|number| axis.look(*number));
+        axis.grid()
+    }
+
+    #[test]
+    fn grids_are_those_of_digits_or_bits() {
+        assert_eq!(grid(&[]), (1.0, 0.0, true));
+        assert_eq!(grid(&[500_000.123, 500_001.5, -3.0]), (0.001, 0.0, true));
+        assert_eq!(grid(&[5_200_000.123_4, 5_200_001.5]), (0.000_1, 5_200_000.0, true));
+        assert_eq!(grid(&[-179.123_456_7, 179.0]), (1e-7, 0.0, true));
+        assert_eq!(grid(&[0.1f32.into(), 0.7f32.into()]), (2f64.powi(-27), 0.0, true));
+        let (scale, _, has_all) = grid(&[std::f64::consts::PI, 1000.0]);
+        assert!(!has_all && scale <= 1000.0 / 2f64.powi(30), "{scale}");
+        let (scale, offset, _) = grid(&[-1e300, 1e300]);
+        assert!(2e300 / scale <= 2f64.powi(32) && offset <= 0.0);
+        assert_eq!(grid(&[7.0, 7.0]), (1.0, 0.0, true));
+        assert_eq!(
+            (bits_behind(0.375), bits_behind(-3.0), bits_behind(f64::MIN_POSITIVE / 2.0)),
+            (3, 0, 1023)
+        );
+    }
+}

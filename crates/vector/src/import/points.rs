@@ -1,0 +1,223 @@
+//! Features that are points, as points of trees.
+
+use std::path::{Path, PathBuf};
+
+use super::feature::{
+    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, open_features,
+};
+use spinney_base::space::Dimension;
+use spinney_base::value::SampleType;
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+use spinney_points::{Attribute, GriddedPoints, WorldPoints, ordered_number};
+
+/// The name of the attribute that is the third coordinate, in any case of letters.
+const HEIGHT: &str = "z";
+
+/// Points of a file of features, on a grid, and what is to be said of them.
+pub struct FeaturePoints {
+    /// The points.
+    pub points: GriddedPoints,
+    /// Names of attributes that are left out, since they are no numbers.
+    pub left_out: Vec<String>,
+    /// Features whose points have heights or measures, which are read over.
+    pub with_heights: u64,
+}
+
+/// Opens a file of features that are points. An attribute `z` is their third coordinate; other numbers, and truths, are attributes in the smallest type that
+/// has them all, doubles where some features have none.
+///
+/// # Errors
+/// Those of [`open_features`]; if a feature is no point.
+pub fn open_feature_points(path: &Path, options: &FeatureOptions) -> Result<FeaturePoints> {
+    let survey = Survey::of(path, options)?;
+    let Survey { attributes, columns, height, left_out, with_heights } = survey;
+    let reader = open_features(path, options)?;
+    let crs = reader.schema().crs.clone();
+    let points = Points {
+        path: path.to_path_buf(),
+        options: options.clone(),
+        reader,
+        attributes,
+        columns,
+        height,
+        crs,
+        rest: Vec::new(),
+        above: 0.0,
+        numbers: Vec::new(),
+    };
+    let points = GriddedPoints::new(Box::new(points))?;
+    Ok(FeaturePoints { points, left_out, with_heights })
+}
+
+/// What the attributes of all features are.
+struct Survey {
+    attributes: Vec<Attribute>,
+    /// Their places among those of the features.
+    columns: Vec<usize>,
+    /// The place of the third coordinate.
+    height: Option<usize>,
+    left_out: Vec<String>,
+    with_heights: u64,
+}
+
+/// What the values of an attribute are.
+#[derive(Clone, Copy)]
+struct Column {
+    least: i64,
+    most: i64,
+    /// Whether all are whole numbers or truths.
+    are_whole: bool,
+}
+
+impl Survey {
+    fn of(path: &Path, options: &FeatureOptions) -> Result<Survey> {
+        let mut reader = open_features(path, options)?;
+        let schema = reader.schema().clone();
+        let mut found =
+            vec![Column { least: i64::MAX, most: i64::MIN, are_whole: true }; schema.attributes.len()];
+        let mut with_heights = 0;
+        while let Some(feature) = reader.next()? {
+            with_heights += u64::from(feature.has_heights);
+            for (column, value) in found.iter_mut().zip(&feature.attributes) {
+                match value {
+                    FeatureAttribute::Integer(number) => {
+                        column.least = column.least.min(*number);
+                        column.most = column.most.max(*number);
+                    }
+                    FeatureAttribute::Boolean(_) => {
+                        column.least = column.least.min(0);
+                        column.most = column.most.max(1);
+                    }
+                    _ => column.are_whole = false,
+                }
+            }
+        }
+        let height = schema
+            .attributes
+            .iter()
+            .position(|(name, kind)| is_number(*kind) && name.eq_ignore_ascii_case(HEIGHT));
+        let (mut attributes, mut columns, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
+        for (place, (name, kind)) in
+            schema.attributes.iter().enumerate().filter(|(place, _)| Some(*place) != height)
+        {
+            match is_number(*kind) || *kind == AttributeType::Boolean {
+                true => {
+                    attributes.push(Attribute::new(name.clone(), found[place].sample()));
+                    columns.push(place);
+                }
+                false => left_out.push(name.clone()),
+            }
+        }
+        Ok(Survey { attributes, columns, height, left_out, with_heights })
+    }
+}
+
+fn is_number(kind: AttributeType) -> bool {
+    matches!(kind, AttributeType::Integer | AttributeType::Number)
+}
+
+impl Column {
+    /// The smallest type that has all values.
+    fn sample(&self) -> SampleType {
+        use SampleType::{F64, I8, I16, I32, I64, U8, U16, U32};
+        let fits = |(_, least, most): &(SampleType, i64, i64)| *least <= self.least && self.most <= *most;
+        let types = [
+            (U8, 0, u8::MAX.into()),
+            (I8, i8::MIN.into(), i8::MAX.into()),
+            (U16, 0, u16::MAX.into()),
+            (I16, i16::MIN.into(), i16::MAX.into()),
+            (U32, 0, u32::MAX.into()),
+            (I32, i32::MIN.into(), i32::MAX.into()),
+        ];
+        match self.are_whole {
+            true => types.iter().find(|kind| fits(kind)).map_or(I64, |(sample, ..)| *sample),
+            false => F64,
+        }
+    }
+}
+
+/// Goes through the points of features.
+struct Points {
+    path: PathBuf,
+    options: FeatureOptions,
+    reader: Box<dyn FeatureReader>,
+    attributes: Vec<Attribute>,
+    columns: Vec<usize>,
+    height: Option<usize>,
+    crs: Option<Crs>,
+    /// Points of the last feature that are left, the last first; their third coordinate, and the numbers of their attributes.
+    rest: Vec<[f64; 2]>,
+    above: f64,
+    numbers: Vec<i64>,
+}
+
+/// A value as a number; what is none is no number.
+fn number(value: Option<&FeatureAttribute>) -> f64 {
+    match value {
+        Some(FeatureAttribute::Integer(number)) => *number as f64,
+        Some(FeatureAttribute::Number(number)) => *number,
+        Some(FeatureAttribute::Boolean(is)) => f64::from(u8::from(*is)),
+        _ => f64::NAN,
+    }
+}
+
+impl Points {
+    fn take(&mut self, feature: Feature) -> Result<()> {
+        self.rest = match feature.geometry {
+            None => Vec::new(),
+            Some(FeatureGeometry::Points(points)) => points,
+            Some(_) => {
+                let advice = "lines become trees with `--index lines`, and cells with --cell";
+                return Err(Error::unsupported(&self.path, "a feature that is no point", advice));
+            }
+        };
+        self.rest.reverse();
+        self.above = self.height.map_or(0.0, |place| number(feature.attributes.get(place)));
+        self.numbers.clear();
+        for (attribute, place) in self.attributes.iter().zip(&self.columns) {
+            let value = feature.attributes.get(*place);
+            self.numbers.push(match (attribute.sample, value) {
+                (SampleType::F64, value) => ordered_number(SampleType::F64, &number(value).to_le_bytes()),
+                (_, Some(FeatureAttribute::Integer(number))) => *number,
+                (_, value) => number(value) as i64,
+            });
+        }
+        Ok(())
+    }
+}
+
+impl WorldPoints for Points {
+    fn attributes(&self) -> &[Attribute] {
+        &self.attributes
+    }
+
+    fn dimension(&self) -> Dimension {
+        if self.height.is_some() { Dimension::Oct } else { Dimension::Quad }
+    }
+
+    fn crs(&self) -> Option<&Crs> {
+        self.crs.as_ref()
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn next(&mut self, numbers: &mut [i64]) -> Result<Option<[f64; 3]>> {
+        loop {
+            if let Some([x, y]) = self.rest.pop() {
+                numbers.copy_from_slice(&self.numbers);
+                return Ok(Some([x, y, self.above]));
+            }
+            let Some(feature) = self.reader.next()? else { return Ok(None) };
+            self.take(feature)?;
+        }
+    }
+
+    fn rewind(&mut self) -> Result<()> {
+        self.reader = open_features(&self.path, &self.options)?;
+        self.rest.clear();
+        Ok(())
+    }
+}

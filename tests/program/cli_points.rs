@@ -1,0 +1,157 @@
+//! Trees of points, as people make and ask them.
+
+use std::collections::HashMap;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use crate::common::{complaint, spinney, stderr, stdout};
+
+/// Points of a slope, with classes, as a table; and what they are.
+fn table(folder: &Path, count: u32) -> (String, Vec<([f64; 3], u32)>) {
+    let mut state = 11u64;
+    let mut random = |below: u64| {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 33) % below
+    };
+    let mut text = String::from("x,y,z,class,name\n");
+    let mut points = Vec::new();
+    for number in 0..count {
+        let [x, y] = [random(50_000), random(30_000)];
+        let place = [500_000.0 + x as f64 / 100.0, 5_200_000.0 + y as f64 / 100.0, (x + y) as f64 / 200.0];
+        let class = if number % 3 == 0 { 2 } else { 5 };
+        writeln!(text, "{:.2},{:.2},{:.3},{class},p{number}", place[0], place[1], place[2]).unwrap();
+        points.push((place, class));
+    }
+    let path = folder.join("points.csv");
+    fs::write(&path, text).unwrap();
+    (path.to_str().unwrap().into(), points)
+}
+
+fn within(place: &[f64; 3], [west, south, east, north]: [f64; 4]) -> bool {
+    (west..=east).contains(&place[0]) && (south..=north).contains(&place[1])
+}
+
+/// Coordinates and classes in the lines of a table, in order.
+fn lines(text: &str) -> Vec<String> {
+    let mut lines: Vec<String> = text.lines().skip(1).map(str::to_owned).collect();
+    lines.sort();
+    lines
+}
+
+#[test]
+fn points_go_from_a_table_into_las_and_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let (csv, points) = table(folder.path(), 3000);
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let tree = name("p.goblin");
+    let told = stderr(spinney(&["build", &csv, "-o", &tree, "--index", "points", "--leaf-size", "200", "--crs", "EPSG:32632"]).success());
+    assert!(told.contains("left out: name") && told.contains("3000"), "{told}");
+    let info = stdout(&["info", &tree]);
+    assert!(info.contains("octree of points") && info.contains("steps of 0.01, 0.01, 0.001") && info.contains("EPSG:32632"), "{info}");
+    assert_eq!(stdout(&["verify", &tree]).trim_end(), format!("{tree}: good"));
+
+    let expected: Vec<String> = {
+        let line = |(place, class): &([f64; 3], u32)| format!("{:.2},{:.2},{:.3},{class}", place[0], place[1], place[2]);
+        let mut expected: Vec<String> = points.iter().map(line).collect();
+        expected.sort();
+        expected
+    };
+    assert_eq!(lines(&stdout(&["get", &tree, "-", "--format", "csv"])), expected);
+    for middle in [name("q.las"), name("q.laz")] {
+        spinney(&["get", &tree, "-o", &middle]).success();
+        let again = name("r.goblin");
+        spinney(&["build", &middle, "-o", &again]).success();
+        assert_eq!(lines(&stdout(&["get", &again, "-", "--format", "csv", "--attribute", "class"])), expected);
+        assert!(stdout(&["info", &again]).contains("EPSG:32632"));
+    }
+}
+
+#[test]
+fn parts_are_those_of_looking_at_all_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let (csv, points) = table(folder.path(), 4000);
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let tree = name("p.goblin");
+    spinney(&["build", &csv, "-o", &tree, "--index", "points", "--leaf-size", "100"]).success();
+    let window = [500_100.0, 5_200_050.0, 500_250.5, 5_200_200.0];
+    let text = window.map(|number| number.to_string()).join(",");
+    let found = stdout(&["get", &tree, "-", "--format", "csv", "--window", &text, "--where", "class=2"]);
+    let expected = points.iter().filter(|(place, class)| within(place, window) && *class == 2).count();
+    assert_eq!(lines(&found).len(), expected);
+    let stats = stdout(&["stats", &tree, "--window", &text]);
+    let expected = points.iter().filter(|(place, _)| within(place, window)).count();
+    assert!(stats.starts_with(&format!("points      {expected}\n")), "{stats}");
+
+    let zone = name("zone.geojson");
+    let ring = "[[500100.003,5200050.003],[500250.003,5200050.003],[500100.003,5200200.003],[500100.003,5200050.003]]";
+    fs::write(&zone, format!(r#"{{"type":"FeatureCollection","crs":null,"features":[{{"type":"Feature","properties":{{}},"geometry":{{"type":"Polygon","coordinates":[{ring}]}}}}]}}"#)).unwrap();
+    let inside = |place: &[f64; 3]| {
+        let [x, y] = [place[0] - 500_100.003, place[1] - 5_200_050.003];
+        x > 0.0 && y > 0.0 && x + y < 150.0
+    };
+    let found = stdout(&["get", &tree, "-", "--format", "csv", "--within", &zone]);
+    assert_eq!(lines(&found).len(), points.iter().filter(|(place, _)| inside(place)).count());
+
+    let from = [500_123.4, 5_200_111.1, 20.0];
+    let mut distances: Vec<f64> =
+        points.iter().map(|(place, _)| (0..3).map(|axis| (place[axis] - from[axis]).powi(2)).sum::<f64>().sqrt()).collect();
+    distances.sort_by(f64::total_cmp);
+    let nearest = stdout(&["point", &tree, "500123.4,5200111.1,20", "--nearest", "3"]);
+    let found: Vec<f64> = nearest.lines().map(|line| line.split('\t').nth(1).unwrap().parse().unwrap()).collect();
+    assert_eq!(found.len(), 3);
+    found.iter().zip(&distances).for_each(|(found, expected)| assert!((found - expected).abs() < 1e-6));
+    assert_eq!(stdout(&["point", &tree, "0,0,0", "--within", "5"]), "1\tnone\n");
+}
+
+#[test]
+fn rasters_have_what_the_points_of_each_cell_come_to() {
+    let folder = tempfile::tempdir().unwrap();
+    let (csv, points) = table(folder.path(), 2500);
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (tree, raster) = (name("p.goblin"), name("r.goblin"));
+    spinney(&["build", &csv, "-o", &tree, "--index", "points", "--leaf-size", "300"]).success();
+    let mut cells: HashMap<(i64, i64), Vec<f64>> = HashMap::new();
+    for (place, _) in &points {
+        let cell = ((place[0] / 20.0).floor() as i64, (place[1] / 20.0).ceil() as i64);
+        cells.entry(cell).or_default().push(place[2]);
+    }
+    for rule in ["min", "max", "mean", "count"] {
+        spinney(&["transform", &tree, &format!("raster={rule},cell=20"), "-o", &raster]).success();
+        for ((column, row), heights) in cells.iter().take(40) {
+            let (x, y) = (*column as f64 * 20.0 + 10.0, *row as f64 * 20.0 - 10.0);
+            let found: f64 = stdout(&["point", &raster, &format!("{x},{y}")]).trim().parse().unwrap();
+            let expected = match rule {
+                "min" => heights.iter().copied().fold(f64::MAX, f64::min),
+                "max" => heights.iter().copied().fold(f64::MIN, f64::max),
+                "mean" => heights.iter().sum::<f64>() / heights.len() as f64,
+                _ => heights.len() as f64,
+            };
+            assert!((found - expected).abs() < 1e-3, "{rule} {column},{row}: {found} {expected}");
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_done_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let (csv, _) = table(folder.path(), 30);
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let tree = name("p.goblin");
+    spinney(&["build", &csv, "-o", &tree, "--index", "points"]).success();
+    for (arguments, code, text) in [
+        (&["get", &tree, "out.png"][..], 1, ".las"),
+        (&["get", &tree, "-", "--format", "las"], 1, "standard output"),
+        (&["get", &tree, "-", "--format", "csv", "--where", "colour=2"], 1, "class"),
+        (&["get", &tree, "-", "--format", "csv", "--slice", "z=2"], 1, "means nothing"),
+        (&["transform", &tree, "rotate=3", "-o", &name("x.goblin")], 1, "raster="),
+        (&["transform", &tree, "raster=mean,cell=0", "-o", &name("x.goblin")], 2, "width of a cell"),
+        (&["build", &name("none.las"), "-o", &name("x.goblin")], 1, "none.las"),
+        (&["build", &csv, "-o", &name("x.autumn"), "--index", "points"], 1, ".goblin"),
+        (&["show", &tree], 1, "tree of points"),
+    ] {
+        let told = complaint(arguments, code);
+        assert!(told.contains(text), "{arguments:?}: {told}");
+    }
+    assert!(!folder.path().join("x.goblin").exists());
+}
