@@ -73,7 +73,7 @@ pub(crate) struct Args {
     slice: Option<Slice>,
     #[command(flatten)]
     places: PointPlaces,
-    /// Of points: names of the attributes that are written, as in intensity,classification [default: all]
+    /// Attributes of points that are written, as in intensity,classification [default: all]
     #[arg(long, value_name = "NAME,...")]
     attribute: Option<String>,
     /// Format where the output's name does not say; points have las, laz, csv, ply and npy

@@ -58,12 +58,12 @@ pub(crate) struct Args {
     /// Distance from the surface of an exact model, negative inside, instead of where points lie
     #[arg(long)]
     distance: bool,
-    /// Of a tree of points: so many of those nearest to each place; a line has the place's number, the distance and the coordinates [default: 1]
+    /// Number of the points of a tree of points that are nearest to each place; a line has the place's number, the distance and the coordinates [default: 1]
     #[arg(long, value_name = "K")]
     nearest: Option<usize>,
-    /// Of a tree of points: no points farther away than this
+    /// Distance within which points of a tree of points are looked for [default: any]
     #[arg(long, value_name = "DISTANCE")]
-    within: Option<f64>,
+    radius: Option<f64>,
     /// Places where rays X,Y,Z,DX,DY,DZ pass through the surface of an exact model: first or all
     #[arg(long, value_name = "WHICH", value_parser = ["first", "all"], conflicts_with = "distance")]
     rays: Option<String>,
@@ -96,12 +96,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if let Some(tree) = points::open(&args.tree.file)? {
         let given = [("--level", args.level.is_some()), ("--json", args.json), ("--object", args.object)];
         points::refuse(&args.tree.file, &given)?;
-        let within = args.within.unwrap_or(f64::INFINITY);
+        let within = args.radius.unwrap_or(f64::INFINITY);
         return points::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
     }
     ensure!(
-        args.nearest.is_none() && args.within.is_none(),
-        "--nearest and --within are for trees of points"
+        args.nearest.is_none() && args.radius.is_none(),
+        "--nearest and --radius are for trees of points"
     );
     let is_of_models = args.distance || args.object || args.rays.is_some();
     ensure!(!is_of_models, "--object, --distance and --rays are for exact models");

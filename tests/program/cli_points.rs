@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use crate::common::{complaint, spinney, stderr, stdout};
+use crate::common::command::{complaint, spinney, stderr, stdout};
 
 /// Points of a slope, with classes, as a table; and what they are.
 fn table(folder: &Path, count: u32) -> (String, Vec<([f64; 3], u32)>) {
@@ -45,14 +45,35 @@ fn points_go_from_a_table_into_las_and_back() {
     let (csv, points) = table(folder.path(), 3000);
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let tree = name("p.goblin");
-    let told = stderr(spinney(&["build", &csv, "-o", &tree, "--index", "points", "--leaf-size", "200", "--crs", "EPSG:32632"]).success());
+    let told = stderr(
+        spinney(&[
+            "build",
+            &csv,
+            "-o",
+            &tree,
+            "--index",
+            "points",
+            "--leaf-size",
+            "200",
+            "--crs",
+            "EPSG:32632",
+        ])
+        .success(),
+    );
     assert!(told.contains("left out: name") && told.contains("3000"), "{told}");
     let info = stdout(&["info", &tree]);
-    assert!(info.contains("octree of points") && info.contains("steps of 0.01, 0.01, 0.001") && info.contains("EPSG:32632"), "{info}");
+    assert!(
+        info.contains("octree of points")
+            && info.contains("steps of 0.01, 0.01, 0.001")
+            && info.contains("EPSG:32632"),
+        "{info}"
+    );
     assert_eq!(stdout(&["verify", &tree]).trim_end(), format!("{tree}: good"));
 
     let expected: Vec<String> = {
-        let line = |(place, class): &([f64; 3], u32)| format!("{:.2},{:.2},{:.3},{class}", place[0], place[1], place[2]);
+        let line = |(place, class): &([f64; 3], u32)| {
+            format!("{:.2},{:.2},{:.3},{class}", place[0], place[1], place[2])
+        };
         let mut expected: Vec<String> = points.iter().map(line).collect();
         expected.sort();
         expected
@@ -62,7 +83,10 @@ fn points_go_from_a_table_into_las_and_back() {
         spinney(&["get", &tree, "-o", &middle]).success();
         let again = name("r.goblin");
         spinney(&["build", &middle, "-o", &again]).success();
-        assert_eq!(lines(&stdout(&["get", &again, "-", "--format", "csv", "--attribute", "class"])), expected);
+        assert_eq!(
+            lines(&stdout(&["get", &again, "-", "--format", "csv", "--attribute", "class"])),
+            expected
+        );
         assert!(stdout(&["info", &again]).contains("EPSG:32632"));
     }
 }
@@ -94,14 +118,17 @@ fn parts_are_those_of_looking_at_all_points() {
     assert_eq!(lines(&found).len(), points.iter().filter(|(place, _)| inside(place)).count());
 
     let from = [500_123.4, 5_200_111.1, 20.0];
-    let mut distances: Vec<f64> =
-        points.iter().map(|(place, _)| (0..3).map(|axis| (place[axis] - from[axis]).powi(2)).sum::<f64>().sqrt()).collect();
+    let mut distances: Vec<f64> = points
+        .iter()
+        .map(|(place, _)| (0..3).map(|axis| (place[axis] - from[axis]).powi(2)).sum::<f64>().sqrt())
+        .collect();
     distances.sort_by(f64::total_cmp);
     let nearest = stdout(&["point", &tree, "500123.4,5200111.1,20", "--nearest", "3"]);
-    let found: Vec<f64> = nearest.lines().map(|line| line.split('\t').nth(1).unwrap().parse().unwrap()).collect();
+    let found: Vec<f64> =
+        nearest.lines().map(|line| line.split('\t').nth(1).unwrap().parse().unwrap()).collect();
     assert_eq!(found.len(), 3);
     found.iter().zip(&distances).for_each(|(found, expected)| assert!((found - expected).abs() < 1e-6));
-    assert_eq!(stdout(&["point", &tree, "0,0,0", "--within", "5"]), "1\tnone\n");
+    assert_eq!(stdout(&["point", &tree, "0,0,0", "--radius", "5"]), "1\tnone\n");
 }
 
 #[test]

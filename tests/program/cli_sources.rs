@@ -168,8 +168,7 @@ fn what_is_no_tree_is_told_with_what_to_do() {
 fn refused_formats_get_advice_that_fits() {
     let place = Place::new();
     for (name, bytes, advice) in [
-        ("a.laz", "LASF", "point clouds are not read"),
-        ("a", "LASF", "pdal translate"),
+        ("a.e57", "ASTM-E57", "pdal translate"),
         ("a.gpkg", "SQLite format 3\0", "--cell"),
         ("a.shp", "\0\0\x27\x0a", "--cell"),
         ("a.nc", "CDF\x01", "NETCDF:"),

@@ -51,7 +51,7 @@ const TRANSLATE: &str = "convert it to GeoTIFF first (`gdal_translate IN OUT.tif
 const VARIABLES: &str = "convert the variable that is meant to GeoTIFF first (`gdalinfo IN` lists them; `gdal_translate 'NETCDF:\"IN\":NAME' OUT.tif`, or HDF5: for NETCDF:); \
     in Python, open it with xarray, and give the DataArray to spinney.build";
 const PICTURE: &str = "convert it to PNG or TIFF first (`magick IN OUT.png`)";
-const POINTS: &str = "point clouds are not read: make a raster of heights of it first (`pdal translate IN OUT.tif --writers.gdal.resolution=1`)";
+const POINTS: &str = "convert it to LAS or LAZ first (`pdal translate IN OUT.laz`)";
 const SURFACES: &str = "export it as OBJ, PLY or STL from the program that made it, or from Blender, with the measures that it has";
 const SOLIDS: &str = "its surfaces are curved: export it as STL or OBJ from the program that made it, or from FreeCAD, as fine as needed";
 const DRAWING: &str = "export its solids as STL or OBJ from the CAD program; what is drawn flat can become GeoJSON (`ogr2ogr out.geojson IN`, for DXF)";
@@ -94,7 +94,7 @@ static FORMATS: &[OtherFormat] = &[
         Read("its polygons are zones for `spinney stats TREE --zones FILE`"),
     ),
     format("a CityJSON model", &["json", "jsonl", "cityjson"], &[], Source),
-    format("a point cloud (LAS or LAZ)", &["las", "laz"], &[At(0, b"LASF")], Refused(POINTS)),
+    format("a point cloud (LAS or LAZ)", &["las", "laz"], &[At(0, b"LASF")], Source),
     format("a point cloud (E57)", &["e57"], &[At(0, b"ASTM-E57")], Refused(POINTS)),
     format("a point cloud (PCD)", &["pcd"], &[At(0, b"# .PCD")], Refused(POINTS)),
     format("a GeoPackage", &["gpkg"], &[At(0, b"SQLite format 3\0")], Read(FEATURES)),

@@ -1,5 +1,7 @@
 //! Files of points as trees of points.
 
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use crate::attribute::Attribute;
@@ -31,10 +33,14 @@ pub struct PointImport {
     description: Vec<(&'static str, String)>,
 }
 
-/// Whether a file is one of points, by its name.
+/// Whether a file is a LAS or LAZ file, by its name or its first bytes.
 pub fn is_las_file(path: &Path) -> bool {
-    path.extension()
-        .is_some_and(|ending| ending.eq_ignore_ascii_case("las") || ending.eq_ignore_ascii_case("laz"))
+    let named = |ending: &str| path.extension().is_some_and(|own| own.eq_ignore_ascii_case(ending));
+    let mut start = [0; 4];
+    // (Of what is no file, such as a pipe, bytes that are read are gone.)
+    let mut begins =
+        || path.is_file() && File::open(path).is_ok_and(|mut file| file.read_exact(&mut start).is_ok());
+    named("las") || named("laz") || begins() && start == *b"LASF"
 }
 
 /// Opens LAS and LAZ files, and plans a tree of all their points for which conditions hold, which are made for the attributes that there are.

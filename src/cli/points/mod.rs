@@ -65,13 +65,13 @@ pub(super) fn conditions(
 /// Where points are asked for, as options say it.
 #[derive(clap::Args, Debug, Default)]
 pub(crate) struct PointPlaces {
-    /// Of points: those in the polygons of a file of features, in the tree's own coordinates
+    /// Place in which points are asked for, of trees of points: the polygons of a file of features, in the tree's own coordinates
     #[arg(long, value_name = "FEATURES", conflicts_with_all = ["window", "ball"])]
     within: Option<std::path::PathBuf>,
-    /// Of points: those in a ball around X,Y,Z, no farther away than R
+    /// Ball around X,Y,Z in which points are asked for, of trees of points: no farther away than R
     #[arg(long, value_name = "X,Y,Z,R", value_parser = parse_ball, conflicts_with = "window", allow_hyphen_values = true)]
     ball: Option<[f64; 4]>,
-    /// Of points: those for which all of this holds, as in 'classification=2,intensity>100'
+    /// Features alone for which all of this holds: points, of trees of points, as in 'classification=2,intensity>100'
     #[arg(long = "where", value_name = "CONDITION,...")]
     filter: Option<FeatureFilter>,
 }

@@ -10,6 +10,7 @@ use crate::attribute::{Attribute, RowLayout};
 use crate::grid::PointGrid;
 use crate::source::{both_bounds, bounds_of};
 use crate::store::PointTree;
+use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 
@@ -57,18 +58,42 @@ impl Fields {
     }
 }
 
+/// An attribute to be written, and the least and the greatest of its numbers.
+#[derive(Clone, Copy)]
+struct Written<'t> {
+    attribute: &'t Attribute,
+    least: i64,
+    most: i64,
+}
+
+impl Written<'_> {
+    /// The place that an attribute has among those of a format: that of its name, if there is room for all of its numbers.
+    fn place(&self, format: &RowLayout) -> Option<usize> {
+        let place = format.position(&self.attribute.name)?;
+        let own = format.attributes[place].sample;
+        let (least, most) = match (format.fields[place].bits, own) {
+            (Some((_, bits)), _) => (0, (1 << bits) - 1),
+            (None, SampleType::U8) => (0, u8::MAX.into()),
+            (None, SampleType::I8) => (i8::MIN.into(), i8::MAX.into()),
+            (None, SampleType::U16) => (0, u16::MAX.into()),
+            (None, SampleType::I16) => (i16::MIN.into(), i16::MAX.into()),
+            (None, SampleType::U32) => (0, u32::MAX.into()),
+            (None, _) => return Some(place).filter(|_| own == self.attribute.sample),
+        };
+        // (Ordered numbers of these types are the numbers.)
+        let is_whole = !matches!(self.attribute.sample, SampleType::F32 | SampleType::F64 | SampleType::U64);
+        let fits = least <= self.least && self.most <= most || self.least > self.most;
+        (is_whole && fits && self.attribute.scale_offset.is_none()).then_some(place)
+    }
+}
+
 /// The format of records that has the most of some attributes; of several the one that the points came in, or the smallest.
-fn best_format(attributes: &[&Attribute], came_in: Option<u8>) -> u8 {
-    let candidates = came_in.into_iter().chain(6..=MOST_FORMAT);
+fn best_format(attributes: &[Written<'_>], came_in: Option<u8>) -> u8 {
+    let candidates: Vec<u8> = came_in.into_iter().chain(6..=MOST_FORMAT).collect();
     let room = |format: &u8| {
         let layout = record_layout(*format, record_bytes(*format).unwrap_or(0), &[]);
-        let fits = |attribute: &&&Attribute| {
-            let place = layout.position(&attribute.name);
-            place.is_some_and(|place| layout.attributes[place].sample == attribute.sample)
-        };
-        attributes.iter().filter(fits).count()
+        attributes.iter().filter(|attribute| attribute.place(&layout).is_some()).count()
     };
-    let candidates: Vec<u8> = candidates.collect();
     let most = candidates.iter().map(room).max().unwrap_or(0);
     candidates.into_iter().find(|format| room(format) == most).unwrap_or(6)
 }
@@ -110,41 +135,41 @@ impl LasFile {
     /// The file of points of a tree with some of its attributes, and where these go.
     pub(crate) fn of(tree: &PointTree, chosen: &[usize]) -> Result<(LasFile, Fields)> {
         let metadata = tree.metadata();
-        let attributes: Vec<&Attribute> =
-            chosen.iter().map(|attribute| &tree.attributes()[*attribute]).collect();
+        let root = tree.root()?.map(|root| root.statistics);
+        let written = |attribute: &usize| {
+            let column = root.as_ref().map(|root| root.columns[3 + attribute]);
+            let (least, most) = column.map_or((i64::MAX, i64::MIN), |column| (column.least, column.most));
+            Written { attribute: &tree.attributes()[*attribute], least, most }
+        };
+        let attributes: Vec<Written<'_>> = chosen.iter().map(written).collect();
         let came_in = tag(metadata, "point_format")
             .and_then(|text| text.parse().ok())
             .filter(|format| *format <= MOST_FORMAT);
         let format = best_format(&attributes, came_in);
         let own = record_bytes(format).unwrap_or(0);
         let standard = record_layout(format, own, &[]);
-        let is_extra = |attribute: &&&Attribute| {
-            let place = standard.position(&attribute.name);
-            place.is_none_or(|place| standard.attributes[place].sample != attribute.sample)
-        };
-        let extra: Vec<&Attribute> = attributes.iter().filter(is_extra).copied().collect();
-        let descriptors: Vec<u8> = extra.iter().flat_map(|attribute| describe_extra(attribute)).collect();
-        let size = own + extra.iter().map(|attribute| attribute.sample.size()).sum::<usize>();
+        let is_extra = |(_, written): &(&usize, &Written<'_>)| written.place(&standard).is_none();
+        let extra: Vec<(&usize, &Written<'_>)> = chosen.iter().zip(&attributes).filter(is_extra).collect();
+        let descriptors: Vec<u8> =
+            extra.iter().flat_map(|(_, written)| describe_extra(written.attribute)).collect();
+        let size = own + extra.iter().map(|(_, written)| written.attribute.sample.size()).sum::<usize>();
         let Ok(record_length) = u16::try_from(size) else {
             let advice = "choose fewer attributes with --attribute";
             return Err(Error::unsupported(tree.path(), format!("records of {size} bytes in LAS"), advice));
         };
         let layout = record_layout(format, size, &descriptors);
-        // (Attributes of the tree are found by their names, those that are extra by their order: names may have been cut.)
-        let columns =
-            (0..layout.attributes.len()).map(|place| match place.checked_sub(standard.attributes.len()) {
-                Some(number) => {
-                    extra.get(number).and_then(|attribute| tree.layout().position(&attribute.name))
-                }
-                None => {
-                    let same = |attribute: &&&Attribute| {
-                        attribute.name == layout.attributes[place].name
-                            && attribute.sample == layout.attributes[place].sample
-                    };
-                    attributes.iter().find(same).and_then(|attribute| tree.layout().position(&attribute.name))
-                }
-            });
-        let columns = columns.map(|column| column.map(|column| 3 + column)).collect();
+        // (Those that are extra are told by their order: names may have been cut.)
+        let mut columns = vec![None; layout.attributes.len()];
+        for (attribute, written) in chosen.iter().zip(&attributes) {
+            if let Some(place) = written.place(&standard) {
+                columns[place] = Some(3 + attribute);
+            }
+        }
+        for (place, (attribute, _)) in extra.iter().enumerate() {
+            if let Some(column) = columns.get_mut(standard.attributes.len() + place) {
+                *column = Some(3 + **attribute);
+            }
+        }
         let mut records = Vec::new();
         let mut encoding =
             tag(metadata, "global_encoding").and_then(|text| text.parse::<u16>().ok()).unwrap_or(0);

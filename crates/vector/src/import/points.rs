@@ -68,18 +68,27 @@ struct Column {
     most: i64,
     /// Whether all are whole numbers or truths.
     are_whole: bool,
+    /// Whether all are the x of their points, or the y: columns of a table that are its geometry.
+    are_coordinates: [bool; 2],
 }
 
 impl Survey {
     fn of(path: &Path, options: &FeatureOptions) -> Result<Survey> {
         let mut reader = open_features(path, options)?;
         let schema = reader.schema().clone();
-        let mut found =
-            vec![Column { least: i64::MAX, most: i64::MIN, are_whole: true }; schema.attributes.len()];
+        let column = Column { least: i64::MAX, most: i64::MIN, are_whole: true, are_coordinates: [true; 2] };
+        let mut found = vec![column; schema.attributes.len()];
         let mut with_heights = 0;
         while let Some(feature) = reader.next()? {
             with_heights += u64::from(feature.has_heights);
+            let place = match &feature.geometry {
+                Some(FeatureGeometry::Points(points)) if points.len() == 1 => points[0],
+                _ => [f64::NAN; 2],
+            };
             for (column, value) in found.iter_mut().zip(&feature.attributes) {
+                for (are, coordinate) in column.are_coordinates.iter_mut().zip(place) {
+                    *are &= number(Some(value)) == coordinate;
+                }
                 match value {
                     FeatureAttribute::Integer(number) => {
                         column.least = column.least.min(*number);
@@ -98,8 +107,9 @@ impl Survey {
             .iter()
             .position(|(name, kind)| is_number(*kind) && name.eq_ignore_ascii_case(HEIGHT));
         let (mut attributes, mut columns, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
+        let is_other = |place: usize| Some(place) != height && found[place].are_coordinates == [false; 2];
         for (place, (name, kind)) in
-            schema.attributes.iter().enumerate().filter(|(place, _)| Some(*place) != height)
+            schema.attributes.iter().enumerate().filter(|(place, _)| is_other(*place))
         {
             match is_number(*kind) || *kind == AttributeType::Boolean {
                 true => {
