@@ -250,6 +250,7 @@ pub mod brep {
 #[cfg(feature = "points")]
 pub mod points {
     pub use spinney_points::las::{LasFiles, LasReader};
+    pub use spinney_points::memory;
     pub use spinney_points::{
         Attribute, BuildOptions, BuildSummary, ChosenPoints, ColumnSummary, Field, GriddedPoints,
         ImportOptions, NearPoint, PLACE_BYTES, PointColumns, PointCondition, PointFormat, PointGrid,

@@ -11,6 +11,7 @@ mod export;
 mod grid;
 mod import;
 pub mod las;
+pub mod memory;
 mod query;
 mod source;
 mod statistics;

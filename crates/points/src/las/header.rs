@@ -16,14 +16,14 @@ use spinney_crs::{Crs, GeoKeys};
 
 /// What stands before the points, understood.
 pub(crate) struct LasHeader {
-    pub header: raw::Header,
+    pub(crate) header: raw::Header,
     /// Number of points.
-    pub points: u64,
-    pub layout: RowLayout,
+    pub(crate) points: u64,
+    pub(crate) layout: RowLayout,
     /// Bytes of the record that says how points are packed; nothing if they are not.
-    pub laszip: Option<Vec<u8>>,
-    pub crs: Option<Crs>,
-    pub tags: BTreeMap<String, String>,
+    pub(crate) laszip: Option<Vec<u8>>,
+    pub(crate) crs: Option<Crs>,
+    pub(crate) tags: BTreeMap<String, String>,
 }
 
 /// Bytes of a record of variable length that are read at most, and records.

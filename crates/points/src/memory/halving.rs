@@ -1,0 +1,176 @@
+//! The halving tree: blocks are halved along each axis until each has at most one place with points.
+
+/// A quadtree or octree that halves its space (a PR tree): whatever the order of insertion, the same points make the same tree, and its blocks are those of any other tree
+/// over the same space.
+///
+/// ```
+/// use spinney_points::memory::HalvingTree;
+/// let mut tree = HalvingTree::new([0.0; 3], 8.0, 2, 20);
+/// assert!(tree.insert([1.0, 1.0, 0.0]) && tree.insert([5.0, 1.0, 0.0]) && !tree.insert([9.0, 1.0, 0.0]));
+/// assert_eq!((tree.len(), tree.depth()), (2, 1));
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct HalvingTree {
+    corner: [f64; 3],
+    side: f64,
+    axes: usize,
+    /// Levels below the root, at most.
+    most: usize,
+    root: Block,
+    len: u64,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Block {
+    /// Points of one place, or of a block that is not divided further, sorted.
+    Leaf(Vec<[f64; 3]>),
+    Inner(Vec<Block>),
+}
+
+impl HalvingTree {
+    /// A tree without points over a square or a cube, with a least corner and a side; of `axes` 2 or 3, and at most so many levels, which bound how small blocks become.
+    ///
+    /// # Panics
+    /// If there are neither 2 nor 3 axes, or more than 60 levels.
+    pub fn new(corner: [f64; 3], side: f64, axes: usize, levels: usize) -> HalvingTree {
+        assert!((2..=3).contains(&axes) && levels <= 60);
+        HalvingTree { corner, side, axes, most: levels, root: Block::Leaf(Vec::new()), len: 0 }
+    }
+
+    /// Inserts a point; `false` if it lies outside.
+    pub fn insert(&mut self, point: [f64; 3]) -> bool {
+        let is_inside =
+            |axis: usize| self.corner[axis] <= point[axis] && point[axis] < self.corner[axis] + self.side;
+        if !(0..self.axes).all(is_inside) {
+            return false;
+        }
+        self.len += 1;
+        let space = Space { corner: self.corner, side: self.side, axes: self.axes };
+        self.root.insert(point, space, self.most);
+        true
+    }
+
+    /// Number of points, the equal ones counted.
+    pub fn len(&self) -> u64 {
+        self.len
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// The points in a box, its border included, in Z order.
+    pub fn window(&self, least: [f64; 3], most: [f64; 3]) -> Vec<[f64; 3]> {
+        let mut found = Vec::new();
+        let space = Space { corner: self.corner, side: self.side, axes: self.axes };
+        self.root.window(space, (least, most), &mut found);
+        found
+    }
+
+    /// Levels below the root.
+    pub fn depth(&self) -> usize {
+        self.root.depth()
+    }
+
+    /// Number of leaves and of inner nodes.
+    pub fn counts(&self) -> (usize, usize) {
+        self.root.counts()
+    }
+}
+
+/// The space of a block.
+#[derive(Clone, Copy)]
+struct Space {
+    corner: [f64; 3],
+    side: f64,
+    axes: usize,
+}
+
+impl Space {
+    fn child(&self, number: usize) -> Space {
+        let half = self.side / 2.0;
+        let mut corner = self.corner;
+        for (axis, at) in corner.iter_mut().enumerate().take(self.axes) {
+            *at += if number >> axis & 1 == 1 { half } else { 0.0 };
+        }
+        Space { corner, side: half, axes: self.axes }
+    }
+
+    fn child_of(&self, point: [f64; 3]) -> usize {
+        let half = self.side / 2.0;
+        (0..self.axes).map(|axis| usize::from(point[axis] >= self.corner[axis] + half) << axis).sum()
+    }
+}
+
+// (Blocks go no deeper than 60 levels, so that recursion is bounded.)
+impl Block {
+    fn insert(&mut self, point: [f64; 3], space: Space, levels: usize) {
+        match self {
+            Block::Inner(children) => {
+                let child = space.child_of(point);
+                children[child].insert(point, space.child(child), levels - 1);
+            }
+            Block::Leaf(points)
+                if levels == 0 || points.is_empty() || same_place(points[0], point, space.axes) =>
+            {
+                let at = points.partition_point(|other| {
+                    other
+                        .iter()
+                        .zip(&point)
+                        .map(|(a, b)| a.total_cmp(b))
+                        .find(|order| order.is_ne())
+                        .is_some_and(|order| order.is_lt())
+                });
+                points.insert(at, point);
+            }
+            Block::Leaf(points) => {
+                let points = std::mem::take(points);
+                *self = Block::Inner(vec![Block::Leaf(Vec::new()); 1 << space.axes]);
+                points.into_iter().chain([point]).for_each(|point| self.insert(point, space, levels));
+            }
+        }
+    }
+
+    fn window(&self, space: Space, (least, most): ([f64; 3], [f64; 3]), found: &mut Vec<[f64; 3]>) {
+        let is_reached =
+            |axis: usize| space.corner[axis] <= most[axis] && least[axis] < space.corner[axis] + space.side;
+        if !(0..space.axes).all(is_reached) {
+            return;
+        }
+        match self {
+            Block::Leaf(points) => {
+                let is_inside = |point: &&[f64; 3]| {
+                    (0..3).all(|axis| least[axis] <= point[axis] && point[axis] <= most[axis])
+                };
+                found.extend(points.iter().filter(is_inside));
+            }
+            Block::Inner(children) => {
+                for (number, child) in children.iter().enumerate() {
+                    child.window(space.child(number), (least, most), found);
+                }
+            }
+        }
+    }
+
+    fn depth(&self) -> usize {
+        match self {
+            Block::Leaf(_) => 0,
+            Block::Inner(children) => 1 + children.iter().map(Block::depth).max().unwrap_or(0),
+        }
+    }
+
+    fn counts(&self) -> (usize, usize) {
+        match self {
+            Block::Leaf(_) => (1, 0),
+            Block::Inner(children) => {
+                let all = children.iter().map(Block::counts);
+                all.fold((0, 1), |(leaves, inner), (more, others)| (leaves + more, inner + others))
+            }
+        }
+    }
+}
+
+fn same_place(a: [f64; 3], b: [f64; 3], axes: usize) -> bool {
+    a[..axes] == b[..axes]
+}

@@ -1,0 +1,114 @@
+//! The point quadtree: lines that divide a block go through one of its points.
+
+/// A quadtree whose dividing lines go through its points, in the order in which these are inserted.
+///
+/// ```
+/// use spinney_points::memory::PointQuadtree;
+/// let mut tree = PointQuadtree::default();
+/// for point in [[5.0, 5.0], [2.0, 7.0], [2.0, 7.0]] {
+///     tree.insert(point);
+/// }
+/// assert_eq!((tree.count([2.0, 7.0]), tree.window([0.0, 6.0], [4.0, 9.0])), (2, vec![[2.0, 7.0]; 2]));
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct PointQuadtree {
+    nodes: Vec<Node>,
+}
+
+#[derive(Clone, Debug)]
+struct Node {
+    point: [f64; 2],
+    /// How often it was inserted.
+    count: u64,
+    /// Numbers of the nodes NW, NE, SW and SE of it; 0 where there is none. (No node is above the first one.)
+    children: [u32; 4],
+}
+
+/// The quadrant of a point around another one: what lies on a line is east, or south.
+fn quadrant(around: [f64; 2], point: [f64; 2]) -> usize {
+    usize::from(point[0] >= around[0]) | usize::from(point[1] < around[1]) << 1
+}
+
+impl PointQuadtree {
+    /// Inserts a point, whose coordinates must be numbers. Takes as many steps as the tree is deep there: about log4 of the number of points if these come in no order,
+    /// up to that number if they come in order.
+    pub fn insert(&mut self, point: [f64; 2]) {
+        let new = Node { point, count: 1, children: [0; 4] };
+        if self.nodes.is_empty() {
+            return self.nodes.push(new);
+        }
+        let mut at = 0;
+        loop {
+            let last = self.nodes.len() as u32;
+            let node = &mut self.nodes[at];
+            if node.point == point {
+                node.count += 1;
+                return;
+            }
+            let child = &mut node.children[quadrant(node.point, point)];
+            if *child == 0 {
+                *child = last;
+                return self.nodes.push(new);
+            }
+            at = *child as usize;
+        }
+    }
+
+    /// Number of points, the equal ones counted.
+    pub fn len(&self) -> u64 {
+        self.nodes.iter().map(|node| node.count).sum()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    /// How often a point was inserted.
+    pub fn count(&self, point: [f64; 2]) -> u64 {
+        let mut at = (!self.nodes.is_empty()).then_some(0);
+        while let Some(node) = at.map(|at: usize| &self.nodes[at]) {
+            if node.point == point {
+                return node.count;
+            }
+            at = Some(node.children[quadrant(node.point, point)] as usize).filter(|child| *child > 0);
+        }
+        0
+    }
+
+    /// The points in a window, its border included, in the order of insertion; equal ones as often as they came.
+    pub fn window(&self, least: [f64; 2], most: [f64; 2]) -> Vec<[f64; 2]> {
+        let mut found = Vec::new();
+        let mut open: Vec<usize> = (!self.nodes.is_empty()).then_some(0).into_iter().collect();
+        while let Some(at) = open.pop() {
+            let Node { point, count, children } = &self.nodes[at];
+            if (0..2).all(|axis| least[axis] <= point[axis] && point[axis] <= most[axis]) {
+                found.push((at, *count));
+            }
+            for (side, child) in children.iter().enumerate().filter(|(_, child)| **child > 0) {
+                let is_reached = (if side & 1 == 1 { most[0] >= point[0] } else { least[0] < point[0] })
+                    && (if side & 2 == 2 { least[1] < point[1] } else { most[1] >= point[1] });
+                if is_reached {
+                    open.push(*child as usize);
+                }
+            }
+        }
+        found.sort_unstable();
+        found
+            .into_iter()
+            .flat_map(|(at, count)| std::iter::repeat_n(self.nodes[at].point, count as usize))
+            .collect()
+    }
+
+    /// The number of nodes on the longest way down.
+    pub fn depth(&self) -> usize {
+        let mut deepest = 0;
+        let mut open: Vec<(usize, usize)> = (!self.nodes.is_empty()).then_some((0, 1)).into_iter().collect();
+        while let Some((at, depth)) = open.pop() {
+            deepest = deepest.max(depth);
+            let children = self.nodes[at].children.iter().filter(|child| **child > 0);
+            open.extend(children.map(|child| (*child as usize, depth + 1)));
+        }
+        deepest
+    }
+}
