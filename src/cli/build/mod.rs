@@ -1,5 +1,6 @@
 //! `spinney build`: trees of pictures, of volumes and of solids.
 
+mod bintree;
 mod exact;
 mod features;
 mod pictures;
@@ -22,6 +23,7 @@ use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::space::Crs;
 use spinney::store::{check_tree_name, file_is_tree};
 
+use self::bintree::BintreeImport;
 use self::exact::ExactImport;
 use self::features::FeatureArgs;
 use self::pictures::PictureArgs;
@@ -48,6 +50,8 @@ use super::{Global, open};
 ///
 /// Reads features, too: points, lines and polygons of GeoJSON, FlatGeobuf, GeoPackage (x.gpkg:NAME is one layer of several), shapefiles and
 /// CSV with geometries. They become the cells that they have, exactly and without a raster between, with the value of an attribute.
+///
+/// Reads bintrees as text, .bintree files with what `dump --bintree` prints: the same cells, without what else the tree said of them.
 ///
 /// Takes a tree, too, and keeps what it tells about its cells, such as kind, rule, coordinate system and names, unless options
 /// say something else: with another --rule, coarser levels are made anew.
@@ -134,6 +138,7 @@ Examples:
   spinney build zones.gpkg -o zones.goblin --cell 10 --value code
   spinney build landcover.tif -o landcover.autumn --share
   spinney build heights.goblin -o highest.goblin --rule max
+  spinney build map.bintree -o map.goblin --kind categorical
   spinney build landcover.tif -o tiles.goblin --grid xyz
   spinney build dem.tif -o dem_tiles.goblin --grid xyz --max-zoom 12 --resampling cubic
   spinney build world.tif -o - | ssh host 'cat > world.goblin'
@@ -153,6 +158,7 @@ enum Import {
     Exact(Box<ExactImport>),
     Features(Box<FeatureImport>),
     Tree(Box<TreeImport>),
+    Bintree(Box<BintreeImport>),
 }
 
 /// The cells of a tree with so many axes.
@@ -177,6 +183,7 @@ impl Import {
             Import::Exact(import) => import.description(),
             Import::Features(import) => import.description(),
             Import::Tree(import) => import.description(),
+            Import::Bintree(import) => import.description(),
         }
     }
 
@@ -223,6 +230,10 @@ impl Import {
                 import.build(output, progress)?;
                 Ok(Lines::new())
             }
+            Import::Bintree(import) => {
+                import.build(output, progress)?;
+                Ok(Lines::new())
+            }
         }
     }
 }
@@ -243,6 +254,12 @@ impl Args {
                 "{option} is for features (GeoJSON, FlatGeobuf, GeoPackage, shapefiles, CSV), {} has none",
                 inputs[0].display()
             );
+        }
+        if let Some(bintree) = inputs.iter().find(|input| BintreeImport::is_one(input)) {
+            if solids.are_given() {
+                bail!("{}: is a tree of cells; the options for solids are for models", bintree.display());
+            }
+            return Ok(Import::Bintree(Box::new(BintreeImport::plan(inputs, pictures, common)?)));
         }
         if let Some(tree) = inputs.iter().find(|input| file_is_tree(input)) {
             if solids.are_given() {
