@@ -484,6 +484,13 @@ fn texts(put: Put<'_>) {
     put("df_text", "octree", b"\x11M(VFV1)FM[7]VVVVVVFF0");
     put("df_text", "colours", b"\x12G[1,2,3][4,5,6]WB");
     put("df_text", "floats", b"\x1eG[0.5][-1e300]W[0]");
+    for (name, text) in [
+        ("classic", "bintree:alternating:xy:3:u8:8x8 GGG1GGG133GG31G321GGGG3G13GG322G1GG12G12GG21G2G1G21"),
+        ("lines", "bintree:adaptive:xy:29:u8:536870912x1 XXYYYYYYYYYYYYYYYYYYYYYYYYYYYYYBWWWWWWWWWWWWWWWWWWWWWWWWWWWWWYWWW"),
+        ("volume", "bintree:adaptive:xyz:2:f32x2+missing=-1:4x4x2 ZXY[0.5,-1]V[NaN,-0]V"),
+    ] {
+        put("bintree_text", name, text.as_bytes());
+    }
     put("cells", "text", b"1,2,3\n0 0 void\n7;7;200\n");
     let array = |descr: &str, shape: &str, samples: &[u8]| {
         let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}\n");

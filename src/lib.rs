@@ -60,6 +60,7 @@
 //! | `brep` | exact models: planar faces on an integer grid, their files, set operations, and what can be asked of them |
 //! | `points` | trees of points, their files, and what can be asked of them; LAS and LAZ |
 //! | `geometry` | polygons with holes on an integer grid: triangles, bridges, sections with octants |
+//! | `partitions` | trees that divide in two: bintrees, and BSP trees of the plane and of space |
 //! | [`store`] | the formats, and building |
 //! | [`tree`] | sources: everything that can be walked from the root down |
 //! | [`space`], [`value`] | codes and boxes of nodes, coordinate systems; types of values and how they are averaged |
@@ -72,7 +73,7 @@
 //! | feature | what it adds |
 //! | --- | --- |
 //! | `raster` | readers and writers of picture files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
-//! | `brep` | exact models |
+//! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
 //! | `points` | trees of points; readers and writers of LAS and LAZ |
@@ -268,6 +269,14 @@ pub mod geometry {
     pub use spinney_brep::geometry::{
         Box3, Flaw, GridPolygon, Intersection, Stage, Stages, Triangulator, join_rings, split_bridges,
     };
+}
+
+/// Trees that divide space in two: bintrees, which halve blocks of cells, and BSP trees of the plane and of space.
+#[cfg(feature = "brep")]
+pub mod partitions {
+    pub use spinney_partitions::bintree::{Bintree, BintreeNode, Halving, MOST_CELLS};
+    pub use spinney_partitions::bsp::{Bsp, BspBlocks, BspNode, Division, MOST_PIECES, Piece, Seen};
+    pub use spinney_partitions::preorder::BinaryNode;
 }
 
 /// How values become colours, whatever is drawn.

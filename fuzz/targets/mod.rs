@@ -23,18 +23,19 @@ pub use importers::{
 pub use layers::{autumnal_layers, goblin_layers};
 pub use models::model_read;
 pub use rounds::rounds;
-pub use texts::{calculation_text, crs_text, df_text, step_text};
+pub use texts::{bintree_text, calculation_text, crs_text, df_text, step_text};
 pub use trees::{autumnal_read, goblin_read};
 
 /// Function of bytes that is fuzzed.
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 34] = [
+pub const TARGETS: [(&str, Target); 35] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_layers", autumnal_layers),
     ("autumnal_read", autumnal_read),
+    ("bintree_text", bintree_text),
     ("calculation_text", calculation_text),
     ("cells", cells),
     ("cityjson", cityjson),

@@ -1,10 +1,11 @@
-//! Texts: steps of views, and DF-expressions.
+//! Texts: steps of views, and DF-expressions of quadtrees, octrees and bintrees.
 
 use spinney::dataset::Dataset;
 use spinney::ops::{Calculation, Step};
+use spinney::partitions::Bintree;
 use spinney::space::{Bounds, Crs, Dimension};
 use spinney::store::goblin::Goblin;
-use spinney::tree::{Form, df};
+use spinney::tree::{Form, Source, df};
 use spinney::value::{Rule, SampleType, Value, ValueType};
 
 /// A small file to look at through views: the picture of the specification.
@@ -123,4 +124,23 @@ pub fn df_text(bytes: &[u8]) {
     let packed = df::to_packed(&tree).unwrap();
     let again = df::from_packed(form, &packed, depth, rule).unwrap();
     assert_eq!(df::to_text(&again, Some(full)).unwrap(), text);
+}
+
+/// A DF-expression of a bintree: its tree has an expression that makes the same tree, fills its space, and is as a quadtree or octree what it is.
+pub fn bintree_text(bytes: &[u8]) {
+    const MOST: usize = 4000;
+    let Ok(tree) = Bintree::from_text(&String::from_utf8_lossy(bytes), MOST) else { return };
+    let text = tree.to_text();
+    assert_eq!(Bintree::from_text(&text, MOST).unwrap().to_text(), text);
+    let (space, mut cells) = (Bounds::space(tree.form().dimension, tree.depth()), 0);
+    tree.each_leaf(&mut |block, value| {
+        assert!(value.is_none() || Bounds::picture(tree.extent()).contains(&block));
+        cells += block.volume();
+    });
+    assert_eq!(cells, space.volume());
+    // (Of few nodes that are long and narrow it may have very many.)
+    if let Ok(alternating) = Bintree::alternating(&tree, tree.extent(), MOST) {
+        let again = Bintree::alternating(&alternating, tree.extent(), MOST).unwrap();
+        assert_eq!(again.to_text(), alternating.to_text());
+    }
 }

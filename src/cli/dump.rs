@@ -1,6 +1,7 @@
 //! `spinney dump`: small trees in full.
 
 use anyhow::Result;
+use spinney::partitions::Bintree;
 
 use super::args::ViewedTree;
 use super::report::print_text;
@@ -8,7 +9,8 @@ use super::report::print_text;
 const EXAMPLES: &str = "Examples:
   spinney dump classic.goblin            the literature's table
   spinney dump classic.goblin --df       the DF-expression
-  spinney dump classic.goblin --codes    FD code and value of every leaf";
+  spinney dump classic.goblin --codes    FD code and value of every leaf
+  spinney dump classic.goblin --bintree  the DF-expression of a bintree, which `build` takes as a .bintree file";
 
 /// Print a small tree in full
 #[derive(clap::Args)]
@@ -19,6 +21,12 @@ pub(crate) struct Args {
     /// Print the DF-expression: G (or M) inner, W (V) VOID, B (F) full, digits or [value] for other leaves
     #[arg(long, conflicts_with = "codes")]
     df: bool,
+    /// Print the DF-expression of a bintree, which halves blocks along x, y (z), x ...: G (M) inner, leaves as with --df
+    #[arg(long, conflicts_with_all = ["codes", "df"])]
+    bintree: bool,
+    /// Halve each block of the bintree along the axis with which there are the fewest nodes: X, Y or Z inner; for 1024 x 1024 or 64 x 64 x 64 cells at most
+    #[arg(long, requires = "bintree")]
+    adaptive: bool,
     /// Print a line per leaf: path, FD code, value
     #[arg(long)]
     codes: bool,
@@ -33,6 +41,14 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         tree.df_text(args.limit)?
     } else if args.codes {
         tree.leaf_codes(args.limit)?
+    } else if args.bintree {
+        let (cells, extent) = (tree.in_memory(args.limit)?, tree.header().extent);
+        let bintree = match args.adaptive {
+            true => Bintree::adaptive(&cells, extent)?,
+            // (Each record becomes three nodes at most, or seven, and has four leaves, or eight.)
+            false => Bintree::alternating(&cells, extent, usize::MAX)?,
+        };
+        bintree.to_text()
     } else {
         tree.classic_table(args.limit)?
     };

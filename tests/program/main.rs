@@ -4,6 +4,7 @@
 mod common;
 
 mod cli;
+mod cli_bintrees;
 #[cfg(all(unix, feature = "cli"))]
 mod cli_build;
 #[cfg(feature = "mbtiles")]

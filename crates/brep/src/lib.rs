@@ -26,6 +26,7 @@ pub mod surface_intersection;
 pub mod topology;
 mod triangulated;
 
+pub use arrangement::{ExactPlane, ExactPoint};
 pub use attributes::Attributes;
 pub use body_check::body_flaw;
 pub use build::show_place;

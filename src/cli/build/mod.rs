@@ -1,5 +1,6 @@
 //! `spinney build`: trees of pictures, of volumes and of solids.
 
+mod bintree;
 mod exact;
 mod features;
 mod pictures;
@@ -24,6 +25,7 @@ use spinney::points::PointImport;
 use spinney::space::Crs;
 use spinney::store::{check_tree_name, file_is_tree};
 
+use self::bintree::BintreeImport;
 use self::exact::ExactImport;
 use self::features::FeatureArgs;
 use self::pictures::PictureArgs;
@@ -53,6 +55,8 @@ use super::{Global, open};
 ///
 /// Reads point clouds, too: LAS and LAZ. They become a tree of points, each of which is there once, with its attributes, and coarse levels have a few of them
 /// spread evenly.
+///
+/// Reads bintrees as text, .bintree files with what `dump --bintree` prints: the same cells, without what else the tree said of them.
 ///
 /// Takes a tree, too, and keeps what it tells about its cells, such as kind, rule, coordinate system and names, unless options
 /// say something else: with another --rule, coarser levels are made anew.
@@ -140,6 +144,7 @@ Examples:
   spinney build scan.laz -o scan.goblin --where 'classification=2' --attribute intensity,classification
   spinney build landcover.tif -o landcover.autumn --share
   spinney build heights.goblin -o highest.goblin --rule max
+  spinney build map.bintree -o map.goblin --kind categorical
   spinney build landcover.tif -o tiles.goblin --grid xyz
   spinney build dem.tif -o dem_tiles.goblin --grid xyz --max-zoom 12 --resampling cubic
   spinney build world.tif -o - | ssh host 'cat > world.goblin'
@@ -160,6 +165,7 @@ enum Import {
     Features(Box<FeatureImport>),
     Points(Box<PointImport>),
     Tree(Box<TreeImport>),
+    Bintree(Box<BintreeImport>),
 }
 
 /// The cells of a tree with so many axes.
@@ -185,6 +191,7 @@ impl Import {
             Import::Features(import) => import.description(),
             Import::Points(import) => import.description(),
             Import::Tree(import) => import.description(),
+            Import::Bintree(import) => import.description(),
         }
     }
 
@@ -237,6 +244,10 @@ impl Import {
                 import.build(output, progress)?;
                 Ok(Lines::new())
             }
+            Import::Bintree(import) => {
+                import.build(output, progress)?;
+                Ok(Lines::new())
+            }
         }
     }
 }
@@ -261,6 +272,12 @@ impl Args {
                 "{option} is for features (GeoJSON, FlatGeobuf, GeoPackage, shapefiles, CSV), {} has none",
                 inputs[0].display()
             );
+        }
+        if let Some(bintree) = inputs.iter().find(|input| BintreeImport::is_one(input)) {
+            if solids.are_given() {
+                bail!("{}: is a tree of cells; the options for solids are for models", bintree.display());
+            }
+            return Ok(Import::Bintree(Box::new(BintreeImport::plan(inputs, pictures, common)?)));
         }
         if let Some(tree) = inputs.iter().find(|input| file_is_tree(input)) {
             if solids.are_given() {

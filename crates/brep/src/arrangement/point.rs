@@ -17,20 +17,21 @@ use crate::exact::vector::{self, dot, main_axis, others};
 
 /// A plane through points of the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ExactPlane {
-    pub(crate) normal: [i64; 3],
+pub struct ExactPlane {
+    /// Its direction, to the front.
+    pub normal: [i64; 3],
     /// The product of the normal with each point of the plane.
-    pub(crate) offset: i128,
+    pub offset: i128,
 }
 
 impl ExactPlane {
     /// The plane through a point.
-    pub(crate) fn through(base: [i32; 3], normal: [i64; 3]) -> ExactPlane {
+    pub fn through(base: [i32; 3], normal: [i64; 3]) -> ExactPlane {
         ExactPlane { normal, offset: dot(normal.map(i128::from), base.map(i128::from)) }
     }
 
     /// The plane along an axis through two points.
-    pub(crate) fn along(axis: usize, from: [i32; 3], to: [i32; 3]) -> ExactPlane {
+    pub fn along(axis: usize, from: [i32; 3], to: [i32; 3]) -> ExactPlane {
         let [u, v] = others(axis);
         let mut normal = [0; 3];
         normal[u] = i64::from(from[v]) - i64::from(to[v]);
@@ -44,7 +45,7 @@ impl ExactPlane {
     }
 
     /// The side on which a point lies: 1 where the normal points to, 0 in the plane.
-    pub(crate) fn side(&self, point: &ExactPoint) -> i32 {
+    pub fn side(&self, point: &ExactPoint) -> i32 {
         if let Some(point) = point.on_grid() {
             return self.height(point).signum() as i32;
         }
@@ -95,13 +96,13 @@ impl ExactPlane {
     }
 
     /// Whether the normal points to the same side as that of a parallel plane.
-    pub(super) fn is_turned_as(&self, other: &ExactPlane) -> bool {
+    pub fn is_turned_as(&self, other: &ExactPlane) -> bool {
         let axis = self.main_axis();
         (self.normal[axis] > 0) == (other.normal[axis] > 0)
     }
 
     /// The axis along which the plane is seen largest.
-    pub(crate) fn main_axis(&self) -> usize {
+    pub fn main_axis(&self) -> usize {
         main_axis(self.normal)
     }
 }
@@ -113,19 +114,19 @@ pub(crate) fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
 
 /// A point by homogeneous coordinates.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct ExactPoint {
+pub struct ExactPoint {
     pub(crate) at: [I256; 3],
     /// Divisor of the coordinates: positive.
     pub(crate) weight: I256,
     /// The point, but for [`POINT_ERROR`](crate::exact::bounds::POINT_ERROR).
-    pub(crate) near: [f64; 3],
+    pub near: [f64; 3],
     /// Whether it is a point of the grid, and `near` is exact.
     is_on_grid: bool,
 }
 
 impl ExactPoint {
     /// A point of the grid.
-    pub(crate) fn of_grid(point: [i32; 3]) -> ExactPoint {
+    pub fn of_grid(point: [i32; 3]) -> ExactPoint {
         let at = point.map(|at| wide(at.into()));
         ExactPoint { at, weight: wide(1), near: point.map(f64::from), is_on_grid: true }
     }
@@ -142,7 +143,7 @@ impl ExactPoint {
     }
 
     /// The point of three planes that have one in common, and no more.
-    pub(crate) fn of_planes(planes: [&ExactPlane; 3]) -> ExactPoint {
+    pub fn of_planes(planes: [&ExactPlane; 3]) -> ExactPoint {
         let [a, b, c] = planes;
         let crosses = [cross(b.normal, c.normal), cross(c.normal, a.normal), cross(a.normal, b.normal)];
         let mut weight = wide(0);
@@ -188,7 +189,7 @@ impl ExactPoint {
     }
 
     /// The point, made as one of the grid if it is one.
-    pub(super) fn settled(self) -> ExactPoint {
+    pub fn settled(self) -> ExactPoint {
         if self.is_on_grid {
             return self;
         }
@@ -214,7 +215,7 @@ impl ExactPoint {
     }
 
     /// The order of two points along an axis.
-    pub(crate) fn compare(&self, other: &ExactPoint, axis: usize) -> Ordering {
+    pub fn compare(&self, other: &ExactPoint, axis: usize) -> Ordering {
         let difference = self.near[axis] - other.near[axis];
         if difference.abs() > ORDER_ERROR {
             return if difference > 0.0 { Ordering::Greater } else { Ordering::Less };
@@ -232,7 +233,7 @@ impl ExactPoint {
     }
 
     /// Whether two points are one.
-    pub(crate) fn is(&self, other: &ExactPoint) -> bool {
+    pub fn is(&self, other: &ExactPoint) -> bool {
         (0..3).all(|axis| self.compare(other, axis) == Ordering::Equal)
     }
 

@@ -8,11 +8,11 @@ use spinney_base::value::Kind;
 use spinney_base::{Error, Result};
 
 impl Dataset {
-    /// The tree in memory, condensed.
+    /// The tree in memory, condensed: of small ones.
     ///
     /// # Errors
     /// If the file is damaged, or the tree has more than `most` INNER nodes.
-    fn in_memory(&self, most: u64) -> Result<MemTree> {
+    pub fn in_memory(&self, most: u64) -> Result<MemTree> {
         let too_many = |records: String| {
             let expected = format!("at most {most} to be shown in full");
             Err(Error::invalid("tree", format!("{records} records"), expected))

@@ -53,7 +53,8 @@ pub fn to_text(source: &MemTree, full: Option<Value>) -> Result<String> {
     Ok(text)
 }
 
-fn write_value(text: &mut String, value_type: ValueType, value: Value) {
+/// Writes a value as leaves have it: as a digit, or in brackets where one digit does not do.
+pub fn write_value(text: &mut String, value_type: ValueType, value: Value) {
     let numbers = value_type.numbers(value);
     match numbers[..] {
         [n] if n.to_integer().is_some_and(|n| (0..10).contains(&n)) => {
@@ -106,9 +107,15 @@ pub fn from_text(form: Form, text: &str, depth: u8, full: Value, rule: Rule) -> 
     assemble(form, &symbols, depth, rule)
 }
 
-fn parse_value(value_type: ValueType, list: &str) -> Option<Value> {
+/// Reads the value that stands between brackets.
+pub fn parse_value(value_type: ValueType, list: &str) -> Option<Value> {
     let numbers: Option<Vec<Number>> = list.split(',').map(|number| number.trim().parse().ok()).collect();
-    value_type.exact(&numbers?)
+    let numbers = numbers?;
+    // (No number that is none is equal to a sample, and yet samples can be none.)
+    let sample = value_type.sample;
+    let fits = |number: &Number| sample.can_hold(*number) || (sample.is_float() && number.is_nan());
+    let is_one = numbers.len() == usize::from(value_type.channels) && numbers.iter().all(fits);
+    is_one.then(|| value_type.nearest_numbers(|channel| numbers[channel]))
 }
 
 /// The packed expression of a tree.

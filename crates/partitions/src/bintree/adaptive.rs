@@ -1,0 +1,155 @@
+//! The bintree with the fewest nodes.
+//!
+//! What a bintree can make of a picture by halves are the blocks whose sides, along each axis on its own, are halves of halves: of `n` cells
+//! along an axis there are `2 n - 1`. The fewest nodes of each block follow from those of its halves, along each axis in turn: dynamic
+//! programming over all blocks, of which there are about four for each cell of a picture, eight in volumes.
+
+use std::collections::HashMap;
+
+use spinney_base::space::Code;
+use spinney_base::value::Value;
+use spinney_base::{Error, Result};
+use spinney_engine::tree::{Child, Source, no_children};
+
+use super::{Bintree, Halving, growing};
+
+/// Most cells of spaces for which the fewest nodes are looked for: a picture of 1024 x 1024, a volume of 64 x 64 x 64.
+pub const MOST_CELLS: u64 = 1 << 20;
+
+/// The mark of blocks with one value all over, whose number is in the other bits; others have their number of nodes.
+const UNIFORM: u32 = 1 << 31;
+
+/// All blocks of a space. Intervals along an axis are numbered as in a heap: 1 is the whole axis, `2 i` and `2 i + 1` are the halves of `i`,
+/// and cell `x` is `side + x`.
+struct Blocks {
+    axes: usize,
+    side: usize,
+    nodes: Vec<u32>,
+}
+
+type Block = [usize; 3];
+
+impl Blocks {
+    fn index(&self, [x, y, z]: Block) -> usize {
+        (z * 2 * self.side + y) * 2 * self.side + x
+    }
+
+    /// The halves of a block along each axis on which it is longer than a cell.
+    fn halves(&self, block: Block) -> impl Iterator<Item = (u8, [Block; 2])> {
+        let (axes, side) = (self.axes, self.side);
+        (0..axes).filter(move |axis| block[*axis] < side).map(move |axis| {
+            let half = |which| {
+                let mut half = block;
+                half[axis] = 2 * block[axis] + which;
+                half
+            };
+            (axis as u8, [half(0), half(1)])
+        })
+    }
+
+    /// Number of nodes that a block takes at least.
+    fn count(&self, block: Block) -> u32 {
+        let found = self.nodes[self.index(block)];
+        if found & UNIFORM == 0 { found } else { 1 }
+    }
+
+    /// What is known of a block by its halves, and the axis with the fewest nodes.
+    fn best(&self, block: Block) -> (u32, u8) {
+        let counted = self.halves(block).map(|(axis, [first, second])| {
+            let [a, b] = [first, second].map(|half| self.nodes[self.index(half)]);
+            if a == b && a & UNIFORM != 0 {
+                (a, axis)
+            } else {
+                (1 + self.count(first) + self.count(second), axis)
+            }
+        });
+        // (A block whose halves along one axis are alike all over has no others; of equal counts the first axis.)
+        counted.min_by_key(|(nodes, _)| *nodes).unwrap_or_default()
+    }
+}
+
+impl Bintree {
+    /// The bintree with the fewest nodes of any that halves each block along some axis, of a source of at most [`MOST_CELLS`] cells, with
+    /// those around the picture.
+    ///
+    /// # Errors
+    /// If the source fails, or has more cells.
+    pub fn adaptive<S: Source>(source: &S, extent: [u64; 3]) -> Result<Bintree> {
+        let (form, depth) = (source.form(), source.depth());
+        let cells = form.dimension.cells(depth);
+        if cells > MOST_CELLS {
+            let found = format!("{} of {depth} levels", form.dimension.tree_name());
+            let most = if form.axes() == 2 {
+                "10 levels, 1024 x 1024 cells"
+            } else {
+                "6 levels, 64 x 64 x 64 cells"
+            };
+            return Err(Error::invalid("bintree of the fewest nodes", found, format!("at most {most}")));
+        }
+        let (axes, side) = (form.axes(), 1 << depth);
+        let planes = if axes == 3 { 2 * side } else { 1 };
+        let mut blocks = Blocks { axes, side, nodes: vec![0; planes * 4 * side * side] };
+        let values = blocks.fill(source)?;
+        // Halves come before what they are halves of.
+        for z in if axes == 3 { 1..2 * side } else { 0..1 }.rev() {
+            for y in (1..2 * side).rev() {
+                for x in (1..2 * side).rev() {
+                    if x < side || y < side || (axes == 3 && z < side) {
+                        let index = blocks.index([x, y, z]);
+                        blocks.nodes[index] = blocks.best([x, y, z]).0;
+                    }
+                }
+            }
+        }
+        let mut made = growing();
+        let mut pending = vec![[1, 1, usize::from(axes == 3)]];
+        while let Some(block) = pending.pop() {
+            let found = blocks.nodes[blocks.index(block)];
+            if found & UNIFORM != 0 {
+                made.leaf(values[(found ^ UNIFORM) as usize]);
+                continue;
+            }
+            let (_, best) = blocks.best(block);
+            made.divide(best);
+            let halves = blocks.halves(block).find(|(axis, _)| *axis == best);
+            pending.extend(halves.into_iter().flat_map(|(_, [first, second])| [second, first]));
+        }
+        Ok(Bintree { form, depth, halving: Halving::Adaptive, extent, nodes: made.finish() })
+    }
+}
+
+impl Blocks {
+    /// Writes the cells of a source, and gives the values that have numbers there.
+    fn fill<S: Source>(&mut self, source: &S) -> Result<Vec<Option<Value>>> {
+        let form = source.form();
+        let (mut values, mut numbers) = (Vec::new(), HashMap::new());
+        let mut pending = vec![(Code::root(form.dimension), source.root()?)];
+        let mut children = no_children();
+        while let Some((code, child)) = pending.pop() {
+            if let Child::Inner { node, .. } = child {
+                source.children(&node, &mut children)?;
+                let parts = children.iter_mut().take(form.children()).map(std::mem::take);
+                pending.extend(parts.enumerate().map(|(step, child)| (code.child(step), child)));
+                continue;
+            }
+            let value = child.value();
+            let number = *numbers.entry(value).or_insert_with(|| {
+                values.push(value);
+                values.len() as u32 - 1
+            });
+            let cells = code.bounds(source.depth());
+            let [xs, ys, zs] = [0, 1, 2].map(|axis| {
+                let first = if axis < self.axes { self.side } else { 0 };
+                first + cells.min[axis] as usize..first + cells.max[axis] as usize
+            });
+            for z in zs {
+                for y in ys.clone() {
+                    let row = self.index([xs.start, y, z]);
+                    self.nodes[row..row + xs.len()].fill(UNIFORM | number);
+                }
+            }
+        }
+        source.check_unchanged()?;
+        Ok(values)
+    }
+}

@@ -1,0 +1,226 @@
+//! Bintrees: quadtrees and octrees that halve a block along one axis at a time.
+//!
+//! The axes alternate, x first, or are those with which the tree has the fewest nodes (`adaptive.rs`). `text.rs` writes trees as
+//! DF-expressions, and reads these.
+
+mod adaptive;
+mod text;
+
+pub use adaptive::MOST_CELLS;
+
+use std::ops::ControlFlow;
+
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::Value;
+use spinney_base::{Error, Form, Result};
+use spinney_engine::tree::{CellBlock, Child, Children, Source, no_children};
+
+use crate::preorder::{BinaryNode, Growing};
+
+/// How the axes along which a bintree halves its blocks follow each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Halving {
+    /// One after the other: x, y, of volumes z, and x again.
+    Alternating,
+    /// At each node the one that gives the fewest nodes; of several the first.
+    Adaptive,
+}
+
+/// Node of a bintree: it halves its block along an axis, 0 to 2, or has one value all over; `None` is VOID. The first side is that of the
+/// lower coordinates.
+pub type BintreeNode = BinaryNode<u8, Option<Value>>;
+
+/// A bintree in memory; always condensed (no node has two halves of one value all over).
+///
+/// ```
+/// use spinney::partitions::Bintree;
+/// use spinney::tree::{Form, df};
+/// use spinney::space::Dimension;
+/// use spinney::value::{Rule, SampleType, Value, ValueType};
+///
+/// let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+/// let quadtree = df::from_text(form, "G B W B G W W W B", 2, Value::from([255u8]), Rule::Mean)?;
+/// let bintree = Bintree::alternating(&quadtree, [4, 4, 1], 1000)?;
+/// assert_eq!(bintree.to_text(), "bintree:alternating:xy:2:u8:4x4 GBGWGWGWB");
+/// assert_eq!(Bintree::from_text(&bintree.to_text(), 1000)?, bintree);
+/// // Downwards first, two nodes less.
+/// assert_eq!(Bintree::adaptive(&quadtree, [4, 4, 1])?.nodes().len(), 9);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bintree {
+    form: Form,
+    depth: u8,
+    halving: Halving,
+    extent: [u64; 3],
+    nodes: Vec<BintreeNode>,
+}
+
+impl Bintree {
+    /// The bintree with alternating axes of any source, of whose space the picture takes `extent`. The source is walked node by node, so
+    /// that memory is needed for the nodes of the result alone.
+    ///
+    /// # Errors
+    /// If the source fails, or there are more than `most` nodes.
+    pub fn alternating<S: Source>(source: &S, extent: [u64; 3], most: usize) -> Result<Bintree> {
+        enum Step<N> {
+            Halve(u8),
+            Node(Child<N>),
+        }
+        let (form, depth) = (source.form(), source.depth());
+        let axes = form.axes();
+        let mut made = growing();
+        let mut pending = vec![Step::Node(source.root()?)];
+        let mut children = no_children();
+        while let Some(step) = pending.pop() {
+            if made.len() >= most {
+                return Err(too_many(most));
+            }
+            match step {
+                Step::Halve(axis) => made.divide(axis),
+                Step::Node(Child::Inner { node, .. }) => {
+                    source.children(&node, &mut children)?;
+                    // What comes last goes first onto the stack. Children are in the order in which x changes last.
+                    for place in (0..form.children()).rev() {
+                        let bits = place.reverse_bits() >> (usize::BITS as usize - axes);
+                        pending.push(Step::Node(std::mem::take(&mut children[bits])));
+                        // Before a child, all those halves begin of which it is the first one.
+                        let begun = (place.trailing_zeros() as usize).min(axes);
+                        pending.extend((axes - begun..axes).rev().map(|axis| Step::Halve(axis as u8)));
+                    }
+                }
+                Step::Node(uniform) => made.leaf(uniform.value()),
+            }
+        }
+        source.check_unchanged()?;
+        Ok(Bintree { form, depth, halving: Halving::Alternating, extent, nodes: made.finish() })
+    }
+
+    /// Dimension and type of the values.
+    pub fn form(&self) -> Form {
+        self.form
+    }
+
+    /// Cells of the picture along each axis; beyond them all is VOID.
+    pub fn extent(&self) -> [u64; 3] {
+        self.extent
+    }
+
+    /// The nodes in preorder.
+    pub fn nodes(&self) -> &[BintreeNode] {
+        &self.nodes
+    }
+
+    /// Hands out all leaves in order, with their cells.
+    pub fn each_leaf(&self, take: &mut dyn FnMut(Bounds, Option<Value>)) {
+        let _ = self.leaves_in(&self.space(), &mut |block, value| {
+            take(block, value);
+            ControlFlow::Continue(())
+        });
+    }
+
+    fn space(&self) -> Bounds {
+        Bounds::space(self.form.dimension, self.depth)
+    }
+
+    /// Hands out the leaves that have cells of a box in common, until that is enough.
+    fn leaves_in(
+        &self,
+        wanted: &Bounds,
+        take: &mut dyn FnMut(Bounds, Option<Value>) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        let mut pending = vec![(0, self.space())];
+        while let Some((at, block)) = pending.pop() {
+            match self.nodes[at] {
+                BinaryNode::Divided { by, second } => {
+                    let [first, other] = halves(block, by);
+                    let parts = [(second, other), (at + 1, first)].into_iter();
+                    pending.extend(parts.filter(|(_, half)| !half.intersect(wanted).is_empty()));
+                }
+                BinaryNode::Leaf(value) => take(block, value)?,
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// What a block has: one value all over, or several.
+    fn block(&self, code: Code) -> Child<Code> {
+        let mut found = None;
+        let all_alike = self.leaves_in(&code.bounds(self.depth), &mut |_, value| match found
+            .get_or_insert(value)
+            == &value
+        {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
+        });
+        match all_alike {
+            ControlFlow::Continue(()) => Child::uniform(found.flatten()),
+            ControlFlow::Break(()) => Child::Inner { representative: Value::ZERO, node: code },
+        }
+    }
+}
+
+/// The quadtree or octree of the same cells, condensed, for what writes files. Representatives are zeros.
+impl Source for Bintree {
+    type Node = Code;
+
+    fn form(&self) -> Form {
+        self.form
+    }
+
+    fn depth(&self) -> u8 {
+        self.depth
+    }
+
+    fn root(&self) -> Result<Child<Code>> {
+        Ok(self.block(Code::root(self.form.dimension)))
+    }
+
+    fn children(&self, node: &Code, children: &mut Children<Code>) -> Result<()> {
+        for (step, child) in children.iter_mut().take(self.form.children()).enumerate() {
+            *child = self.block(node.child(step));
+        }
+        Ok(())
+    }
+
+    fn cells(&self, node: &Code, _: u8) -> Result<Option<CellBlock>> {
+        let (wanted, width) = (node.bounds(self.depth), self.form.width());
+        let mut cells = CellBlock::void(wanted.volume() as usize, width);
+        let [columns, rows, _] = wanted.size();
+        let _ = self.leaves_in(&wanted, &mut |block, value| {
+            let Some(value) = value else { return ControlFlow::Continue(()) };
+            let (bytes, block) = (value.to_bytes(), block.intersect(&wanted));
+            for z in block.min[2] - wanted.min[2]..block.max[2] - wanted.min[2] {
+                for y in block.min[1] - wanted.min[1]..block.max[1] - wanted.min[1] {
+                    let start = ((z * rows + y) * columns + block.min[0] - wanted.min[0]) as usize;
+                    let row = start..start + block.size()[0] as usize;
+                    cells.present[row.clone()].fill(true);
+                    let values = cells.values[row.start * width..row.end * width].chunks_exact_mut(width);
+                    values.for_each(|cell| cell.copy_from_slice(&bytes[..width]));
+                }
+            }
+            ControlFlow::Continue(())
+        });
+        Ok(Some(cells))
+    }
+}
+
+fn growing() -> Growing<u8, Option<Value>> {
+    Growing::new(|_| false)
+}
+
+/// Both halves of a block, that of the lower coordinates first.
+fn halves(block: Bounds, axis: u8) -> [Bounds; 2] {
+    let axis = usize::from(axis);
+    let middle = block.min[axis].midpoint(block.max[axis]);
+    let (mut first, mut second) = (block, block);
+    (first.max[axis], second.min[axis]) = (middle, middle);
+    [first, second]
+}
+
+fn too_many(most: usize) -> Error {
+    Error::invalid("bintree", format!("more than {most} nodes"), format!("at most {most}"))
+}
+
+#[cfg(test)]
+mod tests;

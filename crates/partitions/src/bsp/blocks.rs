@@ -1,0 +1,88 @@
+//! BSP trees as quadtrees and octrees.
+
+use spinney_base::space::Code;
+use spinney_base::value::{SampleType, Value, ValueType};
+use spinney_base::{Error, Form, Result};
+use spinney_brep::MOST_BITS;
+use spinney_engine::tree::{Child, Children, Source};
+
+use super::Bsp;
+use super::region::Region;
+use crate::preorder::BinaryNode;
+
+/// The quadtree of a BSP tree of the plane, or the octree of one of space: bytes, of which 255 is inside; what is outside is VOID. Blocks are
+/// classified by the cells of the BSP tree that they have a part of; cells by their centres.
+#[derive(Clone, Copy, Debug)]
+pub struct BspBlocks<'a> {
+    tree: &'a Bsp,
+    depth: u8,
+}
+
+impl Bsp {
+    /// The tree as a source of so many levels, whose cells are as wide as a step of the grid.
+    ///
+    /// # Errors
+    /// If that are more levels than such trees have, or than the grid.
+    pub fn blocks(&self, depth: u8) -> Result<BspBlocks<'_>> {
+        let most = self.dimension.max_depth().min(MOST_BITS);
+        match depth <= most {
+            true => Ok(BspBlocks { tree: self, depth }),
+            false => Err(Error::invalid("depth", depth.to_string(), format!("at most {most}"))),
+        }
+    }
+}
+
+impl BspBlocks<'_> {
+    fn block(&self, code: Code) -> Child<Code> {
+        let bounds = code.bounds(self.depth);
+        let nodes = &self.tree.nodes;
+        let full = Value::from([255u8]);
+        let uniform = |is_inside: bool| Child::uniform(is_inside.then_some(full));
+        if code.level() == self.depth {
+            // (Of a plane, nothing changes along z.)
+            let centre = bounds.min.map(|at| 2 * i128::from(at) + 1);
+            return uniform(matches!(nodes[self.tree.leaf_at(centre)], BinaryNode::Leaf(true)));
+        }
+        let [min, max] = [bounds.min, bounds.max].map(|end| end.map(|at| at as i32));
+        let (mut found, mut pending) = (None, vec![(0, Region::of_box(min, max))]);
+        while let Some((at, region)) = pending.pop() {
+            match &nodes[at] {
+                BinaryNode::Leaf(is_inside) if found.is_some_and(|found| found != *is_inside) => {
+                    return Child::Inner { representative: full, node: code };
+                }
+                BinaryNode::Leaf(is_inside) => found = Some(*is_inside),
+                BinaryNode::Divided { by, second } => match region.sides(&by.plane) {
+                    [true, true] => {
+                        let ([behind, before], _) = region.cut(&by.plane);
+                        pending.extend([(at + 1, behind), (*second, before)]);
+                    }
+                    [is_behind, _] => pending.push((if is_behind { at + 1 } else { *second }, region)),
+                },
+            }
+        }
+        uniform(found == Some(true))
+    }
+}
+
+impl Source for BspBlocks<'_> {
+    type Node = Code;
+
+    fn form(&self) -> Form {
+        Form::new(self.tree.dimension, ValueType::new(SampleType::U8, 1))
+    }
+
+    fn depth(&self) -> u8 {
+        self.depth
+    }
+
+    fn root(&self) -> Result<Child<Code>> {
+        Ok(self.block(Code::root(self.tree.dimension)))
+    }
+
+    fn children(&self, node: &Code, children: &mut Children<Code>) -> Result<()> {
+        for (step, child) in children.iter_mut().take(self.tree.dimension.children()).enumerate() {
+            *child = self.block(node.child(step));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,71 @@
+//! Set operations by merging trees (B. Naylor, J. Amanatides, W. Thibault, *Merging BSP trees yields polyhedral set operations*, 1990).
+//!
+//! The merged tree divides as the first one does, and in its cells as the second one. A tree that is divided by a line or plane of the other is
+//! not copied into two: who goes down into a part of space leaves out the nodes that do not cut it.
+
+use spinney_base::{Error, Result};
+
+use super::region::Region;
+use super::{Bsp, BspNode, Division};
+use crate::preorder::{BinaryNode, Growing};
+
+impl Bsp {
+    /// The set operation of a number, 0 to 15, on two trees: bit 0 says that what is inside of both is inside of the result, bit 1 what is inside of this
+    /// one alone, bit 2 of the other alone, bit 3 of neither. So 1 is the intersection, 2 and 4 are the differences, 6 the symmetric one, 7 the union.
+    ///
+    /// # Errors
+    /// If there is no such operation, or one is of the plane and the other of space.
+    pub fn combine(&self, other: &Bsp, number: u8) -> Result<Bsp> {
+        if number > 15 {
+            return Err(Error::invalid("set operation", number.to_string(), "a number from 0 to 15"));
+        }
+        if self.dimension != other.dimension {
+            return Err(Error::invalid("BSP trees", "one of the plane and one of space", "two of one kind"));
+        }
+        let result = |a: bool, b: bool| number >> (2 * u8::from(!a) + u8::from(!b)) & 1 == 1;
+        let mut made = Growing::new(|_: &Division| false);
+        let mut pending = vec![(0, 0, Region::space(self.dimension))];
+        while let Some((a, b, region)) = pending.pop() {
+            let (by, second, is_first) = match (&self.nodes[a], &other.nodes[b]) {
+                (BinaryNode::Leaf(a), BinaryNode::Leaf(b)) => {
+                    made.leaf(result(*a, *b));
+                    continue;
+                }
+                (BinaryNode::Leaf(a), _) if result(*a, false) == result(*a, true) => {
+                    made.leaf(result(*a, true));
+                    continue;
+                }
+                (_, BinaryNode::Leaf(b)) if result(false, *b) == result(true, *b) => {
+                    made.leaf(result(true, *b));
+                    continue;
+                }
+                (BinaryNode::Divided { by, second }, _) => (by, *second, true),
+                (_, BinaryNode::Divided { by, second }) => (by, *second, false),
+            };
+            let behind = if is_first { (a + 1, b) } else { (a, b + 1) };
+            let before = if is_first { (second, b) } else { (a, second) };
+            match region.sides(&by.plane) {
+                [true, true] => {
+                    made.divide(Division { plane: by.plane, pieces: Vec::new() });
+                    let ([part_behind, part_before], _) = region.cut(&by.plane);
+                    pending.push((before.0, before.1, part_before));
+                    pending.push((behind.0, behind.1, part_behind));
+                }
+                [is_behind, _] => {
+                    let (a, b) = if is_behind { behind } else { before };
+                    pending.push((a, b, region));
+                }
+            }
+        }
+        Ok(Bsp { dimension: self.dimension, nodes: made.finish() })
+    }
+
+    /// What is outside.
+    pub fn complement(&self) -> Bsp {
+        let turned = |node: &BspNode| match node {
+            BinaryNode::Leaf(is_inside) => BinaryNode::Leaf(!is_inside),
+            divided => divided.clone(),
+        };
+        Bsp { dimension: self.dimension, nodes: self.nodes.iter().map(turned).collect() }
+    }
+}

@@ -1,0 +1,140 @@
+//! Convex parts of space: the cells into which a BSP tree divides it.
+
+use spinney_base::space::Dimension;
+use spinney_brep::{ExactPlane, ExactPoint, MOST_BITS};
+
+use super::facet::{Edge, Facet, sides};
+
+/// A convex part of space, by the facets around it, which turn the same way seen from outside. (A part of the plane is a prism of height 1 over it,
+/// so that all is written once.)
+#[derive(Clone, Debug)]
+pub(super) struct Region {
+    facets: Vec<Facet>,
+}
+
+impl Region {
+    /// All that trees are true of: the grid, and a step more on every side.
+    pub(super) fn space(dimension: Dimension) -> Region {
+        let far = 1 << MOST_BITS;
+        let ([low, high], z) = ([-1, far], if dimension == Dimension::Quad { [0, 1] } else { [-1, far] });
+        Region::of_box([low, low, z[0]], [high, high, z[1]])
+    }
+
+    /// A box.
+    pub(super) fn of_box(min: [i32; 3], max: [i32; 3]) -> Region {
+        let ends = [min, max];
+        let plane = |axis: usize, end: usize| {
+            let mut normal = [0; 3];
+            normal[axis] = 1;
+            ExactPlane::through(ends[end], normal)
+        };
+        let facet = |axis: usize, end: usize| {
+            let (u, v) =
+                if end == 1 { ((axis + 1) % 3, (axis + 2) % 3) } else { ((axis + 2) % 3, (axis + 1) % 3) };
+            // Edges begin on the wall of the one before.
+            let walls = [(u, 0), (v, 0), (u, 1), (v, 1)];
+            let edges = [3, 0, 1, 2].into_iter().zip(walls).map(|(before, wall)| {
+                let mut start = [0; 3];
+                for (axis, end) in [(axis, end), walls[before], wall] {
+                    start[axis] = ends[end][axis];
+                }
+                (start, plane(wall.0, wall.1))
+            });
+            Facet::of_grid(plane(axis, end), &edges.collect::<Vec<_>>())
+        };
+        Region { facets: (0..6).map(|side| facet(side / 2, side % 2)).collect() }
+    }
+
+    /// Whether some of it lies behind a plane, and some in front.
+    pub(super) fn sides(&self, by: &ExactPlane) -> [bool; 2] {
+        let mut found = [false; 2];
+        for edge in self.facets.iter().flat_map(|facet| &facet.edges) {
+            match by.side(&edge.start) {
+                0 => {}
+                side => found[usize::from(side > 0)] = true,
+            }
+            if found == [true; 2] {
+                break;
+            }
+        }
+        found
+    }
+
+    /// The parts behind and in front of a plane that cuts it, and the section with it.
+    pub(super) fn cut(self, by: &ExactPlane) -> ([Region; 2], Facet) {
+        let mut parts = [const { Vec::new() }; 2];
+        // Edges of the section, with their ends: as seen from the part in front, which has each of them once more.
+        let mut around: Vec<(Edge, ExactPoint)> = Vec::new();
+        let mut add = |facet: &Facet, edge: usize| {
+            let (from, to) = (facet.edges[edge].start, facet.edges[(edge + 1) % facet.edges.len()].start);
+            around.push((Edge { wall: facet.plane, start: to }, from));
+        };
+        for facet in self.facets {
+            let signs = facet.signs(by);
+            match sides(&signs) {
+                [true, true] => {
+                    let [behind, before] = facet.cut(by, &signs);
+                    add(&before, before.edges.iter().position(|edge| edge.wall == *by).unwrap_or(0));
+                    parts[0].push(behind);
+                    parts[1].push(before);
+                }
+                [_, false] => parts[0].push(facet),
+                [false, true] => {
+                    let next = |i: usize| signs[(i + 1) % signs.len()];
+                    if let Some(edge) = (0..signs.len()).find(|i| signs[*i] == 0 && next(*i) == 0) {
+                        add(&facet, edge);
+                    }
+                    parts[1].push(facet);
+                }
+            }
+        }
+        let section = Facet { plane: *by, edges: chained(around) };
+        let turned = (0..section.edges.len()).rev().map(|i| {
+            let before = (i + section.edges.len() - 1) % section.edges.len();
+            Edge { wall: section.edges[before].wall, start: section.edges[i].start }
+        });
+        parts[0].push(Facet { plane: *by, edges: turned.collect() });
+        parts[1].push(section.clone());
+        (parts.map(|facets| Region { facets }), section)
+    }
+}
+
+/// The edges one after the other, each of which begins where the one before ends.
+fn chained(mut around: Vec<(Edge, ExactPoint)>) -> Vec<Edge> {
+    let mut edges = Vec::with_capacity(around.len());
+    let mut next = around.pop();
+    while let Some((edge, end)) = next {
+        edges.push(edge);
+        next = around.iter().position(|(edge, _)| edge.start.is(&end)).map(|found| around.swap_remove(found));
+    }
+    debug_assert!(around.is_empty() && edges.len() > 2);
+    edges
+}
+
+#[cfg(test)]
+impl Region {
+    /// Its volume, by tetrahedra from the origin to triangles of the facets, which turn counterclockwise seen from outside.
+    pub(super) fn volume(&self) -> f64 {
+        let mut sum = 0.0;
+        for facet in &self.facets {
+            let corner = |i: usize| facet.edges[i].start.near;
+            for i in 2..facet.edges.len() {
+                let ([a, b, c], [d, e, f], [g, h, i]) = (corner(0), corner(i - 1), corner(i));
+                sum += (a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)) / 6.0;
+            }
+        }
+        sum
+    }
+
+    /// Corners less edges and more facets.
+    pub(super) fn euler(&self) -> i64 {
+        let mut corners: Vec<ExactPoint> = Vec::new();
+        for corner in self.facets.iter().flat_map(|facet| &facet.edges).map(|edge| edge.start) {
+            if !corners.iter().any(|known| known.is(&corner)) {
+                corners.push(corner);
+            }
+        }
+        let edges: usize = self.facets.iter().map(|facet| facet.edges.len()).sum();
+        corners.len() as i64 - edges as i64 / 2 + self.facets.len() as i64
+    }
+}

@@ -1,0 +1,99 @@
+//! What lies in the lines and planes of a tree's nodes, and on both of their sides: the boundary of what is inside.
+
+use spinney_base::{Error, Result};
+
+use super::facet::{Facet, sides};
+use super::region::Region;
+use super::{Bsp, Division};
+use crate::preorder::BinaryNode;
+
+/// A part of a node's plane, with what is behind it and in front of it.
+pub(super) struct Boundary {
+    pub(super) facet: Facet,
+    pub(super) is_inside: [bool; 2],
+}
+
+/// Takes what a node divides by, the nodes on its two sides, and the part of its plane in its cell.
+type TakeSection<'a> = dyn FnMut(&Division, [usize; 2], Facet) -> Result<()> + 'a;
+
+impl Bsp {
+    /// Hands out the nodes that divide, with the parts of their planes in their cells.
+    pub(super) fn each_section(&self, take: &mut TakeSection<'_>) -> Result<()> {
+        let mut pending = vec![(0, Region::space(self.dimension))];
+        while let Some((at, region)) = pending.pop() {
+            let BinaryNode::Divided { by, second } = &self.nodes[at] else { continue };
+            match region.sides(&by.plane) {
+                [true, true] => {
+                    let ([behind, before], section) = region.cut(&by.plane);
+                    take(by, [at + 1, *second], section)?;
+                    pending.extend([(*second, before), (at + 1, behind)]);
+                }
+                [is_behind, _] => pending.push((if is_behind { at + 1 } else { *second }, region)),
+            }
+        }
+        Ok(())
+    }
+
+    /// The parts of a facet in the plane above two nodes, with what is on both of its sides.
+    pub(super) fn on_both_sides(&self, [behind, before]: [usize; 2], facet: Facet) -> Vec<Boundary> {
+        let behind = self.in_cells(behind, facet).into_iter();
+        let both = behind.flat_map(|(part, inside_behind)| {
+            let before = self.in_cells(before, part).into_iter();
+            before.map(move |(facet, inside_before)| Boundary {
+                facet,
+                is_inside: [inside_behind, inside_before],
+            })
+        });
+        both.collect()
+    }
+
+    /// The parts of a facet in the cells below a node, and whether they are inside.
+    fn in_cells(&self, at: usize, facet: Facet) -> Vec<(Facet, bool)> {
+        let (mut pieces, mut pending) = (Vec::new(), vec![(at, facet)]);
+        while let Some((at, facet)) = pending.pop() {
+            match &self.nodes[at] {
+                BinaryNode::Leaf(is_inside) => pieces.push((facet, *is_inside)),
+                BinaryNode::Divided { by, second } => {
+                    let signs = facet.signs(&by.plane);
+                    match sides(&signs) {
+                        [true, true] => {
+                            let [behind, before] = facet.cut(&by.plane, &signs);
+                            pending.extend([(at + 1, behind), (*second, before)]);
+                        }
+                        [is_behind, _] => pending.push((if is_behind { at + 1 } else { *second }, facet)),
+                    }
+                }
+            }
+        }
+        pieces
+    }
+
+    /// Makes sure that the pieces that the tree was made of are all of the boundary of what is inside, which is behind them.
+    pub(super) fn check_boundary(&self) -> Result<()> {
+        self.each_section(&mut |by, below, section| {
+            let mut rest = vec![section];
+            for piece in &by.pieces {
+                let is_turned = !piece.facet.plane.is_turned_as(&by.plane);
+                for part in self.on_both_sides(below, piece.facet.clone()) {
+                    if part.is_inside != [!is_turned, is_turned] {
+                        return Err(no_boundary(&part.facet, format!("shape {}", piece.source)));
+                    }
+                }
+                rest = rest.into_iter().flat_map(|part| part.without(&piece.facet)).collect();
+            }
+            for part in rest.into_iter().flat_map(|part| self.on_both_sides(below, part)) {
+                if part.is_inside[0] != part.is_inside[1] {
+                    return Err(no_boundary(&part.facet, "shapes".into()));
+                }
+            }
+            Ok(())
+        })
+    }
+}
+
+fn no_boundary(facet: &Facet, what: String) -> Error {
+    let [x, y, z] = facet.edges[0].start.near;
+    let expected =
+        "closed rings or surfaces that turn the right way, and neither cross nor lie on each other";
+    Error::invalid(what, format!("no boundary of a body near {x}, {y}, {z}"), expected)
+}

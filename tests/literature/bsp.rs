@@ -1,0 +1,97 @@
+//! BSP trees of the survey: lines `a x + b y + c = 0` that divide the plane, what is not negative on the right, what is negative on the left; cells are
+//! convex polygons. Planes do the same to space, for what hides what.
+
+use spinney::io::Output;
+use spinney::partitions::{BinaryNode, Bsp, Seen};
+use spinney::store::{BuildOptions, build_source};
+use spinney::tree::{MemTree, df};
+use spinney::value::{Kind, Rule};
+
+use crate::common::{Random, byte};
+
+/// Descriptors have the sign of the side, and points on the line are on the right.
+#[test]
+fn item_14_descriptors_and_sides() {
+    let mut random = Random(14);
+    let mut point = || [random.below(60) as i32, random.below(60) as i32];
+    for _ in 0..50 {
+        let segments: Vec<_> = (0..8).map(|_| [point(), point()]).filter(|[p, q]| p != q).collect();
+        let tree = Bsp::of_segments(&segments).unwrap();
+        for place in (0..200).map(|_| point()).chain(segments.iter().flatten().copied()) {
+            let [x, y] = place.map(i128::from);
+            let mut at = 0;
+            while let BinaryNode::Divided { by, second } = &tree.nodes()[at] {
+                let ([a, b, c], d) = by.descriptor();
+                assert_eq!(c, 0);
+                at = if i128::from(a) * x + i128::from(b) * y + d >= 0 { *second } else { at + 1 };
+            }
+            assert_eq!(tree.locate([place[0], place[1], 0]), at);
+        }
+    }
+    // What is on the right of a segment, as one goes along it where y goes up, is on the side that is not negative.
+    let tree = Bsp::of_segments(&[[[2, 0], [2, 9]]]).unwrap();
+    let [left, on, right] = [1, 2, 3].map(|x| tree.locate([x, 5, 0]));
+    assert_eq!((left, on, right), (1, 2, 2));
+}
+
+/// Each cell is convex: between two of its points there is no other.
+#[test]
+fn item_14_cells_are_convex() {
+    let mut random = Random(1414);
+    let mut point = || [random.below(200) as i32, random.below(200) as i32];
+    let segments: Vec<_> = (0..12).map(|_| [point(), point()]).filter(|[p, q]| p != q).collect();
+    let tree = Bsp::of_segments(&segments).unwrap();
+    for _ in 0..20_000 {
+        // (Ends with a middle on the grid.)
+        let ([ax, ay], [bx, by]) = (point(), point());
+        let (bx, by) = (bx + (ax + bx) % 2, by + (ay + by) % 2);
+        let cell = tree.locate([ax, ay, 0]);
+        if cell == tree.locate([bx, by, 0]) {
+            assert_eq!(cell, tree.locate([(ax + bx) / 2, (ay + by) / 2, 0]));
+        }
+    }
+}
+
+/// The order in which cubes in a row are drawn, from either end.
+#[test]
+fn item_14_what_hides_what() {
+    let cube = |x: i32| {
+        let corner = |bits: i32| [x + 2 * (bits & 1), (bits & 2) + 4, (bits & 4) / 2 + 4];
+        let sides = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+        sides.map(|side| vec![side.map(corner).to_vec()])
+    };
+    let faces: Vec<_> = [10, 0, 20, 5, 15].into_iter().flat_map(cube).collect();
+    let tree = Bsp::of_faces(&faces).unwrap();
+    // The faces that are turned to the eye, which are those across its way.
+    let seen_from = |x: i32, side: usize| {
+        let mut cubes = Vec::new();
+        tree.back_to_front([x, 5, 5], &mut |what| {
+            if let Seen::Piece(piece) = what
+                && piece.source % 6 == side
+                && cubes.last() != Some(&(piece.source / 6))
+            {
+                cubes.push(piece.source / 6);
+            }
+        });
+        cubes
+    };
+    assert_eq!(seen_from(1000, 1), [1, 3, 0, 4, 2]);
+    assert_eq!(seen_from(0, 0)[..4], [2, 4, 0, 3]);
+}
+
+/// A polygon with slanted edges becomes a quadtree: blocks in, out or both.
+#[test]
+fn item_14_a_polygon_as_a_quadtree() {
+    let kite = vec![vec![[0, 4], [4, 0], [8, 4], [4, 8]]];
+    let tree = Bsp::of_polygons(&[kite]).unwrap();
+    let blocks = tree.blocks(3).unwrap();
+    let quadtree = MemTree::from_source(&blocks, Rule::Mean).unwrap();
+    let quadrants = ["GWGWWWBGWWWBB", "GGWWBWWBGWWBW", "GGWBWWBWGWBWW", "GBGBWWWGBWWWW"];
+    assert_eq!(df::to_text(&quadtree, Some(byte(255))).unwrap(), format!("G{}", quadrants.concat()));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("kite.goblin");
+    let options = BuildOptions::new(Kind::Categorical, 3);
+    let tally = build_source(&blocks, [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
+    // (Sixteen cells have their centres on an edge, which is outside.)
+    assert_eq!(tally.cells, 24);
+}
