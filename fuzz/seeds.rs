@@ -282,6 +282,11 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         <VRTRasterBand dataType=\"Float32\" band=\"2\"><CategoryNames><Category>s</Category></CategoryNames>\
         <ColorTable><Entry c1=\"1\" c2=\"2\" c3=\"3\"/></ColorTable></VRTRasterBand></VRTDataset>";
     put("vrt", "all", vrt.as_bytes());
+    let head = "size 9 7\ntype i16\nnodata -1\ntransform 10 0 500 0 -10 900\npoints\ncrs EPSG:32632\npalette #000000ff #10203040\nname 1 \"A \\\"wood\\\"\"\n";
+    let cracks = "region 1 0 0\n333000111222\nhole 1 1\n0321\nregion 5 1 1\n3012\npart 2 2\n3012\nend 2\n";
+    let cells = "region 1 0 0\n66002244\nhole 1 0\n7531\nregion -3 1 1\nline 7 8 6\n4435\nend 3\n";
+    put("chain_code", "cracks", format!("freeman-chain-code 1\ndirections 4\n{head}{cracks}").as_bytes());
+    put("chain_code", "cells", format!("freeman-chain-code 1\ndirections 8\n{head}{cells}").as_bytes());
     put("world_file", "turned", b"0.5\n0.1\n-0.1\n-0.25\n10.25\n49.875\n");
     Ok(())
 }

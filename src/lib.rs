@@ -323,9 +323,9 @@ pub mod import {
 pub mod export {
     #[cfg(feature = "raster")]
     pub use spinney_raster::{
-        ArrayRequest, CogCompression, CogRequest, CogSummary, Detail, LegendFormat, TakeRows, WindowRequest,
-        export_array, export_cog, export_layers, export_legend, export_window, fill_for, void_number,
-        window_rows,
+        ArrayRequest, ChainDirections, ChainWriter, CogCompression, CogRequest, CogSummary, Detail,
+        LegendFormat, TakeRows, WindowRequest, export_array, export_chain_code, export_cog, export_layers,
+        export_legend, export_window, fill_for, void_number, window_rows,
     };
     #[cfg(feature = "render")]
     pub use spinney_render::{CameraProjection, RenderRequest, render, render_exact};

@@ -35,7 +35,7 @@ macro_rules! pictures {
     };
 }
 
-pictures!(tiff "a.tif", png "a.png", exr "a.exr", jpeg "a.jpg", webp "a.webp");
+pictures!(tiff "a.tif", png "a.png", exr "a.exr", jpeg "a.jpg", webp "a.webp", chain_code "a.chain");
 
 /// The name of an SRTM tile and what it starts with; the rest, to the length that such files have, is zeros.
 pub fn hgt(bytes: &[u8]) {

@@ -82,6 +82,7 @@ static FORMATS: &[OtherFormat] = &[
     format("an OpenEXR picture", &["exr"], &[At(0, b"\x76\x2f\x31\x01")], Source),
     format("an SRTM elevation model", &["hgt"], &[], Source),
     format("a GDAL virtual raster (VRT)", &["vrt"], &[Within("<VRTDataset")], Source),
+    format("a chain code", &["chain"], &[At(0, b"freeman-chain-code")], Source),
     format("an NPY array", &["npy"], &[At(0, b"\x93NUMPY")], Source),
     format("a PLY model", &["ply"], &[At(0, b"ply\n"), At(0, b"ply\r"), At(0, b"ply ")], Source),
     format("an OBJ model", &["obj"], &[], Source),

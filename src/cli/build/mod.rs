@@ -38,6 +38,8 @@ use super::{Global, open};
 /// be edited. What the files say about their pixels (coordinates, nodata, palette, names) is kept; options
 /// overrule it.
 ///
+/// Reads Freeman chain codes of regions (docs/chain_codes.md has their grammar), as `export` writes them to .chain files, or of a single outline.
+///
 /// Reads volumes, such as those of scanners: NPY files, as numpy.save writes them, of shape (z, y, x) in C order, or (z, y, x,
 /// channels). They become octrees of their samples, which `get` writes as NPY again, and `contours` makes surfaces of.
 ///

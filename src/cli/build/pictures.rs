@@ -13,7 +13,9 @@ use super::Common;
 
 /// Options for pictures, some of them for volumes, too.
 #[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT) and volumes (NPY)")]
+#[command(
+    next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT, chain codes) and volumes (NPY)"
+)]
 pub(super) struct PictureArgs {
     /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from
     /// the file]
