@@ -315,7 +315,9 @@ pub mod import {
     /// Volumes.
     #[cfg(feature = "raster")]
     pub mod volume {
-        pub use spinney_raster::volume::{VolumeImport, VolumeOptions, is_volume, plan, plan_pages};
+        pub use spinney_raster::volume::{
+            RawLayout, VolumeImport, VolumeOptions, is_volume, plan, plan_raw, plan_sections,
+        };
     }
 }
 

@@ -55,7 +55,8 @@ const POINTS: &str = "point clouds are not read: make a raster of heights of it 
 const SURFACES: &str = "export it as OBJ, PLY or STL from the program that made it, or from Blender, with the measures that it has";
 const SOLIDS: &str = "its surfaces are curved: export it as STL or OBJ from the program that made it, or from FreeCAD, as fine as needed";
 const DRAWING: &str = "export its solids as STL or OBJ from the CAD program; what is drawn flat can become GeoJSON (`ogr2ogr out.geojson IN`, for DXF)";
-const SCAN: &str = "convert it to an NPY array of shape (z, y, x) first, in Python with pydicom, nibabel, SimpleITK or pynrrd";
+const SCAN: &str =
+    "convert it to an NPY array of shape (z, y, x) first, in Python with pydicom, nibabel or SimpleITK";
 const PACKED: &str = "unpack it first";
 const TILES: &str = "it has finished tiles for viewers: open the tree that they were made of";
 
@@ -193,7 +194,7 @@ static FORMATS: &[OtherFormat] = &[
     format("a DWG or DXF drawing", &["dwg", "dxf"], &[At(0, b"AC10")], Refused(DRAWING)),
     format("a DICOM image", &["dcm", "dicom"], &[At(128, b"DICM")], Refused(SCAN)),
     format("a NIfTI volume", &["nii"], &[At(344, b"n+1\0"), At(344, b"ni1\0")], Refused(SCAN)),
-    format("an NRRD volume", &["nrrd", "nhdr"], &[At(0, b"NRRD000")], Refused(SCAN)),
+    format("an NRRD volume", &["nrrd", "nhdr"], &[At(0, b"NRRD000")], Source),
     format(
         "an NPZ archive",
         &["npz"],

@@ -31,7 +31,7 @@ pub use self::bands::{Band, BandInfo, select, value_type};
 pub use self::build::{TargetGrid, WarpedBuilt};
 pub use self::mosaic::mosaic;
 pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan};
-pub(super) use self::plan::{depth_of, nodata_text};
+pub(super) use self::plan::{depth_of, listed, nodata_text};
 pub use self::slabs::RasterSlabs;
 pub use self::spill::spill;
 pub use self::stack::{Stack, StackLayer, StackOptions, plan_stack, write_stack};
