@@ -282,6 +282,11 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         <VRTRasterBand dataType=\"Float32\" band=\"2\"><CategoryNames><Category>s</Category></CategoryNames>\
         <ColorTable><Entry c1=\"1\" c2=\"2\" c3=\"3\"/></ColorTable></VRTRasterBand></VRTDataset>";
     put("vrt", "all", vrt.as_bytes());
+    let head = "size 9 7\ntype i16\nnodata -1\ntransform 10 0 500 0 -10 900\npoints\ncrs EPSG:32632\npalette #000000ff #10203040\nname 1 \"A \\\"wood\\\"\"\n";
+    let cracks = "region 1 0 0\n333000111222\nhole 1 1\n0321\nregion 5 1 1\n3012\npart 2 2\n3012\nend 2\n";
+    let cells = "region 1 0 0\n66002244\nhole 1 0\n7531\nregion -3 1 1\nline 7 8 6\n4435\nend 3\n";
+    put("chain_code", "cracks", format!("freeman-chain-code 1\ndirections 4\n{head}{cracks}").as_bytes());
+    put("chain_code", "cells", format!("freeman-chain-code 1\ndirections 8\n{head}{cells}").as_bytes());
     put("world_file", "turned", b"0.5\n0.1\n-0.1\n-0.25\n10.25\n49.875\n");
     Ok(())
 }
@@ -500,6 +505,15 @@ fn texts(put: Put<'_>) {
     let cells: Vec<u8> = [1i16, 2, 3, 4, 5, 6].iter().flat_map(|number| number.to_le_bytes()).collect();
     put("cells", "array", &array("<i2", "(2, 3)", &cells));
     let numbers: Vec<u8> = (0..60).flat_map(|number| (number as f32 * 0.5 - 7.0).to_be_bytes()).collect();
+    let head = "NRRD0005\n# x\ntype: int16\ndimension: 3\nspace: left-posterior-superior\nsizes: 3 2 2\nspace directions: (0.5,0,0) (0,0,-2) (0,1,0.25)\n\
+        space origin: (-1,2,3.5)\nspace units: \"mm\" \"mm\" \"mm\"\ncenters: cell cell cell\nkinds: domain domain domain\nsample units: HU\nkey:=a\\nb\n\
+        endian: big\nencoding: raw\nbyte skip: -1\n\n";
+    let counted: Vec<u8> = (0..24).collect();
+    put("nrrd", "raw", &[head.as_bytes(), b"xyz", &counted].concat());
+    let head = "NRRD0001\ntype: float\ndimension: 4\nsizes: 2 3 1 1\nspacings: nan 0.5 1 2\naxis mins: nan 1 2 3\nencoding: gzip\nendian: little\n\n";
+    // (Bytes as they are, in a block of a compressed stream.)
+    let (start, end) = (b"\x1f\x8b\x08\0\0\0\0\0\0\xff\x01\x18\0\xe7\xff", b"\x96\xa6\x95\x82\x18\0\0\0");
+    put("nrrd", "gzip", &[head.as_bytes(), start, &counted, end].concat());
     put("npy", "floats", &array(">f4", "(3, 4, 5)", &numbers));
     put("npy", "halves", &array("<f2", "(2, 3, 4, 2)", &numbers[..96]));
     put("npy", "longs", &array("<i8", "(2, 3, 1)", &[&[0; 40][..], &5u64.to_le_bytes()].concat()));

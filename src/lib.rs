@@ -343,7 +343,9 @@ pub mod import {
     /// Volumes.
     #[cfg(feature = "raster")]
     pub mod volume {
-        pub use spinney_raster::volume::{VolumeImport, VolumeOptions, is_volume, plan, plan_pages};
+        pub use spinney_raster::volume::{
+            RawLayout, VolumeImport, VolumeOptions, is_volume, plan, plan_raw, plan_sections,
+        };
     }
 }
 
@@ -351,9 +353,9 @@ pub mod import {
 pub mod export {
     #[cfg(feature = "raster")]
     pub use spinney_raster::{
-        ArrayRequest, CogCompression, CogRequest, CogSummary, Detail, LegendFormat, TakeRows, WindowRequest,
-        export_array, export_cog, export_layers, export_legend, export_window, fill_for, void_number,
-        window_rows,
+        ArrayRequest, ChainDirections, ChainWriter, CogCompression, CogRequest, CogSummary, Detail,
+        LegendFormat, TakeRows, WindowRequest, export_array, export_chain_code, export_cog, export_layers,
+        export_legend, export_window, fill_for, void_number, window_rows,
     };
     #[cfg(feature = "render")]
     pub use spinney_render::{CameraProjection, RenderRequest, render, render_exact};

@@ -35,7 +35,7 @@ macro_rules! pictures {
     };
 }
 
-pictures!(tiff "a.tif", png "a.png", exr "a.exr", jpeg "a.jpg", webp "a.webp");
+pictures!(tiff "a.tif", png "a.png", exr "a.exr", jpeg "a.jpg", webp "a.webp", chain_code "a.chain");
 
 /// The name of an SRTM tile and what it starts with; the rest, to the length that such files have, is zeros.
 pub fn hgt(bytes: &[u8]) {
@@ -168,7 +168,16 @@ pub fn cells(bytes: &[u8]) {
 
 /// A volume: an array of three dimensions, built if it is small.
 pub fn npy(bytes: &[u8]) {
-    in_file("a.npy", bytes, |path| {
+    volume_file("a.npy", bytes);
+}
+
+/// A volume with a head of text, of which samples are unpacked.
+pub fn nrrd(bytes: &[u8]) {
+    volume_file("a.nrrd", bytes);
+}
+
+fn volume_file(name: &str, bytes: &[u8]) {
+    in_file(name, bytes, |path| {
         let mut options = VolumeOptions::new();
         options.memory = Some(2 * MEMORY);
         let built = path.with_extension("goblin");

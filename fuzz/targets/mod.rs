@@ -18,7 +18,8 @@ pub mod trees;
 pub use edits::{autumnal_edit, autumnal_file};
 pub use features::{feature_table, flatgeobuf, geojson, geopackage, shapefile, shapefile_table};
 pub use importers::{
-    cells, cityjson, exr, hgt, jpeg, npy, obj, off, ply, png, sidecar, stl, tiff, vrt, webp, world_file,
+    cells, chain_code, cityjson, exr, hgt, jpeg, npy, nrrd, obj, off, ply, png, sidecar, stl, tiff, vrt,
+    webp, world_file,
 };
 pub use layers::{autumnal_layers, goblin_layers};
 pub use models::model_read;
@@ -30,7 +31,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 35] = [
+pub const TARGETS: [(&str, Target); 37] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_layers", autumnal_layers),
@@ -38,6 +39,7 @@ pub const TARGETS: [(&str, Target); 35] = [
     ("bintree_text", bintree_text),
     ("calculation_text", calculation_text),
     ("cells", cells),
+    ("chain_code", chain_code),
     ("cityjson", cityjson),
     ("crs_text", crs_text),
     ("df_text", df_text),
@@ -52,6 +54,7 @@ pub const TARGETS: [(&str, Target); 35] = [
     ("jpeg", jpeg),
     ("model_read", model_read),
     ("npy", npy),
+    ("nrrd", nrrd),
     ("obj", obj),
     ("off", off),
     ("ply", ply),

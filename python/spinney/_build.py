@@ -104,7 +104,7 @@ def build(
       the bands of an array are layers, too. `times`, as datetime64 or as ISO 8601 writes them, are those of what they show.
     - an open dataset of rasterio, whose bands, masks, place and names are those of the tree, or with `stack` of its layers; a Dataset of
       xarray, whose variables are the bands, or with `stack`, or an axis `time`, the layers.
-    - the path of a volume, an NPY file.
+    - the path of a volume, an NPY or NRRD file; with `pages="z"` paths of pictures, or of a folder of pictures, each of which is a plane.
     - a mesh: one of trimesh, anything with `vertices` and `faces`, or a pair of arrays of these; see models.
     - paths of files of features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV), or anything with a `__geo_interface__` (a GeoDataFrame,
       shapely): points, lines and polygons become the cells that they have, of the width `cell` in units of their coordinates, `cells` along

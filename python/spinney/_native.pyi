@@ -232,6 +232,15 @@ class Tree:
         level: int | None,
         terms: _Terms,
     ) -> int: ...
+    def _write_chain_code(
+        self,
+        path: Any,
+        classes: list[float] | None,
+        connect: int,
+        directions: int,
+        level: int | None,
+        terms: _Terms,
+    ) -> int: ...
     def _write_gltf(self, path: Any, level: int | None, smooth: bool, terms: _Terms) -> int: ...
     @staticmethod
     def _is_tiles(path: Any) -> bool: ...

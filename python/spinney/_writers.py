@@ -36,7 +36,7 @@ class Writers(Properties):
         threads: int | None = None,
         progress: Progress = None,
     ) -> None:
-        """Writes a part as a picture or array file (.png, .tif, .exr, .npy, .raw), as `spinney get` does.
+        """Writes a part as a picture or array file (.png, .tif, .exr, .npy, .raw, of octrees .nrrd), as `spinney get` does.
 
         `shape` are rows and columns of the result, `range` the numbers that become black and white in pictures, `style` a style's
         name ("viridis", "terrain", "hillshade", "relief" ...), its document as a dictionary or JSON, or a file with it.
@@ -60,6 +60,7 @@ class Writers(Properties):
         classes: Sequence[float] | None = None,
         connect: Literal[4, 8] = 4,
         simplify: float | None = None,
+        directions: Literal[4, 8] | None = None,
         window: Window | None = None,
         coordinates: Coordinates = None,
         tile_size: int | None = None,
@@ -90,6 +91,8 @@ class Writers(Properties):
         - with `polygons` regions of a map of classes, of .gpkg, .fgb, .geojson, .shp, .csv or .svg: cells of one class with common edges (`connect=8`: or
           corners), with class, cells, area, name and colour; of some `classes` alone, at a `level`, with borders moved by no more than `simplify`;
           returns their number.
+        - .chain: the same regions as Freeman chain codes, of 4 `directions` (the default), along the sides of cells, or 8, from cell to cell; returns the
+          number of regions.
         - .pmtiles, .mbtiles (in packages built with it) and patterns such as "map/{z}/{x}/{y}.png": tiles of web maps, of some zooms
           (`zoom=(0, 6)`), a part, in a `style` (see `save`); returns their number. An interrupted export leaves nothing or, with
           `resume`, what the next one goes on with. With `update` tiles that were exported from an older commit of the file are brought up
@@ -120,10 +123,16 @@ class Writers(Properties):
         of_polygons = {"classes": classes, "connect": None if connect == 4 else connect, "simplify": simplify}
         with working(progress, threads) as terms:
             if polygons:
+                refuse("chain codes", {"directions": directions})
                 of_others = {"smooth": smooth or None, "triangles": triangles or None, "tile_size": tile_size}
                 refuse("other files than polygons", of_others | of_cog | only_tiles)
                 return self._write_polygons(to, None if classes is None else list(classes), connect, simplify, level, terms)
+            if to.lower().endswith(".chain"):
+                of_others = {"smooth": smooth or None, "triangles": triangles or None, "tile_size": tile_size, "simplify": simplify}
+                refuse("other files than chain codes", of_others | of_cog | only_tiles)
+                return self._write_chain_code(to, None if classes is None else list(classes), connect, directions or 4, level, terms)
             refuse("polygons", of_polygons)
+            refuse("chain codes", {"directions": directions})
             if self._is_tiles(to):
                 refuse("solids and GeoTIFF", of_surfaces | of_cog)
                 if not update and (since is not None or restyle):

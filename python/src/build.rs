@@ -517,17 +517,19 @@ pub(crate) fn build_files(
             mesh::plan_models(models, &solid)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
-    let in_pages = options.has_pages("z");
-    if in_pages || paths.iter().any(|path| volume::is_volume(path)) {
+    if options.has_pages("z") {
+        let volume = options.volume()?;
+        return jobs::run(py, terms, |work| {
+            volume::plan_sections(&paths, &volume)?.build(work.create_tree(&out)?, work).map(drop)
+        });
+    }
+    if paths.iter().any(|path| volume::is_volume(path)) {
         let [path] = &paths[..] else {
-            return Err(invalid(
-                "a volume (NPY, or pages=\"z\") makes a tree of its own: build one at a time",
-            ));
+            return Err(invalid("a volume (NPY or NRRD) makes a tree of its own: build one at a time"));
         };
         let volume = options.volume()?;
-        let plan = if in_pages { volume::plan_pages } else { volume::plan };
         return jobs::run(py, terms, |work| {
-            plan(path, &volume)?.build(work.create_tree(&out)?, work).map(drop)
+            volume::plan(path, &volume)?.build(work.create_tree(&out)?, work).map(drop)
         });
     }
     if let Some(stack) = options.stack()? {

@@ -1,10 +1,11 @@
-//! Contours: lines, areas between them, and surfaces of octrees; regions of classes as polygons.
+//! Contours: lines, areas between them, and surfaces of octrees; regions of classes as polygons and chain codes.
 
 use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use spinney::export::mesh::{MeshFormat, export_isosurfaces};
 use spinney::export::vector::{ContourFeatures, VectorFormat, export_contours, export_polygons};
+use spinney::export::{ChainDirections, export_chain_code};
 use spinney::query::{ContourEnds, ContourLevels, ContourRequest, PolygonRequest};
 
 use crate::error::invalid;
@@ -103,15 +104,8 @@ impl Tree {
     ) -> PyResult<u64> {
         let opened = self.get()?;
         check_output(&[opened.tree.name().to_path_buf()], &path)?;
-        let mut request = PolygonRequest::new();
-        request.classes = classes.map(|classes| classes.into_iter().map(|PyNumber(class)| class).collect());
-        request.across_corners = match connect {
-            4 => false,
-            8 => true,
-            _ => return Err(invalid(format!("connect: {connect}, expected 4 or 8"))),
-        };
+        let mut request = region_request(classes, connect, level_of(&opened.tree, level)?)?;
         request.simplify = simplify;
-        request.level = Some(level_of(&opened.tree, level)?);
         let known = ".geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply";
         let format = VectorFormat::of(&path)
             .ok_or_else(|| invalid(format!("{}: unknown format; use {known}", path.display())))?;
@@ -120,4 +114,41 @@ impl Tree {
         })?;
         Ok(made.count)
     }
+
+    /// Writes regions of classes as chain codes of so many directions; returns their number.
+    #[pyo3(name = "_write_chain_code")]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
+    fn write_chain_code(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        classes: Option<Vec<PyNumber>>,
+        connect: u8,
+        directions: u8,
+        level: Option<i64>,
+        terms: Terms,
+    ) -> PyResult<u64> {
+        let opened = self.get()?;
+        check_output(&[opened.tree.name().to_path_buf()], &path)?;
+        let request = region_request(classes, connect, level_of(&opened.tree, level)?)?;
+        let directions: ChainDirections =
+            directions.to_string().parse().map_err(|e: spinney::Error| invalid(e.to_string()))?;
+        let made = jobs::run(py, terms, |work| {
+            export_chain_code(&opened.tree, &request, directions, work.create(&path)?, work)
+        })?;
+        Ok(made.count)
+    }
+}
+
+/// What is asked of regions of classes at a level, of cells with so many neighbours.
+fn region_request(classes: Option<Vec<PyNumber>>, connect: u8, level: u8) -> PyResult<PolygonRequest> {
+    let mut request = PolygonRequest::new();
+    request.classes = classes.map(|classes| classes.into_iter().map(|PyNumber(class)| class).collect());
+    request.across_corners = match connect {
+        4 => false,
+        8 => true,
+        _ => return Err(invalid(format!("connect: {connect}, expected 4 or 8"))),
+    };
+    request.level = Some(level);
+    Ok(request)
 }

@@ -299,3 +299,31 @@ def test_contours_are_those_of_the_program(tmp_path: Path, program: str, relief:
         with pytest.raises(ValueError, match="unknown format"):
             ds.contours(tmp_path / "no.tif", 3)
     assert not list(tmp_path.glob("no.*"))
+
+
+def test_volumes_in_nrrd_files(tmp_path: Path) -> None:
+    nrrd = pytest.importorskip("nrrd")
+    array = noise((20, 7, 9), "int16")
+    directions = np.array([[0.5, 0, 0], [0, 0, 2], [0, 0.25, 0.125]])
+    head = {"space": "left-posterior-superior", "space directions": directions, "space origin": [1, 2, 3], "encoding": "gzip", "scanner": "A: b"}
+    nrrd.write(str(tmp_path / "a.nrrd"), array, head)
+    spinney.build(tmp_path / "a.nrrd", tmp_path / "a.goblin")
+    ds = spinney.open(tmp_path / "a.goblin")
+    # (pynrrd has x first.)
+    assert (ds.read() == array.transpose(2, 1, 0)).all()
+    ds.save(tmp_path / "b.nrrd")
+    again, told = nrrd.read(str(tmp_path / "b.nrrd"))
+    assert (again == array).all()
+    assert (told["space directions"] == directions).all()
+    assert list(told["space origin"]) == [1, 2, 3]
+    assert (told["space"], told["scanner"]) == ("left-posterior-superior", "A: b")
+
+
+def test_sections_of_a_folder(tmp_path: Path) -> None:
+    array = noise((11, 8, 9), "uint8")
+    (tmp_path / "sections").mkdir()
+    for number, plane in enumerate(array):
+        spinney.build(plane, tmp_path / "plane.goblin")
+        spinney.open(tmp_path / "plane.goblin").save(tmp_path / "sections" / f"z{number}.png")
+    spinney.build(tmp_path / "sections", tmp_path / "a.goblin", pages="z")
+    assert (cells(tmp_path / "a.goblin") == array).all()

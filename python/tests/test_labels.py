@@ -76,6 +76,13 @@ def test_polygons(tmp_path: Path) -> None:
     assert sorted(feature["properties"]["area_m2"] for feature in features) == [300, 500]
     assert ds.export(path, polygons=True, classes=[2]) == 1
     assert ds.export(path, polygons=True, level=1, simplify=1.0) > 0
+    for directions in (4, 8):
+        chains = tmp_path / "regions.chain"
+        assert ds.export(chains, connect=8, directions=directions) == 2
+        spinney.build(chains, tmp_path / "again.goblin")
+        assert (spinney.open(tmp_path / "again.goblin").read(nodata=0) == cells).all()
+    with pytest.raises(TypeError):
+        ds.export(path, polygons=True, directions=8)
     with pytest.raises(ValueError):
         ds.export(path, polygons=True, connect=6)  # type: ignore[arg-type]
     with pytest.raises(TypeError):

@@ -35,13 +35,13 @@ const EXAMPLES: &str = "Examples:
   spinney get house.goblin door.npy --window 100,40,0,64,64,32
   spinney get scan.goblin street.laz --window 500100,5200100,500300,5200250 --where classification=2
 
-The output is a picture or an array, by its name: .png, .tif, .exr, .npy or .raw. Several layers are bands
+The output is a picture or an array, by its name: .png, .tif, .exr, .npy, .nrrd or .raw. Several layers are bands
 of a .tif, .npy or .raw file, on the grid of the one with the smallest cells; two to four that are named are
 the colours of a .png, or of whatever has a --style.
 
 A slice across x or y has columns along y or x, and rows along z: pictures have the highest at the
 top, arrays the lowest first. Its --window counts so, too. An octree without --slice is an array of
-three dimensions, z, y, x, in .npy and .raw files.
+three dimensions, z, y, x, in .npy, .nrrd and .raw files; .nrrd has its place, units and tags, too.
 
 Of trees of points (.las, .laz, .csv, .ply, .npy) a window is least and greatest coordinates, and --level N those points that are spread
 evenly at that level and above: each deeper level adds some.";
@@ -77,7 +77,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME,...")]
     attribute: Option<String>,
     /// Format where the output's name does not say; points have las, laz, csv, ply and npy
-    #[arg(long, value_parser = ["png", "tif", "exr", "npy", "raw", "las", "laz", "csv", "ply"])]
+    #[arg(long, value_parser = ["png", "tif", "exr", "npy", "nrrd", "raw", "las", "laz", "csv", "ply"])]
     format: Option<String>,
     /// Number that means VOID
     #[arg(long, allow_hyphen_values = true)]
@@ -124,7 +124,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if let Some(option) = of_points {
         bail!("{option}: is for trees of points");
     }
-    let format = picture_format(path, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw");
+    let format = picture_format(path, args.format.as_deref(), ".png, .tif, .exr, .npy, .nrrd or .raw");
     // What is drawn has layers as colours; what has values has them as bands.
     let is_drawn = args.style.is_some() || args.range.is_some() || args.slice.is_some();
     let is_drawn = is_drawn || matches!(format, Ok(Format::Png | Format::Exr));
@@ -140,7 +140,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let places_something = args.part.is_given() || args.slice.is_some();
     ensure!(coordinates.given().is_none() || places_something, "--in is for --window and --slice");
     let is_octree = tree.header().form.axes() == 3;
-    let is_array = matches!(format, Format::Npy | Format::Raw);
+    let is_array = matches!(format, Format::Npy | Format::Nrrd | Format::Raw);
     let style = args.style.clone().or(args.range.map(|range| Style::stretched(&tree, range)));
     let is_cut = args.slice.is_some() || args.size.is_some() || style.is_some();
     ensure!(

@@ -4,6 +4,8 @@
 mod common;
 
 #[cfg(feature = "raster")]
+mod arrays;
+#[cfg(feature = "raster")]
 mod bands;
 #[cfg(feature = "raster")]
 mod cog;

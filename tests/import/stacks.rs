@@ -406,7 +406,10 @@ fn pages_are_planes_of_a_volume() {
         };
         let input = place.write("v.tif", &planes.iter().map(page).collect::<Vec<_>>());
         let options = with(VolumeOptions::new(), |it| it.nodata = (bands == 1).then_some(5.into()));
-        volume::plan_pages(&input, &options).unwrap().build(Output::create(&out).unwrap(), &()).unwrap();
+        volume::plan_sections(std::slice::from_ref(&input), &options)
+            .unwrap()
+            .build(Output::create(&out).unwrap(), &())
+            .unwrap();
         let tree = spinney::open(&out).unwrap();
         assert_eq!((tree.header().extent, tree.depth()), ([70, 66, 5], 7));
         assert_eq!(tree.metadata().frame.matrix[0], [2.0, 0.0, 0.0, CORNER[0]]);
@@ -428,12 +431,16 @@ fn pages_are_planes_of_a_volume() {
     // Pages that are not alike, or have masks.
     let grey = |side: u16| Ifd::grey(side, side, vec![1; usize::from(side).pow(2)]);
     let uneven = place.write("uneven.tif", &[grey(3), grey(3), grey(4)]);
-    let error = volume::plan_pages(&uneven, &VolumeOptions::new()).err().unwrap().to_string();
+    let error = volume::plan_sections(std::slice::from_ref(&uneven), &VolumeOptions::new())
+        .err()
+        .unwrap()
+        .to_string();
     assert!(error.contains("page 2 of 4 x 4"), "{error}");
     let mask = grey(3).short(254, &[4]).chunks(&[vec![0; 9]]);
     let masked = place.write("masked.tif", &[grey(3), mask, grey(3)]);
-    let made =
-        volume::plan_pages(&masked, &VolumeOptions::new()).unwrap().build(Output::create(&out).unwrap(), &());
+    let made = volume::plan_sections(std::slice::from_ref(&masked), &VolumeOptions::new())
+        .unwrap()
+        .build(Output::create(&out).unwrap(), &());
     assert!(made.unwrap_err().to_string().contains("masks"));
 }
 

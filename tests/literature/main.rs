@@ -1,8 +1,9 @@
-//! What the literature describes, item by item, beside the worked examples of the two formats (`formats/literature.rs`).
+//! What the papers of `docs/literature.md` describe, item by item, held to worked examples and to models that follow the text. (Those of the two formats: `formats/literature.rs`.)
 
 #[path = "../common/mod.rs"]
 mod common;
 
 mod bintrees;
 mod bsp;
+mod chain_codes;
 mod points;

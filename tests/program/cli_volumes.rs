@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::common::command::{complaint, spinney};
+use crate::common::command::{complaint, spinney, stderr, stdout};
 use crate::common::mesh_file::read_ply;
 
 /// An array in which values go down from its middle, by 1 a cell.
@@ -64,4 +64,49 @@ fn options_without_a_meaning_are_refused() {
     let text = complaint(&["build", &array, "-o", &tree, "--transform", "1,2"], 2);
     assert!(text.contains("three or twelve"), "{text}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn samples_alone_sections_and_nrrd_become_trees() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let [raw, tree, nrrd, again, sections] = ["a.raw", "a.goblin", "a.nrrd", "b.goblin", "sections"].map(at);
+    let samples: Vec<u8> = (0..4 * 3 * 2u16).flat_map(|number| (number * 300).to_be_bytes()).collect();
+    fs::write(&raw, [&[9; 5][..], &samples].concat()).unwrap();
+    let size = ["--raw-size", "4,3,2", "--raw-type", "u16", "--raw-skip", "5", "--big-endian"];
+    let place = ["--transform", "0.5,0.5,2"];
+    spinney(&[&["build", &raw, "-o", &tree], &size[..], &place].concat()).success();
+    spinney(&["get", &tree, &nrrd]).success();
+    spinney(&["build", &nrrd, "-o", &again]).success();
+    let told = |path: &str| stdout(&["point", path, "1.75,1.25,3", "--json"]);
+    assert!(told(&tree).contains("6900"), "{}", told(&tree));
+    assert_eq!(told(&tree), told(&again));
+    let back = at("back.raw");
+    spinney(&["get", &again, &back]).success();
+    let little: Vec<u8> = samples.chunks(2).flat_map(|pair| [pair[1], pair[0]]).collect();
+    assert_eq!(fs::read(&back).unwrap(), little);
+    fs::create_dir(&sections).unwrap();
+    for z in 0..2 {
+        let slice = format!("z={z}");
+        stdout(&["get", &tree, &format!("{sections}/{}.png", z + 9), "--slice", &slice]);
+    }
+    spinney(&[&["build", &sections, "-o", &again, "--pages", "z"][..], &place].concat()).success();
+    assert_eq!(told(&tree), told(&again));
+
+    for (arguments, expected) in [
+        (&["--raw-size", "4,3", "--raw-type", "u16"][..], "expected cells along x, y and z"),
+        (&["--raw-size", "4,3,2", "--raw-type", "u12"], "expected u8, i8"),
+        (&["--raw-size", "4,3,2"], "--raw-type"),
+        (&["--big-endian"], "--raw-size"),
+        (&["--raw-size", "4,3,2", "--raw-type", "u16"], "a.raw: the whole file: found 53 bytes, expected 48"),
+        (&["--raw-size", "4,3,2", "--raw-type", "u16", "--pages", "z"], "give one of them"),
+        (&["--raw-size", "4,3,2", "--raw-type", "u16", "--band", "1"], "not for volumes"),
+    ] {
+        let told = stderr(spinney(&[&["build", &raw, "-o", &tree], arguments].concat()).failure());
+        assert!(told.contains(expected), "{arguments:?}: {told}");
+    }
+    let told = stderr(spinney(&["build", &raw, &nrrd, "-o", &tree]).failure());
+    assert!(told.contains("build one at a time"), "{told}");
+    let told = stderr(spinney(&["get", "fixtures/v1/classes.goblin", &nrrd]).failure());
+    assert!(told.contains("a picture in an NRRD file"), "{told}");
 }

@@ -8,6 +8,7 @@ mod cli_bintrees;
 #[cfg(all(unix, feature = "cli"))]
 mod cli_build;
 #[cfg(feature = "mbtiles")]
+mod cli_chain_codes;
 mod cli_contours;
 mod cli_coordinates;
 #[cfg(feature = "raster")]

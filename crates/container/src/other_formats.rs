@@ -55,7 +55,8 @@ const POINTS: &str = "convert it to LAS or LAZ first (`pdal translate IN OUT.laz
 const SURFACES: &str = "export it as OBJ, PLY or STL from the program that made it, or from Blender, with the measures that it has";
 const SOLIDS: &str = "its surfaces are curved: export it as STL or OBJ from the program that made it, or from FreeCAD, as fine as needed";
 const DRAWING: &str = "export its solids as STL or OBJ from the CAD program; what is drawn flat can become GeoJSON (`ogr2ogr out.geojson IN`, for DXF)";
-const SCAN: &str = "convert it to an NPY array of shape (z, y, x) first, in Python with pydicom, nibabel, SimpleITK or pynrrd";
+const SCAN: &str =
+    "convert it to an NPY array of shape (z, y, x) first, in Python with pydicom, nibabel or SimpleITK";
 const PACKED: &str = "unpack it first";
 const TILES: &str = "it has finished tiles for viewers: open the tree that they were made of";
 
@@ -82,6 +83,7 @@ static FORMATS: &[OtherFormat] = &[
     format("an OpenEXR picture", &["exr"], &[At(0, b"\x76\x2f\x31\x01")], Source),
     format("an SRTM elevation model", &["hgt"], &[], Source),
     format("a GDAL virtual raster (VRT)", &["vrt"], &[Within("<VRTDataset")], Source),
+    format("a chain code", &["chain"], &[At(0, b"freeman-chain-code")], Source),
     format("an NPY array", &["npy"], &[At(0, b"\x93NUMPY")], Source),
     format("a PLY model", &["ply"], &[At(0, b"ply\n"), At(0, b"ply\r"), At(0, b"ply ")], Source),
     format("an OBJ model", &["obj"], &[], Source),
@@ -192,7 +194,7 @@ static FORMATS: &[OtherFormat] = &[
     format("a DWG or DXF drawing", &["dwg", "dxf"], &[At(0, b"AC10")], Refused(DRAWING)),
     format("a DICOM image", &["dcm", "dicom"], &[At(128, b"DICM")], Refused(SCAN)),
     format("a NIfTI volume", &["nii"], &[At(344, b"n+1\0"), At(344, b"ni1\0")], Refused(SCAN)),
-    format("an NRRD volume", &["nrrd", "nhdr"], &[At(0, b"NRRD000")], Refused(SCAN)),
+    format("an NRRD volume", &["nrrd", "nhdr"], &[At(0, b"NRRD000")], Source),
     format(
         "an NPZ archive",
         &["npz"],

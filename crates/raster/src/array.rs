@@ -3,6 +3,7 @@
 use std::io::Write;
 
 use super::image::{Format, array_header};
+use super::volume::nrrd_head;
 use super::window::{DEFAULT_MEMORY, fill_for};
 use spinney_base::io::Output;
 use spinney_base::space::Bounds;
@@ -32,8 +33,8 @@ impl ArrayRequest {
     }
 }
 
-/// Writes a box of an octree as NPY (an array of shape z, y, x) or as its samples alone, x fastest, then y,
-/// then z. Such NPY files are what `import::volume` reads.
+/// Writes a box of an octree as NPY (an array of shape z, y, x), as NRRD, with its place, units and tags, or as its samples alone, x fastest, then y,
+/// then z. Such NPY and NRRD files are what `import::volume` reads.
 ///
 /// # Errors
 /// If the tree is a quadtree or has no such level, the box is empty or sticks out of the space of the tree,
@@ -70,8 +71,21 @@ pub fn export_array(
             let header = array_header(header.form.value, &[depth, height, width]);
             output.write_all(&header).map_err(Error::io(output.path(), "write"))?;
         }
+        Format::Nrrd => {
+            let metadata = tree.metadata();
+            let frame = metadata.frame.coarser(tree.depth() - level);
+            let frame = frame.shifted(bounds.min.map(|cell| cell as f64));
+            let head = nrrd_head(header.form.value, [width, height, depth], &frame, metadata);
+            output.write_all(head.as_bytes()).map_err(Error::io(output.path(), "write"))?;
+        }
         Format::Raw => {}
-        _ => return Err(Error::unsupported(output.path(), "a box in a picture file", "write .npy or .raw")),
+        _ => {
+            return Err(Error::unsupported(
+                output.path(),
+                "a box in a picture file",
+                "write .npy, .nrrd or .raw",
+            ));
+        }
     }
     // One byte more than the value: whether the cell has one.
     let row = width * (header.form.value.size() as u64 + 1);

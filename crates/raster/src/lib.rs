@@ -1,7 +1,8 @@
-//! Pictures, volumes and lists of cells in; pictures, arrays, tiles and cloud-optimized GeoTIFF out; styles.
+//! Pictures, volumes, chain codes and lists of cells in; pictures, arrays, chain codes, tiles and cloud-optimized GeoTIFF out; styles.
 
 mod array;
 pub mod cells;
+mod chain_code;
 mod cog;
 pub mod image;
 pub mod import;
@@ -13,6 +14,7 @@ pub mod volume;
 mod window;
 
 pub use array::{ArrayRequest, export_array};
+pub use chain_code::{ChainDirections, ChainWriter, export_chain_code};
 pub use cog::{CogCompression, CogRequest, CogSummary, export_cog};
 pub use legend::{LegendFormat, export_legend};
 pub use window::{

@@ -42,8 +42,12 @@ use super::{Global, open};
 /// be edited. What the files say about their pixels (coordinates, nodata, palette, names) is kept; options
 /// overrule it.
 ///
+/// Reads Freeman chain codes of regions (docs/chain_codes.md has their grammar), as `export` writes them to .chain files, or of a single outline.
+///
 /// Reads volumes, such as those of scanners: NPY files, as numpy.save writes them, of shape (z, y, x) in C order, or (z, y, x,
-/// channels). They become octrees of their samples, which `get` writes as NPY again, and `contours` makes surfaces of.
+/// channels); NRRD files, raw or compressed, with their place and units; files of samples alone (--raw-size); and sections, a picture or a page
+/// for each plane (--pages z), from files or a folder. They become octrees of their samples, which `get` writes as NPY or NRRD again, and `contours` makes
+/// surfaces of.
 ///
 /// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses
 /// becomes an octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by
@@ -136,6 +140,9 @@ Examples:
   spinney build B02.tif B03.tif B11.tif -o scene.goblin --stack
   spinney build scan.png -o scan.goblin --crs EPSG:3857 --transform 0.5,0,1000,0,-0.5,2000
   spinney build scan.npy -o scan.goblin --nodata -1024 --transform 0.7,0.7,1.25
+  spinney build head.nrrd -o head.goblin
+  spinney build scan.raw -o scan.goblin --raw-size 512,512,300 --raw-type u16 --big-endian
+  spinney build sections/ -o block.goblin --pages z --transform 0.01,0.01,0.05
   spinney build bunny.ply -o bunny.goblin --cells 1024
   spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --edge area
   spinney build part.stl -o exact.goblin --brep
@@ -288,7 +295,7 @@ impl Args {
         if inputs.iter().any(|input| mesh::is_model(input)) {
             if pictures.are_given() {
                 bail!(
-                    "--kind, --rule, --band, --nodata, --transform, --layer, --pages, --stack and --keep-transparent are for pictures and volumes, not for models"
+                    "--kind, --rule, --band, --nodata, --transform, --layer, --pages, --raw-size, --stack and --keep-transparent are for pictures and volumes, not for models"
                 );
             }
             if common.grid == Some(Grid::Xyz) {
@@ -314,15 +321,25 @@ impl Args {
                 "{input}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files"
             );
         }
-        let in_pages = pictures.pages_are_planes();
-        if in_pages || inputs.iter().any(|input| volume::is_volume(input)) {
+        if pictures.pages_are_planes() {
+            if pictures.raw_layout().is_some() {
+                bail!("--pages is for pictures, --raw-size for a file of samples alone: give one of them");
+            }
+            let import = volume::plan_sections(inputs, &pictures.volume_options(common)?)?;
+            return Ok(Import::Volume(Box::new(import)));
+        }
+        let raw = pictures.raw_layout();
+        if raw.is_some() || inputs.iter().any(|input| volume::is_volume(input)) {
             let [input] = &inputs[..] else {
                 bail!(
-                    "a volume (NPY, or --pages z) makes a tree of its own: build one at a time; `spinney combine` lays trees over each other"
+                    "a volume (NPY, NRRD, or --raw-size) makes a tree of its own: build one at a time; `spinney combine` lays trees over each other"
                 )
             };
-            let plan = if in_pages { volume::plan_pages } else { volume::plan };
-            let import = plan(input, &pictures.volume_options(common)?)?;
+            let options = pictures.volume_options(common)?;
+            let import = match raw {
+                Some(layout) => volume::plan_raw(input, &layout, &options)?,
+                None => volume::plan(input, &options)?,
+            };
             return Ok(Import::Volume(Box::new(import)));
         }
         if let Some(options) = pictures.stack_options(common)? {
@@ -356,7 +373,12 @@ pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     for (heading, text) in import.description() {
         global.report(heading, text);
     }
-    let input = args.inputs.iter().map(|input| std::fs::metadata(input).map_or(0, |file| file.len())).sum();
+    // (What is in folders is not counted, and nothing is compared with it.)
+    let sizes = args
+        .inputs
+        .iter()
+        .map(|input| std::fs::metadata(input).map_or(Some(0), |file| file.is_file().then_some(file.len())));
+    let input = sizes.sum();
     let work = Work::start(global, import.unit())?;
     let output = args.common.limit.create_tree(&args.output)?;
     let lines = import.build(output, &args.solids, &work)?;
@@ -364,7 +386,7 @@ pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     for (heading, text) in lines {
         global.report(heading, text);
     }
-    report_built(global, &args.output, start, Some(input));
+    report_built(global, &args.output, start, input);
     if args.output != Path::new("-") {
         global.report("next", format_args!("spinney show {}", args.output.display()));
     }

@@ -4,16 +4,18 @@ use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use spinney::import::raster::{Band, ImportOptions, StackOptions};
-use spinney::import::volume::VolumeOptions;
+use spinney::import::volume::{RawLayout, VolumeOptions};
 use spinney::ops::{Resampling, WarpOptions};
-use spinney::value::{Kind, Number, Rule};
+use spinney::value::{Kind, Number, Rule, SampleType};
 
 use super::super::args::numbers;
 use super::Common;
 
 /// Options for pictures, some of them for volumes, too.
 #[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT) and volumes (NPY)")]
+#[command(
+    next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT, chain codes) and volumes (NPY)"
+)]
 pub(super) struct PictureArgs {
     /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from
     /// the file]
@@ -36,9 +38,22 @@ pub(super) struct PictureArgs {
     /// Layer of a file that has several: of an OpenEXR file [default: the first], or of a GeoPackage
     #[arg(long, value_name = "NAME")]
     pub(super) layer: Option<String>,
-    /// Pages of a TIFF file that has several: the one of a number from 0, or all of them, as layers of a stack or as planes of a volume
+    /// Pages of a TIFF file that has several: the one of a number from 0, or all of them, as layers of a stack or as planes of a volume;
+    /// z takes files and folders of pictures, too, each a plane, in the order of the numbers in their names
     #[arg(long, value_name = "layers|z|N")]
     pages: Option<Pages>,
+    /// Cells along x, y and z of a volume whose file has samples alone, x fastest; and samples of a cell, if there are several
+    #[arg(long, value_name = "X,Y,Z[,CHANNELS]", value_parser = parse_raw, requires = "raw_type")]
+    raw_size: Option<RawSize>,
+    /// Type of these samples: u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64
+    #[arg(long, value_name = "TYPE", value_parser = parse_sample, requires = "raw_size")]
+    raw_type: Option<SampleType>,
+    /// Bytes of the file before the first sample [default: 0]
+    #[arg(long, value_name = "BYTES", requires = "raw_size")]
+    raw_skip: Option<u64>,
+    /// Samples have their highest byte first
+    #[arg(long, requires = "raw_size")]
+    big_endian: bool,
     /// Keep the inputs, and each of their bands, beside each other as layers of one file, not on top of each other; pictures in colour
     /// are one layer. All lie at one corner, with cells as large as the finest or a whole number of times
     #[arg(long)]
@@ -64,6 +79,25 @@ pub(super) struct PictureArgs {
     /// Take datums for WGS 84 whose shift to it is unknown or needs a grid, with --grid or --stack: may be off by some hundred metres
     #[arg(long)]
     allow_ballpark: bool,
+}
+
+/// Cells along x, y and z, and samples of a cell.
+type RawSize = ([u64; 3], u8);
+
+/// Reads the size of a volume of samples alone.
+fn parse_raw(text: &str) -> Result<RawSize, &'static str> {
+    let numbers: Option<Vec<u64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some([x, y, z]) => Ok(([*x, *y, *z], 1)),
+        Some([x, y, z, channels @ 1..=4]) => Ok(([*x, *y, *z], *channels as u8)),
+        _ => Err("expected cells along x, y and z, as in 512,512,300, and up to 4 channels"),
+    }
+}
+
+/// Reads the name of a type.
+fn parse_sample(text: &str) -> Result<SampleType, &'static str> {
+    let named = SampleType::ALL.into_iter().find(|sample| sample.name() == text);
+    named.ok_or("expected u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64")
 }
 
 /// Pages of a TIFF file.
@@ -108,6 +142,7 @@ impl PictureArgs {
             || layer.is_some()
             || pages.is_some()
             || *keep_transparent
+            || self.raw_size.is_some()
             || self.of_warping().is_some()
             || self.of_stacks().is_some()
     }
@@ -115,6 +150,15 @@ impl PictureArgs {
     /// Whether the pages of a file are planes of a volume.
     pub(super) fn pages_are_planes(&self) -> bool {
         self.pages == Some(Pages::Volume)
+    }
+
+    /// What is said of a file of samples alone.
+    pub(super) fn raw_layout(&self) -> Option<RawLayout> {
+        let ((size, channels), sample) = self.raw_size.zip(self.raw_type)?;
+        let mut layout = RawLayout::new(size, sample);
+        (layout.channels, layout.is_big_endian) = (channels, self.big_endian);
+        layout.skip = self.raw_skip.unwrap_or(0);
+        Some(layout)
     }
 
     /// An option that was given and is for stacks.
@@ -135,6 +179,7 @@ impl PictureArgs {
             ("--nodata", self.nodata.is_some()),
             ("--layer", self.layer.is_some()),
             ("--pages", self.pages.is_some()),
+            ("--raw-size", self.raw_size.is_some()),
             ("--keep-transparent", self.keep_transparent),
         ];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
@@ -147,6 +192,7 @@ impl PictureArgs {
             ("--nodata", self.nodata.is_some()),
             ("--transform", self.transform.is_some()),
             ("--pages", self.pages.is_some()),
+            ("--raw-size", self.raw_size.is_some()),
             ("--keep-transparent", self.keep_transparent),
             ("--resampling", self.resampling.is_some()),
             ("--allow-ballpark", self.allow_ballpark),

@@ -1,6 +1,7 @@
 //! `spinney export`: trees as files of other programs. Each kind of them has a module with its own options; the
 //! output's name chooses between them.
 
+mod chain;
 mod cog;
 mod gltf;
 mod mesh;
@@ -17,7 +18,7 @@ use spinney::export::tiles::TileTarget;
 use super::Global;
 use super::args::{OutputFile, PartOptions, ViewedTree};
 
-/// Write a tree as a file of other programs: tiles or a cloud-optimized GeoTIFF of a picture, polygons of classes, a mesh of a solid
+/// Write a tree as a file of other programs: tiles or a cloud-optimized GeoTIFF of a picture, polygons or chain codes of classes, a mesh of a solid
 ///
 /// The output's name says what is written, or else --format: .tif, .pmtiles, .mbtiles or a pattern such as 'map/{z}/{x}/{y}.png' of
 /// pictures; .ply, .obj, .stl, .off, .glb or 'x/tileset.json' (3D Tiles) of solids, of exact models .city.json, too.
@@ -31,6 +32,9 @@ use super::args::{OutputFile, PartOptions, ViewedTree};
 ///
 /// With --polygons the regions of a tree of classes become polygons (.geojson, .gpkg, .fgb, .shp, .csv or .svg), exactly along the sides of cells, with holes:
 /// one for each region whose cells have edges in common, of any level and view.
+///
+/// Freeman chain codes (.chain) of the same regions are a text: of each its class, where its chain of steps around it begins, the chain, and those of
+/// its holes; `build` makes the tree again. docs/chain_codes.md has the grammar.
 ///
 /// A mesh of an octree is closed, its faces are counterclockwise seen from outside, and its coordinates are those of
 /// the world. By default it has the outer faces of the cells, merged to rectangles; where rectangles of different
@@ -51,7 +55,7 @@ pub(crate) struct Args {
     tree: ViewedTree,
     #[command(flatten)]
     output: OutputFile,
-    /// Format where the output's name does not say: tif, ply, obj, stl, off, glb or city.json
+    /// Format where the output's name does not say: tif, chain, ply, obj, stl, off, glb or city.json
     #[arg(long)]
     format: Option<Target>,
     #[command(flatten)]
@@ -68,6 +72,8 @@ pub(crate) struct Args {
     gltf: gltf::GltfArgs,
     #[command(flatten)]
     polygons: polygons::PolygonOptions,
+    #[command(flatten)]
+    chain: chain::ChainOptions,
 }
 
 /// Options of all pictures in tiles.
@@ -103,6 +109,7 @@ const EXAMPLES: &str = "Examples:
   spinney export dem.goblin 'map/{z}/{x}/{y}.png' --style hillshade
   spinney export landcover.goblin regions.gpkg --polygons
   spinney export landcover.goblin woods.geojson --polygons --class 3,4 --simplify 20
+  spinney export landcover.goblin woods.chain --class 3 --directions 8
   spinney export bunny.goblin bunny.ply
   spinney export bunny.goblin small.obj --level 6
   spinney export bunny.goblin print.stl --smooth
@@ -115,6 +122,8 @@ const EXAMPLES: &str = "Examples:
 /// [`run`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Target {
+    /// Chain codes.
+    Chain,
     Cog,
     Mesh(MeshFormat),
     /// 3D Tiles.
@@ -138,6 +147,7 @@ impl FromStr for Target {
     fn from_str(name: &str) -> spinney::Result<Target> {
         match name.to_ascii_lowercase().as_str() {
             "tif" | "tiff" | "cog" => Ok(Target::Cog),
+            "chain" => Ok(Target::Chain),
             "glb" => Ok(Target::Glb),
             _ => name.parse().map(Target::Mesh),
         }
@@ -146,7 +156,13 @@ impl FromStr for Target {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if args.polygons.polygons {
-        let others = [args.tiles.given(), args.archive.given(), args.cog.given(), args.gltf.given()];
+        let others = [
+            args.tiles.given(),
+            args.archive.given(),
+            args.cog.given(),
+            args.gltf.given(),
+            args.chain.given(),
+        ];
         let of_part = args.part.is_given().then_some("--window");
         let of_mesh = args.mesh.given().filter(|option| *option != "--level");
         let format = args.format.map(|_| "--format");
@@ -159,14 +175,17 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let target = args.format.or_else(|| Target::of(args.output.path()));
     if tiles.is_none() && target.is_none() {
         bail!(
-            "{}: unknown format; use .tif, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl, \
+            "{}: unknown format; use .tif, .chain, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl, \
              .off, .glb or x/tileset.json, or --format",
             args.output.path().display()
         );
     }
     let target = target.filter(|_| tiles.is_none());
     let is_solid = matches!(target, Some(Target::Mesh(_) | Target::Tileset | Target::Glb));
+    let is_chain = target == Some(Target::Chain);
+    let of_mesh = args.mesh.given().filter(|option| !(is_chain && *option == "--level"));
     let misplaced = [
+        (is_chain, args.polygons.given().or(args.chain.given()), "regions: --polygons, or .chain"),
         (tiles.is_some() || target == Some(Target::Cog), args.tiles.given(), "pictures in tiles"),
         (tiles.is_some(), args.archive.given(), "tiles of web maps"),
         (
@@ -175,7 +194,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             "tiles of web maps; see --view window=...",
         ),
         (target == Some(Target::Cog), args.cog.given(), "cloud-optimized GeoTIFF"),
-        (is_solid, args.mesh.given(), "solids"),
+        (is_solid, of_mesh, "solids"),
         (matches!(target, Some(Target::Tileset | Target::Glb)), args.gltf.given(), "3D Tiles and glTF"),
     ];
     if let Some((_, Some(option), whose)) = misplaced.iter().find(|(fits, given, _)| !fits && given.is_some())
@@ -184,6 +203,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     match (tiles, target) {
         (Some(tiles), _) => tiles::run(args, &tiles, global),
+        (None, Some(Target::Chain)) => chain::run(args, global),
         (None, Some(Target::Mesh(format))) => mesh::run(args, format, global),
         (None, Some(Target::Tileset)) => gltf::write_tileset(args, global),
         (None, Some(Target::Glb)) => gltf::write_glb(args, global),

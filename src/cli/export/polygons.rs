@@ -16,21 +16,46 @@ use super::Args;
 
 /// Options of polygons.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Polygons of classes (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV, SVG)")]
+#[command(
+    next_help_heading = "Regions of classes: polygons (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV, SVG) and chain codes (.chain)"
+)]
 pub(super) struct PolygonOptions {
     /// Regions of cells of one class that have edges in common, a polygon each, with class, name, colour, number of cells and area
     #[arg(long)]
     pub(super) polygons: bool,
     /// Values equal to these alone, as in 3,4
-    #[arg(long = "class", value_name = "VALUE,...", value_delimiter = ',', requires = "polygons")]
-    classes: Option<Vec<Number>>,
+    #[arg(long = "class", value_name = "VALUE,...", value_delimiter = ',')]
+    pub(super) classes: Option<Vec<Number>>,
     /// Neighbours that a cell hangs together with: 4, those that it shares an edge with, or 8, also across corners, which makes several
-    /// polygons of a region that touch there
-    #[arg(long, value_name = "N", requires = "polygons", default_value = "4")]
-    connect: Connectivity,
+    /// polygons of a region that touch there [default: 4]
+    #[arg(long, value_name = "N")]
+    connect: Option<Connectivity>,
     /// Distance that borders may be moved by to have fewer corners, in units of the tree's coordinates; neighbours keep the same border
     #[arg(long, value_name = "DISTANCE", requires = "polygons")]
     simplify: Option<f64>,
+}
+
+impl PolygonOptions {
+    /// The first option of any regions that was given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let given = [("--class", self.classes.is_some()), ("--connect", self.connect.is_some())];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
+
+    /// What is asked of regions of a tree at a level.
+    pub(super) fn request(&self, level: u8) -> Result<PolygonRequest> {
+        let mut request = PolygonRequest::new();
+        let connect = self.connect.map_or(4, Connectivity::neighbours);
+        ensure!(
+            [4, 8].contains(&connect),
+            "--connect {connect}: regions are of cells of quadtrees, which have 4 or 8 neighbours"
+        );
+        request.across_corners = connect == 8;
+        request.classes.clone_from(&self.classes);
+        request.simplify = self.simplify;
+        request.level = Some(level);
+        Ok(request)
+    }
 }
 
 /// Writes the polygons.
@@ -42,16 +67,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
     check_output([args.tree.file.as_path()], args.output.path())?;
     let format = vector_format(None, args.output.path())?;
-    let mut request = PolygonRequest::new();
-    let connect = args.polygons.connect.neighbours();
-    ensure!(
-        [4, 8].contains(&connect),
-        "--connect {connect}: polygons are of cells of quadtrees, which have 4 or 8 neighbours"
-    );
-    request.across_corners = connect == 8;
-    request.classes.clone_from(&args.polygons.classes);
-    request.simplify = args.polygons.simplify;
-    request.level = Some(level_of(&tree, args.mesh.level)?);
+    let request = args.polygons.request(level_of(&tree, args.mesh.level)?)?;
     let work = Work::start(global, "cells")?;
     let output = Output::create(args.output.path())?;
     let summary = export_polygons(&tree, &request, output, format, &work)

@@ -48,6 +48,8 @@ pub enum Format {
     Tiff,
     Exr,
     Npy,
+    /// Octrees alone.
+    Nrrd,
     /// The samples, nothing else.
     Raw,
 }
@@ -85,6 +87,10 @@ pub fn create(output: Output, format: Format, spec: &ImageSpec) -> Result<Box<dy
         Format::Tiff => tiff::create(output, spec),
         Format::Exr => exr::create(output, spec),
         Format::Npy => npy::create(output, spec),
+        Format::Nrrd => {
+            let found = "a picture in an NRRD file";
+            Err(Error::unsupported(output.path(), found, "octrees are written so; write .npy, .raw or .tif"))
+        }
         Format::Raw => raw::create(output, spec),
     }
 }
@@ -127,6 +133,7 @@ pub fn format_of(path: &Path) -> Option<Format> {
         "tif" | "tiff" => Format::Tiff,
         "exr" => Format::Exr,
         "npy" => Format::Npy,
+        "nrrd" => Format::Nrrd,
         "raw" | "bin" => Format::Raw,
         _ => return None,
     })

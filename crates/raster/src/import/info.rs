@@ -11,7 +11,7 @@ use spinney_crs::Frame;
 
 impl RasterInfo {
     /// A raster about which nothing more is known.
-    pub(super) fn plain(size: [u64; 2], sample: SampleType, channels: usize) -> RasterInfo {
+    pub(crate) fn plain(size: [u64; 2], sample: SampleType, channels: usize) -> RasterInfo {
         RasterInfo {
             width: size[0],
             height: size[1],
@@ -60,7 +60,7 @@ impl RasterInfo {
     }
 
     /// Fails if a region is not within the raster.
-    pub(super) fn check(&self, region: Region) -> Result<()> {
+    pub(crate) fn check(&self, region: Region) -> Result<()> {
         if Region::new(0, 0, self.width, self.height).contains(&region) {
             return Ok(());
         }
@@ -71,7 +71,7 @@ impl RasterInfo {
 
 impl RasterOptions {
     /// Fails if `needed` bytes for `what` are more than allowed.
-    pub(super) fn check_memory(&self, path: &Path, what: &str, needed: u64) -> Result<()> {
+    pub(crate) fn check_memory(&self, path: &Path, what: &str, needed: u64) -> Result<()> {
         if needed <= self.memory {
             return Ok(());
         }

@@ -31,12 +31,13 @@ pub use self::bands::{Band, BandInfo, select, value_type};
 pub use self::build::{TargetGrid, WarpedBuilt};
 pub use self::mosaic::mosaic;
 pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan};
-pub(super) use self::plan::{depth_of, nodata_text};
+pub(super) use self::plan::{depth_of, listed, nodata_text};
 pub use self::slabs::RasterSlabs;
 pub use self::spill::spill;
 pub use self::stack::{Stack, StackLayer, StackOptions, plan_stack, write_stack};
 pub(super) use self::tiff::{SampleFormat, page_directories};
 pub(super) use self::validity::as_stored;
+use crate::chain_code;
 use spinney_base::io::open_input;
 use spinney_base::space::Region;
 use spinney_base::value::{Kind, Number, Palette, SampleType};
@@ -208,6 +209,7 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
         [0xff, 0xd8, 0xff, ..] => picture::open_jpeg(path, options),
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => picture::open_webp(path, options),
         [0x76, 0x2f, 0x31, 0x01, ..] => exr::open(path, options),
+        start if start.starts_with(chain_code::MAGIC.as_bytes()) => chain_code::open(path, options),
         start if vrt::is_vrt(start) => vrt::open(path, options),
         _ if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => hgt::open(path),
         _ => Err(OtherFormat::refuse_source(path, &magic)),

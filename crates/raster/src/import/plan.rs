@@ -330,7 +330,7 @@ fn describe(
 }
 
 /// The paths of files, as far as a line has room for them.
-pub(super) fn listed(paths: &[PathBuf]) -> String {
+pub(crate) fn listed(paths: &[PathBuf]) -> String {
     const LISTED: usize = 12;
     let names: Vec<String> = paths.iter().take(LISTED).map(|path| path.display().to_string()).collect();
     match paths.len() - names.len() {

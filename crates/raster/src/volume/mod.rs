@@ -1,16 +1,21 @@
 //! Volumes: arrays of three dimensions, which become octrees.
 
+mod array;
 mod npy;
-mod pages;
+mod nrrd;
+mod raw;
+mod sections;
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use self::npy::Array;
-use self::pages::Pages;
+use self::array::{Array, ArrayLayout};
+pub(crate) use self::nrrd::nrrd_head;
+pub use self::raw::RawLayout;
+use self::sections::Sections;
 use super::npy::MAGIC;
-use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, nodata_text};
+use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, listed, nodata_text};
 use spinney_base::Form;
 use spinney_base::io::{Output, folder};
 use spinney_base::space::Dimension;
@@ -65,7 +70,20 @@ pub struct VolumeImport {
 /// Where the samples are.
 enum Samples {
     Array(Array),
-    Pages(Box<Pages>),
+    Sections(Box<Sections>),
+    Packed(Box<nrrd::Packed>),
+}
+
+/// A volume as its file, or somebody else, tells of it.
+struct Told {
+    /// Its format, in words.
+    words: String,
+    /// Name of the samples' type.
+    stored: String,
+    layout: ArrayLayout,
+    metadata: Metadata,
+    kind: Option<Kind>,
+    samples: Samples,
 }
 
 /// Whether a file is a volume, by its first bytes.
@@ -73,14 +91,15 @@ pub fn is_volume(path: &Path) -> bool {
     let mut start = Vec::new();
     // (Of what is no file, such as a pipe, bytes that are read are gone.)
     path.is_file()
-        && File::open(path)
-            .is_ok_and(|file| file.take(MAGIC.len() as u64).read_to_end(&mut start).is_ok() && start == MAGIC)
+        && File::open(path).is_ok_and(|file| file.take(8).read_to_end(&mut start).is_ok())
+        && (start.starts_with(MAGIC) || start.starts_with(nrrd::MAGIC))
 }
 
 /// Opens a volume and decides how its octree is built.
 ///
 /// Volumes are NPY files, as `numpy.save` writes them: arrays of shape (z, y, x) in C order, or (z, y, x, channels) with up to 4
-/// channels. Types that trees do not have become the next wider one: bool u8, half f32.
+/// channels; and NRRD files, raw or compressed, with their samples or beside them, whose place, units and tags are kept. Types that trees do not have become the next wider
+/// one: bool u8, half f32.
 ///
 /// ```
 /// use spinney::import::volume::{VolumeOptions, plan};
@@ -105,66 +124,98 @@ pub fn is_volume(path: &Path) -> bool {
 /// # Errors
 /// If the file cannot be read, is no such array or not as long as its header says, or the options do not fit it.
 pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
-    let array = Array::open(path)?;
-    let (size, value, format, layout) = (array.size, array.value, array.format.name(), array.layout.clone());
-    let told = Metadata::default();
-    planned(path, Samples::Array(array), (size, value), [layout, format], told, None, options)
+    let mut start = [0; 8];
+    let is_nrrd = File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok()
+        && start.starts_with(nrrd::MAGIC);
+    let told = if is_nrrd { nrrd::open(path)? } else { npy::open(path)? };
+    planned(&[path.to_path_buf()], told, options)
 }
 
-/// Opens a TIFF file whose pages are the planes of a volume, one below the other along z, and decides how its octree is built. They are
-/// alike: in size, number of bands and type. Place, nodata, colours and tags are those of the first.
+/// Opens a file of samples alone, and decides how its octree is built.
+///
+/// ```
+/// use spinney::import::volume::{RawLayout, VolumeOptions, plan_raw};
+/// use spinney::io::Output;
+/// use spinney::value::SampleType;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let (raw, path) = (folder.path().join("volume.raw"), folder.path().join("volume.goblin"));
+/// std::fs::write(&raw, [0, 1, 0, 2, 0, 3, 0, 4]).unwrap();
+/// let mut layout = RawLayout::new([2, 2, 1], SampleType::U16);
+/// layout.is_big_endian = true;
+/// plan_raw(&raw, &layout, &VolumeOptions::new())?.build(Output::create(&path)?, &())?;
+/// assert_eq!(spinney::open(&path)?.statistics(None, &())?.channels[0].mean, Some(2.5));
+/// # Ok::<(), spinney::Error>(())
+/// ```
 ///
 /// # Errors
-/// If the file cannot be read, its pages differ or have opacity, or the options do not fit them.
-pub fn plan_pages(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
-    let pages = Pages::open(path, options.memory.unwrap_or(DEFAULT_MEMORY) / 2)?;
-    let info = &pages.info;
-    let told = Metadata {
-        frame: info.frame.clone(),
-        nodata: info.nodata,
-        palette: info.palette.clone(),
-        class_names: info.class_names.iter().cloned().collect(),
-        tags: info.tags.clone(),
-        ..Metadata::default()
-    };
-    let kind = info.kind.filter(|kind| *kind == Kind::Categorical);
-    let about = (pages.size(), pages.value);
-    let words = [format!("{} pages: {}", about.0[2], info.layout), info.stored_sample.clone()];
-    planned(path, Samples::Pages(Box::new(pages)), about, words, told, kind, options)
+/// If the file cannot be read or has another length, or the options do not fit it.
+pub fn plan_raw(path: &Path, layout: &RawLayout, options: &VolumeOptions) -> Result<VolumeImport> {
+    planned(&[path.to_path_buf()], raw::open(path, layout)?, options)
 }
 
-/// Plans a volume of samples, of which a layout and a type are known in words, and some things are told by the file.
-fn planned(
-    path: &Path,
-    samples: Samples,
-    (size, value): ([u64; 3], ValueType),
-    [layout, format]: [String; 2],
-    told: Metadata,
-    told_kind: Option<Kind>,
-    options: &VolumeOptions,
-) -> Result<VolumeImport> {
-    let nodata = options.nodata.or(told.nodata).and_then(|number| as_stored(number, value.sample));
+/// Opens pictures that are the planes of a volume, one below the other along z, and decides how its octree is built: files, pages of TIFF files, and folders of pictures. They are
+/// alike: in size, number of bands and type. Place, nodata, colours and tags are those of the first.
+///
+/// Pictures in a folder come in the order of the numbers in their names; so do files that are given in the order of their letters, as a shell's pattern gives them.
+///
+/// # Errors
+/// If a file cannot be read, they differ or have opacity, or the options do not fit them.
+pub fn plan_sections(inputs: &[PathBuf], options: &VolumeOptions) -> Result<VolumeImport> {
+    let sections = Sections::open(inputs, options.memory.unwrap_or(DEFAULT_MEMORY) / 2)?;
+    let (info, files) = (sections.info.clone(), sections.files.clone());
+    let planes = sections.layout.size[2];
+    let mut words = match files.len() {
+        1 => format!("{planes} pages: {}", info.layout),
+        count => format!("{planes} sections in {count} files: {}", info.layout),
+    };
+    if sections.others > 0 {
+        words += &format!("; {} other files in folders are left out", sections.others);
+    }
+    let told = Told {
+        words,
+        stored: info.stored_sample,
+        layout: sections.layout,
+        metadata: Metadata {
+            frame: info.frame,
+            nodata: info.nodata,
+            palette: info.palette,
+            class_names: info.class_names.into_iter().collect(),
+            tags: info.tags,
+            ..Metadata::default()
+        },
+        kind: info.kind.filter(|kind| *kind == Kind::Categorical),
+        samples: Samples::Sections(Box::new(sections)),
+    };
+    planned(&files, told, options)
+}
+
+/// Plans a volume that files tell of.
+fn planned(paths: &[PathBuf], told: Told, options: &VolumeOptions) -> Result<VolumeImport> {
+    let Told { words, stored, layout, metadata, kind: told_kind, samples } = told;
+    let value = layout.value();
+    let nodata = options.nodata.or(metadata.nodata).and_then(|number| as_stored(number, value.sample));
     let value = nodata.map_or(value, |nodata| value.with_missing(nodata));
-    let [width, height, planes] = size;
+    let [width, height, planes] = layout.size;
     let text = format!("{width} x {height} x {planes} cells");
-    let depth = depth_of(Dimension::Oct, size, &text, options.depth)?;
+    let depth = depth_of(Dimension::Oct, layout.size, &text, options.depth)?;
     let (kind, kind_reason) = match (options.kind, told_kind) {
         (Some(kind), _) => (kind, "as you said"),
         (None, Some(kind)) => (kind, "as the file's samples tell"),
         (None, None) => (Kind::Continuous, "the usual for volumes; for classes say --kind categorical"),
     };
     let rule = options.rule.unwrap_or(kind.default_rule());
-    let provenance = vec![format!("volume {} ({layout})", path.display())];
-    let frame = frame(&told.frame, options)?;
-    let metadata = Metadata { frame, nodata, provenance, ..told };
+    let provenance = vec![format!("volume {} ({words})", listed(paths))];
+    let frame = frame(&metadata.frame, options)?;
+    let metadata = Metadata { frame, nodata, provenance, ..metadata };
     let said = |is: bool| if is { "as you said".into() } else { format!("usual for {kind}") };
     let crs = metadata.frame.crs.as_ref().map_or("none".into(), Crs::to_string);
     let placed = !metadata.frame.is_identity();
     let description = vec![
-        ("input", path.display().to_string()),
-        ("layout", layout),
+        ("input", listed(paths)),
+        ("layout", words),
         ("size", text),
-        ("samples", format!("{value} (stored as {format})")),
+        ("samples", format!("{value} (stored as {stored})")),
         ("CRS", crs),
         ("transform", if placed { format!("{:?}", metadata.frame.matrix) } else { "none".into() }),
         ("nodata", nodata_text(options.nodata, nodata, value.sample)),
@@ -212,8 +263,8 @@ impl VolumeImport {
         self.value
     }
 
-    /// Builds the octree, on the threads of the current rayon pool; progress counts cells. The samples of pages go to a temporary
-    /// file in the output's folder first.
+    /// Builds the octree, on the threads of the current rayon pool; progress counts cells. Samples of pictures, and those that are
+    /// compressed, go to a temporary file in the output's folder first.
     ///
     /// # Errors
     /// If the file cannot be read or has become shorter, the output cannot be written, or on interruption; nothing is left behind
@@ -222,7 +273,8 @@ impl VolumeImport {
         let VolumeImport { samples, value, options, memory, .. } = self;
         let array = match samples {
             Samples::Array(array) => array,
-            Samples::Pages(pages) => pages.spill(folder(output.path()), progress)?,
+            Samples::Sections(sections) => sections.spill(folder(output.path()), progress)?,
+            Samples::Packed(packed) => packed.unpack(folder(output.path()), progress)?,
         };
         let nodata = options.metadata.nodata.and_then(|number| value.splat(number));
         let form = Form::new(Dimension::Oct, value);

@@ -42,6 +42,9 @@ pub struct PolygonRequest {
     pub simplify: Option<f64>,
     /// The level of the tree whose cells count; the deepest if it is not given.
     pub level: Option<u8>,
+    /// Whether points are corners of cells of the level, by their column and row, instead of places in the world. Outer rings are then counterclockwise
+    /// where rows go down.
+    pub in_cells: bool,
     /// Bytes to hold at a time, approximately.
     pub memory: u64,
     /// Where a temporary file is made if borders need more memory than that; the system's folder for such files if it is not given.
@@ -56,6 +59,7 @@ impl PolygonRequest {
             classes: None,
             simplify: None,
             level: None,
+            in_cells: false,
             memory: 64 << 20,
             folder: None,
         }
@@ -121,7 +125,7 @@ impl ClassRegion<'_> {
         self.rings.rings.get(part).map_or(0, |ring| ring.count)
     }
 
-    /// Hands out the points of a ring in world coordinates, many at a time; the third is 0.
+    /// Hands out the points of a ring, many at a time, in world coordinates or [in cells](PolygonRequest::in_cells); the third is 0.
     ///
     /// # Errors
     /// If a temporary file cannot be read, or `each` fails.
@@ -217,16 +221,19 @@ pub(crate) fn find_regions(
     };
     // Where borders are simplified, all classes have a say in where junctions are.
     ground.classes = if tolerance.is_some() { None } else { wanted.clone() };
+    let rows_go_down = request.in_cells;
+    let points_frame = if rows_go_down { Frame::identity() } else { ground.frame.clone() };
     let ground = &*ground;
     // Pictures are looked at with rows going down: where the world is not, left and right change places.
     let [across, down, _] = ground.frame.linear().to_cols_array_2d();
-    let is_reversed = across[0] * down[1] - across[1] * down[0] > 0.0;
+    let is_reversed = !rows_go_down && across[0] * down[1] - across[1] * down[0] > 0.0;
     let rules = RingRules { is_reversed, keeps_junctions: tolerance.is_some() };
     let folder = request.folder.clone().unwrap_or_else(std::env::temp_dir);
     let [columns, rows] = ground.size.map(|cells| cells as u32);
     let arcs = Arcs::new(Points::new(request.memory / 4, folder));
     let mut tracer = Tracer {
         ground,
+        frame: points_frame,
         sweep: Sweep::new(columns, request.across_corners, arcs),
         simplifier: tolerance.map(|tolerance| Simplifier::new(ground, tolerance, request.memory / 8)),
         wanted,
@@ -262,6 +269,8 @@ pub(crate) fn find_regions(
 /// Regions on their way to whoever wants them.
 struct Tracer<'a, 'e> {
     ground: &'a ClassGround<'a>,
+    /// Where points are.
+    frame: Frame,
     sweep: Sweep,
     simplifier: Option<Simplifier<'a>>,
     /// Classes that are handed out; all if they are not given.
@@ -275,7 +284,7 @@ struct Tracer<'a, 'e> {
 impl Tracer<'_, '_> {
     /// Passes a row, and hands out what ends above it.
     fn next(&mut self, runs: &[Run]) -> Result<()> {
-        let Tracer { ground, sweep, simplifier, wanted, rules, each, summary, .. } = self;
+        let Tracer { ground, frame, sweep, simplifier, wanted, rules, each, summary, .. } = self;
         for (root, class) in sweep.next(runs, simplifier)? {
             self.progress.check()?;
             let (cells, first) = sweep.labels.set(root);
@@ -287,7 +296,7 @@ impl Tracer<'_, '_> {
                 summary.points += rings.rings.iter().map(|ring| ring.count).sum::<u64>();
                 summary.cells += cells;
                 let value = Value::from_bytes(&class.bits.to_le_bytes()[..ground.width]);
-                let (arcs, frame) = (&sweep.arcs, &ground.frame);
+                let arcs = &sweep.arcs;
                 let value_type = ground.value;
                 each(&ClassRegion { value, value_type, cells, rings: &rings, arcs, rules: *rules, frame })?;
             }

@@ -1,0 +1,329 @@
+//! Texts of chain codes: their head, and the crossings of their chains with rows.
+
+use std::path::Path;
+
+use super::crossings::{Change, Crossing};
+use super::text::{Text, shown};
+use super::{ChainDirections, MAGIC, VERSION};
+use spinney_base::space::Dimension;
+use spinney_base::value::{Number, Palette, SampleType, ValueType};
+use spinney_base::{Error, Result};
+use spinney_crs::{Crs, Frame};
+
+/// Words that begin a chain, or end the text.
+const BODY: [&str; 5] = ["region", "part", "hole", "line", "end"];
+/// Colours that a palette has at most.
+const MOST_COLOURS: usize = 1 << 16;
+
+/// What a text tells before its chains.
+pub(super) struct Head {
+    pub(super) directions: ChainDirections,
+    /// Columns and rows, where the text tells them.
+    pub(super) size: Option<[u64; 2]>,
+    pub(super) sample: SampleType,
+    pub(super) frame: Frame,
+    pub(super) nodata: Option<Number>,
+    pub(super) palette: Option<Palette>,
+    pub(super) names: Vec<(Number, String)>,
+}
+
+/// A text whose head was read.
+pub(super) struct Body {
+    text: Text,
+    /// The word that it begins with.
+    first: String,
+}
+
+/// Opens a text and reads its head.
+///
+/// # Errors
+/// If it cannot be read, or the head breaks the rules.
+pub(super) fn open(path: &Path) -> Result<(Head, Body)> {
+    let mut text = Text::open(path)?;
+    if text.word()?.as_deref() != Some(MAGIC) {
+        return Err(text.wrong("another word", &format!("`{MAGIC} {VERSION}`")));
+    }
+    match text.word()? {
+        Some(version) if version == VERSION => {}
+        Some(version) => {
+            let found = format!("version {} of chain codes", shown(version.as_bytes()));
+            return Err(text.unsupported(found, "this program knows version 1: look for a newer one"));
+        }
+        None => return Err(text.wrong("the end of the text", "version 1")),
+    }
+    let mut directions = None;
+    let mut head = Head {
+        directions: ChainDirections::Four,
+        size: None,
+        sample: SampleType::U8,
+        frame: Frame::identity(),
+        nodata: None,
+        palette: None,
+        names: Vec::new(),
+    };
+    let mut known: Vec<String> = Vec::new();
+    let first = loop {
+        let Some(word) = text.word()? else {
+            return Err(text.wrong("the end of the text", "chains, and `end`"));
+        };
+        if BODY.contains(&&*word) {
+            break word;
+        }
+        if word != "name" && known.contains(&word) {
+            return Err(text.wrong(&format!("`{word}` once more"), "each line of the head once"));
+        }
+        match &*word {
+            "directions" => directions = Some(text.number("4 or 8 directions", |word| word.parse().ok())?),
+            "size" => head.size = Some([cells(&mut text, "columns")?, cells(&mut text, "rows")?]),
+            "type" => {
+                let expected = format!("a type: {}", SampleType::ALL.map(SampleType::name).join(", "));
+                let named = |word: &str| SampleType::ALL.into_iter().find(|sample| sample.name() == word);
+                head.sample = text.number(&expected, named)?;
+            }
+            "nodata" => head.nodata = Some(text.number("a number", |word| word.parse().ok())?),
+            "transform" => head.frame.matrix = transform(&mut text)?,
+            "points" => head.frame.pixel_is_point = true,
+            "crs" => {
+                let told = text.rest()?;
+                head.frame.crs = Some(Crs::parse(&told).map_err(|error| {
+                    text.wrong(&shown(told.as_bytes()), &format!("a coordinate system ({error})"))
+                })?);
+            }
+            "palette" => head.palette = Some(palette(&mut text)?),
+            "name" => {
+                let class = text.number("a class", |word| word.parse().ok())?;
+                let name = text.rest()?;
+                let name = serde_json::from_str(&name)
+                    .map_err(|_| text.wrong(&shown(name.as_bytes()), "a name between quotation marks"))?;
+                head.names.push((class, name));
+            }
+            _ => {
+                let words = "directions, size, type, nodata, transform, points, crs, palette, name, region, line or end";
+                return Err(text.wrong(&shown(word.as_bytes()), words));
+            }
+        }
+        known.push(word);
+    };
+    let missing = || text.wrong(&format!("`{first}`"), "`directions 4` or `directions 8` before chains");
+    head.directions = directions.ok_or_else(missing)?;
+    Ok((head, Body { text, first }))
+}
+
+/// A number of cells along an axis.
+fn cells(text: &mut Text, what: &str) -> Result<u64> {
+    let most = 1u64 << Dimension::Quad.max_depth();
+    let read = |word: &str| word.parse().ok().filter(|cells| (1..=most).contains(cells));
+    text.number(&format!("a number of {what}, from 1 to {most}"), read)
+}
+
+/// The six numbers of a transform as a matrix.
+fn transform(text: &mut Text) -> Result<[[f64; 4]; 3]> {
+    let mut numbers = [0.0; 6];
+    for number in &mut numbers {
+        let finite = |word: &str| word.parse().ok().filter(|number: &f64| number.is_finite());
+        *number = text.number("six numbers that map columns and rows to the world", finite)?;
+    }
+    let frame = Frame::planar(numbers);
+    if frame.to_cells([0.0; 3]).is_none() {
+        return Err(text.wrong(&format!("{numbers:?}"), "a map of cells to the world that has an inverse"));
+    }
+    Ok(frame.matrix)
+}
+
+/// The colours of a line.
+fn palette(text: &mut Text) -> Result<Palette> {
+    let told = text.rest()?;
+    let mut colours = Vec::new();
+    for word in told.split_ascii_whitespace() {
+        let digits = word.strip_prefix('#').filter(|digits| digits.len() == 8);
+        let colour = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok());
+        match colour {
+            Some(colour) if colours.len() < MOST_COLOURS => colours.push(colour.to_be_bytes()),
+            Some(_) => return Err(text.wrong("more colours", &format!("at most {MOST_COLOURS} colours"))),
+            None => return Err(text.wrong(&shown(word.as_bytes()), "colours, as in #ff8000ff")),
+        }
+    }
+    Ok(Palette { colours })
+}
+
+/// Takes crossings as they come.
+pub(super) type TakeCrossing<'a> = dyn FnMut(Crossing) -> Result<()> + 'a;
+
+impl Body {
+    /// Goes through all chains.
+    ///
+    /// # Errors
+    /// If the text cannot be read, breaks the rules or goes beyond the picture, or `take` fails.
+    pub(super) fn each(self, head: &Head, take: &mut TakeCrossing<'_>) -> Result<()> {
+        let Body { mut text, first } = self;
+        let value = ValueType::new(head.sample, 1);
+        let class_expected = format!("a class, a number that {} can be", head.sample.name());
+        let (mut word, mut count, mut class) = (first, 0u64, None);
+        loop {
+            let is_hole = matches!(&*word, "hole" | "part");
+            match &*word {
+                "region" | "line" => {
+                    let read = |word: &str| {
+                        let value_of =
+                            |number: Number| value.exact(&[number]).filter(|own| !value.is_nan(*own));
+                        word.parse().ok().and_then(value_of)
+                    };
+                    let found = text.number(&class_expected, read)?.to_bytes();
+                    let bits = found.first_chunk::<8>().map_or(0, |bytes| u64::from_le_bytes(*bytes));
+                    // (Holes are of regions.)
+                    class = (word == "region").then_some(bits);
+                    count += 1;
+                    if word == "line" && head.directions == ChainDirections::Four {
+                        return Err(text.wrong("a line in a text of 4 directions", "lines in texts of 8"));
+                    }
+                    let owner = Owner { number: count, class: bits, is_closed: word == "region" };
+                    chain(&mut text, head, &owner, take)?;
+                }
+                "hole" | "part" if class.is_none() => {
+                    return Err(text.wrong(&format!("`{word}`"), "holes and parts behind their region"));
+                }
+                "end" => {
+                    if let Some(told) = text.word()?
+                        && told.parse() != Ok(count)
+                    {
+                        return Err(text.wrong(
+                            &shown(told.as_bytes()),
+                            &format!("{count}, the number of regions and lines"),
+                        ));
+                    }
+                    return match text.word()? {
+                        None => Ok(()),
+                        Some(more) => Err(text.wrong(&shown(more.as_bytes()), "the end of the text")),
+                    };
+                }
+                _ if !is_hole => {
+                    return Err(text.wrong(&shown(word.as_bytes()), "region, part, hole, line or end"));
+                }
+                _ => {}
+            }
+            if let (true, Some(class)) = (is_hole, class) {
+                chain(&mut text, head, &Owner { number: count, class, is_closed: true }, take)?;
+            }
+            word = match text.word()? {
+                Some(word) => word,
+                None => return Err(text.wrong("the end of the text", "`end`: the text is not whole")),
+            };
+        }
+    }
+}
+
+/// The region or line that a chain is of.
+struct Owner {
+    number: u64,
+    class: u64,
+    /// Whether its chains lead back to where they begin.
+    is_closed: bool,
+}
+
+/// Reads where a chain begins, and its steps.
+fn chain(text: &mut Text, head: &Head, owner: &Owner, take: &mut TakeCrossing<'_>) -> Result<()> {
+    let most = 1u64 << Dimension::Quad.max_depth();
+    let is_crack = head.directions == ChainDirections::Four;
+    // Corners are on the last side of the picture, too.
+    let ends = head.size.unwrap_or([most; 2]).map(|cells| cells as i64 - i64::from(!is_crack));
+    let line = text.line;
+    let mut start = [0i64; 2];
+    for (axis, what) in ["column", "row"].into_iter().enumerate() {
+        let read = |word: &str| word.parse().ok().filter(|at| (0..=ends[axis]).contains(at));
+        start[axis] = text.number(&format!("a {what}, from 0 to {}", ends[axis]), read)?;
+    }
+    let mut walk = ChainWalk { at: start, owner, run: [start[0]; 2], is_crack };
+    while let Some(byte) = text.skip_space()?.filter(u8::is_ascii_digit) {
+        let mut code = byte;
+        loop {
+            let step = head.directions.step(code.wrapping_sub(b'0')).filter(|_| code.is_ascii_digit());
+            let Some(step) = step else {
+                let expected = format!("codes from 0 to {}", head.directions.count() - 1);
+                return Err(text.wrong(&shown(&[code]), &expected));
+            };
+            let to = [walk.at[0] + step[0], walk.at[1] + step[1]];
+            if (0..2).any(|axis| !(0..=ends[axis]).contains(&to[axis])) {
+                let expected = format!("columns from 0 to {} and rows from 0 to {}", ends[0], ends[1]);
+                return Err(text.wrong(&format!("a step to {},{}", to[0], to[1]), &expected));
+            }
+            walk.go(to, take)?;
+            text.pass();
+            match text.peek()?.filter(|byte| !byte.is_ascii_whitespace()) {
+                Some(next) => code = next,
+                None => break,
+            }
+        }
+    }
+    let [column, row] = walk.at;
+    if owner.is_closed && walk.at != start {
+        let expected = format!("{},{}, where it begins", start[0], start[1]);
+        return Err(text.wrong_in(line, &format!("a chain that ends in {column},{row}"), &expected));
+    }
+    walk.end(take)
+}
+
+/// A walk along a chain.
+struct ChainWalk<'a> {
+    at: [i64; 2],
+    owner: &'a Owner,
+    /// First and last cell of the walk in this row since it came there.
+    run: [i64; 2],
+    is_crack: bool,
+}
+
+impl ChainWalk<'_> {
+    /// Goes a step.
+    ///
+    /// Invariant: a row is crossed where the walk goes below it or comes from there, by the upper end of the step. Cells of the chain itself are its own whatever is
+    /// counted, and all others beside a step are on one side of it: so a cell that is not on a chain is inside if an odd number of crossings is at or before it.
+    fn go(&mut self, to: [i64; 2], take: &mut TakeCrossing<'_>) -> Result<()> {
+        let from = std::mem::replace(&mut self.at, to);
+        if from[1] == to[1] {
+            self.run = [self.run[0].min(to[0]), self.run[1].max(to[0])];
+            return Ok(());
+        }
+        let upper = if from[1] < to[1] { from } else { to };
+        if !self.is_crack {
+            self.take_run(from[1], take)?;
+            self.run = [to[0]; 2];
+        }
+        if self.owner.is_closed {
+            self.take(upper[1], upper[0], Change::Cross, take)?;
+        }
+        Ok(())
+    }
+
+    /// Ends the chain.
+    fn end(self, take: &mut TakeCrossing<'_>) -> Result<()> {
+        if self.is_crack { Ok(()) } else { self.take_run(self.at[1], take) }
+    }
+
+    fn take_run(&self, row: i64, take: &mut TakeCrossing<'_>) -> Result<()> {
+        self.take(row, self.run[0], Change::Begin, take)?;
+        self.take(row, self.run[1] + 1, Change::End, take)
+    }
+
+    fn take(&self, row: i64, column: i64, change: Change, take: &mut TakeCrossing<'_>) -> Result<()> {
+        let Owner { number, class, .. } = *self.owner;
+        // (Both are between 0 and 2^29.)
+        take(Crossing { row: row as u32, column: column as u32, owner: number, change, class })
+    }
+}
+
+/// Columns and rows that all chains of a text have room in.
+///
+/// # Errors
+/// If it cannot be read, breaks the rules, or has no cells.
+pub(super) fn measure(path: &Path) -> Result<[u64; 2]> {
+    let (head, body) = open(path)?;
+    let mut size = [0u64; 2];
+    body.each(&head, &mut |crossing| {
+        size = [size[0].max(crossing.column.into()), size[1].max(u64::from(crossing.row) + 1)];
+        Ok(())
+    })?;
+    if size[0] == 0 {
+        let expected = "a chain around cells, or the line `size COLUMNS ROWS`";
+        return Err(Error::corrupt(path, "the whole text", "no cells", expected));
+    }
+    Ok(size)
+}

@@ -1,0 +1,250 @@
+//! Chain codes out: regions of classes, and lines.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use super::line::chains_of;
+use super::ring::RingChain;
+use super::{ChainDirections, MAGIC, VERSION};
+use spinney_base::io::Output;
+use spinney_base::value::{Number, ValueType};
+use spinney_base::{Error, Progress, Result};
+use spinney_crs::{Crs, Frame};
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::{ClassRegion, PolygonRequest, PolygonSummary};
+
+/// Steps in a line of text.
+const LINE: usize = 120;
+/// Bytes that are written at a time.
+const PART: usize = 1 << 16;
+
+/// Writes the regions of a quadtree of classes as Freeman chain codes: of each its class, where its chain begins, the chain, and the same of each hole. What
+/// is wanted and what memory it takes are as for [polygons](Dataset::polygons), whose borders the chains follow; of regions that hang together by corners each polygon has
+/// a chain. The number of directions says whether chains go along the sides of cells or from cell to cell.
+///
+/// The text has the picture's size, its type, place and coordinate system, nodata number, colours and names, so that the tree that is built of it has the same cells.
+///
+/// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// use spinney::export::{ChainDirections, export_chain_code};
+/// use spinney::io::Output;
+/// use spinney::query::PolygonRequest;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let (text, again) = (folder.path().join("classes.chain"), folder.path().join("again.goblin"));
+/// let map = spinney::open("fixtures/v1/classes.goblin")?;
+/// export_chain_code(&map, &PolygonRequest::new(), ChainDirections::Eight, Output::create(&text)?, &())?;
+///
+/// spinney::build(&text, &again)?;
+/// assert_eq!(spinney::open(&again)?.statistics(None, &())?.classes, map.statistics(None, &())?.classes);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// Those of [`Dataset::polygons`]; if borders are to be simplified, or the output cannot be written.
+pub fn export_chain_code(
+    tree: &Dataset,
+    request: &PolygonRequest,
+    directions: ChainDirections,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<PolygonSummary> {
+    if let Some(distance) = request.simplify {
+        let expected = "nothing: chains go along cells, and simplified borders do not";
+        return Err(Error::invalid("simplify", distance.to_string(), expected));
+    }
+    let mut request = request.clone();
+    request.in_cells = true;
+    if output.is_file() && request.folder.is_none() {
+        // Borders that wait for their ends do so beside the output.
+        request.folder = Some(PathBuf::from(spinney_base::io::folder(output.path())));
+    }
+    let level = request.level.unwrap_or(tree.depth());
+    let mut writer = ChainWriter::create(output, tree, level, directions, progress)?;
+    let summary = tree.polygons(&request, progress, &mut |region| writer.region(region))?;
+    writer.finish().map(|()| summary)
+}
+
+/// A chain code that is being written.
+pub struct ChainWriter {
+    output: Output,
+    directions: ChainDirections,
+    size: [u64; 2],
+    value: ValueType,
+    /// Text that is still to be written.
+    text: Vec<u8>,
+    /// Steps in its last line.
+    steps: usize,
+    /// Regions and lines.
+    count: u64,
+}
+
+impl ChainWriter {
+    /// Begins a text that speaks of the cells of a level of a quadtree.
+    ///
+    /// # Errors
+    /// If the tree is an octree or of several channels, there is no such level, or the output cannot be written.
+    pub fn create(
+        output: Output,
+        tree: &Dataset,
+        level: u8,
+        directions: ChainDirections,
+        progress: &dyn Progress,
+    ) -> Result<ChainWriter> {
+        let (header, metadata) = (tree.header(), tree.metadata());
+        let value = header.form.value;
+        if header.form.axes() != 2 || value.channels != 1 {
+            let found = format!("chain codes of {}", header.form);
+            return Err(Error::unsupported(tree.name(), found, "they are of quadtrees of one channel"));
+        }
+        if level > tree.depth() {
+            return Err(Error::invalid("level", level.to_string(), format!("0 to {}", tree.depth())));
+        }
+        let [width, height, _] = tree.extent_at(level).max;
+        let mut text =
+            format!("{MAGIC} {VERSION}\ndirections {}\nsize {width} {height}\n", directions.count());
+        text += &format!("type {}\n", value.sample.name());
+        if let Some(nodata) = metadata.nodata {
+            text += &format!("nodata {nodata}\n");
+        }
+        text += &place_lines(&output, &metadata.frame.coarser(tree.depth() - level), progress);
+        if let Some(palette) = &metadata.palette {
+            let colour =
+                |[red, green, blue, alpha]: &[u8; 4]| format!(" #{red:02x}{green:02x}{blue:02x}{alpha:02x}");
+            text += &format!("palette{}\n", palette.colours.iter().map(colour).collect::<String>());
+        }
+        for (class, name) in &metadata.class_names {
+            text += &format!("name {class} {}\n", serde_json::Value::from(name.as_str()));
+        }
+        let (size, text) = ([width, height], text.into_bytes());
+        Ok(ChainWriter { output, directions, size, value, text, steps: 0, count: 0 })
+    }
+
+    /// Writes a region whose points are [in cells](PolygonRequest::in_cells).
+    ///
+    /// # Errors
+    /// If a temporary file cannot be read, or the output cannot be written.
+    pub fn region(&mut self, region: &ClassRegion<'_>) -> Result<()> {
+        let mut part = 0;
+        for (polygon, rings) in region.polygons().iter().enumerate() {
+            for ring in 0..*rings {
+                let chain = RingChain::new(region, part, ring == 0, self.directions)?;
+                match (polygon, ring) {
+                    (0, 0) => self.begin("region", Some(region.class()), chain.start)?,
+                    (_, 0) => self.begin("part", None, chain.start)?,
+                    _ => self.begin("hole", None, chain.start)?,
+                }
+                chain.each(&mut |code, count| self.steps(code, count))?;
+                part += 1;
+            }
+        }
+        self.count += 1;
+        Ok(())
+    }
+
+    /// Writes a line, by its corners in cells, as the chain of cells that are nearest to it, from each to one of the 8 around it, which get a class. Of what lies
+    /// beyond the picture nothing is written, and of a line that leaves it and comes back several chains. Returns their number.
+    ///
+    /// # Errors
+    /// If chains have 4 directions, the tree has no such class, or the output cannot be written.
+    pub fn line(&mut self, class: Number, corners: &[[f64; 2]]) -> Result<usize> {
+        if self.directions == ChainDirections::Four {
+            return Err(Error::invalid(
+                "number of directions",
+                "4",
+                "8 for lines, whose chains go from cell to cell",
+            ));
+        }
+        if self.value.exact(&[class]).is_none() {
+            let expected = format!("a number that {} can be", self.value.sample.name());
+            return Err(Error::invalid("class", class.to_string(), expected));
+        }
+        let chains = chains_of(corners, self.size);
+        for chain in &chains {
+            self.begin("line", Some(class), chain.start)?;
+            chain.steps.iter().try_for_each(|(code, count)| self.steps(*code, *count))?;
+            self.count += 1;
+        }
+        Ok(chains.len())
+    }
+
+    /// Ends the text, and lets it appear.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn finish(mut self) -> Result<()> {
+        self.end_line();
+        self.text.extend_from_slice(format!("end {}\n", self.count).as_bytes());
+        self.flush(0)?;
+        self.output.commit()
+    }
+
+    /// Begins a chain.
+    fn begin(&mut self, word: &str, class: Option<Number>, [column, row]: [i64; 2]) -> Result<()> {
+        self.end_line();
+        let class = class.map_or(String::new(), |class| format!("{class} "));
+        self.text.extend_from_slice(format!("{word} {class}{column} {row}\n").as_bytes());
+        self.flush(PART)
+    }
+
+    /// Writes a code so many times.
+    fn steps(&mut self, code: u8, mut count: u64) -> Result<()> {
+        while count > 0 {
+            let here = count.min((LINE - self.steps) as u64);
+            self.text.resize(self.text.len() + here as usize, b'0' + code);
+            self.steps += here as usize;
+            count -= here;
+            if self.steps == LINE {
+                self.end_line();
+                self.flush(PART)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn end_line(&mut self) {
+        if std::mem::take(&mut self.steps) > 0 {
+            self.text.push(b'\n');
+        }
+    }
+
+    /// Writes the text that has gathered, if there is more than so much.
+    fn flush(&mut self, most: usize) -> Result<()> {
+        if self.text.len() > most {
+            self.output.write_all(&self.text).map_err(Error::io(self.output.path(), "write"))?;
+            self.text.clear();
+        }
+        Ok(())
+    }
+}
+
+/// Lines that tell where the cells are.
+fn place_lines(output: &Output, frame: &Frame, progress: &dyn Progress) -> String {
+    let mut text = String::new();
+    if !frame.is_identity() {
+        text += &format!("transform {}\n", frame.affine().map(|number| number.to_string()).join(" "));
+    }
+    if frame.pixel_is_point {
+        text += "points\n";
+    }
+    if let Some(crs) = &frame.crs {
+        // (Of GeoTIFF keys there is no text that is a definition by itself.)
+        let own = crs.definition();
+        let told = match Crs::parse(&own) {
+            Ok(_) => Ok(own),
+            Err(_) => crs.to_wkt2(),
+        };
+        match told {
+            Ok(told) => {
+                let told: String =
+                    told.chars().map(|letter| if letter.is_control() { ' ' } else { letter }).collect();
+                text += &format!("crs {told}\n");
+            }
+            Err(error) => {
+                let remark = format!("has not the coordinate system {crs}, which no text defines: {error}");
+                progress.warn(output.path(), &remark);
+            }
+        }
+    }
+    text
+}

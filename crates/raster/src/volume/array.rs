@@ -1,0 +1,153 @@
+//! Arrays of three dimensions in files, read cube by cube.
+
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::import::SampleFormat;
+use spinney_base::io::platform::read_exact_at;
+use spinney_base::value::ValueType;
+use spinney_base::{Error, Result};
+use spinney_engine::store::{Slab, Slabs};
+
+/// Cells along a side of the builder's blocks.
+const BLOCK: u64 = 64;
+/// Cells along a side of the largest cubes that are read at once: room for all threads.
+const MOST: u64 = 256;
+
+/// What an array's samples are, and how they lie in a file: those of a cell together, x fastest, then y, then z.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ArrayLayout {
+    /// Cells along x, y and z.
+    pub(super) size: [u64; 3],
+    pub(super) format: SampleFormat,
+    pub(super) channels: u8,
+    pub(super) is_big_endian: bool,
+}
+
+impl ArrayLayout {
+    /// Values as trees have them.
+    pub(super) fn value(&self) -> ValueType {
+        ValueType::new(self.format.sample(), self.channels)
+    }
+
+    /// Bytes of all samples; `None` if no file has room for them.
+    pub(super) fn bytes(&self) -> Option<u64> {
+        let cell = self.format.bits() as u64 / 8 * u64::from(self.channels);
+        self.size.into_iter().try_fold(cell, u64::checked_mul).filter(|bytes| *bytes <= i64::MAX as u64)
+    }
+
+    /// Fails if trees have no such cells, or the array has none.
+    pub(super) fn check(&self, path: &Path) -> Result<()> {
+        if !self.value().is_supported() {
+            let found = format!("an array of {} channels of {}", self.channels, self.format.name());
+            let advice = "several channels can be of 1 or 2 bytes without a sign, or of floats of 2 or 4";
+            return Err(Error::unsupported(path, found, advice));
+        }
+        let [x, y, z] = self.size;
+        if self.size.contains(&0) {
+            let found = format!("an array without cells, of {x} x {y} x {z}");
+            return Err(Error::unsupported(path, found, "trees have at least one"));
+        }
+        Ok(())
+    }
+}
+
+/// An array in a file that has all its samples.
+pub(super) struct Array {
+    path: PathBuf,
+    file: File,
+    layout: ArrayLayout,
+    /// Bytes before the samples.
+    start: u64,
+}
+
+impl Array {
+    /// The samples of a file from a byte on.
+    pub(super) fn new(path: &Path, file: File, layout: ArrayLayout, start: u64) -> Array {
+        Array { path: path.to_path_buf(), file, layout, start }
+    }
+
+    /// The cells in cubes, so small that two of them fit in `memory` bytes, if possible.
+    pub(super) fn slabs(self, memory: u64) -> ArraySlabs {
+        let mut side = MOST;
+        while side > BLOCK && 2 * side.pow(3) * self.layout.value().size() as u64 > memory {
+            side /= 2;
+        }
+        let whole = self.layout.size.into_iter().max().unwrap_or(1).next_power_of_two().max(side);
+        ArraySlabs { array: self, cubes: vec![([0; 3], whole)], side, stored: Vec::new() }
+    }
+
+    /// Reads the samples of a box of the array into `bytes`, by way of some as the file has them.
+    fn read(&self, first: [u64; 3], size: [u64; 3], stored: &mut Vec<u8>, bytes: &mut Vec<u8>) -> Result<()> {
+        let ArrayLayout { size: [width, height, _], format, channels, is_big_endian } = self.layout;
+        let value = self.layout.value().size();
+        let sample = format.bits() / 8;
+        let cell = sample * usize::from(channels);
+        // Rows that follow each other in the file are read at once.
+        let rows = if size[0] == width { size[1] } else { 1 };
+        let run = (rows * size[0]) as usize;
+        stored.resize(run * cell, 0);
+        bytes.resize(size.iter().product::<u64>() as usize * value, 0);
+        let parts = bytes.chunks_exact_mut(run * value);
+        for (row, part) in (0..).step_by(rows as usize).zip(parts) {
+            let (y, z) = (first[1] + row % size[1], first[2] + row / size[1]);
+            let at = self.start + ((z * height + y) * width + first[0]) * cell as u64;
+            read_exact_at(&self.file, stored, at).map_err(|error| match error.kind() {
+                io::ErrorKind::UnexpectedEof => {
+                    let expected = format!("samples to byte {}", at + stored.len() as u64);
+                    Error::corrupt(&self.path, "the samples", "the end of the file", expected)
+                }
+                _ => Error::io(&self.path, "read")(error),
+            })?;
+            if is_big_endian {
+                stored.chunks_exact_mut(sample).for_each(<[u8]>::reverse);
+            }
+            format.widen(stored, 0, part);
+        }
+        Ok(())
+    }
+}
+
+/// An array cube by cube, in FD order, so that parts of the tree are finished early.
+pub(super) struct ArraySlabs {
+    array: Array,
+    /// Cubes that are still to be read, the next one last; larger ones than `side` are divided when their turn comes.
+    cubes: Vec<([u64; 3], u64)>,
+    side: u64,
+    /// Samples as the file has them, of a row or of rows that follow each other.
+    stored: Vec<u8>,
+}
+
+impl ArraySlabs {
+    /// First cell and size of the next cube, as far as it is in the array.
+    fn next_cube(&mut self) -> Option<([u64; 3], [u64; 3])> {
+        let extent = self.array.layout.size;
+        loop {
+            let (first, side) = self.cubes.pop()?;
+            if first.iter().zip(extent).any(|(first, end)| *first >= end) {
+                continue;
+            }
+            if side <= self.side {
+                return Some((first, std::array::from_fn(|axis| side.min(extent[axis] - first[axis]))));
+            }
+            let half = side / 2;
+            let child = |place: u64| std::array::from_fn(|axis| first[axis] + half * (place >> axis & 1));
+            // In reverse, since the last one is taken first.
+            self.cubes.extend((0..8).rev().map(|place| (child(place), half)));
+        }
+    }
+}
+
+impl Slabs for ArraySlabs {
+    fn extent(&self) -> [u64; 3] {
+        self.array.layout.size
+    }
+
+    fn next(&mut self, slab: &mut Slab) -> Result<bool> {
+        let Some((origin, size)) = self.next_cube() else { return Ok(false) };
+        (slab.origin, slab.size) = (origin, size);
+        self.array.read(origin, size, &mut self.stored, &mut slab.bytes)?;
+        Ok(true)
+    }
+}

@@ -1,0 +1,257 @@
+//! Heads of NRRD files, line by line.
+
+use std::collections::BTreeMap;
+use std::io::{BufRead, Read};
+use std::path::Path;
+
+use super::super::array::ArrayLayout;
+use super::MAGIC;
+use super::field;
+use super::place;
+use spinney_base::{Error, Result};
+use spinney_container::{Metadata, TagScope};
+
+/// Bytes that a head may have.
+const MOST: u64 = 1 << 20;
+/// The newest version of the grammar.
+const NEWEST: u8 = b'5';
+/// The domain that tags have that are fields.
+pub(super) const DOMAIN: &str = "NRRD";
+
+/// Where samples are.
+#[derive(Debug, PartialEq)]
+pub(super) enum DataPlace {
+    /// Behind the head.
+    Here,
+    /// In a file, by its path from the head's folder.
+    File(String),
+}
+
+/// How samples are written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Encoding {
+    Raw,
+    Gzip,
+}
+
+/// The head of a volume.
+pub(super) struct Header {
+    pub(super) layout: ArrayLayout,
+    pub(super) encoding: Encoding,
+    pub(super) data: DataPlace,
+    /// Lines before the samples.
+    pub(super) line_skip: u64,
+    /// Bytes before the samples; `None` if these stand at the end.
+    pub(super) byte_skip: Option<u64>,
+    /// Name of the samples' type.
+    pub(super) kind_words: String,
+    pub(super) metadata: Metadata,
+}
+
+/// Fields and their texts, with the number of the line that each stands in.
+pub(super) struct Fields<'a> {
+    path: &'a Path,
+    fields: BTreeMap<String, (u64, String)>,
+}
+
+impl Fields<'_> {
+    /// Takes the text of a field out, by one of its names.
+    pub(super) fn take(&mut self, names: &[&str]) -> Option<(u64, String)> {
+        names.iter().find_map(|name| self.fields.remove(*name))
+    }
+
+    /// Puts a field back, so that it becomes a tag.
+    pub(super) fn keep(&mut self, name: &str, line: u64, text: String) {
+        self.fields.insert(name.into(), (line, text));
+    }
+
+    /// Takes out one that must be there.
+    fn needed(&mut self, name: &str) -> Result<(u64, String)> {
+        self.take(&[name])
+            .ok_or_else(|| Error::corrupt(self.path, "the head", "an end", format!("the field `{name}`")))
+    }
+
+    /// The error that a field says something else than it should.
+    pub(super) fn wrong(&self, line: u64, found: &str, expected: impl Into<String>) -> Error {
+        let found: String = found.chars().take(60).flat_map(char::escape_debug).collect();
+        Error::corrupt(self.path, format!("line {line}"), format!("`{found}`"), expected)
+    }
+}
+
+impl Header {
+    /// Reads a head; what follows on it in the file comes next.
+    ///
+    /// # Errors
+    /// If it cannot be read, is longer than 1 MiB, breaks the rules, or tells of something that is no volume of a tree.
+    pub(super) fn read(input: &mut dyn BufRead, path: &Path) -> Result<Header> {
+        let (mut fields, tags) = read_fields(input, path)?;
+        let unsupported = |found: String, advice: &str| Error::unsupported(path, found, advice);
+
+        let (line, kind_words) = fields.needed("type")?;
+        let Some(format) = field::format(&kind_words) else {
+            return Err(match &*kind_words {
+                "block" => unsupported(
+                    "samples of type block".into(),
+                    "they have no numbers: convert them to another type",
+                ),
+                other => fields.wrong(line, other, "a type, as in `type: unsigned short`"),
+            });
+        };
+        let (line, text) = fields.needed("dimension")?;
+        let dimension: usize = match text.parse() {
+            Ok(dimension @ 1..=16) => dimension,
+            _ => return Err(fields.wrong(line, &text, "a number of axes from 1 to 16")),
+        };
+        let (line, text) = fields.needed("sizes")?;
+        let sizes: Option<Vec<u64>> = field::words(&text, dimension)
+            .and_then(|words| words.iter().map(|word| word.parse().ok().filter(|size| *size > 0)).collect());
+        let sizes = sizes.ok_or_else(|| {
+            fields.wrong(line, &text, format!("{dimension} numbers of samples, at least 1 each"))
+        })?;
+        let (channels, size) = match sizes[..] {
+            [x, y, z] => (1, [x, y, z]),
+            [channels @ 1..=4, x, y, z] => (channels as u8, [x, y, z]),
+            _ => {
+                let sizes = sizes.iter().map(u64::to_string).collect::<Vec<_>>().join(" x ");
+                let advice = "volumes have three axes, or one of up to 4 channels before these: `unu permute` changes their order, `unu slice` takes a \
+                              part, pictures become PNG or TIFF";
+                return Err(unsupported(format!("an array of {sizes} samples"), advice));
+            }
+        };
+
+        // (Times of a volume of few columns are no channels.)
+        let kinds = fields.fields.get("kinds").map(|(_, text)| text.to_ascii_lowercase());
+        let is_place = |kind: &str| matches!(kind, "domain" | "space" | "time");
+        if let ([_, _, _, _], Some(kinds)) = (&sizes[..], kinds)
+            && kinds.split_ascii_whitespace().next().is_some_and(is_place)
+        {
+            let advice = "only channels may stand before three axes of space: `unu permute` changes the order of axes, `unu slice` takes a volume";
+            return Err(unsupported(format!("four axes that are {kinds}"), advice));
+        }
+
+        let (line, text) = fields.needed("encoding")?;
+        let encoding = match &*text.to_ascii_lowercase() {
+            "raw" => Encoding::Raw,
+            "gz" | "gzip" => Encoding::Gzip,
+            "txt" | "text" | "ascii" | "hex" | "bz2" | "bzip2" => {
+                let advice = "write it anew: `unu save -f nrrd -e gzip -i IN -o OUT.nrrd`";
+                return Err(unsupported(format!("the encoding {text}"), advice));
+            }
+            _ => return Err(fields.wrong(line, &text, "an encoding: raw or gzip")),
+        };
+        let is_big_endian = match (fields.take(&["endian"]), format.bits()) {
+            (_, 8) => false,
+            (Some((line, text)), _) => match &*text.to_ascii_lowercase() {
+                "little" => false,
+                "big" => true,
+                _ => return Err(fields.wrong(line, &text, "little or big")),
+            },
+            (None, _) => {
+                return Err(Error::corrupt(
+                    path,
+                    "the head",
+                    "an end",
+                    "the field `endian`, of samples of several bytes",
+                ));
+            }
+        };
+        let data = match fields.take(&["data file", "datafile"]) {
+            None => DataPlace::Here,
+            // (A list of files, or a pattern of names with a first number and a last.)
+            Some((_, text)) if text == "LIST" || text.starts_with("LIST ") || text.contains('%') => {
+                let advice = "join them to one: `unu save -f nrrd -i IN.nhdr -o OUT.nrrd`";
+                return Err(unsupported("samples in several files".into(), advice));
+            }
+            Some((line, text)) if text.is_empty() => {
+                return Err(fields.wrong(line, &text, "the name of a file"));
+            }
+            Some((_, text)) => DataPlace::File(text),
+        };
+        let line_skip = match fields.take(&["line skip", "lineskip"]) {
+            None => 0,
+            Some((line, text)) => text.parse().map_err(|_| fields.wrong(line, &text, "a number of lines"))?,
+        };
+        let byte_skip = match fields.take(&["byte skip", "byteskip"]) {
+            None => Some(0),
+            Some((_, text)) if text == "-1" && encoding == Encoding::Raw => None,
+            Some((line, text)) => Some(
+                text.parse()
+                    .map_err(|_| fields.wrong(line, &text, "a number of bytes, or -1 in raw files"))?,
+            ),
+        };
+
+        let mut metadata = Metadata { tags, ..Metadata::default() };
+        place::tell(&mut fields, dimension, usize::from(dimension == 4), &mut metadata)?;
+        if let Some((_, unit)) = fields.take(&["sample units", "sampleunits"]) {
+            metadata.units = vec![unit; usize::from(channels)];
+        }
+        let others: BTreeMap<String, String> =
+            std::mem::take(&mut fields.fields).into_iter().map(|(name, (_, text))| (name, text)).collect();
+        if !others.is_empty() {
+            metadata.scoped_tags.insert(TagScope { channel: None, domain: DOMAIN.into() }, others);
+        }
+        let layout = ArrayLayout { size, format, channels, is_big_endian };
+        Ok(Header { layout, encoding, data, line_skip, byte_skip, kind_words, metadata })
+    }
+}
+
+/// Reads all lines: fields by their names in small letters, and what others have added, by its keys.
+fn read_fields<'a>(
+    input: &mut dyn BufRead,
+    path: &'a Path,
+) -> Result<(Fields<'a>, BTreeMap<String, String>)> {
+    let mut input = input.take(MOST);
+    let mut fields = Fields { path, fields: BTreeMap::new() };
+    let mut tags = BTreeMap::new();
+    let (mut line, mut number) = (Vec::new(), 0u64);
+    loop {
+        line.clear();
+        number += 1;
+        let count = input.read_until(b'\n', &mut line).map_err(Error::io(path, "read the head"))?;
+        if count == 0 && input.limit() == 0 {
+            return Err(Error::corrupt(path, "the head", "more than 1 MiB", "an empty line behind the head"));
+        }
+        while line.last().is_some_and(|byte| matches!(byte, b'\n' | b'\r')) {
+            line.pop();
+        }
+        if number == 1 {
+            if !matches!(line[..], [b'N', b'R', b'R', b'D', b'0', b'0', b'0', b'1'..=NEWEST]) {
+                let found: String =
+                    String::from_utf8_lossy(&line).chars().take(60).flat_map(char::escape_debug).collect();
+                let magic = String::from_utf8_lossy(MAGIC);
+                return Err(Error::corrupt(
+                    path,
+                    "line 1",
+                    format!("`{found}`"),
+                    format!("`{magic}1` to `{magic}5`"),
+                ));
+            }
+            continue;
+        }
+        // Without samples behind it the head ends with its file.
+        if line.is_empty() {
+            return Ok((fields, tags));
+        }
+        // (Older programs wrote letters of other encodings.)
+        let text = String::from_utf8_lossy(&line);
+        if text.starts_with('#') {
+            continue;
+        }
+        // A key, which anybody may have added, or a field.
+        let name_end =
+            [text.find(":="), text.find(": ").or_else(|| text.ends_with(':').then(|| text.len() - 1))];
+        match name_end {
+            [Some(key), field] if field.is_none_or(|field| key < field) => {
+                tags.insert(field::unescaped(&text[..key]), field::unescaped(&text[key + 2..]));
+            }
+            [_, Some(field)] => {
+                let (name, told) =
+                    (text[..field].trim().to_ascii_lowercase(), text[field + 1..].trim().to_owned());
+                if fields.fields.insert(name.clone(), (number, told)).is_some() {
+                    return Err(fields.wrong(number, &name, "each field once"));
+                }
+            }
+            _ => return Err(fields.wrong(number, &text, "a field, as in `sizes: 64 64 32`")),
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Volumes in NRRD files, of "nearly raw raster data": a head of text, and samples behind it or in another file.
+
+mod field;
+mod header;
+mod place;
+#[cfg(test)]
+mod tests;
+mod write;
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use flate2::read::MultiGzDecoder;
+
+use self::header::{DataPlace, Encoding, Header};
+pub(crate) use self::write::nrrd_head;
+use super::array::{Array, ArrayLayout};
+use super::{Samples, Told};
+use spinney_base::io::open_input;
+use spinney_base::{Error, Progress, Result};
+
+/// The first bytes of every NRRD file; the version of its grammar follows.
+pub(super) const MAGIC: &[u8] = b"NRRD000";
+
+/// Bytes that one byte of a compressed stream can become at most.
+const MOST_GROWTH: u64 = 1032;
+/// Bytes that are unpacked at a time.
+const PART: usize = 1 << 20;
+
+/// Opens a file, and makes sure that it has all samples that its head tells of, as far as that is seen without unpacking them.
+///
+/// # Errors
+/// If it cannot be read, is no volume, breaks the rules or uses something unsupported, or is shorter than its head says.
+pub(super) fn open(path: &Path) -> Result<Told> {
+    let mut file = BufReader::new(open_input(path)?);
+    let header = Header::read(&mut file, path)?;
+    let (data, mut input) = match &header.data {
+        DataPlace::Here => (path.to_path_buf(), file),
+        DataPlace::File(name) => {
+            let data = path.parent().unwrap_or(Path::new("")).join(name);
+            let input = BufReader::new(open_input(&data)?);
+            (data, input)
+        }
+    };
+    let layout = header.layout;
+    layout.check(path)?;
+    let [x, y, z] = layout.size;
+    let text = format!("{x} x {y} x {z} cells of {} samples of {}", layout.channels, layout.format.name());
+    let Some(bytes) = layout.bytes() else {
+        return Err(Error::corrupt(path, "the head", text, "as many bytes as some file has room for"));
+    };
+    let failed = || Error::io(&data, "read");
+    for line in 0..header.line_skip {
+        if input.skip_until(b'\n').map_err(failed())? == 0 {
+            let found = format!("{line} lines");
+            return Err(Error::corrupt(
+                &data,
+                "the whole file",
+                found,
+                format!("{} lines to be skipped", header.line_skip),
+            ));
+        }
+    }
+    let start = input.stream_position().map_err(failed())?;
+    let length = input.get_ref().metadata().map_err(Error::io(&data, "read the size of"))?.len();
+    let there = length.saturating_sub(start);
+    let (samples, encoding) = match header.encoding {
+        Encoding::Raw => {
+            // (Those that stand at the end of a file have what they have before them.)
+            let skip = header.byte_skip.unwrap_or(there.saturating_sub(bytes));
+            let Some(start) = start
+                .checked_add(skip)
+                .filter(|start| start.checked_add(bytes).is_some_and(|end| end <= length))
+            else {
+                let found = format!("{there} bytes behind the head");
+                let expected = format!("{bytes} for {text}, and {skip} before them");
+                return Err(Error::corrupt(&data, "the samples", found, expected));
+            };
+            (Samples::Array(Array::new(&data, input.into_inner(), layout, start)), "raw")
+        }
+        Encoding::Gzip => {
+            let skip = header.byte_skip.unwrap_or(0);
+            if bytes.checked_add(skip).is_none_or(|whole| whole / MOST_GROWTH > there) {
+                let found = format!("{there} compressed bytes");
+                let expected = format!("enough for {bytes} bytes of {text}, and {skip} before them");
+                return Err(Error::corrupt(&data, "the samples", found, expected));
+            }
+            (
+                Samples::Packed(Box::new(Packed {
+                    path: data,
+                    file: input.into_inner(),
+                    start,
+                    skip,
+                    bytes,
+                    layout,
+                })),
+                "gzip",
+            )
+        }
+    };
+    Ok(Told {
+        words: format!("NRRD of {}, {encoding}", header.kind_words),
+        stored: layout.format.name(),
+        layout,
+        metadata: header.metadata,
+        kind: None,
+        samples,
+    })
+}
+
+/// Samples in a compressed stream.
+pub(super) struct Packed {
+    path: PathBuf,
+    file: File,
+    /// Bytes before the stream, and of what it becomes before the samples.
+    start: u64,
+    skip: u64,
+    /// Bytes of the samples.
+    bytes: u64,
+    layout: ArrayLayout,
+}
+
+impl Packed {
+    /// The samples in a temporary file in a folder: as many as the head tells of, whatever there are.
+    ///
+    /// # Errors
+    /// If the stream is damaged, or has fewer or more.
+    pub(super) fn unpack(mut self, folder: &Path, progress: &dyn Progress) -> Result<Array> {
+        let failed = |error| Error::io(folder, "use a temporary file for the volume")(error);
+        let damaged = |error: std::io::Error| match error.kind() {
+            std::io::ErrorKind::Interrupted | std::io::ErrorKind::PermissionDenied => {
+                Error::io(&self.path, "read")(error)
+            }
+            _ => Error::corrupt(&self.path, "the samples", error.to_string(), "a compressed stream (gzip)"),
+        };
+        self.file.seek(SeekFrom::Start(self.start)).map_err(Error::io(&self.path, "read"))?;
+        let mut stream = MultiGzDecoder::new(BufReader::with_capacity(1 << 16, &self.file));
+        let mut out = BufWriter::new(tempfile::tempfile_in(folder).map_err(failed)?);
+        let mut part = vec![0; PART];
+        // One byte more than there should be, which tells whether there are more.
+        let (mut at, end) = (0, self.skip + self.bytes + 1);
+        while at < end {
+            progress.check()?;
+            let most = (end - at).min(PART as u64) as usize;
+            let count = stream.read(&mut part[..most]).map_err(damaged)?;
+            if count == 0 {
+                break;
+            }
+            let samples = self.skip.saturating_sub(at).min(count as u64) as usize;
+            let inside = (self.skip + self.bytes).saturating_sub(at).min(count as u64) as usize;
+            out.write_all(&part[samples.min(inside)..inside]).map_err(failed)?;
+            at += count as u64;
+        }
+        if at + 1 != end {
+            let found = if at == end { "more bytes".into() } else { format!("{at} bytes") };
+            let expected = format!("{} for what the head tells of", end - 1);
+            return Err(Error::corrupt(&self.path, "the samples", found, expected));
+        }
+        let file = out.into_inner().map_err(|error| failed(error.into_error()))?;
+        Ok(Array::new(&self.path, file, self.layout, 0))
+    }
+}

@@ -1,0 +1,117 @@
+//! Where the cells of an NRRD volume are.
+
+use super::field;
+use super::header::Fields;
+use spinney_base::Result;
+use spinney_container::{Metadata, Tag};
+use spinney_crs::Frame;
+
+/// Units of length that trees know by their names, and other names of them.
+const UNITS: [(&str, &[&str]); 6] = [
+    ("mm", &["mm", "millimeter", "millimetre", "millimeters", "millimetres"]),
+    ("cm", &["cm", "centimeter", "centimetre"]),
+    ("m", &["m", "meter", "metre"]),
+    ("km", &["km", "kilometer", "kilometre"]),
+    ("in", &["in", "inch"]),
+    ("ft", &["ft", "foot", "feet"]),
+];
+
+/// Puts what fields tell of places into the metadata: directions and origin of the space, or else widths and beginnings along the axes; and the unit.
+/// The first `skipped` axes are of no space.
+///
+/// # Errors
+/// If a field says something else than it should, or the map of cells to the world has no inverse.
+pub(super) fn tell(
+    fields: &mut Fields<'_>,
+    dimension: usize,
+    skipped: usize,
+    metadata: &mut Metadata,
+) -> Result<()> {
+    let centers = fields.take(&["centers", "centerings"]);
+    if let Some((line, text)) = &centers {
+        let words = field::words(text, dimension);
+        let words = words
+            .ok_or_else(|| fields.wrong(*line, text, format!("{dimension} words, cell, node or ???")))?;
+        metadata.frame.pixel_is_point = words[skipped..].iter().all(|word| *word == "node");
+    }
+    let directions = fields.take(&["space directions"]);
+    let origin = fields.take(&["space origin"]);
+    if let Some((line, text)) = directions {
+        let expected = format!("{dimension} vectors of three numbers, as in (0.5,0,0), or none");
+        let vectors =
+            field::vectors(&text, dimension, 3).ok_or_else(|| fields.wrong(line, &text, &*expected))?;
+        let axes: Option<Vec<Vec<f64>>> = vectors.into_iter().skip(skipped).collect();
+        let axes = axes.ok_or_else(|| fields.wrong(line, &text, &*expected))?;
+        let first = match origin {
+            None => vec![0.0; 3],
+            Some((line, text)) => {
+                let vector = field::vectors(&text, 1, 3).and_then(|mut vectors| vectors.pop().flatten());
+                vector.ok_or_else(|| {
+                    fields.wrong(line, &text, "a vector of three numbers, as in (-120,-100,0)")
+                })?
+            }
+        };
+        // The origin is the middle of the first cell.
+        metadata.frame.matrix = std::array::from_fn(|row| {
+            let [x, y, z] = std::array::from_fn(|axis| axes[axis][row]);
+            [x, y, z, first[row] - (x + y + z) / 2.0]
+        });
+        check(&metadata.frame).map_err(|expected| fields.wrong(line, &text, expected))?;
+    } else {
+        let mut widths = [1.0; 3];
+        let mut begins = [0.0; 3];
+        let mut line_of_widths = None;
+        // (What is not known is not a number.)
+        let numbers = |fields: &Fields<'_>, (line, text): &(u64, String)| -> Result<Vec<f64>> {
+            let numbers: Option<Vec<f64>> = field::words(text, dimension)
+                .and_then(|words| words.iter().map(|word| word.parse().ok()).collect());
+            numbers.ok_or_else(|| fields.wrong(*line, text, format!("{dimension} numbers")))
+        };
+        if let Some(told) = fields.take(&["spacings"]) {
+            for (width, number) in widths.iter_mut().zip(&numbers(fields, &told)?[skipped..]) {
+                *width = if number.is_nan() { 1.0 } else { *number };
+            }
+            line_of_widths = Some(told);
+        }
+        if let Some(told) = fields.take(&["axis mins", "axismins"]) {
+            for (begin, number) in begins.iter_mut().zip(&numbers(fields, &told)?[skipped..]) {
+                *begin = if number.is_nan() { 0.0 } else { *number };
+            }
+            line_of_widths.get_or_insert(told);
+        }
+        let half = if metadata.frame.pixel_is_point { 0.5 } else { 0.0 };
+        for axis in 0..3 {
+            metadata.frame.matrix[axis] = [0.0; 4];
+            metadata.frame.matrix[axis][axis] = widths[axis];
+            metadata.frame.matrix[axis][3] = begins[axis] - half * widths[axis];
+        }
+        if let Some((line, text)) = line_of_widths {
+            check(&metadata.frame).map_err(|expected| fields.wrong(line, &text, expected))?;
+        }
+    }
+    for name in ["space units", "units"] {
+        let Some((line, text)) = fields.take(&[name]) else { continue };
+        let (count, skipped) = if name == "units" { (dimension, skipped) } else { (3, 0) };
+        let units = field::quoted(&text, count);
+        let units = units
+            .ok_or_else(|| fields.wrong(line, &text, format!("{count} texts between quotation marks")))?;
+        let units = &units[skipped..];
+        let known = UNITS
+            .iter()
+            .find(|(_, names)| units.iter().all(|unit| names.contains(&&*unit.to_ascii_lowercase())));
+        match known {
+            Some((unit, _)) => metadata.set_tag(Tag::Unit, *unit),
+            None => fields.keep(name, line, text),
+        }
+    }
+    Ok(())
+}
+
+/// Fails if cells have no place.
+fn check(frame: &Frame) -> Result<(), &'static str> {
+    let is_finite = frame.matrix.iter().flatten().all(|number| number.is_finite());
+    match is_finite && frame.to_cells([0.0; 3]).is_some() {
+        true => Ok(()),
+        false => Err("a map of cells to the world that has an inverse"),
+    }
+}

@@ -1,0 +1,248 @@
+//! Volumes in pictures: each is a plane, a file of its own or a page of a TIFF file.
+
+use std::cmp::Ordering;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::array::{Array, ArrayLayout};
+use crate::import::{Pixels, Raster, RasterInfo, RasterOptions, SampleFormat, open, page_directories};
+use spinney_base::space::Region;
+use spinney_base::value::SampleType;
+use spinney_base::{Error, Progress, Result, sort};
+
+/// Rows that are read at once, if memory allows.
+const ROWS: u64 = 256;
+
+/// Endings of pictures' names, which a folder of sections has.
+const ENDINGS: [&str; 7] = ["exr", "jpeg", "jpg", "png", "tif", "tiff", "webp"];
+
+/// A plane: a file, and the number and the directory of its page, if it has several.
+struct Section {
+    file: usize,
+    page: Option<(usize, u64)>,
+}
+
+/// Pictures that are alike, one below the other along z.
+pub(super) struct Sections {
+    pub(super) files: Vec<PathBuf>,
+    sections: Vec<Section>,
+    /// Files in folders of sections that are no pictures.
+    pub(super) others: u64,
+    /// What is known of the first, which holds for all but for their words.
+    pub(super) info: RasterInfo,
+    pub(super) layout: ArrayLayout,
+    memory: u64,
+}
+
+impl Sections {
+    /// Reads the headers of all pictures, with as much memory as may be used for one.
+    pub(super) fn open(inputs: &[PathBuf], memory: u64) -> Result<Sections> {
+        let (files, others) = files_of(inputs)?;
+        let mut sections: Vec<Section> = Vec::new();
+        let mut first: Option<(RasterInfo, String)> = None;
+        for (file, path) in files.iter().enumerate() {
+            let info = section(path, None, memory)?.info().clone();
+            let pages = if info.pages > 1 { page_directories(path, memory)? } else { Vec::new() };
+            let start = sections.len();
+            match pages.is_empty() {
+                true => sections.push(Section { file, page: None }),
+                false => sections
+                    .extend(pages.into_iter().enumerate().map(|page| Section { file, page: Some(page) })),
+            }
+            for Section { page, .. } in &sections[start..] {
+                let info = match page {
+                    Some(_) => section(path, *page, memory)?.info().clone(),
+                    None => info.clone(),
+                };
+                let found = about(&info);
+                let Some((_, expected)) = &first else {
+                    first = Some((info, found));
+                    continue;
+                };
+                if found != *expected {
+                    return Err(unlike(path, (*page).filter(|_| file == 0), (found, expected), &files[0]));
+                }
+            }
+        }
+        let Some((info, _)) = first else {
+            return Err(Error::invalid("sections", "none", "at least one picture"));
+        };
+        let path = &files[0];
+        let channels = u8::try_from(info.channels).unwrap_or(u8::MAX);
+        let size = [info.width, info.height, sections.len() as u64];
+        let layout = ArrayLayout { size, format: stored_format(info.sample), channels, is_big_endian: false };
+        if !layout.value().is_supported() {
+            let found = format!("{} bands of {} as one value", info.channels, info.sample.name());
+            return Err(Error::unsupported(
+                path,
+                found,
+                "say --pages layers for a layer of each page, or --stack of each file",
+            ));
+        }
+        if info.alpha.is_some() {
+            return Err(with_mask(path, "opacity"));
+        }
+        Ok(Sections { files, sections, others, info, layout, memory })
+    }
+
+    /// The samples in a temporary file in a folder, one plane after the other, where blocks of many are read at once.
+    pub(super) fn spill(self, folder: &Path, progress: &dyn Progress) -> Result<Array> {
+        let failed = |error| Error::io(folder, "use a temporary file for the volume")(error);
+        let mut out = BufWriter::new(tempfile::tempfile_in(folder).map_err(failed)?);
+        let [width, height, _] = self.layout.size;
+        let row = (width * self.layout.value().size() as u64).max(1);
+        let rows = (self.memory / 2 / row).clamp(1, ROWS);
+        let mut pixels = Pixels::default();
+        for Section { file, page } in &self.sections {
+            let path = &self.files[*file];
+            let mut raster = section(path, *page, self.memory)?;
+            if about(raster.info()) != about(&self.info) {
+                return Err(Error::corrupt(path, "the whole file", about(raster.info()), about(&self.info)));
+            }
+            for y in (0..height).step_by(rows as usize) {
+                progress.check()?;
+                raster.read(Region::new(0, y, width, rows.min(height - y)), &mut pixels)?;
+                if pixels.valid.as_ref().is_some_and(|valid| valid.contains(&false)) {
+                    return Err(with_mask(path, "masks"));
+                }
+                out.write_all(&pixels.bytes).map_err(failed)?;
+            }
+        }
+        let file: File = out.into_inner().map_err(|error| failed(error.into_error()))?;
+        Ok(Array::new(&self.files[0], file, self.layout, 0))
+    }
+}
+
+/// What sections have in common, in words.
+fn about(info: &RasterInfo) -> String {
+    format!("{} x {} pixels of {} channels of {}", info.width, info.height, info.channels, info.stored_sample)
+}
+
+/// The error that a section is not like the first one.
+fn unlike(path: &Path, page: Option<(usize, u64)>, (found, expected): (String, &str), first: &Path) -> Error {
+    match page {
+        Some((number, _)) => {
+            let found = format!("page {number} of {found}, the first of {expected},");
+            Error::unsupported(path, found, "pages of a volume are alike; say --pages layers, or a number")
+        }
+        None => {
+            let found = format!("a section of {found}, with {} of {expected},", first.display());
+            Error::unsupported(
+                path,
+                found,
+                "sections of a volume are alike: leave this one out, or bring it to the size and type of the others",
+            )
+        }
+    }
+}
+
+fn with_mask(path: &Path, what: &str) -> Error {
+    let found = format!("a section of a volume with {what}");
+    Error::unsupported(path, found, "say --pages layers for a layer of each page, or --stack of each file")
+}
+
+/// A picture, or a page of it.
+fn section(path: &Path, page: Option<(usize, u64)>, memory: u64) -> Result<Box<dyn Raster>> {
+    let (page, directory) = page.unzip();
+    open(path, &RasterOptions { memory, page, directory, ..RasterOptions::default() })
+}
+
+/// Samples as they are read.
+fn stored_format(sample: SampleType) -> SampleFormat {
+    match sample {
+        SampleType::U8 => SampleFormat::Uint(8),
+        SampleType::U16 => SampleFormat::Uint(16),
+        SampleType::U32 => SampleFormat::Uint(32),
+        SampleType::I16 => SampleFormat::Int(16),
+        SampleType::I32 => SampleFormat::Int(32),
+        SampleType::F32 => SampleFormat::Float(32),
+        SampleType::F64 => SampleFormat::Float(64),
+        SampleType::I8 => SampleFormat::Int(8),
+        SampleType::U64 => SampleFormat::Uint(64),
+        SampleType::I64 => SampleFormat::Int(64),
+    }
+}
+
+/// The pictures that are meant, and the number of other files in folders. Those of a folder come in the order of the numbers in their names. So do those that are listed in
+/// the order of their letters, as a shell's pattern lists them, with `z10` before `z2`; any other order is one that somebody chose.
+fn files_of(inputs: &[PathBuf]) -> Result<(Vec<PathBuf>, u64)> {
+    let (mut files, mut others) = (Vec::new(), 0);
+    for input in inputs {
+        if !input.is_dir() {
+            files.push(input.clone());
+            continue;
+        }
+        let mut inside = Vec::new();
+        for entry in std::fs::read_dir(input).map_err(Error::io(input, "list the files of"))? {
+            let path = entry.map_err(Error::io(input, "list the files of"))?.path();
+            let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+            let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+            let is_picture = ending.is_some_and(|ending| ENDINGS.contains(&&*ending));
+            match is_picture && !is_hidden && path.is_file() {
+                true => inside.push(path),
+                false => others += u64::from(!is_hidden),
+            }
+        }
+        if inside.is_empty() {
+            let advice = format!("sections are pictures: files that end with .{}", ENDINGS.join(", ."));
+            return Err(Error::unsupported(input, "a folder without pictures", advice));
+        }
+        sort::by(&mut inside, &mut |a, b| by_numbers(a, b));
+        files.extend(inside);
+    }
+    if files.is_sorted() {
+        sort::by(&mut files, &mut |a, b| by_numbers(a, b));
+    }
+    Ok((files, others))
+}
+
+/// The order of two paths, whose digits count as numbers.
+fn by_numbers(a: &Path, b: &Path) -> Ordering {
+    let [a, b] = [a, b].map(|path| path.to_string_lossy().into_owned());
+    let (mut left, mut right) = (a.as_bytes(), b.as_bytes());
+    loop {
+        let [digits, others] =
+            [left, right].map(|rest| rest.iter().take_while(|byte| byte.is_ascii_digit()).count());
+        if digits > 0 && others > 0 {
+            let ([own, rest], [other, further]) =
+                ([&left[..digits], &left[digits..]], [&right[..others], &right[others..]]);
+            let [own, other] = [own, other].map(|digits| {
+                let zeros = digits.iter().take_while(|digit| **digit == b'0').count();
+                &digits[zeros..]
+            });
+            let order = own.len().cmp(&other.len()).then_with(|| own.cmp(other));
+            if order != Ordering::Equal {
+                return order;
+            }
+            (left, right) = (rest, further);
+            continue;
+        }
+        match (left.split_first(), right.split_first()) {
+            (Some((x, rest)), Some((y, further))) if x == y => (left, right) = (rest, further),
+            // (Names that differ in zeros before their numbers alone come in the order of their letters.)
+            (None, None) => return a.cmp(&b),
+            (x, y) => return x.map(|(byte, _)| byte).cmp(&y.map(|(byte, _)| byte)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_in_the_order_of_their_numbers() {
+        let files =
+            |names: &[&str]| files_of(&names.iter().map(PathBuf::from).collect::<Vec<_>>()).unwrap().0;
+        let paths = |names: &[&str]| names.iter().map(PathBuf::from).collect::<Vec<_>>();
+        assert_eq!(files(&["z1.png", "z10.png", "z2.png"]), paths(&["z1.png", "z2.png", "z10.png"]));
+        assert_eq!(files(&["a2_b10", "a2_b9", "a10_b1"]), paths(&["a2_b10", "a2_b9", "a10_b1"]));
+        assert_eq!(files(&["a10_b1", "a2_b10", "a2_b9"]), paths(&["a2_b9", "a2_b10", "a10_b1"]));
+        assert_eq!(files(&["01", "010", "1", "2"]), paths(&["01", "1", "2", "010"]));
+        // An order that somebody chose.
+        assert_eq!(files(&["z3", "z2", "z1"]), paths(&["z3", "z2", "z1"]));
+        let long = "9".repeat(40);
+        assert_eq!(by_numbers(Path::new(&long), Path::new("1")), Ordering::Greater);
+    }
+}

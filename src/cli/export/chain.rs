@@ -1,0 +1,124 @@
+//! Freeman chain codes of regions of classes, and of lines.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, ensure};
+use spinney::Progress as _;
+use spinney::dataset::Dataset;
+use spinney::export::{ChainDirections, ChainWriter, export_chain_code};
+use spinney::import::feature::{FeatureGeometry, FeatureOptions, open_features};
+use spinney::io::Output;
+use spinney::space::{Coordinates, Places};
+
+use super::super::args::{check_output, level_of};
+use super::super::features::check_features;
+use super::super::report::{Work, report_output};
+use super::super::{Global, exact};
+use super::Args;
+
+/// Options of chain codes.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Chain codes (.chain)")]
+pub(super) struct ChainOptions {
+    /// Directions of steps: 4, along the sides of cells, or 8, from cell to cell at the borders of regions [default: 4; of lines 8]
+    #[arg(long, value_name = "4|8")]
+    directions: Option<ChainDirections>,
+    /// Lines of a file of features instead of regions, as chains of the cells that are nearest to them, of class 1; the tree tells which cells
+    #[arg(long, value_name = "FILE")]
+    lines: Option<PathBuf>,
+}
+
+impl ChainOptions {
+    /// The first option that was given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let given = [("--directions", self.directions.is_some()), ("--lines", self.lines.is_some())];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
+}
+
+/// Writes the chains.
+pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    if exact::open(&args.tree.file)?.is_some() {
+        exact::refuse(&args.tree.file, &[("a chain code", true)])?;
+    }
+    let tree = args.tree.open()?;
+    let ChainOptions { directions, lines } = &args.chain;
+    let inputs = [Some(&args.tree.file), lines.as_ref()];
+    check_output(inputs.into_iter().flatten().map(PathBuf::as_path), args.output.path())?;
+    let level = level_of(&tree, args.mesh.level)?;
+    if let Some(file) = lines {
+        ensure!(args.polygons.given().is_none(), "--class and --connect are for regions, not for --lines");
+        let writer = |work: &Work| -> Result<ChainWriter> {
+            let output = Output::create(args.output.path())?;
+            let directions = directions.unwrap_or(ChainDirections::Eight);
+            Ok(ChainWriter::create(output, &tree, level, directions, work)?)
+        };
+        let (count, chains) = write_lines(file, &tree, level, writer, global)?;
+        global.report("chains", format_args!("{chains} of {count} lines"));
+    } else {
+        let request = args.polygons.request(level)?;
+        let work = Work::start(global, "cells")?;
+        let output = Output::create(args.output.path())?;
+        let directions = directions.unwrap_or(ChainDirections::Four);
+        let summary = export_chain_code(&tree, &request, directions, output, &work)
+            .with_context(|| format!("cannot write {}", args.output.path().display()))?;
+        work.finish();
+        global.report("chains", format_args!("{} of {} regions", summary.rings, summary.count));
+    }
+    report_output(global, args.output.path(), start);
+    Ok(())
+}
+
+/// Writes the lines of a file; returns their number and that of their chains.
+fn write_lines(
+    file: &Path,
+    tree: &Dataset,
+    level: u8,
+    writer: impl FnOnce(&Work) -> Result<ChainWriter>,
+    global: &Global,
+) -> Result<(u64, u64)> {
+    check_features(file, "--lines")?;
+    let mut reader =
+        open_features(file, &FeatureOptions { attributes: Some(Vec::new()), ..FeatureOptions::default() })?;
+    let frame = tree.metadata().frame.coarser(tree.depth() - level);
+    // (Where one of both does not tell where it is, they are taken to be in the same place.)
+    let told = reader.schema().crs.clone().filter(|_| frame.crs.is_some());
+    let coordinates = told.map_or(Coordinates::World, Coordinates::System);
+    let places = Places::new(&coordinates, &frame, tree.extent_at(level).max)?;
+    let work = Work::start(global, "features")?;
+    places.remarks().iter().for_each(|remark| work.warn(file, remark));
+    let mut writer = writer(&work)?;
+    let (mut count, mut chains, mut others) = (0, 0, 0u64);
+    let total = reader.schema().count.unwrap_or(0);
+    while let Some(feature) = reader.next()? {
+        work.check()?;
+        let mut open: Vec<FeatureGeometry> = feature.geometry.into_iter().collect();
+        while let Some(geometry) = open.pop() {
+            match geometry {
+                FeatureGeometry::Lines(lines) => {
+                    for line in lines {
+                        count += 1;
+                        // (A line is not drawn through what the tree's system does not have.)
+                        let cells: Vec<_> = line.iter().map(|[x, y]| places.cell([*x, *y, 0.0])).collect();
+                        for part in cells.split(Option::is_none).filter(|part| !part.is_empty()) {
+                            let corners: Vec<[f64; 2]> =
+                                part.iter().flatten().map(|[x, y, _]| [*x, *y]).collect();
+                            chains += writer.line(1u64.into(), &corners)? as u64;
+                        }
+                    }
+                }
+                FeatureGeometry::Collection(members) => open.extend(members),
+                FeatureGeometry::Points(_) | FeatureGeometry::Polygons(_) => others += 1,
+            }
+        }
+        work.advance(1, total);
+    }
+    if others > 0 {
+        work.warn(file, &format!("{others} of its points and polygons are no lines, and are left out"));
+    }
+    writer.finish()?;
+    work.finish();
+    Ok((count, chains))
+}
