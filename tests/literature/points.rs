@@ -34,7 +34,8 @@ fn item_10_windows_of_the_point_quadtree_are_those_of_all_points() {
         for window in points(100, below, 9).chunks(2) {
             let (least, most) = (flat(window[0]), [window[0][0] + window[1][0], window[0][1] + window[1][1]]);
             let mut found = tree.window(least, most);
-            let mut expected: Vec<[f64; 2]> = all.iter().copied().filter(|point| within(point, &least, &most)).collect();
+            let mut expected: Vec<[f64; 2]> =
+                all.iter().copied().filter(|point| within(point, &least, &most)).collect();
             let order = |a: &[f64; 2], b: &[f64; 2]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]));
             found.sort_by(order);
             expected.sort_by(order);
@@ -59,7 +60,13 @@ fn item_10_windows_of_halving_trees_are_those_of_all_points() {
                 let mut found = tree.window(window[0], most);
                 let mut expected: Vec<[f64; 3]> =
                     all.iter().copied().filter(|point| within(point, &window[0], &most)).collect();
-                let order = |a: &[f64; 3], b: &[f64; 3]| a.iter().zip(b).map(|(a, b)| a.total_cmp(b)).find(|o| o.is_ne()).unwrap_or(std::cmp::Ordering::Equal);
+                let order = |a: &[f64; 3], b: &[f64; 3]| {
+                    a.iter()
+                        .zip(b)
+                        .map(|(a, b)| a.total_cmp(b))
+                        .find(|o| o.is_ne())
+                        .unwrap_or(std::cmp::Ordering::Equal)
+                };
                 found.sort_by(order);
                 expected.sort_by(order);
                 assert_eq!(found, expected, "{axes} {below}");
@@ -74,7 +81,8 @@ fn item_10_windows_of_halving_trees_are_those_of_all_points() {
 fn item_10_only_halving_trees_depend_on_their_points_alone() {
     let forwards = points(300, 1000, 4);
     let backwards: Vec<[f64; 3]> = forwards.iter().rev().copied().collect();
-    let (mut a, mut b) = (HalvingTree::new([0.0; 3], 1024.0, 2, 30), HalvingTree::new([0.0; 3], 1024.0, 2, 30));
+    let (mut a, mut b) =
+        (HalvingTree::new([0.0; 3], 1024.0, 2, 30), HalvingTree::new([0.0; 3], 1024.0, 2, 30));
     forwards.iter().for_each(|point| assert!(a.insert(*point)));
     backwards.iter().for_each(|point| assert!(b.insert(*point)));
     assert_eq!(a, b);
@@ -106,5 +114,7 @@ fn item_10_equal_points_are_counted() {
     // On lines that divide, and too near each other for the levels that there are.
     assert!(halving.insert([0.5 + 1e-9, 0.5, 0.5]) && !halving.insert([1.0, 0.0, 0.0]));
     assert_eq!((halving.len(), halving.depth()), (1001, 8));
-    assert!(PointQuadtree::default().is_empty() && PointQuadtree::default().window([0.0; 2], [1.0; 2]).is_empty());
+    assert!(
+        PointQuadtree::default().is_empty() && PointQuadtree::default().window([0.0; 2], [1.0; 2]).is_empty()
+    );
 }
