@@ -89,6 +89,7 @@ static FORMATS: &[OtherFormat] = &[
     format("an OBJ model", &["obj"], &[], Source),
     format("an STL model", &["stl"], &[], Source),
     format("an OFF model", &["off"], &[], Source),
+    format("a bintree", &["bintree"], &[], Source),
     format(
         "a GeoJSON document",
         &["geojson"],

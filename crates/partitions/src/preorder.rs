@@ -29,6 +29,11 @@ impl<D, L: Copy + PartialEq> Growing<D, L> {
         Growing { nodes: Vec::new(), open: Vec::new(), is_needed }
     }
 
+    /// Makes room for so many nodes.
+    pub(crate) fn reserve(&mut self, count: usize) {
+        self.nodes.reserve(count);
+    }
+
     /// Adds a node that divides.
     pub(crate) fn divide(&mut self, by: D) {
         self.open.push(self.nodes.len());

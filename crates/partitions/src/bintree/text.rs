@@ -173,6 +173,8 @@ impl Parser<'_> {
         let (axes, full, picture) =
             (dimension.axes() as u8, value.splat(255u8), Bounds::picture(tree.extent));
         let mut made = growing();
+        // (So that a list that grows does not take twice the memory that it needs.)
+        made.reserve(most.min(self.text.len() - at));
         // Blocks whose symbols are to come, with the axis that is next if they alternate: one per level at most, and one more.
         let mut pending = vec![(Bounds::space(dimension, tree.depth), 0)];
         while let Some(letter) = self.text[at..].chars().next() {

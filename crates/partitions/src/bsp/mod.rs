@@ -67,7 +67,7 @@ pub enum Seen<'a> {
 /// let frame = Bsp::of_polygons(&[vec![square(0, 9), square(3, 6)]])?;
 /// assert!(frame.is_inside([1, 4, 0]) && !frame.is_inside([4, 4, 0]));
 /// let corner = frame.combine(&Bsp::of_polygons(&[vec![square(2, 5)]])?, 1)?;
-/// assert_eq!(corner.outlines()?, [[[2.0, 2.0], [5.0, 2.0], [5.0, 3.0], [3.0, 3.0], [3.0, 5.0], [2.0, 5.0]]]);
+/// assert_eq!(corner.outlines()?, [[[3.0, 3.0], [3.0, 5.0], [2.0, 5.0], [2.0, 2.0], [5.0, 2.0], [5.0, 3.0]]]);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 #[derive(Clone, Debug)]
