@@ -121,15 +121,15 @@ class Writers(Properties):
         of_cog = {"compression": compression, "nodata": nodata}
         only_tiles = of_tiles | {"window": window, "resume": resume or None, "allow_ballpark": allow_ballpark or None}
         of_polygons = {"classes": classes, "connect": None if connect == 4 else connect, "simplify": simplify}
+        of_others = {"smooth": smooth or None, "triangles": triangles or None, "tile_size": tile_size}
         with working(progress, threads) as terms:
             if polygons:
                 refuse("chain codes", {"directions": directions})
-                of_others = {"smooth": smooth or None, "triangles": triangles or None, "tile_size": tile_size}
                 refuse("other files than polygons", of_others | of_cog | only_tiles)
                 return self._write_polygons(to, None if classes is None else list(classes), connect, simplify, level, terms)
             if to.lower().endswith(".chain"):
-                of_others = {"smooth": smooth or None, "triangles": triangles or None, "tile_size": tile_size, "simplify": simplify}
                 refuse("other files than chain codes", of_others | of_cog | only_tiles)
+                refuse("polygons", {"simplify": simplify})
                 return self._write_chain_code(to, None if classes is None else list(classes), connect, directions or 4, level, terms)
             refuse("polygons", of_polygons)
             refuse("chain codes", {"directions": directions})

@@ -80,7 +80,7 @@ def test_polygons(tmp_path: Path) -> None:
         chains = tmp_path / "regions.chain"
         assert ds.export(chains, connect=8, directions=directions) == 2
         spinney.build(chains, tmp_path / "again.goblin")
-        assert (spinney.open(tmp_path / "again.goblin").read(nodata=0) == cells).all()
+        assert (spinney.open(tmp_path / "again.goblin").read(fill=0) == cells).all()
     with pytest.raises(TypeError):
         ds.export(path, polygons=True, directions=8)
     with pytest.raises(ValueError):

@@ -144,7 +144,7 @@ pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
 /// let mut layout = RawLayout::new([2, 2, 1], SampleType::U16);
 /// layout.is_big_endian = true;
 /// plan_raw(&raw, &layout, &VolumeOptions::new())?.build(Output::create(&path)?, &())?;
-/// assert_eq!(spinney::open(&path)?.statistics(None, &())?.channels[0].mean, Some(2.5));
+/// assert_eq!(spinney::open(&path)?.statistics(None, &())?.channels[0].mean, 2.5);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
