@@ -263,6 +263,12 @@ pub mod points {
     pub use spinney_vector::{CellRule, PointRaster, rasterize_points};
 }
 
+/// Solids of primitives that are moved and combined, as a text tells them: octrees, and exact models.
+#[cfg(feature = "csg")]
+pub mod csg {
+    pub use spinney_csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
+}
+
 /// Polygons with holes on an integer grid: against octants, into triangles, and as single rings. Exact, in integers.
 #[cfg(feature = "brep")]
 pub mod geometry {

@@ -17,7 +17,7 @@ use spinney::store::{Codec, FilePlace, LevelCounts, Metadata, TagScope};
 use super::args::LayerOption;
 use super::report::statistics::{channels_as_json, class_as_json};
 use super::report::unit::{behind_number, unit};
-use super::report::{commit, print_json, print_text};
+use super::report::{commit, print_json, print_text, shortened};
 use super::{exact, open, points};
 
 const EXAMPLES: &str = "Examples:
@@ -250,22 +250,17 @@ fn as_text(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
         writeln!(text, "from        {line}")?;
     }
     for (name, value) in &tree.metadata().tags {
-        writeln!(text, "tag         {name} = {}", shortened(value))?;
+        writeln!(text, "tag         {name} = {}", shortened(value, 12))?;
     }
     for (scope, tags) in &tree.metadata().scoped_tags {
         let channel = scope.channel.map(|channel| format!("channel {}", u32::from(channel) + 1));
         let domain = Some(scope.domain.clone()).filter(|domain| !domain.is_empty());
         let scope = [channel, domain].into_iter().flatten().collect::<Vec<_>>().join(", ");
         for (name, value) in tags {
-            writeln!(text, "tag         {scope}: {name} = {}", shortened(value))?;
+            writeln!(text, "tag         {scope}: {name} = {}", shortened(value, 12))?;
         }
     }
     Ok(text)
-}
-
-/// Enough of a text to know it.
-fn shortened(text: &str) -> String {
-    text.chars().take(200).collect()
 }
 
 fn scoped_tags_as_json(metadata: &Metadata) -> Vec<serde_json::Value> {
@@ -303,8 +298,8 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
         if crs.numbers().is_none() {
             let definition: Vec<_> = crs.definition().split_whitespace().map(String::from).collect();
             let definition = definition.join(" ");
-            let shown = shortened(&definition);
-            let more = if shown.len() < definition.len() { "... (--json shows all)" } else { "" };
+            let shown = shortened(&definition, 12);
+            let more = if shown == definition { "" } else { " (--json shows all)" };
             writeln!(text, "            {shown}{more}")?;
         }
     }

@@ -6,4 +6,6 @@ mod common;
 mod bintrees;
 mod bsp;
 mod chain_codes;
+#[cfg(feature = "csg")]
+mod csg;
 mod points;

@@ -24,6 +24,8 @@ pub enum Tag {
     ModelRepairedFaces,
     /// Places where an exact model's surface passes through itself, since its vertices were moved to the grid.
     ModelThinPlaces,
+    /// The text of primitives and operations that a solid or an exact model was made of.
+    Csg,
     /// The rule for cells on a solid's boundary.
     SolidBoundary,
     /// The test that decided what lies inside a solid.
@@ -53,6 +55,7 @@ impl Tag {
             Tag::ModelClosingTriangles => "model.closing_triangles",
             Tag::ModelRepairedFaces => "model.repaired_faces",
             Tag::ModelThinPlaces => "model.thin_places",
+            Tag::Csg => "csg",
             Tag::SolidBoundary => "solid.boundary",
             Tag::SolidSurface => "solid.surface",
             Tag::SolidTriangles => "solid.triangles",

@@ -28,6 +28,9 @@ impl ExactImport {
         filter: Option<&FeatureFilter>,
         common: &Common,
     ) -> Result<ExactImport> {
+        if solids.deviation.is_some() {
+            bail!("--deviation is for the curved surfaces of primitives (.csg); models have planar faces");
+        }
         let models = mesh::open_all(inputs, common.memory.bytes)?;
         let mut options = ExactOptions::new();
         options.snap = solids.snap;

@@ -1,6 +1,7 @@
 //! `spinney build`: trees of pictures, of volumes and of solids.
 
 mod bintree;
+mod csg;
 mod exact;
 mod features;
 mod pictures;
@@ -14,6 +15,7 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 use spinney::Progress;
+use spinney::csg::Csg;
 use spinney::dataset::Dataset;
 use spinney::import::mesh::{self, SolidImport};
 use spinney::import::raster::{self, TargetGrid};
@@ -26,6 +28,7 @@ use spinney::space::Crs;
 use spinney::store::{check_tree_name, file_is_tree};
 
 use self::bintree::BintreeImport;
+use self::csg::PrimitivesImport;
 use self::exact::ExactImport;
 use self::features::FeatureArgs;
 use self::pictures::PictureArgs;
@@ -54,6 +57,11 @@ use super::{Global, open};
 /// its winding field, to 0.01, where it is not. Several models become one solid. With --brep the faces themselves are
 /// kept, which must bound a body.
 ///
+/// Reads solids of primitives, too: a text (.csg) of block, ball, cylinder, cone, torus, half_space, prism, sweep and revolve, moved by translate,
+/// scale, rotate, mirror and affine, and combined by union, intersection, difference, xor and complement, such as
+/// 'difference(block(0,0,0, 4,4,2), cylinder(2,2,0, 2,2,2, 1));' (docs/csg.md tells all of it). --deviation says how near facets come to
+/// curved surfaces in an exact model.
+///
 /// Reads features, too: points, lines and polygons of GeoJSON, FlatGeobuf, GeoPackage (x.gpkg:NAME is one layer of several), shapefiles and
 /// CSV with geometries. They become the cells that they have, exactly and without a raster between, with the value of an attribute.
 ///
@@ -69,7 +77,7 @@ use super::{Global, open};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Raster files (of several, the last lies on top), a volume, models, files of features or points, or a tree; @FILE stands for the paths in a file, one a line
+    /// Raster files (of several, the last lies on top), a volume, models, a text of primitives, files of features or points, or a tree; @FILE stands for the paths in a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// File to write; - is standard output
@@ -146,6 +154,8 @@ Examples:
   spinney build bunny.ply -o bunny.goblin --cells 1024
   spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --edge area
   spinney build part.stl -o exact.goblin --brep
+  spinney build bracket.csg -o bracket.goblin --cells 512
+  spinney build bracket.csg -o bracket.goblin --brep --deviation 0.01
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
   spinney build zones.gpkg -o zones.goblin --cell 10 --value code
   spinney build scan.laz -o scan.goblin --where 'classification=2' --attribute intensity,classification
@@ -169,6 +179,8 @@ enum Import {
     Volume(Box<volume::VolumeImport>),
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
+    /// A solid of primitives.
+    Primitives(PrimitivesImport),
     Features(Box<FeatureImport>),
     Points(Box<PointImport>),
     Tree(Box<TreeImport>),
@@ -195,6 +207,7 @@ impl Import {
             Import::Volume(import) => import.description(),
             Import::Solid(import) => import.description(),
             Import::Exact(import) => import.description(),
+            Import::Primitives(import) => import.description(),
             Import::Features(import) => import.description(),
             Import::Points(import) => import.description(),
             Import::Tree(import) => import.description(),
@@ -207,6 +220,7 @@ impl Import {
         match self {
             Import::Exact(_) => "faces",
             Import::Points(_) => "points",
+            Import::Primitives(import) => import.unit(),
             _ => "cells",
         }
     }
@@ -238,6 +252,7 @@ impl Import {
             }
             Import::Solid(import) => Ok(solids.lines(&import.build(output, progress)?)),
             Import::Exact(import) => import.build(output, solids.stats, progress),
+            Import::Primitives(import) => import.build(output, progress),
             Import::Features(import) => {
                 import.build(output, progress)?;
                 Ok(Lines::new())
@@ -286,6 +301,10 @@ impl Args {
             }
             return Ok(Import::Bintree(Box::new(BintreeImport::plan(inputs, pictures, common)?)));
         }
+        if inputs.iter().any(|input| Csg::is_name(input)) {
+            let import = PrimitivesImport::plan(inputs, output, (pictures, solids, common))?;
+            return Ok(Import::Primitives(import));
+        }
         if let Some(tree) = inputs.iter().find(|input| file_is_tree(input)) {
             if solids.are_given() {
                 bail!("{}: is a tree of cells; the options for solids are for models", tree.display());
@@ -318,7 +337,7 @@ impl Args {
         if solids.are_given() {
             let input = inputs[0].display();
             bail!(
-                "{input}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files"
+                "{input}: is no model; the options for solids are for PLY, OBJ, STL, OFF, CityJSON and CSG files"
             );
         }
         if pictures.pages_are_planes() {

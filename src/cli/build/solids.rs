@@ -15,7 +15,7 @@ use super::{Common, Grid, Lines, grid_of};
 /// Options for models only.
 #[derive(clap::Args, Debug)]
 #[command(
-    next_help_heading = "Solids (PLY, OBJ, STL, OFF, CityJSON); --cells, --cell and --edge are for features, too"
+    next_help_heading = "Solids (PLY, OBJ, STL, OFF, CityJSON, CSG); --cells, --cell and --edge are for features, too"
 )]
 pub(super) struct SolidArgs {
     /// Cells along the longest side of the model, or of the box around features [default: 256 of models]
@@ -55,6 +55,10 @@ pub(super) struct SolidArgs {
     /// leaves about 2^26 steps along the longest side]
     #[arg(long, value_name = "WIDTH", requires = "brep")]
     pub(super) snap: Option<f64>,
+    /// Greatest distance of facets from the curved surfaces of primitives (.csg) that they stand for, such as 0.01 [default: a thousandth of
+    /// the longest side]
+    #[arg(long, value_name = "DISTANCE", requires = "brep")]
+    pub(super) deviation: Option<f64>,
     /// Close an open surface with triangles over its boundaries
     #[arg(long, requires = "brep")]
     pub(super) close: bool,
@@ -113,6 +117,7 @@ impl SolidArgs {
             skip_bad: _,
             leaf_size,
             snap: _,
+            deviation: _,
         } = self;
         cells.is_some()
             || cell.is_some()
@@ -172,6 +177,7 @@ impl SolidArgs {
         let given = [
             ("--leaf-size", self.leaf_size.is_some()),
             ("--snap", self.snap.is_some()),
+            ("--deviation", self.deviation.is_some()),
             ("--close", self.close),
             ("--repair", self.repair),
             ("--skip-bad", self.skip_bad),
@@ -179,23 +185,41 @@ impl SolidArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
+    /// An option that was given and is for the faces of models, which primitives have none of.
+    pub(super) fn of_meshes(&self) -> Option<&'static str> {
+        let given = [
+            ("--leaf-size", self.leaf_size.is_some()),
+            ("--close", self.close),
+            ("--repair", self.repair),
+            ("--skip-bad", self.skip_bad),
+            ("--up", self.up.is_some()),
+            ("--stats", self.stats),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
+
     /// Opens models, and plans how they become one solid.
     pub(super) fn plan(&self, inputs: &[PathBuf], output: &Path, common: &Common) -> Result<SolidImport> {
+        let models = mesh::open_all(inputs, common.memory.bytes)?;
+        let unit = models.iter().find_map(|model| model.info().unit.clone());
+        Ok(mesh::plan_models(models, &self.options(unit.as_deref(), output, common)?)?)
+    }
+
+    /// The options for a solid with a unit of its own.
+    pub(super) fn options(&self, unit: Option<&str>, output: &Path, common: &Common) -> Result<SolidOptions> {
         let Common { depth, crs, memory, share, time, grid, .. } = common;
         let like = match grid {
             Some(Grid::Like(path)) => Some(path.as_path()),
             _ => None,
         };
         check_output(like, output)?;
-        let models = mesh::open_all(inputs, memory.bytes)?;
-        let unit = models.iter().find_map(|model| model.info().unit.clone());
         let mut options = SolidOptions::new();
-        options.resolution = self.resolution(*depth, like, unit.as_deref())?;
+        options.resolution = self.resolution(*depth, like, unit)?;
         options.edge = self.edge.unwrap_or_default();
         options.attribute = self.attribute.as_deref().map(str::parse).transpose()?.unwrap_or_default();
         options.shell = self.shell;
         options.up = self.up.unwrap_or_default();
-        options.unit = self.unit.clone().or(unit);
+        options.unit = self.unit.clone().or(unit.map(String::from));
         options.crs = crs.clone();
         options.packing = common.packing.choice()?;
         options.memory = memory.bytes;
@@ -203,7 +227,7 @@ impl SolidArgs {
         if self.shell && self.edge.is_some() {
             bail!("--edge: says which cells belong to a solid; with --shell all that the surface cuts do");
         }
-        Ok(mesh::plan_models(models, &options)?)
+        Ok(options)
     }
 
     /// The resolution that is asked for; `depth` is that of the tree, and `unit` the models' own unit.

@@ -7,7 +7,7 @@ use serde_json::json;
 use spinney::brep::{ExactModel, Faces};
 use spinney::store::Tag;
 
-use super::super::report::{print_json, print_text};
+use super::super::report::{print_json, print_text, shortened};
 use super::{list, space, unit};
 
 /// Tells what is in an exact model.
@@ -102,9 +102,7 @@ fn as_text(model: &ExactModel) -> Result<String> {
     }
     if let Some(formula) = model.formula()? {
         // (Of many operations it is long.)
-        let start: String = formula.chars().take(200).collect();
-        let more = if start.len() < formula.len() { "..." } else { "" };
-        writeln!(text, "  formula     {start}{more}")?;
+        writeln!(text, "  formula     {}", shortened(&formula, 14))?;
     }
     if let Some(crs) = &model.metadata().frame.crs {
         writeln!(text, "  crs         {crs}")?;
@@ -113,7 +111,7 @@ fn as_text(model: &ExactModel) -> Result<String> {
         writeln!(text, "  from        {line}")?;
     }
     for (key, value) in &model.metadata().tags {
-        writeln!(text, "  tag         {key} = {value}")?;
+        writeln!(text, "  tag         {key} = {}", shortened(value, 14))?;
     }
     writeln!(text, "  codec       {}", model.codec().name())?;
     writeln!(text, "  bytes       {}", model.file_size())?;

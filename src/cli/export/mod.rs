@@ -3,6 +3,7 @@
 
 mod chain;
 mod cog;
+mod csg;
 mod gltf;
 mod mesh;
 mod polygons;
@@ -21,7 +22,8 @@ use super::args::{OutputFile, PartOptions, ViewedTree};
 /// Write a tree as a file of other programs: tiles or a cloud-optimized GeoTIFF of a picture, polygons or chain codes of classes, a mesh of a solid
 ///
 /// The output's name says what is written, or else --format: .tif, .pmtiles, .mbtiles or a pattern such as 'map/{z}/{x}/{y}.png' of
-/// pictures; .ply, .obj, .stl, .off, .glb or 'x/tileset.json' (3D Tiles) of solids, of exact models .city.json, too.
+/// pictures; .ply, .obj, .stl, .off, .glb or 'x/tileset.json' (3D Tiles) of solids, of exact models .city.json, too; .csg is the text of
+/// primitives that a solid was built of.
 ///
 /// A cloud-optimized GeoTIFF (.tif) has the tree's own levels as its overviews, in tiles, with the tree's statistics, palette,
 /// names and coordinate system.
@@ -55,7 +57,7 @@ pub(crate) struct Args {
     tree: ViewedTree,
     #[command(flatten)]
     output: OutputFile,
-    /// Format where the output's name does not say: tif, chain, ply, obj, stl, off, glb or city.json
+    /// Format where the output's name does not say: tif, chain, ply, obj, stl, off, glb, city.json or csg
     #[arg(long)]
     format: Option<Target>,
     #[command(flatten)]
@@ -129,6 +131,8 @@ enum Target {
     /// 3D Tiles.
     Tileset,
     Glb,
+    /// The text of primitives that it was made of.
+    Csg,
 }
 
 impl Target {
@@ -149,6 +153,7 @@ impl FromStr for Target {
             "tif" | "tiff" | "cog" => Ok(Target::Cog),
             "chain" => Ok(Target::Chain),
             "glb" => Ok(Target::Glb),
+            "csg" => Ok(Target::Csg),
             _ => name.parse().map(Target::Mesh),
         }
     }
@@ -176,7 +181,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if tiles.is_none() && target.is_none() {
         bail!(
             "{}: unknown format; use .tif, .chain, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl, \
-             .off, .glb or x/tileset.json, or --format",
+             .off, .glb, x/tileset.json or .csg, or --format",
             args.output.path().display()
         );
     }
@@ -207,6 +212,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         (None, Some(Target::Mesh(format))) => mesh::run(args, format, global),
         (None, Some(Target::Tileset)) => gltf::write_tileset(args, global),
         (None, Some(Target::Glb)) => gltf::write_glb(args, global),
+        (None, Some(Target::Csg)) => csg::run(args, global),
         (None, _) => cog::run(args, global),
     }
 }

@@ -81,6 +81,15 @@ pub(crate) fn print_text(text: &str) -> Result<()> {
     Ok(io::stdout().write_all(printable(text).as_bytes())?)
 }
 
+/// Enough of a text to know it, in lines that stand under each other behind so many spaces.
+pub(crate) fn shortened(text: &str, indent: usize) -> String {
+    const MOST: usize = 200;
+    let start: String = text.chars().take(MOST).collect();
+    let more = if start.len() < text.len() { "..." } else { "" };
+    let lines: Vec<&str> = start.lines().collect();
+    lines.join(&format!("\n{}", " ".repeat(indent))) + more
+}
+
 /// Writes the result as JSON.
 pub(crate) fn print_json(value: &serde_json::Value) -> Result<()> {
     print_text(&printable_json(&format!("{value:#}\n")))

@@ -111,6 +111,43 @@ pub fn combine(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
+    combined((operation, None), models, (output, codec), memory, progress)
+}
+
+/// What the file of a set operation says of how it was made, instead of what its operands say and their names.
+#[derive(Clone, Debug, Default)]
+pub struct Origin {
+    /// The formula; with nothing in it there is none.
+    pub formula: String,
+    /// Lines of the provenance.
+    pub provenance: Vec<String>,
+    /// Tags besides those of the operation.
+    pub tags: Vec<(Tag, String)>,
+}
+
+/// Does what [`combine`] does; the file tells an origin.
+///
+/// # Errors
+/// Those of [`combine`].
+pub fn combine_as(
+    operation: u8,
+    models: &[&ExactModel],
+    origin: &Origin,
+    output: Output,
+    codec: Codec,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<CombineReport> {
+    combined((operation, Some(origin)), models, (output, codec), memory, progress)
+}
+
+fn combined(
+    (operation, origin): (u8, Option<&Origin>),
+    models: &[&ExactModel],
+    (output, codec): (Output, Codec),
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<CombineReport> {
     // (Of more, numbers of faces in memory would have more than 32 bits.)
     let memory = memory.min(1 << 38);
     let table = OperationTable::new(operation, models.len())?;
@@ -123,7 +160,7 @@ pub fn combine(
     for index in (0..models.len()).filter(|index| !is_again(*index)) {
         models[index].check_surface(progress)?;
     }
-    let make = || made(operation, &models, &placed, table, (output, codec), memory, progress);
+    let make = || made((operation, origin), &models, &placed, table, (output, codec), memory, progress);
     match make() {
         Ok(report) => Ok(CombineReport { before, ..report }),
         // What is no body may have been taken for one.
@@ -154,7 +191,7 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
 
 /// Makes the body of an operation on the bodies that it depends on.
 fn made(
-    operation: u8,
+    (operation, origin): (u8, Option<&Origin>),
     models: &[&ExactModel],
     placed: &Placed,
     table: OperationTable,
@@ -253,7 +290,10 @@ fn made(
         });
     }
     let is_on_grid = !builder.is_beside_grid();
-    let mut builder = builder.formula(formula(operation, models)?);
+    let mut builder = builder.formula(match origin {
+        Some(origin) => origin.formula.clone(),
+        None => formula(operation, models)?,
+    });
     for model in models {
         for (part, name) in (0..).zip(model.parts()) {
             builder.part(name, model.part_attributes(part)?.as_deref())?;
@@ -262,6 +302,10 @@ fn made(
     }
     let mut metadata = metadata(operation, models, &grid);
     metadata.set_tag(Tag::ModelDisplacement, displacement.to_string());
+    if let Some(origin) = origin {
+        metadata.provenance.clone_from(&origin.provenance);
+        origin.tags.iter().for_each(|(tag, text)| metadata.set_tag(*tag, text));
+    }
     let built = builder.finish_with(base.as_ref(), &mut metadata, &part(all), &mut |metadata, built| {
         if built.defect_count > 0 {
             metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());

@@ -10,5 +10,6 @@ pub use model::{MeshFace, Model, ModelInfo, parts_of};
 pub(crate) use read::city_semantics;
 pub use read::{MeshArrays, MeshColours, is_model, open, open_all};
 pub use solid::{
-    Attribute, DEFAULT_MEMORY, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport, plan_models,
+    Attribute, DEFAULT_MEMORY, FittedCells, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
+    fit_cells, plan_models,
 };

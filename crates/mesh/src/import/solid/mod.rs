@@ -26,5 +26,5 @@ mod windings;
 pub(super) use build::provenance;
 pub use build::{InsideTest, SolidReport};
 pub use inside::Attribute;
-pub use plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, plan_models};
+pub use plan::{DEFAULT_MEMORY, FittedCells, Resolution, SolidImport, SolidOptions, fit_cells, plan_models};
 pub(super) use plan::{bounds, common_crs, flat_faces};

@@ -147,7 +147,7 @@ pub fn plan_models(mut models: Vec<Box<dyn Model>>, options: &SolidOptions) -> R
         return Err(Error::invalid("edge", "area", expected));
     }
     let bounds = bounds(&mut models, options.up)?;
-    let Fitted { frame, depth, extent } = fit(bounds, options)?;
+    let FittedCells { frame, depth, extent } = fit_cells(bounds, options)?;
     let crs = match &options.crs {
         Some(crs) => Some(crs.clone()),
         None => common_crs(&models, frame.crs)?,
@@ -211,14 +211,20 @@ pub(in crate::import) fn flat_faces(path: &Path, [min, max]: [[f64; 3]; 2], step
 }
 
 /// Cells over a model.
-struct Fitted {
-    frame: Frame,
-    depth: u8,
-    extent: [u64; 3],
+pub struct FittedCells {
+    /// Where they lie.
+    pub frame: Frame,
+    /// Levels of their tree.
+    pub depth: u8,
+    /// Cells along each axis that can be other than VOID.
+    pub extent: [u64; 3],
 }
 
 /// Lays cells over a box.
-fn fit([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fitted> {
+///
+/// # Errors
+/// If the options ask for too many cells, or for ones that are too small.
+pub fn fit_cells([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<FittedCells> {
     let size: [f64; 3] = std::array::from_fn(|axis| max[axis] - min[axis]);
     let longest = size.into_iter().fold(0.0, f64::max);
     let most = 1u64 << Dimension::Oct.max_depth();
@@ -259,7 +265,7 @@ fn fit([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fitted> {
         }
         Resolution::Like(frame, depth) => {
             let extent = [1 << depth; 3];
-            return Ok(Fitted { frame: frame.clone(), depth: *depth, extent });
+            return Ok(FittedCells { frame: frame.clone(), depth: *depth, extent });
         }
     };
     let extent = std::array::from_fn(|axis| {
@@ -274,7 +280,7 @@ fn fit([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fitted> {
         let expected = "cells whose volume is a number of double precision: scale the model";
         return Err(Error::invalid("width of a cell", format!("{cell:e}"), expected));
     }
-    Ok(Fitted { frame, depth: depth_for(extent).max(1), extent })
+    Ok(FittedCells { frame, depth: depth_for(extent).max(1), extent })
 }
 
 fn describe(

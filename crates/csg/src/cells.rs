@@ -1,0 +1,133 @@
+//! Octrees of solids.
+
+use crate::field::Field;
+use crate::model::Csg;
+use crate::placed::Placed;
+use crate::source::CsgTree;
+use spinney_base::io::Output;
+use spinney_base::space::{EdgeRule, Up};
+use spinney_base::value::{Kind, Rule};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{Metadata, Tag};
+use spinney_engine::store::{BuildOptions, build_with};
+use spinney_mesh::import::{Attribute, FittedCells, SolidOptions, fit_cells};
+
+/// A solid and the cells that it will have, ready to be built: see [`CsgImport::build`].
+pub struct CsgImport {
+    csg: Csg,
+    placed: Placed,
+    cells: FittedCells,
+    options: SolidOptions,
+    description: Vec<(&'static str, String)>,
+}
+
+impl CsgImport {
+    /// Decides how the octree of a solid is built. Cells are full whose centre is inside, or with [`EdgeRule::Area`] as far as 8 x 8 x 8
+    /// samples of them are. A solid that reaches to infinity ends at its bounds, or at the box around its finite primitives.
+    ///
+    /// ```
+    /// use spinney::csg::{Csg, CsgImport};
+    /// use spinney::import::mesh::{Resolution, SolidOptions};
+    /// use spinney::io::Output;
+    ///
+    /// # let folder = tempfile::tempdir().unwrap();
+    /// # let path = folder.path().join("dented.goblin");
+    /// let csg = Csg::parse("dented".as_ref(), "difference(block(0,0,0, 2,2,2), ball(1,1,2, 0.5))")?;
+    /// let mut options = SolidOptions::new();
+    /// options.resolution = Resolution::Cells(64);
+    /// let cells = CsgImport::plan(csg, &options)?.build(Output::create(&path)?, &())?;
+    /// let volume = cells as f64 * (2.0f64 / 64.0).powi(3);
+    /// assert!((volume - (8.0 - std::f64::consts::PI / 12.0)).abs() < 0.01);
+    /// # Ok::<(), spinney::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If options do not fit: solids of primitives are full or not, and know no colours and parts; or if the solid does not end.
+    pub fn plan(csg: Csg, options: &SolidOptions) -> Result<CsgImport> {
+        if options.attribute != Attribute::Occupancy || options.shell || options.up != Up::Z {
+            let found = "a text of primitives with colours, parts, a shell or another axis that points up";
+            let advice =
+                "leave --attribute, --shell and --up away; rotate(1,0,0, 90, a) in the text turns y to z";
+            return Err(Error::unsupported(&csg.path, found, advice));
+        }
+        if options.edge == EdgeRule::Touch {
+            return Err(Error::invalid(
+                "edge",
+                "touch",
+                "centre or area: of primitives, no surface is known",
+            ));
+        }
+        let placed = csg.placed()?;
+        let cells = fit_cells(placed.bounds, options)?;
+        let mut options = options.clone();
+        options.unit = options.unit.or_else(|| csg.unit().map(String::from));
+        let description = describe(&csg, &placed, &cells, &options);
+        Ok(CsgImport { csg, placed, cells, options, description })
+    }
+
+    /// Description of the plan: pairs of a heading and its text.
+    pub fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// The source of the octree.
+    fn tree<'a>(&self, progress: &'a dyn Progress) -> CsgTree<'a> {
+        let depth = self.cells.depth;
+        CsgTree {
+            field: Field::new(&self.placed, &self.cells.frame.matrix, f64::from(1u32 << depth)),
+            steps: self.placed.lowered.steps.clone(),
+            depth,
+            by_area: self.options.edge == EdgeRule::Area,
+            progress,
+        }
+    }
+
+    /// Builds the octree, on the threads of the current rayon pool; progress counts cells. Returns the number of cells that are not VOID.
+    ///
+    /// # Errors
+    /// If the output cannot be written, or on interruption; nothing is left behind then.
+    pub fn build(self, output: Output, progress: &dyn Progress) -> Result<u64> {
+        let CsgImport { csg, cells, options, .. } = &self;
+        let crs = options.crs.clone().or_else(|| cells.frame.crs.clone());
+        let mut metadata = Metadata { frame: cells.frame.clone(), ..Metadata::default() };
+        metadata.frame.crs = crs;
+        metadata.provenance = vec![format!("primitives {}", csg.path.display())];
+        metadata.set_tag(Tag::Csg, csg.text());
+        metadata.set_tag(Tag::SolidBoundary, options.edge.name());
+        if let Some(unit) = &options.unit {
+            metadata.set_tag(Tag::Unit, unit);
+        }
+        let build = BuildOptions::new(Kind::Continuous, cells.depth)
+            .rule(Rule::Occupancy)
+            .memory(options.memory / 4)
+            .metadata(metadata)
+            .share(options.share)
+            .time(options.time)
+            .packing(options.packing);
+        let tree = self.tree(progress);
+        Ok(build_with(&tree, cells.extent, &build, output, progress, &mut |_| {})?.cells)
+    }
+}
+
+fn describe(
+    csg: &Csg,
+    placed: &Placed,
+    cells: &FittedCells,
+    options: &SolidOptions,
+) -> Vec<(&'static str, String)> {
+    let mut lines = vec![("input", format!("{} ({})", csg.path.display(), csg.counted()))];
+    lines.extend(placed.ends.as_ref().map(|ends| ("ends", ends.clone())));
+    let [x, y, z] = cells.extent;
+    let width = cells.frame.linear().col(0).length();
+    let unit = options.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
+    lines.push((
+        "cells",
+        format!("{x} x {y} x {z} in a tree of depth {}, each {width}{unit} wide", cells.depth),
+    ));
+    let edge = match options.edge {
+        EdgeRule::Area => "cells as far as they are inside, by 8 x 8 x 8 samples",
+        _ => "cells whose centre is inside",
+    };
+    lines.push(("fill", format!("the solid: {edge}")));
+    lines
+}

@@ -1,0 +1,396 @@
+//! Exact models of solids: each primitive as a polyhedron, combined by exact set operations from file to file.
+
+use std::path::PathBuf;
+
+use crate::expression::Step;
+use crate::lowered::{Bounds, Instance, hull, is_finite};
+use crate::model::{Csg, Primitive};
+use crate::placed::Placed;
+use spinney_base::io::{Output, folder};
+use spinney_base::{Error, Progress, Result, Uncounted};
+use spinney_brep::{CombineReport, ExactModel, Grid, InsideRule, Origin, combine, combine_as};
+use spinney_container::{Codec, OpenOptions, Tag};
+use spinney_crs::Crs;
+use spinney_mesh::import::{DEFAULT_MEMORY, ExactOptions, MeshArrays, import_exact};
+use tempfile::TempDir;
+
+/// Models that are combined at once: each is an open file.
+const AT_ONCE: usize = 64;
+/// Most facets of a primitive.
+const MOST_FACETS: f64 = (1 << 20) as f64;
+/// The longest side is so many times as long as the distance that curved surfaces are approximated within, if nothing is said.
+const USUAL_SHARE: f64 = 1000.0;
+/// Most bytes of a text that the formula of a model tells.
+const MOST_FORMULA: usize = 1 << 12;
+
+/// Options for an exact model of a solid.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct CsgExactOptions {
+    /// Greatest distance of facets from the curved surface that they stand for; otherwise a thousandth of the longest side.
+    pub deviation: Option<f64>,
+    /// Width of the grid's steps; otherwise the least power of two with which the longest side has at most about 2^26 steps.
+    pub snap: Option<f64>,
+    /// Unit of length, to be kept in the file; otherwise the text's.
+    pub unit: Option<String>,
+    /// The coordinate system.
+    pub crs: Option<Crs>,
+    /// Packing of the file.
+    pub codec: Codec,
+    /// Bytes of memory for everything.
+    pub memory: u64,
+}
+
+impl Default for CsgExactOptions {
+    fn default() -> Self {
+        let (deviation, snap, unit, crs) = (None, None, None, None);
+        CsgExactOptions { deviation, snap, unit, crs, codec: Codec::default(), memory: DEFAULT_MEMORY }
+    }
+}
+
+impl CsgExactOptions {
+    /// Facets within a thousandth of the longest side, on the finest grid.
+    pub fn new() -> CsgExactOptions {
+        CsgExactOptions::default()
+    }
+}
+
+/// Counts of an exact model of a solid.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct CsgExactReport {
+    /// Primitives, each counted as often as it is there.
+    pub primitives: usize,
+    /// Primitives with curved surfaces, which facets stand for.
+    pub curved: usize,
+    /// Greatest distance of facets from these.
+    pub deviation: f64,
+    /// Faces of all primitives.
+    pub facets: u64,
+    /// What is to be said about how a solid ends that reaches to infinity.
+    pub ends: Option<String>,
+    /// The furthest that a corner of a primitive was moved to the grid.
+    pub displacement: f64,
+    /// Counts of the model.
+    pub model: CombineReport,
+}
+
+/// Builds an exact model of a solid: planar primitives are exact but for their corners, which are moved to the grid; curved ones are
+/// facets with corners on their surfaces. They are combined by exact set operations, in files beside the output that go in the end. Parts of
+/// the model are the primitives. Progress counts these.
+///
+/// ```
+/// use spinney::brep::ExactModel;
+/// use spinney::brep::query::MassProperties;
+/// use spinney::csg::{Csg, CsgExactOptions, import_exact_csg};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("notched.goblin");
+/// let csg = Csg::parse("notched".as_ref(), "difference(block(0,0,0, 2,2,2), block(1,1,1, 3,3,3))")?;
+/// import_exact_csg(&csg, &CsgExactOptions::new(), Output::create(&path)?, &())?;
+/// let model = ExactModel::open(&path, &Default::default())?;
+/// assert_eq!(MassProperties::of(&model, &())?.volume, 7.0);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the solid does not end, if there would be too many facets, or if a primitive cannot be built or the file not be written, or on
+/// interruption. There is no file then.
+pub fn import_exact_csg(
+    csg: &Csg,
+    options: &CsgExactOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<CsgExactReport> {
+    let placed = csg.placed()?;
+    let [min, max] = placed.bounds;
+    let longest = (0..3).map(|axis| max[axis] - min[axis]).fold(0.0, f64::max);
+    let within = options.deviation.unwrap_or(longest / USUAL_SHARE);
+    if !(within.is_finite() && within > 0.0) {
+        return Err(Error::invalid("deviation", within.to_string(), "a distance above zero"));
+    }
+    let place = folder(output.path()).to_path_buf();
+    let place = tempfile::tempdir_in(&place).map_err(Error::io(&place, "make a temporary folder"))?;
+    let unit = options.unit.clone().or_else(|| csg.unit().map(String::from));
+    let mut maker = Maker {
+        csg,
+        placed: &placed,
+        options,
+        unit,
+        within,
+        snap: 0.0,
+        place,
+        files: 0,
+        facets: 0,
+        displacement: 0.0,
+        progress,
+    };
+    maker.snap = Grid::over(maker.bounds(), options.snap)?.width();
+    let root = maker.evaluate()?;
+    let model = root.open()?;
+    let formula = Some(csg.text()).filter(|text| text.len() <= MOST_FORMULA);
+    let origin = Origin {
+        formula: formula.map_or(String::new(), |text| format!("(csg {})", json_text(text))),
+        provenance: vec![format!("primitives {}, facets within {within}", csg.path.display())],
+        tags: vec![(Tag::Csg, csg.text().into()), (Tag::ModelDisplacement, maker.displacement.to_string())],
+    };
+    // (3 is the operation that leaves a body as it is, 12 is the complement.)
+    let operation = if root.is_negated { 12 } else { 3 };
+    let report = combine_as(operation, &[&model], &origin, output, options.codec, options.memory, progress)?;
+    let shapes = placed.lowered.instances.iter().map(|instance| placed.shape_of(instance));
+    Ok(CsgExactReport {
+        primitives: csg.primitives(),
+        curved: shapes.filter(|primitive| primitive.shape.is_curved()).count(),
+        deviation: within,
+        facets: maker.facets,
+        displacement: maker.displacement,
+        model: report,
+        ends: placed.ends.clone(),
+    })
+}
+
+/// A text as JSON has texts.
+fn json_text(text: &str) -> String {
+    let mut json = String::with_capacity(text.len() + 2);
+    json.push('"');
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => json.extend(['\\', c]),
+            '\n' => json.push_str("\\n"),
+            c if c < ' ' => json.push_str(&format!("\\u{:04x}", u32::from(c))),
+            c => json.push(c),
+        }
+    }
+    json.push('"');
+    json
+}
+
+impl Placed {
+    /// The primitive that is there.
+    pub(crate) fn shape_of(&self, instance: &Instance) -> &Primitive {
+        &self.primitives[instance.primitive as usize]
+    }
+}
+
+/// A body in a file, or its complement.
+struct Body {
+    path: PathBuf,
+    is_negated: bool,
+}
+
+impl Body {
+    fn open(&self) -> Result<ExactModel> {
+        ExactModel::open(&self.path, &OpenOptions::default())
+    }
+}
+
+/// Work that can be interrupted, and says nothing: what it does with outlines is what they mean.
+struct Quiet<'a>(&'a dyn Progress);
+
+impl Progress for Quiet<'_> {
+    fn interrupted(&self) -> bool {
+        self.0.interrupted()
+    }
+}
+
+/// Makes bodies in files of a temporary folder.
+struct Maker<'a> {
+    csg: &'a Csg,
+    placed: &'a Placed,
+    options: &'a CsgExactOptions,
+    unit: Option<String>,
+    within: f64,
+    /// Width of the steps of all grids.
+    snap: f64,
+    place: TempDir,
+    files: u64,
+    facets: u64,
+    displacement: f64,
+    progress: &'a dyn Progress,
+}
+
+impl Maker<'_> {
+    /// A box around all polyhedra.
+    fn bounds(&self) -> Bounds {
+        let Placed { primitives, lowered, around, .. } = self.placed;
+        let boxes = lowered.boxes(primitives);
+        lowered.instances.iter().zip(&boxes).fold(*around, |all, (instance, bounds)| {
+            if is_finite(bounds) {
+                return hull(&all, bounds);
+            }
+            let made = self.placed.shape_of(instance).shape.polyhedron(
+                self.within,
+                &instance.to_world,
+                self.ball(instance),
+            );
+            made.vertices.iter().fold(all, |all, vertex| hull(&all, &[*vertex, *vertex]))
+        })
+    }
+
+    /// A ball, in a primitive's own coordinates, around all that is finite.
+    fn ball(&self, instance: &Instance) -> ([f64; 3], f64) {
+        let [min, max] = self.placed.around;
+        let centre = [0, 1, 2].map(|axis| (min[axis] + max[axis]) / 2.0);
+        let half = (0..3).map(|axis| (max[axis] - min[axis]).powi(2)).sum::<f64>().sqrt() / 2.0;
+        // (With some room, so that walls of the box are not those of the ball.)
+        (instance.to_local.apply(centre), 1.01 * half * instance.to_local.stretch())
+    }
+
+    /// The path of a new file.
+    fn file(&mut self) -> PathBuf {
+        self.files += 1;
+        self.place.path().join(format!("{}.goblin", self.files))
+    }
+
+    /// The body of the whole expression.
+    fn evaluate(&mut self) -> Result<Body> {
+        let placed = self.placed;
+        let total = placed.lowered.instances.len() as u64;
+        let mut stack: Vec<Body> = Vec::new();
+        for step in &placed.lowered.steps {
+            let body = match *step {
+                Step::Primitive(number, is_negated) => {
+                    let path = self.primitive(&placed.lowered.instances[number as usize])?;
+                    self.progress.advance(1, total);
+                    Body { path, is_negated }
+                }
+                Step::Any(count) => {
+                    // The complement of what is in the complements of all.
+                    let parts = stack.split_off(stack.len() - count as usize);
+                    let parts = parts.into_iter().map(|part| Body { is_negated: !part.is_negated, ..part });
+                    let all = self.all(parts.collect())?;
+                    Body { is_negated: !all.is_negated, ..all }
+                }
+                Step::All(count) => {
+                    let parts = stack.split_off(stack.len() - count as usize);
+                    self.all(parts)?
+                }
+                Step::Odd(count, is_even) => {
+                    let parts = stack.split_off(stack.len() - count as usize);
+                    let is_negated = parts.iter().fold(is_even, |even, part| even != part.is_negated);
+                    Body {
+                        path: self.joined(6, parts.into_iter().map(|part| part.path).collect())?,
+                        is_negated,
+                    }
+                }
+            };
+            stack.push(body);
+        }
+        stack.pop().ok_or_else(|| Error::invalid("solid", "nothing", "a primitive"))
+    }
+
+    /// What is in all of some bodies.
+    fn all(&mut self, parts: Vec<Body>) -> Result<Body> {
+        let (out, within): (Vec<Body>, Vec<Body>) = parts.into_iter().partition(|part| part.is_negated);
+        let [out, within] =
+            [out, within].map(|parts| parts.into_iter().map(|part| part.path).collect::<Vec<_>>());
+        if within.is_empty() {
+            return Ok(Body { path: self.joined(7, out)?, is_negated: true });
+        }
+        let mut all = self.joined(1, within)?;
+        if !out.is_empty() {
+            // (What is not in some is not in their union, either.)
+            let mut less = vec![all];
+            less.extend(self.fewer(7, out, AT_ONCE - 1)?);
+            all = self.combined(2, &less)?;
+        }
+        Ok(Body { path: all, is_negated: false })
+    }
+
+    /// The result of an operation whose operands may be joined in any order.
+    fn joined(&mut self, operation: u8, parts: Vec<PathBuf>) -> Result<PathBuf> {
+        let mut left = self.fewer(operation, parts, 1)?;
+        left.pop().ok_or_else(|| Error::invalid("operands", "none", "one or more"))
+    }
+
+    /// No more than so many bodies that have the same result.
+    fn fewer(&mut self, operation: u8, mut parts: Vec<PathBuf>, most: usize) -> Result<Vec<PathBuf>> {
+        while parts.len() > most {
+            let mut fewer = Vec::new();
+            for some in parts.chunks(AT_ONCE) {
+                fewer.push(if let [one] = some { one.clone() } else { self.combined(operation, some)? });
+            }
+            parts = fewer;
+        }
+        Ok(parts)
+    }
+
+    /// The result of an operation, whose operands go.
+    fn combined(&mut self, operation: u8, parts: &[PathBuf]) -> Result<PathBuf> {
+        let path = self.file();
+        let open = |path: &PathBuf| ExactModel::open(path, &OpenOptions::default());
+        let models = parts.iter().map(open).collect::<Result<Vec<_>>>()?;
+        let models: Vec<&ExactModel> = models.iter().collect();
+        let output = Output::create(&path)?;
+        combine(operation, &models, output, Codec::Plain, self.options.memory, &Uncounted(self.progress))
+            .map_err(|error| self.told(error))?;
+        for part in parts {
+            std::fs::remove_file(part).map_err(Error::io(part, "remove"))?;
+        }
+        Ok(path)
+    }
+
+    /// The file of a primitive.
+    fn primitive(&mut self, instance: &Instance) -> Result<PathBuf> {
+        let Primitive { shape, word, at, .. } = self.placed.shape_of(instance);
+        let within = self.within / instance.to_world.stretch();
+        let facets = shape.facets(within);
+        let name = if word == "bounds" { word.clone() } else { format!("{word} in line {}", at.line) };
+        if facets > MOST_FACETS {
+            let found = format!("{} for {facets} facets of the {name}", self.within);
+            return Err(Error::invalid("deviation", found, "a greater distance, for at most 1048576 facets"));
+        }
+        let made = shape.polyhedron(within, &instance.to_world, self.ball(instance));
+        self.facets += made.face_ends.len() as u64;
+        let mut mesh = MeshArrays::default();
+        mesh.name = name;
+        mesh.vertices = made.vertices;
+        mesh.corners = made.corners;
+        mesh.ring_ends = made.ring_ends;
+        mesh.face_ends = made.face_ends;
+        let mut options = ExactOptions::new();
+        options.snap = Some(self.snap);
+        options.inside = InsideRule::Odd;
+        options.unit = self.unit.clone();
+        options.crs = self.options.crs.clone();
+        options.memory = self.options.memory;
+        let path = self.file();
+        let quiet = Quiet(self.progress);
+        let import = |options: &ExactOptions| {
+            import_exact(vec![mesh.clone().model()?], options, Output::create(&path)?, &quiet)
+        };
+        // (An outline may pass through itself, and is then what an odd number of its windings goes around.)
+        let report = match import(&options) {
+            Err(Error::NoBody { .. }) => {
+                options.repair = true;
+                import(&options)
+            }
+            other => other,
+        };
+        let report = report.map_err(|error| self.told(error))?;
+        self.displacement = self.displacement.max(report.displacement);
+        Ok(path)
+    }
+
+    /// An error of a temporary file, which tells of the text instead.
+    fn told(&self, error: Error) -> Error {
+        match error {
+            Error::NoBody { what, places, count, .. } => {
+                let advice = "choose a finer grid with --snap, or build cells of it (without --brep)".into();
+                Error::NoBody { path: self.csg.path.clone(), what, places, count, advice }
+            }
+            other => other,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_are_json() {
+        assert_eq!(json_text("a \"b\"\\\n\u{1}é"), "\"a \\\"b\\\"\\\\\\n\\u0001é\"");
+    }
+}

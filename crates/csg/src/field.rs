@@ -1,0 +1,141 @@
+//! Primitives over a grid of cells: where boxes of cells lie, and which of 512 samples are inside.
+
+use std::sync::Arc;
+
+use crate::affine::Affine;
+use crate::expression::{Pruner, Step, fold};
+use crate::model::Primitive;
+use crate::place::Place;
+use crate::placed::Placed;
+
+/// Samples along a side of a block of them.
+pub(crate) const SAMPLES: u32 = 8;
+
+/// Bits of samples: a word for each octant of the block, in Z order, of the 64 samples in it, in Z order.
+pub(crate) type Bits = [u64; 8];
+
+/// A primitive over cells.
+struct Placement {
+    primitive: u32,
+    /// The map from cells to its own coordinates.
+    to_local: Affine,
+    /// How much further a box reaches along each axis, in its own coordinates, than half of its width: for rounding.
+    slack: [f64; 3],
+}
+
+/// Primitives over cells.
+pub(crate) struct Field {
+    primitives: Arc<Vec<Primitive>>,
+    placements: Vec<Placement>,
+}
+
+impl Field {
+    /// Primitives over the cells of a frame, `cells` along a side.
+    pub(crate) fn new(placed: &Placed, frame: &[[f64; 4]; 3], cells: f64) -> Field {
+        let frame = Affine { rows: *frame };
+        let of = |instance: &crate::lowered::Instance| {
+            let to_local = instance.to_local.after(&frame);
+            let shape = &placed.primitives[instance.primitive as usize].shape;
+            // Numbers are rounded to 53 bits, few times in a row.
+            let slack = to_local.rows.map(|[x, y, z, shift]| {
+                let most = (x.abs() + y.abs() + z.abs()) * cells + shift.abs() + shape.magnitude();
+                most / (1u64 << 44) as f64
+            });
+            Placement { primitive: instance.primitive, to_local, slack }
+        };
+        let placements = placed.lowered.instances.iter().map(of).collect();
+        Field { primitives: placed.primitives.clone(), placements }
+    }
+
+    /// Where a box of cells lies: its centre, and half of its width.
+    pub(crate) fn place(&self, number: u32, centre: [f64; 3], half: f64) -> Place {
+        let Placement { primitive, to_local, slack } = &self.placements[number as usize];
+        let local = to_local.apply(centre);
+        let reach = [0, 1, 2].map(|row| {
+            let [x, y, z, _] = to_local.rows[row];
+            (x.abs() + y.abs() + z.abs()) * half + slack[row]
+        });
+        self.primitives[*primitive as usize].shape.place(local, reach)
+    }
+
+    /// Whether a point is inside of an expression.
+    pub(crate) fn has(&self, steps: &[Step], point: [f64; 3]) -> bool {
+        let primitive = |number: u32, is_negated| {
+            let Placement { primitive, to_local, .. } = &self.placements[number as usize];
+            self.primitives[*primitive as usize].shape.has(to_local.apply(point)) != is_negated
+        };
+        let operation = |step: Step, of: &[bool]| match step {
+            Step::All(_) => of.iter().all(|inside| *inside),
+            Step::Odd(_, is_even) => of.iter().fold(is_even, |odd, inside| odd != *inside),
+            _ => of.iter().any(|inside| *inside),
+        };
+        fold(steps, &mut Vec::new(), primitive, operation).unwrap_or(false)
+    }
+
+    /// An expression without what is the same all over a box of cells.
+    pub(crate) fn prune(&self, pruner: &mut Pruner, steps: &[Step], centre: [f64; 3], half: f64) -> Place {
+        pruner.prune(steps, |number| self.place(number, centre, half))
+    }
+
+    /// Which samples of a block are inside of an expression: the first one, and how far they are from each other.
+    pub(crate) fn samples(&self, steps: &[Step], first: [f64; 3], step: f64) -> Bits {
+        let primitive = |number: u32, is_negated| {
+            let bits = self.samples_of(number, first, step);
+            if is_negated { bits.map(|word| !word) } else { bits }
+        };
+        let operation = |step: Step, of: &[Bits]| {
+            let join = |of: &[Bits], start: u64, join: fn(u64, u64) -> u64| -> Bits {
+                std::array::from_fn(|word| of.iter().fold(start, |all, bits| join(all, bits[word])))
+            };
+            match step {
+                Step::All(_) => join(of, !0, |a, b| a & b),
+                Step::Odd(_, is_even) => join(of, if is_even { !0 } else { 0 }, |a, b| a ^ b),
+                _ => join(of, 0, |a, b| a | b),
+            }
+        };
+        fold(steps, &mut Vec::new(), primitive, operation).unwrap_or([0; 8])
+    }
+
+    fn samples_of(&self, number: u32, first: [f64; 3], step: f64) -> Bits {
+        let placement = &self.placements[number as usize];
+        let shape = &self.primitives[placement.primitive as usize].shape;
+        let rows = &placement.to_local.rows;
+        std::array::from_fn(|octant| {
+            let first = [0, 1, 2].map(|axis| first[axis] + f64::from((octant >> axis & 1) as u8 * 4) * step);
+            match self.place(number, first.map(|first| first + 1.5 * step), 1.5 * step) {
+                Place::Void => return 0,
+                Place::Full => return !0,
+                Place::Mixed => {}
+            }
+            let mut bits = 0;
+            for z in 0..4u8 {
+                for y in 0..4u8 {
+                    // (In the order of `Affine::apply`, so that a sample is the same however it is computed.)
+                    let base =
+                        placement.to_local.at(first[1] + f64::from(y) * step, first[2] + f64::from(z) * step);
+                    let mut row = 0;
+                    for x in 0..4u8 {
+                        let at = first[0] + f64::from(x) * step;
+                        let local = [0, 1, 2].map(|axis| rows[axis][0] * at + base[axis]);
+                        row |= usize::from(shape.has(local)) << x;
+                    }
+                    let shift = (y & 1) << 1 | (y >> 1) << 4 | (z & 1) << 2 | (z >> 1) << 5;
+                    bits |= SPREAD[row] << shift;
+                }
+            }
+            bits
+        })
+    }
+}
+
+/// Four bits along x, in Z order.
+const SPREAD: [u64; 16] = {
+    let mut spread = [0; 16];
+    let mut row = 0;
+    while row < 16 {
+        let bit = row as u64;
+        spread[row] = bit & 3 | (bit & 4) << 6 | (bit & 8) << 6;
+        row += 1;
+    }
+    spread
+};

@@ -1,0 +1,161 @@
+//! A solid without names: each primitive where it is in the world, and one expression of all of them.
+
+use std::path::Path;
+
+use crate::affine::Affine;
+use crate::expression::{Step, fold};
+use crate::model::{Node, Primitive, Tree};
+use crate::syntax::wrong;
+use spinney_base::Result;
+
+/// A box, from its least to its greatest coordinates.
+pub(crate) type Bounds = [[f64; 3]; 2];
+
+/// All of space.
+const EVERYWHERE: Bounds = [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]];
+/// None of it.
+const NOWHERE: Bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+
+/// A primitive in the world.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Instance {
+    /// Its number among the primitives of the text.
+    pub(crate) primitive: u32,
+    /// The map from its own coordinates.
+    pub(crate) to_world: Affine,
+    /// The map back.
+    pub(crate) to_local: Affine,
+}
+
+/// Primitives in the world, and the expression of them.
+#[derive(Clone, Debug)]
+pub(crate) struct Lowered {
+    pub(crate) instances: Vec<Instance>,
+    pub(crate) steps: Vec<Step>,
+}
+
+/// A kind of operations. Those within others of their kind become one, and complements go down to the primitives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Any,
+    All,
+    Odd,
+}
+
+/// What is still to be done.
+enum Task {
+    /// To enter a node with a map, or its complement, within an operation.
+    Enter { node: u32, map: usize, is_negated: bool, within: Option<Kind> },
+    /// To end an operation.
+    End(Kind),
+}
+
+impl Lowered {
+    pub(crate) fn of(path: &Path, tree: &Tree) -> Result<Lowered> {
+        let (mut instances, mut steps) = (Vec::new(), Vec::new());
+        let mut maps = vec![Affine::IDENTITY];
+        // Of each operation that is open: what it is of so far, and whether what is in an even number counts.
+        let mut open = vec![(0u32, false)];
+        let mut tasks = vec![Task::Enter { node: tree.root, map: 0, is_negated: false, within: None }];
+        while let Some(task) = tasks.pop() {
+            let (node, map, is_negated, within) = match task {
+                Task::Enter { node, map, is_negated, within } => (node, map, is_negated, within),
+                Task::End(kind) => {
+                    let Some((count, is_even)) = open.pop() else { continue };
+                    match kind {
+                        Kind::Any => steps.push(Step::Any(count)),
+                        Kind::All => steps.push(Step::All(count)),
+                        Kind::Odd => steps.push(Step::Odd(count, is_even)),
+                    }
+                    open.iter_mut().last().into_iter().for_each(|(count, _)| *count += 1);
+                    continue;
+                }
+            };
+            let (kind, links) = match tree.nodes[node as usize] {
+                Node::Primitive(number) => {
+                    let primitive = &tree.primitives[number as usize];
+                    let to_world = maps[map].after(&primitive.map);
+                    let Some(to_local) = to_world.inverse().filter(|_| to_world.is_bounded()) else {
+                        let found = "a primitive that is moved to where numbers are too large or too small";
+                        return Err(wrong(path, primitive.at, found, "other maps"));
+                    };
+                    steps.push(Step::Primitive(instances.len() as u32, is_negated));
+                    instances.push(Instance { primitive: number, to_world, to_local });
+                    open.iter_mut().last().into_iter().for_each(|(count, _)| *count += 1);
+                    continue;
+                }
+                Node::Not(node) => {
+                    tasks.push(Task::Enter { node, map, is_negated: !is_negated, within });
+                    continue;
+                }
+                Node::Moved(number, node) => {
+                    maps.push(maps[map].after(&tree.maps[number as usize]));
+                    tasks.push(Task::Enter { node, map: maps.len() - 1, is_negated, within });
+                    continue;
+                }
+                // (The complement of a union is the intersection of complements.)
+                Node::Any(first, end) => (if is_negated { Kind::All } else { Kind::Any }, first..end),
+                Node::All(first, end) => (if is_negated { Kind::Any } else { Kind::All }, first..end),
+                Node::Odd(first, end) => (Kind::Odd, first..end),
+            };
+            let is_even = kind == Kind::Odd && is_negated;
+            if within == Some(kind) {
+                open.iter_mut().last().into_iter().for_each(|(_, even)| *even ^= is_even);
+            } else {
+                open.push((0, is_even));
+                tasks.push(Task::End(kind));
+            }
+            let links = links.rev().map(|link| tree.links[link as usize]);
+            let is_negated = is_negated && kind != Kind::Odd;
+            tasks.extend(links.map(|node| Task::Enter { node, map, is_negated, within: Some(kind) }));
+        }
+        Ok(Lowered { instances, steps })
+    }
+
+    /// The box around each primitive.
+    pub(crate) fn boxes(&self, primitives: &[Primitive]) -> Vec<Bounds> {
+        let of = |instance: &Instance| {
+            let shape = &primitives[instance.primitive as usize].shape;
+            let reach =
+                instance.to_world.rows.map(|[x, y, z, shift]| shape.reach([x, y, z]).map(|end| end + shift));
+            [0, 1].map(|end| reach.map(|reach| reach[end]))
+        };
+        self.instances.iter().map(of).collect()
+    }
+
+    /// A box around the solid, which may be infinite, or empty.
+    pub(crate) fn bounds(&self, boxes: &[Bounds]) -> Bounds {
+        let mut stack = Vec::new();
+        let primitive =
+            |number: u32, is_negated| if is_negated { EVERYWHERE } else { boxes[number as usize] };
+        let operation = |step: Step, all: &[Bounds]| match step {
+            Step::All(_) => all.iter().fold(EVERYWHERE, |one, other| meet(&one, other)),
+            Step::Odd(_, true) => EVERYWHERE,
+            _ => all.iter().fold(NOWHERE, |one, other| hull(&one, other)),
+        };
+        fold(&self.steps, &mut stack, primitive, operation).unwrap_or(NOWHERE)
+    }
+}
+
+/// The box around two boxes.
+pub(crate) fn hull(one: &Bounds, other: &Bounds) -> Bounds {
+    let min = [0, 1, 2].map(|axis| one[0][axis].min(other[0][axis]));
+    [min, [0, 1, 2].map(|axis| one[1][axis].max(other[1][axis]))]
+}
+
+/// The box that two boxes have in common.
+fn meet(one: &Bounds, other: &Bounds) -> Bounds {
+    let min = [0, 1, 2].map(|axis| one[0][axis].max(other[0][axis]));
+    let both = [min, [0, 1, 2].map(|axis| one[1][axis].min(other[1][axis]))];
+    if has_room(&both) { both } else { NOWHERE }
+}
+
+/// Whether a box has a volume.
+pub(crate) fn has_room([min, max]: &Bounds) -> bool {
+    (0..3).all(|axis| min[axis] < max[axis])
+}
+
+/// Whether a box is finite.
+pub(crate) fn is_finite(bounds: &Bounds) -> bool {
+    bounds.iter().flatten().all(|at| at.is_finite())
+}

@@ -1,0 +1,80 @@
+//! A solid and the box that it is built in: a solid that reaches to infinity ends at the box.
+
+use std::sync::Arc;
+
+use crate::affine::Affine;
+use crate::expression::Step;
+use crate::lowered::{Bounds, Instance, Lowered, has_room, hull, is_finite};
+use crate::model::{Csg, Primitive};
+use crate::shape::Shape;
+use crate::syntax::At;
+use spinney_base::{Error, Result};
+
+/// A solid that ends somewhere.
+pub(crate) struct Placed {
+    pub(crate) primitives: Arc<Vec<Primitive>>,
+    pub(crate) lowered: Lowered,
+    /// The box that it is in.
+    pub(crate) bounds: Bounds,
+    /// A box around all that is finite in it.
+    pub(crate) around: Bounds,
+    /// What is to be said about how it ends.
+    pub(crate) ends: Option<String>,
+}
+
+impl Csg {
+    /// The solid with its box.
+    pub(crate) fn placed(&self) -> Result<Placed> {
+        let Csg { path, primitives, lowered, bounds, .. } = self;
+        let (mut primitives, mut lowered) = (primitives.clone(), lowered.clone());
+        let boxes = lowered.boxes(&primitives);
+        let own = lowered.bounds(&boxes);
+        let mut finite = boxes.iter().filter(|bounds| is_finite(bounds)).copied();
+        let finite = finite.next().map(|first| finite.fold(first, |all, next| hull(&all, &next)));
+        let is_endless = has_room(&own) && !is_finite(&own);
+        let text = |[min, max]: &Bounds| {
+            format!("{}, {}, {} to {}, {}, {}", min[0], min[1], min[2], max[0], max[1], max[2])
+        };
+        let (bounds, clip, ends) = match (bounds, finite) {
+            (Some(given), _) => (*given, true, Some(format!("at its bounds, {}", text(given)))),
+            (None, Some(finite)) if is_endless => {
+                let ends = format!(
+                    "it reaches to infinity, and ends at the box around its finite primitives, {}; the statement bounds(...) chooses another one",
+                    text(&finite)
+                );
+                (finite, true, Some(ends))
+            }
+            (None, None) if is_endless || !has_room(&own) => {
+                let found = "a solid that reaches to infinity, without a finite primitive";
+                let advice = "say where it ends: bounds(x0,y0,z0, x1,y1,z1);";
+                return Err(Error::unsupported(path, found, advice));
+            }
+            // (What encloses nothing has the box of what it is made of.)
+            (None, finite) => (if has_room(&own) { own } else { finite.unwrap_or(own) }, false, None),
+        };
+        if clip {
+            lowered.clip(&mut primitives, bounds);
+        }
+        let around = finite.map_or(bounds, |finite| hull(&bounds, &finite));
+        Ok(Placed { primitives: Arc::new(primitives), lowered, bounds, around, ends })
+    }
+}
+
+impl Lowered {
+    /// Ends the solid at a box.
+    fn clip(&mut self, primitives: &mut Vec<Primitive>, [min, max]: Bounds) {
+        let (number, primitive) = (self.instances.len() as u32, primitives.len() as u32);
+        let (shape, map) = (Shape::Block { min, max }, Affine::IDENTITY);
+        primitives.push(Primitive { shape, map, word: "bounds".into(), at: At { line: 0, column: 0 } });
+        self.instances.push(Instance { primitive, to_world: map, to_local: map });
+        let all = match self.steps.last() {
+            Some(Step::All(count)) => {
+                let count = count + 1;
+                self.steps.pop();
+                count
+            }
+            _ => 2,
+        };
+        self.steps.extend([Step::Primitive(number, false), Step::All(all)]);
+    }
+}

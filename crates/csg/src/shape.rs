@@ -1,0 +1,189 @@
+//! Primitives where they are simplest, each in coordinates of its own: what is inside of them, how far they reach, and where boxes lie.
+
+use crate::outline::Outline;
+use crate::place::Place;
+
+/// A primitive in coordinates of its own.
+#[derive(Clone, Debug)]
+pub(crate) enum Shape {
+    /// A box between two corners.
+    Block { min: [f64; 3], max: [f64; 3] },
+    /// A ball around the origin.
+    Ball { radius: f64 },
+    /// A cone between z = 0 and a height, with a radius at each: a cylinder if they are equal.
+    Cone { radii: [f64; 2], height: f64 },
+    /// A torus around the z axis.
+    Torus { ring: f64, tube: f64 },
+    /// All that is not above z = 0.
+    HalfSpace,
+    /// An outline in x and y between two heights.
+    Prism { outline: Outline, heights: [f64; 2] },
+    /// An outline in the distance from the z axis and in z, turned around that axis.
+    Revolved { outline: Outline },
+}
+
+/// An interval: from its least to its greatest number.
+pub(crate) type Interval = [f64; 2];
+
+impl Shape {
+    /// The greatest number that it is computed with, without its sign: what rounding is measured by.
+    pub(crate) fn magnitude(&self) -> f64 {
+        let most = |numbers: &[f64]| numbers.iter().fold(0.0, |most: f64, number| most.max(number.abs()));
+        match self {
+            Shape::Block { min, max } => most(min).max(most(max)),
+            Shape::Ball { radius } => *radius,
+            Shape::Cone { radii, height } => most(radii).max(*height),
+            Shape::Torus { ring, tube } => ring + tube,
+            Shape::HalfSpace => 0.0,
+            Shape::Prism { outline, heights } => outline.magnitude().max(most(heights)),
+            Shape::Revolved { outline } => outline.magnitude(),
+        }
+    }
+
+    /// Whether a point is inside. Sides at the least coordinates belong to blocks, prisms and cylinders, those at the greatest do not: so
+    /// those that lie side by side have each point once.
+    #[inline]
+    pub(crate) fn has(&self, [x, y, z]: [f64; 3]) -> bool {
+        match self {
+            Shape::Block { min, max } => {
+                (x >= min[0]) & (x < max[0]) & (y >= min[1]) & (y < max[1]) & (z >= min[2]) & (z < max[2])
+            }
+            Shape::Ball { radius } => x * x + y * y + z * z < radius * radius,
+            Shape::Cone { radii: [low, high], height } => {
+                let radius = low + (high - low) * (z / height);
+                (z >= 0.0) & (z < *height) & (x * x + y * y < radius * radius)
+            }
+            Shape::Torus { ring, tube } => {
+                let beside = (x * x + y * y).sqrt() - ring;
+                beside * beside + z * z < tube * tube
+            }
+            Shape::HalfSpace => z <= 0.0,
+            Shape::Prism { outline, heights } => z >= heights[0] && z < heights[1] && outline.has([x, y]),
+            Shape::Revolved { outline } => outline.has([(x * x + y * y).sqrt(), z]),
+        }
+    }
+
+    /// Where a box around a point lies; widths are halves, with some room for rounding. What is uniform is sure.
+    pub(crate) fn place(&self, centre: [f64; 3], half: [f64; 3]) -> Place {
+        let along: [Interval; 3] =
+            [0, 1, 2].map(|axis| [centre[axis] - half[axis], centre[axis] + half[axis]]);
+        match self {
+            Shape::Block { min, max } => {
+                all(&[0, 1, 2].map(|axis| between(along[axis], [min[axis], max[axis]])))
+            }
+            Shape::Ball { radius } => {
+                let [low, high] = distance(&along);
+                below([low - radius, high - radius])
+            }
+            Shape::Cone { radii: [low, high], height } => {
+                let [near, far] = distance(&along[..2]);
+                let at = |z: f64| low + (high - low) * (z.clamp(0.0, *height) / height);
+                let [one, other] = along[2].map(at);
+                let inside = below([near - one.max(other), far - one.min(other)]);
+                all(&[between(along[2], [0.0, *height]), inside])
+            }
+            Shape::Torus { ring, tube } => {
+                let beside = distance(&along[..2]).map(|far| far - ring);
+                let [low, high] = distance(&[beside, along[2]]);
+                below([low - tube, high - tube])
+            }
+            Shape::HalfSpace => below(along[2]),
+            Shape::Prism { outline, heights } => match between(along[2], *heights) {
+                Place::Void => Place::Void,
+                z => all(&[z, outline.place([centre[0], centre[1]], [half[0], half[1]])]),
+            },
+            Shape::Revolved { outline } => {
+                let [near, far] = distance(&along[..2]);
+                outline.place([(near + far) / 2.0, centre[2]], [(far - near) / 2.0, half[2]])
+            }
+        }
+    }
+
+    /// How far it reaches in a direction: the least and the greatest product with it.
+    pub(crate) fn reach(&self, direction: [f64; 3]) -> Interval {
+        let [x, y, z] = direction;
+        let across = (x * x + y * y).sqrt();
+        let length = (across * across + z * z).sqrt();
+        let around = |far: f64| [-far, far];
+        let hull = |points: &mut dyn Iterator<Item = Interval>| {
+            points.fold([f64::INFINITY, f64::NEG_INFINITY], |all: Interval, [low, high]| {
+                [all[0].min(low), all[1].max(high)]
+            })
+        };
+        match self {
+            Shape::Block { min, max } => {
+                let ends = |axis: usize| [min[axis] * direction[axis], max[axis] * direction[axis]];
+                (0..3).map(ends).fold([0.0; 2], |[low, high], [a, b]| [low + a.min(b), high + a.max(b)])
+            }
+            Shape::Ball { radius } => around(radius * length),
+            Shape::Cone { radii, height } => {
+                let disc = |end: usize| {
+                    let middle = [0.0, *height][end] * z;
+                    [middle - radii[end] * across, middle + radii[end] * across]
+                };
+                hull(&mut (0..2).map(disc))
+            }
+            Shape::Torus { ring, tube } => around(ring * across + tube * length),
+            Shape::HalfSpace if across > 0.0 || z == 0.0 => around(f64::INFINITY),
+            Shape::HalfSpace => {
+                if z > 0.0 {
+                    [f64::NEG_INFINITY, 0.0]
+                } else {
+                    [0.0, f64::INFINITY]
+                }
+            }
+            Shape::Prism { outline, heights } => {
+                let points = outline.rings.iter().flat_map(|ring| &ring.points);
+                let [low, high] = hull(&mut points.map(|[a, b]| [a * x + b * y; 2]));
+                let [one, other] = heights.map(|height| height * z);
+                [low + one.min(other), high + one.max(other)]
+            }
+            Shape::Revolved { outline } => {
+                let points = outline.rings.iter().flat_map(|ring| &ring.points);
+                hull(&mut points.map(|[radius, at]| [at * z - radius * across, at * z + radius * across]))
+            }
+        }
+    }
+}
+
+/// Where an interval of something that is below zero inside lies.
+fn below([low, high]: Interval) -> Place {
+    if low > 0.0 {
+        Place::Void
+    } else if high < 0.0 {
+        Place::Full
+    } else {
+        Place::Mixed
+    }
+}
+
+/// Where an interval lies that is inside between two numbers.
+fn between([low, high]: Interval, [min, max]: Interval) -> Place {
+    if high < min || low > max {
+        Place::Void
+    } else if low > min && high < max {
+        Place::Full
+    } else {
+        Place::Mixed
+    }
+}
+
+/// The place of what has to be inside of all.
+fn all(places: &[Place]) -> Place {
+    if places.contains(&Place::Void) {
+        Place::Void
+    } else if places.contains(&Place::Mixed) {
+        Place::Mixed
+    } else {
+        Place::Full
+    }
+}
+
+/// The least and the greatest distance of a box from the origin.
+fn distance(along: &[Interval]) -> Interval {
+    let nearest = |[low, high]: &Interval| if *low > 0.0 { *low } else { (-high).max(0.0) };
+    let farthest = |[low, high]: &Interval| high.max(-low);
+    let length =
+        |of: &dyn Fn(&Interval) -> f64| along.iter().map(|along| of(along).powi(2)).sum::<f64>().sqrt();
+    [length(&nearest), length(&farthest)]
+}

@@ -1,0 +1,162 @@
+//! A solid of primitives as a source: a block knows the primitives whose surfaces may pass through it, and its children those of these.
+
+use std::sync::Arc;
+
+use crate::expression::{Pruner, Step};
+use crate::field::{Bits, Field, SAMPLES};
+use crate::place::Place;
+use spinney_base::space::Dimension;
+use spinney_base::value::{SampleType, Value, ValueType};
+use spinney_base::{Form, Progress, Result};
+use spinney_engine::store::builder::ReusableSource;
+use spinney_engine::tree::{Child, Children, Source};
+
+/// Value of a cell that is full.
+const FULL: u8 = 255;
+
+/// A solid over cells.
+pub(crate) struct CsgTree<'a> {
+    pub(crate) field: Field,
+    pub(crate) steps: Vec<Step>,
+    pub(crate) depth: u8,
+    /// Whether cells at the surface have the share of their samples that is inside, instead of being full or not.
+    pub(crate) by_area: bool,
+    pub(crate) progress: &'a dyn Progress,
+}
+
+/// A node that the surface may pass through.
+#[derive(Clone)]
+pub(crate) enum CsgNode {
+    /// A block, with the part of the expression that matters there.
+    Block(Arc<Block>),
+    /// Cells in Z order, so many levels of them: two or one.
+    Cells(u64, u8),
+}
+
+/// A block of cells.
+pub(crate) struct Block {
+    level: u8,
+    /// Its position among the blocks of its level.
+    position: [u32; 3],
+    steps: Vec<Step>,
+}
+
+impl CsgTree<'_> {
+    /// Cells between samples, and how far the outermost ones are from the walls of a block.
+    fn spacing(&self) -> f64 {
+        if self.by_area { 1.0 / f64::from(SAMPLES) } else { 1.0 }
+    }
+
+    /// The first cell of a block, and how many it has along a side.
+    fn cells(&self, block: &Block) -> ([f64; 3], f64) {
+        let width = f64::from(1u32 << (self.depth - block.level));
+        (block.position.map(|position| f64::from(position) * width), width)
+    }
+
+    /// A block as its parent has it, where it is inside of the solid or of neither.
+    fn child(&self, level: u8, position: [u32; 3], steps: &[Step], pruner: &mut Pruner) -> Child<CsgNode> {
+        let mut block = Block { level, position, steps: Vec::new() };
+        let (first, width) = self.cells(&block);
+        let half = width / 2.0;
+        // (What lies between samples and walls is nobody's: a side that lies in walls divides nothing.)
+        let reach = half - self.spacing() / 2.0;
+        match self.field.prune(pruner, steps, first.map(|first| first + half), reach) {
+            Place::Void => Child::Void,
+            Place::Full => Child::Leaf(Value::from([FULL])),
+            Place::Mixed if level == self.depth && self.by_area => {
+                let bits = self.samples(&Block { steps: pruner.steps.clone(), ..block });
+                let inside: u32 = bits.iter().map(|word| word.count_ones()).sum();
+                let all = SAMPLES.pow(3);
+                let value = (inside * u32::from(FULL) + all / 2) / all;
+                Child::uniform((value > 0).then(|| Value::from([value as u8])))
+            }
+            // (A single cell is decided by its centre; so is a block that is no larger.)
+            Place::Mixed if level == self.depth => {
+                let centre = first.map(|first| first + 0.5);
+                uniform(self.field.has(&pruner.steps, centre))
+            }
+            Place::Mixed => {
+                block.steps.clone_from(&pruner.steps);
+                inner(CsgNode::Block(Arc::new(block)))
+            }
+        }
+    }
+
+    /// The samples of a block.
+    fn samples(&self, block: &Block) -> Bits {
+        let spacing = self.spacing();
+        let first = self.cells(block).0.map(|first| first + spacing / 2.0);
+        self.field.samples(&block.steps, first, spacing)
+    }
+}
+
+/// A cell, or what is uniform.
+fn uniform(is_full: bool) -> Child<CsgNode> {
+    Child::uniform(is_full.then(|| Value::from([FULL])))
+}
+
+/// A node that is asked for its children. What stands for it is worked out by what stores the tree.
+fn inner(node: CsgNode) -> Child<CsgNode> {
+    Child::Inner { representative: Value::from([FULL]), node }
+}
+
+/// Cells in Z order: so many levels of them.
+fn cells(bits: u64, levels: u8) -> Child<CsgNode> {
+    let all = u64::MAX >> (64 - (1u32 << (3 * levels)));
+    match bits & all {
+        0 => uniform(false),
+        bits if bits == all => uniform(true),
+        bits => inner(CsgNode::Cells(bits, levels)),
+    }
+}
+
+impl Source for CsgTree<'_> {
+    type Node = CsgNode;
+
+    fn form(&self) -> Form {
+        Form::new(Dimension::Oct, ValueType::new(SampleType::U8, 1))
+    }
+
+    fn depth(&self) -> u8 {
+        self.depth
+    }
+
+    fn root(&self) -> Result<Child<CsgNode>> {
+        Ok(self.child(0, [0; 3], &self.steps, &mut Pruner::default()))
+    }
+
+    fn children(&self, node: &CsgNode, children: &mut Children<CsgNode>) -> Result<()> {
+        let block = match node {
+            CsgNode::Cells(bits, levels) => {
+                let below = levels - 1;
+                for (number, child) in (0..).zip(children) {
+                    *child = cells(bits >> (number << (3 * below)), below);
+                }
+                return Ok(());
+            }
+            CsgNode::Block(block) => block,
+        };
+        let levels = self.depth - block.level;
+        if !self.by_area && levels <= SAMPLES.ilog2() as u8 {
+            let bits = self.samples(block);
+            for (number, child) in (0..).zip(children) {
+                // (Of fewer levels, the first word has all cells.)
+                *child = match levels {
+                    3 => cells(bits[number], 2),
+                    2 => cells(bits[0] >> (8 * number), 1),
+                    _ => cells(bits[0] >> number, 0),
+                };
+            }
+            return Ok(());
+        }
+        self.progress.check()?;
+        let mut pruner = Pruner::default();
+        for (number, child) in (0..).zip(children) {
+            let position = [0, 1, 2].map(|axis| 2 * block.position[axis] + (number >> axis & 1));
+            *child = self.child(block.level + 1, position, &block.steps, &mut pruner);
+        }
+        Ok(())
+    }
+}
+
+impl ReusableSource for CsgTree<'_> {}

@@ -1,0 +1,120 @@
+//! Tokens of a text.
+
+use std::path::Path;
+
+use super::{At, wrong};
+use crate::affine::MOST;
+use spinney_base::Result;
+
+/// A token.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Token<'a> {
+    /// A name or a word.
+    Name(&'a str),
+    Number(f64),
+    /// One of `( ) [ ] , ; =`.
+    Sign(char),
+    End,
+}
+
+impl Token<'_> {
+    /// The token as messages show it.
+    pub(super) fn text(&self) -> String {
+        match self {
+            Token::Name(name) => format!("`{}`", shortened(name)),
+            Token::Number(number) => format!("the number {number}"),
+            Token::Sign(sign) => format!("`{sign}`"),
+            Token::End => "the end of the text".into(),
+        }
+    }
+}
+
+/// The beginning of a text that may be long.
+pub(super) fn shortened(text: &str) -> String {
+    const MOST_SHOWN: usize = 40;
+    match text.char_indices().nth(MOST_SHOWN) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.into(),
+    }
+}
+
+/// Reads tokens one by one.
+pub(super) struct Lexer<'a> {
+    path: &'a Path,
+    rest: &'a str,
+    line: u32,
+    column: u32,
+}
+
+impl<'a> Lexer<'a> {
+    pub(super) fn new(path: &'a Path, text: &'a str) -> Lexer<'a> {
+        Lexer { path, rest: text.strip_prefix('\u{feff}').unwrap_or(text), line: 1, column: 1 }
+    }
+
+    /// The next token, and where it is.
+    pub(super) fn next(&mut self) -> Result<(Token<'a>, At)> {
+        self.skip_space();
+        let at = At { line: self.line, column: self.column };
+        let Some(first) = self.rest.chars().next() else { return Ok((Token::End, at)) };
+        if "()[],;=".contains(first) {
+            self.take(first.len_utf8());
+            return Ok((Token::Sign(first), at));
+        }
+        if first.is_alphabetic() || first == '_' {
+            let is_part = |c: char| c.is_alphanumeric() || c == '_';
+            let end = self.rest.find(|c| !is_part(c)).unwrap_or(self.rest.len());
+            return Ok((Token::Name(self.take(end)), at));
+        }
+        if first.is_ascii_digit() || "+-.".contains(first) {
+            let text = self.take(number_end(self.rest));
+            let expected = "a number such as 12, -0.5 or 1e-3";
+            let number: f64 =
+                text.parse().map_err(|_| wrong(self.path, at, format!("`{}`", shortened(text)), expected))?;
+            if number.abs() > MOST {
+                let found = format!("`{}`", shortened(text));
+                return Err(wrong(self.path, at, found, "a number from -1e30 to 1e30"));
+            }
+            return Ok((Token::Number(number), at));
+        }
+        let expected = "names, numbers, brackets, commas and semicolons; # begins a comment";
+        Err(wrong(self.path, at, format!("the character {first:?}"), expected))
+    }
+
+    /// Takes so many bytes, all of one line.
+    fn take(&mut self, bytes: usize) -> &'a str {
+        let (taken, rest) = self.rest.split_at(bytes);
+        self.rest = rest;
+        self.column += taken.chars().count() as u32;
+        taken
+    }
+
+    /// Skips spaces, ends of lines and comments.
+    fn skip_space(&mut self) {
+        loop {
+            let Some(first) = self.rest.chars().next() else { return };
+            if first == '\n' {
+                self.rest = &self.rest[1..];
+                self.line += 1;
+                self.column = 1;
+            } else if first.is_whitespace() {
+                self.take(first.len_utf8());
+            } else if first == '#' || self.rest.starts_with("//") {
+                self.take(self.rest.find('\n').unwrap_or(self.rest.len()));
+            } else {
+                return;
+            }
+        }
+    }
+}
+
+/// Where the number ends that a text begins with: all that could belong to one is taken, so that messages show it whole.
+fn number_end(text: &str) -> usize {
+    let mut before = ' ';
+    text.find(|c: char| {
+        let is_part =
+            c.is_alphanumeric() || c == '.' || c == '_' || ("+-".contains(c) && " eE".contains(before));
+        before = c;
+        !is_part
+    })
+    .unwrap_or(text.len())
+}

@@ -1,0 +1,30 @@
+//! The text of a solid: words (`words.rs`), from tokens (`lexer.rs`) by way of calls and lists (`parse.rs`).
+
+mod lexer;
+mod parse;
+mod words;
+
+pub(crate) use self::parse::parse;
+
+use std::fmt;
+use std::path::Path;
+
+use spinney_base::Error;
+
+/// A place in a text: line and column, from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct At {
+    pub(crate) line: u32,
+    pub(crate) column: u32,
+}
+
+impl fmt::Display for At {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}, column {}", self.line, self.column)
+    }
+}
+
+/// The error of a text in which something else stands than is expected.
+pub(crate) fn wrong(path: &Path, at: At, found: impl Into<String>, expected: impl Into<String>) -> Error {
+    Error::invalid(format!("{}, {at}", path.display()), found, expected)
+}

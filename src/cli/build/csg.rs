@@ -1,0 +1,115 @@
+//! `spinney build` of texts of primitives: octrees, and exact models.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use spinney::Progress;
+use spinney::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
+use spinney::io::Output;
+
+use super::pictures::PictureArgs;
+use super::solids::SolidArgs;
+use super::{Common, Grid, Lines};
+
+/// A text of primitives that was read, and what is to be made of it.
+pub(super) enum PrimitivesImport {
+    Cells(Box<CsgImport>),
+    Exact(Box<Csg>, CsgExactOptions, Lines),
+}
+
+impl PrimitivesImport {
+    /// Reads the text, which has to be the only input.
+    pub(super) fn plan(
+        inputs: &[PathBuf],
+        output: &Path,
+        (pictures, solids, common): (&PictureArgs, &SolidArgs, &Common),
+    ) -> Result<PrimitivesImport> {
+        let [input] = inputs else {
+            bail!(
+                "a text of primitives (.csg) is the only input; solids that stand behind each other in one are united"
+            )
+        };
+        if pictures.are_given() || common.grid == Some(Grid::Xyz) {
+            bail!("{}: is a solid; the options for pictures and --grid xyz are not for it", input.display());
+        }
+        let csg = Csg::open(input)?;
+        if !solids.brep {
+            if let Some(option) = solids.of_exact_models() {
+                bail!("{option} is for exact models: add --brep, without --cells, --cell and --grid");
+            }
+            let options = solids.options(csg.unit(), output, common)?;
+            return Ok(PrimitivesImport::Cells(Box::new(CsgImport::plan(csg, &options)?)));
+        }
+        if let Some(option) = solids.of_meshes() {
+            bail!("{option} is for the faces of models; {} has primitives", input.display());
+        }
+        let mut options = CsgExactOptions::new();
+        options.deviation = solids.deviation;
+        options.snap = solids.snap;
+        options.unit.clone_from(&solids.unit);
+        options.crs.clone_from(&common.crs);
+        options.codec = common.packing.choice()?.codec;
+        options.memory = common.memory.bytes;
+        let count = csg.primitives();
+        let plural = if count == 1 { "" } else { "s" };
+        let description = vec![("input", format!("{} ({count} primitive{plural})", input.display()))];
+        Ok(PrimitivesImport::Exact(Box::new(csg), options, description))
+    }
+
+    pub(super) fn description(&self) -> &[(&'static str, String)] {
+        match self {
+            PrimitivesImport::Cells(import) => import.description(),
+            PrimitivesImport::Exact(.., description) => description,
+        }
+    }
+
+    /// Name of the units that the progress of building counts, in the plural.
+    pub(super) fn unit(&self) -> &'static str {
+        match self {
+            PrimitivesImport::Cells(_) => "cells",
+            PrimitivesImport::Exact(..) => "primitives",
+        }
+    }
+
+    /// Builds the file; returns lines about it.
+    pub(super) fn build(self, output: Output, progress: &dyn Progress) -> Result<Lines> {
+        match self {
+            PrimitivesImport::Cells(import) => {
+                let is_empty = import.build(output, progress)? == 0;
+                let text = "the tree is empty: the solid has nothing inside, or is thinner than a cell";
+                Ok(is_empty.then(|| ("warning", text.into())).into_iter().collect())
+            }
+            PrimitivesImport::Exact(csg, options, _) => Ok(lines(
+                &import_exact_csg(&csg, &options, output, progress)?,
+                options.unit.or(csg.unit().map(Into::into)),
+            )),
+        }
+    }
+}
+
+/// Lines about an exact model.
+fn lines(report: &CsgExactReport, unit: Option<String>) -> Lines {
+    let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
+    let CsgExactReport { curved, deviation, facets, displacement, model, ends, .. } = report;
+    let mut lines: Lines = ends.iter().map(|ends| ("ends", ends.clone())).collect();
+    lines.push(match curved {
+        0 => ("facets", format!("{facets}; all primitives are planar, and exact but for their corners")),
+        _ => (
+            "facets",
+            format!("{facets}, with corners on the surfaces; those of the {curved} curved primitives are within {deviation}{unit} of them (--deviation)"),
+        ),
+    });
+    let moved = match *displacement {
+        0.0 => "no corner was moved".into(),
+        most => format!("corners moved by at most {most:e}{unit}"),
+    };
+    let grid = &model.grid;
+    lines.push(("grid", format!("steps of {}{unit}, {} bits; {moved}", grid.width(), grid.bits)));
+    let nothing = if model.after == 0 { ": the solid has nothing inside" } else { "" };
+    lines.push(("faces", format!("{} of the solid{nothing}", model.after)));
+    let nodes = model.built.nodes.named();
+    let nodes: Vec<String> =
+        nodes.iter().filter(|(_, count)| *count > 0).map(|(name, count)| format!("{count} {name}")).collect();
+    lines.push(("nodes", format!("{}: {}", model.built.nodes.total(), nodes.join(", "))));
+    lines
+}

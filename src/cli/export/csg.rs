@@ -1,0 +1,48 @@
+//! The text of primitives that a solid was made of.
+
+use std::io::Write as _;
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use spinney::io::Output;
+use spinney::store::{Metadata, Tag};
+
+use super::super::Global;
+use super::super::args::check_output;
+use super::super::report::report_output;
+use super::Args;
+
+/// Writes the text.
+pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    if args.tree.is_viewed() {
+        bail!("--view: the text is that of the whole solid, as it was built");
+    }
+    let (file, path) = (&args.tree.file, args.output.path());
+    check_output([file.as_path()], path)?;
+    let write = |metadata: &Metadata| -> Result<()> {
+        let Some(text) = metadata.tag(Tag::Csg) else {
+            bail!("{}: was not built of a text of primitives (.csg)", file.display());
+        };
+        let mut output = Output::create(path)?;
+        output.write_all(text.as_bytes()).map_err(spinney::Error::io(path, "write the text"))?;
+        output.commit()?;
+        // (Operations and edits leave tags as they are, and say what they did.)
+        if let [_, later @ ..] = &metadata.provenance[..]
+            && !later.is_empty()
+        {
+            let later = later.join("; ");
+            global.report(
+                "warning",
+                format_args!("the text is that of the solid as it was built, before: {later}"),
+            );
+        }
+        Ok(())
+    };
+    match args.tree.open_model(global)? {
+        Some(view) => write(view.as_model("the text")?.metadata())?,
+        None => write(args.tree.open()?.metadata())?,
+    }
+    report_output(global, path, start);
+    Ok(())
+}

@@ -1,0 +1,262 @@
+//! Solids of primitives: octrees by classification of blocks, set operations on them, and exact models.
+
+use std::f64::consts::PI;
+use std::path::{Path, PathBuf};
+
+use spinney::brep::query::MassProperties;
+use spinney::brep::{ExactModel, Faces};
+use spinney::csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
+use spinney::dataset::Dataset;
+use spinney::import::mesh::{Resolution, SolidOptions};
+use spinney::io::Output;
+use spinney::space::{Bounds, EdgeRule};
+use spinney::store::Tag;
+
+use crate::common::command::{complaint, stdout};
+
+fn csg(text: &str) -> Csg {
+    Csg::parse(Path::new("test.csg"), text).unwrap()
+}
+
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Folder {
+        Folder(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// The octree of a text.
+    fn cells(&self, text: &str, resolution: Resolution, edge: EdgeRule) -> Dataset {
+        let mut options = SolidOptions::new();
+        (options.resolution, options.edge) = (resolution, edge);
+        let path = self.path("cells.goblin");
+        CsgImport::plan(csg(text), &options).unwrap().build(Output::create(&path).unwrap(), &()).unwrap();
+        spinney::open(&path).unwrap()
+    }
+
+    /// The exact model of a text.
+    fn exact(&self, text: &str, deviation: f64) -> (ExactModel, CsgExactReport) {
+        let mut options = CsgExactOptions::new();
+        options.deviation = Some(deviation);
+        let path = self.path("exact.goblin");
+        let report = import_exact_csg(&csg(text), &options, Output::create(&path).unwrap(), &()).unwrap();
+        (ExactModel::open(&path, &Default::default()).unwrap(), report)
+    }
+}
+
+fn volume(tree: &Dataset) -> f64 {
+    tree.solid(tree.depth(), &()).unwrap().world_volume()
+}
+
+fn volume_of(model: &ExactModel) -> f64 {
+    MassProperties::of(model, &()).unwrap().volume
+}
+
+/// Texts of primitives, with volume, area of the surface, and whether they are planar.
+fn primitives() -> Vec<(&'static str, f64, f64, bool)> {
+    let cone = |low: f64, high: f64, height: f64| {
+        let slant = ((high - low).powi(2) + height * height).sqrt();
+        let area = PI * (low * low + high * high + (low + high) * slant);
+        (PI * height / 3.0 * (low * low + low * high + high * high), area)
+    };
+    let axis = 3.0f64;
+    vec![
+        ("block(0,0,0, 2,3,5)", 30.0, 62.0, true),
+        ("ball(1,2,3, 1.5)", 4.0 / 3.0 * PI * 3.375, 9.0 * PI, false),
+        ("cylinder(1,1,1, 2,3,3, 0.7)", PI * 0.49 * axis, PI * (0.98 + 1.4 * axis), false),
+        ("cone(1,1,1, 0.5, 2,3,3, 1.5)", cone(0.5, 1.5, axis).0, cone(0.5, 1.5, axis).1, false),
+        ("cone(0,0,0, 1, 2,-2,1, 0)", cone(1.0, 0.0, axis).0, cone(1.0, 0.0, axis).1, false),
+        ("torus(0,0,0, 1,2,-2, 2, 0.5)", PI * PI, 4.0 * PI * PI, false),
+        ("bounds(0,0,0, 4,4,4); half_space(1,1,0, 4)", 32.0, 72.0, true),
+        ("prism([[0,0],[4,0],[4,4],[0,4]], [[1,1],[3,1],[3,3],[1,3]], 1, 3)", 24.0, 72.0, true),
+        ("sweep([[0,0],[3,0],[0,3]], 1,2,2)", 9.0, 36.0, true),
+        ("revolve([[1,0],[2,0],[2,1],[1,1]], 1,2,3, 1,1,1)", 3.0 * PI, 12.0 * PI, false),
+        ("rotate(1,2,3, 40, scale(2, block(0,0,0, 1,1,1)))", 8.0, 24.0, true),
+    ]
+}
+
+/// Cells whose centre is inside: what a surface of a solid is off by, at most, is half of the cells that it passes, and in
+/// practice a small part of these, which becomes less with the cells.
+#[test]
+fn volumes_of_primitives() {
+    let folder = Folder::new();
+    for (text, exact, area, _) in primitives() {
+        let mut errors = Vec::new();
+        for depth in [4, 6, 8] {
+            let tree = folder.cells(text, Resolution::Depth(depth), EdgeRule::Centre);
+            let cell = tree.metadata().frame.linear().col(0).length();
+            let error = (volume(&tree) - exact).abs();
+            assert!(error < 0.25 * area * cell, "{text} at {depth}: off by {error} of {exact}");
+            errors.push(error / exact);
+        }
+        for depth in [3, 4, 5] {
+            let tree = folder.cells(text, Resolution::Depth(depth), EdgeRule::Area);
+            let cell = tree.metadata().frame.linear().col(0).length();
+            let error = (volume(&tree) - exact).abs();
+            // (A cell has one of 255 values.)
+            assert!(error < 0.05 * area * cell, "{text} at {depth}: off by {error} of {exact}, by area");
+        }
+        assert!(errors[2] <= errors[0].max(1e-3) && errors[2] < 0.01, "{text}: {errors:?}");
+    }
+}
+
+/// Octrees of FULL, VOID and MIXED nodes on one grid: what is combined cell by cell is what the text tells.
+#[test]
+fn item_43_set_operations_by_nodes() {
+    let (one, other) = ("ball(3,3,3, 2.5)", "union(block(2,2,0, 6,4,5), torus(3,3,3, 1,1,1, 2, 0.6))");
+    let folder = Folder::new();
+    let build = |name: &str, text: &str| {
+        let [csg, tree] = [folder.path(&format!("{name}.csg")), folder.path(&format!("{name}.goblin"))];
+        std::fs::write(&csg, format!("bounds(0,0,0, 6,6,6); {text}")).unwrap();
+        let tree = tree.to_str().unwrap().to_string();
+        stdout(&["build", csg.to_str().unwrap(), "-o", &tree, "--depth", "6"]);
+        tree
+    };
+    let cells = |tree: &str| {
+        let mut cells = vec![0u8; 1 << 18];
+        let all = Bounds { min: [0; 3], max: [64; 3] };
+        spinney::open(tree).unwrap().window(6, &all, 0.0, &mut cells, None).unwrap();
+        cells
+    };
+    let (a, b, made) = (build("a", one), build("b", other), folder.path("made.goblin"));
+    let made = made.to_str().unwrap();
+    for (operation, text) in [
+        ("union", format!("union({one}, {other})")),
+        ("intersection", format!("intersection({one}, {other})")),
+        ("a-b", format!("difference({one}, {other})")),
+        ("b-a", format!("intersection(complement({one}), {other})")),
+        ("xor", format!("xor({one}, {other})")),
+    ] {
+        stdout(&["combine", operation, &a, &b, "-o", made]);
+        let (nodes, text_cells) = (cells(made), cells(&build("whole", &text)));
+        assert!(nodes == text_cells && nodes.contains(&255), "{operation}");
+    }
+}
+
+/// The extended octree has planes in its leaves, and is made from the text by exact set operations of polyhedra.
+#[test]
+fn item_42_extended_octree() {
+    let folder = Folder::new();
+    // A comb: a block with 8 notches.
+    let notches: Vec<String> = (0..8).map(|x| format!("block({}.25,1,2, {}.75,3,5)", x, x)).collect();
+    let (model, _) = folder.exact(&format!("difference(block(0,0,0, 8,4,4), {})", notches.join(",")), 0.1);
+    assert_eq!(volume_of(&model), 128.0 - 16.0);
+    assert_eq!(model.verify(64 << 20, &()).unwrap(), vec![]);
+    let nodes = model.nodes().named();
+    for kind in ["FACE", "EDGE", "VERTEX", "BOOLEAN"] {
+        assert!(nodes.iter().any(|(name, count)| *name == kind && *count > 0), "{nodes:?}");
+    }
+}
+
+#[test]
+fn exact_models_of_primitives() {
+    let folder = Folder::new();
+    for (text, exact, area, is_planar) in primitives() {
+        let mut errors = Vec::new();
+        for deviation in [0.05, 0.005] {
+            let (model, report) = folder.exact(text, deviation);
+            let found = volume_of(&model);
+            // (Corners that are moved by half a step move surfaces by no more.)
+            let error = exact - found;
+            let moved = 2.0 * area * report.displacement.max(1e-15);
+            let most = if is_planar { moved } else { area * deviation };
+            assert!(-moved - 1e-9 * exact <= error || !is_planar, "{text}: {found} instead of {exact}");
+            assert!(
+                error.abs() <= most + 1e-9 * exact,
+                "{text} within {deviation}: {found} instead of {exact}"
+            );
+            assert_eq!(report.curved, usize::from(!is_planar));
+            errors.push(error.abs());
+        }
+        assert!(is_planar || errors[1] < 0.2 * errors[0], "{text}: {errors:?}");
+    }
+}
+
+/// A set operation on cells and on faces gives the same solid.
+#[test]
+fn cells_and_exact_models_agree() {
+    let folder = Folder::new();
+    for text in [
+        "difference(union(block(0,0,0, 4,4,2), ball(2,2,2, 1.5)), cylinder(2,2,-1, 2,2,5, 0.5), half_space(1,0,0, 0.5))",
+        "xor(block(0,0,0, 3,3,3), translate(1,1,1, block(0,0,0, 3,3,3)), ball(2,2,2, 2))",
+        "let rod = cylinder(0,0,-3, 0,0,3, 0.5); intersection(ball(0,0,0, 2), complement(union(rod, rotate(1,0,0, 90, rod), rotate(0,1,0, 90, rod))))",
+        "bounds(-2,-2,-2, 2,2,2); complement(ball(0,0,0, 1.5))",
+        "difference(mirror(1,1,0, prism([[0,0],[3,0],[3,1],[1,1],[1,3],[0,3]], 0, 2)), half_space(0,0,-1, -1.5))",
+        // A star that goes around its middle twice, which is outside.
+        "prism([[0,3],[1.763,-2.427],[-2.853,0.927],[2.853,0.927],[-1.763,-2.427]], 0, 1)",
+        "xor(complement(ball(0,0,0, 1)), complement(ball(1,0,0, 1)))",
+    ] {
+        let tree = folder.cells(text, Resolution::Depth(7), EdgeRule::Area);
+        let (model, _) = folder.exact(text, 0.001);
+        let (cells, exact) = (volume(&tree), volume_of(&model));
+        assert!((cells / exact - 1.0).abs() < 0.004, "{text}: {cells} and {exact}");
+        assert!(!model.is_unbounded());
+        assert_eq!(model.verify(64 << 20, &()).unwrap(), vec![]);
+    }
+}
+
+/// Set operations of many bodies at once, in groups, keep all of them.
+#[test]
+fn many_bodies() {
+    let folder = Folder::new();
+    let blocks: Vec<String> =
+        (0..150).map(|x| format!("block({x},0,0, {},1,1)", f64::from(x) + 0.5)).collect();
+    let text = format!("difference(block(-1,0,0, 151,1,2), {})", blocks.join(","));
+    let (model, report) = folder.exact(&text, 0.1);
+    assert_eq!((volume_of(&model), report.primitives), (304.0 - 75.0, 151));
+    assert_eq!(model.metadata().provenance.len(), 1);
+}
+
+#[test]
+fn texts_come_back() {
+    let folder = Folder::new();
+    let text = "# \"Quoted\" \\ text\nunit(cm);\nball(0,0,0, 1);\n";
+    let path = folder.path("ball.csg");
+    std::fs::write(&path, text).unwrap();
+    let path = path.to_str().unwrap();
+    for options in [&["--cells", "16"][..], &["--brep"], &["--cell", "1mm", "--edge", "area"]] {
+        let [tree, again] =
+            ["tree.goblin", "again.csg"].map(|name| folder.path(name).to_str().unwrap().to_string());
+        stdout(&[&["build", path, "-o", &tree], options].concat());
+        stdout(&["export", &tree, "-o", &again]);
+        assert_eq!(std::fs::read_to_string(&again).unwrap(), text);
+        let told = stdout(&["info", &tree]);
+        assert!(told.contains("# \"Quoted\" \\ text") && told.contains("unit = cm"), "{told}");
+    }
+    let tree = spinney::open(folder.path("tree.goblin")).unwrap();
+    assert_eq!(tree.metadata().tag(Tag::Csg), Some(text));
+    assert_eq!(tree.metadata().frame.linear().col(0).length(), 0.1);
+}
+
+#[test]
+fn options_that_do_not_fit_are_refused() {
+    let folder = Folder::new();
+    let path = folder.path("ball.csg");
+    std::fs::write(&path, "ball(0,0,0, 1)").unwrap();
+    let [path, out] = [path, folder.path("x.goblin")].map(|path| path.to_str().unwrap().to_string());
+    let cases: [(&[&str], &str); 10] = [
+        (&["--shell"], "--shell"),
+        (&["--edge", "touch"], "centre or area"),
+        (&["--attribute", "part"], "--attribute"),
+        (&["--up", "y"], "--up"),
+        (&["--brep", "--repair"], "--repair is for the faces of models"),
+        (&["--brep", "--deviation", "0"], "a distance above zero"),
+        (&["--brep", "--deviation", "1e-12"], "at most 1048576 facets"),
+        (&["--brep", "--deviation", "1e-300"], "at most 1048576 facets"),
+        (&["--kind", "categorical"], "options for pictures"),
+        (&["--where", "a=1"], "--where is for features"),
+    ];
+    for (options, expected) in cases {
+        let told = complaint(&[&["build", &path, "-o", &out], options].concat(), 1);
+        assert!(told.contains(expected), "{options:?}: {told}");
+        assert!(!Path::new(&out).exists());
+    }
+    let other = folder.path("plane.csg");
+    std::fs::write(&other, "half_space(0,0,1, 0)").unwrap();
+    let told = complaint(&["build", other.to_str().unwrap(), "-o", &out], 1);
+    assert!(told.contains("say where it ends: bounds("), "{told}");
+}
