@@ -100,14 +100,17 @@ impl Field {
         let placement = &self.placements[number as usize];
         let shape = &self.primitives[placement.primitive as usize].shape;
         let rows = &placement.to_local.rows;
-        std::array::from_fn(|octant| {
-            let first = [0, 1, 2].map(|axis| first[axis] + f64::from((octant >> axis & 1) as u8 * 4) * step);
+        let mut bits = [0; 8];
+        for (octant, word) in (0u8..).zip(&mut bits) {
+            let first = [0, 1, 2].map(|axis| first[axis] + f64::from((octant >> axis & 1) * 4) * step);
             match self.place(number, first.map(|first| first + 1.5 * step), 1.5 * step) {
-                Place::Void => return 0,
-                Place::Full => return !0,
+                Place::Void => continue,
+                Place::Full => {
+                    *word = !0;
+                    continue;
+                }
                 Place::Mixed => {}
             }
-            let mut bits = 0;
             for z in 0..4u8 {
                 for y in 0..4u8 {
                     // (In the order of `Affine::apply`, so that a sample is the same however it is computed.)
@@ -120,11 +123,11 @@ impl Field {
                         row |= usize::from(shape.has(local)) << x;
                     }
                     let shift = (y & 1) << 1 | (y >> 1) << 4 | (z & 1) << 2 | (z >> 1) << 5;
-                    bits |= SPREAD[row] << shift;
+                    *word |= SPREAD[row] << shift;
                 }
             }
-            bits
-        })
+        }
+        bits
     }
 }
 

@@ -42,7 +42,8 @@ impl Shape {
 
     /// Whether a point is inside. Sides at the least coordinates belong to blocks, prisms and cylinders, those at the greatest do not: so
     /// those that lie side by side have each point once.
-    #[inline]
+    // (Called for each sample, from one place that is worth it.)
+    #[inline(always)]
     pub(crate) fn has(&self, [x, y, z]: [f64; 3]) -> bool {
         match self {
             Shape::Block { min, max } => {
