@@ -18,6 +18,12 @@ Exact models, the boundaries of bodies kept as they are, are built by `build_bre
         model.contains(points)                  # exact, for an array of points
         trimesh.Trimesh(*model.triangles())
 
+Trees of points are built by `build_points` and opened by `open_points`::
+
+    with spinney.open_points("scan.goblin") as points:
+        points.read(window=(500100, 5200100, 500300, 5200250))
+        points.nearest(places, k=3)
+
 Trees are made of picture files, models of solids and arrays (`build`), of other trees (`transform`, `combine`), and
 changed in place (`edit`). With xarray installed, `xarray.open_dataset(path, engine="spinney")` opens them lazily.
 
@@ -35,6 +41,7 @@ from ._edit import Edit, edit
 from ._exact import ExactModel, build_brep, object_contacts, open_brep
 from ._files import add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, set_cache_memory, transform, verify
 from ._native import version as __version__
+from ._points import BuiltPoints, PointColumn, PointTree, build_points, open_points
 from ._surfaces import RayCrossings, Shells, SurfaceHits
 from ._types import (
     BandStatistics,
@@ -75,6 +82,7 @@ __all__ = [
     "BoundingBox",
     "Box",
     "BuiltModel",
+    "BuiltPoints",
     "CombinedModel",
     "CombinedPolygons",
     "Commit",
@@ -95,6 +103,8 @@ __all__ = [
     "MovedModel",
     "ObjectContact",
     "Outcome",
+    "PointColumn",
+    "PointTree",
     "RayCrossings",
     "Section",
     "Shells",
@@ -112,6 +122,7 @@ __all__ = [
     "blame",
     "build",
     "build_brep",
+    "build_points",
     "combine",
     "compact",
     "convert",
@@ -123,6 +134,7 @@ __all__ = [
     "object_contacts",
     "open",
     "open_brep",
+    "open_points",
     "recover",
     "set_cache_memory",
     "transform",

@@ -12,6 +12,7 @@ use spinney::dataset;
 use spinney::ops::{
     self, AffineMap, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions,
 };
+use spinney::points::{PointTree, is_point_file};
 use spinney::store::autumnal::{self, Commit, CompactOptions, History, Keep, Note};
 use spinney::store::{self, Codec, Header, Metadata, OpenOptions, file_of};
 use spinney::value::Number;
@@ -298,6 +299,9 @@ pub(crate) fn verify(
     let findings = jobs::run(py, terms, |work| {
         if is_model_file(&path) {
             return ExactModel::open(&path, &OpenOptions::new())?.verify(memory, work);
+        }
+        if is_point_file(&path) {
+            return PointTree::open(&path, &OpenOptions::new())?.verify(work);
         }
         let tree = dataset::open(&path, &OpenOptions::new())?;
         if quick { tree.verify_quickly(memory, work) } else { tree.verify(memory, work) }

@@ -26,6 +26,7 @@ mod numbers;
 mod overlay;
 mod packing;
 mod part;
+mod points;
 mod questions;
 mod read;
 mod rebuild;
@@ -61,6 +62,8 @@ mod _native {
     use super::overlay::combine_polygons;
     #[pymodule_export]
     use super::packing::set_cache_memory;
+    #[pymodule_export]
+    use super::points::{Points, build_point_array, build_point_files, is_points};
     #[pymodule_export]
     use super::rebuild::is_tree;
     #[pymodule_export]

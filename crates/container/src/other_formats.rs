@@ -356,7 +356,7 @@ mod tests {
         assert_eq!(name("a.bin", b"<?xml version='1.0'?>\n<svg>"), Some("an SVG drawing"));
         assert_eq!(name("a.json", b"{\"type\": \"FeatureCollection\""), Some("a GeoJSON document"));
         assert_eq!(name("a.json", b"{\"type\": \"CityJSON\""), Some("a CityJSON model"));
-        assert_eq!(name("a.LAZ", b""), Some("a point cloud (LAS or LAZ)"));
+        assert_eq!(name("a.LAZ", b"LASF"), Some("a point cloud (LAS or LAZ)"));
         for (path, bytes) in
             [("a.tif", &b"text"[..]), ("a.goblin", b"\x93Goblin\n"), ("a", b""), (".tif", b"")]
         {
@@ -396,7 +396,7 @@ mod tests {
     #[test]
     fn advice_names_the_file() {
         let refused = |path, bytes: &[u8]| OtherFormat::refuse_source(Path::new(path), bytes).to_string();
-        assert!(refused("my scan.las", b"LASF").contains("pdal translate 'my scan.las' OUT.tif"));
+        assert!(refused("my scan.e57", b"ASTM-E57").contains("pdal translate 'my scan.e57' OUT.laz"));
         assert!(refused("a.geojson", b"{}").contains("--zones a.geojson"));
         assert!(refused("a.txt", b"text").contains("are read"));
         let no_tree =

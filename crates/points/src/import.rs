@@ -119,6 +119,11 @@ impl PointImport {
         &self.description
     }
 
+    /// Says where points come from that are in no file.
+    pub fn set_provenance(&mut self, text: &str) {
+        self.metadata.provenance = vec![text.into()];
+    }
+
     /// Builds the tree.
     ///
     /// # Errors

@@ -6,7 +6,6 @@ use anyhow::{Result, bail};
 use spinney::import::feature::{FeatureOptions, is_feature_file, open_feature_points};
 use spinney::points::{BuildOptions, ImportOptions, PointImport, is_las_file, plan_las, plan_points};
 
-use super::super::points::conditions;
 use super::super::report::warn;
 use super::Common;
 use super::features::{FeatureArgs, Index};
@@ -47,30 +46,11 @@ pub(super) fn plan(
     options.attributes = names.map(|names| names.split(',').map(|name| name.trim().to_string()).collect());
     let filter = features.filter.clone().unwrap_or_default();
     if !is_of_features {
-        return Ok(plan_las(inputs, &mut |attributes| conditions(&filter, attributes), &options)?);
+        return Ok(plan_las(inputs, &mut |attributes| filter.for_points(attributes), &options)?);
     }
     let [input] = inputs else { bail!("--index: a tree has the features of one file; build a tree of each") };
     let layer = pictures.layer.clone();
     let found = open_feature_points(input, &FeatureOptions { filter, layer, ..FeatureOptions::default() })?;
-    if !found.left_out.is_empty() {
-        warn(&format!(
-            "{}: attributes that are no numbers are left out: {}",
-            input.display(),
-            found.left_out.join(", ")
-        ));
-    }
-    if found.with_heights > 0 {
-        let count = found.with_heights;
-        warn(&format!(
-            "{}: {count} features have heights or measures in their geometries, which are not read; an attribute `z` is",
-            input.display()
-        ));
-    }
-    if found.points.is_rounded() {
-        warn(&format!(
-            "{}: places have more digits than a grid of 32 bits, and are rounded to it",
-            input.display()
-        ));
-    }
+    found.remarks().iter().for_each(|remark| warn(&format!("{}: {remark}", input.display())));
     Ok(plan_points(Box::new(found.points), inputs, Vec::new(), &options)?)
 }

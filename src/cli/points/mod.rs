@@ -8,11 +8,8 @@ mod stats;
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use spinney::Error;
-use spinney::import::feature::{FeatureFilter, FeatureOptions, Relation, open_features};
-use spinney::points::{
-    Attribute, PointCondition, PointRegion, PointRelation, PointTree, is_point_file, position,
-};
+use spinney::import::feature::{FeatureFilter, FeatureOptions, open_features};
+use spinney::points::{PointRegion, PointTree, is_point_file};
 use spinney::space::Coordinates;
 use spinney::store::OpenOptions;
 
@@ -37,29 +34,6 @@ pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
         bail!("{}: is a tree of points, for which {name} means nothing", path.display());
     }
     Ok(())
-}
-
-/// The conditions of a filter on attributes of points.
-pub(super) fn conditions(
-    filter: &FeatureFilter,
-    attributes: &[Attribute],
-) -> spinney::Result<Vec<PointCondition>> {
-    let condition = |condition: &spinney::import::feature::AttributeCondition| {
-        let number = condition.value.parse().map_err(|_| {
-            let expected = format!("a number, with which {} is compared", condition.name);
-            Error::invalid("condition", format!("`{condition}`"), expected)
-        })?;
-        let relation = match condition.relation {
-            Relation::Equal => PointRelation::Equal,
-            Relation::Unequal => PointRelation::Unequal,
-            Relation::Less => PointRelation::Less,
-            Relation::AtMost => PointRelation::AtMost,
-            Relation::Greater => PointRelation::Greater,
-            Relation::AtLeast => PointRelation::AtLeast,
-        };
-        Ok(PointCondition { attribute: position(attributes, &condition.name)?, relation, number })
-    };
-    filter.conditions.iter().map(condition).collect()
 }
 
 /// Where points are asked for, as options say it.
@@ -111,7 +85,7 @@ impl PointPlaces {
             (None, None, None) => PointRegion::All,
         };
         let conditions =
-            self.filter.as_ref().map(|filter| conditions(filter, tree.attributes())).transpose()?;
+            self.filter.as_ref().map(|filter| filter.for_points(tree.attributes())).transpose()?;
         Ok(spinney::points::Selection { region, level, conditions: conditions.unwrap_or_default() })
     }
 }

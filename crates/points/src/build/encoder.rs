@@ -1,11 +1,11 @@
 //! Blocks of bytes of the points of nodes.
 
 use super::NUMBER_BYTES;
+use super::order::order_of;
 use crate::attribute::{RowLayout, place_of};
-use crate::codec::{BlockLayout, MOST_POINTS, columns_of, encode};
+use crate::codec::{BlockLayout, columns_of, encode};
 use crate::grid::PointGrid;
 use crate::statistics::Statistics;
-use spinney_base::sort;
 use spinney_packing::{LOG_BITS, log2};
 
 /// A block, ready to be written.
@@ -27,9 +27,6 @@ pub(crate) struct Encoder {
 const TRIED: usize = 512;
 /// Bits that a time takes where points do not stand in its order.
 const TIME_BITS: u64 = 14;
-/// Bits of a row's place in a block.
-const PLACE_BITS: u32 = 20;
-const _: () = assert!(MOST_POINTS <= 1 << PLACE_BITS);
 
 impl Encoder {
     pub(crate) fn new(layout: RowLayout, grid: PointGrid) -> Encoder {
@@ -45,16 +42,14 @@ impl Encoder {
     /// costs fewer bits where they came in no order.
     pub(crate) fn encode(&self, rows: &[u8]) -> EncodedBlock {
         let stride = self.stride();
-        let came = |row: &[u8]| number_of(row, self.layout.size);
-        let least = rows.chunks_exact(stride).map(came).min().unwrap_or_default();
-        let mut order = self.order(rows, |row| came(row) - least);
+        let keys = |key: &dyn Fn(&[u8]) -> u64| rows.chunks_exact(stride).map(key).collect::<Vec<u64>>();
+        let mut order = order_of(&keys(&|row| number_of(row, self.layout.size)));
         // (Most come along the lines of a scanner: the other order is looked at only where it may gain.)
         let time = TIME_BITS * u64::from(self.block.clock.is_some());
         let jumps = self.jumps(rows, &order);
         if jumps > time + self.usual_jump(rows) {
-            let code = |row: &[u8]| self.grid.code(place_of(row)).map_or(0, |code| code.bits() >> 5);
-            let least = rows.chunks_exact(stride).map(code).min().unwrap_or_default();
-            let by_code = self.order(rows, |row| code(row) - least);
+            let by_code =
+                order_of(&keys(&|row| self.grid.code(place_of(row)).map_or(0, |code| code.bits() >> 5)));
             if self.jumps(rows, &by_code) + time < jumps {
                 order = by_code;
             }
@@ -63,21 +58,6 @@ impl Encoder {
         let columns = columns_of(ordered, &self.layout);
         let statistics = Statistics::of(&columns, &self.layout.attributes);
         EncodedBlock { bytes: encode(&columns, &self.block), statistics }
-    }
-
-    /// The places of rows in the order of a key, those with equal ones as they are.
-    fn order(&self, rows: &[u8], key: impl Fn(&[u8]) -> u64) -> Vec<u32> {
-        let rows = || rows.chunks_exact(self.stride()).map(&key).enumerate();
-        // A block has at most 2^20 rows, so that mostly key and place fit into 64 bits.
-        let most = rows().map(|(_, key)| key).max().unwrap_or_default();
-        if most >> (64 - PLACE_BITS) == 0 {
-            let mut order: Vec<u64> = rows().map(|(place, key)| key << PLACE_BITS | place as u64).collect();
-            sort::numbers64(&mut order);
-            return order.into_iter().map(|place| (place & ((1 << PLACE_BITS) - 1)) as u32).collect();
-        }
-        let mut order: Vec<u128> = rows().map(|(place, key)| u128::from(key) << 32 | place as u128).collect();
-        sort::numbers128(&mut order);
-        order.into_iter().map(|place| place as u32).collect()
     }
 
     /// Bits, on average, of how far it is from point to point in an order.

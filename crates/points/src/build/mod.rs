@@ -6,6 +6,7 @@
 mod assembler;
 mod buckets;
 mod encoder;
+mod order;
 mod run;
 
 pub(crate) use encoder::Encoder;

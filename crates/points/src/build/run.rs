@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::assembler::{Assembler, Closed, Piece, leaf, node_level};
 use super::buckets::{Bucket, BucketedRows, Buckets};
 use super::encoder::Encoder;
+use super::order::order_of;
 use super::{MOST_NUMBERS, NUMBER_BYTES};
 use crate::attribute::place_of;
 use crate::codec::MOST_POINTS;
@@ -200,7 +201,9 @@ impl Plan<'_> {
             bytes.extend_from_slice(rows);
             Ok(())
         })?;
-        let order = self.sorted(&bytes);
+        let grid = &self.encoder.grid;
+        let code = |row| grid.code(place_of(row)).expect("it was in the root when it was read");
+        let codes: Vec<u64> = bytes.chunks_exact(stride).map(|row| code(row).bits()).collect();
         let (mut levels, mut above) = (Vec::new(), Vec::new());
         let mut duplicates = 0;
         let mut assembler = Assembler::new(self.encoder, self.options.leaf_size, bucket.code);
@@ -208,7 +211,8 @@ impl Plan<'_> {
         let mut last: Option<Code> = None;
         // Places of points with the last code.
         let mut places = Vec::new();
-        for (code, place) in order {
+        for place in order_of(&codes) {
+            let code = Code::from_bits(grid.dimension, codes[place as usize]).expect("it was one");
             let row = &bytes[place as usize * stride..][..stride];
             if let Some(before) = last {
                 same = Some(before.common_ancestor(code).level());
@@ -230,25 +234,6 @@ impl Plan<'_> {
         duplicates += duplicates_of(&mut places);
         let (closed, pieces) = assembler.finish();
         Ok(Assembled { closed, pieces, levels, above, duplicates })
-    }
-
-    /// The codes and places of rows, by code, those with the same one as they came in.
-    fn sorted(&self, rows: &[u8]) -> Vec<(Code, u32)> {
-        let code =
-            |row: &[u8]| self.encoder.grid.code(place_of(row)).expect("it was in the root when it was read");
-        let dimension = self.encoder.grid.dimension;
-        let stride = self.encoder.stride();
-        let mut keys: Vec<u128> = rows
-            .chunks_exact(stride)
-            .enumerate()
-            .map(|(index, row)| u128::from(code(row).bits()) << 32 | index as u128)
-            .collect();
-        spinney_base::sort::numbers128(&mut keys);
-        let pair = |key: u128| {
-            let code = Code::from_bits(dimension, (key >> 32) as u64).expect("it was one");
-            (code, key as u32)
-        };
-        keys.into_iter().map(pair).collect()
     }
 }
 

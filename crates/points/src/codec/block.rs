@@ -155,7 +155,7 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
         let numbers = counted.as_deref().unwrap_or(numbers);
         let tried = &numbers[..numbers.len().min(TRIED)];
         let costs = Prediction::ALL.map(|prediction| {
-            errors_of(tried, &clock, prediction, &mut other);
+            errors_of(tried, &mut clock, prediction, &mut other);
             cost(&other, clock.contexts.get(..tried.len()).unwrap_or_default())
         });
         // (Lines and means only where they gain: they take longer to read.)
@@ -165,7 +165,7 @@ pub(crate) fn encode(columns: &[Vec<i64>], layout: &BlockLayout) -> Vec<u8> {
         };
         let prediction =
             Prediction::ALL.into_iter().min_by_key(|prediction| worth(*prediction)).expect("there are some");
-        errors_of(numbers, &clock, prediction, &mut errors);
+        errors_of(numbers, &mut clock, prediction, &mut errors);
         let gain = |cost: u64| cost + ((tried.len() as u64) << LOG_BITS) / 16;
         let tried = &errors[..tried.len()];
         let mut least = cost(tried, clock.contexts.get(..tried.len()).unwrap_or_default());
@@ -260,7 +260,7 @@ pub(crate) fn decode(
         if !unpack_numbers(packed, contexts.as_deref().unwrap_or(&clock.contexts), &mut numbers)?.is_empty() {
             return None;
         }
-        numbers_of(&mut numbers, &clock, prediction);
+        numbers_of(&mut numbers, &mut clock, prediction);
         if let Some(steps) = steps {
             steps.uncount(&mut numbers);
         }

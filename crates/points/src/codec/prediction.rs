@@ -20,10 +20,12 @@ impl Prediction {
 
 /// The time from point to point: by a column that is a clock, or the same everywhere.
 pub(crate) struct Clock {
-    /// Time since the point before; nothing if there is no clock.
+    /// Time since the point before, for each; nothing if there is no clock.
     steps: Vec<f64>,
     /// 1 for points at the time of the one before, 0 for others; nothing if there is no clock.
     pub(crate) contexts: Vec<u8>,
+    /// What lines have in common, for each point; nothing before somebody asks for it.
+    ways: Vec<Way>,
 }
 
 impl Clock {
@@ -34,26 +36,19 @@ impl Clock {
         let steps: Vec<f64> =
             times.iter().zip(befores).map(|(time, before)| time.wrapping_sub(*before) as f64).collect();
         let contexts = steps.iter().map(|step| u8::from(*step == 0.0)).collect();
-        Clock { steps, contexts }
+        Clock { steps, contexts, ways: Vec::new() }
     }
 
-    #[inline]
-    fn step(&self, point: usize) -> f64 {
-        self.steps.get(point).copied().unwrap_or(1.0)
+    /// What the lines of all columns have in common, for so many points.
+    fn ways(&mut self, points: usize) -> &[Way] {
+        if self.ways.len() < points {
+            let steps =
+                (0..points).map(|point| self.steps.get(point).copied().unwrap_or(f64::from(point > 0)));
+            let mut line = Times::default();
+            self.ways = steps.map(|step| line.next(step)).collect();
+        }
+        &self.ways
     }
-}
-
-/// A straight line through the last numbers of a column, fitted by least squares in which each number counts 7/8 of the one behind it.
-///
-/// Sums are kept about the last point, whose time and number are 0. All of it is IEEE arithmetic in this order, so that whoever reads comes to
-/// the same numbers.
-#[derive(Default)]
-struct Line {
-    weight: f64,
-    times: f64,
-    squares: f64,
-    numbers: f64,
-    products: f64,
 }
 
 /// How much a point still counts when the next one has come.
@@ -61,36 +56,77 @@ const FADES: f64 = 0.875;
 /// A step in time of more than so many times the spread of the times before tells nothing.
 const FAR: f64 = 8.0;
 
+/// What a straight line through the last numbers of a column is fitted with by least squares, in which each number counts 7/8 of the one behind it: the part that
+/// the times alone tell, which is the same for all columns.
+///
+/// Sums are kept about the last point, whose time and number are 0. All of it is IEEE arithmetic in this order, so that whoever reads comes to
+/// the same numbers.
+#[derive(Default)]
+struct Times {
+    weight: f64,
+    times: f64,
+    squares: f64,
+}
+
+/// The times before a point: its step, the sums of weights and times (0 at a beginning), and what their sums of products are divided by.
+struct Way {
+    step: f64,
+    weight: f64,
+    times: f64,
+    /// One by the spread of the times; 0 where a line would tell nothing.
+    by_spread: f64,
+    by_weight: f64,
+}
+
+impl Times {
+    /// Goes on to a point, after so much time.
+    fn next(&mut self, step: f64) -> Way {
+        let is_far = step * step * self.weight > FAR * FAR * self.squares;
+        if is_far && self.squares > 0.0 {
+            *self = Times::default();
+        }
+        let Times { weight, times, squares } = *self;
+        let spread = weight * squares - times * times;
+        let tells = step != 0.0 && spread > 0.0 && !is_far;
+        let by_spread = if tells { 1.0 / spread } else { 0.0 };
+        // To the new point: all others are earlier by the step.
+        self.squares = (squares - 2.0 * step * times + step * step * weight) * FADES;
+        self.times = (times - step * weight) * FADES;
+        self.weight = weight * FADES + 1.0;
+        Way { step, weight, times, by_spread, by_weight: if weight > 0.0 { 1.0 / weight } else { 0.0 } }
+    }
+}
+
+/// A straight line through the last numbers of one column: sums of the numbers, and of their products with the times.
+#[derive(Default)]
+struct Line {
+    numbers: f64,
+    products: f64,
+}
+
 impl Line {
-    /// How much the number will differ from the last one, after so much time.
+    /// How much the number at a point will differ from the last one.
     #[inline]
-    fn foretell(&self, step: f64) -> f64 {
-        let spread = self.weight * self.squares - self.times * self.times;
-        if step == 0.0 || spread <= 0.0 || step * step * self.weight > FAR * FAR * self.squares {
+    fn foretell(&self, way: &Way) -> f64 {
+        if way.by_spread == 0.0 {
             return 0.0;
         }
-        let slope = (self.weight * self.products - self.times * self.numbers) / spread;
-        let here = (self.numbers - slope * self.times) / self.weight;
-        here + slope * step
+        let slope = (way.weight * self.products - way.times * self.numbers) * way.by_spread;
+        (self.numbers - slope * way.times) * way.by_weight + slope * way.step
     }
 
-    /// Adds a point, after so much time, whose number differs by so much from the last one.
+    /// Adds the number of a point, which differs by so much from the last one.
     #[inline]
-    fn add(&mut self, step: f64, change: f64) {
-        if step * step * self.weight > FAR * FAR * self.squares && self.squares > 0.0 {
+    fn add(&mut self, way: &Way, change: f64) {
+        if way.weight == 0.0 {
             *self = Line::default();
+            return;
         }
         // To the new point: all others are earlier by the step, and less by the change.
-        self.products =
-            self.products - step * self.numbers - change * self.times + step * change * self.weight;
-        self.squares = self.squares - 2.0 * step * self.times + step * step * self.weight;
-        self.times -= step * self.weight;
-        self.numbers -= change * self.weight;
-        self.weight = self.weight * FADES + 1.0;
-        self.times *= FADES;
-        self.squares *= FADES;
-        self.numbers *= FADES;
-        self.products *= FADES;
+        let products =
+            self.products - way.step * self.numbers - change * way.times + way.step * change * way.weight;
+        self.products = products * FADES;
+        self.numbers = (self.numbers - change * way.weight) * FADES;
     }
 }
 
@@ -128,17 +164,16 @@ const SLOWLY_FADES: f64 = 0.9375;
 
 /// Goes from number to number: `next` gets how much one is foretold to differ from the one before, and tells how much it does.
 #[inline(always)]
-fn follow(count: usize, clock: &Clock, prediction: Prediction, mut next: impl FnMut(usize, i64) -> i64) {
+fn follow(count: usize, clock: &mut Clock, prediction: Prediction, mut next: impl FnMut(usize, i64) -> i64) {
     match prediction {
         Prediction::Nothing | Prediction::Last => (0..count).for_each(|point| {
             next(point, 0);
         }),
         Prediction::Line => {
             let mut line = Line::default();
-            for point in 0..count {
-                let step = if point == 0 { 0.0 } else { clock.step(point) };
-                let change = next(point, whole(line.foretell(step)));
-                line.add(step, if point == 0 { 0.0 } else { change as f64 });
+            for (point, way) in clock.ways(count)[..count].iter().enumerate() {
+                let change = next(point, whole(line.foretell(way)));
+                line.add(way, change as f64);
             }
         }
         Prediction::Mean => {
@@ -152,7 +187,7 @@ fn follow(count: usize, clock: &Clock, prediction: Prediction, mut next: impl Fn
 }
 
 /// Puts what numbers differ from what was foretold into `errors`.
-pub(crate) fn errors_of(numbers: &[i64], clock: &Clock, prediction: Prediction, errors: &mut Vec<i64>) {
+pub(crate) fn errors_of(numbers: &[i64], clock: &mut Clock, prediction: Prediction, errors: &mut Vec<i64>) {
     errors.clear();
     if prediction == Prediction::Nothing {
         return errors.extend_from_slice(numbers);
@@ -167,7 +202,7 @@ pub(crate) fn errors_of(numbers: &[i64], clock: &Clock, prediction: Prediction, 
 }
 
 /// Makes numbers of their errors, in place.
-pub(crate) fn numbers_of(errors: &mut [i64], clock: &Clock, prediction: Prediction) {
+pub(crate) fn numbers_of(errors: &mut [i64], clock: &mut Clock, prediction: Prediction) {
     if prediction == Prediction::Nothing {
         return;
     }
@@ -202,12 +237,12 @@ mod tests {
             (0..3000).map(|_| random() << 33 | random()).collect(),
             (0..3000).map(|at| if at % 7 == 0 { i64::MIN } else { i64::MAX }).collect(),
         ];
-        for clock in [Clock::new(None), Clock::new(Some(&times))] {
+        for mut clock in [Clock::new(None), Clock::new(Some(&times))] {
             for column in &columns {
                 for prediction in Prediction::ALL {
                     let mut errors = Vec::new();
-                    errors_of(column, &clock, prediction, &mut errors);
-                    numbers_of(&mut errors, &clock, prediction);
+                    errors_of(column, &mut clock, prediction, &mut errors);
+                    numbers_of(&mut errors, &mut clock, prediction);
                     assert!(&errors == column, "{prediction:?}");
                 }
             }
@@ -224,7 +259,7 @@ mod tests {
             .collect();
         let numbers: Vec<i64> = times.iter().map(|time| 500 - 17 * time).collect();
         let mut errors = Vec::new();
-        errors_of(&numbers, &Clock::new(Some(&times)), Prediction::Line, &mut errors);
+        errors_of(&numbers, &mut Clock::new(Some(&times)), Prediction::Line, &mut errors);
         assert!(errors[3..].iter().all(|error| error.abs() <= 1), "{:?}", &errors[..20]);
     }
 }

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::PointSink;
-use crate::attribute::{Attribute, bytes_of, to_f64};
+use crate::attribute::Attribute;
 use crate::grid::PointGrid;
 use crate::query::PointColumns;
 use crate::store::PointTree;
@@ -15,8 +15,9 @@ use spinney_base::{Error, Result};
 pub(super) struct TableSink {
     out: Output,
     grid: PointGrid,
-    /// The attributes and their columns. Those with scale and offset are written as doubles of their quantities.
-    attributes: Vec<(Attribute, usize)>,
+    /// All attributes, and the places of those that are written.
+    attributes: Vec<Attribute>,
+    chosen: Vec<usize>,
     bytes: Vec<u8>,
 }
 
@@ -30,13 +31,13 @@ impl TableSink {
         tree: &PointTree,
         chosen: Vec<usize>,
         mut out: Output,
-        header: impl FnOnce(&[(Attribute, usize)]) -> Result<Vec<u8>>,
+        header: impl FnOnce(&[&Attribute]) -> Result<Vec<u8>>,
     ) -> Result<TableSink> {
-        let attributes: Vec<_> =
-            chosen.iter().map(|attribute| (tree.attributes()[*attribute].clone(), 3 + attribute)).collect();
-        let header = header(&attributes)?;
+        let attributes = tree.attributes().to_vec();
+        let written: Vec<&Attribute> = chosen.iter().map(|place| &attributes[*place]).collect();
+        let header = header(&written)?;
         out.write_all(&header).map_err(Error::io(out.path(), "write"))?;
-        Ok(TableSink { out, grid: tree.grid().clone(), attributes, bytes: Vec::new() })
+        Ok(TableSink { out, grid: tree.grid().clone(), attributes, chosen, bytes: Vec::new() })
     }
 
     /// A PLY file of so many points.
@@ -45,7 +46,7 @@ impl TableSink {
         TableSink::new(tree, chosen, out, |attributes| {
             let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n");
             header.push_str("property double x\nproperty double y\nproperty double z\n");
-            for (attribute, _) in attributes {
+            for attribute in attributes {
                 let kind = match written_as(attribute) {
                     SampleType::U8 => "uchar",
                     SampleType::I8 => "char",
@@ -74,7 +75,7 @@ impl TableSink {
     pub(super) fn npy(tree: &PointTree, chosen: Vec<usize>, count: u64, out: Output) -> Result<TableSink> {
         TableSink::new(tree, chosen, out, |attributes| {
             let mut fields = String::from("('x', '<f8'), ('y', '<f8'), ('z', '<f8')");
-            for (attribute, _) in attributes {
+            for attribute in attributes {
                 let sample = written_as(attribute);
                 let kind = match sample {
                     SampleType::F32 | SampleType::F64 => 'f',
@@ -100,22 +101,7 @@ impl TableSink {
 impl PointSink for TableSink {
     fn put(&mut self, points: &PointColumns) -> Result<()> {
         self.bytes.clear();
-        for point in 0..points.len() {
-            let world = self.grid.to_world(points.place(point));
-            world.iter().for_each(|number| self.bytes.extend_from_slice(&number.to_le_bytes()));
-            for (attribute, column) in &self.attributes {
-                let number = points.columns[*column][point];
-                match attribute.scale_offset {
-                    None => self
-                        .bytes
-                        .extend_from_slice(&bytes_of(attribute.sample, number)[..attribute.sample.size()]),
-                    Some(_) => {
-                        let quantity = attribute.quantity(to_f64(attribute.sample, number));
-                        self.bytes.extend_from_slice(&quantity.to_le_bytes());
-                    }
-                }
-            }
-        }
+        points.rows(&self.grid, &self.attributes, &self.chosen, &mut self.bytes);
         self.out.write_all(&self.bytes).map_err(Error::io(self.out.path(), "write"))
     }
 

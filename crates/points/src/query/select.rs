@@ -2,7 +2,7 @@
 
 use super::condition::PointCondition;
 use super::region::{GridRegion, PointRegion};
-use crate::attribute::{Attribute, to_f64};
+use crate::attribute::{Attribute, bytes_of, to_f64};
 use crate::grid::PointGrid;
 use crate::statistics::Statistics;
 use crate::store::{PointNode, PointTree};
@@ -48,6 +48,27 @@ impl PointColumns {
     #[inline]
     pub fn place(&self, point: usize) -> [i32; 3] {
         std::array::from_fn(|axis| self.columns[axis][point] as i32)
+    }
+
+    /// Appends a row for each point: x, y and z in the coordinates of the points as doubles, then some attributes, each as its type is, or as a double if it has scale
+    /// and offset; little-endian.
+    pub fn rows(&self, grid: &PointGrid, attributes: &[Attribute], chosen: &[usize], bytes: &mut Vec<u8>) {
+        for point in 0..self.len() {
+            let world = grid.to_world(self.place(point));
+            world.iter().for_each(|number| bytes.extend_from_slice(&number.to_le_bytes()));
+            for place in chosen {
+                let attribute = &attributes[*place];
+                let number = self.columns[3 + place][point];
+                match attribute.scale_offset {
+                    None => bytes
+                        .extend_from_slice(&bytes_of(attribute.sample, number)[..attribute.sample.size()]),
+                    Some(_) => {
+                        let quantity = attribute.quantity(to_f64(attribute.sample, number));
+                        bytes.extend_from_slice(&quantity.to_le_bytes());
+                    }
+                }
+            }
+        }
     }
 
     /// The quantity that an attribute of a point is.

@@ -6,6 +6,7 @@ use std::str::FromStr;
 
 use super::feature::FeatureAttribute;
 use spinney_base::{Error, Result};
+use spinney_points::{Attribute, PointCondition, PointRelation, position};
 
 /// Comparisons of attributes, all of which must hold.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -136,6 +137,29 @@ impl fmt::Display for FeatureFilter {
 }
 
 impl FeatureFilter {
+    /// The conditions for points with some attributes, all of which are numbers.
+    ///
+    /// # Errors
+    /// If there is no attribute of a name, or a value is no number.
+    pub fn for_points(&self, attributes: &[Attribute]) -> Result<Vec<PointCondition>> {
+        let condition = |condition: &AttributeCondition| {
+            let number = condition.value.parse().map_err(|_| {
+                let expected = format!("a number, with which {} is compared", condition.name);
+                Error::invalid("condition", format!("`{condition}`"), expected)
+            })?;
+            let relation = match condition.relation {
+                Relation::Equal => PointRelation::Equal,
+                Relation::Unequal => PointRelation::Unequal,
+                Relation::Less => PointRelation::Less,
+                Relation::AtMost => PointRelation::AtMost,
+                Relation::Greater => PointRelation::Greater,
+                Relation::AtLeast => PointRelation::AtLeast,
+            };
+            Ok(PointCondition { attribute: position(attributes, &condition.name)?, relation, number })
+        };
+        self.conditions.iter().map(condition).collect()
+    }
+
     /// Names of the attributes that decide, one for each condition.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.conditions.iter().map(|condition| condition.name.as_str())

@@ -24,6 +24,25 @@ pub struct FeaturePoints {
     pub with_heights: u64,
 }
 
+impl FeaturePoints {
+    /// Remarks on what is not as it was in the file.
+    pub fn remarks(&self) -> Vec<String> {
+        let mut remarks = Vec::new();
+        if !self.left_out.is_empty() {
+            remarks
+                .push(format!("attributes that are no numbers are left out: {}", self.left_out.join(", ")));
+        }
+        if self.with_heights > 0 {
+            let what = "features have heights or measures in their geometries, which are not read; an attribute `z` is";
+            remarks.push(format!("{} {what}", self.with_heights));
+        }
+        if self.points.is_rounded() {
+            remarks.push("places have more digits than a grid of 32 bits, and are rounded to it".into());
+        }
+        remarks
+    }
+}
+
 /// Opens a file of features that are points. An attribute `z` is their third coordinate; other numbers, and truths, are attributes in the smallest type that
 /// has them all, doubles where some features have none.
 ///

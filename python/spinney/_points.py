@@ -1,0 +1,312 @@
+"""Trees of points: each point once, in the coarsest node whose spacing it keeps."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _native
+from ._arrays import points_of
+from ._elsewhere import elsewhere_of, kept_name
+from ._files import MEMORY
+from ._progress import memory_of, working
+from ._sources import paths_of
+from ._told import crs_text
+from ._types import Path, Points, Progress
+
+Polygons = Sequence[Sequence[Points]]
+"""Parts, each of an outer ring and its holes: rows of x and y."""
+
+NAMES = {"u8": "u1", "u16": "u2", "i16": "i2", "u32": "u4", "i32": "i4", "f32": "f4", "f64": "f8", "i8": "i1", "u64": "u8", "i64": "i8"}
+"""Types of NumPy by the library's names."""
+
+
+@dataclass(frozen=True)
+class BuiltPoints:
+    """What came of building a tree of points."""
+
+    points: int
+    duplicates: int
+    """Points at the place of another one: for each place, all but one."""
+
+
+@dataclass(frozen=True)
+class PointColumn:
+    """What is known of a coordinate or an attribute of points."""
+
+    count: int
+    """How many are numbers."""
+    min: float
+    max: float
+    mean: float
+
+
+def build_points(
+    source: Path | Sequence[Path] | Any,
+    out: Path,
+    *,
+    where: str | None = None,
+    attributes: Sequence[str] | None = None,
+    leaf_size: int | None = None,
+    crs: Any = None,
+    memory: int | str = MEMORY,
+    max_bytes: int | str | None = None,
+    threads: int | None = None,
+    progress: Progress = None,
+) -> BuiltPoints:
+    """Makes a tree of points, a .goblin file: of LAS or LAZ files, one or several; of a file of features that are points (CSV, GeoPackage, GeoJSON, FlatGeobuf,
+    shapefile), whose numbers are their attributes, and whose attribute `z`, if there is one, their third coordinate; or of an array: rows of x and y, or x, y and z, or
+    a structured one with such fields, whose other fields are attributes::
+
+        spinney.build_points("scan.laz", "scan.goblin", where="classification=2", attributes=["intensity"])
+        spinney.build_points(xyz, "cloud.goblin", crs="EPSG:32632")
+
+    Points for which conditions hold (`where`), with all or some `attributes`, of any number, in bounded `memory`. Nodes of at most `leaf_size` points (50,000) are not divided.
+    """
+    paths = paths_of(source)
+    given = (leaf_size, crs_text(crs), None if attributes is None else [str(name) for name in attributes], memory_of(memory), where)
+    with working(progress, threads, max_bytes) as terms:
+        if paths is not None:
+            return BuiltPoints(*_native.build_point_files(paths, os.fspath(out), given, terms))
+        places, columns = _columns(source)
+        return BuiltPoints(*_native.build_point_array(places, columns, os.fspath(out), given, terms))
+
+
+def _columns(source: Any) -> tuple[npt.NDArray[np.float64], list[tuple[str, str, npt.NDArray[np.uint8]]]]:
+    """Coordinates, and names, types and bytes of attributes."""
+    array = np.asarray(source)
+    if array.dtype.names is None:
+        axes = 2 if array.ndim == 2 and array.shape[1] == 2 else 3
+        return points_of(array, axes, "source"), []
+    names = list(array.dtype.names)
+    coordinates = [name for name in ("x", "y", "z") if name in names]
+    if coordinates[:2] != ["x", "y"] or array.ndim != 1:
+        raise ValueError(f"source: fields {', '.join(names)}, expected rows with x and y among them")
+    places = np.ascontiguousarray(np.stack([array[name].astype(np.float64) for name in coordinates], axis=1))
+    known = {np.dtype(code): name for name, code in NAMES.items()}
+    columns = []
+    for name in names:
+        if name in coordinates:
+            continue
+        column = array[name].astype("u1") if array.dtype[name] == np.bool_ else array[name]
+        kind = known.get(column.dtype.newbyteorder("="))
+        if kind is None:
+            raise TypeError(f"{name}: numbers of type {column.dtype} are not kept; convert them with astype")
+        little = np.ascontiguousarray(column.astype(column.dtype.newbyteorder("<")))
+        columns.append((name, kind, little.view(np.uint8)))
+    return places, columns
+
+
+def open_points(path: Path, *, positioned: bool = False, storage_options: Mapping[str, Any] | None = None) -> PointTree:
+    """Opens a tree of points, also elsewhere (`https://`, `s3://` ...): see `open`."""
+    name, elsewhere = elsewhere_of(path, storage_options)
+    return PointTree(name, positioned, elsewhere)
+
+
+def _reopen(path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None) -> PointTree:
+    return PointTree(path, positioned, elsewhere_of(file or path, dict(storage or []))[1])
+
+
+class PointTree(_native.Points):
+    """A tree of points in a file, as `open_points` opens it; a context manager.
+
+    Questions are about all points, or those in a `window` (least and greatest coordinates, of two or three axes), in `polygons`, or in a
+    `ball` (a centre and a radius), down to a `level`, for which conditions hold (`where="classification=2,intensity>100"`)::
+
+        with spinney.open_points("scan.goblin") as points:
+            points.read(window=(500100, 5200100, 500300, 5200250), attributes=["intensity"])
+            points.read(level=2)                    # a sketch of all of it
+            points.nearest(places, k=3)
+    """
+
+    def __fspath__(self) -> str:
+        return os.fspath(self.path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        storage, file = self._elsewhere
+        return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2])
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __repr__(self) -> str:
+        return f"<spinney.PointTree {self.path!s}: {'closed' if self.closed else f'{len(self)} points'}>"
+
+    @property
+    def attributes(self) -> list[str]:
+        """Names of the attributes."""
+        return [name for name, _, _ in self._facts()["attributes"]]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of the rows that `read` gives: x, y and z, then the attributes."""
+        return self._dtype(None)
+
+    @property
+    def crs(self) -> str | None:
+        """The coordinate system, where known."""
+        crs: str | None = self._facts()["crs"]
+        return crs
+
+    @property
+    def depth(self) -> int:
+        """The deepest level that nodes have."""
+        return int(self._facts()["depth"])
+
+    @property
+    def duplicates(self) -> int:
+        """Number of points at the place of another one: for each place, all but one."""
+        return int(self._facts()["duplicates"])
+
+    @property
+    def tags(self) -> dict[str, str]:
+        """What else was said of the points."""
+        return dict(self._facts()["tags"])
+
+    def read(
+        self,
+        *,
+        window: Sequence[float] | None = None,
+        polygons: Polygons | None = None,
+        ball: tuple[Sequence[float], float] | None = None,
+        level: int | None = None,
+        where: str | None = None,
+        attributes: Sequence[str] | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> npt.NDArray[Any]:
+        """Points as a structured array with fields x, y and z, and the attributes, all or some. Those of coarse levels come first."""
+        names = None if attributes is None else [str(name) for name in attributes]
+        with working(progress, threads) as terms:
+            rows = self._read(_wanted(window, polygons, ball, level, where), names, terms)
+        return rows.view(self._dtype(names))
+
+    def count(
+        self,
+        *,
+        window: Sequence[float] | None = None,
+        polygons: Polygons | None = None,
+        ball: tuple[Sequence[float], float] | None = None,
+        level: int | None = None,
+        where: str | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> int:
+        """Number of points. Nodes that lie in a window as a whole are not looked into."""
+        with working(progress, threads) as terms:
+            return self._count(_wanted(window, polygons, ball, level, where), terms)
+
+    def stats(
+        self,
+        *,
+        window: Sequence[float] | None = None,
+        polygons: Polygons | None = None,
+        ball: tuple[Sequence[float], float] | None = None,
+        level: int | None = None,
+        where: str | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> dict[str, PointColumn | None]:
+        """Extremes and means of the coordinates and attributes, by name; None where there are no numbers."""
+        with working(progress, threads) as terms:
+            _, columns = self._statistics(_wanted(window, polygons, ball, level, where), terms)
+        names = ["x", "y", "z", *self.attributes]
+        return {name: None if found is None else PointColumn(*found) for name, found in zip(names, columns, strict=True)}
+
+    def nearest(
+        self,
+        places: Points,
+        *,
+        k: int = 1,
+        radius: float = np.inf,
+        memory: int | str = MEMORY,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Distances of the k points nearest to each place, of shape (n, k), and their coordinates, (n, k, 3), the nearest first; infinite and NaN
+        where fewer are within the `radius`. In a quadtree z does not count, and places may be rows of x and y."""
+        if k < 1:
+            raise ValueError(f"k: {k}, expected 1 or more")
+        given = np.asarray(places, dtype=np.float64)
+        if given.ndim == 2 and given.shape[1] == 2 and self._facts()["axes"] == 2:
+            given = np.column_stack([given, np.zeros(len(given))])
+        rows = points_of(given, 3, "places")
+        with working(progress, threads) as terms:
+            distances, found = self._nearest(rows, k, float(radius), memory_of(memory), terms)
+        return distances, found.reshape(len(rows), k, 3)
+
+    def write(
+        self,
+        out: Path,
+        *,
+        window: Sequence[float] | None = None,
+        polygons: Polygons | None = None,
+        ball: tuple[Sequence[float], float] | None = None,
+        level: int | None = None,
+        where: str | None = None,
+        attributes: Sequence[str] | None = None,
+        max_bytes: int | str | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> int:
+        """Writes points as .las, .laz, .csv, .ply or .npy; returns how many."""
+        names = None if attributes is None else [str(name) for name in attributes]
+        with working(progress, threads, max_bytes) as terms:
+            return self._write(os.fspath(out), _wanted(window, polygons, ball, level, where), names, terms)
+
+    def raster(
+        self,
+        out: Path,
+        rule: Literal["min", "max", "mean", "count"],
+        cell: float,
+        *,
+        attribute: str | None = None,
+        where: str | None = None,
+        memory: int | str = MEMORY,
+        max_bytes: int | str | None = None,
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> None:
+        """Makes a quadtree of cells of a width: what the points in each come to, of z or of an attribute; VOID where there are none."""
+        step = f"{rule},cell={float(cell)!r}" + ("" if attribute is None else f",attribute={attribute}")
+        with working(progress, threads, max_bytes) as terms:
+            self._raster(os.fspath(out), step, where, memory_of(memory), terms)
+
+    def _dtype(self, names: Sequence[str] | None) -> np.dtype[Any]:
+        kinds = {name: NAMES[kind] for name, kind, _ in self._facts()["attributes"]}
+        fields = [(name, "<f8") for name in "xyz"]
+        return np.dtype([*fields, *((name, f"<{kinds[name]}") for name in (kinds if names is None else names))])
+
+
+def _wanted(
+    window: Sequence[float] | None,
+    polygons: Polygons | None,
+    ball: tuple[Sequence[float], float] | None,
+    level: int | None,
+    where: str | None,
+) -> tuple[Any, Any, Any, int | None, str | None]:
+    """The terms of a selection."""
+    if sum(given is not None for given in (window, polygons, ball)) > 1:
+        raise ValueError("window, polygons, ball: expected one of them")
+    corners = None
+    if window is not None:
+        numbers = [float(number) for number in window]
+        if len(numbers) not in (4, 6):
+            raise ValueError(f"window: {len(numbers)} numbers, expected least and greatest coordinates, four or six")
+        half = len(numbers) // 2
+        low, high = numbers[:half], numbers[half:]
+        corners = ([*low, -np.inf], [*high, np.inf]) if half == 2 else (low, high)
+    rings = None if polygons is None else [[points_of(ring, 2, "polygons").tolist() for ring in part] for part in polygons]
+    around = None if ball is None else ([float(number) for number in ball[0]], float(ball[1]))
+    return corners, rings, around, level, where

@@ -1,0 +1,398 @@
+//! Trees of points: open files of them, and what they tell.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, PoisonError, RwLock};
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use spinney::import::feature::{FeatureFilter, FeatureOptions, is_feature_file, open_feature_points};
+use spinney::points::{
+    Attribute, BuildOptions, GriddedPoints, ImportOptions, PointFormat, PointRaster, PointRegion, PointTree,
+    Selection, WorldPoints, export_points, is_point_file, ordered_number, plan_las, plan_points, position,
+    rasterize_points,
+};
+use spinney::space::{Crs, Dimension};
+use spinney::store::Packing;
+use spinney::value::SampleType;
+use spinney::{Progress as _, Result};
+
+use crate::elsewhere::{Elsewhere, path_object};
+use crate::error::{OrRaise, invalid};
+use crate::files::check_output;
+use crate::jobs::{self, Terms};
+use crate::tree::crs_text;
+
+/// Whether a file is a tree of points.
+#[pyfunction]
+pub(crate) fn is_points(path: PathBuf) -> bool {
+    is_point_file(&path)
+}
+
+/// Polygons: parts, each of an outer ring and its holes.
+type Polygons = Vec<Vec<Vec<[f64; 2]>>>;
+
+/// Points that are asked for: a box, polygons, a ball, the deepest level, conditions.
+#[derive(FromPyObject)]
+struct Wanted(Option<[[f64; 3]; 2]>, Option<Polygons>, Option<([f64; 3], f64)>, Option<u8>, Option<String>);
+
+impl Wanted {
+    fn selection(self, tree: &PointTree) -> Result<Selection> {
+        let Wanted(corners, polygons, ball, level, filter) = self;
+        let region = match (corners, polygons, ball) {
+            (Some(corners), ..) => PointRegion::Box(corners),
+            (None, Some(parts), _) => PointRegion::Polygons(parts),
+            (None, None, Some((centre, radius))) => PointRegion::Ball(centre, radius),
+            (None, None, None) => PointRegion::All,
+        };
+        let filter: Option<FeatureFilter> = filter.map(|text| text.parse()).transpose()?;
+        let conditions = filter.map(|filter| filter.for_points(tree.attributes())).transpose()?;
+        Ok(Selection { region, level, conditions: conditions.unwrap_or_default() })
+    }
+}
+
+/// A tree of points in a file, open for questions from any number of threads.
+#[pyclass(subclass, frozen, weakref, module = "spinney._native")]
+pub(crate) struct Points {
+    /// `None` when it is closed.
+    opened: RwLock<Option<Arc<PointTree>>>,
+    path: PathBuf,
+    positioned: bool,
+    elsewhere: Elsewhere,
+}
+
+/// Distances, with a row for each place, and coordinates of the points, one behind the other.
+type Near<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// Numbers among the values of a column, their least, greatest and mean.
+type Column = Option<(u64, f64, f64, f64)>;
+
+impl Points {
+    fn get(&self) -> PyResult<Arc<PointTree>> {
+        let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
+        opened.clone().ok_or_else(|| PyValueError::new_err(format!("{}: is closed", self.path.display())))
+    }
+}
+
+fn places_of(tree: &PointTree, names: Option<Vec<String>>) -> Result<Vec<usize>> {
+    match names {
+        None => Ok((0..tree.attributes().len()).collect()),
+        Some(names) => names.iter().map(|name| position(tree.attributes(), name)).collect(),
+    }
+}
+
+#[pymethods]
+impl Points {
+    #[new]
+    #[pyo3(signature = (path, positioned, elsewhere=Elsewhere::default()))]
+    fn new(py: Python<'_>, path: PathBuf, positioned: bool, elsewhere: Elsewhere) -> PyResult<Points> {
+        let mut options = elsewhere.options();
+        if positioned {
+            let cache = options.cache;
+            options = options.positioned(cache);
+        }
+        let tree = py.detach(|| PointTree::open(&path, &options)).or_raise()?;
+        Ok(Points { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, elsewhere })
+    }
+
+    /// Forgets the file; whoever is reading it at the moment can finish.
+    fn close(&self) {
+        *self.opened.write().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    #[getter]
+    fn closed(&self) -> bool {
+        self.opened.read().unwrap_or_else(PoisonError::into_inner).is_none()
+    }
+
+    #[getter]
+    fn path<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        path_object(py, &self.path)
+    }
+
+    /// Options of the store, and the file that Python reads.
+    #[getter]
+    fn _elsewhere(&self) -> &Elsewhere {
+        &self.elsewhere
+    }
+
+    #[getter]
+    fn positioned(&self) -> bool {
+        self.positioned
+    }
+
+    fn __len__(&self) -> PyResult<usize> {
+        Ok(self.get()?.len() as usize)
+    }
+
+    /// Facts that are known without looking at points, by name.
+    #[pyo3(name = "_facts")]
+    fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let tree = self.get()?;
+        let facts = PyDict::new(py);
+        let attribute = |attribute: &Attribute| {
+            let sample = if attribute.scale_offset.is_some() { SampleType::F64 } else { attribute.sample };
+            (attribute.name.clone(), sample.name(), attribute.description.clone())
+        };
+        facts.set_item("attributes", tree.attributes().iter().map(attribute).collect::<Vec<_>>())?;
+        facts.set_item("axes", tree.dimension().axes())?;
+        facts.set_item("depth", tree.depth())?;
+        facts.set_item("duplicates", tree.duplicates())?;
+        facts.set_item("leaf_size", tree.leaf_size())?;
+        facts.set_item("scale", tree.grid().scale)?;
+        facts.set_item("offset", tree.grid().offset)?;
+        facts.set_item("crs", tree.metadata().frame.crs.as_ref().map(crs_text))?;
+        facts.set_item("tags", tree.metadata().tags.clone())?;
+        facts.set_item("provenance", tree.metadata().provenance.clone())?;
+        Ok(facts)
+    }
+
+    /// Rows of points as bytes.
+    #[pyo3(name = "_read")]
+    fn read<'py>(
+        &self,
+        py: Python<'py>,
+        wanted: Wanted,
+        names: Option<Vec<String>>,
+        terms: Terms,
+    ) -> PyResult<Bound<'py, PyArray1<u8>>> {
+        let tree = self.get()?;
+        let rows = jobs::run(py, terms, |work| {
+            let chosen = places_of(&tree, names)?;
+            let mut rows = Vec::new();
+            tree.select(&wanted.selection(&tree)?, Some(&chosen), work, &mut |points| {
+                points.rows(tree.grid(), tree.attributes(), &chosen, &mut rows);
+                Ok(())
+            })?;
+            Ok(rows)
+        })?;
+        Ok(PyArray1::from_vec(py, rows))
+    }
+
+    /// Number of points.
+    #[pyo3(name = "_count")]
+    fn count(&self, py: Python<'_>, wanted: Wanted, terms: Terms) -> PyResult<u64> {
+        let tree = self.get()?;
+        jobs::run(py, terms, |work| tree.count(&wanted.selection(&tree)?, work))
+    }
+
+    /// Number of points, and what is known of each column.
+    #[pyo3(name = "_statistics")]
+    fn statistics(&self, py: Python<'_>, wanted: Wanted, terms: Terms) -> PyResult<(u64, Vec<Column>)> {
+        let tree = self.get()?;
+        let found = jobs::run(py, terms, |work| tree.statistics(&wanted.selection(&tree)?, work))?;
+        let column = |found: &Option<spinney::points::ColumnSummary>| {
+            found.map(|found| (found.count, found.min, found.max, found.mean))
+        };
+        Ok((found.points, found.columns.iter().map(column).collect()))
+    }
+
+    /// Distances and coordinates of the points nearest to places: infinite and NaN where there are fewer.
+    #[pyo3(name = "_nearest")]
+    fn nearest<'py>(
+        &self,
+        py: Python<'py>,
+        places: PyReadonlyArray2<'py, f64>,
+        most: usize,
+        radius: f64,
+        memory: u64,
+        terms: Terms,
+    ) -> PyResult<Near<'py>> {
+        let tree = self.get()?;
+        let places: Vec<[f64; 3]> = places.as_slice()?.as_chunks::<3>().0.to_vec();
+        let room = places.len().checked_mul(most).filter(|room| *room < 1 << 40);
+        let room = room.ok_or_else(|| invalid(format!("k: {most} points for {} places", places.len())))?;
+        let (distances, found) = jobs::run(py, terms, |work| {
+            let mut distances = vec![f64::INFINITY; room];
+            let mut found = vec![f64::NAN; 3 * room];
+            let nearest = tree.nearest(&places, (most, radius), memory, work)?;
+            for (place, points) in nearest.iter().enumerate() {
+                for (number, point) in points.iter().enumerate() {
+                    let at = place * most + number;
+                    distances[at] = point.distance;
+                    found[3 * at..3 * at + 3].copy_from_slice(&point.place);
+                }
+            }
+            Ok((distances, found))
+        })?;
+        let distances = PyArray1::from_vec(py, distances).reshape([places.len(), most])?;
+        Ok((distances, PyArray1::from_vec(py, found)))
+    }
+
+    /// Writes points; returns how many.
+    #[pyo3(name = "_write")]
+    fn write(
+        &self,
+        py: Python<'_>,
+        out: PathBuf,
+        wanted: Wanted,
+        names: Option<Vec<String>>,
+        terms: Terms,
+    ) -> PyResult<u64> {
+        let tree = self.get()?;
+        check_output(std::slice::from_ref(&self.path), &out)?;
+        let format = PointFormat::of(&out)
+            .ok_or_else(|| invalid(format!("{}: expected .las, .laz, .csv, .ply or .npy", out.display())))?;
+        jobs::run(py, terms, |work| {
+            let chosen = places_of(&tree, names)?;
+            let selection = wanted.selection(&tree)?;
+            export_points(&tree, &selection, Some(&chosen), (work.create(&out)?, format), work)
+        })
+    }
+
+    /// Makes a raster of the points; returns its columns and rows.
+    #[pyo3(name = "_raster")]
+    fn raster(
+        &self,
+        py: Python<'_>,
+        out: PathBuf,
+        step: String,
+        filter: Option<String>,
+        memory: u64,
+        terms: Terms,
+    ) -> PyResult<[u64; 2]> {
+        let tree = self.get()?;
+        check_output(std::slice::from_ref(&self.path), &out)?;
+        let mut raster: PointRaster = step.parse().or_raise()?;
+        if let Some(filter) = filter {
+            let filter: FeatureFilter = filter.parse().or_raise()?;
+            raster.conditions = filter.for_points(tree.attributes()).or_raise()?;
+        }
+        jobs::run(py, terms, |work| {
+            rasterize_points(&tree, &raster, (memory, Packing::default()), work.create_tree(&out)?, work)
+        })
+    }
+}
+
+/// What trees of points are built with: points of a leaf, the coordinate system, names of attributes, bytes of memory, conditions.
+#[derive(FromPyObject)]
+pub(crate) struct PointTerms(Option<usize>, Option<String>, Option<Vec<String>>, u64, Option<String>);
+
+impl PointTerms {
+    fn options(&self) -> Result<(ImportOptions, FeatureFilter)> {
+        let PointTerms(leaf_size, crs, attributes, memory, filter) = self;
+        let mut options = ImportOptions {
+            build: BuildOptions { memory: *memory, ..BuildOptions::default() },
+            attributes: attributes.clone(),
+            crs: crs.as_deref().map(Crs::parse).transpose()?,
+        };
+        options.build.leaf_size = leaf_size.unwrap_or(options.build.leaf_size);
+        Ok((options, filter.as_deref().map(str::parse).transpose()?.unwrap_or_default()))
+    }
+}
+
+/// Builds a tree of points of files.
+#[pyfunction]
+pub(crate) fn build_point_files(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    out: PathBuf,
+    given: PointTerms,
+    terms: Terms,
+) -> PyResult<(u64, u64)> {
+    check_output(&paths, &out)?;
+    let built = jobs::run(py, terms, |work| {
+        let (options, filter) = given.options()?;
+        let import = match &paths[..] {
+            [path] if is_feature_file(path) => {
+                let found =
+                    open_feature_points(path, &FeatureOptions { filter, ..FeatureOptions::default() })?;
+                found.remarks().iter().for_each(|remark| work.warn(path, remark));
+                plan_points(Box::new(found.points), &paths, Vec::new(), &options)?
+            }
+            _ => plan_las(&paths, &mut |attributes| filter.for_points(attributes), &options)?,
+        };
+        import.build(work.create_tree(&out)?, work)
+    })?;
+    Ok((built.points, built.duplicates))
+}
+
+/// Points of arrays.
+struct ArrayPoints {
+    places: Vec<f64>,
+    axes: usize,
+    attributes: Vec<Attribute>,
+    columns: Vec<Vec<u8>>,
+    next: usize,
+}
+
+impl WorldPoints for ArrayPoints {
+    fn attributes(&self) -> &[Attribute] {
+        &self.attributes
+    }
+
+    fn dimension(&self) -> Dimension {
+        if self.axes == 3 { Dimension::Oct } else { Dimension::Quad }
+    }
+
+    fn crs(&self) -> Option<&Crs> {
+        None
+    }
+
+    fn path(&self) -> &Path {
+        Path::new("(array)")
+    }
+
+    fn next(&mut self, numbers: &mut [i64]) -> Result<Option<[f64; 3]>> {
+        let Some(place) = self.places.chunks_exact(self.axes).nth(self.next) else { return Ok(None) };
+        let place = [place[0], place[1], place.get(2).copied().unwrap_or(0.0)];
+        for ((number, attribute), column) in numbers.iter_mut().zip(&self.attributes).zip(&self.columns) {
+            *number = ordered_number(attribute.sample, &column[self.next * attribute.sample.size()..]);
+        }
+        self.next += 1;
+        Ok(Some(place))
+    }
+
+    fn rewind(&mut self) -> Result<()> {
+        self.next = 0;
+        Ok(())
+    }
+}
+
+/// An attribute: its name, the name of its type, and its numbers as bytes.
+type ArrayColumn<'py> = (String, String, PyReadonlyArray1<'py, u8>);
+
+/// Builds a tree of points of arrays.
+#[pyfunction]
+pub(crate) fn build_point_array(
+    py: Python<'_>,
+    places: PyReadonlyArray2<'_, f64>,
+    columns: Vec<ArrayColumn<'_>>,
+    out: PathBuf,
+    given: PointTerms,
+    terms: Terms,
+) -> PyResult<(u64, u64)> {
+    let axes = places.as_array().shape()[1];
+    let places = places.as_slice()?.to_vec();
+    let count = places.len().checked_div(axes).unwrap_or(0);
+    let (mut attributes, mut bytes) = (Vec::new(), Vec::new());
+    for (name, sample, column) in &columns {
+        let known = SampleType::ALL.into_iter().find(|known| known.name() == sample);
+        let sample =
+            known.ok_or_else(|| invalid(format!("{name}: numbers of type {sample} are not kept")))?;
+        let column = column.as_slice()?.to_vec();
+        if column.len() != count * sample.size() {
+            return Err(invalid(format!("{name}: expected a number for each of {count} points")));
+        }
+        attributes.push(Attribute::new(name.clone(), sample));
+        bytes.push(column);
+    }
+    if !(2..=3).contains(&axes) {
+        return Err(invalid(format!("points: rows of {axes} coordinates, expected 2 or 3")));
+    }
+    let built = jobs::run(py, terms, |work| {
+        let (options, filter) = given.options()?;
+        let conditions = filter.for_points(&attributes)?;
+        let points = ArrayPoints { places, axes, attributes, columns: bytes, next: 0 };
+        let points = GriddedPoints::new(Box::new(points))?;
+        if points.is_rounded() {
+            let text = "coordinates have more digits than a grid of 32 bits, and are rounded to it";
+            work.warn(&out, text);
+        }
+        let mut import = plan_points(Box::new(points), &[], conditions, &options)?;
+        import.set_provenance("points of an array");
+        import.build(work.create_tree(&out)?, work)
+    })?;
+    Ok((built.points, built.duplicates))
+}
