@@ -280,7 +280,7 @@ def test_what_is_no_source_and_no_tree(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="is no tree but a TIFF picture; build one: `spinney build"):
         spinney.open(FIXTURES / "island_classes.tif")
     (tmp_path / "a.las").write_bytes(b"LASF" + bytes(300))
-    with pytest.raises(ValueError, match="point clouds"):
+    with pytest.raises(ValueError, match="tree of points"):
         spinney.build(tmp_path / "a.las", tmp_path / "o.goblin")
 
 

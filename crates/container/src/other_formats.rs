@@ -52,6 +52,7 @@ const VARIABLES: &str = "convert the variable that is meant to GeoTIFF first (`g
     in Python, open it with xarray, and give the DataArray to spinney.build";
 const PICTURE: &str = "convert it to PNG or TIFF first (`magick IN OUT.png`)";
 const POINTS: &str = "convert it to LAS or LAZ first (`pdal translate IN OUT.laz`)";
+const CLOUD: &str = "it has no cells: `spinney build FILE -o OUT.goblin` makes a tree of points of it (in Python `spinney.build_points`)";
 const SURFACES: &str = "export it as OBJ, PLY or STL from the program that made it, or from Blender, with the measures that it has";
 const SOLIDS: &str = "its surfaces are curved: export it as STL or OBJ from the program that made it, or from FreeCAD, as fine as needed";
 const DRAWING: &str = "export its solids as STL or OBJ from the CAD program; what is drawn flat can become GeoJSON (`ogr2ogr out.geojson IN`, for DXF)";
@@ -97,7 +98,7 @@ static FORMATS: &[OtherFormat] = &[
         Read("its polygons are zones for `spinney stats TREE --zones FILE`"),
     ),
     format("a CityJSON model", &["json", "jsonl", "cityjson"], &[], Source),
-    format("a point cloud (LAS or LAZ)", &["las", "laz"], &[At(0, b"LASF")], Source),
+    format("a point cloud (LAS or LAZ)", &["las", "laz"], &[At(0, b"LASF")], Read(CLOUD)),
     format("a point cloud (E57)", &["e57"], &[At(0, b"ASTM-E57")], Refused(POINTS)),
     format("a point cloud (PCD)", &["pcd"], &[At(0, b"# .PCD")], Refused(POINTS)),
     format("a GeoPackage", &["gpkg"], &[At(0, b"SQLite format 3\0")], Read(FEATURES)),
@@ -356,7 +357,7 @@ mod tests {
         assert_eq!(name("a.bin", b"<?xml version='1.0'?>\n<svg>"), Some("an SVG drawing"));
         assert_eq!(name("a.json", b"{\"type\": \"FeatureCollection\""), Some("a GeoJSON document"));
         assert_eq!(name("a.json", b"{\"type\": \"CityJSON\""), Some("a CityJSON model"));
-        assert_eq!(name("a.LAZ", b"LASF"), Some("a point cloud (LAS or LAZ)"));
+        assert_eq!(name("a.LAZ", b""), Some("a point cloud (LAS or LAZ)"));
         for (path, bytes) in
             [("a.tif", &b"text"[..]), ("a.goblin", b"\x93Goblin\n"), ("a", b""), (".tif", b"")]
         {
@@ -398,6 +399,9 @@ mod tests {
         let refused = |path, bytes: &[u8]| OtherFormat::refuse_source(Path::new(path), bytes).to_string();
         assert!(refused("my scan.e57", b"ASTM-E57").contains("pdal translate 'my scan.e57' OUT.laz"));
         assert!(refused("a.geojson", b"{}").contains("--zones a.geojson"));
+        assert!(
+            refused("a.las", b"LASF").contains("`spinney build a.las -o OUT.goblin` makes a tree of points")
+        );
         assert!(refused("a.txt", b"text").contains("are read"));
         let no_tree =
             |path, bytes: &[u8]| OtherFormat::refuse_tree(Path::new(path), bytes).map(|e| e.to_string());
