@@ -253,11 +253,11 @@ pub mod points {
     pub use spinney_points::las::{LasFiles, LasReader};
     pub use spinney_points::memory;
     pub use spinney_points::{
-        Attribute, BuildOptions, BuildSummary, ChosenPoints, ColumnSummary, Field, GriddedPoints,
-        ImportOptions, NearPoint, PLACE_BYTES, PointColumns, PointCondition, PointFormat, PointGrid,
-        PointImport, PointRegion, PointRelation, PointRows, PointSchema, PointSource, PointStatistics,
-        PointTree, RowLayout, Selection, WorldPoints, build, export_points, is_las_file, is_point_file,
-        ordered_number, plan_las, plan_points, position,
+        BuildSummary, ChosenPoints, ColumnSummary, GriddedPoints, NearPoint, PLACE_BYTES, PointAttribute,
+        PointBuildOptions, PointColumns, PointCondition, PointFormat, PointGrid, PointImport,
+        PointImportOptions, PointRegion, PointRows, PointSchema, PointSource, PointStatistics, PointTree,
+        Relation, RowField, RowLayout, Selection, WorldPoints, build, export_points, is_las_file,
+        is_point_file, ordered_number, plan_las, plan_points, position,
     };
     #[cfg(feature = "vector")]
     pub use spinney_vector::{CellRule, PointRaster, rasterize_points};
@@ -309,10 +309,10 @@ pub mod import {
             is_feature_file, open_features,
         };
         pub use spinney_vector::import::filter::{AttributeCondition, FeatureFilter, Relation};
+        pub use spinney_vector::import::plan_point_files;
         pub use spinney_vector::import::zones::{
             FoundPolygons, PolygonLayer, PolygonReader, parse_polygons, read_polygons,
         };
-        pub use spinney_vector::import::{FeaturePoints, open_feature_points};
         pub use spinney_vector::objects::choose_objects;
         pub use spinney_vector::zonal::FeatureZones;
     }

@@ -7,11 +7,11 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArra
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::import::feature::{FeatureFilter, FeatureOptions, is_feature_file, open_feature_points};
+use spinney::import::feature::{FeatureFilter, FeatureOptions, plan_point_files};
 use spinney::points::{
-    Attribute, BuildOptions, GriddedPoints, ImportOptions, PointFormat, PointRaster, PointRegion, PointTree,
-    Selection, WorldPoints, export_points, is_point_file, ordered_number, plan_las, plan_points, position,
-    rasterize_points,
+    GriddedPoints, PointAttribute, PointBuildOptions, PointFormat, PointImportOptions, PointRaster,
+    PointRegion, PointTree, Selection, WorldPoints, export_points, is_point_file, ordered_number,
+    plan_points, position, rasterize_points,
 };
 use spinney::space::{Crs, Dimension};
 use spinney::store::Packing;
@@ -131,7 +131,7 @@ impl Points {
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let tree = self.get()?;
         let facts = PyDict::new(py);
-        let attribute = |attribute: &Attribute| {
+        let attribute = |attribute: &PointAttribute| {
             let sample = if attribute.scale_offset.is_some() { SampleType::F64 } else { attribute.sample };
             (attribute.name.clone(), sample.name(), attribute.description.clone())
         };
@@ -265,15 +265,15 @@ impl Points {
     }
 }
 
-/// What trees of points are built with: points of a leaf, the coordinate system, names of attributes, bytes of memory, conditions.
+/// Terms of building a tree of points: points of a leaf, the coordinate system, names of attributes, bytes of memory, conditions.
 #[derive(FromPyObject)]
 pub(crate) struct PointTerms(Option<usize>, Option<String>, Option<Vec<String>>, u64, Option<String>);
 
 impl PointTerms {
-    fn options(&self) -> Result<(ImportOptions, FeatureFilter)> {
+    fn options(&self) -> Result<(PointImportOptions, FeatureFilter)> {
         let PointTerms(leaf_size, crs, attributes, memory, filter) = self;
-        let mut options = ImportOptions {
-            build: BuildOptions { memory: *memory, ..BuildOptions::default() },
+        let mut options = PointImportOptions {
+            build: PointBuildOptions { memory: *memory, ..PointBuildOptions::default() },
             attributes: attributes.clone(),
             crs: crs.as_deref().map(Crs::parse).transpose()?,
         };
@@ -294,15 +294,8 @@ pub(crate) fn build_point_files(
     check_output(&paths, &out)?;
     let built = jobs::run(py, terms, |work| {
         let (options, filter) = given.options()?;
-        let import = match &paths[..] {
-            [path] if is_feature_file(path) => {
-                let found =
-                    open_feature_points(path, &FeatureOptions { filter, ..FeatureOptions::default() })?;
-                found.remarks().iter().for_each(|remark| work.warn(path, remark));
-                plan_points(Box::new(found.points), &paths, Vec::new(), &options)?
-            }
-            _ => plan_las(&paths, &mut |attributes| filter.for_points(attributes), &options)?,
-        };
+        let features = FeatureOptions { filter, ..FeatureOptions::default() };
+        let import = plan_point_files(&paths, &features, &options)?;
         import.build(work.create_tree(&out)?, work)
     })?;
     Ok((built.points, built.duplicates))
@@ -312,13 +305,13 @@ pub(crate) fn build_point_files(
 struct ArrayPoints {
     places: Vec<f64>,
     axes: usize,
-    attributes: Vec<Attribute>,
+    attributes: Vec<PointAttribute>,
     columns: Vec<Vec<u8>>,
     next: usize,
 }
 
 impl WorldPoints for ArrayPoints {
-    fn attributes(&self) -> &[Attribute] {
+    fn attributes(&self) -> &[PointAttribute] {
         &self.attributes
     }
 
@@ -375,7 +368,7 @@ pub(crate) fn build_point_array(
         if column.len() != count * sample.size() {
             return Err(invalid(format!("{name}: expected a number for each of {count} points")));
         }
-        attributes.push(Attribute::new(name.clone(), sample));
+        attributes.push(PointAttribute::new(name.clone(), sample));
         bytes.push(column);
     }
     if !(2..=3).contains(&axes) {
@@ -391,7 +384,10 @@ pub(crate) fn build_point_array(
             work.warn(&out, text);
         }
         let mut import = plan_points(Box::new(points), &[], conditions, &options)?;
-        import.set_provenance("points of an array");
+        import.add_provenance("points of an array");
+        if !filter.conditions.is_empty() {
+            import.add_provenance(format!("points where {filter}"));
+        }
         import.build(work.create_tree(&out)?, work)
     })?;
     Ok((built.points, built.duplicates))

@@ -1,4 +1,4 @@
-//! What the papers of `docs/literature.md` describe, item by item, held to worked examples and to models that follow the text. (Those of the two formats: `formats/literature.rs`.)
+//! The contents of the papers of `docs/literature.md`, item by item, held to worked examples and to models that follow the text. (Those of the two formats: `formats/literature.rs`.)
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -67,7 +67,7 @@ pub struct CsgExactReport {
     pub deviation: f64,
     /// Faces of all primitives.
     pub facets: u64,
-    /// What is to be said about how a solid ends that reaches to infinity.
+    /// A remark on how a solid ends that reaches to infinity.
     pub ends: Option<String>,
     /// The furthest that a corner of a primitive was moved to the grid.
     pub displacement: f64,
@@ -280,7 +280,7 @@ impl Maker<'_> {
         stack.pop().ok_or_else(|| Error::invalid("solid", "nothing", "a primitive"))
     }
 
-    /// What is in all of some bodies.
+    /// Intersection of some bodies.
     fn all(&mut self, parts: Vec<Body>) -> Result<Body> {
         let (out, within): (Vec<Body>, Vec<Body>) = parts.into_iter().partition(|part| part.is_negated);
         let [out, within] =

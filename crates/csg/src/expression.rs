@@ -11,11 +11,11 @@ pub(crate) enum Step {
     Any(u32),
     /// The intersection of the last ones, so many.
     All(u32),
-    /// What is in an odd number of the last ones, so many; or in an even number.
+    /// Points in an odd number of the last ones, so many; or in an even number.
     Odd(u32, bool),
 }
 
-/// What an expression is in a part of space.
+/// An expression in a part of space.
 #[derive(Clone, Copy)]
 struct Part {
     place: Place,

@@ -42,7 +42,7 @@ enum Kind {
     Odd,
 }
 
-/// What is still to be done.
+/// Work that is still to be done.
 enum Task {
     /// To enter a node with a map, or its complement, within an operation.
     Enter { node: u32, map: usize, is_negated: bool, within: Option<Kind> },

@@ -91,22 +91,22 @@ impl<'a> Builder<'a> {
         self.push(node(first, self.links.len() as u32), solids, at)
     }
 
-    /// What is in any of some.
+    /// Union: points in any of some.
     pub(crate) fn union(&mut self, solids: &[Solid], at: At) -> Result<Solid> {
         self.operation(solids, at, Node::Any)
     }
 
-    /// What is in all of some.
+    /// Intersection: points in all of some.
     pub(crate) fn intersection(&mut self, solids: &[Solid], at: At) -> Result<Solid> {
         self.operation(solids, at, Node::All)
     }
 
-    /// What is in an odd number of some.
+    /// Symmetric difference: points in an odd number of some.
     pub(crate) fn xor(&mut self, solids: &[Solid], at: At) -> Result<Solid> {
         self.operation(solids, at, Node::Odd)
     }
 
-    /// What is not in one.
+    /// Complement: points not in one.
     pub(crate) fn complement(&mut self, solid: Solid, at: At) -> Result<Solid> {
         self.push(Node::Not(solid.0), &[solid], at)
     }

@@ -1,4 +1,4 @@
-//! What is known of where a box lies.
+//! Where a box lies, as far as it is known.
 
 /// Whether a box lies inside of a solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

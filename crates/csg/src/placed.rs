@@ -18,7 +18,7 @@ pub(crate) struct Placed {
     pub(crate) bounds: Bounds,
     /// A box around all that is finite in it.
     pub(crate) around: Bounds,
-    /// What is to be said about how it ends.
+    /// A remark on how it ends.
     pub(crate) ends: Option<String>,
 }
 

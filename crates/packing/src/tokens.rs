@@ -215,7 +215,7 @@ impl Table {
     }
 }
 
-/// What writing a token takes.
+/// Numbers for writing a token.
 #[derive(Clone, Copy, Default)]
 struct Place {
     frequency: u32,
@@ -413,7 +413,7 @@ pub fn unpack_numbers<'b>(bytes: &'b [u8], contexts: &[u8], numbers: &mut [i64])
     is_whole.then_some(rest)
 }
 
-/// What one of the 2^12 parts of a state means.
+/// Meaning of one of the 2^12 parts of a state.
 #[derive(Clone, Copy)]
 struct Part {
     /// The least number with its token, and the bits behind it.

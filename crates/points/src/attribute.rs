@@ -4,21 +4,21 @@ use spinney_base::value::SampleType;
 
 /// An attribute that each point of a tree has.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Attribute {
+pub struct PointAttribute {
     /// Its name: those of LAS are `intensity`, `return_number`, `classification`, `gps_time` and so on.
     pub name: String,
     /// Type of its numbers.
     pub sample: SampleType,
     /// Factor and summand that make the quantity of the number, where there are such.
     pub scale_offset: Option<(f64, f64)>,
-    /// What it is, in words, where the input says so.
+    /// Its meaning in words, where the input tells it.
     pub description: String,
 }
 
-impl Attribute {
+impl PointAttribute {
     /// An attribute with a name and a type.
-    pub fn new(name: impl Into<String>, sample: SampleType) -> Attribute {
-        Attribute { name: name.into(), sample, scale_offset: None, description: String::new() }
+    pub fn new(name: impl Into<String>, sample: SampleType) -> PointAttribute {
+        PointAttribute { name: name.into(), sample, scale_offset: None, description: String::new() }
     }
 
     /// The quantity that a number is.
@@ -29,7 +29,7 @@ impl Attribute {
 
 /// Where an attribute's number stands in a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Field {
+pub struct RowField {
     /// Its first byte.
     pub offset: usize,
     /// Its lowest bit and how many bits it has, if it has a part of one byte only.
@@ -42,9 +42,9 @@ pub struct RowLayout {
     /// Bytes of a row.
     pub size: usize,
     /// The attributes, in order.
-    pub attributes: Vec<Attribute>,
+    pub attributes: Vec<PointAttribute>,
     /// Their places.
-    pub fields: Vec<Field>,
+    pub fields: Vec<RowField>,
 }
 
 /// Bytes of a row's coordinates.
@@ -52,12 +52,12 @@ pub const PLACE_BYTES: usize = 12;
 
 impl RowLayout {
     /// Rows in which attributes stand one after the other.
-    pub fn packed(attributes: Vec<Attribute>) -> RowLayout {
+    pub fn packed(attributes: Vec<PointAttribute>) -> RowLayout {
         let mut size = PLACE_BYTES;
         let fields = attributes.iter().map(|attribute| {
             let offset = size;
             size += attribute.sample.size();
-            Field { offset, bits: None }
+            RowField { offset, bits: None }
         });
         let fields = fields.collect();
         RowLayout { size, attributes, fields }
@@ -74,11 +74,11 @@ impl RowLayout {
         macro_rules! all {
             ($($sample:ident)*) => {
                 match (self.fields[attribute], self.attributes[attribute].sample) {
-                    (Field { offset, bits: Some((shift, count)) }, _) => {
+                    (RowField { offset, bits: Some((shift, count)) }, _) => {
                         let mask = ((1u16 << count) - 1) as u8;
                         rows.map(|row| i64::from(row[offset] >> shift & mask)).collect()
                     }
-                    $((Field { offset, .. }, SampleType::$sample) => {
+                    $((RowField { offset, .. }, SampleType::$sample) => {
                         rows.map(|row| ordered(SampleType::$sample, &row[offset..])).collect()
                     })*
                 }
@@ -90,7 +90,7 @@ impl RowLayout {
     /// Puts an attribute's number into a row.
     #[inline]
     pub(crate) fn set_number(&self, attribute: usize, row: &mut [u8], number: i64) {
-        let Field { offset, bits } = self.fields[attribute];
+        let RowField { offset, bits } = self.fields[attribute];
         match bits {
             Some((shift, count)) => {
                 let mask = (((1u16 << count) - 1) as u8) << shift;
@@ -211,8 +211,8 @@ mod tests {
 
     #[test]
     fn fields_of_bits_leave_the_others_alone() {
-        let attributes = ["a", "b"].map(|name| Attribute::new(name, SampleType::U8)).to_vec();
-        let fields = [(0, 3), (3, 5)].map(|bits| Field { offset: 12, bits: Some(bits) }).to_vec();
+        let attributes = ["a", "b"].map(|name| PointAttribute::new(name, SampleType::U8)).to_vec();
+        let fields = [(0, 3), (3, 5)].map(|bits| RowField { offset: 12, bits: Some(bits) }).to_vec();
         let layout = RowLayout { size: 13, attributes, fields };
         let mut row = [0xff; 13];
         layout.set_number(0, &mut row, 2);

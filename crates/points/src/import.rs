@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use crate::attribute::Attribute;
-use crate::build::{BuildOptions, BuildSummary, build};
+use crate::attribute::PointAttribute;
+use crate::build::{BuildSummary, PointBuildOptions, build};
 use crate::las::LasFiles;
 use crate::query::PointCondition;
 use crate::source::{ChosenPoints, PointSource};
@@ -16,9 +16,9 @@ use spinney_crs::Crs;
 
 /// Options of building a tree of files.
 #[derive(Clone, Debug, Default)]
-pub struct ImportOptions {
+pub struct PointImportOptions {
     /// How the tree is built.
-    pub build: BuildOptions,
+    pub build: PointBuildOptions,
     /// Names of the attributes that are kept; `None` for all.
     pub attributes: Option<Vec<String>>,
     /// The coordinate system, instead of that which the files tell.
@@ -29,8 +29,10 @@ pub struct ImportOptions {
 pub struct PointImport {
     source: Box<dyn PointSource>,
     metadata: Metadata,
-    options: BuildOptions,
+    options: PointBuildOptions,
     description: Vec<(&'static str, String)>,
+    /// Files, and remarks on what of them is not as it was.
+    remarks: Vec<(PathBuf, String)>,
 }
 
 /// Whether a file is a LAS or LAZ file, by its name or its first bytes.
@@ -49,18 +51,14 @@ pub fn is_las_file(path: &Path) -> bool {
 /// If a file cannot be read, is none or damaged; if files lie in different systems; if there is no attribute of a name.
 pub fn plan_las(
     paths: &[PathBuf],
-    conditions: &mut dyn FnMut(&[Attribute]) -> Result<Vec<PointCondition>>,
-    options: &ImportOptions,
+    conditions: &mut dyn FnMut(&[PointAttribute]) -> Result<Vec<PointCondition>>,
+    options: &PointImportOptions,
 ) -> Result<PointImport> {
     let files = LasFiles::open(paths)?;
-    let is_rounded = files.is_rounded();
+    let remarks = files.remarks();
     let conditions = conditions(&files.schema().layout.attributes)?;
     let mut import = plan_points(Box::new(files), paths, conditions, options)?;
-    if is_rounded {
-        let text =
-            "places of some files lie beside the finest grid of all: moved by at most half of its steps";
-        import.description.push(("rounded", text.into()));
-    }
+    import.remarks = remarks;
     Ok(import)
 }
 
@@ -72,7 +70,7 @@ pub fn plan_points(
     source: Box<dyn PointSource>,
     paths: &[PathBuf],
     conditions: Vec<PointCondition>,
-    options: &ImportOptions,
+    options: &PointImportOptions,
 ) -> Result<PointImport> {
     let attributes = &source.schema().layout.attributes;
     let places =
@@ -95,14 +93,14 @@ pub fn plan_points(
     if !names.is_empty() {
         description.push(("attributes", names.join(", ")));
     }
-    Ok(PointImport { source, metadata, options: options.build.clone(), description })
+    Ok(PointImport { source, metadata, options: options.build.clone(), description, remarks: Vec::new() })
 }
 
 /// The place of an attribute among all.
 ///
 /// # Errors
 /// If there is none of that name.
-pub fn position(attributes: &[Attribute], name: &str) -> Result<usize> {
+pub fn position(attributes: &[PointAttribute], name: &str) -> Result<usize> {
     attributes.iter().position(|attribute| attribute.name == name).ok_or_else(|| {
         let names: Vec<&str> = attributes.iter().map(|attribute| attribute.name.as_str()).collect();
         Error::invalid(
@@ -119,16 +117,22 @@ impl PointImport {
         &self.description
     }
 
-    /// Says where points come from that are in no file.
-    pub fn set_provenance(&mut self, text: &str) {
-        self.metadata.provenance = vec![text.into()];
+    /// Adds a line about where the points come from: which of them, or what is no file.
+    pub fn add_provenance(&mut self, text: impl Into<String>) {
+        self.metadata.provenance.push(text.into());
     }
 
-    /// Builds the tree.
+    /// Adds a remark on a file, of which building warns.
+    pub fn add_remark(&mut self, path: &Path, text: impl Into<String>) {
+        self.remarks.push((path.into(), text.into()));
+    }
+
+    /// Builds the tree; warns of what is not as it was in the files.
     ///
     /// # Errors
     /// Those of [`build`].
     pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<BuildSummary> {
+        self.remarks.iter().for_each(|(path, text)| progress.warn(path, text));
         build(&mut *self.source, &self.options, &self.metadata, output, progress)
     }
 }

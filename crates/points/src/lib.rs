@@ -19,14 +19,13 @@ mod store;
 #[cfg(test)]
 mod tests;
 
-pub use attribute::{Attribute, Field, PLACE_BYTES, RowLayout, ordered_number};
-pub use build::{BuildOptions, BuildSummary, build};
+pub use attribute::{PLACE_BYTES, PointAttribute, RowField, RowLayout, ordered_number};
+pub use build::{BuildSummary, PointBuildOptions, build};
 pub use export::{PointFormat, export_points};
 pub use grid::PointGrid;
-pub use import::{ImportOptions, PointImport, is_las_file, plan_las, plan_points, position};
+pub use import::{PointImport, PointImportOptions, is_las_file, plan_las, plan_points, position};
 pub use query::{
-    ColumnSummary, NearPoint, PointColumns, PointCondition, PointRegion, PointRelation, PointStatistics,
-    Selection,
+    ColumnSummary, NearPoint, PointColumns, PointCondition, PointRegion, PointStatistics, Relation, Selection,
 };
 pub use source::{ChosenPoints, GriddedPoints, PointRows, PointSchema, PointSource, WorldPoints};
 pub use store::{PointTree, is_point_file};

@@ -1,9 +1,9 @@
 //! Counts, extremes and sums of the columns of many points.
 
-use crate::attribute::{Attribute, to_f64};
+use crate::attribute::{PointAttribute, to_f64};
 use spinney_base::value::SampleType;
 
-/// What is known of a column of many points.
+/// Count, extremes and sum of a column of many points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ColumnStatistics {
     /// Number of those that are numbers.
@@ -50,7 +50,7 @@ impl ColumnStatistics {
     }
 }
 
-/// What is known of all columns of many points.
+/// Count of many points, and statistics of all their columns.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Statistics {
     /// Number of the points.
@@ -74,7 +74,7 @@ impl Statistics {
     }
 
     /// Those of columns of numbers that are equally long.
-    pub(crate) fn of(columns: &[Vec<i64>], attributes: &[Attribute]) -> Statistics {
+    pub(crate) fn of(columns: &[Vec<i64>], attributes: &[PointAttribute]) -> Statistics {
         let samples =
             [SampleType::I32; 3].into_iter().chain(attributes.iter().map(|attribute| attribute.sample));
         Statistics {

@@ -2,12 +2,12 @@
 
 use std::collections::HashMap;
 
-use crate::attribute::{Attribute, RowLayout, place_of};
+use crate::attribute::{PointAttribute, RowLayout, place_of};
 use crate::grid::spacing_levels;
-use crate::query::{PointCondition, PointRegion, PointRelation, Selection};
+use crate::query::{PointCondition, PointRegion, Relation, Selection};
 use crate::source::{PointRows, PointSchema, PointSource};
 use crate::store::PointTree;
-use crate::{BuildOptions, BuildSummary, build};
+use crate::{BuildSummary, PointBuildOptions, build};
 use spinney_base::Result;
 use spinney_base::io::Output;
 use spinney_base::space::Dimension;
@@ -25,7 +25,7 @@ pub(crate) fn random(seed: u64) -> impl FnMut() -> u64 {
 }
 
 fn layout() -> RowLayout {
-    let attribute = |(name, sample): &(&str, SampleType)| Attribute::new(*name, *sample);
+    let attribute = |(name, sample): &(&str, SampleType)| PointAttribute::new(*name, *sample);
     RowLayout::packed(
         [("classification", SampleType::U8), ("gps_time", SampleType::F64), ("height", SampleType::F32)]
             .iter()
@@ -50,7 +50,11 @@ fn rows(places: impl IntoIterator<Item = [i32; 3]>, layout: &RowLayout) -> Vec<u
     rows
 }
 
-fn bytes_of(rows: &[u8], dimension: Dimension, options: &BuildOptions) -> Result<(Vec<u8>, BuildSummary)> {
+fn bytes_of(
+    rows: &[u8],
+    dimension: Dimension,
+    options: &PointBuildOptions,
+) -> Result<(Vec<u8>, BuildSummary)> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("p.goblin");
     let mut source = PointRows::new(PointSchema::new(layout(), dimension), rows.to_vec())?;
@@ -60,7 +64,7 @@ fn bytes_of(rows: &[u8], dimension: Dimension, options: &BuildOptions) -> Result
 
 fn tree_of(rows: &[u8], dimension: Dimension, leaf_size: usize) -> PointTree {
     let (bytes, _) =
-        bytes_of(rows, dimension, &BuildOptions { leaf_size, ..BuildOptions::default() }).unwrap();
+        bytes_of(rows, dimension, &PointBuildOptions { leaf_size, ..PointBuildOptions::default() }).unwrap();
     PointTree::from_bytes(bytes).unwrap()
 }
 
@@ -181,12 +185,12 @@ fn regions_and_conditions_choose_as_looking_at_all_points_does() {
         let region = PointRegion::Box(corners);
         let class = f64::from(number(6));
         let relations = [
-            (PointRelation::Equal, 0u8),
-            (PointRelation::Unequal, 1),
-            (PointRelation::Less, 2),
-            (PointRelation::AtMost, 3),
-            (PointRelation::Greater, 4),
-            (PointRelation::AtLeast, 5),
+            (Relation::Equal, 0u8),
+            (Relation::Unequal, 1),
+            (Relation::Less, 2),
+            (Relation::AtMost, 3),
+            (Relation::Greater, 4),
+            (Relation::AtLeast, 5),
         ];
         let (relation, kind) = relations[number(6) as usize];
         let holds = |class_of: f64| {
@@ -250,7 +254,7 @@ fn regions_and_conditions_choose_as_looking_at_all_points_does() {
 fn bytes_are_the_same_with_little_memory_and_many_threads() {
     let rows = rows(all_places(60_000, 21), &layout());
     for dimension in [Dimension::Oct, Dimension::Quad] {
-        let options = |memory: u64| BuildOptions { leaf_size: 700, memory };
+        let options = |memory: u64| PointBuildOptions { leaf_size: 700, memory };
         let (expected, built) = bytes_of(&rows, dimension, &options(1 << 30)).unwrap();
         for (memory, threads) in [(1 << 30, 5), (1, 1), (1 << 18, 3)] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -266,7 +270,7 @@ fn many_points_may_be_equal() {
     let mut places = vec![[7, 8, 9]; 1_000_000];
     places.extend([[0; 3], [1 << 20; 3]]);
     let rows = rows(places, &layout());
-    let options = BuildOptions { leaf_size: 50_000, memory: 8 << 20 };
+    let options = PointBuildOptions { leaf_size: 50_000, memory: 8 << 20 };
     let (bytes, built) = bytes_of(&rows, Dimension::Oct, &options).unwrap();
     assert_eq!(built, BuildSummary { points: 1_000_002, duplicates: 999_999 });
     // (All that tells them apart are times that go on evenly, and labels.)
@@ -299,8 +303,9 @@ fn points_beyond_the_bounds_that_are_told_are_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("p.goblin");
     let output = Output::create(&path).unwrap();
-    let error = build(&mut Liar(rows, schema), &BuildOptions::default(), &Metadata::default(), output, &())
-        .unwrap_err();
+    let error =
+        build(&mut Liar(rows, schema), &PointBuildOptions::default(), &Metadata::default(), output, &())
+            .unwrap_err();
     assert!(error.to_string().contains("[7, 7, 7]"), "{error}");
     assert!(!path.exists());
 }
@@ -308,8 +313,12 @@ fn points_beyond_the_bounds_that_are_told_are_an_error() {
 #[test]
 fn damage_is_told() {
     let rows = rows(all_places(3000, 4), &layout());
-    let (bytes, _) =
-        bytes_of(&rows, Dimension::Oct, &BuildOptions { leaf_size: 200, ..BuildOptions::default() }).unwrap();
+    let (bytes, _) = bytes_of(
+        &rows,
+        Dimension::Oct,
+        &PointBuildOptions { leaf_size: 200, ..PointBuildOptions::default() },
+    )
+    .unwrap();
     let mut random = random(9);
     for round in 0..400 {
         let mut damaged = bytes.clone();

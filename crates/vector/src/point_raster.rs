@@ -11,7 +11,7 @@ use spinney_crs::Frame;
 use spinney_engine::store::{BuildOptions, Packing, Slab, Slabs, build_slabs, depth_for};
 use spinney_points::{PointCondition, PointRegion, PointTree, Selection, position};
 
-/// What the points in a cell come to.
+/// A rule for the value of a cell from its points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CellRule {
     /// The least number.
@@ -45,13 +45,13 @@ impl FromStr for CellRule {
 /// A raster of points.
 #[derive(Clone, Debug)]
 pub struct PointRaster {
-    /// What cells get.
+    /// The rule for cells.
     pub rule: CellRule,
     /// Width of a cell, in units of the points' coordinates.
     pub cell: f64,
     /// Name of the attribute that counts; `None` for z.
     pub attribute: Option<String>,
-    /// What must hold for points.
+    /// Conditions that hold for points.
     pub conditions: Vec<PointCondition>,
 }
 
@@ -264,7 +264,8 @@ pub fn rasterize_points(
     };
     let mut provenance = tree.metadata().provenance.clone();
     provenance.push(format!("raster of points: {name}, cells of {}", raster.cell));
-    let metadata = Metadata { frame, band_names: vec![name], provenance, ..Metadata::default() };
+    let tags = tree.metadata().tags.clone();
+    let metadata = Metadata { frame, band_names: vec![name], provenance, tags, ..Metadata::default() };
     let options = BuildOptions::new(Kind::Continuous, depth)
         .rule(Rule::Mean)
         .memory(memory)

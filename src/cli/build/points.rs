@@ -1,12 +1,11 @@
-//! What `spinney build` does with files of points.
+//! Files of points in `spinney build`.
 
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use spinney::import::feature::{FeatureOptions, is_feature_file, open_feature_points};
-use spinney::points::{BuildOptions, ImportOptions, PointImport, is_las_file, plan_las, plan_points};
+use spinney::import::feature::{FeatureOptions, is_feature_file, plan_point_files};
+use spinney::points::{PointBuildOptions, PointImport, PointImportOptions, is_las_file};
 
-use super::super::report::warn;
 use super::Common;
 use super::features::{FeatureArgs, Index};
 use super::pictures::PictureArgs;
@@ -39,18 +38,12 @@ pub(super) fn plan(
     if let Some(option) = given.next().or(solids.not_of_points()).or(features.not_of_points()) {
         bail!("{option}: means nothing for points");
     }
-    let mut options = ImportOptions { crs: common.crs.clone(), ..ImportOptions::default() };
-    options.build = BuildOptions { memory: common.memory.bytes, ..BuildOptions::default() };
+    let mut options = PointImportOptions { crs: common.crs.clone(), ..PointImportOptions::default() };
+    options.build = PointBuildOptions { memory: common.memory.bytes, ..PointBuildOptions::default() };
     options.build.leaf_size = solids.leaf_size.unwrap_or(options.build.leaf_size);
     let names = solids.attribute.as_deref();
     options.attributes = names.map(|names| names.split(',').map(|name| name.trim().to_string()).collect());
     let filter = features.filter.clone().unwrap_or_default();
-    if !is_of_features {
-        return Ok(plan_las(inputs, &mut |attributes| filter.for_points(attributes), &options)?);
-    }
-    let [input] = inputs else { bail!("--index: a tree has the features of one file; build a tree of each") };
-    let layer = pictures.layer.clone();
-    let found = open_feature_points(input, &FeatureOptions { filter, layer, ..FeatureOptions::default() })?;
-    found.remarks().iter().for_each(|remark| warn(&format!("{}: {remark}", input.display())));
-    Ok(plan_points(Box::new(found.points), inputs, Vec::new(), &options)?)
+    let of_features = FeatureOptions { filter, layer: pictures.layer.clone(), ..FeatureOptions::default() };
+    Ok(plan_point_files(inputs, &of_features, &options)?)
 }

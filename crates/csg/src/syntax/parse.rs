@@ -32,7 +32,7 @@ struct Call<'a> {
     arguments: Vec<(Argument, At)>,
 }
 
-/// What a statement is.
+/// Kind of a statement.
 enum Statement<'a> {
     /// A name for a solid, and where it was given.
     Let(&'a str),

@@ -47,7 +47,7 @@ pub(super) fn usage(name: &str) -> &'static str {
     WORDS.iter().find(|(word, ..)| *word == name).map_or("an argument", |(_, usage, _)| usage)
 }
 
-/// What is expected instead of a name that is none.
+/// Names that are expected instead of one that is none.
 pub(super) fn instead_of(name: &str) -> String {
     let same = match name {
         "cube" | "box" | "cuboid" => "block",

@@ -53,7 +53,7 @@ impl Blocks {
         if found & UNIFORM == 0 { found } else { 1 }
     }
 
-    /// What is known of a block by its halves, and the axis with the fewest nodes.
+    /// Nodes of a block by its halves, and the axis with the fewest nodes.
     fn best(&self, block: Block) -> (u32, u8) {
         let counted = self.halves(block).map(|(axis, [first, second])| {
             let [a, b] = [first, second].map(|half| self.nodes[self.index(half)]);

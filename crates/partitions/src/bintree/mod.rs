@@ -143,7 +143,7 @@ impl Bintree {
         ControlFlow::Continue(())
     }
 
-    /// What a block has: one value all over, or several.
+    /// Contents of a block: one value all over, or several.
     fn block(&self, code: Code) -> Child<Code> {
         let mut found = None;
         let all_alike = self.leaves_in(&code.bounds(self.depth), &mut |_, value| match found

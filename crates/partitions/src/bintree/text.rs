@@ -68,7 +68,7 @@ impl Bintree {
     /// Reads a file that has a DF-expression, which with its nodes may take so many bytes of memory.
     ///
     /// # Errors
-    /// As [`Bintree::from_text`], or if the file cannot be read or has no room.
+    /// If the file cannot be read or has no room, and those of [`Bintree::from_text`].
     pub fn read(path: &Path, memory: u64) -> Result<Bintree> {
         let mut file = File::open(path).map_err(Error::io(path, "open"))?;
         let size = file.metadata().map_err(Error::io(path, "read"))?.len();

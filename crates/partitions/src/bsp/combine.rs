@@ -60,7 +60,7 @@ impl Bsp {
         Ok(Bsp { dimension: self.dimension, nodes: made.finish() })
     }
 
-    /// What is outside.
+    /// The outside.
     pub fn complement(&self) -> Bsp {
         let turned = |node: &BspNode| match node {
             BinaryNode::Leaf(is_inside) => BinaryNode::Leaf(!is_inside),

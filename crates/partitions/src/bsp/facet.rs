@@ -56,7 +56,7 @@ impl Facet {
         parts.map(|(_, part)| part)
     }
 
-    /// What is left without another facet of the plane.
+    /// The rest without another facet of the plane.
     pub(super) fn without(self, other: &Facet) -> Vec<Facet> {
         let (mut left, mut within) = (Vec::new(), self.clone());
         for Edge { wall, .. } in &other.edges {

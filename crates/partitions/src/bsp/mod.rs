@@ -49,7 +49,7 @@ impl Division {
 /// Node of a BSP tree: it divides, or is a cell, which is inside or not.
 pub type BspNode = BinaryNode<Division, bool>;
 
-/// What is seen of a BSP tree.
+/// A view of a BSP tree.
 #[derive(Clone, Copy, Debug)]
 pub enum Seen<'a> {
     /// A piece in the line or plane of a node.

@@ -1,4 +1,4 @@
-//! What lies in the lines and planes of a tree's nodes, and on both of their sides: the boundary of what is inside.
+//! The parts that lie in the lines and planes of a tree's nodes, and on both of their sides: the boundary of what is inside.
 
 use spinney_base::{Error, Result};
 

@@ -9,8 +9,8 @@ use crate::grid::spacing_levels;
 use crate::statistics::Statistics;
 use spinney_base::space::Code;
 
-/// What comes out: the blocks and the nodes of a tree.
-pub(crate) enum Piece {
+/// A part of a tree that comes out: a block or a node.
+pub(crate) enum BuiltPiece {
     /// A block of a node. Those of one node come in order.
     Block(Code, Vec<u8>, Statistics),
     /// A node, with all points in it and below.
@@ -23,7 +23,7 @@ pub(crate) struct Pending {
     pub rows: Vec<u8>,
 }
 
-/// What became of a node.
+/// The outcome of a node.
 pub(crate) enum Closed {
     /// So few points that a node above may take them.
     Few(Pending),
@@ -42,7 +42,7 @@ struct Open {
     pending_rows: usize,
     /// Whether there are too many points for it to be a leaf.
     is_divided: bool,
-    /// What is known of its blocks, and of nodes below: apart, so that they add up in the same order however the points were divided.
+    /// Statistics of its blocks, and of nodes below: apart, so that they add up in the same order however the points were divided.
     own: Statistics,
     below: Statistics,
 }
@@ -53,8 +53,8 @@ pub(crate) struct Assembler<'a> {
     /// Points of a block at most, and of a node that has no other below.
     leaf_size: usize,
     open: Vec<Open>,
-    /// What came out.
-    pub(crate) pieces: Vec<Piece>,
+    /// The parts that came out.
+    pub(crate) pieces: Vec<BuiltPiece>,
 }
 
 /// Level of the node of a point whose code is the same as the point's before down to a level; `None` of the first point.
@@ -136,7 +136,7 @@ impl<'a> Assembler<'a> {
     fn block(&mut self, index: usize, rows: &[u8]) {
         let block = self.encoder.encode(rows);
         self.open[index].own.add(&block.statistics);
-        self.pieces.push(Piece::Block(self.open[index].code, block.bytes, block.statistics));
+        self.pieces.push(BuiltPiece::Block(self.open[index].code, block.bytes, block.statistics));
     }
 
     /// Says that a node has nodes below: those that were handed up to it are among them.
@@ -190,7 +190,7 @@ impl<'a> Assembler<'a> {
         let mut open = self.open.pop().expect("it is there");
         if open.is_divided {
             open.own.add(&open.below);
-            self.pieces.push(Piece::Node(open.code, open.own.clone()));
+            self.pieces.push(BuiltPiece::Node(open.code, open.own.clone()));
             return Closed::Node(open.own);
         }
         for pending in open.pending {
@@ -200,7 +200,7 @@ impl<'a> Assembler<'a> {
     }
 
     /// Closes all nodes; hands out what became of the top one, and what came out.
-    pub(crate) fn finish(mut self) -> (Closed, Vec<Piece>) {
+    pub(crate) fn finish(mut self) -> (Closed, Vec<BuiltPiece>) {
         while self.open.len() > 1 {
             let closed = self.close();
             self.take(closed);
@@ -210,9 +210,9 @@ impl<'a> Assembler<'a> {
 }
 
 /// Makes a node with one block of a node that was handed up; returns what is known of its points.
-pub(crate) fn leaf(encoder: &Encoder, pending: Pending, pieces: &mut Vec<Piece>) -> Statistics {
+pub(crate) fn leaf(encoder: &Encoder, pending: Pending, pieces: &mut Vec<BuiltPiece>) -> Statistics {
     let block = encoder.encode(&pending.rows);
-    pieces.push(Piece::Block(pending.code, block.bytes, block.statistics.clone()));
-    pieces.push(Piece::Node(pending.code, block.statistics.clone()));
+    pieces.push(BuiltPiece::Block(pending.code, block.bytes, block.statistics.clone()));
+    pieces.push(BuiltPiece::Node(pending.code, block.statistics.clone()));
     block.statistics
 }

@@ -12,11 +12,11 @@ use spinney_packing::{LOG_BITS, log2};
 pub(crate) struct EncodedBlock {
     /// The bytes.
     pub bytes: Vec<u8>,
-    /// What is known of its points.
+    /// Statistics of its points.
     pub statistics: Statistics,
 }
 
-/// What encoding needs to know of points.
+/// The way from rows of points to blocks.
 pub(crate) struct Encoder {
     pub layout: RowLayout,
     pub block: BlockLayout,

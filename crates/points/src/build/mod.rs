@@ -10,7 +10,7 @@ mod order;
 mod run;
 
 pub(crate) use encoder::Encoder;
-pub use run::{BuildOptions, BuildSummary, build};
+pub use run::{BuildSummary, PointBuildOptions, build};
 
 /// Bytes behind each row that tell which point it was of all that came in.
 const NUMBER_BYTES: usize = 5;

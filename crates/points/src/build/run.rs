@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::assembler::{Assembler, Closed, Piece, leaf, node_level};
+use super::assembler::{Assembler, BuiltPiece, Closed, leaf, node_level};
 use super::buckets::{Bucket, BucketedRows, Buckets};
 use super::encoder::Encoder;
 use super::order::order_of;
@@ -19,20 +19,20 @@ use spinney_container::Metadata;
 
 /// Options of building.
 #[derive(Clone, Debug)]
-pub struct BuildOptions {
+pub struct PointBuildOptions {
     /// Points of a node that is not divided, at most; blocks have no more.
     pub leaf_size: usize,
     /// Bytes of memory that may be used, about.
     pub memory: u64,
 }
 
-impl Default for BuildOptions {
-    fn default() -> BuildOptions {
-        BuildOptions { leaf_size: 50_000, memory: 256 << 20 }
+impl Default for PointBuildOptions {
+    fn default() -> PointBuildOptions {
+        PointBuildOptions { leaf_size: 50_000, memory: 256 << 20 }
     }
 }
 
-/// What was built.
+/// Counts of a tree that was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BuildSummary {
     /// Number of points.
@@ -53,7 +53,7 @@ const BATCH: usize = 1 << 16;
 /// If the points cannot be read, lie beyond the bounds that their source says, or the output cannot be written.
 pub fn build(
     source: &mut dyn PointSource,
-    options: &BuildOptions,
+    options: &PointBuildOptions,
     metadata: &Metadata,
     output: Output,
     progress: &dyn Progress,
@@ -144,11 +144,11 @@ fn read(
     }
 }
 
-/// What all threads know.
+/// The encoder and the options, for all threads.
 #[derive(Clone, Copy)]
 struct Plan<'a> {
     encoder: &'a Encoder,
-    options: &'a BuildOptions,
+    options: &'a PointBuildOptions,
     progress: &'a dyn Progress,
 }
 
@@ -174,10 +174,10 @@ struct Work<'a> {
     duplicates: u64,
 }
 
-/// What came of the rows of a node.
+/// The outcome of the rows of a node.
 struct Assembled {
     closed: Closed,
-    pieces: Vec<Piece>,
+    pieces: Vec<BuiltPiece>,
     /// Rows of nodes above: their levels, and the rows.
     levels: Vec<u8>,
     above: Vec<u8>,
@@ -354,10 +354,10 @@ impl Work<'_> {
         })
     }
 
-    fn write(&mut self, pieces: Vec<Piece>) -> Result<()> {
+    fn write(&mut self, pieces: Vec<BuiltPiece>) -> Result<()> {
         pieces.into_iter().try_for_each(|piece| match piece {
-            Piece::Block(code, bytes, statistics) => self.writer.block(code, &bytes, &statistics),
-            Piece::Node(code, statistics) => self.writer.node(code, &statistics),
+            BuiltPiece::Block(code, bytes, statistics) => self.writer.block(code, &bytes, &statistics),
+            BuiltPiece::Node(code, statistics) => self.writer.node(code, &statistics),
         })
     }
 }

@@ -8,7 +8,7 @@ use spinney_packing::{LOG_BITS, MOST_CONTEXTS, log2, pack_numbers, unpack_number
 /// Points of a block at most.
 pub(crate) const MOST_POINTS: usize = 1 << 20;
 
-/// What a block's columns are.
+/// The columns of a block.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct BlockLayout {
     /// Number of columns: x, y, z, then the attributes.

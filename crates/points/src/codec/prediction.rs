@@ -1,4 +1,4 @@
-//! What a number of a column is likely to be, from the points before.
+//! Predictions of the numbers of a column, from the points before.
 
 /// Ways to foretell the numbers of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -24,7 +24,7 @@ pub(crate) struct Clock {
     steps: Vec<f64>,
     /// 1 for points at the time of the one before, 0 for others; nothing if there is no clock.
     pub(crate) contexts: Vec<u8>,
-    /// What lines have in common, for each point; nothing before somebody asks for it.
+    /// The part of lines that all columns share, for each point; nothing before somebody asks for it.
     ways: Vec<Way>,
 }
 
@@ -39,7 +39,7 @@ impl Clock {
         Clock { steps, contexts, ways: Vec::new() }
     }
 
-    /// What the lines of all columns have in common, for so many points.
+    /// The part of lines that all columns share, for so many points.
     fn ways(&mut self, points: usize) -> &[Way] {
         if self.ways.len() < points {
             let steps =
@@ -56,7 +56,7 @@ const FADES: f64 = 0.875;
 /// A step in time of more than so many times the spread of the times before tells nothing.
 const FAR: f64 = 8.0;
 
-/// What a straight line through the last numbers of a column is fitted with by least squares, in which each number counts 7/8 of the one behind it: the part that
+/// Sums for fitting a straight line through the last numbers of a column by least squares, in which each number counts 7/8 of the one behind it: the part that
 /// the times alone tell, which is the same for all columns.
 ///
 /// Sums are kept about the last point, whose time and number are 0. All of it is IEEE arithmetic in this order, so that whoever reads comes to

@@ -5,7 +5,7 @@ use std::io::Write as _;
 
 use super::PointSink;
 use super::numbers::{coordinate, digits_of};
-use crate::attribute::{Attribute, to_f64};
+use crate::attribute::{PointAttribute, to_f64};
 use crate::grid::PointGrid;
 use crate::query::PointColumns;
 use crate::store::PointTree;
@@ -18,7 +18,7 @@ pub(super) struct CsvSink {
     out: Output,
     grid: PointGrid,
     /// The attributes and their columns.
-    attributes: Vec<(Attribute, usize)>,
+    attributes: Vec<(PointAttribute, usize)>,
     line: String,
 }
 

@@ -62,7 +62,7 @@ impl Seek for SeekableOutput {
     }
 }
 
-/// What takes records in.
+/// The output of records.
 enum Records {
     Plain(SeekableOutput),
     Packed(Box<LasZipCompressor<'static, SeekableOutput>>),

@@ -42,7 +42,7 @@ impl PointFormat {
     }
 }
 
-/// What takes points in.
+/// A writer of points.
 trait PointSink {
     /// Takes some points.
     fn put(&mut self, points: &PointColumns) -> Result<()>;
@@ -67,6 +67,11 @@ pub fn export_points(
     let chosen = attributes.unwrap_or(&all).to_vec();
     if let Some(wrong) = chosen.iter().find(|attribute| **attribute >= all.len()) {
         return Err(Error::invalid("attribute", wrong.to_string(), format!("a number below {}", all.len())));
+    }
+    if !matches!(format, PointFormat::Las | PointFormat::Laz)
+        && let Some(crs) = &tree.metadata().frame.crs
+    {
+        progress.warn(output.path(), &format!("tells no coordinate system; the points are in {crs}"));
     }
     // (Headers say how many points follow: without conditions that is known before most of them are read.)
     let count = || tree.count(selection, &());

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::PointSink;
-use crate::attribute::Attribute;
+use crate::attribute::PointAttribute;
 use crate::grid::PointGrid;
 use crate::query::PointColumns;
 use crate::store::PointTree;
@@ -16,13 +16,13 @@ pub(super) struct TableSink {
     out: Output,
     grid: PointGrid,
     /// All attributes, and the places of those that are written.
-    attributes: Vec<Attribute>,
+    attributes: Vec<PointAttribute>,
     chosen: Vec<usize>,
     bytes: Vec<u8>,
 }
 
 /// The type in which an attribute is written.
-fn written_as(attribute: &Attribute) -> SampleType {
+fn written_as(attribute: &PointAttribute) -> SampleType {
     if attribute.scale_offset.is_some() { SampleType::F64 } else { attribute.sample }
 }
 
@@ -31,10 +31,10 @@ impl TableSink {
         tree: &PointTree,
         chosen: Vec<usize>,
         mut out: Output,
-        header: impl FnOnce(&[&Attribute]) -> Result<Vec<u8>>,
+        header: impl FnOnce(&[&PointAttribute]) -> Result<Vec<u8>>,
     ) -> Result<TableSink> {
         let attributes = tree.attributes().to_vec();
-        let written: Vec<&Attribute> = chosen.iter().map(|place| &attributes[*place]).collect();
+        let written: Vec<&PointAttribute> = chosen.iter().map(|place| &attributes[*place]).collect();
         let header = header(&written)?;
         out.write_all(&header).map_err(Error::io(out.path(), "write"))?;
         Ok(TableSink { out, grid: tree.grid().clone(), attributes, chosen, bytes: Vec::new() })

@@ -1,25 +1,27 @@
 //! Point formats of LAS: what stands where in a record.
 
-use crate::attribute::{Attribute, Field, RowLayout};
+use crate::attribute::{PointAttribute, RowField, RowLayout};
 use spinney_base::value::SampleType;
 
 /// The greatest number of a point format.
 pub(crate) const MOST_FORMAT: u8 = 10;
 
 /// Collects the attributes of a record.
-struct Record(Vec<(Attribute, Field)>);
+struct Record(Vec<(PointAttribute, RowField)>);
 
 impl Record {
     fn whole(&mut self, name: &str, sample: SampleType, offset: usize) {
-        self.0.push((Attribute::new(name, sample), Field { offset, bits: None }));
+        self.0.push((PointAttribute::new(name, sample), RowField { offset, bits: None }));
     }
 
     /// Parts of a byte, from the lowest bit up, by name and number of bits.
     fn parts(&mut self, offset: usize, parts: &[(&str, u8)]) {
         let mut shift = 0;
         for (name, bits) in parts {
-            self.0
-                .push((Attribute::new(*name, SampleType::U8), Field { offset, bits: Some((shift, *bits)) }));
+            self.0.push((
+                PointAttribute::new(*name, SampleType::U8),
+                RowField { offset, bits: Some((shift, *bits)) },
+            ));
             shift += bits;
         }
     }
@@ -152,7 +154,7 @@ fn add_extra(record: &mut Record, descriptor: &[u8; 192], offset: usize, size: u
     let double = |at: usize| f64::from_le_bytes(descriptor[at..at + 8].try_into().expect("eight bytes"));
     for number in 0..count {
         let name = if count == 1 { name.clone() } else { format!("{name}[{number}]") };
-        let mut attribute = Attribute::new(name, sample);
+        let mut attribute = PointAttribute::new(name, sample);
         attribute.description = description.clone();
         let (scale, summand) = (double(112 + 8 * number.min(2)), double(136 + 8 * number.min(2)));
         let is_scaled = kind != 0 && options & 0b1_1000 != 0;
@@ -160,13 +162,13 @@ fn add_extra(record: &mut Record, descriptor: &[u8; 192], offset: usize, size: u
         let summand = if options & 0b1_0000 != 0 { summand } else { 0.0 };
         attribute.scale_offset =
             is_scaled.then_some((scale, summand)).filter(|_| scale.is_finite() && summand.is_finite());
-        record.0.push((attribute, Field { offset: offset + number * sample.size(), bits: None }));
+        record.0.push((attribute, RowField { offset: offset + number * sample.size(), bits: None }));
     }
     offset + sample.size() * count
 }
 
 /// The descriptor of an attribute in extra bytes.
-pub(crate) fn describe_extra(attribute: &Attribute) -> [u8; 192] {
+pub(crate) fn describe_extra(attribute: &PointAttribute) -> [u8; 192] {
     use SampleType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
     let mut bytes = [0; 192];
     let number = [U8, I8, U16, I16, U32, I32, U64, I64, F32, F64]

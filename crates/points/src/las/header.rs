@@ -14,7 +14,7 @@ use spinney_base::io::open_input;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, GeoKeys};
 
-/// What stands before the points, understood.
+/// The head of a file, before its points.
 pub(crate) struct LasHeader {
     pub(crate) header: raw::Header,
     /// Number of points.
@@ -24,6 +24,8 @@ pub(crate) struct LasHeader {
     pub(crate) laszip: Option<Vec<u8>>,
     pub(crate) crs: Option<Crs>,
     pub(crate) tags: BTreeMap<String, String>,
+    /// Remarks on what is not kept.
+    pub(crate) losses: Vec<String>,
 }
 
 /// Bytes of a record of variable length that are read at most, and records.
@@ -36,6 +38,8 @@ const MOST_KEPT: usize = 64 << 10;
 struct VariableRecord {
     user: String,
     number: u16,
+    /// Bytes that it has; long ones are not read.
+    length: u64,
     data: Vec<u8>,
 }
 
@@ -107,9 +111,9 @@ impl LasHeader {
         let layout = record_layout(format, size, described);
         let (crs, crs_is_lost) = crs_of(&find, header.global_encoding);
         let mut tags = tags_of(&header, format);
-        keep_records(&records, crs_is_lost, &mut tags);
+        let losses = keep_records(&records, crs_is_lost, &mut tags);
         let laszip = laszip.filter(|_| is_packed);
-        Ok((LasHeader { header, points, layout, laszip, crs, tags }, file))
+        Ok((LasHeader { header, points, layout, laszip, crs, tags, losses }, file))
     }
 
     /// Units of the world that a step of the grid has, and the place of its origin.
@@ -160,12 +164,9 @@ fn variable_records(
             let number = u16::from_le_bytes([head[18], head[19]]);
             let user = text(&head[2..18]);
             at = end;
-            if bytes > MOST_RECORD {
-                continue;
-            }
-            let mut data = vec![0; bytes as usize];
+            let mut data = vec![0; if bytes > MOST_RECORD { 0 } else { bytes as usize }];
             file.read_exact(&mut data).map_err(Error::io(path, "read"))?;
-            records.push(VariableRecord { user, number, data });
+            records.push(VariableRecord { user, number, length: bytes, data });
         }
     }
     Ok(records)
@@ -191,7 +192,7 @@ fn crs_of<'r>(find: &impl Fn(&str, u16) -> Option<&'r Vec<u8>>, encoding: u16) -
     (found.clone().flatten(), found.is_some_and(|crs| crs.is_none()))
 }
 
-/// What the header says beside what is understood.
+/// Tags of the header's other fields.
 fn tags_of(header: &raw::Header, format: u8) -> BTreeMap<String, String> {
     let version = header.version;
     let mut tags = BTreeMap::from([
@@ -222,10 +223,18 @@ fn hexadecimal(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Keeps records that mean nothing here as tags, in hexadecimal digits, as long as they are short.
-fn keep_records(records: &[VariableRecord], crs_is_lost: bool, tags: &mut BTreeMap<String, String>) {
+/// Keeps records that mean nothing here as tags, in hexadecimal digits, as long as they are short; returns remarks on those that are not kept.
+fn keep_records(
+    records: &[VariableRecord],
+    crs_is_lost: bool,
+    tags: &mut BTreeMap<String, String>,
+) -> Vec<String> {
     let mut left = MOST_KEPT;
-    for VariableRecord { user, number, data } in records {
+    let mut losses = Vec::new();
+    if crs_is_lost {
+        losses.push("tells its coordinate system in a way that cannot be read; say it with --crs".into());
+    }
+    for VariableRecord { user, number, length, data } in records {
         let is_known = match user.as_str() {
             "laszip encoded" => true,
             // (Their offsets mean nothing in another file.)
@@ -234,9 +243,15 @@ fn keep_records(records: &[VariableRecord], crs_is_lost: bool, tags: &mut BTreeM
             "LASF_Projection" => !crs_is_lost,
             _ => false,
         };
-        if !is_known && data.len() <= left {
+        if is_known {
+            continue;
+        }
+        if data.len() as u64 == *length && data.len() <= left {
             left -= data.len();
             tags.insert(format!("las.record.{user}.{number}"), hexadecimal(data));
+        } else {
+            losses.push(format!("has a record {number} of {user}, of {length} bytes, which is not kept"));
         }
     }
+    losses
 }

@@ -57,6 +57,7 @@ impl LasReader {
             count: Some(header.points),
             crs: header.crs,
             tags: header.tags,
+            losses: header.losses,
         };
         Ok(LasReader { path: path.to_path_buf(), schema, points, left: header.points })
     }

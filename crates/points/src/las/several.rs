@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::read::LasReader;
-use crate::attribute::{Attribute, PLACE_BYTES, RowLayout, place_of};
+use crate::attribute::{PLACE_BYTES, PointAttribute, RowLayout, place_of};
 use crate::source::{PointSchema, PointSource, both_bounds};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
@@ -12,7 +12,7 @@ use spinney_crs::Crs;
 pub struct LasFiles {
     paths: Vec<PathBuf>,
     schema: PointSchema,
-    is_rounded: bool,
+    remarks: Vec<(PathBuf, String)>,
     /// The file that is being read; `None` before the first and behind the last.
     open: Option<LasReader>,
     /// The number of the next one.
@@ -48,29 +48,40 @@ impl LasFiles {
             }
             schema.layout = RowLayout::packed(attributes);
         }
-        let mut bounds = None;
-        let mut is_rounded = false;
-        for other in &schemas {
+        let (mut bounds, mut remarks) = (None, Vec::new());
+        for (other, other_path) in schemas.iter().zip(paths) {
             let corners = other.bounds.map(|place| moved(other, &schema, place));
             let [Some(least), Some(most)] = corners else {
                 return Err(one_by_one("points that lie too far apart for one grid".into()));
             };
             bounds = both_bounds(bounds, Some([least, most]));
-            is_rounded |= !is_on_grid(other, &schema);
+            let mut remark = |text: &str| remarks.push((other_path.clone(), text.to_owned()));
+            if !is_on_grid(other, &schema) {
+                remark(
+                    "lies beside the finest grid of all files: its points are moved by at most half of a step",
+                );
+            }
+            if other.tags != first.tags {
+                remark("says other things of its points than the first file, whose words are kept");
+            }
+            if other.layout.position("wavepacket_index").is_some() {
+                remark("has waves, of which the points keep where they stand in the file, and no samples");
+            }
+            other.losses.iter().for_each(|loss| remark(loss));
         }
         schema.bounds = bounds.unwrap_or(schema.bounds);
         schema.count = schemas.iter().map(|other| other.count).sum();
-        Ok(LasFiles { paths: paths.to_vec(), schema, is_rounded, open: None, next: 0, rows: Vec::new() })
+        Ok(LasFiles { paths: paths.to_vec(), schema, remarks, open: None, next: 0, rows: Vec::new() })
     }
 
-    /// Whether places are rounded to the grid, by at most half of its steps: those of files whose grid has others.
-    pub fn is_rounded(&self) -> bool {
-        self.is_rounded
+    /// Remarks on what is not as it is in the files, each with its file.
+    pub fn remarks(&self) -> Vec<(PathBuf, String)> {
+        self.remarks.clone()
     }
 }
 
 /// Adds an attribute to others, unless it is there; fails if there is one of its name of another type.
-fn add_attribute(attributes: &mut Vec<Attribute>, attribute: &Attribute) -> Result<(), String> {
+fn add_attribute(attributes: &mut Vec<PointAttribute>, attribute: &PointAttribute) -> Result<(), String> {
     match attributes.iter().find(|other| other.name == attribute.name) {
         None => attributes.push(attribute.clone()),
         Some(other) if other.sample == attribute.sample && other.scale_offset == attribute.scale_offset => {}

@@ -6,7 +6,7 @@ use std::path::Path;
 use las::{Version, raw};
 
 use super::format::{MOST_FORMAT, describe_extra, record_bytes, record_layout};
-use crate::attribute::{Attribute, RowLayout};
+use crate::attribute::{PointAttribute, RowLayout};
 use crate::grid::PointGrid;
 use crate::source::{both_bounds, bounds_of};
 use crate::store::PointTree;
@@ -61,7 +61,7 @@ impl Fields {
 /// An attribute to be written, and the least and the greatest of its numbers.
 #[derive(Clone, Copy)]
 struct Written<'t> {
-    attribute: &'t Attribute,
+    attribute: &'t PointAttribute,
     least: i64,
     most: i64,
 }

@@ -6,7 +6,7 @@ mod nearest;
 mod region;
 mod select;
 
-pub use condition::{PointCondition, PointRelation};
+pub use condition::{PointCondition, Relation};
 pub use nearest::NearPoint;
 pub use region::PointRegion;
 pub use select::{ColumnSummary, PointColumns, PointStatistics, Selection};

@@ -18,7 +18,7 @@ pub struct NearPoint {
     pub number: (u32, u32),
 }
 
-/// What a search needs to know of a node.
+/// A node, as a search knows it.
 struct NearNode {
     /// The node behind all below it, in preorder.
     end: u32,

@@ -2,7 +2,7 @@
 
 use super::condition::PointCondition;
 use super::region::{GridRegion, PointRegion};
-use crate::attribute::{Attribute, bytes_of, to_f64};
+use crate::attribute::{PointAttribute, bytes_of, to_f64};
 use crate::grid::PointGrid;
 use crate::statistics::Statistics;
 use crate::store::{PointNode, PointTree};
@@ -17,7 +17,7 @@ pub struct Selection {
     pub region: PointRegion,
     /// The deepest level whose points are asked for; `None` for all.
     pub level: Option<u8>,
-    /// What must hold for their attributes.
+    /// Conditions that hold for their attributes.
     pub conditions: Vec<PointCondition>,
 }
 
@@ -52,7 +52,13 @@ impl PointColumns {
 
     /// Appends a row for each point: x, y and z in the coordinates of the points as doubles, then some attributes, each as its type is, or as a double if it has scale
     /// and offset; little-endian.
-    pub fn rows(&self, grid: &PointGrid, attributes: &[Attribute], chosen: &[usize], bytes: &mut Vec<u8>) {
+    pub fn rows(
+        &self,
+        grid: &PointGrid,
+        attributes: &[PointAttribute],
+        chosen: &[usize],
+        bytes: &mut Vec<u8>,
+    ) {
         for point in 0..self.len() {
             let world = grid.to_world(self.place(point));
             world.iter().for_each(|number| bytes.extend_from_slice(&number.to_le_bytes()));
@@ -73,13 +79,13 @@ impl PointColumns {
 
     /// The quantity that an attribute of a point is.
     #[inline]
-    pub fn quantity(&self, attributes: &[Attribute], attribute: usize, point: usize) -> f64 {
+    pub fn quantity(&self, attributes: &[PointAttribute], attribute: usize, point: usize) -> f64 {
         let attributes = &attributes[attribute];
         attributes.quantity(to_f64(attributes.sample, self.columns[3 + attribute][point]))
     }
 }
 
-/// What is known of many points.
+/// Statistics of many points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointStatistics {
     /// Number of points.
@@ -89,7 +95,7 @@ pub struct PointStatistics {
     pub columns: Vec<Option<ColumnSummary>>,
 }
 
-/// What is known of a column.
+/// Statistics of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColumnSummary {
     /// Number of those that are numbers.
@@ -103,7 +109,7 @@ pub struct ColumnSummary {
 }
 
 impl PointStatistics {
-    fn of(statistics: &Statistics, grid: &PointGrid, attributes: &[Attribute]) -> PointStatistics {
+    fn of(statistics: &Statistics, grid: &PointGrid, attributes: &[PointAttribute]) -> PointStatistics {
         let summary = |(column, found): (usize, &crate::statistics::ColumnStatistics)| {
             if found.count == 0 {
                 return None;

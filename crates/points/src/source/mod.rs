@@ -17,7 +17,7 @@ pub use world::{GriddedPoints, WorldPoints};
 /// Description of points that come in.
 #[derive(Clone, Debug)]
 pub struct PointSchema {
-    /// What stands in a row.
+    /// The layout of rows.
     pub layout: RowLayout,
     /// Whether z counts as one of the axes.
     pub dimension: Dimension,
@@ -33,6 +33,8 @@ pub struct PointSchema {
     pub crs: Option<Crs>,
     /// Anything else that is said of the points.
     pub tags: BTreeMap<String, String>,
+    /// Remarks on what their file says and is not kept.
+    pub losses: Vec<String>,
 }
 
 impl PointSchema {
@@ -48,6 +50,7 @@ impl PointSchema {
             count: None,
             crs: None,
             tags: BTreeMap::new(),
+            losses: Vec::new(),
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{PointSchema, PointSource};
-use crate::attribute::{Attribute, RowLayout};
+use crate::attribute::{PointAttribute, RowLayout};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
@@ -11,7 +11,7 @@ use spinney_crs::Crs;
 /// Points that come in as doubles, and can be gone through more than once.
 pub trait WorldPoints {
     /// The attributes of points. Their numbers are in the order of [`ordered_number`](crate::ordered_number).
-    fn attributes(&self) -> &[Attribute];
+    fn attributes(&self) -> &[PointAttribute];
 
     /// Whether z counts as one of the axes.
     fn dimension(&self) -> Dimension;
@@ -35,7 +35,7 @@ pub trait WorldPoints {
     fn rewind(&mut self) -> Result<()>;
 }
 
-/// What coordinates along an axis are like.
+/// Extremes, digits and bits of the coordinates along an axis.
 #[derive(Clone, Copy)]
 struct Axis {
     least: f64,

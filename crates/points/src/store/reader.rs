@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::list::List;
 use super::summary::Summary;
 use super::writer::{BLOCK_ENTRY, BLOCKS, BlockEntry, METADATA, NODES, SUMMARY};
-use crate::attribute::{Attribute, RowLayout};
+use crate::attribute::{PointAttribute, RowLayout};
 use crate::codec::{BlockLayout, MOST_POINTS, decode};
 use crate::grid::PointGrid;
 use crate::statistics::{Statistics, statistics_bytes};
@@ -187,7 +187,7 @@ impl PointTree {
     }
 
     /// The attributes of points.
-    pub fn attributes(&self) -> &[Attribute] {
+    pub fn attributes(&self) -> &[PointAttribute] {
         &self.layout.attributes
     }
 

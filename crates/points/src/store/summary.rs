@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::attribute::{Attribute, RowLayout};
+use crate::attribute::{PointAttribute, RowLayout};
 use crate::build::BuildSummary;
 use crate::build::Encoder;
 use crate::codec::MOST_POINTS;
@@ -20,7 +20,7 @@ const VERSION: u32 = 1;
 /// Attributes of points at most.
 pub(crate) const MOST_ATTRIBUTES: usize = 4096;
 
-/// What the points of a file are.
+/// Description of the points of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Summary {
     /// Number of points, and of those at the place of another one.
@@ -36,7 +36,7 @@ pub(crate) struct Summary {
     pub attributes: Vec<StoredAttribute>,
 }
 
-/// An attribute: see [`Attribute`].
+/// An attribute: see [`PointAttribute`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct StoredAttribute {
     pub name: String,
@@ -50,9 +50,9 @@ fn config() -> impl bincode::config::Config {
 }
 
 impl Summary {
-    /// What an encoder's blocks are.
+    /// The description of an encoder's blocks.
     pub(crate) fn new(encoder: &Encoder, leaf_size: usize, summary: BuildSummary) -> Summary {
-        let attribute = |attribute: &Attribute| StoredAttribute {
+        let attribute = |attribute: &PointAttribute| StoredAttribute {
             name: attribute.name.clone(),
             sample: attribute.sample as u8,
             scale_offset: attribute.scale_offset,
@@ -121,7 +121,7 @@ impl Summary {
             let sample = SampleType::ALL.get(usize::from(stored.sample)).copied();
             let sample = sample.ok_or_else(|| corrupt(format!("sample type {}", stored.sample), "0 to 9"))?;
             let StoredAttribute { name, scale_offset, description, .. } = stored.clone();
-            Ok(Attribute { name, sample, scale_offset, description })
+            Ok(PointAttribute { name, sample, scale_offset, description })
         };
         let attributes = summary.attributes.iter().map(attribute).collect::<Result<Vec<_>>>()?;
         let Summary { scale, offset, corner, bits, .. } = summary.clone();

@@ -78,7 +78,7 @@ impl PointTree {
         Ok(findings)
     }
 
-    /// What is known of a block's points, and what is wrong with them.
+    /// Statistics of a block's points, and problems with them.
     fn check_block(&self, block: usize) -> Result<(Statistics, Vec<String>)> {
         let entry = self.entry(block);
         let columns = self.block(block, &vec![true; self.columns()])?;

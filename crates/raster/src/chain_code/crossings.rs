@@ -1,4 +1,4 @@
-//! What chains have in each row, sorted: in memory as long as there is room, else in a temporary file.
+//! Crossings of chains with each row, sorted: in memory as long as there is room, else in a temporary file.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -10,7 +10,7 @@ use zerocopy::IntoBytes;
 use spinney_base::io::platform::{read_exact_at, write_all_at};
 use spinney_base::{Error, Result, sort};
 
-/// What happens from a cell of a row on.
+/// A change from a cell of a row on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
     /// A chain is crossed: what was outside is inside.

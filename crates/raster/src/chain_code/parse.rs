@@ -15,7 +15,7 @@ const BODY: [&str; 5] = ["region", "part", "hole", "line", "end"];
 /// Colours that a palette has at most.
 const MOST_COLOURS: usize = 1 << 16;
 
-/// What a text tells before its chains.
+/// The head of a text, before its chains.
 pub(super) struct Head {
     pub(super) directions: ChainDirections,
     /// Columns and rows, where the text tells them.

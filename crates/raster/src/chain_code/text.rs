@@ -109,7 +109,7 @@ impl Text {
         self.wrong_in(self.line, found, expected)
     }
 
-    /// The same of another line.
+    /// The error of another line.
     pub(super) fn wrong_in(&self, line: u64, found: &str, expected: &str) -> Error {
         Error::corrupt(&self.path, format!("line {line}"), found, expected)
     }

@@ -15,7 +15,7 @@ const BLOCK: u64 = 64;
 /// Cells along a side of the largest cubes that are read at once: room for all threads.
 const MOST: u64 = 256;
 
-/// What an array's samples are, and how they lie in a file: those of a cell together, x fastest, then y, then z.
+/// Samples of an array, as they lie in a file: those of a cell together, x fastest, then y, then z.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ArrayLayout {
     /// Cells along x, y and z.

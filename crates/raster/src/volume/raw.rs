@@ -10,7 +10,7 @@ use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 
-/// What the bytes of a file are that does not tell it: samples one after the other, those of a cell together, x fastest, then y, then z.
+/// Layout of the bytes of a file that does not tell it: samples one after the other, those of a cell together, x fastest, then y, then z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct RawLayout {

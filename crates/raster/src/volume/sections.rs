@@ -29,7 +29,7 @@ pub(super) struct Sections {
     sections: Vec<Section>,
     /// Files in folders of sections that are no pictures.
     pub(super) others: u64,
-    /// What is known of the first, which holds for all but for their words.
+    /// Facts of the first, which hold for all but for their words.
     pub(super) info: RasterInfo,
     pub(super) layout: ArrayLayout,
     memory: u64,
@@ -114,7 +114,7 @@ impl Sections {
     }
 }
 
-/// What sections have in common, in words.
+/// Facts that sections share, in words.
 fn about(info: &RasterInfo) -> String {
     format!("{} x {} pixels of {} channels of {}", info.width, info.height, info.channels, info.stored_sample)
 }

@@ -6,7 +6,8 @@ use std::str::FromStr;
 
 use super::feature::FeatureAttribute;
 use spinney_base::{Error, Result};
-use spinney_points::{Attribute, PointCondition, PointRelation, position};
+pub use spinney_points::Relation;
+use spinney_points::{PointAttribute, PointCondition, position};
 
 /// Comparisons of attributes, all of which must hold.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -27,23 +28,6 @@ pub struct AttributeCondition {
     pub relation: Relation,
     /// The value, as text.
     pub value: String,
-}
-
-/// How a value compares with another one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Relation {
-    /// `=`.
-    Equal,
-    /// `!=`: whenever `=` does not hold.
-    Unequal,
-    /// `<`.
-    Less,
-    /// `<=`.
-    AtMost,
-    /// `>`.
-    Greater,
-    /// `>=`.
-    AtLeast,
 }
 
 /// Signs of relations, the longer ones first.
@@ -141,21 +125,14 @@ impl FeatureFilter {
     ///
     /// # Errors
     /// If there is no attribute of a name, or a value is no number.
-    pub fn for_points(&self, attributes: &[Attribute]) -> Result<Vec<PointCondition>> {
+    pub fn for_points(&self, attributes: &[PointAttribute]) -> Result<Vec<PointCondition>> {
         let condition = |condition: &AttributeCondition| {
             let number = condition.value.parse().map_err(|_| {
                 let expected = format!("a number, with which {} is compared", condition.name);
                 Error::invalid("condition", format!("`{condition}`"), expected)
             })?;
-            let relation = match condition.relation {
-                Relation::Equal => PointRelation::Equal,
-                Relation::Unequal => PointRelation::Unequal,
-                Relation::Less => PointRelation::Less,
-                Relation::AtMost => PointRelation::AtMost,
-                Relation::Greater => PointRelation::Greater,
-                Relation::AtLeast => PointRelation::AtLeast,
-            };
-            Ok(PointCondition { attribute: position(attributes, &condition.name)?, relation, number })
+            let attribute = position(attributes, &condition.name)?;
+            Ok(PointCondition { attribute, relation: condition.relation, number })
         };
         self.conditions.iter().map(condition).collect()
     }

@@ -22,4 +22,4 @@ mod wkb;
 mod wkt;
 pub mod zones;
 
-pub use points::{FeaturePoints, open_feature_points};
+pub use points::plan_point_files;

@@ -3,30 +3,34 @@
 use std::path::{Path, PathBuf};
 
 use super::feature::{
-    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, open_features,
+    AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader,
+    is_feature_file, open_features,
 };
 use spinney_base::space::Dimension;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
-use spinney_points::{Attribute, GriddedPoints, WorldPoints, ordered_number};
+use spinney_points::{
+    GriddedPoints, PointAttribute, PointImport, PointImportOptions, WorldPoints, ordered_number, plan_las,
+    plan_points,
+};
 
 /// The name of the attribute that is the third coordinate, in any case of letters.
 const HEIGHT: &str = "z";
 
 /// Points of a file of features, on a grid, and what is to be said of them.
-pub struct FeaturePoints {
+struct FeaturePoints {
     /// The points.
-    pub points: GriddedPoints,
+    points: GriddedPoints,
     /// Names of attributes that are left out, since they are no numbers.
-    pub left_out: Vec<String>,
+    left_out: Vec<String>,
     /// Features whose points have heights or measures, which are read over.
-    pub with_heights: u64,
+    with_heights: u64,
 }
 
 impl FeaturePoints {
     /// Remarks on what is not as it was in the file.
-    pub fn remarks(&self) -> Vec<String> {
+    fn remarks(&self) -> Vec<String> {
         let mut remarks = Vec::new();
         if !self.left_out.is_empty() {
             remarks
@@ -43,12 +47,45 @@ impl FeaturePoints {
     }
 }
 
+/// Plans a tree of points of files: of LAS and LAZ, one or several, or of one file of features; of points for which the filter's conditions hold.
+///
+/// # Errors
+/// Those of [`plan_las`] and of reading features; if a feature is no point, or there are several files of features.
+pub fn plan_point_files(
+    paths: &[PathBuf],
+    features: &FeatureOptions,
+    options: &PointImportOptions,
+) -> Result<PointImport> {
+    let filter = &features.filter;
+    let mut import = match paths {
+        [path] if is_feature_file(path) => {
+            let found = open_feature_points(path, features)?;
+            let remarks = found.remarks();
+            let mut import = plan_points(Box::new(found.points), paths, Vec::new(), options)?;
+            remarks.into_iter().for_each(|remark| import.add_remark(path, remark));
+            import
+        }
+        [path, ..] if is_feature_file(path) => {
+            return Err(Error::unsupported(
+                path,
+                "points of several files of features",
+                "build a tree of each",
+            ));
+        }
+        _ => plan_las(paths, &mut |attributes| filter.for_points(attributes), options)?,
+    };
+    if !filter.conditions.is_empty() {
+        import.add_provenance(format!("points where {filter}"));
+    }
+    Ok(import)
+}
+
 /// Opens a file of features that are points. An attribute `z` is their third coordinate; other numbers, and truths, are attributes in the smallest type that
 /// has them all, doubles where some features have none.
 ///
 /// # Errors
 /// Those of [`open_features`]; if a feature is no point.
-pub fn open_feature_points(path: &Path, options: &FeatureOptions) -> Result<FeaturePoints> {
+fn open_feature_points(path: &Path, options: &FeatureOptions) -> Result<FeaturePoints> {
     let survey = Survey::of(path, options)?;
     let Survey { attributes, columns, height, left_out, with_heights } = survey;
     let reader = open_features(path, options)?;
@@ -69,9 +106,9 @@ pub fn open_feature_points(path: &Path, options: &FeatureOptions) -> Result<Feat
     Ok(FeaturePoints { points, left_out, with_heights })
 }
 
-/// What the attributes of all features are.
+/// Attributes of all features.
 struct Survey {
-    attributes: Vec<Attribute>,
+    attributes: Vec<PointAttribute>,
     /// Their places among those of the features.
     columns: Vec<usize>,
     /// The place of the third coordinate.
@@ -80,7 +117,7 @@ struct Survey {
     with_heights: u64,
 }
 
-/// What the values of an attribute are.
+/// Range of the values of an attribute.
 #[derive(Clone, Copy)]
 struct Column {
     least: i64,
@@ -132,7 +169,7 @@ impl Survey {
         {
             match is_number(*kind) || *kind == AttributeType::Boolean {
                 true => {
-                    attributes.push(Attribute::new(name.clone(), found[place].sample()));
+                    attributes.push(PointAttribute::new(name.clone(), found[place].sample()));
                     columns.push(place);
                 }
                 false => left_out.push(name.clone()),
@@ -171,7 +208,7 @@ struct Points {
     path: PathBuf,
     options: FeatureOptions,
     reader: Box<dyn FeatureReader>,
-    attributes: Vec<Attribute>,
+    attributes: Vec<PointAttribute>,
     columns: Vec<usize>,
     height: Option<usize>,
     crs: Option<Crs>,
@@ -217,7 +254,7 @@ impl Points {
 }
 
 impl WorldPoints for Points {
-    fn attributes(&self) -> &[Attribute] {
+    fn attributes(&self) -> &[PointAttribute] {
         &self.attributes
     }
 
