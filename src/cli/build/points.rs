@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use spinney::import::feature::{FeatureOptions, is_feature_file, open_feature_points};
+use spinney::import::feature::{is_feature_file, open_feature_points};
 use spinney::points::{BuildOptions, ImportOptions, PointImport, is_las_file, plan_las, plan_points};
 
 use super::super::points::conditions;
@@ -50,8 +50,7 @@ pub(super) fn plan(
         return Ok(plan_las(inputs, &mut |attributes| conditions(&filter, attributes), &options)?);
     }
     let [input] = inputs else { bail!("--index: a tree has the features of one file; build a tree of each") };
-    let layer = pictures.layer.clone();
-    let found = open_feature_points(input, &FeatureOptions { filter, layer, ..FeatureOptions::default() })?;
+    let found = open_feature_points(input, &features.kept(pictures.layer.clone()))?;
     if !found.left_out.is_empty() {
         warn(&format!(
             "{}: attributes that are no numbers are left out: {}",
