@@ -58,6 +58,7 @@
 //! | `export` | pictures, arrays, tiles, meshes, renderings, lines and polygons out |
 //! | `style` | how values become colours, whatever is drawn |
 //! | `brep` | exact models: planar faces on an integer grid, their files, set operations, and what can be asked of them |
+//! | `lines` | trees of lines, their files, and what can be asked of them |
 //! | `points` | trees of points, their files, and what can be asked of them; LAS and LAZ |
 //! | `geometry` | polygons with holes on an integer grid: triangles, bridges, sections with octants |
 //! | `partitions` | trees that divide in two: bintrees, and BSP trees of the plane and of space |
@@ -76,8 +77,9 @@
 //! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
+//! | `lines` | trees of lines |
 //! | `points` | trees of points; readers and writers of LAS and LAZ |
-//! | `vector` | readers and writers of features (with `brep` and `points`) |
+//! | `vector` | readers and writers of features (with `brep`, `lines` and `points`) |
 //! | `mbtiles` | MBTiles archives and GeoPackages: SQLite, which needs a C compiler (with `raster` and `vector`) |
 //! | `meshopt` | compressed glTF (with `mesh`) |
 //! | `flatgeobuf` | features in FlatGeobuf (with `vector`) |
@@ -263,6 +265,18 @@ pub mod points {
     pub use spinney_vector::{CellRule, PointRaster, rasterize_points};
 }
 
+/// Trees of lines: each piece of a line once, in the deepest node that is no smaller than it and has its middle, and the features with their attributes.
+#[cfg(feature = "lines")]
+pub mod lines {
+    pub use spinney_lines::memory;
+    pub use spinney_lines::{
+        BuildOptions, BuildSummary, Crossing, LevelTotals, LineAttribute, LineFeature, LineGrid, LineSchema,
+        LineSource, LineTree, LineValue, LinesInMemory, NearLine, ValueKind, build, is_line_file,
+    };
+    #[cfg(feature = "vector")]
+    pub use spinney_vector::{JoinSummary, export_lines, join_nearest_lines};
+}
+
 /// Solids of primitives that are moved and combined, as a text tells them: octrees, and exact models.
 #[cfg(feature = "csg")]
 pub mod csg {
@@ -309,10 +323,10 @@ pub mod import {
             is_feature_file, open_features,
         };
         pub use spinney_vector::import::filter::{AttributeCondition, FeatureFilter, Relation};
-        pub use spinney_vector::import::plan_point_files;
         pub use spinney_vector::import::zones::{
             FoundPolygons, PolygonLayer, PolygonReader, parse_polygons, read_polygons,
         };
+        pub use spinney_vector::import::{FeatureLines, open_feature_lines, plan_point_files};
         pub use spinney_vector::objects::choose_objects;
         pub use spinney_vector::zonal::FeatureZones;
     }

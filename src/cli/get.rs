@@ -17,6 +17,7 @@ use super::args::{
     OutputFile, PartOptions, Size, Slice, ViewedTree, check_output, level_of, numbers, parse_size,
     parse_slice, parse_style, picture_format,
 };
+use super::lines;
 use super::points::{self, PointPlaces};
 use super::report::{Work, report_output};
 
@@ -44,7 +45,9 @@ top, arrays the lowest first. Its --window counts so, too. An octree without --s
 three dimensions, z, y, x, in .npy, .nrrd and .raw files; .nrrd has its place, units and tags, too.
 
 Of trees of points (.las, .laz, .csv, .ply, .npy) a window is least and greatest coordinates, and --level N those points that are spread
-evenly at that level and above: each deeper level adds some.";
+evenly at that level and above: each deeper level adds some.
+
+Of trees of lines (.geojson, .gpkg, .fgb, .shp, .csv, .svg, .obj, .ply) come the whole features of which a line passes through the window.";
 
 /// Write any part at any level of detail as a picture or array
 #[derive(clap::Args)]
@@ -73,11 +76,11 @@ pub(crate) struct Args {
     slice: Option<Slice>,
     #[command(flatten)]
     places: PointPlaces,
-    /// Attributes of points that are written, as in intensity,classification [default: all]
+    /// Attributes of points or lines that are written, as in intensity,classification [default: all]
     #[arg(long, value_name = "NAME,...")]
     attribute: Option<String>,
-    /// Format where the output's name does not say; points have las, laz, csv, ply and npy
-    #[arg(long, value_parser = ["png", "tif", "exr", "npy", "nrrd", "raw", "las", "laz", "csv", "ply"])]
+    /// Format where the output's name does not say; points have las, laz, csv, ply and npy, lines geojson, csv, svg, gpkg, fgb, shp, obj and ply
+    #[arg(long, value_parser = ["png", "tif", "exr", "npy", "nrrd", "raw", "las", "laz", "csv", "ply", "geojson", "svg", "gpkg", "fgb", "shp", "obj"])]
     format: Option<String>,
     /// Number that means VOID
     #[arg(long, allow_hyphen_values = true)]
@@ -101,6 +104,23 @@ fn parse_range(text: &str) -> Result<[f64; 2], String> {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let path = args.output.path();
+    if let Some(tree) = lines::open(&args.tree.file)? {
+        let given = [
+            ("--level", args.level.is_some()),
+            ("--size", args.size.is_some()),
+            ("--slice", args.slice.is_some()),
+            ("--nodata", args.nodata.is_some()),
+            ("--style", args.style.is_some()),
+            ("--range", args.range.is_some()),
+            ("--view", args.tree.is_viewed()),
+        ];
+        lines::refuse(&args.tree.file, &given)?;
+        if let Some(option) = args.places.given() {
+            bail!("{option}: is for trees of points");
+        }
+        let format = args.format.as_deref();
+        return lines::get(&tree, &args.part, (path, format), args.attribute.as_deref(), global);
+    }
     if let Some(tree) = points::open(&args.tree.file)? {
         let given = [
             ("--size", args.size.is_some()),
@@ -122,7 +142,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     let of_points = args.places.given().or(args.attribute.as_ref().map(|_| "--attribute"));
     if let Some(option) = of_points {
-        bail!("{option}: is for trees of points");
+        bail!("{option}: is for trees of points and of lines");
     }
     let format = picture_format(path, args.format.as_deref(), ".png, .tif, .exr, .npy, .nrrd or .raw");
     // What is drawn has layers as colours; what has values has them as bands.

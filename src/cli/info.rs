@@ -18,7 +18,7 @@ use super::args::LayerOption;
 use super::report::statistics::{channels_as_json, class_as_json};
 use super::report::unit::{behind_number, unit};
 use super::report::{commit, print_json, print_text, shortened};
-use super::{exact, open, points};
+use super::{exact, lines, open, points};
 
 const EXAMPLES: &str = "Examples:
   spinney info world.goblin
@@ -53,6 +53,9 @@ fn describe(args: &Args) -> Result<()> {
         exact::refuse(&args.file, &[("--levels", args.levels)])?;
         exact::info(&model, args.json)?;
         return Ok(model.check_unchanged()?);
+    }
+    if let Some(tree) = lines::open(&args.file)? {
+        return lines::info(&tree, args.levels, args.json);
     }
     if let Some(tree) = points::open(&args.file)? {
         points::refuse(&args.file, &[("--levels", args.levels)])?;

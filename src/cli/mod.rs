@@ -18,6 +18,7 @@ mod find;
 mod get;
 mod info;
 mod legend;
+mod lines;
 mod log;
 mod overlay;
 mod point;

@@ -15,7 +15,7 @@ use spinney::value::{Number, SampleType};
 use super::args::{CoordinatesOption, ViewedTree, level_of};
 use super::exact::PointQuestion;
 use super::report::{printable_json, warn};
-use super::{Global, exact, points};
+use super::{Global, exact, lines, points};
 
 const EXAMPLES: &str = "Examples:
   spinney point relief.goblin 7.66,45.98
@@ -58,10 +58,11 @@ pub(crate) struct Args {
     /// Distance from the surface of an exact model, negative inside, instead of where points lie
     #[arg(long)]
     distance: bool,
-    /// Number of the points of a tree of points that are nearest to each place; a line has the place's number, the distance and the coordinates [default: 1]
+    /// Ask for the nearest ones of a tree of points or of lines: so many points, or features, for each place; a line has the place's number, the distance and
+    /// the coordinates, of lines those of the nearest place and the feature's number, from 0 [default: 1]
     #[arg(long, value_name = "K")]
     nearest: Option<usize>,
-    /// Distance within which points of a tree of points are looked for [default: any]
+    /// Distance within which points or lines of such a tree are looked for [default: any]
     #[arg(long, value_name = "DISTANCE")]
     radius: Option<f64>,
     /// Places where rays X,Y,Z,DX,DY,DZ pass through the surface of an exact model: first or all
@@ -93,6 +94,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             None => exact::points(&view, &args.points, args.question()),
         };
     }
+    if let Some(tree) = lines::open(&args.tree.file)? {
+        let given = [("--level", args.level.is_some()), ("--json", args.json), ("--object", args.object)];
+        lines::refuse(&args.tree.file, &given)?;
+        let within = args.radius.unwrap_or(f64::INFINITY);
+        return lines::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
+    }
     if let Some(tree) = points::open(&args.tree.file)? {
         let given = [("--level", args.level.is_some()), ("--json", args.json), ("--object", args.object)];
         points::refuse(&args.tree.file, &given)?;
@@ -101,7 +108,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     ensure!(
         args.nearest.is_none() && args.radius.is_none(),
-        "--nearest and --radius are for trees of points"
+        "--nearest and --radius are for trees of points and of lines"
     );
     let is_of_models = args.distance || args.object || args.rays.is_some();
     ensure!(!is_of_models, "--object, --distance and --rays are for exact models");

@@ -7,6 +7,7 @@ use anyhow::Result;
 use spinney::Error;
 use spinney::brep::{ExactModel, is_model_file};
 use spinney::export::tiles::{is_tile_archive, verify_tiles};
+use spinney::lines::{LineTree, is_line_file};
 use spinney::points::{PointTree, is_point_file};
 
 use super::Global;
@@ -45,6 +46,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
             verify_tiles(file, &work)
         } else if is_model_file(file) {
             ExactModel::open(file, &Default::default()).and_then(|model| model.verify(DEFAULT_MEMORY, &work))
+        } else if is_line_file(file) {
+            LineTree::open(file, &Default::default()).and_then(|tree| tree.verify(DEFAULT_MEMORY, &work))
         } else if is_point_file(file) {
             PointTree::open(file, &Default::default()).and_then(|tree| tree.verify(&work))
         } else {

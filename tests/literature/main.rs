@@ -8,4 +8,5 @@ mod bsp;
 mod chain_codes;
 #[cfg(feature = "csg")]
 mod csg;
+mod lines;
 mod points;

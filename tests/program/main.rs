@@ -28,6 +28,8 @@ mod cli_isosurfaces;
 mod cli_labels;
 #[cfg(feature = "cli")]
 mod cli_layers;
+#[cfg(feature = "cli")]
+mod cli_lines;
 mod cli_meshes;
 mod cli_octree_combine;
 mod cli_octree_transform;

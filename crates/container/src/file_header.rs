@@ -24,6 +24,8 @@ pub enum Content {
     Model = 2,
     /// A tree of points.
     Points = 3,
+    /// A tree of lines.
+    Lines = 4,
 }
 
 /// The first 24 bytes of a file, which the trailer of a Goblin file repeats.
@@ -90,6 +92,10 @@ impl FileHeader {
                 let advice = "make a raster of it first (`spinney transform POINTS.goblin -o OUT.goblin raster=mean,cell=1`)";
                 Err(Error::unsupported(path, "a tree of points, where cells are expected,", advice))
             }
+            Content::Lines => {
+                let advice = "write its features first (`spinney get LINES.goblin LINES.geojson`), and build a tree of cells of them";
+                Err(Error::unsupported(path, "a tree of lines, where cells are expected,", advice))
+            }
         }
     }
 
@@ -150,6 +156,7 @@ impl FileHeader {
             (0, _) => Content::Cells,
             (2, TreeFormat::Goblin) => Content::Model,
             (3, TreeFormat::Goblin) => Content::Points,
+            (4, TreeFormat::Goblin) => Content::Lines,
             (other, _) => {
                 let advice = "read it with a program as new as the file";
                 return Err(Error::unsupported(path, format!("content number {other}"), advice));

@@ -34,7 +34,7 @@ pub(super) struct FeatureArgs {
     /// --brep objects of models, and their parts: id and type count as attributes
     #[arg(long = "where", value_name = "CONDITION,...")]
     pub(super) filter: Option<FeatureFilter>,
-    /// Keep features as they are, in a tree of points, instead of making cells of them
+    /// Keep features as they are, in a tree of points or of lines, instead of making cells of them
     #[arg(long, value_name = "KIND")]
     pub(super) index: Option<Index>,
 }
@@ -44,6 +44,8 @@ pub(super) struct FeatureArgs {
 pub(super) enum Index {
     /// A tree of points.
     Points,
+    /// A tree of lines.
+    Lines,
 }
 
 impl FeatureArgs {
@@ -63,6 +65,11 @@ impl FeatureArgs {
     /// An option that was given, which makes no sense for points.
     pub(super) fn not_of_points(&self) -> Option<&'static str> {
         self.given().filter(|option| !["--where", "--index"].contains(option))
+    }
+
+    /// How features are read that are kept as they are.
+    pub(super) fn kept(&self, layer: Option<String>) -> FeatureOptions {
+        FeatureOptions { layer, filter: self.filter.clone().unwrap_or_default(), ..FeatureOptions::default() }
     }
 
     /// Whether some inputs are files of features.

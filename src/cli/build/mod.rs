@@ -4,6 +4,7 @@ mod bintree;
 mod csg;
 mod exact;
 mod features;
+mod lines;
 mod pictures;
 mod points;
 mod solids;
@@ -30,15 +31,16 @@ use spinney::store::{check_tree_name, file_is_tree};
 use self::bintree::BintreeImport;
 use self::csg::PrimitivesImport;
 use self::exact::ExactImport;
-use self::features::FeatureArgs;
+use self::features::{FeatureArgs, Index};
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use self::tree::TreeImport;
 use super::args::{Memory, OutputLimit, Packing, check_output, expand_lists, parse_crs};
+use super::lines::LineImport;
 use super::report::{Work, report_built};
 use super::{Global, open};
 
-/// Make a tree of a picture, or of several on one grid, of a volume, of models of solids, of features, or of points.
+/// Make a tree of a picture, or of several on one grid, of a volume, of models of solids, of features, of points, or of lines.
 ///
 /// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one file that
 /// holds them at every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can
@@ -183,6 +185,7 @@ enum Import {
     Primitives(PrimitivesImport),
     Features(Box<FeatureImport>),
     Points(Box<PointImport>),
+    Lines(Box<LineImport>),
     Tree(Box<TreeImport>),
     Bintree(Box<BintreeImport>),
 }
@@ -210,6 +213,7 @@ impl Import {
             Import::Primitives(import) => import.description(),
             Import::Features(import) => import.description(),
             Import::Points(import) => import.description(),
+            Import::Lines(import) => import.description(),
             Import::Tree(import) => import.description(),
             Import::Bintree(import) => import.description(),
         }
@@ -220,6 +224,7 @@ impl Import {
         match self {
             Import::Exact(_) => "faces",
             Import::Points(_) => "points",
+            Import::Lines(_) => "pieces of lines",
             Import::Primitives(import) => import.unit(),
             _ => "cells",
         }
@@ -257,6 +262,7 @@ impl Import {
                 import.build(output, progress)?;
                 Ok(Lines::new())
             }
+            Import::Lines(import) => import.build(output, progress),
             Import::Points(import) => {
                 let built = import.build(output, progress)?;
                 let text = format!("{}, {} of them where another one is", built.points, built.duplicates);
@@ -280,6 +286,10 @@ impl Args {
         let Args { inputs, output, pictures, common, solids, features } = self;
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
         check_tree_name(output)?;
+        if features.index == Some(Index::Lines) {
+            let import = lines::plan(inputs, (common, pictures, solids, features))?;
+            return Ok(Import::Lines(Box::new(import)));
+        }
         if points::are_points(inputs, features) {
             let import = points::plan(inputs, (common, pictures, solids, features))?;
             return Ok(Import::Points(Box::new(import)));

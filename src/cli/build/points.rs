@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use spinney::import::feature::{FeatureOptions, is_feature_file, plan_point_files};
+use spinney::import::feature::{is_feature_file, plan_point_files};
 use spinney::points::{PointBuildOptions, PointImport, PointImportOptions, is_las_file};
 
 use super::Common;
@@ -43,7 +43,6 @@ pub(super) fn plan(
     options.build.leaf_size = solids.leaf_size.unwrap_or(options.build.leaf_size);
     let names = solids.attribute.as_deref();
     options.attributes = names.map(|names| names.split(',').map(|name| name.trim().to_string()).collect());
-    let filter = features.filter.clone().unwrap_or_default();
-    let of_features = FeatureOptions { filter, layer: pictures.layer.clone(), ..FeatureOptions::default() };
+    let of_features = features.kept(pictures.layer.clone());
     Ok(plan_point_files(inputs, &of_features, &options)?)
 }

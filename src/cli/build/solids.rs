@@ -48,7 +48,7 @@ pub(super) struct SolidArgs {
     #[arg(long, conflicts_with_all = ["cells", "cell", "grid", "depth", "shell", "edge", "attribute", "share", "max_error"])]
     pub(super) brep: bool,
     /// Faces that a cell may have and end, whatever their planes have in common; 0 divides cells until these have a
-    /// point in common, as in the literature [default: 12]; or points that a node may have and end [default: 50000]
+    /// point in common, as in the literature [default: 12]; or points that a node may have and end [default: 50000], or pieces of lines [default: 1024]
     #[arg(long, value_name = "N")]
     pub(super) leaf_size: Option<usize>,
     /// Width of the steps that corners are moved to, such as 0.001 [default: the file's own grid, or the least power of two that

@@ -33,7 +33,7 @@ pub(super) struct LabelOptions {
     /// Tree of the same cells that tells the class of each label, such as that whose components were labelled
     #[arg(long, value_name = "FILE", requires = "labels", conflicts_with = "connect")]
     classes: Option<PathBuf>,
-    /// File to write: of labels a table as CSV, or JSON (.json); of zones their features, with the answers as attributes
+    /// File to write: of labels a table as CSV, or JSON (.json); of zones their features, and of --nearest the points, with the answers as attributes
     /// (.gpkg, .fgb, .geojson, .shp, .csv) [default: standard output]
     #[arg(short = 'o', long, value_name = "FILE", requires = "table")]
     pub(super) output: Option<PathBuf>,

@@ -14,6 +14,7 @@ use spinney::space::Bounds;
 use spinney::value::{Number, Rule};
 
 use super::args::{PartOptions, ViewedTree, level_of};
+use super::lines;
 use super::points::{self, PointPlaces};
 use super::report::statistics::{channels_as_json, class_as_json};
 use super::report::{Work, print_json, print_text, solid};
@@ -31,6 +32,7 @@ const EXAMPLES: &str = "Examples:
   spinney stats landcover.goblin --labels --connect 8 -o patches.csv
   spinney stats labels.goblin --labels --classes landcover.goblin -o patches.csv
   spinney stats landcover.goblin --zones districts.gpkg -o districts_landcover.gpkg
+  spinney stats roads.goblin --nearest houses.csv --radius 500 -o houses_roads.gpkg
   spinney stats relief.goblin --zones districts.gpkg --measure majority,median --quantiles 0.1,0.9 --edge area
 
 Of exact models volume, centre of gravity, inertia and surface of the body are printed, and its topology: all
@@ -49,6 +51,8 @@ shapefile, or a table (.csv) with geometries in a column wkt, wkb, geometry, geo
 file's own system (in GeoJSON longitude and latitude unless it has a member crs), or in that which --in names
 (--in world: the tree's own); they are brought to the tree's system. Only what the polygons' borders cut is read. Of a file of several layers there is a row for each polygon and layer, with the
 layer's name and time.
+
+Of trees of lines counts and lengths are printed; with --nearest points are joined to the lines nearest to them.
 
 With --labels there is a table of all values, each of which is a label: number of cells, area in square metres (of
 octrees volume, in the model's unit), the box of its cells (first column and row, columns and rows, and the same
@@ -89,6 +93,13 @@ pub(crate) struct Args {
     /// as features with the rectangles around them
     #[arg(long, group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels"])]
     each: bool,
+    /// Ask for the nearest line of a tree of lines to each point of a file of features; those that -o names get the number of its feature (`line`, from 0), the
+    /// `distance`, and its attributes
+    #[arg(long, value_name = "POINTS", group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels", "each"])]
+    nearest: Option<PathBuf>,
+    /// Distance within which the nearest line is looked for [default: any]
+    #[arg(long, value_name = "DISTANCE", requires = "nearest")]
+    radius: Option<f64>,
     #[command(flatten)]
     zone_options: zones::ZoneOptions,
     #[command(flatten)]
@@ -119,6 +130,28 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         exact::stats(&view, args.json, global)?;
         return Ok(view.file().check_unchanged()?);
     }
+    if let Some(tree) = lines::open(&args.tree.file)? {
+        let given = [
+            ("--each", args.each),
+            ("--zones", args.zones.is_some()),
+            ("--labels", args.label_options.labels),
+            ("--surface", args.surface),
+            ("--level", args.level.is_some()),
+        ];
+        lines::refuse(&args.tree.file, &given)?;
+        let Some(points) = &args.nearest else {
+            return lines::stats(&tree, lines::window(&args.part)?, args.json, global);
+        };
+        let question = (args.radius.unwrap_or(f64::INFINITY), args.zone_options.attribute.as_deref());
+        return lines::join(
+            &tree,
+            points,
+            question,
+            args.label_options.output.as_deref(),
+            (args.json, global),
+        );
+    }
+    ensure!(args.nearest.is_none(), "--nearest is for trees of lines");
     if let Some(tree) = points::open(&args.tree.file)? {
         let given = [
             ("--each", args.each),

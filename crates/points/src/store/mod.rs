@@ -1,6 +1,5 @@
 //! Files of trees of points: content 3 of a Goblin file.
 
-mod list;
 mod reader;
 mod summary;
 mod verify;

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use super::list::List;
 use super::summary::Summary;
 use super::writer::{BLOCK_ENTRY, BLOCKS, BlockEntry, METADATA, NODES, SUMMARY};
 use crate::attribute::{PointAttribute, RowLayout};
@@ -12,7 +11,7 @@ use crate::statistics::{Statistics, statistics_bytes};
 use spinney_base::io::{FileBytes, ReadBackend, open_file, with_cache};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
-use spinney_container::{Content, FileHeader, HEADER_SIZE, Metadata, OpenOptions, TAIL, Trailer};
+use spinney_container::{Content, FileHeader, HEADER_SIZE, List, Metadata, OpenOptions, TAIL, Trailer};
 
 /// A tree of points in a file.
 pub struct PointTree {

@@ -12,6 +12,7 @@ mod formats;
 mod geojson;
 #[cfg(feature = "geopackage")]
 mod geopackage;
+mod lines;
 mod points;
 pub mod rasterize;
 mod rings;
@@ -22,4 +23,5 @@ mod wkb;
 mod wkt;
 pub mod zones;
 
+pub use lines::{FeatureLines, open_feature_lines};
 pub use points::plan_point_files;

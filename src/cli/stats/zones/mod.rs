@@ -46,9 +46,10 @@ pub(super) struct ZoneOptions {
         conflicts_with = "labels"
     )]
     pub(super) conditions: Vec<AttributeCondition>,
-    /// Attributes of features that --json, --csv and --output tell, as in name,code [default: all; with --csv none]
-    #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "zones")]
-    attribute: Option<Vec<String>>,
+    /// Attributes of features that --json, --csv and --output tell, or of the lines that points get with --nearest, as in name,code
+    /// [default: all; with --csv none]
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "table", conflicts_with_all = ["each", "labels"])]
+    pub(super) attribute: Option<Vec<String>>,
     #[command(flatten)]
     pub(in crate::cli::stats) memory: Memory,
 }

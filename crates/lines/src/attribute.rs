@@ -1,0 +1,56 @@
+//! Attributes of features.
+
+/// What the values of an attribute are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ValueKind {
+    /// Whole numbers.
+    Integer,
+    /// Numbers.
+    Number,
+    /// Texts.
+    Text,
+    /// Yes or no.
+    Boolean,
+    /// JSON, as text.
+    Json,
+    /// Values of several kinds.
+    Mixed,
+}
+
+impl ValueKind {
+    /// All kinds, in the order of the numbers that stand for them in files.
+    pub(crate) const ALL: [ValueKind; 6] = [
+        ValueKind::Integer,
+        ValueKind::Number,
+        ValueKind::Text,
+        ValueKind::Boolean,
+        ValueKind::Json,
+        ValueKind::Mixed,
+    ];
+}
+
+/// An attribute that features have.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LineAttribute {
+    /// Its name.
+    pub name: String,
+    /// What its values are.
+    pub kind: ValueKind,
+}
+
+/// The value of an attribute.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LineValue {
+    /// Nothing.
+    None,
+    /// A whole number.
+    Integer(i64),
+    /// A number.
+    Number(f64),
+    /// A text.
+    Text(String),
+    /// Yes or no.
+    Boolean(bool),
+    /// JSON, as text.
+    Json(String),
+}

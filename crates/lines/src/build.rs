@@ -1,0 +1,379 @@
+//! Building: pieces of lines in the order of the codes of their nodes, and blocks of these.
+//!
+//! In that order a node's own pieces come before those of nodes below. So each node is open while its pieces come, and those above it; what they have that
+//! is in no block yet is at most a leaf's each.
+
+use std::path::PathBuf;
+
+use crate::codec::{
+    MOST_FEATURES, MOST_SEGMENTS, MOST_TEXT, MOST_VERTICES, Piece, encode_features, encode_segments,
+    text_bytes, weight,
+};
+use crate::geometry::bounds_of;
+use crate::grid::LineGrid;
+use crate::source::{LineFeature, LineSource};
+use crate::statistics::Statistics;
+use crate::store::{LineWriter, Summary};
+use spinney_base::io::{Output, Sorter, folder};
+use spinney_base::space::{Code, Dimension};
+use spinney_base::{Error, Progress, Result, parallel, sort};
+use spinney_container::Metadata;
+
+/// Pieces of a node that is not divided, at most, if nothing else is said: few enough that a place's neighbours are found at once.
+const DEFAULT_LEAF_SIZE: usize = 1024;
+
+/// Options of building.
+#[derive(Clone, Debug)]
+pub struct LineBuildOptions {
+    /// Pieces of a node that is not divided, at most; blocks have no more.
+    pub leaf_size: usize,
+    /// Bytes of memory that may be used, about.
+    pub memory: u64,
+}
+
+impl Default for LineBuildOptions {
+    fn default() -> LineBuildOptions {
+        LineBuildOptions { leaf_size: DEFAULT_LEAF_SIZE, memory: 256 << 20 }
+    }
+}
+
+/// What was built.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LineBuildSummary {
+    /// Number of features.
+    pub features: u64,
+    /// Number of pieces of their lines.
+    pub segments: u64,
+    /// Length of all lines.
+    pub length: f64,
+}
+
+/// Bytes of a piece on its way to its node: its ends, feature, place and level.
+const ROW: usize = 29;
+/// About the bytes of features that become a block.
+const FEATURE_BYTES: usize = 1 << 20;
+/// Blocks of features that are encoded at a time, and pieces.
+const JOBS: usize = 8;
+const TOGETHER: usize = 1 << 18;
+
+fn to_row(piece: &Piece) -> Vec<u8> {
+    let mut row = Vec::with_capacity(ROW);
+    piece.ends.iter().flatten().for_each(|number| row.extend_from_slice(&number.to_le_bytes()));
+    row.extend_from_slice(&piece.feature.to_le_bytes());
+    row.extend_from_slice(&piece.place.to_le_bytes());
+    row.push(piece.first);
+    row
+}
+
+fn from_row(row: &[u8]) -> Piece {
+    let four = |at: usize| std::array::from_fn(|byte| row[at + byte]);
+    let end = |at: usize| [i32::from_le_bytes(four(at)), i32::from_le_bytes(four(at + 4))];
+    Piece {
+        ends: [end(0), end(8)],
+        feature: u64::from_le_bytes(std::array::from_fn(|byte| row[16 + byte])),
+        place: u32::from_le_bytes(four(24)),
+        first: row[28],
+    }
+}
+
+/// The pieces of a feature's lines with the codes of their nodes, in the order of these; `None` if a vertex is beyond the grid.
+pub(crate) fn pieces_of(grid: &LineGrid, number: u64, feature: &LineFeature) -> Option<Vec<(Code, Piece)>> {
+    let mut pieces = Vec::new();
+    let mut place = 0;
+    for line in &feature.lines {
+        for pair in line.windows(2) {
+            let ends = [pair[0], pair[1]];
+            pieces.push((grid.code(ends)?, Piece { ends, feature: number, place, first: 0 }));
+            place += 1;
+        }
+        place += 1;
+    }
+    sort::by_wide_key(&mut pieces, |(code, piece)| u128::from(code.bits()) << 32 | u128::from(piece.place));
+    let mut before: Option<Code> = None;
+    for (code, piece) in &mut pieces {
+        // (In this order the one before has more of the way in common than any earlier one.)
+        piece.first = before.map_or(0, |before| before.common_ancestor(*code).level() + 1);
+        before = Some(*code);
+    }
+    Some(pieces)
+}
+
+/// Statistics of the pieces of a block, in its order.
+pub(crate) fn statistics_of(grid: &LineGrid, pieces: &[Piece]) -> Statistics {
+    let mut all = Statistics::NONE;
+    for piece in pieces {
+        all.segments += 1;
+        all.length += grid.length(piece.ends);
+        if let Some(firsts) = all.firsts.get_mut(usize::from(piece.first)) {
+            *firsts += 1;
+        }
+        all.reach(bounds_of(piece.ends));
+    }
+    all
+}
+
+/// Builds a tree of lines.
+///
+/// Takes one pass over the features, and a temporary file of the pieces of their lines if these do not fit into memory.
+///
+/// # Errors
+/// If the features cannot be read, lie beyond the bounds that their source says, or the output cannot be written.
+pub fn build(
+    source: &mut dyn LineSource,
+    options: &LineBuildOptions,
+    metadata: &Metadata,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<LineBuildSummary> {
+    if !(1..=MOST_SEGMENTS).contains(&options.leaf_size) {
+        let expected = format!("1 to {MOST_SEGMENTS} pieces of lines");
+        return Err(Error::invalid("leaf size", options.leaf_size.to_string(), expected));
+    }
+    let schema = source.schema().clone();
+    let grid = LineGrid::around(schema.scale, schema.offset, schema.bounds);
+    let temporary: PathBuf = folder(output.path()).to_path_buf();
+    let mut writer = LineWriter::new(output, &grid, options.memory / 16)?;
+    let mut rows = Sorter::new(&temporary, ROW, options.memory / 2);
+    let features = read(source, &grid, (&mut writer, &mut rows), progress)?;
+    let segments = rows.len();
+    let mut assembler =
+        Assembler { leaf_size: options.leaf_size, open: Vec::new(), made: Vec::new(), rows: 0 };
+    let mut totals = Totals { grid: &grid, writer, open: Vec::new(), closed: Vec::new() };
+    rows.finish(&mut |row| {
+        let piece = from_row(row);
+        let code = grid.code(piece.ends).unwrap_or(Code::root(Dimension::Quad));
+        assembler.add(code, piece);
+        if assembler.rows > TOGETHER {
+            progress.check()?;
+            progress.advance(assembler.rows as u64, segments);
+            assembler.rows = 0;
+            totals.take(std::mem::take(&mut assembler.made))?;
+        }
+        Ok(())
+    })?;
+    totals.take(assembler.finish())?;
+    let length = totals.closed.iter().map(|(_, statistics)| statistics.length).sum();
+    let summary = Summary::new(&grid, &schema.attributes, (features, segments), options.leaf_size);
+    totals.writer.finish(&summary, metadata)?;
+    Ok(LineBuildSummary { features, segments, length })
+}
+
+/// Writes all features, and collects the pieces of their lines; hands out how many features there are.
+fn read(
+    source: &mut dyn LineSource,
+    grid: &LineGrid,
+    (writer, rows): (&mut LineWriter, &mut Sorter),
+    progress: &dyn Progress,
+) -> Result<u64> {
+    let attributes = source.schema().attributes.len();
+    let (mut number, mut bytes, mut vertices) = (0u64, 0, 0);
+    let mut blocks: Vec<(u64, Vec<LineFeature>)> = vec![(0, Vec::new())];
+    let write = |blocks: Vec<(u64, Vec<LineFeature>)>, writer: &mut LineWriter| {
+        let encoded = parallel::map(&blocks, |(_, features)| encode_features(features, attributes));
+        for ((first, features), bytes) in blocks.iter().zip(encoded) {
+            if !features.is_empty() {
+                writer.features(*first, &bytes, features.len())?;
+            }
+        }
+        Ok::<(), Error>(())
+    };
+    while let Some(feature) = source.next()? {
+        let own: usize = feature.lines.iter().map(Vec::len).sum();
+        let text = text_bytes(&feature);
+        let limits = [("vertices", own, MOST_VERTICES, 8), ("bytes of text", text, MOST_TEXT, 1)];
+        for (what, found, most, bytes) in limits {
+            if found > most {
+                return Err(Error::TooLarge {
+                    path: source.path().to_path_buf(),
+                    what: format!("feature {}, with {found} {what},", number + 1),
+                    needed: bytes * found as u64,
+                    limit: bytes * most as u64,
+                    advice: "divide it, or leave it out with --where".into(),
+                });
+            }
+        }
+        if let Some(line) = feature.lines.iter().find(|line| line.len() < 2) {
+            let found = format!("a line of {} vertices", line.len());
+            return Err(Error::corrupt(source.path(), format!("feature {}", number + 1), found, "2 or more"));
+        }
+        let Some(pieces) = pieces_of(grid, number, &feature) else {
+            let [least, most] = source.schema().bounds;
+            let expected = format!("vertices from {least:?} to {most:?} on the grid");
+            let found = "a vertex beyond these bounds";
+            return Err(Error::corrupt(source.path(), format!("feature {}", number + 1), found, expected));
+        };
+        for (code, piece) in pieces {
+            rows.push(code.bits(), to_row(&piece))?;
+        }
+        let heavy = weight(&feature);
+        let last = &blocks[blocks.len() - 1].1;
+        if last.len() == MOST_FEATURES || vertices + own > MOST_VERTICES || bytes + heavy > FEATURE_BYTES {
+            (bytes, vertices) = (0, 0);
+            if blocks.len() >= JOBS {
+                write(std::mem::take(&mut blocks), writer)?;
+                progress.check()?;
+            }
+            blocks.push((number, Vec::new()));
+        }
+        let last = blocks.len() - 1;
+        blocks[last].1.push(feature);
+        bytes += heavy;
+        vertices += own;
+        number += 1;
+    }
+    write(blocks, writer)?;
+    Ok(number)
+}
+
+/// What comes out of an assembler: blocks of nodes in order, and a node behind all that is in it and below.
+enum Made {
+    Block(Code, Vec<Piece>),
+    Node(Code),
+}
+
+/// A node whose pieces are still coming.
+struct Open {
+    code: Code,
+    /// Its own pieces that are in no block yet.
+    own: Vec<Piece>,
+    /// Nodes below that may yet become part of it, and the number of their pieces.
+    pending: Vec<(Code, Vec<Piece>)>,
+    waiting: usize,
+    /// Whether it has too many pieces for a leaf.
+    is_divided: bool,
+}
+
+struct Assembler {
+    leaf_size: usize,
+    open: Vec<Open>,
+    made: Vec<Made>,
+    /// Pieces since somebody took what was made.
+    rows: usize,
+}
+
+impl Assembler {
+    fn push(&mut self, code: Code) {
+        self.open.push(Open { code, own: Vec::new(), pending: Vec::new(), waiting: 0, is_divided: false });
+    }
+
+    /// Adds a piece of a node, which comes no earlier than those before.
+    fn add(&mut self, code: Code, piece: Piece) {
+        self.rows += 1;
+        while self.open.last().is_some_and(|open| !open.code.contains(code)) {
+            self.close();
+        }
+        // (Nodes between: none that holds pieces is missing, whatever its own are.)
+        while self.open.len() <= usize::from(code.level()) {
+            self.push(code.ancestor(self.open.len() as u8));
+        }
+        let index = usize::from(code.level());
+        self.open[index].own.push(piece);
+        if self.open[index].own.len() > self.leaf_size {
+            self.divide(index);
+            let rest = self.open[index].own.split_off(self.leaf_size);
+            let block = std::mem::replace(&mut self.open[index].own, rest);
+            self.made.push(Made::Block(code, block));
+        }
+    }
+
+    /// Says that a node has too many pieces for a leaf, and so have those above it. What waits there goes out first, so that nodes come in the order of their codes.
+    fn divide(&mut self, index: usize) {
+        for open in &mut self.open[..=index] {
+            open.is_divided = true;
+            open.waiting = 0;
+            for (code, pieces) in open.pending.drain(..) {
+                self.made.push(Made::Block(code, pieces));
+                self.made.push(Made::Node(code));
+            }
+        }
+    }
+
+    /// Closes the deepest open node.
+    fn close(&mut self) {
+        let index = self.open.len() - 1;
+        if self.open[index].own.len() + self.open[index].waiting > self.leaf_size {
+            self.divide(index);
+        }
+        let Some(mut open) = self.open.pop() else { return };
+        if open.is_divided {
+            if !open.own.is_empty() {
+                self.made.push(Made::Block(open.code, open.own));
+            }
+            self.made.push(Made::Node(open.code));
+            return;
+        }
+        for (_, pieces) in open.pending {
+            open.own.extend(pieces);
+        }
+        if open.own.is_empty() {
+            return;
+        }
+        match self.open.last_mut() {
+            Some(above) if !above.is_divided => {
+                above.waiting += open.own.len();
+                above.pending.push((open.code, open.own));
+                if above.waiting + above.own.len() > self.leaf_size {
+                    self.divide(index - 1);
+                }
+            }
+            _ => {
+                self.made.push(Made::Block(open.code, open.own));
+                self.made.push(Made::Node(open.code));
+            }
+        }
+    }
+
+    fn finish(mut self) -> Vec<Made> {
+        while !self.open.is_empty() {
+            self.close();
+        }
+        self.made
+    }
+}
+
+/// Encodes and writes what was made, and adds up what is known of nodes.
+struct Totals<'g> {
+    grid: &'g LineGrid,
+    writer: LineWriter,
+    /// Own pieces of nodes that are not complete.
+    open: Vec<(Code, Statistics)>,
+    /// Nodes that are, below none that is.
+    closed: Vec<(Code, Statistics)>,
+}
+
+impl Totals<'_> {
+    fn take(&mut self, made: Vec<Made>) -> Result<()> {
+        let encoded = parallel::map(&made, |made| match made {
+            Made::Node(_) => (Vec::new(), Statistics::NONE),
+            Made::Block(_, pieces) => {
+                let mut pieces = pieces.clone();
+                let bytes = encode_segments(&mut pieces);
+                (bytes, statistics_of(self.grid, &pieces))
+            }
+        });
+        for (made, (bytes, statistics)) in made.iter().zip(encoded) {
+            match made {
+                Made::Block(code, _) => {
+                    self.writer.block(*code, &bytes, &statistics)?;
+                    match self.open.iter_mut().find(|(open, _)| open == code) {
+                        Some((_, own)) => own.add(&statistics),
+                        None => self.open.push((*code, statistics)),
+                    }
+                }
+                Made::Node(code) => {
+                    let own = self.open.iter().position(|(open, _)| open == code);
+                    let mut all = own.map_or(Statistics::NONE, |own| self.open.swap_remove(own).1);
+                    let first = self.closed.iter().rposition(|(closed, _)| !code.contains(*closed));
+                    let mut below = Statistics::NONE;
+                    self.closed
+                        .drain(first.map_or(0, |before| before + 1)..)
+                        .for_each(|(_, statistics)| below.add(&statistics));
+                    all.add(&below);
+                    self.writer.node(*code, &all)?;
+                    self.closed.push((*code, all));
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,204 @@
+//! Blocks of features: their lines and attributes.
+
+use std::collections::HashMap;
+
+use super::numbers::{Reader, write, write_near};
+use crate::attribute::LineValue;
+use crate::source::LineFeature;
+
+/// Features of a block at most.
+pub(crate) const MOST_FEATURES: usize = 1 << 12;
+/// Vertices of a block at most; those of a feature are in one block.
+pub(crate) const MOST_VERTICES: usize = 1 << 24;
+/// Bytes of all texts of a feature at most, and of those of an attribute in a block.
+pub(crate) const MOST_TEXT: usize = 1 << 24;
+
+/// Bytes of the texts of a feature.
+pub(crate) fn text_bytes(feature: &LineFeature) -> usize {
+    let text = |value: &LineValue| match value {
+        LineValue::Text(text) | LineValue::Json(text) => text.len(),
+        _ => 0,
+    };
+    feature.values.iter().map(text).sum()
+}
+
+/// About the bytes of memory that a feature takes.
+pub(crate) fn weight(feature: &LineFeature) -> usize {
+    let vertices: usize = feature.lines.iter().map(|line| 8 * line.len() + 24).sum();
+    vertices + 32 * feature.values.len() + text_bytes(feature)
+}
+
+/// Marks of values.
+const NONE: i64 = 0;
+const INTEGER: i64 = 1;
+const NUMBER: i64 = 2;
+const TEXT: i64 = 3;
+const FALSE: i64 = 4;
+const TRUE: i64 = 5;
+const JSON: i64 = 6;
+
+/// The bytes of features, each with a value for each of so many attributes.
+pub(crate) fn encode_features(features: &[LineFeature], attributes: usize) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let lines = features.iter().map(|feature| feature.lines.len() as i64).collect::<Vec<_>>();
+    let all = || features.iter().flat_map(|feature| &feature.lines);
+    let vertices = all().map(|line| line.len() as i64).collect::<Vec<_>>();
+    write(&lines, &[], &mut bytes);
+    write(&vertices, &[], &mut bytes);
+    // (Each line begins near the one before; the first vertex of a line is in a context of its own.)
+    let contexts: Vec<u8> =
+        all().flat_map(|line| (0..line.len()).map(|place| u8::from(place == 0))).collect();
+    for axis in 0..2 {
+        let mut before = 0;
+        let steps = all().flatten().map(|vertex| {
+            let here = i64::from(vertex[axis]);
+            here - std::mem::replace(&mut before, here)
+        });
+        let steps: Vec<i64> = steps.collect();
+        write(&steps, &contexts, &mut bytes);
+    }
+    for attribute in 0..attributes {
+        let values: Vec<&LineValue> = features
+            .iter()
+            .map(|feature| feature.values.get(attribute).unwrap_or(&LineValue::None))
+            .collect();
+        write_values(&values, &mut bytes);
+    }
+    bytes
+}
+
+fn write_values(values: &[&LineValue], bytes: &mut Vec<u8>) {
+    let (mut marks, mut integers, mut numbers, mut texts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut known: HashMap<&str, i64> = HashMap::new();
+    let mut words: Vec<&str> = Vec::new();
+    for value in values {
+        marks.push(match value {
+            LineValue::None => NONE,
+            LineValue::Integer(number) => {
+                integers.push(*number);
+                INTEGER
+            }
+            LineValue::Number(number) => {
+                numbers.push(number.to_bits() as i64);
+                NUMBER
+            }
+            LineValue::Boolean(is) => {
+                if *is {
+                    TRUE
+                } else {
+                    FALSE
+                }
+            }
+            LineValue::Text(text) | LineValue::Json(text) => {
+                let number = *known.entry(text).or_insert_with(|| {
+                    words.push(text);
+                    words.len() as i64 - 1
+                });
+                texts.push(number);
+                if matches!(value, LineValue::Text(_)) { TEXT } else { JSON }
+            }
+        });
+    }
+    write(&marks, &[], bytes);
+    write_near(&integers, bytes);
+    write_near(&numbers, bytes);
+    if texts.is_empty() {
+        return;
+    }
+    write(&[words.len() as i64], &[], bytes);
+    write(&texts, &[], bytes);
+    let lengths: Vec<i64> = words.iter().map(|word| word.len() as i64).collect();
+    write(&lengths, &[], bytes);
+    let letters: Vec<i64> = words.iter().flat_map(|word| word.bytes()).map(i64::from).collect();
+    write(&letters, &[], bytes);
+}
+
+/// Reads so many features with so many attributes; `None` if it is not what somebody wrote.
+pub(crate) fn decode_features(bytes: &[u8], count: usize, attributes: usize) -> Option<Vec<LineFeature>> {
+    if count > MOST_FEATURES {
+        return None;
+    }
+    let mut reader = Reader::new(bytes);
+    let sum = |numbers: &[i64]| -> Option<usize> {
+        let sum =
+            numbers.iter().try_fold(0u64, |sum, number| sum.checked_add(u64::try_from(*number).ok()?))?;
+        usize::try_from(sum).ok().filter(|sum| *sum <= MOST_VERTICES)
+    };
+    let lines = reader.numbers(count, &[])?;
+    let vertices = reader.numbers(sum(&lines)?, &[])?;
+    if vertices.iter().any(|vertices| *vertices < 2) {
+        return None;
+    }
+    let all = sum(&vertices)?;
+    let mut contexts = Vec::with_capacity(all);
+    for vertices in &vertices {
+        contexts.push(1);
+        contexts.resize(contexts.len() + *vertices as usize - 1, 0);
+    }
+    let steps = [reader.numbers(all, &contexts)?, reader.numbers(all, &contexts)?];
+    let mut features = vec![LineFeature::default(); count];
+    let (mut line, mut vertex, mut here) = (0, 0, [0i64; 2]);
+    for (feature, lines) in features.iter_mut().zip(&lines) {
+        for vertices in &vertices[line..line + *lines as usize] {
+            let mut own = Vec::with_capacity(*vertices as usize);
+            for _ in 0..*vertices {
+                let mut place = [0; 2];
+                for axis in 0..2 {
+                    here[axis] = here[axis].checked_add(steps[axis][vertex])?;
+                    place[axis] = i32::try_from(here[axis]).ok()?;
+                }
+                own.push(place);
+                vertex += 1;
+            }
+            feature.lines.push(own);
+        }
+        line += *lines as usize;
+    }
+    for _ in 0..attributes {
+        for (feature, value) in features.iter_mut().zip(read_values(&mut reader, count)?) {
+            feature.values.push(value);
+        }
+    }
+    reader.is_whole().then_some(features)
+}
+
+fn read_values(reader: &mut Reader<'_>, count: usize) -> Option<Vec<LineValue>> {
+    let marks = reader.numbers(count, &[])?;
+    let with = |wanted: &[i64]| marks.iter().filter(|mark| wanted.contains(*mark)).count();
+    let mut integers = reader.numbers(with(&[INTEGER]), &[])?.into_iter();
+    let mut numbers = reader.numbers(with(&[NUMBER]), &[])?.into_iter();
+    let mut words: Vec<String> = Vec::new();
+    let mut texts = Vec::new().into_iter();
+    let with_texts = with(&[TEXT, JSON]);
+    if with_texts > 0 {
+        let known = usize::try_from(reader.numbers(1, &[])?[0]).ok().filter(|known| *known <= with_texts)?;
+        texts = reader.numbers(with_texts, &[])?.into_iter();
+        let lengths = reader.numbers(known, &[])?;
+        let mut all = 0usize;
+        for length in &lengths {
+            all = all.checked_add(usize::try_from(*length).ok()?).filter(|all| *all <= MOST_TEXT)?;
+        }
+        let letters = reader.numbers(all, &[])?;
+        let letters = letters.into_iter().map(u8::try_from).collect::<Result<Vec<u8>, _>>().ok()?;
+        let mut rest = &letters[..];
+        for length in lengths {
+            let (word, behind) = rest.split_at_checked(length as usize)?;
+            words.push(String::from_utf8(word.to_vec()).ok()?);
+            rest = behind;
+        }
+    }
+    let mut word = || words.get(usize::try_from(texts.next()?).ok()?).cloned();
+    let value = |mark: i64| {
+        Some(match mark {
+            NONE => LineValue::None,
+            INTEGER => LineValue::Integer(integers.next()?),
+            NUMBER => LineValue::Number(f64::from_bits(numbers.next()? as u64)),
+            TEXT => LineValue::Text(word()?),
+            FALSE => LineValue::Boolean(false),
+            TRUE => LineValue::Boolean(true),
+            JSON => LineValue::Json(word()?),
+            _ => return None,
+        })
+    };
+    marks.into_iter().map(value).collect()
+}

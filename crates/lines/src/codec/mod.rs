@@ -1,0 +1,10 @@
+//! Blocks of bytes: of pieces of lines, and of features.
+
+mod features;
+mod numbers;
+mod segments;
+
+pub(crate) use features::{
+    MOST_FEATURES, MOST_TEXT, MOST_VERTICES, decode_features, encode_features, text_bytes, weight,
+};
+pub(crate) use segments::{MOST_SEGMENTS, Piece, decode_segments, encode_segments};

@@ -1,0 +1,90 @@
+//! Blocks of pieces of lines.
+
+use super::numbers::{Reader, write};
+use crate::geometry::Segment;
+use spinney_base::sort;
+
+/// Pieces of a block at most.
+pub(crate) const MOST_SEGMENTS: usize = 1 << 16;
+
+/// A piece of a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Piece {
+    pub ends: Segment,
+    /// Number of its feature.
+    pub feature: u64,
+    /// The place of its first vertex among all of its feature.
+    pub place: u32,
+    /// From this level on, down to its node's, it is the first of its feature in the nodes that it is in.
+    pub first: u8,
+}
+
+/// Context of a place that the piece before leads to.
+const GOES_ON: u8 = 1;
+
+/// The bytes of pieces, which are put in the order of their features: seven columns.
+pub(crate) fn encode_segments(pieces: &mut [Piece]) -> Vec<u8> {
+    sort::by_wide_key(pieces, |piece| u128::from(piece.feature) << 32 | u128::from(piece.place));
+    let mut columns: [Vec<i64>; 7] = std::array::from_fn(|_| Vec::with_capacity(pieces.len()));
+    let mut contexts = Vec::with_capacity(pieces.len());
+    let mut before = Piece { ends: [[0; 2]; 2], feature: 0, place: 0, first: 0 };
+    for piece in &*pieces {
+        let steps = (piece.feature - before.feature) as i64;
+        let place = i64::from(piece.place) - if steps == 0 { i64::from(before.place) } else { 0 };
+        columns[0].push(steps);
+        columns[1].push(place);
+        contexts.push(if steps == 0 && place == 1 { GOES_ON } else { 0 });
+        for axis in 0..2 {
+            let number = |end: [i32; 2]| i64::from(end[axis]);
+            columns[2 + axis].push(number(piece.ends[0]) - number(before.ends[1]));
+            columns[4 + axis].push(number(piece.ends[1]) - number(piece.ends[0]));
+        }
+        columns[6].push(piece.first.into());
+        before = *piece;
+    }
+    let mut bytes = Vec::new();
+    for (number, column) in columns.iter().enumerate() {
+        let contexts = if (2..4).contains(&number) { &contexts[..] } else { &[] };
+        write(column, contexts, &mut bytes);
+    }
+    bytes
+}
+
+/// Reads so many pieces; `None` if it is not what somebody wrote.
+pub(crate) fn decode_segments(bytes: &[u8], count: usize) -> Option<Vec<Piece>> {
+    if count > MOST_SEGMENTS {
+        return None;
+    }
+    let mut reader = Reader::new(bytes);
+    let features = reader.numbers(count, &[])?;
+    let places = reader.numbers(count, &[])?;
+    let goes_on = |(feature, place): (&i64, &i64)| if *feature == 0 && *place == 1 { GOES_ON } else { 0 };
+    let contexts: Vec<u8> = features.iter().zip(&places).map(goes_on).collect();
+    let mut columns = Vec::with_capacity(5);
+    for number in 2..7 {
+        columns.push(reader.numbers(count, if number < 4 { &contexts } else { &[] })?);
+    }
+    if !reader.is_whole() {
+        return None;
+    }
+    let mut before = Piece { ends: [[0; 2]; 2], feature: 0, place: 0, first: 0 };
+    let mut pieces = Vec::with_capacity(count);
+    for index in 0..count {
+        let steps = u64::try_from(features[index]).ok()?;
+        let place = places[index].checked_add(if steps == 0 { before.place.into() } else { 0 })?;
+        let mut ends = [[0; 2]; 2];
+        for axis in 0..2 {
+            let start = columns[axis][index].checked_add(before.ends[1][axis].into())?;
+            ends[0][axis] = i32::try_from(start).ok()?;
+            ends[1][axis] = i32::try_from(columns[2 + axis][index].checked_add(start)?).ok()?;
+        }
+        before = Piece {
+            ends,
+            feature: before.feature.checked_add(steps)?,
+            place: u32::try_from(place).ok()?,
+            first: u8::try_from(columns[4][index]).ok()?,
+        };
+        pieces.push(before);
+    }
+    Some(pieces)
+}

@@ -1,0 +1,179 @@
+//! Lines that pass through a window, and those that cross a line; counts and lengths.
+
+use std::collections::BTreeSet;
+
+use crate::codec::Piece;
+use crate::geometry::{FRACTION, Place, box_of, boxes_meet, ends, meet, meeting, meets_box};
+use crate::store::{LineNode, LineTree};
+use spinney_base::{Error, Progress, Result, parallel};
+
+/// A piece of a line that crosses another line, or touches it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossing {
+    /// Number of its feature.
+    pub feature: u64,
+    /// The place of its first vertex among all of its feature.
+    pub vertex: u32,
+    /// Which piece of the other line it meets.
+    pub piece: usize,
+    /// Where, in the world; of pieces that lie on each other one such place.
+    pub place: [f64; 2],
+}
+
+/// What the nodes of a level have.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LevelTotals {
+    /// Number of nodes.
+    pub nodes: u64,
+    /// Pieces of lines that they themselves have, and their length.
+    pub segments: u64,
+    /// Length of these.
+    pub length: f64,
+    /// Pieces in a node and those below, at most.
+    pub most_segments: u64,
+    /// Features that have lines in a node and those below, at most.
+    pub most_features: u64,
+}
+
+/// Bounds on the grid in parts of a step.
+pub(super) fn fixed_box([least, most]: [[i32; 2]; 2]) -> [Place; 2] {
+    [least, most].map(|corner| corner.map(|step| i64::from(step) * FRACTION))
+}
+
+fn check_numbers(what: &str, places: &[[f64; 2]]) -> Result<()> {
+    match places.iter().flatten().any(|number| number.is_nan()) {
+        true => Err(Error::invalid(what, format!("{places:?}"), "coordinates that are numbers")),
+        false => Ok(()),
+    }
+}
+
+impl LineTree {
+    /// Numbers of the features of which a line passes through a window, its border included; they ascend. The window's corners are taken to the nearest 2^-16 of
+    /// a step of the grid; from there on all is exact.
+    ///
+    /// # Errors
+    /// If a coordinate is no number, the file is damaged or cannot be read.
+    pub fn window(&self, [least, most]: [[f64; 2]; 2], progress: &dyn Progress) -> Result<Vec<u64>> {
+        check_numbers("window", &[least, most])?;
+        let window = [self.grid().fixed(least), self.grid().fixed(most)];
+        let mut found = BTreeSet::new();
+        if (0..2).any(|axis| least[axis] > most[axis]) {
+            return Ok(Vec::new());
+        }
+        let is_inside = |[low, high]: [Place; 2]| {
+            (0..2).all(|axis| window[0][axis] <= low[axis] && high[axis] <= window[1][axis])
+        };
+        self.each_block(
+            &|bounds| boxes_meet(bounds, window),
+            &mut |pieces| {
+                for piece in pieces {
+                    let line = ends(piece.ends);
+                    if !found.contains(&piece.feature) && (is_inside(box_of(line)) || meets_box(line, window))
+                    {
+                        found.insert(piece.feature);
+                    }
+                }
+            },
+            progress,
+        )?;
+        Ok(found.into_iter().collect())
+    }
+
+    /// All pieces of lines that cross or touch a line of places, by its pieces, then by feature and vertex. Its places are taken to the nearest 2^-16 of a step of the grid;
+    /// what meets what is exact from there on.
+    ///
+    /// # Errors
+    /// If a coordinate is no number, the file is damaged or cannot be read.
+    pub fn crossings(&self, line: &[[f64; 2]], progress: &dyn Progress) -> Result<Vec<Crossing>> {
+        check_numbers("line", line)?;
+        let grid = self.grid();
+        let places: Vec<Place> = line.iter().map(|place| grid.fixed(*place)).collect();
+        let lines: Vec<[Place; 2]> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
+        let mut found = Vec::new();
+        self.each_block(
+            &|bounds| lines.iter().any(|line| meets_box(*line, bounds)),
+            &mut |pieces| {
+                for piece in pieces {
+                    let own = ends(piece.ends);
+                    for (number, line) in lines.iter().enumerate().filter(|(_, line)| meet(own, **line)) {
+                        let at = meeting(*line, own);
+                        let place = grid.world(at.map(|number| number / FRACTION as f64));
+                        let (feature, vertex) = (piece.feature, piece.place);
+                        found.push(Crossing { feature, vertex, piece: number, place });
+                    }
+                }
+            },
+            progress,
+        )?;
+        spinney_base::sort::by_wide_key(&mut found, |found: &Crossing| {
+            (found.piece as u128) << 96 | u128::from(found.feature) << 32 | u128::from(found.vertex)
+        });
+        Ok(found)
+    }
+
+    /// Hands out the pieces of all blocks whose bounds are asked for.
+    fn each_block(
+        &self,
+        is_wanted: &dyn Fn([Place; 2]) -> bool,
+        each: &mut dyn FnMut(&[Piece]),
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let mut chosen = Vec::new();
+        let mut open: Vec<LineNode> = self.root()?.into_iter().collect();
+        while let Some(node) = open.pop() {
+            if is_wanted(fixed_box(node.bounds)) {
+                let blocks = self.blocks_of(node.code);
+                chosen.extend(blocks.filter(|block| is_wanted(fixed_box(self.block_entry(*block).bounds))));
+                open.extend(self.children(&node)?);
+            }
+        }
+        for batch in chosen.chunks(4 * parallel::threads()) {
+            progress.check()?;
+            for pieces in parallel::map(batch, |block| self.block(*block)) {
+                each(&pieces?);
+            }
+            progress.advance(batch.len() as u64, chosen.len() as u64);
+        }
+        Ok(())
+    }
+
+    /// Number of pieces and features, and their length, as the root says; nothing of lines is read.
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub fn length(&self) -> Result<f64> {
+        Ok(self.root()?.map_or(0.0, |root| root.length))
+    }
+
+    /// What the nodes of each level have, from the root down; nothing of lines is read.
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub fn levels(&self) -> Result<Vec<LevelTotals>> {
+        let mut levels: Vec<LevelTotals> = Vec::new();
+        // Nodes above the one that is looked at.
+        let mut above: Vec<LineNode> = Vec::new();
+        for index in 0..self.counts().0 {
+            let node = self.node(index)?;
+            let level = usize::from(node.code.level());
+            if levels.len() <= level {
+                levels.resize(level + 1, LevelTotals::default());
+            }
+            let own = &mut levels[level];
+            own.nodes += 1;
+            own.segments = own.segments.wrapping_add(node.segments);
+            own.length += node.length;
+            own.most_segments = own.most_segments.max(node.segments);
+            own.most_features = own.most_features.max(node.features);
+            while above.pop_if(|above| !above.code.contains(node.code)).is_some() {}
+            if let Some(parent) = above.last() {
+                // (What is below is told by the node above as well.)
+                let parent = &mut levels[usize::from(parent.code.level())];
+                parent.segments = parent.segments.wrapping_sub(node.segments);
+                parent.length -= node.length;
+            }
+            above.push(node);
+        }
+        Ok(levels)
+    }
+}

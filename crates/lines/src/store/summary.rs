@@ -1,0 +1,100 @@
+//! The section that says what the lines are.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::attribute::{LineAttribute, ValueKind};
+use crate::codec::MOST_SEGMENTS;
+use crate::grid::LineGrid;
+use spinney_base::{Error, Result};
+
+/// Bytes that the section may have.
+const LIMIT: usize = 1 << 20;
+/// First number of the section: the version of the struct that follows.
+const VERSION: u32 = 1;
+/// Attributes of features at most.
+const MOST_ATTRIBUTES: usize = 4096;
+
+/// What the lines of a file are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Summary {
+    /// Number of features, and of pieces of their lines.
+    pub features: u64,
+    pub segments: u64,
+    /// Pieces of a block at most.
+    pub leaf_size: u32,
+    /// The grid: see [`LineGrid`].
+    pub scale: f64,
+    pub offset: [f64; 2],
+    pub corner: [i32; 2],
+    pub bits: u8,
+    /// Names of attributes, and the number of their kind.
+    pub attributes: Vec<(String, u8)>,
+}
+
+fn config() -> impl bincode::config::Config {
+    bincode::config::standard().with_limit::<LIMIT>()
+}
+
+impl Summary {
+    pub(crate) fn new(
+        grid: &LineGrid,
+        attributes: &[LineAttribute],
+        (features, segments): (u64, u64),
+        leaf_size: usize,
+    ) -> Summary {
+        let LineGrid { scale, offset, corner, bits } = grid.clone();
+        let attribute = |attribute: &LineAttribute| (attribute.name.clone(), attribute.kind as u8);
+        let attributes = attributes.iter().map(attribute).collect();
+        Summary { features, segments, leaf_size: leaf_size as u32, scale, offset, corner, bits, attributes }
+    }
+
+    /// The section's bytes.
+    pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
+        let bytes = bincode::serde::encode_to_vec((VERSION, self), config()).ok();
+        bytes.filter(|bytes| bytes.len() <= LIMIT && self.attributes.len() <= MOST_ATTRIBUTES).ok_or_else(
+            || Error::TooLarge {
+                path: path.to_path_buf(),
+                what: "the description of the attributes".into(),
+                needed: LIMIT as u64 + 1,
+                limit: LIMIT as u64,
+                advice: "choose some of them with --attribute".into(),
+            },
+        )
+    }
+
+    /// Checks and understands the section.
+    pub(crate) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(Summary, LineGrid, Vec<LineAttribute>)> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, "lines", found, expected);
+        let (version, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config())
+            .map_err(|error| corrupt(error.to_string(), "a version number"))?;
+        if version != VERSION {
+            let advice = "read it with a program as new as the file";
+            return Err(Error::unsupported(path, format!("lines of version {version}"), advice));
+        }
+        let (summary, _): (Summary, usize) = bincode::serde::decode_from_slice(&bytes[used..], config())
+            .map_err(|error| corrupt(error.to_string(), "the section of formats.md"))?;
+        let Summary { scale, offset, corner, bits, leaf_size, .. } = summary;
+        if !(scale.is_finite() && scale > 0.0 && offset.iter().all(|number| number.is_finite())) {
+            let found = format!("scale {scale}, offset {offset:?}");
+            return Err(corrupt(found, "finite numbers, and a scale above 0"));
+        }
+        if bits > 32 || summary.attributes.len() > MOST_ATTRIBUTES {
+            let found = format!("{bits} bits, {} attributes", summary.attributes.len());
+            return Err(corrupt(found, &format!("at most 32, and {MOST_ATTRIBUTES}")));
+        }
+        if !(1..=MOST_SEGMENTS).contains(&(leaf_size as usize)) {
+            let found = format!("{leaf_size} pieces in a leaf");
+            return Err(corrupt(found, &format!("1 to {MOST_SEGMENTS}")));
+        }
+        let attribute = |(name, kind): &(String, u8)| {
+            let kind = ValueKind::ALL.get(usize::from(*kind)).copied();
+            let kind = kind
+                .ok_or_else(|| corrupt(format!("an attribute {name} of an unknown kind"), "kinds 0 to 5"))?;
+            Ok(LineAttribute { name: name.clone(), kind })
+        };
+        let attributes = summary.attributes.iter().map(attribute).collect::<Result<Vec<_>>>()?;
+        Ok((summary, LineGrid { scale, offset, corner, bits }, attributes))
+    }
+}

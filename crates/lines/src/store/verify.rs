@@ -1,0 +1,193 @@
+//! Whether a file is what its rules say.
+
+use super::reader::LineTree;
+use crate::build::{pieces_of, statistics_of};
+use crate::codec::Piece;
+use crate::statistics::Statistics;
+use spinney_base::io::Sorter;
+use spinney_base::space::{Code, Dimension};
+use spinney_base::{Error, Progress, Result, parallel};
+use spinney_container::{Finding, MAX_FINDINGS};
+
+/// Bytes by which a piece is compared with that of its feature: feature, place, ends, level.
+const ROW: usize = 29;
+
+fn row_of(piece: &Piece) -> Vec<u8> {
+    let mut row = piece.feature.to_be_bytes().to_vec();
+    row.extend_from_slice(&piece.place.to_be_bytes());
+    piece.ends.iter().flatten().for_each(|number| row.extend_from_slice(&number.to_le_bytes()));
+    row.push(piece.first);
+    row
+}
+
+/// What is wrong, told up to a limit.
+#[derive(Default)]
+struct Findings(Vec<Finding>);
+
+impl Findings {
+    fn tell(&mut self, place: String, problem: impl Into<String>) {
+        if self.0.len() < MAX_FINDINGS {
+            self.0.push(Finding { place, problem: problem.into() });
+        }
+    }
+
+    /// Takes what was damaged as a finding; hands other errors on.
+    fn damage<T>(&mut self, found: Result<T>) -> Result<Option<T>> {
+        match found {
+            Ok(found) => Ok(Some(found)),
+            Err(Error::Corrupt { place, found, expected, .. }) => {
+                self.tell(place, format!("found {found}, expected {expected}"));
+                Ok(None)
+            }
+            Err(error) => Err(error),
+        }
+    }
+}
+
+impl LineTree {
+    /// Checks every checksum and every rule: that blocks can be unpacked, that each piece of each feature is there once, in the node where it belongs or one
+    /// above it, and that what nodes say is true. At most [`MAX_FINDINGS`] are told; about `memory` bytes are used, and temporary files.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or no temporary file can be written.
+    pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        let mut findings = Findings::default();
+        let (nodes, blocks, feature_blocks) = self.counts();
+        let total = (blocks + feature_blocks) as u64;
+        let mut own = vec![Statistics::NONE; nodes];
+        let mut rows = Sorter::new(&std::env::temp_dir(), ROW, memory);
+        let (mut node, mut next) = (0, 0);
+        while next < blocks {
+            progress.check()?;
+            let batch: Vec<usize> = (next..(next + 4 * parallel::threads()).min(blocks)).collect();
+            next += batch.len();
+            let read = parallel::map(&batch, |block| self.block(*block));
+            for (block, pieces) in batch.iter().zip(read) {
+                let entry = self.block_entry(*block);
+                while node + 1 < nodes && self.node(node)?.code.bits() < entry.key {
+                    node += 1;
+                }
+                let Some(pieces) = findings.damage(pieces)? else { continue };
+                let statistics = statistics_of(self.grid(), &pieces);
+                let place = || format!("block {block}");
+                if statistics.bounds != entry.bounds {
+                    let problem = format!("bounds {:?}, expected {:?}", entry.bounds, statistics.bounds);
+                    findings.tell(place(), problem);
+                }
+                let code = Code::from_bits(Dimension::Quad, entry.key);
+                let is_here = |piece: &Piece| {
+                    self.grid().code(piece.ends).zip(code).is_some_and(|(own, code)| code.contains(own))
+                };
+                if let Some(piece) = pieces.iter().position(|piece| !is_here(piece)) {
+                    findings.tell(place(), format!("piece {piece} belongs into another node"));
+                }
+                own[node].add(&statistics);
+                for piece in &pieces {
+                    rows.push(piece.feature, row_of(piece))?;
+                }
+            }
+            progress.advance(batch.len() as u64, total);
+        }
+        self.check_nodes(own, &mut findings)?;
+        self.check_features(rows, &mut findings, (progress, total))?;
+        Ok(findings.0)
+    }
+
+    /// Compares what nodes say with what their blocks have.
+    fn check_nodes(&self, mut own: Vec<Statistics>, findings: &mut Findings) -> Result<()> {
+        let mut below: Vec<(Code, Statistics)> = Vec::new();
+        let mut segments = 0;
+        // From the last node to the first: those below come before those above.
+        for index in (0..own.len()).rev() {
+            let found = self.node(index)?;
+            let mut all = std::mem::replace(&mut own[index], Statistics::NONE);
+            segments += all.segments;
+            let mut sum = Statistics::NONE;
+            while let Some((_, child)) = below.pop_if(|(code, _)| found.code.contains(*code)) {
+                sum.add(&child);
+            }
+            all.add(&sum);
+            let told = (found.segments, found.features, found.length.to_bits(), found.bounds);
+            let features = all.features(found.code.level());
+            if told != (all.segments, features, all.length.to_bits(), all.bounds) {
+                let problem = "counts, length or bounds are not those of its lines";
+                findings.tell(format!("node {}", found.code), problem);
+            }
+            below.push((found.code, all));
+        }
+        if below.len() > 1 {
+            let problem = format!("{} nodes that have none above them, expected one root", below.len());
+            findings.tell("list of nodes".into(), problem);
+        }
+        if segments != self.segments() {
+            let problem = format!("found {segments} pieces, expected {}", self.segments());
+            findings.tell("lines".into(), problem);
+        }
+        Ok(())
+    }
+
+    /// Compares the pieces in blocks with those of the features.
+    fn check_features(
+        &self,
+        rows: Sorter,
+        findings: &mut Findings,
+        (progress, total): (&dyn Progress, u64),
+    ) -> Result<()> {
+        let blocks = self.counts().2;
+        let mut block = 0;
+        // The pieces that come next by what the features say, the last one first.
+        let mut wanted: Vec<Vec<u8>> = Vec::new();
+        let mut is_wrong = false;
+        let mut next = |findings: &mut Findings| -> Result<Option<Vec<u8>>> {
+            while wanted.is_empty() && block < blocks {
+                progress.check()?;
+                let first = self.feature_entry(block).key;
+                if let Some(features) = findings.damage(self.feature_block(block))? {
+                    for (number, feature) in (first..).zip(&features) {
+                        let Some(pieces) = pieces_of(self.grid(), number, feature) else {
+                            findings.tell(format!("feature {number}"), "reaches beyond the grid");
+                            continue;
+                        };
+                        wanted.extend(pieces.iter().map(|(_, piece)| row_of(piece)));
+                    }
+                    wanted.sort_unstable_by(|a, b| b.cmp(a));
+                }
+                block += 1;
+                progress.advance(1, total);
+            }
+            Ok(wanted.pop())
+        };
+        // (Rows come by their features; those of one feature are put in order here.)
+        let mut held: Vec<Vec<u8>> = Vec::new();
+        let mut compare = |held: &mut Vec<Vec<u8>>, findings: &mut Findings| -> Result<()> {
+            held.sort_unstable();
+            for row in held.drain(..) {
+                if next(findings)?.as_ref() != Some(&row) && !is_wrong {
+                    is_wrong = true;
+                    let feature = u64::from_be_bytes(std::array::from_fn(|byte| row[byte]));
+                    findings.tell(
+                        format!("feature {feature}"),
+                        "its pieces in blocks are not those of its lines",
+                    );
+                }
+            }
+            Ok(())
+        };
+        rows.finish(&mut |row| {
+            if held.last().is_some_and(|last| last[..8] != row[..8]) {
+                compare(&mut held, findings)?;
+            }
+            held.push(row.to_vec());
+            Ok(())
+        })?;
+        compare(&mut held, findings)?;
+        let mut missing = 0u64;
+        while next(findings)?.is_some() {
+            missing += 1;
+        }
+        if missing > 0 && !is_wrong {
+            findings.tell("features".into(), format!("{missing} pieces of lines that are in no block"));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,369 @@
+//! Trees of lines against all lines in memory.
+
+use crate::geometry::{FRACTION, ends, meet, meets_box, square_distance};
+use crate::source::{LineFeature, LinesInMemory};
+use crate::store::LineTree;
+use crate::{LineAttribute, LineBuildOptions, LineBuildSummary, LineValue, ValueKind, build};
+use spinney_base::Result;
+use spinney_base::io::Output;
+use spinney_container::Metadata;
+use std::collections::BTreeSet;
+
+/// Random numbers with a fixed seed.
+pub(crate) fn random(seed: u64) -> impl FnMut(u64) -> u64 {
+    let mut state = seed;
+    move |below| {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        let mixed = state ^ state >> 29;
+        (mixed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 16) % below
+    }
+}
+
+fn attributes() -> Vec<LineAttribute> {
+    [
+        ("name", ValueKind::Text),
+        ("lanes", ValueKind::Integer),
+        ("width", ValueKind::Number),
+        ("toll", ValueKind::Mixed),
+    ]
+    .map(|(name, kind)| LineAttribute { name: name.into(), kind })
+    .to_vec()
+}
+
+/// Features of all kinds: walks of short steps, long lines, equal ones, points, lines along axes and over the middle, several lines, none.
+fn features(count: usize, seed: u64) -> Vec<LineFeature> {
+    let mut random = random(seed);
+    let side = 1 << 16;
+    (0..count)
+        .map(|number| {
+            let mut at = || random(side) as i32 - 20_000;
+            let lines = match number % 8 {
+                0..=2 => {
+                    let mut here = [at(), at()];
+                    let walk = (0..12).map(|_| {
+                        here = [0, 1].map(|axis| (here[axis] + at() % 50).clamp(-20_000, 45_535));
+                        here
+                    });
+                    vec![walk.collect()]
+                }
+                3 => vec![vec![[at(), at()], [at(), at()]]],
+                4 => vec![vec![[5, 5], [5, 900], [5, 900]], vec![[5, 5], [-700, 5]]],
+                5 => vec![vec![[12_768, at()], [12_768, at()], [at(), 12_768]]],
+                6 if number % 16 == 6 => vec![],
+                _ => (0..3).map(|_| vec![[at() / 64, at() / 64], [at() / 64, at() / 64]]).collect(),
+            };
+            let values = vec![
+                if number % 5 == 0 {
+                    LineValue::None
+                } else {
+                    LineValue::Text(format!("road {}", number % 7))
+                },
+                LineValue::Integer(number as i64 * 3 - 100),
+                LineValue::Number(number as f64 / 3.0),
+                match number % 4 {
+                    0 => LineValue::Boolean(number % 8 == 0),
+                    1 => LineValue::Json("[1]".into()),
+                    2 => LineValue::Number(f64::NAN),
+                    _ => LineValue::Integer(i64::MIN),
+                },
+            ];
+            LineFeature { lines, values }
+        })
+        .collect()
+}
+
+fn bytes_of(features: &[LineFeature], options: &LineBuildOptions) -> Result<(Vec<u8>, LineBuildSummary)> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("l.goblin");
+    let mut source = LinesInMemory::new(attributes(), features.to_vec());
+    let built = build(&mut source, options, &Metadata::default(), Output::create(&path)?, &())?;
+    Ok((std::fs::read(&path).unwrap(), built))
+}
+
+fn tree_of(features: &[LineFeature], leaf_size: usize) -> LineTree {
+    let (bytes, _) =
+        bytes_of(features, &LineBuildOptions { leaf_size, ..LineBuildOptions::default() }).unwrap();
+    LineTree::from_bytes(bytes).unwrap()
+}
+
+fn segments(feature: &LineFeature) -> impl Iterator<Item = [[i32; 2]; 2]> {
+    feature.lines.iter().flat_map(|line| line.windows(2).map(|pair| [pair[0], pair[1]]))
+}
+
+#[test]
+fn features_come_back_whole() {
+    for (count, leaf_size) in [(0, 10), (1, 1), (7, 1), (500, 1), (500, 40), (9000, 1000), (500, 65_536)] {
+        let features = features(count, 3);
+        let tree = tree_of(&features, leaf_size);
+        assert_eq!(tree.len(), count as u64);
+        assert_eq!(
+            tree.segments(),
+            features.iter().map(|feature| segments(feature).count() as u64).sum::<u64>()
+        );
+        let mut found = Vec::new();
+        tree.features(&mut (0..u64::MAX), &mut |number, feature| {
+            assert_eq!(number, found.len() as u64);
+            found.push(feature.clone());
+            Ok(())
+        })
+        .unwrap();
+        // (NaN is not equal to itself.)
+        assert_eq!(format!("{found:?}"), format!("{features:?}"));
+        assert_eq!(tree.verify(1 << 20, &()).unwrap(), [], "{count} {leaf_size}");
+        let mut some = Vec::new();
+        let wanted = [0, 3, 4, 400, 10_000];
+        tree.features(&mut wanted.into_iter(), &mut |number, _| {
+            some.push(number);
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(some, wanted.into_iter().filter(|number| *number < count as u64).collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn windows_have_the_features_that_pass_through() {
+    let features = features(800, 9);
+    let tree = tree_of(&features, 16);
+    let mut random = random(4);
+    for question in 0..300 {
+        let mut at = || {
+            random(70_000) as f64 - 22_000.0 + if question % 3 == 0 { 0.0 } else { random(8) as f64 / 8.0 }
+        };
+        let corner = [at(), at()];
+        let side = [3.0, 100.0, 20_000.0, 0.0, 0.25][question % 5];
+        let window = [corner, [corner[0] + side, corner[1] + side]];
+        let fixed = window.map(|corner| corner.map(|number| (number * FRACTION as f64) as i64));
+        let expected = (0..)
+            .zip(&features)
+            .filter(|(_, feature)| segments(feature).any(|segment| meets_box(ends(segment), fixed)));
+        assert_eq!(
+            tree.window(window, &()).unwrap(),
+            expected.map(|(number, _)| number).collect::<Vec<u64>>()
+        );
+    }
+    assert_eq!(tree.window([[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]], &()).unwrap().len(), 750);
+    assert!(tree.window([[5.0; 2], [4.0; 2]], &()).unwrap().is_empty());
+    assert!(tree.window([[f64::NAN; 2], [4.0; 2]], &()).is_err());
+}
+
+#[test]
+fn boxes_are_met_where_a_place_of_the_line_is_inside() {
+    // Against all places of a fine grid: of small numbers, each line that meets a box has a place on a grid of the determinants that there can be.
+    let mut random = random(8);
+    for _ in 0..20_000 {
+        let mut place = || [random(7) as i64, random(7) as i64];
+        let (line, low, high) = ([place(), place()], place(), place());
+        let [low, high] = crate::geometry::box_of([low, high]);
+        let mut shares = [0f64, 1.0];
+        // The line's part in the box, by clipping with fractions of whole numbers.
+        let mut is_met = true;
+        for axis in 0..2 {
+            let along = line[1][axis] - line[0][axis];
+            let (to_low, to_high) = (low[axis] - line[0][axis], high[axis] - line[0][axis]);
+            if along == 0 {
+                is_met &= to_low <= 0 && to_high >= 0;
+            } else {
+                let (first, last) = (to_low as f64 / along as f64, to_high as f64 / along as f64);
+                shares = [shares[0].max(first.min(last)), shares[1].min(first.max(last))];
+            }
+        }
+        is_met &= shares[0] <= shares[1] + 1e-12;
+        assert_eq!(meets_box(line, [low, high]), is_met, "{line:?} {low:?} {high:?}");
+    }
+}
+
+#[test]
+fn crossings_are_those_of_all_pieces() {
+    let features = features(600, 5);
+    let tree = tree_of(&features, 8);
+    let mut random = random(6);
+    for question in 0..100 {
+        let mut at = || random(66_000) as f64 - 20_000.0;
+        let line: Vec<[f64; 2]> = match question {
+            0 => vec![[5.0, -100.0], [5.0, 2000.0]],
+            1 => vec![[12_768.0, 0.0], [12_768.0, 0.0]],
+            2 => vec![],
+            _ => (0..2 + question % 3).map(|_| [at(), at()]).collect(),
+        };
+        let fixed: Vec<[i64; 2]> =
+            line.iter().map(|place| place.map(|number| number as i64 * FRACTION)).collect();
+        let mut expected = Vec::new();
+        for (number, piece) in fixed.windows(2).enumerate() {
+            for (feature, own) in (0u64..).zip(&features) {
+                let mut place = 0u32;
+                for line in &own.lines {
+                    for pair in line.windows(2) {
+                        if meet(ends([pair[0], pair[1]]), [piece[0], piece[1]]) {
+                            expected.push((number, feature, place));
+                        }
+                        place += 1;
+                    }
+                    place += 1;
+                }
+            }
+        }
+        let found = tree.crossings(&line, &()).unwrap();
+        let told: Vec<_> = found.iter().map(|found| (found.piece, found.feature, found.vertex)).collect();
+        assert_eq!(told, expected, "{line:?}");
+        // Where they meet is on both.
+        for crossing in &found {
+            let at = crossing.place.map(|number| (number * FRACTION as f64).round() as i64);
+            let [a, b] = [fixed[crossing.piece], fixed[crossing.piece + 1]];
+            assert!(square_distance([a, b], at).sqrt() < 4.0, "{crossing:?}");
+            let own = vertices(&features[crossing.feature as usize]);
+            let vertex = crossing.vertex as usize;
+            assert!(square_distance(ends([own[vertex], own[vertex + 1]]), at).sqrt() < 4.0, "{crossing:?}");
+        }
+    }
+}
+
+fn vertices(feature: &LineFeature) -> Vec<[i32; 2]> {
+    feature.lines.iter().flatten().copied().collect()
+}
+
+#[test]
+fn the_nearest_lines_are_those_of_all() {
+    let features = features(500, 11);
+    for leaf_size in [4, 100] {
+        let tree = tree_of(&features, leaf_size);
+        let mut random = random(12);
+        let places: Vec<[f64; 2]> = (0..400)
+            .map(|number| {
+                let mut at = || random(80_000) as f64 - 30_000.0 + if number % 2 == 0 { 0.5 } else { 0.0 };
+                match number % 4 {
+                    0 | 1 => [at(), at()],
+                    // Vertices, where many lines are equally far, and places far away.
+                    2 => [5.0, 5.0],
+                    _ => [1e6 + at(), -3e5],
+                }
+            })
+            .collect();
+        for (most, within) in
+            [(1, f64::INFINITY), (3, f64::INFINITY), (7, 400.0), (600, f64::INFINITY), (0, 5.0)]
+        {
+            let found = tree.nearest(&places, (most, within), &()).unwrap();
+            for (place, found) in places.iter().zip(found) {
+                let from = place.map(|number| (number * FRACTION as f64) as i64);
+                let mut all: Vec<(f64, u64)> = (0..)
+                    .zip(&features)
+                    .filter_map(|(number, feature)| {
+                        let squares = segments(feature).map(|segment| square_distance(ends(segment), from));
+                        squares.min_by(f64::total_cmp).map(|square| (square, number))
+                    })
+                    .filter(|(square, _)| *square <= (within * FRACTION as f64).powi(2))
+                    .collect();
+                all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+                all.truncate(most);
+                let told: Vec<(f64, u64)> = found.iter().map(|near| (near.distance, near.feature)).collect();
+                let expected: Vec<(f64, u64)> = all
+                    .into_iter()
+                    .map(|(square, number)| (square.sqrt() / FRACTION as f64, number))
+                    .collect();
+                assert_eq!(told, expected);
+                for near in found {
+                    let away = (near.place[0] - place[0]).hypot(near.place[1] - place[1]);
+                    assert!((away - near.distance).abs() <= 1e-9 * away.max(1.0), "{near:?}");
+                }
+            }
+        }
+    }
+    let empty = tree_of(&[], 5);
+    assert_eq!(empty.nearest(&[[0.0; 2]], (1, f64::INFINITY), &()).unwrap(), [vec![]]);
+    assert!(empty.nearest(&[[f64::NAN; 2]], (1, f64::INFINITY), &()).is_err());
+    assert!(empty.nearest(&[[1e300, 0.0]], (1, f64::INFINITY), &()).is_err());
+}
+
+#[test]
+fn nodes_say_how_much_is_in_them() {
+    let features = features(700, 21);
+    let (bytes, built) =
+        bytes_of(&features, &LineBuildOptions { leaf_size: 20, ..LineBuildOptions::default() }).unwrap();
+    let tree = LineTree::from_bytes(bytes).unwrap();
+    let length: f64 = features.iter().flat_map(segments).map(|segment| tree.grid().length(segment)).sum();
+    assert!((tree.length().unwrap() - length).abs() < 1e-6 * length);
+    assert_eq!(
+        (built.features, built.segments, built.length),
+        (700, tree.segments(), tree.length().unwrap())
+    );
+    let levels = tree.levels().unwrap();
+    assert_eq!(levels.iter().map(|level| level.segments).sum::<u64>(), tree.segments());
+    assert!((levels.iter().map(|level| level.length).sum::<f64>() - length).abs() < 1e-6 * length);
+    assert_eq!((levels[0].nodes, levels[0].most_segments), (1, tree.segments()));
+    for index in 0..tree.counts().0 {
+        let node = tree.node(index).unwrap();
+        let mut own = BTreeSet::new();
+        let mut count = 0;
+        for (number, feature) in features.iter().enumerate() {
+            for segment in segments(feature) {
+                let code = tree.grid().code(segment).unwrap();
+                if node.code.contains(code) {
+                    own.insert(number);
+                    count += 1;
+                }
+            }
+        }
+        assert_eq!((node.segments, node.features), (count, own.len() as u64), "{}", node.code);
+        // A node that others are below has too many pieces for a leaf.
+        let has_children = !tree.children(&node).unwrap().is_empty();
+        assert!(!has_children || node.segments > 20);
+        let blocks = tree.blocks_of(node.code);
+        assert!(has_children || blocks.len() as u64 == node.segments.div_ceil(20));
+        assert!(node.code.level() == tree.grid().deepest() || has_children || node.segments <= 20);
+    }
+}
+
+#[test]
+fn the_same_bytes_come_of_little_memory_and_any_threads() {
+    let features = features(4000, 2);
+    let options = LineBuildOptions { leaf_size: 50, ..LineBuildOptions::default() };
+    let (expected, _) = bytes_of(&features, &options).unwrap();
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let little = LineBuildOptions { memory: 1, ..options.clone() };
+        let (found, _) = pool.install(|| bytes_of(&features, &little)).unwrap();
+        assert!(found == expected, "{threads} threads");
+    }
+    assert!(bytes_of(&features, &LineBuildOptions { leaf_size: 0, ..options }).is_err());
+}
+
+#[test]
+fn damage_is_told() {
+    let features = features(300, 2);
+    let (bytes, _) =
+        bytes_of(&features, &LineBuildOptions { leaf_size: 20, ..LineBuildOptions::default() }).unwrap();
+    let mut told = 0;
+    for place in (0..bytes.len()).step_by(7) {
+        let mut damaged = bytes.clone();
+        damaged[place] ^= 1 << (place % 8);
+        let Ok(tree) = LineTree::from_bytes(damaged) else {
+            told += 1;
+            continue;
+        };
+        let findings = tree.verify(1 << 20, &()).unwrap();
+        assert!(!findings.is_empty(), "byte {place}");
+        let _ = tree.window([[0.0; 2], [500.0; 2]], &());
+        let _ = tree.nearest(&[[0.0; 2]], (1, f64::INFINITY), &());
+        told += 1;
+    }
+    assert_eq!(told, bytes.len().div_ceil(7));
+    for length in [0, 10, 24, 100, bytes.len() / 2, bytes.len() - 1] {
+        assert!(LineTree::from_bytes(bytes[..length].to_vec()).is_err());
+    }
+}
+
+#[test]
+fn lines_of_one_vertex_and_beyond_the_bounds_are_refused() {
+    let one = LineFeature { lines: vec![vec![[0, 0]]], values: Vec::new() };
+    assert!(
+        bytes_of(&[one], &LineBuildOptions::default())
+            .unwrap_err()
+            .to_string()
+            .contains("a line of 1 vertices")
+    );
+    let far = LineFeature { lines: vec![vec![[i32::MIN; 2], [i32::MAX; 2]]], values: Vec::new() };
+    let tree = tree_of(&[far], 5);
+    assert_eq!(tree.window([[0.25; 2], [0.5; 2]], &()).unwrap(), [0]);
+    assert_eq!(tree.window([[0.25, 0.5], [0.3, 0.6]], &()).unwrap(), [0u64; 0]);
+    assert_eq!(tree.nearest(&[[3.0, 1.0]], (1, 2.0), &()).unwrap()[0][0].distance, 2f64.sqrt());
+}

@@ -1,0 +1,207 @@
+//! Features that are lines, for trees of lines.
+
+use std::path::{Path, PathBuf};
+
+use super::feature::{
+    AttributeType, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, open_features,
+};
+use spinney_base::space::Dimension;
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+use spinney_lines::{LineAttribute, LineFeature, LineSchema, LineSource, LineValue, ValueKind};
+use spinney_points::{GriddedPoints, PointAttribute, PointSource as _, WorldPoints};
+
+/// Lines of a file of features, on a grid: that of the digits which all coordinates have, where there are few; else the finest that reaches over all of them.
+pub struct FeatureLines {
+    path: PathBuf,
+    schema: LineSchema,
+    reader: Box<dyn FeatureReader>,
+    is_rounded: bool,
+    with_heights: u64,
+    /// Features that were read.
+    count: u64,
+}
+
+/// Goes through a file of features that are lines, to find their grid, and opens it for a tree of lines.
+///
+/// # Errors
+/// Those of [`open_features`]; if a feature is no line, or a coordinate no number.
+pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<FeatureLines> {
+    let reader = open_features(path, options)?;
+    let crs = reader.schema().crs.clone();
+    let vertices = Vertices {
+        path: path.to_path_buf(),
+        options: options.clone(),
+        reader,
+        crs,
+        rest: Vec::new(),
+        count: 0,
+    };
+    let gridded = GriddedPoints::new(Box::new(vertices))?;
+    let found = gridded.schema();
+    // The world's corners, from which one scale for both axes follows: the finer one, if it reaches over all.
+    let ends: [[f64; 2]; 2] = std::array::from_fn(|axis| {
+        found.bounds.map(|corner| f64::from(corner[axis]) * found.scale[axis] + found.offset[axis])
+    });
+    let [fine, coarse] = [found.scale[0].min(found.scale[1]), found.scale[0].max(found.scale[1])];
+    let on = |scale: f64| -> Option<[f64; 2]> {
+        let offsets = ends.map(|[least, most]| offset(scale, least, most));
+        Some([offsets[0]?, offsets[1]?])
+    };
+    let (scale, offset) = match (on(fine), on(coarse)) {
+        (Some(offset), _) => (fine, offset),
+        (None, Some(offset)) => (coarse, offset),
+        (None, None) => {
+            let found =
+                format!("coordinates from {:?} to {:?}", ends.map(|end| end[0]), ends.map(|end| end[1]));
+            return Err(Error::corrupt(
+                path,
+                "features",
+                found,
+                "coordinates that a grid of 32 bits reaches over",
+            ));
+        }
+    };
+    let ratio = coarse / scale;
+    let is_rounded = gridded.is_rounded() || (ratio - ratio.round()).abs() > 1e-9 * ratio || scale > fine;
+    let step = |end: usize| [0, 1].map(|axis| step(scale, offset[axis], ends[axis][end]));
+    let reader = open_features(path, options)?;
+    let schema = reader.schema();
+    let attribute =
+        |(name, kind): &(String, AttributeType)| LineAttribute { name: name.clone(), kind: kind_of(*kind) };
+    let schema = LineSchema {
+        attributes: schema.attributes.iter().map(attribute).collect(),
+        scale,
+        offset,
+        bounds: [step(0), step(1)],
+        crs: schema.crs.clone(),
+        count: schema.count,
+    };
+    Ok(FeatureLines { path: path.to_path_buf(), schema, reader, is_rounded, with_heights: 0, count: 0 })
+}
+
+/// Offset of a grid of 32 bits over numbers; `None` if there is none.
+fn offset(scale: f64, least: f64, most: f64) -> Option<f64> {
+    let reach = least.abs().max(most.abs());
+    let offset = if reach / scale <= f64::from(i32::MAX) { 0.0 } else { least.floor() };
+    ((most - offset) / scale <= f64::from(i32::MAX)).then_some(offset)
+}
+
+fn step(scale: f64, offset: f64, number: f64) -> i32 {
+    ((number - offset) / scale).round() as i32
+}
+
+fn kind_of(kind: AttributeType) -> ValueKind {
+    match kind {
+        AttributeType::Integer => ValueKind::Integer,
+        AttributeType::Number => ValueKind::Number,
+        AttributeType::Boolean => ValueKind::Boolean,
+        AttributeType::Json => ValueKind::Json,
+        AttributeType::Mixed => ValueKind::Mixed,
+        AttributeType::Text | AttributeType::PerSegment => ValueKind::Text,
+    }
+}
+
+fn value_of(attribute: FeatureAttribute) -> LineValue {
+    match attribute {
+        FeatureAttribute::None => LineValue::None,
+        FeatureAttribute::Integer(number) => LineValue::Integer(number),
+        FeatureAttribute::Number(number) => LineValue::Number(number),
+        FeatureAttribute::Text(text) => LineValue::Text(text),
+        FeatureAttribute::Boolean(is) => LineValue::Boolean(is),
+        FeatureAttribute::Json(text) => LineValue::Json(text),
+    }
+}
+
+/// The lines of a feature's geometry.
+fn lines_of(path: &Path, number: u64, geometry: Option<FeatureGeometry>) -> Result<Vec<Vec<[f64; 2]>>> {
+    let found = match geometry {
+        None => return Ok(Vec::new()),
+        Some(FeatureGeometry::Lines(lines)) => return Ok(lines),
+        Some(FeatureGeometry::Points(_)) => "points",
+        Some(FeatureGeometry::Polygons(_)) => "a polygon",
+        Some(FeatureGeometry::Collection(_)) => "a collection of geometries",
+    };
+    let advice = "a tree of lines has lines alone; points become trees with `--index points`, and polygons cells with --cell";
+    Err(Error::unsupported(path, format!("feature {number}, which is {found},"), advice))
+}
+
+impl FeatureLines {
+    /// Whether vertices are rounded to the grid, by at most half of its steps.
+    pub fn is_rounded(&self) -> bool {
+        self.is_rounded
+    }
+
+    /// Features, of those that were read, whose geometries have heights or measures, which are read over.
+    pub fn with_heights(&self) -> u64 {
+        self.with_heights
+    }
+}
+
+impl LineSource for FeatureLines {
+    fn schema(&self) -> &LineSchema {
+        &self.schema
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn next(&mut self) -> Result<Option<LineFeature>> {
+        let Some(feature) = self.reader.next()? else { return Ok(None) };
+        self.count += 1;
+        self.with_heights += u64::from(feature.has_heights);
+        let LineSchema { scale, offset, .. } = self.schema;
+        let vertex = |[x, y]: [f64; 2]| [step(scale, offset[0], x), step(scale, offset[1], y)];
+        let lines = lines_of(&self.path, self.count, feature.geometry)?;
+        let lines = lines.into_iter().map(|line| line.into_iter().map(vertex).collect()).collect();
+        Ok(Some(LineFeature { lines, values: feature.attributes.into_iter().map(value_of).collect() }))
+    }
+}
+
+/// Goes through the vertices of features.
+struct Vertices {
+    path: PathBuf,
+    options: FeatureOptions,
+    reader: Box<dyn FeatureReader>,
+    crs: Option<Crs>,
+    /// Vertices of the last feature that are left.
+    rest: Vec<[f64; 2]>,
+    count: u64,
+}
+
+impl WorldPoints for Vertices {
+    fn attributes(&self) -> &[PointAttribute] {
+        &[]
+    }
+
+    fn dimension(&self) -> Dimension {
+        Dimension::Quad
+    }
+
+    fn crs(&self) -> Option<&Crs> {
+        self.crs.as_ref()
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn next(&mut self, _numbers: &mut [i64]) -> Result<Option<[f64; 3]>> {
+        loop {
+            if let Some([x, y]) = self.rest.pop() {
+                return Ok(Some([x, y, 0.0]));
+            }
+            let Some(feature) = self.reader.next()? else { return Ok(None) };
+            self.count += 1;
+            self.rest = lines_of(&self.path, self.count, feature.geometry)?.concat();
+        }
+    }
+
+    fn rewind(&mut self) -> Result<()> {
+        self.reader = open_features(&self.path, &self.options)?;
+        self.rest.clear();
+        self.count = 0;
+        Ok(())
+    }
+}

@@ -1,0 +1,79 @@
+//! What `spinney build` does with features that become trees of lines.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use spinney::Progress;
+use spinney::import::feature::{FeatureLines, FeatureOptions, is_feature_file, open_feature_lines};
+use spinney::io::Output;
+use spinney::lines::{LineBuildOptions, LineSource as _, build};
+use spinney::store::Metadata;
+
+use super::super::report::warn;
+
+/// Features that are open and understood, ready to be built.
+pub(crate) struct LineImport {
+    input: PathBuf,
+    source: FeatureLines,
+    metadata: Metadata,
+    options: LineBuildOptions,
+    description: Vec<(&'static str, String)>,
+}
+
+impl LineImport {
+    /// Looks at the features of a file.
+    pub(crate) fn plan(
+        inputs: &[PathBuf],
+        features: &FeatureOptions,
+        crs: Option<spinney::space::Crs>,
+        options: LineBuildOptions,
+    ) -> Result<LineImport> {
+        let [input] = inputs else {
+            bail!("--index: a tree has the features of one file; build a tree of each")
+        };
+        if !is_feature_file(input) {
+            bail!("--index: {} has no features", input.display());
+        }
+        let source = open_feature_lines(input, features)?;
+        if source.is_rounded() {
+            warn(&format!(
+                "{}: vertices have more digits than a grid of 32 bits, and are rounded to it",
+                input.display()
+            ));
+        }
+        let schema = source.schema();
+        let mut metadata = Metadata::default();
+        metadata.frame.crs = crs.or(schema.crs.clone());
+        metadata.provenance = vec![input.display().to_string()];
+        let names: Vec<&str> = schema.attributes.iter().map(|attribute| attribute.name.as_str()).collect();
+        let mut description = Vec::new();
+        if !names.is_empty() {
+            description.push(("attributes", names.join(", ")));
+        }
+        Ok(LineImport { input: input.clone(), source, metadata, options, description })
+    }
+
+    /// Lines about what was found, each with its heading.
+    pub(crate) fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// Builds the tree, and gives what is to be said about it.
+    pub(crate) fn build(
+        mut self,
+        output: Output,
+        progress: &dyn Progress,
+    ) -> Result<Vec<(&'static str, String)>> {
+        let built = build(&mut self.source, &self.options, &self.metadata, output, progress)?;
+        let count = self.source.with_heights();
+        if count > 0 {
+            let input = self.input.display();
+            warn(&format!("{input}: {count} features have heights or measures, which are not kept"));
+        }
+        let text = format!(
+            "{} features, {} pieces between vertices, length {}",
+            built.features, built.segments, built.length
+        );
+        Ok(vec![("lines", text)])
+    }
+}

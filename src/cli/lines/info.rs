@@ -1,0 +1,86 @@
+//! `spinney info` of a tree of lines.
+
+use std::fmt::Write as _;
+
+use anyhow::Result;
+use serde_json::json;
+use spinney::lines::{LevelTotals, LineTree};
+
+use super::super::report::{print_json, print_text};
+
+/// Tells what is in a tree of lines; with `levels` what the nodes of each level have.
+pub(crate) fn info(tree: &LineTree, levels: bool, is_json: bool) -> Result<()> {
+    let totals = tree.levels()?;
+    if is_json { print_json(&as_json(tree, &totals)?) } else { print_text(&as_text(tree, &totals, levels)?) }
+}
+
+fn as_json(tree: &LineTree, levels: &[LevelTotals]) -> Result<serde_json::Value> {
+    let metadata = tree.metadata();
+    let (nodes, blocks, feature_blocks) = tree.counts();
+    let level = |totals: &LevelTotals| {
+        json!({
+            "nodes": totals.nodes,
+            "segments": totals.segments,
+            "length": totals.length,
+            "most_segments": totals.most_segments,
+            "most_features": totals.most_features,
+        })
+    };
+    let names: Vec<&str> = tree.attributes().iter().map(|attribute| attribute.name.as_str()).collect();
+    Ok(json!({
+        "file": tree.path().display().to_string(),
+        "format": "Goblin",
+        "tree": "quadtree of lines",
+        "features": tree.len(),
+        "segments": tree.segments(),
+        "length": tree.length()?,
+        "bounds": tree.bounds()?,
+        "leaf_size": tree.leaf_size(),
+        "nodes": nodes,
+        "blocks": blocks,
+        "feature_blocks": feature_blocks,
+        "levels": levels.iter().map(level).collect::<Vec<_>>(),
+        "scale": tree.grid().scale,
+        "offset": tree.grid().offset,
+        "attributes": names,
+        "epsg": metadata.frame.crs.as_ref().and_then(|crs| crs.numbers()).map(|numbers| numbers.horizontal),
+        "provenance": metadata.provenance,
+        "tags": metadata.tags,
+        "bytes": tree.bytes(),
+    }))
+}
+
+fn as_text(tree: &LineTree, levels: &[LevelTotals], with_levels: bool) -> Result<String> {
+    let mut text = String::new();
+    writeln!(text, "{}", tree.path().display())?;
+    writeln!(text, "format      Goblin, quadtree of lines")?;
+    writeln!(text, "features    {}", tree.len())?;
+    writeln!(text, "lines       {} pieces between vertices, length {}", tree.segments(), tree.length()?)?;
+    if let Some([[west, south], [east, north]]) = tree.bounds()? {
+        writeln!(text, "bounds      {west}, {south} to {east}, {north}")?;
+    }
+    let (nodes, blocks, _) = tree.counts();
+    let (count, leaf) = (levels.len(), tree.leaf_size());
+    writeln!(text, "nodes       {nodes} in {count} levels, {blocks} blocks of at most {leaf} pieces")?;
+    writeln!(text, "grid        steps of {}", tree.grid().scale)?;
+    if let Some(crs) = &tree.metadata().frame.crs {
+        writeln!(text, "crs         {crs}")?;
+    }
+    for line in &tree.metadata().provenance {
+        writeln!(text, "from        {line}")?;
+    }
+    for (key, value) in tree.metadata().tags.iter().filter(|(_, value)| value.len() <= 80) {
+        writeln!(text, "tag         {key} = {value}")?;
+    }
+    let names: Vec<&str> = tree.attributes().iter().map(|attribute| attribute.name.as_str()).collect();
+    writeln!(text, "attributes  {}", names.join(", "))?;
+    writeln!(text, "bytes       {}", tree.bytes())?;
+    for (level, totals) in levels.iter().enumerate().filter(|_| with_levels) {
+        let LevelTotals { nodes, segments, length, most_segments, most_features } = totals;
+        writeln!(
+            text,
+            "level {level:<5} {nodes} nodes with {segments} pieces of their own, length {length}; at most {most_segments} pieces of {most_features} features in one and below"
+        )?;
+    }
+    Ok(text)
+}

@@ -1,0 +1,54 @@
+//! Parts of subcommands that are about trees of lines.
+
+mod build;
+mod get;
+mod info;
+mod nearest;
+mod stats;
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+use spinney::lines::{LineTree, is_line_file};
+use spinney::space::Coordinates;
+use spinney::store::OpenOptions;
+
+use super::args::PartOptions;
+
+pub(super) use build::LineImport;
+pub(super) use get::get;
+pub(super) use info::info;
+pub(super) use nearest::nearest;
+pub(super) use stats::{join, stats};
+
+/// The tree of lines in a file; `None` if it has anything else.
+pub(super) fn open(path: &Path) -> Result<Option<LineTree>> {
+    if !is_line_file(path) {
+        return Ok(None);
+    }
+    Ok(Some(LineTree::open(path, &OpenOptions::new())?))
+}
+
+/// Fails if options were given that mean nothing for trees of lines.
+pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
+    if let Some((name, _)) = options.iter().find(|(_, is_given)| *is_given) {
+        bail!("{}: is a tree of lines, for which {name} means nothing", path.display());
+    }
+    Ok(())
+}
+
+/// The window that is meant, if one was given.
+pub(super) fn window(part: &PartOptions) -> Result<Option<[[f64; 2]; 2]>> {
+    if !matches!(part.coordinates().given(), None | Some(Coordinates::World)) {
+        bail!("--in: windows of lines are given in their own coordinates (--in world)");
+    }
+    if part.is_solid() {
+        bail!("--window: lines have two coordinates, so that a window has four numbers");
+    }
+    Ok(part.corners().map(|corners| corners.map(|[x, y, _]| [x, y])))
+}
+
+/// Names with commas between them.
+pub(super) fn names(text: Option<&str>) -> Option<Vec<String>> {
+    text.map(|text| text.split(',').map(|name| name.trim().to_owned()).collect())
+}

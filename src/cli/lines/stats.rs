@@ -1,0 +1,75 @@
+//! `spinney stats` of a tree of lines.
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use serde_json::json;
+use spinney::io::Output;
+use spinney::lines::{LineTree, join_nearest_lines};
+
+use super::super::Global;
+use super::super::args::{check_output, vector_format};
+use super::super::report::{Work, print_json, print_text, report_output};
+
+/// Tells how many features and lines there are, and how long these are; with a window the features that pass through it.
+pub(crate) fn stats(
+    tree: &LineTree,
+    window: Option<[[f64; 2]; 2]>,
+    is_json: bool,
+    global: &Global,
+) -> Result<()> {
+    let Some(window) = window else {
+        let (features, segments, length) = (tree.len(), tree.segments(), tree.length()?);
+        return match is_json {
+            true => print_json(&json!({ "features": features, "segments": segments, "length": length })),
+            false => print_text(&format!(
+                "features    {features}\nlines       {segments} pieces, length {length}\n"
+            )),
+        };
+    };
+    let work = Work::start(global, "blocks")?;
+    let features = tree.window(window, &work)?.len();
+    work.finish();
+    match is_json {
+        true => print_json(&json!({ "features": features })),
+        false => print_text(&format!("features    {features}\n")),
+    }
+}
+
+/// Joins points with the lines nearest to them.
+pub(crate) fn join(
+    tree: &LineTree,
+    points: &Path,
+    (within, names): (f64, Option<&[String]>),
+    output: Option<&Path>,
+    (is_json, global): (bool, &Global),
+) -> Result<()> {
+    let start = Instant::now();
+    let target = match output {
+        None => None,
+        Some(path) => {
+            check_output([tree.path(), points], path)?;
+            let format = vector_format(None, path)?;
+            Some((Output::create(path)?, format))
+        }
+    };
+    let work = Work::start(global, "points")?;
+    let found = join_nearest_lines(tree, points, (within, names), target, &work)
+        .with_context(|| format!("cannot join {}", points.display()))?;
+    work.finish();
+    let mean = if found.joined > 0 { found.sum / found.joined as f64 } else { 0.0 };
+    let (points, joined, most) = (found.points, found.joined, found.most);
+    match is_json {
+        true => print_json(
+            &json!({ "points": points, "joined": joined, "mean_distance": mean, "max_distance": most }),
+        )?,
+        false => print_text(&format!(
+            "points      {points}, {joined} of them with a line that is near enough\ndistance    mean {mean}, at most {most}\n"
+        ))?,
+    }
+    if let Some(path) = output {
+        report_output(global, path, start);
+    }
+    Ok(())
+}

@@ -1,0 +1,149 @@
+//! Trees of lines, as people make and ask them.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use crate::common::command::{complaint, spinney, stdout};
+
+/// Streets of a town as GeoJSON: a grid of straight ones and a ring of several pieces, in steps of a tenth.
+fn streets(folder: &Path) -> String {
+    let mut features = Vec::new();
+    for number in 0..20 {
+        let at = f64::from(number) * 10.5;
+        let ends = if number % 2 == 0 { [[at, 0.0], [at, 200.5]] } else { [[0.0, at], [200.5, at]] };
+        features.push(format!(
+            r#"{{"type":"Feature","properties":{{"name":"street {number}","lanes":{}}},"geometry":{{"type":"LineString","coordinates":[[{},{}],[{},{}]]}}}}"#,
+            number % 3,
+            ends[0][0],
+            ends[0][1],
+            ends[1][0],
+            ends[1][1]
+        ));
+    }
+    features.push(
+        r#"{"type":"Feature","properties":{"name":"ring","lanes":null},"geometry":{"type":"MultiLineString","coordinates":[[[300,0],[310,0],[310,10]],[[310,20],[300,20],[300,10]]]}}"#.into(),
+    );
+    let path = folder.join("streets.geojson");
+    let text = format!(
+        r#"{{"type":"FeatureCollection","crs":{{"type":"name","properties":{{"name":"EPSG:25833"}}}},"features":[{}]}}"#,
+        features.join(",\n")
+    );
+    fs::write(&path, text).unwrap();
+    path.to_str().unwrap().into()
+}
+
+fn complaint_of(arguments: &[&str]) -> String {
+    complaint(arguments, 1)
+}
+
+#[test]
+fn lines_are_built_asked_and_written_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (input, tree) = (streets(folder.path()), at("l.goblin"));
+    stdout(&["build", &input, "-o", &tree, "--index", "lines", "--leaf-size", "4"]);
+    let info = stdout(&["info", &tree, "--json"]);
+    let info: serde_json::Value = serde_json::from_str(&info).unwrap();
+    assert_eq!(
+        (&info["features"], &info["segments"], &info["epsg"]),
+        (&21.into(), &24.into(), &25833.into())
+    );
+    assert!((info["length"].as_f64().unwrap() - (20.0 * 200.5 + 40.0)).abs() < 1e-6);
+    let text = stdout(&["info", &tree, "--levels"]);
+    assert!(text.contains("quadtree of lines") && text.contains("level 0"), "{text}");
+    assert_eq!(stdout(&["verify", &tree]), format!("{tree}: good\n"));
+    // All, and those of a window, whole.
+    let all = at("all.geojson");
+    stdout(&["get", &tree, "-o", &all]);
+    let read = |path: &str| -> serde_json::Value {
+        serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+    };
+    let (written, given) = (read(&all), read(&input));
+    for (written, given) in
+        written["features"].as_array().unwrap().iter().zip(given["features"].as_array().unwrap())
+    {
+        assert_eq!(written["properties"], given["properties"]);
+        let numbers =
+            |value: &serde_json::Value| value["geometry"]["coordinates"].to_string().replace(".0", "");
+        let written = numbers(written);
+        let expected = numbers(given);
+        assert!(written == expected || written == format!("[{expected}]"), "{written} {expected}");
+    }
+    let part = at("part.csv");
+    stdout(&["get", &tree, &part, "--window", "299,-5,305,25", "--attribute", "name"]);
+    let text = fs::read_to_string(&part).unwrap();
+    assert!(text.lines().count() == 2 && text.contains("ring") && !text.contains("lanes"), "{text}");
+    assert_eq!(stdout(&["stats", &tree, "--window", "1,1,2,2"]), "features    0\n");
+    // (It touches the corner of two streets.)
+    assert_eq!(stdout(&["stats", &tree, "--window", "21,10.5,21,10.5"]), "features    2\n");
+    // Some features alone.
+    let some = at("some.goblin");
+    stdout(&["build", &input, "-o", &some, "--index", "lines", "--where", "lanes=1", "--attribute", "name"]);
+    let info = stdout(&["info", &some]);
+    assert!(info.contains("features    7\n") && info.contains("attributes  name\n"), "{info}");
+}
+
+#[test]
+fn points_are_joined_to_the_nearest_lines() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (input, tree) = (streets(folder.path()), at("l.goblin"));
+    stdout(&["build", &input, "-o", &tree, "--index", "lines"]);
+    assert_eq!(stdout(&["point", &tree, "305,3"]), "1\t3\t305,0\t20\n");
+    let two = stdout(&["point", &tree, "21,300", "305,3", "--nearest", "2", "--radius", "101"]);
+    assert_eq!(two, "1\t99.5\t21,200.5\t2\n1\t100.5\t21,199.5\t19\n2\t3\t305,0\t20\n");
+    assert_eq!(stdout(&["point", &tree, "1000,0", "--radius", "5"]), "1\tnone\n");
+    let mut table = String::from("x,y,name\n");
+    for number in 0..50 {
+        writeln!(table, "{},{},house {number}", 3 * number, 7 * number % 200).unwrap();
+    }
+    let points = at("houses.csv");
+    fs::write(&points, table).unwrap();
+    let told = stdout(&["stats", &tree, "--nearest", &points]);
+    assert!(told.starts_with("points      50, 50 of them with a line"), "{told}");
+    let joined = at("joined.geojson");
+    stdout(&["stats", &tree, "--nearest", &points, "--attribute", "name", "-o", &joined]);
+    let joined: serde_json::Value = serde_json::from_str(&fs::read_to_string(joined).unwrap()).unwrap();
+    let features = joined["features"].as_array().unwrap();
+    assert_eq!(features.len(), 50);
+    for feature in features {
+        let properties = &feature["properties"];
+        let [x, y] = [0, 1].map(|axis| feature["geometry"]["coordinates"][axis].as_f64().unwrap());
+        // The nearest street by hand: streets lie at multiples of 10.5, even ones along y, odd ones along x.
+        let squares = (0..20).map(|number| {
+            let at = f64::from(number) * 10.5;
+            let (across, along) = if number % 2 == 0 { (x - at, y) } else { (y - at, x) };
+            across.hypot((along - 200.5).max(0.0))
+        });
+        let nearest = squares.fold(f64::MAX, f64::min);
+        let distance = properties["distance"].as_f64().unwrap();
+        assert!((distance - nearest).abs() < 1e-4, "{properties} {nearest}");
+        let line = properties["line"].as_i64().unwrap();
+        assert_eq!(properties["name_2"], format!("street {line}"));
+    }
+}
+
+#[test]
+fn what_makes_no_sense_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (input, tree) = (streets(folder.path()), at("l.goblin"));
+    stdout(&["build", &input, "-o", &tree, "--index", "lines"]);
+    let points = at("points.csv");
+    fs::write(&points, "x,y\n1,2\n").unwrap();
+    let told = complaint_of(&["build", &points, "-o", &at("x.goblin"), "--index", "lines"]);
+    assert!(told.contains("--index points"), "{told}");
+    let told = complaint_of(&["build", &input, "-o", &at("x.goblin"), "--index", "lines", "--cell", "3"]);
+    assert!(told.contains("--cell: means nothing for lines"), "{told}");
+    assert!(complaint_of(&["get", &tree, &at("x.png")]).contains("unknown format"));
+    assert!(complaint_of(&["get", &tree, &at("x.csv"), "--level", "3"]).contains("--level means nothing"));
+    assert!(complaint_of(&["get", &tree, &at("x.csv"), "--attribute", "height"]).contains("name, lanes"));
+    assert!(complaint_of(&["render", &tree, &at("x.png")]).contains("a tree of lines"));
+    assert!(complaint_of(&["stats", &tree, "--nearest", &input]).contains("no single point"));
+    // A damaged byte is told.
+    let mut bytes = fs::read(&tree).unwrap();
+    bytes[30] ^= 1;
+    fs::write(&tree, bytes).unwrap();
+    spinney(&["verify", &tree]).code(1);
+}
