@@ -285,6 +285,18 @@ pub mod partitions {
     pub use spinney_partitions::preorder::BinaryNode;
 }
 
+/// Surfaces over the plane as triangulated irregular networks (TIN), and the layers between them.
+#[cfg(feature = "vector")]
+pub mod tin {
+    pub use spinney_tin::{
+        Duplicates, HeightGrid, Isoline, LayerInput, LayerMeasure, LayerOptions, LayerReport, LayerSurface,
+        SurfaceInput, SurfaceReport, Tin, approximate, build_layers, triangulate,
+    };
+    pub use spinney_vector::{
+        SurfaceFiles, SurfacePoints, export_isolines, read_heights, read_surfaces, write_surface,
+    };
+}
+
 /// How values become colours, whatever is drawn.
 #[cfg(feature = "raster")]
 pub mod style {
@@ -378,7 +390,7 @@ pub mod export {
         pub use spinney_mesh::export::{
             ExactSummary, FaceAttribute, GltfOptions, IsosurfaceSummary, MeshFormat, MeshRequest,
             MeshSummary, SurfaceMesh, TilesetSummary, export_blocks, export_exact, export_glb,
-            export_isosurfaces, export_mesh, export_tileset, isosurface_mesh, surface_mesh,
+            export_isosurfaces, export_mesh, export_tileset, export_triangles, isosurface_mesh, surface_mesh,
         };
     }
 

@@ -9,3 +9,5 @@ mod chain_codes;
 #[cfg(feature = "csg")]
 mod csg;
 mod points;
+#[cfg(feature = "vector")]
+mod surfaces;

@@ -393,7 +393,7 @@ fn smoothing_keeps_lines_the_border_and_planes() {
     let plane = triangulate(&of_points(scattered(200, 50, 1, &|_, _| 7.0))).unwrap().0;
     assert!(plane.smoothed(9).vertices().all(|[_, _, z]| z == 7.0));
     let mut input =
-        of_points(scattered(300, 64, 5, &|x, y| if (x + y) as u64 % 2 == 0 { 0.0 } else { 10.0 }));
+        of_points(scattered(300, 64, 5, &|x, y| if ((x + y) as u64).is_multiple_of(2) { 0.0 } else { 10.0 }));
     input.breaklines = vec![vec![[5.0, 20.5, 100.0], [60.0, 20.5, 100.0]]];
     let (tin, _) = triangulate(&input).unwrap();
     let smooth = tin.smoothed(5);
@@ -432,8 +432,11 @@ fn layers(input: &LayerInput) -> (crate::LayerReport, ExactModel, tempfile::Temp
     (report, model, folder)
 }
 
-fn surfaces(of: &[(&str, &dyn Fn(f64, f64) -> f64)], count: usize) -> Vec<LayerSurface> {
-    let make = |(number, (name, height)): (u64, &(&str, &dyn Fn(f64, f64) -> f64))| {
+/// A surface by its name and its heights.
+type Named<'a> = (&'a str, &'a dyn Fn(f64, f64) -> f64);
+
+fn surfaces(of: &[Named<'_>], count: usize) -> Vec<LayerSurface> {
+    let make = |(number, (name, height)): (u64, &Named<'_>)| {
         let mut points = scattered(count, 65, 20 + number, height);
         for corner in [[0.0, 0.0], [64.0, 0.0], [0.0, 64.0], [64.0, 64.0]] {
             points.push([corner[0], corner[1], height(corner[0], corner[1])]);
@@ -446,7 +449,7 @@ fn surfaces(of: &[(&str, &dyn Fn(f64, f64) -> f64)], count: usize) -> Vec<LayerS
 #[test]
 fn layers_of_planes_have_their_volumes() {
     // Planes: what lies between them has volumes that can be told.
-    let of: [(&str, &dyn Fn(f64, f64) -> f64); 3] =
+    let of: [Named<'_>; 3] =
         [("top", &|x, _| 30.0 + x / 4.0), ("coal", &|_, y| 10.0 + y / 8.0), ("base", &|_, _| 0.0)];
     let input = LayerInput { surfaces: surfaces(&of, 40), ..LayerInput::default() };
     let (report, model, _folder) = layers(&input);
@@ -465,8 +468,7 @@ fn layers_of_planes_have_their_volumes() {
 #[test]
 fn upper_surfaces_lie_on_lower_ones_where_they_cross() {
     // The upper plane is below the lower one where x < 32: a wedge is left, with a half of the square below it.
-    let of: [(&str, &dyn Fn(f64, f64) -> f64); 3] =
-        [("top", &|x, _| x - 32.0), ("base", &|_, _| 0.0), ("deep", &|_, _| -5.0)];
+    let of: [Named<'_>; 3] = [("top", &|x, _| x - 32.0), ("base", &|_, _| 0.0), ("deep", &|_, _| -5.0)];
     let input = LayerInput { surfaces: surfaces(&of, 60), ..LayerInput::default() };
     let (report, model, _folder) = layers(&input);
     let wedge = 32.0 * 32.0 / 2.0 * 64.0;
@@ -482,8 +484,7 @@ fn upper_surfaces_lie_on_lower_ones_where_they_cross() {
 fn layers_with_outlines_and_waves_are_bodies() {
     let top = |x: f64, y: f64| 4.0 * (x / 7.0).sin() + 3.0 * (y / 9.0).cos();
     let middle = |x: f64, y: f64| 3.0 * (x / 11.0).cos() - (y / 5.0).sin();
-    let of: [(&str, &dyn Fn(f64, f64) -> f64); 3] =
-        [("top", &top), ("middle", &middle), ("base", &|x, y| (x - y) / 20.0)];
+    let of: [Named<'_>; 3] = [("top", &top), ("middle", &middle), ("base", &|x, y| (x - y) / 20.0)];
     for count in [20, 400] {
         let mut input = LayerInput { surfaces: surfaces(&of, count), ..LayerInput::default() };
         input.breaklines = vec![vec![[-5.0, 30.3], [33.3, 41.0], [70.0, 20.0]]];
@@ -508,7 +509,7 @@ fn layers_that_are_none_are_refused() {
         assert!(!path.exists());
         error
     };
-    let flat: (&str, &dyn Fn(f64, f64) -> f64) = ("flat", &|_, _| 1.0);
+    let flat: Named<'_> = ("flat", &|_, _| 1.0);
     assert!(refused(&LayerInput::default()).contains("two or more"));
     let input = LayerInput { surfaces: surfaces(&[flat, flat], 30), ..LayerInput::default() };
     assert!(refused(&input).contains("none with a thickness"));

@@ -7,6 +7,7 @@ mod features;
 mod pictures;
 mod points;
 mod solids;
+mod surfaces;
 mod tree;
 
 use std::ffi::OsString;
@@ -33,6 +34,7 @@ use self::exact::ExactImport;
 use self::features::FeatureArgs;
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
+use self::surfaces::{SurfaceArgs, SurfaceImport};
 use self::tree::TreeImport;
 use super::args::{Memory, OutputLimit, Packing, check_output, expand_lists, parse_crs};
 use super::report::{Work, report_built};
@@ -68,6 +70,9 @@ use super::{Global, open};
 /// Reads point clouds, too: LAS and LAZ. They become a tree of points, each of which is there once, with its attributes, and coarse levels have a few of them
 /// spread evenly.
 ///
+/// Of features that are points, such as boreholes, --tin makes a triangulated surface: a raster of its heights, or, of several heights and with --brep, the layers between
+/// their surfaces as an exact model, each an object of its own (docs/surfaces.md).
+///
 /// Reads bintrees as text, .bintree files with what `dump --bintree` prints: the same cells, without what else the tree said of them.
 ///
 /// Takes a tree, too, and keeps what it tells about its cells, such as kind, rule, coordinate system and names, unless options
@@ -92,6 +97,8 @@ pub(crate) struct Args {
     solids: SolidArgs,
     #[command(flatten)]
     features: FeatureArgs,
+    #[command(flatten)]
+    surfaces: SurfaceArgs,
 }
 
 /// Options for pictures, volumes and solids.
@@ -159,6 +166,8 @@ Examples:
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
   spinney build zones.gpkg -o zones.goblin --cell 10 --value code
   spinney build scan.laz -o scan.goblin --where 'classification=2' --attribute intensity,classification
+  spinney build boreholes.csv -o surface.goblin --tin z --cell 10 --breaklines faults.geojson
+  spinney build boreholes.csv -o layers.goblin --tin top,coal,base --brep --outline area.geojson
   spinney build landcover.tif -o landcover.autumn --share
   spinney build heights.goblin -o highest.goblin --rule max
   spinney build map.bintree -o map.goblin --kind categorical
@@ -182,6 +191,7 @@ enum Import {
     /// A solid of primitives.
     Primitives(PrimitivesImport),
     Features(Box<FeatureImport>),
+    Surface(Box<SurfaceImport>),
     Points(Box<PointImport>),
     Tree(Box<TreeImport>),
     Bintree(Box<BintreeImport>),
@@ -209,6 +219,7 @@ impl Import {
             Import::Exact(import) => import.description(),
             Import::Primitives(import) => import.description(),
             Import::Features(import) => import.description(),
+            Import::Surface(import) => import.description(),
             Import::Points(import) => import.description(),
             Import::Tree(import) => import.description(),
             Import::Bintree(import) => import.description(),
@@ -257,6 +268,7 @@ impl Import {
                 import.build(output, progress)?;
                 Ok(Lines::new())
             }
+            Import::Surface(import) => import.build(output, progress),
             Import::Points(import) => {
                 let built = import.build(output, progress)?;
                 let text = format!("{}, {} of them where another one is", built.points, built.duplicates);
@@ -277,9 +289,13 @@ impl Import {
 impl Args {
     /// Opens the inputs, and plans what is made of them.
     fn plan(&self) -> Result<Import> {
-        let Args { inputs, output, pictures, common, solids, features } = self;
+        let Args { inputs, output, pictures, common, solids, features, surfaces } = self;
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
         check_tree_name(output)?;
+        if surfaces.tin.is_some() {
+            let import = surfaces.plan(inputs, (common, pictures, solids, features))?;
+            return Ok(Import::Surface(Box::new(import)));
+        }
         if points::are_points(inputs, features) {
             let import = points::plan(inputs, (common, pictures, solids, features))?;
             return Ok(Import::Points(Box::new(import)));
