@@ -270,8 +270,8 @@ pub mod points {
 pub mod lines {
     pub use spinney_lines::memory;
     pub use spinney_lines::{
-        BuildOptions, BuildSummary, Crossing, LevelTotals, LineAttribute, LineFeature, LineGrid, LineSchema,
-        LineSource, LineTree, LineValue, LinesInMemory, NearLine, ValueKind, build, is_line_file,
+        Crossing, LevelTotals, LineAttribute, LineBuildOptions, LineBuildSummary, LineFeature, LineGrid,
+        LineSchema, LineSource, LineTree, LineValue, LinesInMemory, NearLine, ValueKind, build, is_line_file,
     };
     #[cfg(feature = "vector")]
     pub use spinney_vector::{JoinSummary, export_lines, join_nearest_lines};
@@ -297,6 +297,18 @@ pub mod partitions {
     pub use spinney_partitions::bintree::{Bintree, BintreeNode, Halving, MOST_CELLS};
     pub use spinney_partitions::bsp::{Bsp, BspBlocks, BspNode, Division, MOST_PIECES, Piece, Seen};
     pub use spinney_partitions::preorder::BinaryNode;
+}
+
+/// Surfaces over the plane as triangulated irregular networks (TIN), and the layers between them.
+#[cfg(feature = "vector")]
+pub mod tin {
+    pub use spinney_tin::{
+        Duplicates, HeightGrid, Isoline, LayerInput, LayerMeasure, LayerOptions, LayerReport, LayerSurface,
+        SurfaceInput, SurfaceReport, Tin, approximate, build_layers, triangulate,
+    };
+    pub use spinney_vector::{
+        SurfaceFiles, SurfacePoints, export_isolines, read_heights, read_surfaces, write_surface,
+    };
 }
 
 /// How values become colours, whatever is drawn.
@@ -392,7 +404,7 @@ pub mod export {
         pub use spinney_mesh::export::{
             ExactSummary, FaceAttribute, GltfOptions, IsosurfaceSummary, MeshFormat, MeshRequest,
             MeshSummary, SurfaceMesh, TilesetSummary, export_blocks, export_exact, export_glb,
-            export_isosurfaces, export_mesh, export_tileset, isosurface_mesh, surface_mesh,
+            export_isosurfaces, export_mesh, export_tileset, export_triangles, isosurface_mesh, surface_mesh,
         };
     }
 

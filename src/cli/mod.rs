@@ -76,7 +76,7 @@ Exit codes: 0 fine, 1 failure, 2 wrong usage, 130 interrupted.";
 /// Subcommands: a new one is a module, a line here and one in [`Command::run`].
 #[derive(Subcommand)]
 enum Command {
-    Build(build::Args),
+    Build(Box<build::Args>),
     Show(show::Args),
     Info(info::Args),
     Get(get::Args),
@@ -106,7 +106,7 @@ enum Command {
 impl Command {
     fn run(self, global: &Global) -> Result<ExitCode> {
         match self {
-            Command::Build(args) => build::run(args, global),
+            Command::Build(args) => build::run(*args, global),
             Command::Show(args) => show::run(&args, global),
             Command::Blame(args) => blame::run(&args, global),
             Command::Info(args) => info::run(&args),

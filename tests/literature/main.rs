@@ -10,3 +10,5 @@ mod chain_codes;
 mod csg;
 mod lines;
 mod points;
+#[cfg(feature = "vector")]
+mod surfaces;

@@ -49,6 +49,8 @@ mod cli_sources;
 mod cli_stacks;
 mod cli_styles;
 #[cfg(feature = "cli")]
+mod cli_tin;
+#[cfg(feature = "cli")]
 mod cli_volumes;
 mod cli_warp;
 #[cfg(feature = "cli")]

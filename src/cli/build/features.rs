@@ -72,6 +72,11 @@ impl FeatureArgs {
         FeatureOptions { layer, filter: self.filter.clone().unwrap_or_default(), ..FeatureOptions::default() }
     }
 
+    /// An option that was given, which makes no sense for surfaces.
+    pub(super) fn not_of_surfaces(&self) -> Option<&'static str> {
+        self.given().filter(|option| *option != "--where")
+    }
+
     /// Whether some inputs are files of features.
     pub(super) fn are_features(inputs: &[PathBuf]) -> bool {
         inputs.iter().any(|input| is_feature_file(input))

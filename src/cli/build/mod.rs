@@ -8,6 +8,7 @@ mod lines;
 mod pictures;
 mod points;
 mod solids;
+mod surfaces;
 mod tree;
 
 use std::ffi::OsString;
@@ -34,6 +35,7 @@ use self::exact::ExactImport;
 use self::features::{FeatureArgs, Index};
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
+use self::surfaces::{SurfaceArgs, SurfaceImport};
 use self::tree::TreeImport;
 use super::args::{Memory, OutputLimit, Packing, check_output, expand_lists, parse_crs};
 use super::lines::LineImport;
@@ -70,6 +72,9 @@ use super::{Global, open};
 /// Reads point clouds, too: LAS and LAZ. They become a tree of points, each of which is there once, with its attributes, and coarse levels have a few of them
 /// spread evenly.
 ///
+/// Of features that are points, such as boreholes, --tin makes a triangulated surface: a raster of its heights, or, of several heights and with --brep, the layers between
+/// their surfaces as an exact model, each an object of its own (docs/surfaces.md).
+///
 /// Reads bintrees as text, .bintree files with what `dump --bintree` prints: the same cells, without what else the tree said of them.
 ///
 /// Takes a tree, too, and keeps what it tells about its cells, such as kind, rule, coordinate system and names, unless options
@@ -94,6 +99,8 @@ pub(crate) struct Args {
     solids: SolidArgs,
     #[command(flatten)]
     features: FeatureArgs,
+    #[command(flatten)]
+    surfaces: SurfaceArgs,
 }
 
 /// Options for pictures, volumes and solids.
@@ -161,6 +168,8 @@ Examples:
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
   spinney build zones.gpkg -o zones.goblin --cell 10 --value code
   spinney build scan.laz -o scan.goblin --where 'classification=2' --attribute intensity,classification
+  spinney build boreholes.csv -o surface.goblin --tin z --cell 10 --breaklines faults.geojson
+  spinney build boreholes.csv -o layers.goblin --tin top,coal,base --brep --outline area.geojson
   spinney build landcover.tif -o landcover.autumn --share
   spinney build heights.goblin -o highest.goblin --rule max
   spinney build map.bintree -o map.goblin --kind categorical
@@ -184,6 +193,7 @@ enum Import {
     /// A solid of primitives.
     Primitives(PrimitivesImport),
     Features(Box<FeatureImport>),
+    Surface(Box<SurfaceImport>),
     Points(Box<PointImport>),
     Lines(Box<LineImport>),
     Tree(Box<TreeImport>),
@@ -212,6 +222,7 @@ impl Import {
             Import::Exact(import) => import.description(),
             Import::Primitives(import) => import.description(),
             Import::Features(import) => import.description(),
+            Import::Surface(import) => import.description(),
             Import::Points(import) => import.description(),
             Import::Lines(import) => import.description(),
             Import::Tree(import) => import.description(),
@@ -263,6 +274,7 @@ impl Import {
                 Ok(Lines::new())
             }
             Import::Lines(import) => import.build(output, progress),
+            Import::Surface(import) => import.build(output, progress),
             Import::Points(import) => {
                 let built = import.build(output, progress)?;
                 let text = format!("{}, {} of them where another one is", built.points, built.duplicates);
@@ -283,12 +295,16 @@ impl Import {
 impl Args {
     /// Opens the inputs, and plans what is made of them.
     fn plan(&self) -> Result<Import> {
-        let Args { inputs, output, pictures, common, solids, features } = self;
+        let Args { inputs, output, pictures, common, solids, features, surfaces } = self;
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
         check_tree_name(output)?;
         if features.index == Some(Index::Lines) {
             let import = lines::plan(inputs, (common, pictures, solids, features))?;
             return Ok(Import::Lines(Box::new(import)));
+        }
+        if surfaces.tin.is_some() {
+            let import = surfaces.plan(inputs, (common, pictures, solids, features))?;
+            return Ok(Import::Surface(Box::new(import)));
         }
         if points::are_points(inputs, features) {
             let import = points::plan(inputs, (common, pictures, solids, features))?;

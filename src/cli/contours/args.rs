@@ -12,6 +12,7 @@ const EXAMPLES: &str = "Examples:
   spinney contours dem.goblin --at 0,200,500,1000 -o contours.gpkg
   spinney contours dem.goblin --at 0,200,500,1000 --filled -o zones.gpkg
   spinney contours dem.goblin --every 20 --view window=5,44,17,48,in=world -o alps.csv
+  spinney contours relief.ply --every 10 -o lines.gpkg
   spinney contours scan.goblin --at 127.5 -o bone.ply
   spinney contours scan.goblin --at 300,1200 --ends close --level 7 -o parts.obj
 
@@ -28,6 +29,8 @@ GeoJSON has the coordinates of the file's own coordinate system; if that is not 
 a member \"crs\", as in the format's version of 2008.";
 
 /// Write contour lines of a picture at any level of detail, the areas between them, or isosurfaces of an octree
+///
+/// Of a surface of triangles (TIN: a PLY, OBJ or OFF file, such as `export --tin` writes) lines are exact on these.
 ///
 /// The values are those of the first channel. Parts of the tree whose extremes exclude all levels are not read. Lines have the attribute value; areas, which are polygons with holes,
 /// min and max. Memory does not grow with the picture's area, only, with --filled, with the number of holes in polygons that are not whole yet: lines
@@ -83,7 +86,7 @@ pub(super) struct LevelOptions {
     pub(super) at: Option<Vec<f64>>,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Ends {
     /// End: no line goes between four cells of which one is VOID, and no surface between eight
     Open,

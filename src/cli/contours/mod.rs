@@ -1,12 +1,14 @@
-//! `spinney contours`: lines of equal values, and the areas between them; of octrees, surfaces.
+//! `spinney contours`: lines of equal values, and the areas between them; of octrees, surfaces; of surfaces of triangles, isolines.
 
 mod args;
 mod isosurfaces;
+mod surface;
 
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use spinney::export::vector::{ContourFeatures, export_contours};
+use spinney::import::mesh::is_model;
 use spinney::query::{ContourEnds, ContourLevels, ContourRequest};
 
 pub(crate) use self::args::Args;
@@ -17,15 +19,18 @@ use super::{Global, exact};
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    if exact::open(&args.tree.file)?.is_some() {
-        exact::refuse(&args.tree.file, &[("contours", true)])?;
-    }
-    let tree = args.tree.open()?;
-    check_output([args.tree.file.as_path()], &args.output)?;
     let levels = match (args.values.every, &args.values.at) {
         (Some(step), _) => ContourLevels::Every { step, base: args.base },
         (None, levels) => ContourLevels::At(levels.clone().unwrap_or_default()),
     };
+    if exact::open(&args.tree.file)?.is_some() {
+        exact::refuse(&args.tree.file, &[("contours", true)])?;
+    }
+    if is_model(&args.tree.file) {
+        return surface::run(args, &levels, global, start);
+    }
+    let tree = args.tree.open()?;
+    check_output([args.tree.file.as_path()], &args.output)?;
     let mut request = ContourRequest::new(levels);
     let level = level_of(&tree, args.level)?;
     global.report_approximate(&tree, level);

@@ -8,6 +8,7 @@ mod gltf;
 mod mesh;
 mod polygons;
 mod tiles;
+mod tin;
 
 use std::path::Path;
 use std::str::FromStr;
@@ -37,6 +38,9 @@ use super::args::{OutputFile, PartOptions, ViewedTree};
 ///
 /// Freeman chain codes (.chain) of the same regions are a text: of each its class, where its chain of steps around it begins, the chain, and those of
 /// its holes; `build` makes the tree again. docs/chain_codes.md has the grammar.
+///
+/// With --tin a raster becomes a surface of few triangles (.ply, .obj or .off) whose heights are off by at most so much at each cell; `contours` has
+/// its isolines.
 ///
 /// A mesh of an octree is closed, its faces are counterclockwise seen from outside, and its coordinates are those of
 /// the world. By default it has the outer faces of the cells, merged to rectangles; where rectangles of different
@@ -76,6 +80,8 @@ pub(crate) struct Args {
     polygons: polygons::PolygonOptions,
     #[command(flatten)]
     chain: chain::ChainOptions,
+    #[command(flatten)]
+    tin: tin::TinOptions,
 }
 
 /// Options of all pictures in tiles.
@@ -112,6 +118,7 @@ const EXAMPLES: &str = "Examples:
   spinney export landcover.goblin regions.gpkg --polygons
   spinney export landcover.goblin woods.geojson --polygons --class 3,4 --simplify 20
   spinney export landcover.goblin woods.chain --class 3 --directions 8
+  spinney export dem.goblin relief.ply --tin 2
   spinney export bunny.goblin bunny.ply
   spinney export bunny.goblin small.obj --level 6
   spinney export bunny.goblin print.stl --smooth
@@ -167,6 +174,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             args.cog.given(),
             args.gltf.given(),
             args.chain.given(),
+            args.tin.tin.map(|_| "--tin"),
         ];
         let of_part = args.part.is_given().then_some("--window");
         let of_mesh = args.mesh.given().filter(|option| *option != "--level");
@@ -200,6 +208,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         ),
         (target == Some(Target::Cog), args.cog.given(), "cloud-optimized GeoTIFF"),
         (is_solid, of_mesh, "solids"),
+        (
+            matches!(target, Some(Target::Mesh(_))),
+            args.tin.tin.map(|_| "--tin"),
+            "surfaces in PLY, OBJ and OFF",
+        ),
         (matches!(target, Some(Target::Tileset | Target::Glb)), args.gltf.given(), "3D Tiles and glTF"),
     ];
     if let Some((_, Some(option), whose)) = misplaced.iter().find(|(fits, given, _)| !fits && given.is_some())
@@ -209,7 +222,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     match (tiles, target) {
         (Some(tiles), _) => tiles::run(args, &tiles, global),
         (None, Some(Target::Chain)) => chain::run(args, global),
-        (None, Some(Target::Mesh(format))) => mesh::run(args, format, global),
+        (None, Some(Target::Mesh(format))) => match args.tin.tin {
+            Some(most) => tin::run(args, most, format, global),
+            None => mesh::run(args, format, global),
+        },
         (None, Some(Target::Tileset)) => gltf::write_tileset(args, global),
         (None, Some(Target::Glb)) => gltf::write_glb(args, global),
         (None, Some(Target::Csg)) => csg::run(args, global),

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use super::sink::{Sink, Vertex};
 use spinney_base::{Error, Result};
 
-/// A closed surface of triangles, counterclockwise seen from outside.
+/// A surface of triangles, counterclockwise seen from outside, or from above.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SurfaceMesh {
     /// World coordinates of the vertices.

@@ -37,6 +37,7 @@ mod rings;
 mod sheets;
 mod sink;
 mod stl;
+mod triangles;
 mod visit;
 
 use std::path::Path;
@@ -56,6 +57,7 @@ pub use isosurfaces::{IsosurfaceSummary, export_isosurfaces, isosurface_mesh};
 use losses::Losses;
 pub use ply::FaceAttribute;
 use sink::{Mesh, Sink};
+pub use triangles::export_triangles;
 
 /// Kind of surface, and level of detail.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,0 +1,106 @@
+//! Heights at the centres of cells, and surfaces as such.
+
+use crate::mesh::side;
+use crate::tin::Tin;
+use spinney_base::{Error, Result};
+
+/// Heights at the centres of cells in rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeightGrid {
+    /// Columns.
+    pub columns: usize,
+    /// Rows.
+    pub rows: usize,
+    /// Numbers a to f: the corner that comes first of a cell lies at x = a column + b row + c and y = d column + e row + f.
+    pub transform: [f64; 6],
+    /// Row by row; not a number where there is none.
+    pub heights: Vec<f64>,
+}
+
+/// Most cells of a grid: all of them are in memory.
+const MOST_CELLS: usize = 1 << 30;
+
+impl HeightGrid {
+    /// A grid without heights.
+    ///
+    /// # Errors
+    /// If there is no cell, there are too many, or the transform has no inverse.
+    pub fn new([columns, rows]: [usize; 2], transform: [f64; 6]) -> Result<HeightGrid> {
+        let cells = columns.checked_mul(rows).filter(|cells| (1..=MOST_CELLS).contains(cells));
+        let Some(cells) = cells else {
+            let found = format!("{columns} x {rows} cells");
+            return Err(Error::invalid("grid", found, "from 1 to 2^30 cells, which are in memory"));
+        };
+        let [a, b, _, d, e, _] = transform;
+        let is_finite = transform.iter().all(|number| number.is_finite());
+        if !(is_finite && (a * e - b * d).is_normal()) {
+            return Err(Error::invalid("transform", format!("{transform:?}"), "one with an inverse"));
+        }
+        Ok(HeightGrid { columns, rows, transform, heights: vec![f64::NAN; cells] })
+    }
+
+    /// The centre of a cell.
+    pub fn centre(&self, column: usize, row: usize) -> [f64; 2] {
+        let [a, b, c, d, e, f] = self.transform;
+        let (column, row) = (column as f64 + 0.5, row as f64 + 0.5);
+        [a * column + b * row + c, d * column + e * row + f]
+    }
+
+    /// Columns and rows, from centres on, where a place is.
+    fn cell_of(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [a, b, c, d, e, f] = self.transform;
+        let (x, y, determinant) = (x - c, y - f, a * e - b * d);
+        [(e * x - b * y) / determinant - 0.5, (a * y - d * x) / determinant - 0.5]
+    }
+}
+
+impl Tin {
+    /// Fills in the heights of a grid: linear in triangles, at the centres of cells; what lies beside the surface stays as it is.
+    pub fn fill(&self, grid: &mut HeightGrid) {
+        for (number, _) in self.mesh.triangles.iter().enumerate() {
+            let corners = self.mesh.corners(number);
+            let cells = corners.map(|corner| grid.cell_of(corner));
+            let rows = span(cells.map(|cell| cell[1]), grid.rows);
+            for row in rows {
+                for column in across(&cells, row, grid.columns) {
+                    let at = row * grid.columns + column;
+                    let place = grid.centre(column, row);
+                    let is_in = (0..3).all(|at| side(corners[at], corners[(at + 1) % 3], place) >= 0.0);
+                    if is_in {
+                        grid.heights[at] = self.height_in(number, place);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Whole numbers below `count` in the range of some, with one more at both ends.
+fn span(numbers: [f64; 3], count: usize) -> std::ops::Range<usize> {
+    let least = numbers.into_iter().fold(f64::INFINITY, f64::min);
+    let most = numbers.into_iter().fold(f64::NEG_INFINITY, f64::max);
+    let first = (least - 1.0).floor().max(0.0) as usize;
+    let end = (most + 2.0).ceil().clamp(0.0, count as f64) as usize;
+    first.min(end)..end
+}
+
+/// Columns of a row that a triangle may have, with one more at both ends.
+fn across(cells: &[[f64; 2]; 3], row: usize, count: usize) -> std::ops::Range<usize> {
+    let row = row as f64;
+    let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
+    for at in 0..3 {
+        let ([ax, ay], [bx, by]) = (cells[at], cells[(at + 1) % 3]);
+        // (A little room, since places were rounded on their way here.)
+        for row in [row - 0.5, row + 0.5] {
+            if (ay <= row && row <= by) || (by <= row && row <= ay) {
+                let share = if ay == by { 0.0 } else { (row - ay) / (by - ay) };
+                let x = ax + share * (bx - ax);
+                (least, most) = (least.min(x), most.max(x));
+            }
+        }
+        if (ay - row).abs() <= 0.5 {
+            (least, most) = (least.min(ax), most.max(ax));
+        }
+    }
+    if least > most { 0..0 } else { span([least, most, most], count) }
+}

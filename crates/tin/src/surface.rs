@@ -1,0 +1,246 @@
+//! Surfaces of scattered points, with lines that they have to have as edges.
+
+use crate::mesh::{Lines, Mesh, NONE};
+use crate::tin::Tin;
+use spinney_base::{Error, Result};
+use spinney_crs::PolygonParts;
+
+/// What becomes of points in one place with different heights.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Duplicates {
+    /// An error.
+    #[default]
+    Refuse,
+    /// Their mean.
+    Mean,
+}
+
+/// What a surface is made of.
+#[derive(Clone, Debug, Default)]
+pub struct SurfaceInput {
+    /// Points of the surface.
+    pub points: Vec<[f64; 3]>,
+    /// Lines that become edges, such as faults and ridges. A height that is not a number is that of the points around.
+    pub breaklines: Vec<Vec<[f64; 3]>>,
+    /// Polygons, each an outer ring and its holes: there are no triangles outside. Without any there are triangles in the points' convex hull.
+    pub outlines: PolygonParts,
+    /// Points in one place with different heights.
+    pub duplicates: Duplicates,
+}
+
+/// What is to be said of a surface.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SurfaceReport {
+    /// Points that are where another one is.
+    pub duplicates: u64,
+    /// Places where these had different heights, of which there is the mean.
+    pub averaged: u64,
+    /// Corners of lines outside of the convex hull of all that has heights: they have that of the nearest place in it.
+    pub extended: u64,
+    /// Points that were made where outlines cross breaklines.
+    pub crossings: u64,
+}
+
+/// Points with heights, each place once.
+#[derive(Default)]
+pub(crate) struct Places {
+    pub places: Vec<[f64; 2]>,
+    pub heights: Vec<f64>,
+}
+
+impl Places {
+    /// Puts points in order of their places, with one height for each.
+    ///
+    /// # Errors
+    /// If a number is not finite, or heights differ and that is refused.
+    pub(crate) fn of(
+        points: &[[f64; 3]],
+        duplicates: Duplicates,
+        report: &mut SurfaceReport,
+    ) -> Result<Places> {
+        if let Some(point) = points.iter().find(|point| point.iter().any(|at| !at.is_finite())) {
+            return Err(Error::invalid("point of a surface", format!("{point:?}"), "finite numbers"));
+        }
+        // (Zero has two signs.)
+        let mut sorted: Vec<[f64; 3]> = points.iter().map(|point| point.map(|at| at + 0.0)).collect();
+        sorted.sort_by(|a, b| order(a, b).then(a[2].total_cmp(&b[2])));
+        let mut places = Places::default();
+        for same in sorted.chunk_by(|a, b| order(a, b).is_eq()) {
+            let [x, y, least] = same[0];
+            let greatest = same[same.len() - 1][2];
+            report.duplicates += same.len() as u64 - 1;
+            let mut height = least;
+            if greatest > least {
+                if duplicates == Duplicates::Refuse {
+                    let found = format!("heights from {least} to {greatest} at {x}, {y}");
+                    return Err(Error::invalid(
+                        "points of a surface",
+                        found,
+                        "one height at each place, or the mean",
+                    ));
+                }
+                report.averaged += 1;
+                let above: f64 = same.iter().map(|point| (point[2] - least) / same.len() as f64).sum();
+                height = (least + above).min(greatest);
+            }
+            places.places.push([x, y]);
+            places.heights.push(height);
+        }
+        Ok(places)
+    }
+
+    /// The number of a place.
+    pub(crate) fn number(&self, [x, y]: [f64; 2]) -> Option<u32> {
+        let place = [x, y].map(|at| at + 0.0);
+        let found = self.places.binary_search_by(|other| order(other, &place));
+        found.ok().map(|number| number as u32)
+    }
+}
+
+/// The order of places.
+pub(crate) fn order(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
+    a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]))
+}
+
+/// Makes a surface of scattered points: their Delaunay triangulation, in which lines are edges. Corners of outlines, and of breaklines without
+/// heights, have those that the surface has without them.
+///
+/// # Errors
+/// If there are no three points that are not in one line, a number is not finite, heights at one place differ and that is refused, or
+/// breaklines cross beside their corners.
+pub fn triangulate(input: &SurfaceInput) -> Result<(Tin, SurfaceReport)> {
+    let mut report = SurfaceReport::default();
+    let known = input.breaklines.iter().flatten().filter(|corner| !corner[2].is_nan());
+    let all: Vec<[f64; 3]> = input.points.iter().chain(known).copied().collect();
+    let mut places = Places::of(&all, input.duplicates, &mut report)?;
+    // (Corners of neighbouring segments are there twice, which is nothing to tell of.)
+    let alone = Places::of(&input.points, Duplicates::Mean, &mut SurfaceReport::default())?;
+    report.duplicates = (input.points.len() - alone.places.len()) as u64;
+
+    let unknown = input.breaklines.iter().flatten().filter(|corner| corner[2].is_nan());
+    let unknown: Vec<[f64; 2]> = unknown.map(|corner| [corner[0], corner[1]]).collect();
+    let free = Lines { breaklines: &[], outlines: &[] };
+    if !unknown.is_empty() {
+        let plain = Tin { mesh: Mesh::new(&places.places, &free)?, heights: places.heights.clone() };
+        places = add(places, &plain, &unknown, &mut report)?;
+    }
+    let breaklines = segments(&input.breaklines, &places);
+    let lines = Lines { breaklines: &breaklines, outlines: &[] };
+    let tin = Tin { mesh: Mesh::new(&places.places, &lines)?, heights: places.heights.clone() };
+    if input.outlines.is_empty() {
+        return Ok((tin, report));
+    }
+    let corners: Vec<[f64; 2]> = input.outlines.iter().flatten().flatten().copied().collect();
+    let places = add(places, &tin, &corners, &mut report)?;
+    let breaklines = segments(&input.breaklines, &places);
+    let outlines = ring_segments(&input.outlines, &places);
+    let mut mesh = Mesh::new(&places.places, &Lines { breaklines: &breaklines, outlines: &outlines })?;
+    let mut heights = places.heights;
+    let (boundary, mut near) = (tin.mesh.boundary(), 0);
+    for place in &mesh.points[heights.len()..] {
+        heights.push(tin.extended(*place, &mut near, &boundary).0);
+        report.crossings += 1;
+    }
+    let inside = inside(&mesh, &input.outlines);
+    let kept = mesh.keep(&|triangle| inside[triangle]);
+    if mesh.triangles.is_empty() {
+        return Err(Error::invalid("outline", "one without an area", "polygons with an area"));
+    }
+    let heights = kept.iter().map(|old| heights[*old as usize]).collect();
+    Ok((Tin { mesh, heights }, report))
+}
+
+/// Adds places with the heights that a surface has there.
+fn add(places: Places, tin: &Tin, corners: &[[f64; 2]], report: &mut SurfaceReport) -> Result<Places> {
+    if let Some(corner) = corners.iter().find(|corner| corner.iter().any(|at| !at.is_finite())) {
+        return Err(Error::invalid("corner of a line", format!("{corner:?}"), "finite numbers"));
+    }
+    let mut more: Vec<[f64; 2]> = corners.iter().map(|corner| corner.map(|at| at + 0.0)).collect();
+    more.sort_by(|a, b| order(a, b));
+    more.dedup();
+    let (boundary, mut near) = (tin.mesh.boundary(), 0);
+    let mut all: Vec<[f64; 3]> =
+        places.places.iter().zip(&places.heights).map(|([x, y], z)| [*x, *y, *z]).collect();
+    for [x, y] in more {
+        if places.number([x, y]).is_none() {
+            let (height, is_beside) = tin.extended([x, y], &mut near, &boundary);
+            report.extended += u64::from(is_beside);
+            all.push([x, y, height]);
+        }
+    }
+    Places::of(&all, Duplicates::Refuse, &mut SurfaceReport::default())
+}
+
+/// The segments of lines, by the numbers of their ends.
+fn segments(lines: &[Vec<[f64; 3]>], places: &Places) -> Vec<[u32; 2]> {
+    let ends = lines.iter().flat_map(|line| line.windows(2));
+    let numbers = ends.filter_map(|ends| {
+        let [a, b] = [ends[0], ends[1]].map(|[x, y, _]| places.number([x, y]));
+        Some([a?, b?])
+    });
+    numbers.collect()
+}
+
+/// The segments of rings, by the numbers of their ends.
+pub(crate) fn ring_segments(polygons: &PolygonParts, places: &Places) -> Vec<[u32; 2]> {
+    let mut found = Vec::new();
+    for ring in polygons.iter().flatten() {
+        for (at, corner) in ring.iter().enumerate() {
+            let next = ring[(at + 1) % ring.len()];
+            if let (Some(a), Some(b)) = (places.number(*corner), places.number(next)) {
+                found.push([a, b]);
+            }
+        }
+    }
+    found
+}
+
+/// Which triangles are inside of polygons, whose rings are edges: of all that hang together without a line between them, one is asked.
+pub(crate) fn inside(mesh: &Mesh, polygons: &PolygonParts) -> Vec<bool> {
+    let mut group = vec![NONE; mesh.triangles.len()];
+    let mut answers = Vec::new();
+    for first in 0..mesh.triangles.len() {
+        if group[first] != NONE {
+            continue;
+        }
+        let number = answers.len() as u32;
+        let (mut open, mut largest) = (vec![first], (f64::NEG_INFINITY, [0.0; 2]));
+        group[first] = number;
+        while let Some(triangle) = open.pop() {
+            let [a, b, c] = mesh.corners(triangle);
+            let area = crate::mesh::side(a, b, c);
+            if area > largest.0 {
+                // (Thirds first, so that nothing overflows.)
+                largest = (area, [0, 1].map(|axis| a[axis] / 3.0 + b[axis] / 3.0 + c[axis] / 3.0));
+            }
+            let corners = mesh.triangles[triangle];
+            for edge in 0..3 {
+                let next = mesh.neighbours[triangle][edge];
+                if next != NONE
+                    && group[next as usize] == NONE
+                    && !mesh.is_constraint([corners[edge], corners[(edge + 1) % 3]])
+                {
+                    group[next as usize] = number;
+                    open.push(next as usize);
+                }
+            }
+        }
+        answers.push(polygons.iter().any(|polygon| is_inside(polygon, largest.1)));
+    }
+    group.iter().map(|group| answers[*group as usize]).collect()
+}
+
+/// Whether a place is inside of a polygon: its rings go round it an odd number of times.
+fn is_inside(polygon: &[Vec<[f64; 2]>], place: [f64; 2]) -> bool {
+    let mut is_odd = false;
+    for ring in polygon {
+        for (at, a) in ring.iter().enumerate() {
+            let b = ring[(at + 1) % ring.len()];
+            if (a[1] > place[1]) != (b[1] > place[1]) {
+                let (low, high) = if a[1] < b[1] { (*a, b) } else { (b, *a) };
+                is_odd ^= crate::mesh::side(low, high, place) > 0.0;
+            }
+        }
+    }
+    is_odd
+}

@@ -1,0 +1,143 @@
+//! A surface of triangles.
+
+use crate::mesh::{Mesh, NONE, neighbours, side};
+use crate::surface::{Duplicates, Places, SurfaceReport};
+use spinney_base::{Error, Result};
+
+/// A surface over the plane: triangles with a height at each corner, linear between them.
+#[derive(Clone, Debug)]
+pub struct Tin {
+    pub(crate) mesh: Mesh,
+    pub(crate) heights: Vec<f64>,
+}
+
+impl Tin {
+    /// A surface of triangles that others have made, such as those of a mesh file. Corners in one place are one vertex; triangles that have no area
+    /// from above are left out.
+    ///
+    /// # Errors
+    /// If a coordinate is no number, corners in one place have different heights, or triangles lie above each other along an edge.
+    pub fn from_triangles(triangles: &[[[f64; 3]; 3]]) -> Result<Tin> {
+        let corners: Vec<[f64; 3]> = triangles.iter().flatten().copied().collect();
+        let places = Places::of(&corners, Duplicates::Refuse, &mut SurfaceReport::default())?;
+        let mut turned = Vec::with_capacity(triangles.len());
+        for corners in triangles {
+            let [a, b, c] = corners.map(|[x, y, _]| [x, y]);
+            let area = side(a, b, c);
+            let (Some(a), Some(b), Some(c)) = (places.number(a), places.number(b), places.number(c)) else {
+                continue;
+            };
+            if area != 0.0 {
+                turned.push(if area > 0.0 { [a, b, c] } else { [a, c, b] });
+            }
+        }
+        let mut edges: Vec<[u32; 2]> =
+            turned.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]).collect();
+        edges.sort_unstable();
+        if let Some(pair) = edges.windows(2).find(|pair| pair[0] == pair[1]) {
+            let [x, y] = places.places[pair[0][0] as usize];
+            let found = format!("triangles above each other at {x}, {y}");
+            return Err(Error::invalid("surface", found, "one height at each place"));
+        }
+        let neighbours = neighbours(&turned);
+        let mesh = Mesh { points: places.places, neighbours, triangles: turned, constraints: Vec::new() };
+        Ok(Tin { mesh, heights: places.heights })
+    }
+
+    /// Its vertices.
+    pub fn vertices(&self) -> impl ExactSizeIterator<Item = [f64; 3]> + '_ {
+        self.mesh.points.iter().zip(&self.heights).map(|([x, y], z)| [*x, *y, *z])
+    }
+
+    /// Its triangles, counterclockwise from above, by the numbers of vertices.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.mesh.triangles
+    }
+
+    /// The edges that breaklines and outlines became, each with its lower number first, in order.
+    pub fn constraints(&self) -> &[[u32; 2]] {
+        &self.mesh.constraints
+    }
+
+    /// The least and the greatest height; `None` if there is no triangle.
+    pub fn range(&self) -> Option<(f64, f64)> {
+        let corners = self.mesh.triangles.iter().flatten().map(|corner| self.heights[*corner as usize]);
+        corners.fold(None, |range, height| match range {
+            None => Some((height, height)),
+            Some((least, most)) => Some((height.min(least), height.max(most))),
+        })
+    }
+
+    /// The height above a place; `None` beside the surface. At a vertex it is the vertex's own.
+    pub fn height(&self, place: [f64; 2]) -> Option<f64> {
+        self.height_near(place, &mut 0)
+    }
+
+    /// The height above a place, with a triangle to begin at, which becomes that of the place.
+    pub(crate) fn height_near(&self, place: [f64; 2], near: &mut usize) -> Option<f64> {
+        self.mesh.find(place, near).map(|triangle| self.height_in(triangle, place))
+    }
+
+    /// The height above a place, and beside the surface, whose outline is convex, that of the nearest place which it has, with whether it is such a
+    /// one.
+    pub(crate) fn extended(&self, place: [f64; 2], near: &mut usize, boundary: &[[u32; 2]]) -> (f64, bool) {
+        if let Some(triangle) = self.mesh.locate(place, near) {
+            return (self.height_in(triangle, place), false);
+        }
+        let mut nearest = (f64::INFINITY, 0.0);
+        for [a, b] in boundary {
+            let ([ax, ay], [bx, by]) = (self.mesh.points[*a as usize], self.mesh.points[*b as usize]);
+            let (along, there) = ([bx - ax, by - ay], [place[0] - ax, place[1] - ay]);
+            let length = along[0] * along[0] + along[1] * along[1];
+            let share = ((along[0] * there[0] + along[1] * there[1]) / length).clamp(0.0, 1.0);
+            let away = (there[0] - share * along[0]).hypot(there[1] - share * along[1]);
+            if away < nearest.0 {
+                let (low, high) = (self.heights[*a as usize], self.heights[*b as usize]);
+                nearest = (away, low + share * (high - low));
+            }
+        }
+        (nearest.1, true)
+    }
+
+    /// The height of a triangle's plane above a place.
+    pub(crate) fn height_in(&self, triangle: usize, place: [f64; 2]) -> f64 {
+        let corners = self.mesh.corners(triangle);
+        let heights = self.mesh.triangles[triangle].map(|corner| self.heights[corner as usize]);
+        plane_height(corners, heights, place)
+    }
+
+    /// Area of the plane below the surface, and the integral of the heights over it.
+    pub fn integral(&self) -> (f64, f64) {
+        let (mut area, mut volume) = (0.0, 0.0);
+        for (number, corners) in self.mesh.triangles.iter().enumerate() {
+            let [a, b, c] = self.mesh.corners(number);
+            let part = ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])) / 2.0;
+            area += part;
+            volume += part * corners.iter().map(|corner| self.heights[*corner as usize]).sum::<f64>() / 3.0;
+        }
+        (area, volume)
+    }
+
+    /// Whether an edge has a triangle on one side alone.
+    pub(crate) fn is_at_boundary(&self, triangle: usize, edge: usize) -> bool {
+        self.mesh.neighbours[triangle][edge] == NONE
+    }
+}
+
+/// The height at a place of the plane through three points, exactly theirs where these are.
+pub(crate) fn plane_height([a, b, c]: [[f64; 2]; 3], heights: [f64; 3], place: [f64; 2]) -> f64 {
+    if let Some(at) = [a, b, c].iter().position(|corner| *corner == place) {
+        return heights[at];
+    }
+    let cross = |u: [f64; 2], v: [f64; 2]| u[0] * v[1] - u[1] * v[0];
+    let from = |p: [f64; 2]| [p[0] - a[0], p[1] - a[1]];
+    let (u, v, w) = (from(b), from(c), from(place));
+    let all = cross(u, v);
+    let (of_b, of_c) = (cross(w, v) / all, cross(u, w) / all);
+    // (Within the triangle no height is beyond the corners', however numbers are rounded.)
+    let height = heights[0] + of_b * (heights[1] - heights[0]) + of_c * (heights[2] - heights[0]);
+    height.clamp(
+        heights.into_iter().fold(f64::INFINITY, f64::min),
+        heights.into_iter().fold(f64::NEG_INFINITY, f64::max),
+    )
+}

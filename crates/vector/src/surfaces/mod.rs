@@ -1,0 +1,9 @@
+//! Triangulated surfaces of features: rasters, and layers as exact models.
+
+mod isolines;
+mod raster;
+mod read;
+
+pub use isolines::export_isolines;
+pub use raster::{read_heights, write_surface};
+pub use read::{SurfaceFiles, SurfacePoints, read_surfaces};

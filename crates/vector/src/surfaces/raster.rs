@@ -1,0 +1,117 @@
+//! Triangulated surfaces as rasters.
+
+use spinney_base::io::Output;
+use spinney_base::space::{Bounds, Dimension};
+use spinney_base::value::{Kind, Rule, SampleType, ValueType};
+use spinney_base::{Error, Form, Progress, Result};
+use spinney_container::Metadata;
+use spinney_crs::{Crs, Frame};
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::Relief;
+use spinney_engine::store::{BuildOptions, Packing, Slab, Slabs, build_slabs, depth_for};
+use spinney_tin::{HeightGrid, Tin};
+
+/// Reads the first channel of a quadtree's level as heights.
+///
+/// # Errors
+/// If it is an octree, a tree of classes, or damaged, there is no such level, or there are more cells than fit into memory.
+pub fn read_heights(tree: &Dataset, level: u8) -> Result<HeightGrid> {
+    if tree.header().form.axes() != 2 {
+        let advice =
+            "surfaces over the plane are made of rasters; `spinney contours` makes isosurfaces of octrees";
+        return Err(Error::unsupported(tree.name(), "an octree", advice));
+    }
+    tree.check_amounts("a surface")?;
+    let coarser = tree.depth().saturating_sub(level);
+    let [columns, rows, _] = tree.extent_at(level).max;
+    let [across, down, _] = tree.metadata().frame.coarser(coarser).matrix;
+    let transform = [across[0], across[1], across[3], down[0], down[1], down[3]];
+    let mut grid = HeightGrid::new([columns, rows].map(|cells| cells as usize), transform)?;
+    let bounds = Bounds { min: [0; 3], max: [columns, rows, 1] };
+    grid.heights = tree.relief(level).numbers(&bounds)?;
+    Ok(grid)
+}
+
+/// Rows that are handed out at once: as many as blocks have.
+const ROWS: usize = 256;
+
+/// The rows of a grid, many at a time.
+struct Rows<'a> {
+    grid: &'a HeightGrid,
+    next: usize,
+    progress: &'a dyn Progress,
+}
+
+impl Slabs for Rows<'_> {
+    fn extent(&self) -> [u64; 3] {
+        [self.grid.columns as u64, self.grid.rows as u64, 1]
+    }
+
+    fn next(&mut self, slab: &mut Slab) -> Result<bool> {
+        self.progress.check()?;
+        let (first, columns) = (self.next, self.grid.columns);
+        let end = (first + ROWS).min(self.grid.rows);
+        if first == end {
+            return Ok(false);
+        }
+        let heights = &self.grid.heights[first * columns..end * columns];
+        slab.origin = [0, first as u64, 0];
+        slab.size = [columns as u64, (end - first) as u64, 1];
+        slab.bytes.clear();
+        for height in heights {
+            let height = if height.is_nan() { 0.0 } else { *height as f32 };
+            slab.bytes.extend_from_slice(&height.to_le_bytes());
+        }
+        slab.valid = Some(heights.iter().map(|height| !height.is_nan()).collect());
+        self.next = end;
+        Ok(true)
+    }
+}
+
+/// Writes a surface as a quadtree of f32: its heights at the centres of cells of a width, linear in triangles; VOID beside it. North is up, and
+/// borders of cells are at multiples of their width. Returns columns and rows, which are in memory.
+///
+/// # Errors
+/// If the width is no number above zero, there would be too many cells, the output cannot be written, or on interruption.
+pub fn write_surface(
+    (tin, name): (&Tin, &str),
+    (cell, crs): (f64, Option<Crs>),
+    provenance: String,
+    (memory, packing): (u64, Packing),
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<[u64; 2]> {
+    if !(cell > 0.0 && cell.is_finite()) {
+        return Err(Error::invalid("cell", cell.to_string(), "a width above zero"));
+    }
+    let mut ends = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+    for [x, y, _] in tin.vertices() {
+        ends = [[ends[0][0].min(x), ends[0][1].min(y)], [ends[1][0].max(x), ends[1][1].max(y)]];
+    }
+    let [[west, south], [east, north]] = ends;
+    let (west, north) = ((west / cell).floor() * cell, (north / cell).ceil() * cell);
+    // (What is too large becomes the largest number, and is told.)
+    let size =
+        [((east - west) / cell).ceil().max(1.0) as usize, ((north - south) / cell).ceil().max(1.0) as usize];
+    let transform = [cell, 0.0, west, 0.0, -cell, north];
+    let mut grid = HeightGrid::new(size, transform)?;
+    tin.fill(&mut grid);
+    let extent = [size[0] as u64, size[1] as u64, 1];
+    let mut frame = Frame::planar(transform);
+    frame.crs = crs;
+    let metadata = Metadata {
+        frame,
+        band_names: vec![name.into()],
+        provenance: vec![provenance],
+        ..Metadata::default()
+    };
+    let options = BuildOptions::new(Kind::Continuous, depth_for(extent))
+        .rule(Rule::Mean)
+        .memory(memory)
+        .metadata(metadata)
+        .packing(packing);
+    let mut rows = Rows { grid: &grid, next: 0, progress };
+    let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+    build_slabs(form, &mut rows, None, &options, output, progress)?;
+    Ok([extent[0], extent[1]])
+}

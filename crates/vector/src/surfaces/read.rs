@@ -1,0 +1,165 @@
+//! Points, lines and polygons of files, as what surfaces are made of.
+
+use std::path::{Path, PathBuf};
+
+use crate::import::feature::{FeatureAttribute, FeatureGeometry, FeatureOptions, open_features};
+use spinney_base::{Error, Result};
+use spinney_crs::{Crs, PolygonParts};
+
+/// The name of the attribute of breaklines that is their height, in any case of letters.
+const HEIGHT: &str = "z";
+
+/// Files that surfaces are made of.
+#[derive(Clone, Debug, Default)]
+pub struct SurfaceFiles {
+    /// Features that are points.
+    pub points: PathBuf,
+    /// Names of the attributes that are heights, one for each surface.
+    pub heights: Vec<String>,
+    /// What is asked for of the points.
+    pub options: FeatureOptions,
+    /// Lines that become edges, with the attribute `z` as their height if they have one.
+    pub breaklines: Option<PathBuf>,
+    /// Polygons outside of which there is no surface.
+    pub outline: Option<PathBuf>,
+}
+
+/// What surfaces are made of.
+#[derive(Clone, Debug, Default)]
+pub struct SurfacePoints {
+    /// The points of each surface.
+    pub points: Vec<Vec<[f64; 3]>>,
+    /// Points that have no height, for each surface.
+    pub without: Vec<u64>,
+    /// Breaklines; heights that are not known are no numbers.
+    pub breaklines: Vec<Vec<[f64; 3]>>,
+    /// Polygons.
+    pub outlines: PolygonParts,
+    /// The coordinate system, where known.
+    pub crs: Option<Crs>,
+}
+
+/// Reads what surfaces are made of. A feature without a number for a height is left out of that surface.
+///
+/// # Errors
+/// Those of [`open_features`]; if the features are of other kinds, heights are no numbers, or files have different coordinate systems.
+pub fn read_surfaces(files: &SurfaceFiles) -> Result<SurfacePoints> {
+    let path = &files.points;
+    let options = FeatureOptions { attributes: Some(files.heights.clone()), ..files.options.clone() };
+    let mut reader = open_features(path, &options)?;
+    let count = files.heights.len();
+    let crs = reader.schema().crs.clone();
+    let mut found = SurfacePoints {
+        points: vec![Vec::new(); count],
+        without: vec![0; count],
+        crs,
+        ..SurfacePoints::default()
+    };
+    while let Some(feature) = reader.next()? {
+        let places = match feature.geometry {
+            None => continue,
+            Some(FeatureGeometry::Points(places)) => places,
+            Some(_) => {
+                let advice =
+                    "surfaces are made of points; lines go into --breaklines, polygons into --outline";
+                return Err(Error::unsupported(path, "a feature that is no point", advice));
+            }
+        };
+        for (surface, value) in feature.attributes.iter().enumerate() {
+            match number(value) {
+                Some(height) => found.points[surface].extend(places.iter().map(|[x, y]| [*x, *y, height])),
+                None => found.without[surface] += places.len() as u64,
+            }
+        }
+    }
+    if let Some(at) = found.points.iter().position(Vec::is_empty) {
+        let expected = "an attribute that is a number for three points or more";
+        return Err(Error::invalid(
+            "heights",
+            format!("`{}` without any in {}", files.heights[at], path.display()),
+            expected,
+        ));
+    }
+    if let Some(path) = &files.breaklines {
+        found.breaklines = read_lines(path, &mut found.crs)?;
+    }
+    if let Some(path) = &files.outline {
+        found.outlines = read_polygons(path, &mut found.crs)?;
+    }
+    Ok(found)
+}
+
+/// A value as a number, if it is one.
+fn number(value: &FeatureAttribute) -> Option<f64> {
+    match value {
+        FeatureAttribute::Integer(number) => Some(*number as f64),
+        FeatureAttribute::Number(number) => Some(*number).filter(|number| number.is_finite()),
+        _ => None,
+    }
+}
+
+/// Fails if a file has another coordinate system than those before.
+fn agree(path: &Path, crs: &mut Option<Crs>, other: Option<&Crs>) -> Result<()> {
+    match (&crs, other) {
+        (Some(crs), Some(other)) if crs != other => {
+            let advice = "bring both into one system first";
+            Err(Error::unsupported(path, "another coordinate system than that of the points", advice))
+        }
+        (None, Some(other)) => {
+            *crs = Some(other.clone());
+            Ok(())
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Reads lines; rings of polygons are lines, too.
+fn read_lines(path: &Path, crs: &mut Option<Crs>) -> Result<Vec<Vec<[f64; 3]>>> {
+    let mut reader = open_features(path, &FeatureOptions::default())?;
+    agree(path, crs, reader.schema().crs.as_ref())?;
+    let height = reader.schema().attributes.iter().position(|(name, _)| name.eq_ignore_ascii_case(HEIGHT));
+    let mut found = Vec::new();
+    while let Some(feature) = reader.next()? {
+        let above = height.and_then(|at| number(feature.attributes.get(at)?)).unwrap_or(f64::NAN);
+        let mut take = |line: &[[f64; 2]]| found.push(line.iter().map(|[x, y]| [*x, *y, above]).collect());
+        match feature.geometry {
+            None => {}
+            Some(FeatureGeometry::Lines(lines)) => lines.iter().for_each(|line| take(line)),
+            Some(FeatureGeometry::Polygons(parts)) => {
+                for mut ring in parts.into_iter().flatten() {
+                    ring.extend(ring.first().copied());
+                    take(&ring);
+                }
+            }
+            Some(_) => {
+                let advice = "breaklines are lines or polygons";
+                return Err(Error::unsupported(path, "a feature that is neither", advice));
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Reads polygons.
+fn read_polygons(path: &Path, crs: &mut Option<Crs>) -> Result<PolygonParts> {
+    let mut reader = open_features(path, &FeatureOptions::default())?;
+    agree(path, crs, reader.schema().crs.as_ref())?;
+    let mut found = PolygonParts::new();
+    while let Some(feature) = reader.next()? {
+        match feature.geometry {
+            None => {}
+            Some(FeatureGeometry::Polygons(parts)) => found.extend(parts),
+            Some(_) => {
+                return Err(Error::unsupported(
+                    path,
+                    "a feature that is no polygon",
+                    "an outline is polygons",
+                ));
+            }
+        }
+    }
+    if found.is_empty() {
+        return Err(Error::unsupported(path, "no polygon", "an outline is one or more"));
+    }
+    Ok(found)
+}

@@ -1,0 +1,208 @@
+//! What `spinney build` does with points of surfaces.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail};
+use spinney::Progress;
+use spinney::import::feature::{FeatureOptions, is_feature_file};
+use spinney::io::Output;
+use spinney::store::Packing;
+use spinney::tin::{
+    Duplicates, LayerInput, LayerOptions, LayerSurface, SurfaceFiles, SurfaceInput, SurfacePoints,
+    SurfaceReport, build_layers, read_surfaces, triangulate, write_surface,
+};
+
+use super::features::FeatureArgs;
+use super::pictures::PictureArgs;
+use super::solids::SolidArgs;
+use super::{Common, Lines};
+
+/// Options for surfaces only.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "Surfaces of points (features)")]
+pub(super) struct SurfaceArgs {
+    /// Triangulated surface (TIN) of points whose heights are an attribute, as a raster (--cell); with --brep the layers between the surfaces of
+    /// several, from the top down
+    #[arg(long, value_name = "ATTRIBUTE,...", value_delimiter = ',')]
+    pub(super) tin: Option<Vec<String>>,
+    /// Lines that become edges of the triangles, such as faults and ridges: features, with an attribute z if they have a height of their own
+    #[arg(long, value_name = "FILE", requires = "tin")]
+    breaklines: Option<PathBuf>,
+    /// Polygons outside of which there is no surface: features [default: the convex hull of the points]
+    #[arg(long, value_name = "FILE", requires = "tin")]
+    outline: Option<PathBuf>,
+}
+
+/// Points that were read, and what is to be made of them.
+pub(super) struct SurfaceImport {
+    points: SurfacePoints,
+    names: Vec<String>,
+    target: Target,
+    provenance: String,
+    description: Lines,
+}
+
+enum Target {
+    /// A raster with cells of a width.
+    Raster(f64, u64, Packing),
+    Layers(LayerOptions),
+}
+
+impl SurfaceArgs {
+    /// Reads the points.
+    pub(super) fn plan(
+        &self,
+        inputs: &[PathBuf],
+        (common, pictures, solids, features): (&Common, &PictureArgs, &SolidArgs, &FeatureArgs),
+    ) -> Result<SurfaceImport> {
+        let [input] = inputs else { bail!("--tin: a surface is of the points of one file") };
+        if !is_feature_file(input) {
+            bail!("--tin is for features that are points, {} has none", input.display());
+        }
+        let given = [
+            ("--depth", common.depth.is_some()),
+            ("--grid", common.grid.is_some()),
+            ("--share", common.share),
+            ("--time", common.time.is_some()),
+            ("options for pictures", pictures.not_of_features().is_some()),
+        ];
+        let mut given = given.into_iter().filter(|(_, is_given)| *is_given).map(|(name, _)| name);
+        if let Some(option) = given.next().or(features.not_of_surfaces()) {
+            bail!("{option}: means nothing for a surface");
+        }
+        let names = self.tin.clone().unwrap_or_default();
+        let packing = common.packing.choice()?;
+        let provenance = format!("{}: triangulated surface of {}", input.display(), names.join(", "));
+        let target = match solids.brep {
+            false => {
+                let (None, Some(cell), None) = solids.of_features()? else {
+                    bail!("--tin: say the width of the raster's cells with --cell, or --brep for layers");
+                };
+                if let Some(option) = solids.of_exact_models() {
+                    bail!("{option} is for exact models: add --brep, without --cell");
+                }
+                if names.len() != 1 {
+                    bail!("--tin: a raster has one height; the layers between several are made with --brep");
+                }
+                Target::Raster(cell, common.memory.bytes, packing)
+            }
+            true => {
+                let of_curves = solids.deviation.map(|_| "--deviation");
+                if let Some(option) = solids.of_meshes().or(of_curves) {
+                    bail!("{option} is for the faces of models; {} has points", input.display());
+                }
+                if names.len() < 2 {
+                    bail!(
+                        "--tin: layers lie between two heights or more, from the top down, as in --tin top,base"
+                    );
+                }
+                let mut options = LayerOptions::new();
+                options.snap = solids.snap;
+                options.unit.clone_from(&solids.unit);
+                (options.codec, options.memory) = (packing.codec, common.memory.bytes);
+                options.provenance.clone_from(&provenance);
+                Target::Layers(options)
+            }
+        };
+        let files = SurfaceFiles {
+            points: input.clone(),
+            heights: names.clone(),
+            options: FeatureOptions {
+                layer: pictures.layer.clone(),
+                filter: features.filter.clone().unwrap_or_default(),
+                ..FeatureOptions::default()
+            },
+            breaklines: self.breaklines.clone(),
+            outline: self.outline.clone(),
+        };
+        let mut points = read_surfaces(&files)?;
+        if common.crs.is_some() {
+            points.crs.clone_from(&common.crs);
+        }
+        let mut description = vec![("input", input.display().to_string())];
+        for ((name, found), without) in names.iter().zip(&points.points).zip(&points.without) {
+            let none = if *without > 0 { format!(", {without} without") } else { String::new() };
+            description.push(("heights", format!("{name}: {} points{none}", found.len())));
+        }
+        Ok(SurfaceImport { points, names, target, provenance, description })
+    }
+}
+
+/// Lines about points and lines.
+fn told(report: &SurfaceReport) -> Lines {
+    let counts = [
+        ("duplicates", report.duplicates, "points are where another one is"),
+        ("averaged", report.averaged, "places have several heights, and get their mean"),
+        (
+            "extended",
+            report.extended,
+            "points and corners lie outside of the convex hull of a surface's points; it has the height of its nearest place there",
+        ),
+        ("crossings", report.crossings, "points were made where the outline crosses a breakline"),
+    ];
+    let told = counts.into_iter().filter(|(_, count, _)| *count > 0);
+    told.map(|(name, count, text)| (name, format!("{count} {text}"))).collect()
+}
+
+impl SurfaceImport {
+    pub(super) fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// Builds the file; returns lines about it.
+    pub(super) fn build(self, output: Output, progress: &dyn Progress) -> Result<Lines> {
+        let SurfaceImport { points, names, target, provenance, .. } = self;
+        let SurfacePoints { points, breaklines, outlines, crs, .. } = points;
+        // (What differs is told.)
+        let duplicates = Duplicates::Mean;
+        match target {
+            Target::Raster(cell, memory, packing) => {
+                let points = points.into_iter().next().unwrap_or_default();
+                let input = SurfaceInput { points, breaklines, outlines, duplicates };
+                let (tin, report) = triangulate(&input)?;
+                let name = names.first().map_or("", String::as_str);
+                let [columns, rows] = write_surface(
+                    (&tin, name),
+                    (cell, crs),
+                    provenance,
+                    (memory, packing),
+                    output,
+                    progress,
+                )?;
+                let mut lines = told(&report);
+                lines.push((
+                    "surface",
+                    format!("{} triangles, {columns} x {rows} cells", tin.triangles().len()),
+                ));
+                Ok(lines)
+            }
+            Target::Layers(mut options) => {
+                let surfaces = names.into_iter().zip(points);
+                let flat = |line: Vec<[f64; 3]>| line.into_iter().map(|[x, y, _]| [x, y]).collect();
+                let input = LayerInput {
+                    surfaces: surfaces.map(|(name, points)| LayerSurface { name, points }).collect(),
+                    breaklines: breaklines.into_iter().map(flat).collect(),
+                    outlines,
+                    duplicates,
+                };
+                options.crs = crs;
+                let report = build_layers(&input, &options, output, progress)?;
+                let mut lines = told(&report.surface);
+                if report.clipped > 0 {
+                    let text =
+                        "heights of upper surfaces were below the next one, which stays: they lie on it";
+                    lines.push(("clipped", format!("{} {text}", report.clipped)));
+                }
+                for layer in &report.layers {
+                    let nothing = if layer.volume > 0.0 { "" } else { "; not in the model" };
+                    lines.push((
+                        "layer",
+                        format!("{}: volume {}, area {}{nothing}", layer.name, layer.volume, layer.area),
+                    ));
+                }
+                lines.push(("faces", report.faces.to_string()));
+                Ok(lines)
+            }
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! `spinney contours` of a mesh file: isolines of a surface of triangles.
+
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail};
+use spinney::export::vector::ContourFeatures;
+use spinney::import::mesh::{DEFAULT_MEMORY, open_all};
+use spinney::query::ContourLevels;
+use spinney::tin::{Tin, export_isolines};
+
+use super::args::{Args, Ends};
+use crate::cli::Global;
+use crate::cli::args::{check_output, vector_format};
+use crate::cli::report::{Work, report_output};
+
+pub(super) fn run(args: &Args, levels: &ContourLevels, global: &Global, start: Instant) -> Result<()> {
+    let file = &args.tree.file;
+    let given = [
+        ("--filled", args.filled),
+        ("--level", args.level.is_some()),
+        ("--ends", args.ends != Ends::Open),
+        ("--view", args.tree.is_viewed()),
+    ];
+    if let Some((option, _)) = given.iter().find(|(_, is_given)| *is_given) {
+        bail!("{option}: is for contours of trees; {} is a surface of triangles", file.display());
+    }
+    check_output([file.as_path()], &args.output)?;
+    let format = vector_format(args.format.as_deref(), &args.output)?;
+    let work = Work::start(global, "faces")?;
+    let (mut triangles, mut crs) = (Vec::new(), None);
+    for model in &mut open_all(std::slice::from_ref(file), DEFAULT_MEMORY)? {
+        crs.clone_from(&model.info().crs);
+        model.faces(&mut |face| {
+            let [a, b, c] = face.points else {
+                let found = format!("a face of {} corners", face.points.len());
+                return Err(spinney::Error::unsupported(file, found, "contours of a mesh need triangles"));
+            };
+            triangles.push([*a, *b, *c]);
+            Ok(())
+        })?;
+    }
+    let tin = Tin::from_triangles(&triangles).with_context(|| {
+        format!("{}: is no surface over the plane, which has one height at each place", file.display())
+    })?;
+    let mut features = ContourFeatures::new();
+    (features.smooth, features.has_z) = (args.smooth, args.has_z);
+    let (lines, points) = args
+        .limit
+        .create(&args.output)
+        .and_then(|output| export_isolines((&tin, crs), levels, &features, output, format, &work))
+        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    global.report(
+        "contours",
+        format_args!("{lines} lines of {points} points, {} triangles", tin.triangles().len()),
+    );
+    report_output(global, &args.output, start);
+    Ok(())
+}

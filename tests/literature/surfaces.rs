@@ -1,0 +1,208 @@
+//! Tyukachev's paper: surfaces of triangles (CTIN), and triangulations with lines that are not crossed.
+
+use spinney::brep::topology::{Topology, TopologyOptions};
+use spinney::brep::{ExactModel, Faces};
+use spinney::io::Output;
+use spinney::tin::{LayerInput, LayerOptions, LayerSurface, SurfaceInput, Tin, build_layers, triangulate};
+
+/// Random numbers below a bound, with a fixed seed.
+fn random(seed: u64) -> impl FnMut(u64) -> u64 {
+    let mut state = seed;
+    move |below| {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 33) % below
+    }
+}
+
+/// Twice the area of a triangle of whole numbers.
+fn twice_area([a, b, c]: [[f64; 2]; 3]) -> f64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+fn corners(tin: &Tin) -> Vec<[[f64; 2]; 3]> {
+    let places: Vec<[f64; 2]> = tin.vertices().map(|[x, y, _]| [x, y]).collect();
+    tin.triangles().iter().map(|corners| corners.map(|corner| places[corner as usize])).collect()
+}
+
+/// Whether the inside of two segments has a point in common, or one has an end inside of the other.
+fn cross([a, b]: [[f64; 2]; 2], [c, d]: [[f64; 2]; 2]) -> bool {
+    let sides = [twice_area([a, b, c]), twice_area([a, b, d]), twice_area([c, d, a]), twice_area([c, d, b])];
+    let is_within = |p: [f64; 2], a: [f64; 2], b: [f64; 2]| {
+        p != a
+            && p != b
+            && (0..2).all(|axis| (a[axis].min(b[axis])..=a[axis].max(b[axis])).contains(&p[axis]))
+    };
+    (sides[0] * sides[1] < 0.0 && sides[2] * sides[3] < 0.0)
+        || (sides[0] == 0.0 && is_within(c, a, b))
+        || (sides[1] == 0.0 && is_within(d, a, b))
+        || (sides[2] == 0.0 && is_within(a, c, d))
+        || (sides[3] == 0.0 && is_within(b, c, d))
+}
+
+#[test]
+fn item_54_two_triangles_meet_in_a_vertex_or_a_whole_edge() {
+    for seed in 0..10 {
+        let mut random = random(seed);
+        let mut input = SurfaceInput::default();
+        for _ in 0..40 {
+            let [x, y] = [random(32) as f64, random(32) as f64];
+            input.points.push([x, y, x - y]);
+        }
+        input.breaklines = vec![vec![[-1.0, 9.0, 0.0], [33.0, 9.0, 0.0]]];
+        input.duplicates = spinney::tin::Duplicates::Mean;
+        let (tin, _) = triangulate(&input).unwrap();
+        let triangles = corners(&tin);
+        for (number, first) in triangles.iter().enumerate() {
+            assert!(twice_area(*first) > 0.0);
+            for second in &triangles[..number] {
+                let edges = |[a, b, c]: [[f64; 2]; 3]| [[a, b], [b, c], [c, a]];
+                for one in edges(*first) {
+                    assert!(
+                        edges(*second).into_iter().all(|other| !cross(one, other)),
+                        "{first:?} {second:?}"
+                    );
+                }
+            }
+        }
+        // Each point that was given is one of a triangle.
+        for [x, y, _] in &input.points {
+            assert!(triangles.iter().flatten().any(|corner| corner == &[*x, *y]));
+        }
+    }
+}
+
+#[test]
+fn item_54_layers_are_closed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("layers.goblin");
+    let heights: [(&str, fn(f64, f64) -> f64); 4] = [
+        ("ground", |x, y| 40.0 + (x / 5.0).sin() + y / 9.0),
+        ("sand", |x, _| 30.0 + x / 8.0),
+        ("ore", |x, y| 25.0 + (x + y) / 10.0),
+        ("base", |_, _| 10.0),
+    ];
+    // All are known at the same boreholes.
+    let mut random = random(3);
+    let holes: Vec<[f64; 2]> = (0..120).map(|_| [0; 2].map(|_| random(100) as f64)).collect();
+    let surface = |(name, height): (&str, fn(f64, f64) -> f64)| LayerSurface {
+        name: name.into(),
+        points: holes.iter().map(|[x, y]| [*x, *y, height(*x, *y)]).collect(),
+    };
+    let input = LayerInput { surfaces: heights.map(surface).into(), ..LayerInput::default() };
+    let output = Output::create(&path).unwrap();
+    let report = build_layers(&input, &LayerOptions::new(), output, &()).unwrap();
+    let model = ExactModel::open(&path, &Default::default()).unwrap();
+    assert_eq!(model.parts(), ["ground to sand", "sand to ore", "ore to base"]);
+    let topology = Topology::of(&model, &TopologyOptions::default(), &()).unwrap();
+    assert!(topology.counts_by_shell().iter().all(|counts| counts.boundaries == 0));
+    assert!(report.layers.iter().all(|layer| layer.volume > 0.0));
+}
+
+#[test]
+fn item_61_lines_in_a_face_are_edges_and_not_crossed() {
+    for seed in 0..30 {
+        let mut random = random(seed + 50);
+        // A triangular face, and lines of it that do not cross: what two bodies have in common in one.
+        let mut input = SurfaceInput {
+            points: vec![[0.0, 0.0, 0.0], [200.0, 0.0, 0.0], [0.0, 200.0, 0.0]],
+            ..SurfaceInput::default()
+        };
+        let mut segments: Vec<[[f64; 2]; 2]> = Vec::new();
+        while segments.len() < 8 {
+            let segment = [0; 2].map(|_: i32| [0; 2].map(|_: i32| 1.0 + random(98) as f64));
+            let apart = |other: &[[f64; 2]; 2]| {
+                !cross(*other, segment) && other.iter().all(|end| !segment.contains(end))
+            };
+            if segment[0] != segment[1] && segments.iter().all(apart) {
+                segments.push(segment);
+            }
+        }
+        let line = |segment: &[[f64; 2]; 2]| segment.iter().map(|[x, y]| [*x, *y, 0.0]).collect();
+        input.breaklines = segments.iter().map(line).collect();
+        let (tin, _) = triangulate(&input).unwrap();
+        let triangles = corners(&tin);
+        for [a, b] in &segments {
+            let is_edge = triangles.iter().any(|[p, q, r]| {
+                [[p, q], [q, r], [r, p]].iter().any(|edge| *edge == [a, b] || *edge == [b, a])
+            });
+            assert!(is_edge, "{a:?} {b:?}");
+        }
+        assert_eq!(triangles.iter().map(|corners| twice_area(*corners)).sum::<f64>(), 40_000.0);
+        // 2n - 2 - b triangles have n points, of which b are around them.
+        assert_eq!(triangles.len(), 2 * tin.vertices().len() - 2 - 3);
+    }
+}
+
+#[test]
+fn item_62_a_face_with_an_inner_triangle_is_seven() {
+    let inner = [[3.0, 2.0, 0.0], [5.0, 3.0, 0.0], [4.0, 5.0, 0.0]];
+    let input = SurfaceInput {
+        points: vec![[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [4.0, 9.0, 0.0]],
+        breaklines: vec![vec![inner[0], inner[1], inner[2], inner[0]]],
+        ..SurfaceInput::default()
+    };
+    let (tin, _) = triangulate(&input).unwrap();
+    assert_eq!(tin.triangles().len(), 2 * 6 - 2 - 3);
+    let wanted = inner.map(|[x, y, _]| [x, y]);
+    let is_inner = |corners: &[[f64; 2]; 3]| corners.iter().all(|corner| wanted.contains(corner));
+    assert_eq!(corners(&tin).iter().filter(|corners| is_inner(corners)).count(), 1);
+}
+
+#[test]
+fn item_62_a_box_of_sixteen_triangles_has_ten_vertices() {
+    // A layer over a square with a point in the middle: four triangles above, four below, and four walls of two.
+    let place = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [2.0, 2.0]];
+    let surface = |name: &str, height: f64| LayerSurface {
+        name: name.into(),
+        points: place.iter().map(|[x, y]| [*x, *y, height]).collect(),
+    };
+    let input =
+        LayerInput { surfaces: vec![surface("top", 4.0), surface("base", 0.0)], ..LayerInput::default() };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("box.goblin");
+    let report = build_layers(&input, &LayerOptions::new(), Output::create(&path).unwrap(), &()).unwrap();
+    assert_eq!((report.faces, report.layers[0].volume), (4 + 4 + 4, 64.0));
+    let model = ExactModel::open(&path, &Default::default()).unwrap();
+    let euler = Topology::of(&model, &TopologyOptions::default(), &()).unwrap().euler();
+    // Each wall that is cut into two triangles has one edge more: 10 - 24 + 16 = 2.
+    let (triangles, edges) = (euler.faces + 4, euler.edges + 4);
+    assert_eq!((euler.vertices, edges, triangles), (10, 24, 16));
+}
+
+#[test]
+fn item_54_triangulations_are_smoothed_and_have_isolines() {
+    // The paper's other tasks: a hill of boreholes with a fault across it.
+    let hill = |x: f64, y: f64| 900.0 - (x - 30.0).powi(2) - (y - 30.0).powi(2);
+    let mut input = SurfaceInput::default();
+    for row in 0..=12 {
+        for column in 0..=12 {
+            let [x, y] = [column, row].map(|at| f64::from(at) * 5.0);
+            input.points.push([x, y, hill(x, y)]);
+        }
+    }
+    input.breaklines = vec![(0..=12).map(|at| [f64::from(at) * 5.0, 15.0, f64::NAN]).collect()];
+    let (tin, _) = triangulate(&input).unwrap();
+    assert_eq!(tin.constraints().len(), 12);
+    let (area, volume) = tin.integral();
+    // The integral of the hill, within what chords of 5 are below it (a twelfth of 5² along each axis, or more).
+    let expected = 3600.0 * 900.0 - 2.0 * 60.0 * (2.0 * 30f64.powi(3) / 3.0);
+    assert_eq!(area, 3600.0);
+    assert!((0.0..3600.0 * 25.0 / 2.0).contains(&(expected - volume)), "{volume} {expected}");
+    let smooth = tin.smoothed(3);
+    assert!(smooth.range().unwrap().1 < 900.0);
+    for [x, _, z] in smooth.vertices().filter(|vertex| vertex[1] == 15.0) {
+        assert_eq!(z, hill(x, 15.0));
+    }
+    let mut lengths = Vec::new();
+    tin.isolines(&[600.0, 800.0], &mut |line| {
+        assert!(line.is_closed());
+        let steps =
+            line.points.windows(2).map(|ends| (ends[0][0] - ends[1][0]).hypot(ends[0][1] - ends[1][1]));
+        lengths.push(steps.sum::<f64>());
+        Ok(())
+    })
+    .unwrap();
+    let circle = |level: f64| 2.0 * std::f64::consts::PI * (900.0 - level).sqrt();
+    assert_eq!(lengths.len(), 2);
+    assert!(lengths[0] / circle(600.0) > 0.9 && lengths[0] / circle(600.0) < 1.1, "{lengths:?}");
+}

@@ -1,0 +1,102 @@
+//! `spinney build`, `export` and `contours` of triangulated surfaces.
+
+use std::fmt::Write as _;
+use std::fs;
+
+use crate::common::command::{spinney, stderr, stdout};
+
+/// Boreholes on a grid of 5 x 5, with three heights.
+fn boreholes() -> String {
+    let mut text = String::from("x,y,ground,coal,base\n");
+    for row in 0..5 {
+        for column in 0..5 {
+            let (x, y) = (column * 10, row * 10);
+            // (The coal crops out where x is below 20: its top is above the ground.)
+            writeln!(text, "{x},{y},{},{},{}", 30 + x, 50, 0).unwrap();
+        }
+    }
+    text
+}
+
+#[test]
+fn points_become_rasters_and_layers() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let [wells, area, faults, raster, layers] =
+        ["wells.csv", "area.csv", "faults.csv", "raster.goblin", "layers.goblin"].map(at);
+    fs::write(&wells, boreholes()).unwrap();
+    fs::write(&area, "wkt\n\"POLYGON ((0 0, 40 0, 40 20, 0 20, 0 0))\"\n").unwrap();
+    fs::write(&faults, "wkt,z\n\"LINESTRING (5 5, 35 5)\",100\n").unwrap();
+
+    let told = stderr(spinney(&["build", &wells, "-o", &raster, "--tin", "ground", "--cell", "2"]).success());
+    assert!(told.contains("32 triangles, 20 x 20 cells"), "{told}");
+    assert_eq!(stdout(&["point", &raster, "15,15"]), "45\n");
+    let lines = ["build", &wells, "-o", &raster, "--tin", "ground", "--cell", "1", "--breaklines", &faults];
+    stdout(&lines);
+    // Nine tenths of the way to the line, whose height is 100.
+    let height: f64 = stdout(&["point", &raster, "20.5,4.9"]).trim().parse().unwrap();
+    assert!((93.0..=97.0).contains(&height), "{height}");
+    let told = stderr(
+        spinney(&["build", &wells, "-o", &raster, "--tin", "ground", "--cell", "1", "--outline", &area])
+            .success(),
+    );
+    assert!(told.contains("40 x 20 cells"), "{told}");
+
+    let told = stderr(
+        spinney(&["build", &wells, "-o", &layers, "--tin", "ground,coal,base", "--brep", "--outline", &area])
+            .success(),
+    );
+    // A wedge from x = 20 on, and all that is below the coal.
+    assert!(told.contains("ground to coal: volume 4000, area 400"), "{told}");
+    assert!(told.contains("coal to base: volume 40000, area 800") && told.contains("clipped"), "{told}");
+    let told = stdout(&["stats", &layers]);
+    assert!(told.contains("44000"), "{told}");
+    stdout(&["verify", &layers]);
+    let told = stdout(&["find", &layers, "--object", "coal to base"]);
+    assert!(told.contains("coal to base"), "{told}");
+
+    for (arguments, expected) in [
+        (&["--tin", "ground"][..], "--cell"),
+        (&["--tin", "ground,coal", "--cell", "1"], "--brep"),
+        (&["--tin", "ground", "--brep"], "two heights or more"),
+        (&["--tin", "depth", "--cell", "1"], "depth"),
+        (&["--tin", "ground", "--cell", "1", "--outline", &faults], "no polygon"),
+        (&["--tin", "ground", "--depth", "4"], "--depth: means nothing"),
+        (&["--cell", "1", "--outline", &area], "--tin"),
+        (&["--tin", "ground", "--cell", "1", "--value", "3"], "--value: means nothing"),
+    ] {
+        let arguments = [&["build", &wells, "-o", &raster], arguments].concat();
+        let told = stderr(spinney(&arguments).failure());
+        assert!(told.contains(expected), "{arguments:?}: {told}");
+    }
+    fs::write(&wells, "x,y,z\n0,0,1\n1,1,2\n2,2,3\n").unwrap();
+    let told = stderr(spinney(&["build", &wells, "-o", &raster, "--tin", "z", "--cell", "1"]).failure());
+    assert!(told.contains("not in one line"), "{told}");
+}
+
+#[test]
+fn rasters_become_surfaces_with_isolines() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let [ply, obj, lines] = ["relief.ply", "relief.obj", "lines.csv"].map(at);
+    let map = "fixtures/v1/elevation.goblin";
+    stdout(&["export", map, &ply, "--tin", "5"]);
+    stdout(&["export", map, &obj, "--tin", "5", "--level", "5"]);
+    assert!(fs::read_to_string(&obj).unwrap().lines().any(|line| line.starts_with("f ")));
+    let told = stderr(spinney(&["contours", &ply, "--every", "50", "-o", &lines]).success());
+    assert!(told.contains("lines of") && told.contains("triangles"), "{told}");
+    let text = fs::read_to_string(&lines).unwrap();
+    assert!(text.lines().count() > 1 && text.contains("LINESTRING"), "{text}");
+    for (arguments, expected) in [
+        (&["export", map, &at("x.stl"), "--tin", "5"][..], "PLY, OBJ or OFF"),
+        (&["export", map, &at("x.tif"), "--tin", "5"], "--tin is for"),
+        (&["export", map, &ply, "--tin=-1"], "from 0 on"),
+        (&["export", map, &ply, "--tin", "5", "--smooth"], "--smooth is for solids"),
+        (&["export", "fixtures/v1/classes.goblin", &ply, "--tin", "5"], "classes"),
+        (&["export", "fixtures/v1/ball.goblin", &ply, "--tin", "5"], "octree"),
+        (&["contours", &ply, "--every", "50", "--filled", "-o", &lines], "--filled"),
+    ] {
+        let told = stderr(spinney(arguments).failure());
+        assert!(told.contains(expected), "{arguments:?}: {told}");
+    }
+}
