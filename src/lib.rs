@@ -364,7 +364,10 @@ pub mod export {
         export_legend, export_window, fill_for, void_number, window_rows,
     };
     #[cfg(feature = "render")]
-    pub use spinney_render::{CameraProjection, RenderRequest, render, render_exact};
+    pub use spinney_render::{
+        CameraProjection, DrawingFormat, DrawingStyle, RenderRequest, draw_cells, draw_exact, render,
+        render_exact,
+    };
 
     /// Pictures and arrays, written row by row.
     #[cfg(feature = "raster")]

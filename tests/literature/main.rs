@@ -8,4 +8,6 @@ mod bsp;
 mod chain_codes;
 #[cfg(feature = "csg")]
 mod csg;
+#[cfg(feature = "cli")]
+mod drawing;
 mod points;
