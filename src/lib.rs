@@ -217,11 +217,11 @@ pub mod dataset {
 #[cfg(feature = "brep")]
 pub mod brep {
     pub use spinney_brep::{
-        Attributes, BuildReport, ChosenParts, ColumnValues, CombineReport, ContactKind, Defect, DefectKind,
-        ExactModel, Face, FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MOST_BITS,
-        ModelBuilder, ModelNode, ModelNodeState, ModelView, Motion, NodeCounts, NodeKind, ObjectContact,
-        Repair, TakeContact, TakeFaceWithValues, TransformOptions, TransformReport, Triangulated, ViewRays,
-        combine, is_model_file, object_contacts, transform,
+        Attributes, BoundaryPart, BuildReport, ChosenParts, ColumnValues, CombineReport, ContactKind, Defect,
+        DefectKind, ExactModel, Face, FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule,
+        MOST_BITS, ModelBuilder, ModelNode, ModelNodeState, ModelView, Motion, NodeCounts, NodeKind,
+        ObjectContact, Repair, TakeContact, TakeFaceWithValues, TransformOptions, TransformReport,
+        Triangulated, ViewRays, boundary_parts, combine, is_model_file, object_contacts, transform,
     };
 
     /// Answers of exact models.

@@ -10,4 +10,6 @@ mod chain_codes;
 mod csg;
 #[cfg(feature = "cli")]
 mod drawing;
+#[cfg(feature = "cli")]
+mod indices;
 mod points;

@@ -14,6 +14,7 @@ mod bodies;
 mod components;
 mod fates;
 mod overlap;
+mod parts;
 mod placed;
 mod table;
 #[cfg(test)]
@@ -25,6 +26,7 @@ use std::mem;
 use std::path::Path;
 
 pub(super) use self::bodies::NearFaces;
+pub use self::parts::{BoundaryPart, boundary_parts};
 use self::bodies::{Bodies, Near};
 use self::placed::Placed;
 use self::table::OperationTable;
