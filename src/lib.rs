@@ -221,7 +221,8 @@ pub mod brep {
         DefectKind, ExactModel, Face, FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule,
         MOST_BITS, ModelBuilder, ModelNode, ModelNodeState, ModelView, Motion, NodeCounts, NodeKind,
         ObjectContact, Repair, TakeContact, TakeFaceWithValues, TransformOptions, TransformReport,
-        Triangulated, ViewRays, boundary_parts, combine, is_model_file, object_contacts, transform,
+        Triangulated, ViewRays, boundary_parts, combine, divide_faces, is_model_file, object_contacts,
+        transform,
     };
 
     /// Answers of exact models.

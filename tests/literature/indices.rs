@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use spinney::brep::query::MassProperties;
+use spinney::brep::surface_intersection::{LineKind, surface_intersection};
+use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{ExactModel, Faces as _, boundary_parts};
 
 use crate::common::command::{complaint, stdout};
@@ -112,4 +114,90 @@ fn item_57_what_cannot_be_explained() {
     stdout(&["build", "-q", &a, "-o", cells, "--cells", "8"]);
     let told = complaint(&["combine", "or", cells, cells, "-o", out, "--explain"], 1);
     assert!(told.contains("exact models"), "{told}");
+}
+
+fn open(path: &str) -> ExactModel {
+    ExactModel::open(Path::new(path), &Default::default()).unwrap()
+}
+
+fn exact(folder: &Path, name: &str, text: &str) -> String {
+    let [csg, model] = ["csg", "goblin"]
+        .map(|ending| folder.join(name).with_extension(ending).to_str().unwrap().to_string());
+    std::fs::write(&csg, text).unwrap();
+    stdout(&["build", "-q", &csg, "-o", &model, "--brep", "--snap", "0.125", "--deviation", "0.1"]);
+    model
+}
+
+/// After the section, its segments are edges of both bodies, which are whole, and the same.
+#[test]
+fn item_63_sections_are_edges_of_both() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let [a2, b2, rest] = ["a2.goblin", "b2.goblin", "rest.goblin"].map(name);
+    let pairs = [
+        // Three edges of each go through faces of the other one.
+        (A, "block(3,2,1, 9,8,7)", true),
+        // A rod through a face, far from its edges: an island, and a hole around it.
+        (A, "block(1,1,2, 2,3,9)", true),
+        // Walls that lie on each other, both ways, and a hole that the section does not go around.
+        ("difference(block(0,0,0, 8,8,4), block(2,3,-1, 6,5,5))", B, true),
+        ("difference(block(0,0,0, 8,8,4), block(2,3,-1, 6,5,5))", "block(4,-1,1, 5,9,9)", true),
+        // Corners beside the grid.
+        (A, "rotate(1,2,3, 40, block(1,1,1, 5,4,6))", false),
+        ("rotate(3,1,2, 70, block(0,0,0, 4,4,4))", "cylinder(1,1,-3, 2,1,7, 1)", false),
+    ];
+    for (one, other, is_on_grid) in pairs {
+        let (a, b) = (exact(folder.path(), "a", one), exact(folder.path(), "b", other));
+        stdout(&["section", "-q", &a, &b, "--split", &a2, "--split-other", &b2]);
+        let found = surface_intersection(&open(&a), &open(&b), 64 << 20, &()).unwrap();
+        assert!(!found.lines.is_empty());
+        for (before, after) in [(&a, &a2), (&b, &b2)] {
+            let (before_model, model) = (open(before), open(after));
+            assert_eq!(model.verify(64 << 20, &()).unwrap(), vec![], "{one} {other}");
+            assert!(model.len() > before_model.len() && model.parts() == before_model.parts());
+            let [was, is] = [&before_model, &model].map(|model| MassProperties::of(model, &()).unwrap());
+            if is_on_grid {
+                assert_eq!((was.volume, was.area), (is.volume, is.area), "{one} {other}");
+            } else {
+                assert!((was.volume - is.volume).abs() < 1e-9 * was.volume, "{one} {other}");
+            }
+            // The same body, exactly.
+            stdout(&["combine", "-q", "xor", before, after, "-o", &rest]);
+            assert_eq!(open(&rest).len(), 0, "{one} {other}");
+            let topology = Topology::of(&model, &TopologyOptions::default(), &()).unwrap();
+            assert!(topology.is_closed());
+            let was = Topology::of(&before_model, &TopologyOptions::default(), &()).unwrap();
+            assert_eq!(topology.euler().genus, was.euler().genus);
+            let crossings = found.lines.iter().filter(|line| line.kind == LineKind::Crossing);
+            for ends in crossings.flat_map(|line| line.points.windows(2)).filter(|_| is_on_grid) {
+                let [from, to] = [ends[0], ends[1]].map(|end| model.grid().snap(end).unwrap());
+                let is_edge = topology.vertices_at(from).any(|vertex| {
+                    topology.neighbours_of_vertex(vertex).any(|next| topology.point(next) == to)
+                });
+                assert!(is_edge, "{one} {other}: {from:?} to {to:?} is no edge");
+            }
+        }
+        if !is_on_grid {
+            continue;
+        }
+        // Divided once more, nothing changes.
+        let a3 = name("a3.goblin");
+        stdout(&["section", "-q", &a2, &b2, "--split", &a3]);
+        assert_eq!(open(&a3).len(), open(&a2).len(), "{one} {other}");
+    }
+}
+
+#[test]
+fn item_63_what_cannot_be_divided() {
+    let folder = tempfile::tempdir().unwrap();
+    let [a, b] = bodies(folder.path());
+    let out = folder.path().join("out.goblin");
+    let out = out.to_str().unwrap();
+    let told = complaint(&["section", &a, "z=1", "--split", out], 1);
+    assert!(told.contains("two models"), "{told}");
+    let told = complaint(&["section", &a, &b, "--split", out, "--split-other", out], 1);
+    assert!(told.contains("two outputs"), "{told}");
+    let told = complaint(&["section", &a, &b, "--split", &b], 1);
+    assert!(told.contains("is an input"), "{told}");
+    assert!(complaint(&["section", &a, &b], 2).contains("--output"));
 }
