@@ -244,7 +244,7 @@ pub mod brep {
 
     /// How faces hang together.
     pub mod topology {
-        pub use spinney_brep::topology::{Counts, Euler, Topology, TopologyOptions};
+        pub use spinney_brep::topology::{Counts, Euler, EulerBody, EulerCorner, Topology, TopologyOptions};
     }
 }
 

@@ -10,6 +10,7 @@ mod chain_codes;
 mod csg;
 #[cfg(feature = "cli")]
 mod drawing;
+mod euler;
 #[cfg(feature = "cli")]
 mod indices;
 mod points;
