@@ -219,11 +219,12 @@ pub mod dataset {
 #[cfg(feature = "brep")]
 pub mod brep {
     pub use spinney_brep::{
-        Attributes, BuildReport, ChosenParts, ColumnValues, CombineReport, ContactKind, Defect, DefectKind,
-        ExactModel, Face, FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule, MOST_BITS,
-        ModelBuilder, ModelNode, ModelNodeState, ModelView, Motion, NodeCounts, NodeKind, ObjectContact,
-        Repair, TakeContact, TakeFaceWithValues, TransformOptions, TransformReport, Triangulated, ViewRays,
-        combine, is_model_file, object_contacts, transform,
+        Attributes, BoundaryPart, BuildReport, ChosenParts, ColumnValues, CombineReport, ContactKind, Defect,
+        DefectKind, ExactModel, Face, FaceBuffer, FaceList, Faces, Grid, InsideRule, LEAF_SIZE, LeafRule,
+        MOST_BITS, ModelBuilder, ModelNode, ModelNodeState, ModelView, Motion, NodeCounts, NodeKind,
+        ObjectContact, Repair, TakeContact, TakeFaceWithValues, TransformOptions, TransformReport,
+        Triangulated, ViewRays, boundary_parts, combine, divide_faces, is_model_file, object_contacts,
+        transform,
     };
 
     /// Answers of exact models.
@@ -245,7 +246,7 @@ pub mod brep {
 
     /// How faces hang together.
     pub mod topology {
-        pub use spinney_brep::topology::{Counts, Euler, Topology, TopologyOptions};
+        pub use spinney_brep::topology::{Counts, Euler, EulerBody, EulerCorner, Topology, TopologyOptions};
     }
 }
 
@@ -390,7 +391,10 @@ pub mod export {
         export_legend, export_window, fill_for, void_number, window_rows,
     };
     #[cfg(feature = "render")]
-    pub use spinney_render::{CameraProjection, RenderRequest, render, render_exact};
+    pub use spinney_render::{
+        CameraProjection, DrawingFormat, DrawingStyle, RenderRequest, draw_cells, draw_exact, render,
+        render_exact,
+    };
 
     /// Pictures and arrays, written row by row.
     #[cfg(feature = "raster")]

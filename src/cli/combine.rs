@@ -51,6 +51,9 @@ pub(crate) struct Args {
     /// [default: 2^-42 of the greatest coordinate]
     #[arg(long, value_name = "WIDTH")]
     snap: Option<f64>,
+    /// Print which parts of the surfaces of two exact models the operation takes, and which it turns round
+    #[arg(long)]
+    explain: bool,
     /// Print JSON: the table of `cross`
     #[arg(long)]
     json: bool,
@@ -136,12 +139,14 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         within,
         margin,
         snap,
+        explain,
         json,
         memory,
         packing,
         limit,
         features,
     } = args;
+    ensure!(!explain || exact::any_model(&files), "--explain is for exact models (`build --brep`)");
     if name.is_table() {
         ensure!(output.is_none(), "cross prints a table: leave out --output");
         return table(&files, json);
@@ -191,7 +196,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         ];
         exact::refuse(&files[0], &given)?;
         let codec = packing.of_model(&files[0])?;
-        return exact::combine(operation, &files, (&path, &limit), codec, memory.bytes, global);
+        return exact::combine(operation, &files, (&path, &limit), codec, (memory.bytes, explain), global);
     }
     let how = packing.with(memory)?;
     let work = Work::start(global, "cells")?;

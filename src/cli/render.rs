@@ -1,11 +1,15 @@
-//! `spinney render`: a shaded picture of a solid.
+//! `spinney render`: a shaded picture of a solid, or a drawing by lines.
 
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::brep::ModelView;
+use spinney::brep::{Faces as _, ModelView};
 use spinney::dataset::Dataset;
-use spinney::export::{CameraProjection, RenderRequest, render, render_exact};
+use spinney::export::{
+    CameraProjection, DrawingFormat, DrawingStyle, RenderRequest, draw_cells, draw_exact, render,
+    render_exact,
+};
 use spinney::io::Output;
 use spinney::space::Up;
 
@@ -19,13 +23,20 @@ const EXAMPLES: &str = "Examples:
   spinney render bunny.goblin bunny.png --up y --from 200,15 --background transparent
   spinney render bunny.goblin half.png --view window=0,0,0,256,512,512
   spinney render city.goblin small.png --size 200x150
+  spinney render part.goblin part.svg --drawing hidden-lines
+  spinney render bunny.goblin blocks.svg --drawing octants --level 5
 
 The viewer stands at a point of the compass: 0 is north (along y), 90 east (along x); 0 degrees high
 looks along the horizon, 90 straight down. Without --level the coarsest level is read whose cells
 are no larger than a pixel. Exact models are drawn with their faces as they are, and have no levels.
-The output is .png, .tif, .npy or .raw.";
+The output is .png, .tif, .npy or .raw, and of drawings also .svg.
 
-/// Draw a shaded picture of a solid
+Drawings have lines: wireframe all edges of an exact model, hidden-lines those that no face hides, and
+octants the blocks of the octree of an exact model or of cells, to --level (the coarsest with 32 blocks
+along the longest side). Edges between faces of one plane are left out. They are held in memory: at
+most 131072 triangles, or 262144 blocks.";
+
+/// Draw a picture of a solid: shaded, or by lines
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -42,6 +53,9 @@ pub(crate) struct Args {
     /// Level of detail [default: the coarsest that is fine enough]
     #[arg(long)]
     level: Option<u8>,
+    /// Drawing by lines instead of a shaded picture: all edges, those that nothing hides, or the blocks of the octree
+    #[arg(long, value_name = "STYLE", value_parser = parse_drawing)]
+    drawing: Option<DrawingStyle>,
     /// Enlargement: so many times as large as when all of the solid is seen
     #[arg(long, value_name = "F", default_value_t = 1.0)]
     scale: f64,
@@ -57,12 +71,25 @@ pub(crate) struct Args {
     /// Colour behind the solid: #rrggbb, white, grey, black, or transparent
     #[arg(long, value_name = "COLOUR", value_parser = parse_colour, default_value = "white")]
     background: Background,
-    /// Samples of a pixel along each axis
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
-    samples: u32,
+    /// Samples of a pixel along each axis [default: 2; 4 of drawings]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
+    samples: Option<u32>,
     /// Format where the output's name does not say
-    #[arg(long, value_parser = ["png", "tif", "npy", "raw"])]
+    #[arg(long, value_parser = ["png", "tif", "npy", "raw", "svg"])]
     format: Option<String>,
+}
+
+/// Samples of a pixel along each axis, of shaded pictures and of drawings.
+const SAMPLES: [u32; 2] = [2, 4];
+
+/// Reads how a solid is drawn by lines.
+fn parse_drawing(text: &str) -> Result<DrawingStyle, String> {
+    match text {
+        "wireframe" => Ok(DrawingStyle::Wireframe),
+        "hidden-lines" => Ok(DrawingStyle::HiddenLines),
+        "octants" => Ok(DrawingStyle::Octants),
+        _ => Err("expected wireframe, hidden-lines or octants".into()),
+    }
 }
 
 /// The colour behind the solid; `None` is transparent.
@@ -100,7 +127,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let file = args.tree.file.as_path();
     let scene = match args.tree.open_model(global)? {
         Some(view) => {
-            exact::refuse(file, &[("--level", args.level.is_some())])?;
+            if args.drawing != Some(DrawingStyle::Octants) {
+                exact::refuse(file, &[("--level", args.level.is_some())])?;
+            }
             view.as_model("pictures")?;
             Scene::Model(Box::new(view))
         }
@@ -108,20 +137,33 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     };
     if let Scene::Cells(tree) = &scene {
         ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", file.display());
+        ensure!(
+            matches!(args.drawing, None | Some(DrawingStyle::Octants)),
+            "{}: is an octree of cells, which have no edges: --drawing octants is for it",
+            file.display()
+        );
     }
     let path = args.output.path();
-    let format = picture_format(path, args.format.as_deref(), ".png, .tif, .npy or .raw")?;
+    let format = args.format(path)?;
     check_output([file], path)?;
     let request = args.request();
-    let work = Work::start(global, "pixels")?;
+    let work = Work::start(global, if args.drawing.is_some() { "parts" } else { "pixels" })?;
     let output = Output::create(path)?;
-    let level = match &scene {
-        Scene::Model(view) => view
+    let level = match (&scene, args.drawing, format) {
+        (Scene::Model(view), None, DrawingFormat::Picture(format)) => view
             .as_model("pictures")
             .and_then(|model| render_exact(model, &request, output, format, &work))
             .map(|()| None),
-        Scene::Cells(tree) => {
+        (Scene::Cells(tree), None, DrawingFormat::Picture(format)) => {
             render(tree, &request, output, format, &work).map(|level| Some((level, tree.depth())))
+        }
+        (Scene::Model(view), style, format) => view.as_model("pictures").and_then(|model| {
+            let style = style.unwrap_or(DrawingStyle::HiddenLines);
+            let level = draw_exact(model, style, &request, output, format, &work)?;
+            Ok(level.map(|level| (level, model.grid().depth())))
+        }),
+        (Scene::Cells(tree), _, format) => {
+            draw_cells(tree, &request, output, format, &work).map(|level| Some((level, tree.depth())))
         }
     };
     let level = level.with_context(|| format!("cannot write {}", path.display()))?;
@@ -140,6 +182,28 @@ enum Scene {
 }
 
 impl Args {
+    /// The output's format.
+    fn format(&self, path: &Path) -> Result<DrawingFormat> {
+        let is_svg = match &self.format {
+            Some(format) => format == "svg",
+            None => path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")),
+        };
+        if !is_svg {
+            let known = if self.drawing.is_some() {
+                ".svg, .png, .tif, .npy or .raw"
+            } else {
+                ".png, .tif, .npy or .raw"
+            };
+            return picture_format(path, self.format.as_deref(), known).map(DrawingFormat::Picture);
+        }
+        ensure!(
+            self.drawing.is_some(),
+            "{}: a shaded picture is no drawing by lines; choose one with --drawing, or write .png",
+            path.display()
+        );
+        Ok(DrawingFormat::Svg)
+    }
+
     fn request(&self) -> RenderRequest {
         let (columns, rows) = self.size.of(4, 3);
         let mut request = RenderRequest::new(columns, rows);
@@ -151,7 +215,8 @@ impl Args {
         request.up = self.up;
         request.level = self.level;
         request.background = self.background.0;
-        request.samples = self.samples;
+        let [shaded, drawn] = SAMPLES;
+        request.samples = self.samples.unwrap_or(if self.drawing.is_some() { drawn } else { shaded });
         request
     }
 }

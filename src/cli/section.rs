@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 use spinney::brep::surface_intersection::surface_intersection;
-use spinney::brep::{ExactModel, ModelView};
+use spinney::brep::{ExactModel, ModelView, divide_faces};
 use spinney::export::vector::{SectionPlanes, VectorFormat, export_intersection, export_section};
 use spinney::ops::Step;
 
@@ -18,6 +18,7 @@ const EXAMPLES: &str = "Examples:
   spinney section part.goblin z=0..50/0.2 -o slices.geojson
   spinney section part.goblin plane=1,1,0,7.5 -o oblique.gpkg
   spinney section part.goblin tool.goblin -o lines.ply
+  spinney section part.goblin tool.goblin --split part2.goblin --split-other tool2.goblin
 
 A section by a plane is that just below it: what ends there counts, what stands on it does not.
 Points are computed in double precision, and are the same for faces beside each other: outlines
@@ -30,7 +31,9 @@ where the surfaces pass through each other (kind crossing: closed, with what of 
 model's surface is inside of the second on the left) or touch (touch), areas in which they lie
 on each other (overlap; side says whether they face the same way), and lone points (point).
 a_left, a_right, b_left and b_right are the faces of both models beside each segment, by their
-numbers in the files that the models were built from. Only two models need --memory.";
+numbers in the files that the models were built from. Only two models need --memory. --split and
+--split-other write the models themselves, with their faces divided along lines where the surfaces
+pass through each other, and around areas: these are edges of both then, and the bodies are the same.";
 
 /// Write where planes cut an exact model, or what the surfaces of two of them have in common
 #[derive(clap::Args)]
@@ -43,8 +46,14 @@ pub(crate) struct Args {
     #[arg(required = true, value_name = "PLANE|MODEL", value_parser = parse_cutter)]
     cutters: Vec<Cutter>,
     /// File to write: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp (of planes), .obj or .ply; - is standard output
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    #[arg(short, long, value_name = "FILE", required_unless_present_any = ["split", "split_other"])]
+    output: Option<PathBuf>,
+    /// Write the first of two models with its faces divided where the other one passes through them
+    #[arg(long, value_name = "OUT.goblin")]
+    split: Option<PathBuf>,
+    /// Write the other one of two models with its faces divided where the first one passes through them
+    #[arg(long, value_name = "OUT.goblin")]
+    split_other: Option<PathBuf>,
     /// Format where the output's name does not say
     #[arg(long, value_parser = VECTOR_FORMATS)]
     format: Option<String>,
@@ -94,23 +103,72 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         bail!("a model is cut by planes or by one other model: call `spinney section` once for each");
     }
     let view = open(&args.file, &args.steps, global)?;
-    let format = vector_format(args.format.as_deref(), &args.output)?;
-    check_output(others.iter().copied().chain([args.file.as_path()]), &args.output)?;
-    let found = match others.first() {
-        Some(other) => {
-            let (other, what) = (open(other, &[], global)?, "what two models have in common");
-            intersect(args, [view.as_model(what)?, other.as_model(what)?], format, global)?
+    let format =
+        args.output.as_deref().map(|output| vector_format(args.format.as_deref(), output)).transpose()?;
+    let splits = [&args.split, &args.split_other].map(Option::as_deref);
+    let inputs = || others.iter().copied().chain([args.file.as_path()]);
+    let outputs: Vec<&Path> =
+        args.output.as_deref().into_iter().chain(splits.into_iter().flatten()).collect();
+    for (number, output) in outputs.iter().enumerate() {
+        check_output(inputs(), output)?;
+        if outputs[..number].contains(output) {
+            bail!("{}: is to be two outputs; choose another name for one", output.display());
         }
-        None => cut(args, &view, &planes, format, global)?,
+    }
+    let Some(other) = others.first() else {
+        if splits.iter().any(Option::is_some) {
+            bail!("--split and --split-other are for two models: planes divide no faces");
+        }
+        if let (Some(output), Some(format)) = (&args.output, format) {
+            let found = cut(args, output, &view, &planes, format, global)?;
+            global.report("section", format_args!("{found}"));
+            report_output(global, output, start);
+        }
+        return Ok(());
     };
-    global.report("section", format_args!("{found}"));
-    report_output(global, &args.output, start);
+    let (other, what) = (open(other, &[], global)?, "what two models have in common");
+    let models = [view.as_model(what)?, other.as_model(what)?];
+    if let (Some(output), Some(format)) = (&args.output, format) {
+        let found = intersect(args, output, models, format, global)?;
+        global.report("section", format_args!("{found}"));
+        report_output(global, output, start);
+    }
+    let [a, b] = models;
+    for (output, [model, by]) in splits.into_iter().zip([[a, b], [b, a]]) {
+        if let Some(output) = output {
+            split(args, output, model, by, global)?;
+            report_output(global, output, start);
+        }
+    }
+    Ok(())
+}
+
+/// Writes a model whose faces are divided by another one.
+fn split(args: &Args, output: &Path, model: &ExactModel, by: &ExactModel, global: &Global) -> Result<()> {
+    let work = Work::start(global, "faces")?;
+    let report = args
+        .limit
+        .create_tree(output)
+        .and_then(|file| divide_faces(model, by, file, model.codec(), args.memory.bytes, &work))
+        .with_context(|| format!("cannot write {}", output.display()))?;
+    work.finish();
+    let before = report.before.first().copied().unwrap_or(0);
+    global.report(
+        "split",
+        format_args!(
+            "{}: {} of {before} faces divided, into {} in all",
+            model.path().display(),
+            report.divided,
+            report.after
+        ),
+    );
     Ok(())
 }
 
 /// Writes sections by planes; says what there is.
 fn cut(
     args: &Args,
+    output: &Path,
     view: &ModelView,
     planes: &[SectionPlanes],
     format: VectorFormat,
@@ -119,15 +177,21 @@ fn cut(
     let work = Work::start(global, "planes")?;
     let made = args
         .limit
-        .create(&args.output)
-        .and_then(|output| export_section(view, planes, args.flat, output, format, &work))
-        .with_context(|| format!("cannot write {}", args.output.display()))?;
+        .create(output)
+        .and_then(|file| export_section(view, planes, args.flat, file, format, &work))
+        .with_context(|| format!("cannot write {}", output.display()))?;
     work.finish();
     Ok(format!("{} polygons in {} planes, with an area of {}", made.polygons, made.planes, made.area))
 }
 
 /// Writes what the surfaces of two models have in common; says what there is.
-fn intersect(args: &Args, models: [&ExactModel; 2], format: VectorFormat, global: &Global) -> Result<String> {
+fn intersect(
+    args: &Args,
+    output: &Path,
+    models: [&ExactModel; 2],
+    format: VectorFormat,
+    global: &Global,
+) -> Result<String> {
     if args.flat {
         bail!("--flat is for planes: what two models have in common lies in none");
     }
@@ -135,9 +199,9 @@ fn intersect(args: &Args, models: [&ExactModel; 2], format: VectorFormat, global
     let found = surface_intersection(models[0], models[1], args.memory.bytes, &work)?;
     let made = args
         .limit
-        .create(&args.output)
-        .and_then(|output| export_intersection(&found, models, output, format, &work))
-        .with_context(|| format!("cannot write {}", args.output.display()))?;
+        .create(output)
+        .and_then(|file| export_intersection(&found, models, file, format, &work))
+        .with_context(|| format!("cannot write {}", output.display()))?;
     work.finish();
     Ok(format!(
         "{} lines where surfaces pass through each other (length {}), {} where they touch ({}), {} areas ({}), {} points",

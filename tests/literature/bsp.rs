@@ -77,6 +77,19 @@ fn item_14_what_hides_what() {
     };
     assert_eq!(seen_from(1000, 1), [1, 3, 0, 4, 2]);
     assert_eq!(seen_from(0, 0)[..4], [2, 4, 0, 3]);
+    // From far away, the same; also of triangles that are no closed surface.
+    let triangles: Vec<_> = [10, 0, 20, 5, 15].map(|x| [[x, 4, 4], [x, 8, 4], [x, 4, 8]]).to_vec();
+    let tree = Bsp::of_triangles(&triangles).unwrap();
+    for (direction, order) in [([1, 0, 0], [1, 3, 0, 4, 2]), ([-5, 1, 2], [2, 4, 0, 3, 1])] {
+        let mut seen = Vec::new();
+        tree.back_to_front_from_afar(direction, &mut |what| {
+            if let Seen::Piece(piece) = what {
+                assert_eq!(piece.sides().collect::<Vec<_>>(), [Some(0), Some(1), Some(2)]);
+                seen.push(piece.source);
+            }
+        });
+        assert_eq!(seen, order);
+    }
 }
 
 /// A polygon with slanted edges becomes a quadtree: blocks in, out or both.

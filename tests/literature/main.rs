@@ -8,6 +8,11 @@ mod bsp;
 mod chain_codes;
 #[cfg(feature = "csg")]
 mod csg;
+#[cfg(feature = "cli")]
+mod drawing;
+mod euler;
+#[cfg(feature = "cli")]
+mod indices;
 mod lines;
 mod points;
 #[cfg(feature = "vector")]

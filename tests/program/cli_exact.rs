@@ -464,6 +464,32 @@ fn combine_keeps_values_of_faces() {
     assert_eq!(semantics("b"), Json::Null);
 }
 
+/// Parts of faces that `section --split` divides have what the faces had.
+#[test]
+fn divided_faces_keep_values() {
+    let folder = Folder::new();
+    let built = |name: &str, low: i32| {
+        let mesh = city(&[(name, json_box([low; 3], [low + 4; 3]))]);
+        let mesh = folder.mesh(&format!("{name}.city.json"), &mesh);
+        folder.built(&mesh, &format!("{name}.goblin"), &["--brep", "--snap", "1"])
+    };
+    let (a, b) = (built("a", 0), built("b", 2));
+    let out = folder.name("c.goblin");
+    let told = stderr(command(&["section", &a, &b, "--split", &out]).assert().success());
+    assert!(told.contains("3 of 6 faces divided, into 9 in all"), "{told}");
+    let info: Json = serde_json::from_str(&stdout(&["info", &out, "--json"])).unwrap();
+    assert_eq!(info["face_columns"], serde_json::json!(["surface", "type"]));
+    let city = folder.name("c.city.json");
+    command(&["export", &out, &city]).assert().success();
+    let city: Json = serde_json::from_slice(&std::fs::read(&city).unwrap()).unwrap();
+    assert_eq!(city["CityObjects"].as_object().unwrap().keys().collect::<Vec<_>>(), ["a"]);
+    let semantics = &city["CityObjects"]["a"]["geometry"][0]["semantics"];
+    assert_eq!(semantics["surfaces"], serde_json::json!([{ "type": "RoofSurface" }]));
+    // The roof is two faces, of nine.
+    let values = semantics["values"][0].as_array().unwrap();
+    assert_eq!((values.len(), values.iter().filter(|value| **value == 0).count()), (9, 2));
+}
+
 /// Corners of a box, those below first.
 fn json_box(low: [i32; 3], high: [i32; 3]) -> [[i32; 3]; 8] {
     [0, 1, 2, 3, 4, 5, 6, 7].map(|corner: usize| {

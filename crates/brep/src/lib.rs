@@ -32,7 +32,7 @@ pub use body_check::body_flaw;
 pub use build::show_place;
 pub use build::{BuildReport, ColumnValues, Defect, DefectKind, LEAF_SIZE, ModelBuilder};
 pub use chosen_parts::ChosenParts;
-pub use combine::{CombineReport, Origin, combine, combine_as};
+pub use combine::{BoundaryPart, CombineReport, Origin, boundary_parts, combine, combine_as, divide_faces};
 pub use exact::bounds::MOST_BITS;
 pub use face::{Face, FaceList, Faces, TakeFaceWithValues};
 pub use grid::Grid;

@@ -264,6 +264,7 @@ impl Bodies<'_> {
             are_bodies: false,
             turns_roots: false,
             most_contacts: 0,
+            keeps_apart: false,
             changed: &[],
             winding: &|_, _| None,
             rest: None,

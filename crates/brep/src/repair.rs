@@ -186,6 +186,7 @@ pub(crate) fn divided(
         are_bodies: false,
         turns_roots: true,
         most_contacts: MOST_CONTACTS_OF_A_FACE * count + MOST_CONTACTS,
+        keeps_apart: false,
         changed: &[],
         winding: &|_, _| None,
         rest: None,

@@ -196,6 +196,29 @@ impl Camera {
         }
     }
 
+    /// The eye; `None` if it is infinitely far away.
+    pub(super) fn eye(&self) -> Option<DVec3> {
+        (self.projection == CameraProjection::Perspective).then_some(self.origin)
+    }
+
+    /// Direction to the light: over the viewer's left shoulder.
+    pub(super) fn light(&self) -> DVec3 {
+        (self.towards + 0.55 * self.top - 0.5 * self.right).normalize()
+    }
+
+    /// Where a point that is before the eye is in the picture, in pixels from the upper left corner.
+    pub(super) fn place(&self, point: DVec3) -> [f64; 2] {
+        let from_origin = point - self.origin;
+        let pixel = match self.projection {
+            CameraProjection::Orthographic => self.pixel,
+            CameraProjection::Perspective => {
+                self.pixel * (-from_origin.dot(self.towards)).max(f64::MIN_POSITIVE)
+            }
+        };
+        let [across, up] = [self.right, self.top].map(|axis| from_origin.dot(axis) / pixel);
+        [self.size[0] / 2.0 + across, self.size[1] / 2.0 - up]
+    }
+
     /// Origin and direction of the ray through a point of the picture, in pixels from its upper left corner.
     pub(super) fn ray(&self, [x, y]: [f64; 2]) -> (DVec3, DVec3) {
         let across = (x - self.size[0] / 2.0) * self.pixel;

@@ -15,7 +15,7 @@ use spinney_engine::query::{PointSamples, Ray, Rays, SurfaceHit};
 use spinney_raster::image::Format;
 
 /// Deepest level at which the box around a solid is computed.
-const BOX_LEVEL: u8 = 6;
+pub(super) const BOX_LEVEL: u8 = 6;
 
 /// Writes a shaded picture of an octree's solid, and returns the level that was drawn.
 ///
@@ -77,7 +77,7 @@ pub fn render(
 }
 
 /// All cells of an octree that are not VOID.
-struct Filled<'a> {
+pub(super) struct Filled<'a> {
     tree: &'a Dataset,
     corners: [DVec3; 2],
     /// The level whose cells are fine enough.
@@ -89,7 +89,7 @@ const FINE: f64 = 512.0;
 
 impl<'a> Filled<'a> {
     /// Those of a tree, which lie in a box of cells of a frame.
-    fn new(tree: &'a Dataset, frame: &Frame, bounds: &Bounds) -> Filled<'a> {
+    pub(super) fn new(tree: &'a Dataset, frame: &Frame, bounds: &Bounds) -> Filled<'a> {
         let [low, high] = frame.world_box(bounds).map(DVec3::from);
         let width = (high - low).max_element() / FINE;
         let (depth, own) = (tree.depth(), &tree.metadata().frame);
@@ -127,7 +127,7 @@ impl Extent for Filled<'_> {
 }
 
 /// Edge of the cube that is as large as a cell, in the world.
-fn cell_size(frame: &Frame) -> f64 {
+pub(super) fn cell_size(frame: &Frame) -> f64 {
     frame.linear().determinant().abs().cbrt()
 }
 

@@ -46,9 +46,9 @@ pub fn render_exact(
 const FINE: f64 = 512.0;
 
 /// All that is not outside of a body.
-struct Solid<'a> {
-    model: &'a ExactModel,
-    corners: [DVec3; 2],
+pub(super) struct Solid<'a> {
+    pub(super) model: &'a ExactModel,
+    pub(super) corners: [DVec3; 2],
 }
 
 impl<'a> Extent for Solid<'a> {

@@ -1,13 +1,15 @@
-//! Shaded pictures of solids: a ray per sample of a pixel through the file as it is on disk.
+//! Pictures of solids: shaded ones, a ray per sample of a pixel through the file as it is on disk, and drawings by lines.
 
 mod camera;
 mod cells;
+mod drawing;
 mod exact;
 mod paint;
 mod scene;
 
 pub use camera::CameraProjection;
 pub use cells::render;
+pub use drawing::{DrawingFormat, DrawingStyle, draw_cells, draw_exact};
 pub use exact::render_exact;
 
 use std::collections::VecDeque;

@@ -71,7 +71,7 @@ const CHECKED: u64 = 64;
 
 impl Scene {
     pub(super) fn new(camera: Camera, request: &RenderRequest) -> Scene {
-        let light = (camera.towards + 0.55 * camera.top - 0.5 * camera.right).normalize();
+        let light = camera.light();
         let background =
             request.background.unwrap_or([0; 3]).map(|sample| to_linear(f64::from(sample) / 255.0));
         Scene {

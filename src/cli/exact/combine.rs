@@ -1,16 +1,17 @@
 //! `spinney combine` of exact models.
 
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Result, bail};
-use spinney::brep::{CombineReport, ExactModel};
+use anyhow::{Result, bail, ensure};
+use spinney::brep::{CombineReport, ExactModel, boundary_parts};
 use spinney::ops::Operation;
 use spinney::store::Codec;
 
 use super::super::Global;
 use super::super::args::OutputLimit;
-use super::super::report::{Work, report_output};
+use super::super::report::{Work, print_text, report_output};
 use super::{open, tell_result};
 
 /// Makes a model of several by a set operation.
@@ -19,7 +20,7 @@ pub(in crate::cli) fn combine(
     files: &[PathBuf],
     (path, limit): (&Path, &OutputLimit),
     codec: Codec,
-    memory: u64,
+    (memory, explain): (u64, bool),
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
@@ -30,6 +31,8 @@ pub(in crate::cli) fn combine(
         );
     };
     let models = models(files)?;
+    ensure!(!explain || models.len() == 2, "--explain is for two models, not for {}", models.len());
+    ensure!(!explain || path != Path::new("-"), "--explain prints a table: name a file with --output");
     let work = Work::start(global, "faces")?;
     let output = limit.create_tree(path)?;
     let models = models.iter().collect::<Vec<_>>();
@@ -37,7 +40,29 @@ pub(in crate::cli) fn combine(
     work.finish();
     tell(&report, files, global);
     report_output(global, path, start);
-    Ok(())
+    if explain { print_text(&table(number)?) } else { Ok(()) }
+}
+
+/// The parts of the surfaces of two models with their indices, and what an operation makes of them.
+fn table(number: u8) -> Result<String> {
+    const SETS: [&str; 4] = ["both", "A only", "B only", "neither"];
+    let has = |set: usize| if number >> set & 1 == 1 { "in" } else { "out" };
+    let mut text = format!("operation {number}\nindex  set      result\n");
+    for (index, name) in SETS.iter().enumerate() {
+        writeln!(text, "{index:5}  {name:7}  {}", has(index))?;
+    }
+    text.push_str("index  boundary                               behind   front    bits  taken\n");
+    for part in boundary_parts(number)? {
+        let [behind, front] = part.sets.map(|set| SETS[usize::from(set)]);
+        let [a, b] = part.is_inside.map(u8::from);
+        let taken = match (part.is_taken(), part.is_turned()) {
+            (false, _) => "no",
+            (true, false) => "yes",
+            (true, true) => "turned",
+        };
+        writeln!(text, "{:5}  {:37}  {behind:7}  {front:7}  {a} {b}   {taken}", part.index(), part.name)?;
+    }
+    Ok(text)
 }
 
 /// Opens files, all of which must be exact models.

@@ -286,6 +286,7 @@ fn operands<'a>(ends: &'a [u32], far: &'a [i32], changed: &'a [bool]) -> Operand
         are_bodies: false,
         turns_roots: false,
         most_contacts: 0,
+        keeps_apart: false,
         changed,
         winding: &|_, _| None,
         rest: None,

@@ -55,6 +55,8 @@ pub(crate) struct Operands<'a> {
     pub(crate) turns_roots: bool,
     /// Pairs of faces with more in common than neighbours have beyond which the work is refused; no bound where that is 0.
     pub(crate) most_contacts: u64,
+    /// Whether regions of a face that lie beside each other stay apart, instead of becoming one.
+    pub(crate) keeps_apart: bool,
     /// If there are any: the faces of which each may pass through any other; no other pair does.
     pub(crate) changed: &'a [bool],
     /// The winding number of a body around a point that lies on none of its faces, if another way is known than through all of
@@ -501,6 +503,8 @@ impl<'a> Surface<'a> {
         }
         let own = self.faces.list.get(face as usize);
         let (failed, is_outside) = (RefCell::new(None), Cell::new(false));
+        // Regions with different numbers stay apart.
+        let number = Cell::new(0u32);
         let choose = |region: &PlaneRegion| {
             let sample = SamplePoint::of_region(plane, region);
             // Edges of others may have made regions outside of the face.
@@ -508,7 +512,10 @@ impl<'a> Surface<'a> {
                 return None;
             }
             match self.fate(&sample, face, false) {
-                Ok(Fate::Stays { is_turned }) => return Some(is_turned),
+                Ok(Fate::Stays { is_turned }) => {
+                    number.set(number.get() + u32::from(self.operands.keeps_apart));
+                    return Some((is_turned, number.get()));
+                }
                 Ok(fate) => is_outside.set(is_outside.get() || matches!(fate, Fate::Outside)),
                 Err(error) => drop(failed.replace(Some(error))),
             }
@@ -520,12 +527,12 @@ impl<'a> Surface<'a> {
             return Err(error);
         }
         let whole = match &found[..] {
-            [(region, is_turned)] if region.rings.iter().map(Vec::len).sum::<usize>() == corners => {
+            [(region, (is_turned, _))] if region.rings.iter().map(Vec::len).sum::<usize>() == corners => {
                 self.is_same(face, region).then_some(*is_turned)
             }
             _ => None,
         };
-        let regions = found.into_iter().map(|(region, is_turned)| {
+        let regions = found.into_iter().map(|(region, (is_turned, _))| {
             let colours = |face: &ExactFace| colours(&own, plane, face);
             let mut exact = ExactFace::of_region(&own, plane, &region, is_turned);
             exact.colours = colours(&exact);

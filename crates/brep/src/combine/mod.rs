@@ -12,8 +12,10 @@
 
 mod bodies;
 mod components;
+mod divided;
 mod fates;
 mod overlap;
+mod parts;
 mod placed;
 mod table;
 #[cfg(test)]
@@ -26,6 +28,8 @@ use std::path::Path;
 
 pub(super) use self::bodies::NearFaces;
 use self::bodies::{Bodies, Near};
+pub use self::divided::divide_faces;
+pub use self::parts::{BoundaryPart, boundary_parts};
 use self::placed::Placed;
 use self::table::OperationTable;
 use self::values::FaceValues;
@@ -111,7 +115,7 @@ pub fn combine(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
-    combined((operation, None), models, (output, codec), memory, progress)
+    combined((operation, None, false), models, (output, codec), memory, progress)
 }
 
 /// What the file of a set operation says of how it was made, instead of what its operands say and their names.
@@ -138,11 +142,11 @@ pub fn combine_as(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
-    combined((operation, Some(origin)), models, (output, codec), memory, progress)
+    combined((operation, Some(origin), false), models, (output, codec), memory, progress)
 }
 
 fn combined(
-    (operation, origin): (u8, Option<&Origin>),
+    (operation, origin, keeps_apart): (u8, Option<&Origin>, bool),
     models: &[&ExactModel],
     (output, codec): (Output, Codec),
     memory: u64,
@@ -153,14 +157,19 @@ fn combined(
     let table = OperationTable::new(operation, models.len())?;
     let before = models.iter().map(|model| model.len()).collect();
     let placed = Placed::of(models)?;
-    let (those, table) = table.on_those_that_matter();
+    let (those, table) = match keeps_apart {
+        // (What the second one is matters for where the first one is divided.)
+        true => ((0..models.len()).collect(), table),
+        false => table.on_those_that_matter(),
+    };
     let (placed, models) =
         (placed.of_those(&those), those.iter().map(|number| models[*number]).collect::<Vec<_>>());
     let is_again = |index: usize| models[..index].iter().any(|model| std::ptr::eq(*model, models[index]));
     for index in (0..models.len()).filter(|index| !is_again(*index)) {
         models[index].check_surface(progress)?;
     }
-    let make = || made((operation, origin), &models, &placed, table, (output, codec), memory, progress);
+    let make =
+        || made((operation, origin, keeps_apart), &models, &placed, table, (output, codec), memory, progress);
     match make() {
         Ok(report) => Ok(CombineReport { before, ..report }),
         // What is no body may have been taken for one.
@@ -191,7 +200,7 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
 
 /// Makes the body of an operation on the bodies that it depends on.
 fn made(
-    (operation, origin): (u8, Option<&Origin>),
+    (operation, origin, keeps_apart): (u8, Option<&Origin>, bool),
     models: &[&ExactModel],
     placed: &Placed,
     table: OperationTable,
@@ -221,6 +230,7 @@ fn made(
         are_bodies: true,
         turns_roots: false,
         most_contacts: 0,
+        keeps_apart,
         changed: &[],
         winding: &|number, sample| Some(winding(models[number], number, placed, sample)),
         rest: None,
@@ -294,7 +304,9 @@ fn made(
         Some(origin) => origin.formula.clone(),
         None => formula(operation, models)?,
     });
-    for model in models {
+    // (Of divided faces, all are the first one's.)
+    let kept = if keeps_apart { &models[..1] } else { models };
+    for model in kept {
         for (part, name) in (0..).zip(model.parts()) {
             builder.part(name, model.part_attributes(part)?.as_deref())?;
         }

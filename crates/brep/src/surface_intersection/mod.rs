@@ -138,6 +138,7 @@ pub fn surface_intersection(
         are_bodies: true,
         turns_roots: false,
         most_contacts: 0,
+        keeps_apart: false,
         changed: &[],
         winding: &|_, _| None,
         rest: None,

@@ -57,6 +57,7 @@ fn pairs(faces: &crate::arrangement::ExactFaces, ends: &[u32], first: u64) -> (B
         are_bodies: true,
         turns_roots: false,
         most_contacts: 0,
+        keeps_apart: false,
         changed: &[],
         winding: &|_, _| None,
         rest: None,

@@ -32,6 +32,8 @@
 //! triangles about 24 bytes per half-edge. Up to 60 are in use while it is made,
 //! and about 45 for such surfaces.
 //!
+//! What is here is made of finished faces and does not change; [`EulerBody`] is changed step by step, by Euler operators.
+//!
 //! # The entities of the literature
 //!
 //! Tyukachev's model for set operations on closed triangulated surfaces (2010) has four entities, with six relations
@@ -75,6 +77,8 @@ mod boundary;
 mod build;
 mod corners;
 mod euler;
+mod numbered;
+mod operators;
 mod volume;
 mod walk;
 
@@ -85,6 +89,7 @@ use super::Faces;
 use spinney_base::{Progress, Result};
 
 pub use euler::{Counts, Euler};
+pub use operators::{EulerBody, EulerCorner};
 
 /// In place of a half-edge that there is not.
 const NONE: u32 = u32::MAX;

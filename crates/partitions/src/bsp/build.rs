@@ -82,14 +82,29 @@ impl Bsp {
                 // (One without an area bounds nothing.)
                 if normal != [0; 3] {
                     let plane = ExactPlane::through(corners[0], normal);
-                    let axis = plane.main_axis();
-                    let edge =
-                        |i: usize| (corners[i], ExactPlane::along(axis, corners[i], corners[(i + 1) % 3]));
-                    pieces.push(Piece { source, facet: Facet::of_grid(plane, &[0, 1, 2].map(edge)) });
+                    pieces.push(Piece { source, facet: Facet::of_triangle(plane, &corners) });
                 }
             }
         }
         grow(Dimension::Oct, pieces, true)
+    }
+
+    /// The tree of space that has these triangles in its planes, each counterclockwise as seen from where it is in front; no cell is inside. They
+    /// need not be closed, and may touch and pass through each other. Those without an area are left out.
+    ///
+    /// # Errors
+    /// If a corner is outside of the grid, or they are cut into more than [`MOST_PIECES`].
+    pub fn of_triangles(triangles: &[[[i32; 3]; 3]]) -> Result<Bsp> {
+        let mut pieces = Vec::new();
+        for (source, corners) in triangles.iter().enumerate() {
+            corners.iter().try_for_each(|corner| check(source, *corner))?;
+            let normal = triangle_normal(corners);
+            if normal != [0; 3] {
+                let plane = ExactPlane::through(corners[0], normal);
+                pieces.push(Piece { source, facet: Facet::of_triangle(plane, corners) });
+            }
+        }
+        grow(Dimension::Oct, pieces, false)
     }
 }
 

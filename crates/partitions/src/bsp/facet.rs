@@ -7,6 +7,8 @@ use spinney_brep::{ExactPlane, ExactPoint};
 pub(super) struct Edge {
     pub(super) wall: ExactPlane,
     pub(super) start: ExactPoint,
+    /// The side of the triangle that it is a part of, if it is of one.
+    pub(super) side: Option<u8>,
 }
 
 /// A convex polygon in a plane.
@@ -24,8 +26,21 @@ pub(super) struct Facet {
 impl Facet {
     /// The polygon of these corners, with the walls of the edges that begin there.
     pub(super) fn of_grid(plane: ExactPlane, edges: &[([i32; 3], ExactPlane)]) -> Facet {
-        let edge = |&(start, wall): &([i32; 3], ExactPlane)| Edge { wall, start: ExactPoint::of_grid(start) };
+        let edge = |&(start, wall): &([i32; 3], ExactPlane)| Edge {
+            wall,
+            start: ExactPoint::of_grid(start),
+            side: None,
+        };
         Facet { plane, edges: edges.iter().map(edge).collect() }
+    }
+
+    /// A triangle of the grid, in its plane.
+    pub(super) fn of_triangle(plane: ExactPlane, corners: &[[i32; 3]; 3]) -> Facet {
+        let axis = plane.main_axis();
+        let edge = |i: usize| (corners[i], ExactPlane::along(axis, corners[i], corners[(i + 1) % 3]));
+        let mut facet = Facet::of_grid(plane, &[0, 1, 2].map(edge));
+        facet.edges.iter_mut().zip(0..).for_each(|(edge, side)| edge.side = Some(side));
+        facet
     }
 
     /// The side of a plane on which each corner lies.
@@ -46,9 +61,11 @@ impl Facet {
                 }
                 let (leaves, enters) = (next * *side < 0, next * *side > 0);
                 match met {
-                    Some(start) if leaves => part.edges.push(Edge { wall: *by, start }),
-                    Some(start) if enters => part.edges.push(Edge { wall: edge.wall, start }),
-                    None if at == 0 && leaves => part.edges.push(Edge { wall: *by, start: edge.start }),
+                    Some(start) if leaves => part.edges.push(Edge { wall: *by, start, side: None }),
+                    Some(start) if enters => part.edges.push(Edge { start, ..edge.clone() }),
+                    None if at == 0 && leaves => {
+                        part.edges.push(Edge { wall: *by, start: edge.start, side: None })
+                    }
                     _ => {}
                 }
             }

@@ -26,9 +26,16 @@ use crate::preorder::BinaryNode;
 /// A piece of a segment or face in the line or plane of a node.
 #[derive(Clone, Debug)]
 pub struct Piece {
-    /// Number of the segment, polygon or face that it is of.
+    /// Number of the segment, polygon, face or triangle that it is of.
     pub source: usize,
     facet: Facet,
+}
+
+impl Piece {
+    /// Of pieces of triangles: the side of the triangle, 0 to 2 from that corner on, that each edge is a part of. Those that cuts made are of none.
+    pub fn sides(&self) -> impl Iterator<Item = Option<u8>> {
+        self.facet.edges.iter().map(|edge| edge.side)
+    }
 }
 
 /// The line or plane of a node, and what lies in it.
@@ -112,6 +119,21 @@ impl Bsp {
     /// the eye is in are seen from the edge, and come at any time.)
     pub fn back_to_front<'a>(&'a self, eye: [i32; 3], take: &mut dyn FnMut(Seen<'a>)) {
         let eye = eye.map(|at| 2 * i128::from(at));
+        self.in_order(&|plane| height(plane, eye) >= 0, take);
+    }
+
+    /// As [`Bsp::back_to_front`], seen from far away in a direction.
+    pub fn back_to_front_from_afar<'a>(&'a self, direction: [i32; 3], take: &mut dyn FnMut(Seen<'a>)) {
+        let rises = |plane: &ExactPlane| {
+            let along =
+                plane.normal.iter().zip(direction).map(|(part, at)| i128::from(*part) * i128::from(at));
+            along.sum::<i128>() >= 0
+        };
+        self.in_order(&rises, take);
+    }
+
+    /// Hands out all cells and pieces, those on the side of each plane on which the eye is last.
+    fn in_order<'a>(&'a self, is_in_front: &dyn Fn(&ExactPlane) -> bool, take: &mut dyn FnMut(Seen<'a>)) {
         enum Step {
             Node(usize),
             Pieces(usize),
@@ -122,8 +144,8 @@ impl Bsp {
                 Step::Node(at) => match &self.nodes[at] {
                     BinaryNode::Leaf(inside) => take(Seen::Cell(at, *inside)),
                     BinaryNode::Divided { by, second } => {
-                        let is_in_front = height(&by.plane, eye) >= 0;
-                        let (near, far) = if is_in_front { (*second, at + 1) } else { (at + 1, *second) };
+                        let (near, far) =
+                            if is_in_front(&by.plane) { (*second, at + 1) } else { (at + 1, *second) };
                         pending.extend([Step::Node(near), Step::Pieces(at), Step::Node(far)]);
                     }
                 },

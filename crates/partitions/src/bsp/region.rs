@@ -67,7 +67,7 @@ impl Region {
         let mut around: Vec<(Edge, ExactPoint)> = Vec::new();
         let mut add = |facet: &Facet, edge: usize| {
             let (from, to) = (facet.edges[edge].start, facet.edges[(edge + 1) % facet.edges.len()].start);
-            around.push((Edge { wall: facet.plane, start: to }, from));
+            around.push((Edge { wall: facet.plane, start: to, side: None }, from));
         };
         for facet in self.facets {
             let signs = facet.signs(by);
@@ -91,7 +91,7 @@ impl Region {
         let section = Facet { plane: *by, edges: chained(around) };
         let turned = (0..section.edges.len()).rev().map(|i| {
             let before = (i + section.edges.len() - 1) % section.edges.len();
-            Edge { wall: section.edges[before].wall, start: section.edges[i].start }
+            Edge { wall: section.edges[before].wall, start: section.edges[i].start, side: None }
         });
         parts[0].push(Facet { plane: *by, edges: turned.collect() });
         parts[1].push(section.clone());

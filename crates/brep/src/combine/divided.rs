@@ -1,0 +1,56 @@
+//! Models whose faces are divided where another model's surface meets them.
+
+use super::{CombineReport, Origin, combined};
+use crate::ExactModel;
+use spinney_base::io::Output;
+use spinney_base::{Progress, Result};
+use spinney_container::Codec;
+
+/// The number of the operation that keeps the first of two bodies as it is.
+const FIRST: u8 = 3;
+
+/// Writes a model with its faces divided along the lines in which the surface of another one passes through them, and around the areas in which both lie on each
+/// other: these lines are edges then. It bounds the same body; parts, attributes and values of faces are kept, and all parts of a face have its values. (Lines in which surfaces only touch divide
+/// no face.)
+///
+/// New corners are exact, as those of set operations are ([`combine`](super::combine())), and so is what grids and memory have to be.
+///
+/// ```
+/// use spinney::brep::{ExactModel, Faces, divide_faces};
+/// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+/// # use spinney::io::Output;
+/// # use spinney::store::Codec;
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = |name: &str| folder.path().join(name);
+/// # let made = |name: &str, z: i32| -> spinney::Result<ExactModel> {
+/// #     let [mesh, model] = ["off", "goblin"].map(|ending| path(name).with_extension(ending));
+/// #     let points = format!("0 0 {z}\n8 0 {z}\n0 8 {z}\n0 0 {}\n", z + 8);
+/// #     std::fs::write(&mesh, format!("OFF\n4 4 0\n{points}3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")).unwrap();
+/// #     let mut options = ExactOptions::new();
+/// #     options.snap = Some(1.0);
+/// #     import_exact(open_all(&[mesh], 64 << 20)?, &options, Output::create(&model)?, &())?;
+/// #     ExactModel::open(&model, &Default::default())
+/// # };
+/// // Two corners of cubes, one of them higher: its foot divides three faces of the other one.
+/// let (a, b) = (made("a", 0)?, made("b", 4)?);
+/// let output = Output::create(&path("divided.goblin"))?;
+/// let report = divide_faces(&a, &b, output, Codec::Plain, 64 << 20, &())?;
+/// assert_eq!((report.before[0], report.after), (4, 7));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// Those of [`combine`](super::combine()).
+pub fn divide_faces(
+    model: &ExactModel,
+    by: &ExactModel,
+    output: Output,
+    codec: Codec,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<CombineReport> {
+    let mut provenance = model.metadata().provenance.clone();
+    provenance.push(format!("{} divided where {} meets it", model.path().display(), by.path().display()));
+    let origin = Origin { formula: model.formula()?.unwrap_or_default(), provenance, tags: Vec::new() };
+    combined((FIRST, Some(&origin), true), &[model, by], (output, codec), memory, progress)
+}

@@ -1,0 +1,46 @@
+//! Entities that come and go, by number.
+
+/// Entities by their numbers. Numbers of those that are gone are given out again, the last one first.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Numbered<T> {
+    pub(super) list: Vec<Option<T>>,
+    free: Vec<u32>,
+}
+
+impl<T> Default for Numbered<T> {
+    fn default() -> Numbered<T> {
+        Numbered { list: Vec::new(), free: Vec::new() }
+    }
+}
+
+impl<T> Numbered<T> {
+    pub(super) fn add(&mut self, entity: T) -> u32 {
+        match self.free.pop() {
+            Some(number) => {
+                self.list[number as usize] = Some(entity);
+                number
+            }
+            None => {
+                self.list.push(Some(entity));
+                self.list.len() as u32 - 1
+            }
+        }
+    }
+
+    pub(super) fn remove(&mut self, number: u32) {
+        self.list[number as usize] = None;
+        self.free.push(number);
+    }
+
+    pub(super) fn get(&self, number: u32) -> Option<&T> {
+        self.list.get(number as usize)?.as_ref()
+    }
+
+    pub(super) fn numbers(&self) -> impl Iterator<Item = u32> {
+        (0..).zip(&self.list).filter(|(_, entity)| entity.is_some()).map(|(number, _)| number)
+    }
+
+    pub(super) fn len(&self) -> u64 {
+        (self.list.len() - self.free.len()) as u64
+    }
+}

@@ -1,0 +1,125 @@
+//! Triangles of an exact model's faces, and which of their sides are edges.
+
+use std::collections::HashMap;
+
+use spinney_base::{Error, Progress, Result};
+use spinney_brep::exact::normal::triangle_normal;
+use spinney_brep::{ExactModel, Faces as _, Triangulated};
+
+/// Triangles that a drawing may have: what is cut of them in a BSP tree takes about 2 KB each.
+const MOST_TRIANGLES: usize = 1 << 17;
+
+/// Triangles between two looks at whether to go on.
+const OFTEN: usize = 1 << 12;
+
+/// The triangles of a model.
+pub(super) struct Triangles {
+    pub(super) corners: Vec<[[i32; 3]; 3]>,
+    /// Of those without an area, zeros.
+    normals: Vec<[i64; 3]>,
+    sources: Vec<u64>,
+    /// The triangle of each side in its direction; `None` if several have it.
+    of_side: HashMap<[[i32; 3]; 2], Option<u32>>,
+    /// Whether corners beside the grid are rounded to it.
+    is_rounded: bool,
+}
+
+impl Triangles {
+    /// Reads those of a model.
+    ///
+    /// # Errors
+    /// If there are too many, the file is damaged, or on interruption.
+    pub(super) fn of(model: &ExactModel, progress: &dyn Progress) -> Result<Triangles> {
+        let too_many = |count: u64| {
+            let found = format!("a drawing of {count} faces or more (at most {MOST_TRIANGLES} triangles)");
+            let advice = "draw a shaded picture, without --drawing, or the blocks of the octree, with --drawing octants";
+            Error::unsupported(model.path(), found, advice)
+        };
+        if model.len() > MOST_TRIANGLES as u64 {
+            return Err(too_many(model.len()));
+        }
+        let mut found = Triangles {
+            corners: Vec::new(),
+            normals: Vec::new(),
+            sources: Vec::new(),
+            of_side: HashMap::new(),
+            is_rounded: model.exact_faces().0 > 0,
+        };
+        Triangulated::of(model)?.each(&mut |face| {
+            let &[a, b, c] = face.points else { return Ok(()) };
+            let number = found.corners.len();
+            if number == MOST_TRIANGLES {
+                return Err(too_many(number as u64));
+            }
+            if number.is_multiple_of(OFTEN) {
+                progress.check()?;
+            }
+            let corners = [a, b, c];
+            for side in [[a, b], [b, c], [c, a]] {
+                found
+                    .of_side
+                    .entry(side)
+                    .and_modify(|triangle| *triangle = None)
+                    .or_insert(Some(number as u32));
+            }
+            found.corners.push(corners);
+            found.normals.push(triangle_normal(&corners));
+            found.sources.push(face.source);
+            Ok(())
+        })?;
+        Ok(found)
+    }
+
+    /// The sides of a triangle that are edges: those where the surface bends, ends, or meets another one.
+    pub(super) fn edges(&self, triangle: usize) -> [bool; 3] {
+        let has_area = self.normals[triangle] != [0; 3];
+        [0, 1, 2].map(|side| has_area && !self.is_smooth(triangle, side))
+    }
+
+    /// The triangle on the other side of a side; `None` if there is none, or more than one.
+    pub(super) fn beside(&self, triangle: usize, side: usize) -> Option<usize> {
+        let corners = &self.corners[triangle];
+        let (from, to) = (corners[side], corners[(side + 1) % 3]);
+        self.of_side.get(&[from, to]).copied().flatten()?;
+        self.of_side.get(&[to, from]).copied().flatten().map(|other| other as usize)
+    }
+
+    /// Whether the surface goes on in one plane beyond a side.
+    fn is_smooth(&self, triangle: usize, side: usize) -> bool {
+        match self.beside(triangle, side) {
+            None => false,
+            Some(other) if self.normals[other] != [0; 3] => self.are_in_plane(triangle, other),
+            // One without an area joins sides that lie on each other.
+            Some(joint) => (0..3).all(|side| match self.beside(joint, side) {
+                Some(other) => {
+                    other == triangle || (self.normals[other] != [0; 3] && self.are_in_plane(triangle, other))
+                }
+                None => false,
+            }),
+        }
+    }
+
+    /// Whether two triangles lie in one plane, and face the same way. (Those of one source that stand in for faces with corners beside the grid are not off it by more
+    /// than a step.)
+    fn are_in_plane(&self, one: usize, other: usize) -> bool {
+        let [a, b] = [one, other].map(|triangle| self.normals[triangle].map(i128::from));
+        let along: i128 = a.iter().zip(b).map(|(a, b)| a * b).sum();
+        let is_parallel = (0..3).all(|axis| {
+            let [j, k] = [(axis + 1) % 3, (axis + 2) % 3];
+            a[j] * b[k] == a[k] * b[j]
+        });
+        if along <= 0 || is_parallel {
+            return along > 0;
+        }
+        if !self.is_rounded || self.sources[one] != self.sources[other] {
+            return false;
+        }
+        let length = a.iter().map(|part| (*part as f64).powi(2)).sum::<f64>().sqrt();
+        let origin = self.corners[one][0];
+        self.corners[other].iter().all(|corner| {
+            let height: i128 =
+                (0..3).map(|axis| a[axis] * (i128::from(corner[axis]) - i128::from(origin[axis]))).sum();
+            (height as f64).abs() <= length
+        })
+    }
+}

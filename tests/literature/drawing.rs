@@ -1,0 +1,138 @@
+//! Drawings of the 1991 paper's bodies: all edges, edges without what is hidden, and the blocks of the octree.
+
+use std::path::PathBuf;
+
+use crate::common::command::{complaint, stdout};
+
+/// The body with a hole of the paper's figure 26.
+const HOLE: &str = "unit(mm); difference(block(0,0,0, 8,8,4), block(2,3,-1, 6,5,5))";
+/// The same without it.
+const BLOCK: &str = "unit(mm); block(0,0,0, 8,8,4)";
+/// The concave body of figure 27.
+const CONCAVE: &str = "unit(mm); sweep([[0,0],[8,0],[8,3],[3,3],[3,5],[6,5],[6,8],[0,8]], 0,0,4)";
+
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Folder {
+        Folder(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// The file of a text, built with some options.
+    fn built(&self, name: &str, text: &str, options: &[&str]) -> String {
+        let [csg, tree] = ["csg", "goblin"]
+            .map(|ending| self.path(name).with_extension(ending).to_str().unwrap().to_string());
+        std::fs::write(&csg, text).unwrap();
+        stdout(&[&["build", "-q", &csg, "-o", &tree], options].concat());
+        tree
+    }
+
+    fn exact(&self, name: &str, text: &str) -> String {
+        self.built(name, text, &["--brep", "--deviation", "0.1"])
+    }
+
+    fn drawn(&self, tree: &str, name: &str, options: &[&str]) -> Vec<u8> {
+        let path = self.path(name);
+        stdout(
+            &[&["render", "-q", tree, "-o", path.to_str().unwrap(), "--size", "320x240"], options].concat(),
+        );
+        std::fs::read(path).unwrap()
+    }
+
+    fn svg(&self, tree: &str, options: &[&str]) -> String {
+        String::from_utf8(self.drawn(tree, "drawn.svg", options)).unwrap()
+    }
+}
+
+/// Segments of the lines of a drawing.
+fn segments(svg: &str) -> usize {
+    svg.lines().filter(|line| line.contains("fill=\"none\"")).map(|line| line.matches('L').count()).sum()
+}
+
+/// Edges between faces of one plane are none, however faces were divided.
+#[test]
+fn item_53_wireframes_have_every_edge_once() {
+    let folder = Folder::new();
+    for (name, text, edges) in [("hole", HOLE, 24), ("block", BLOCK, 12), ("concave", CONCAVE, 24)] {
+        let svg = folder.svg(&folder.exact(name, text), &["--drawing", "wireframe"]);
+        assert_eq!(segments(&svg), edges, "{name}: {svg}");
+    }
+}
+
+/// A convex body shows three faces, each with its outline; what is behind it is not seen.
+#[test]
+fn item_53_hidden_lines_are_hidden() {
+    let folder = Folder::new();
+    let [hole, block, concave] =
+        [("hole", HOLE), ("block", BLOCK), ("concave", CONCAVE)].map(|(name, text)| folder.exact(name, text));
+    assert_eq!(segments(&folder.svg(&block, &["--drawing", "hidden-lines"])), 12);
+    // Along the horizon, the hole is behind the front, and so is the notch from the west; from above, and from the east, they are seen.
+    for projection in ["--orthographic", "--perspective"] {
+        let drawn = |tree: &str, from: &str, drawing: &str| {
+            folder.drawn(tree, "drawn.png", &["--drawing", drawing, "--from", from, projection])
+        };
+        for (tree, hidden, seen) in [(&hole, "180,0", "180,90"), (&concave, "270,0", "90,0")] {
+            assert!(drawn(tree, hidden, "hidden-lines") == drawn(&block, hidden, "hidden-lines"));
+            assert!(drawn(tree, seen, "hidden-lines") != drawn(&block, seen, "hidden-lines"));
+            assert!(drawn(tree, hidden, "wireframe") != drawn(&block, hidden, "wireframe"));
+        }
+    }
+}
+
+/// As much of the paper is covered as the body covers, as seen from above, whatever the blocks are.
+#[test]
+fn item_53_octants() {
+    let folder = Folder::new();
+    let covered = |tree: &str, level: &str| {
+        let options = ["--drawing", "octants", "--from", "180,90", "--orthographic", "--level", level];
+        let raw = folder.drawn(tree, "drawn.raw", &[&options[..], &["--background", "transparent"]].concat());
+        raw.chunks_exact(4).map(|pixel| f64::from(pixel[3])).sum::<f64>()
+    };
+    for (options, level) in [(&["--cells", "8"][..], "3"), (&["--brep", "--deviation", "0.1"], "6")] {
+        let full = covered(&folder.built("block", BLOCK, options), level);
+        for (name, text, share) in [("hole", HOLE, 1.0 - 8.0 / 64.0), ("concave", CONCAVE, 48.0 / 64.0)] {
+            let found = covered(&folder.built(name, text, options), level) / full;
+            // (Lines are a little wider than what they go around.)
+            assert!((found - share).abs() < 0.01, "{name}: {found} instead of {share}");
+        }
+    }
+}
+
+/// What would be too large is told, and so is what has no edges.
+#[test]
+fn item_53_limits() {
+    let folder = Folder::new();
+    let out = folder.path("out.svg");
+    let out = out.to_str().unwrap();
+    let model = folder.exact("ball", "rotate(1,2,3, 40, block(0,0,0, 1,1,1))");
+    let told = complaint(&["render", &model, "-o", out, "--drawing", "octants", "--level", "10"], 1);
+    assert!(told.contains("more than 262144 blocks") && told.contains("--level"), "{told}");
+    let told = complaint(&["render", &model, "-o", out, "--drawing", "wireframe", "--level", "3"], 1);
+    assert!(told.contains("--level"), "{told}");
+    let told = complaint(&["render", &model, "-o", out], 1);
+    assert!(told.contains("--drawing"), "{told}");
+    let cells = folder.built("cells", BLOCK, &["--cells", "8"]);
+    let told = complaint(&["render", &cells, "-o", out, "--drawing", "hidden-lines"], 1);
+    assert!(told.contains("--drawing octants"), "{told}");
+    assert!(!folder.path("out.svg").exists());
+}
+
+/// Transparent paper, lines of white on black, and every format.
+#[test]
+fn item_53_paper() {
+    let folder = Folder::new();
+    let model = folder.exact("hole", HOLE);
+    let svg = folder.svg(&model, &["--drawing", "hidden-lines", "--background", "transparent"]);
+    assert!(!svg.contains("<rect") && svg.contains("stroke=\"#000000\""), "{svg}");
+    let svg = folder.svg(&model, &["--drawing", "hidden-lines", "--background", "black"]);
+    assert!(svg.contains("<rect") && svg.contains("stroke=\"#ffffff\""), "{svg}");
+    let raw = folder.drawn(&model, "drawn.raw", &["--drawing", "wireframe", "--background", "transparent"]);
+    assert_eq!(raw.len(), 320 * 240 * 4);
+    let pixels: Vec<&[u8]> = raw.chunks_exact(4).collect();
+    assert!(pixels.iter().any(|pixel| pixel[3] > 200) && pixels[0] == [0; 4]);
+    assert!(pixels.iter().all(|pixel| pixel[..3] == [0; 3]));
+}

@@ -1,0 +1,187 @@
+//! Euler operators, by which the paper's modeller made its bodies: a block, and a block with a hole, from one point and back.
+
+use spinney::brep::topology::{Counts, EulerBody, EulerCorner, Topology, TopologyOptions};
+use spinney::brep::{Face, FaceList, Grid};
+
+/// Makes the sides of a prism on a ring, of which a half-edge is given; the ring's face becomes the one at the other end.
+fn raise(body: &mut EulerBody, first: u32, by: [i32; 3]) {
+    let mut ring = vec![first];
+    loop {
+        let next = body.next(*ring.last().unwrap()).unwrap();
+        if next == first {
+            break;
+        }
+        ring.push(next);
+    }
+    let mut up = Vec::new();
+    for half in &ring {
+        let point = body.point(*half).unwrap();
+        let moved = [0, 1, 2].map(|axis| point[axis] + by[axis]);
+        up.push(body.make_edge_vertex(EulerCorner::Of(*half), moved).unwrap());
+    }
+    for i in 0..up.len() {
+        let to = body.next(up[(i + 1) % up.len()]).unwrap();
+        body.make_edge_face(up[i] ^ 1, to).unwrap();
+        assert!(body.is_lawful());
+    }
+}
+
+/// A ring from the vertex of a corner through these points, counterclockwise; what is inside of it is a face of its own where it is an inner one, and else what is
+/// outside. Returns a half-edge of the inside.
+fn outline(body: &mut EulerBody, start: EulerCorner, points: [[i32; 3]; 3], is_inner: bool) -> u32 {
+    let first = body.make_edge_vertex(start, points[0]).unwrap();
+    let last = points[1..].iter().fold(first, |last, point| {
+        let next = body.next(last).unwrap();
+        body.make_edge_vertex(EulerCorner::Of(next), *point).unwrap()
+    });
+    let end = body.next(last).unwrap();
+    match is_inner {
+        true => body.make_edge_face(first, end).unwrap() ^ 1,
+        false => body.make_edge_face(end, first).unwrap(),
+    }
+}
+
+/// Counts of the topology that is found of the same faces by themselves.
+fn found(body: &EulerBody) -> (Counts, u64) {
+    let mut faces = FaceList::new(Grid::over([[0.0; 3], [16.0; 3]], Some(1.0)).unwrap(), vec!["body".into()]);
+    for rings in body.faces() {
+        let points: Vec<_> = rings.concat();
+        let ends: Vec<_> = rings
+            .iter()
+            .scan(0, |end, ring| {
+                *end += ring.len();
+                Some(*end)
+            })
+            .collect();
+        let number = 0;
+        faces.push(&Face { number, points: &points, ring_ends: &ends, colours: &[], part: 0, source: 0 });
+    }
+    let topology = Topology::of(&faces, &TopologyOptions::default(), &()).unwrap();
+    assert!(topology.is_closed());
+    let euler = topology.euler();
+    let counts = Counts {
+        vertices: euler.vertices,
+        edges: euler.edges,
+        faces: euler.faces,
+        rings: euler.rings,
+        boundaries: 0,
+    };
+    (counts, euler.genus.unwrap())
+}
+
+/// A block; returns half-edges of its upper face and of the lower one.
+fn block(body: &mut EulerBody) -> [u32; 2] {
+    let (_, ring) = body.make_solid([0, 0, 0]);
+    let first = outline(body, EulerCorner::Lone(ring), [[8, 0, 0], [8, 8, 0], [0, 8, 0]], false);
+    raise(body, first, [0, 0, 4]);
+    // (Over the side beside it.)
+    let side = body.next(body.next(first).unwrap()).unwrap();
+    [side ^ 1, first ^ 1]
+}
+
+/// The rings of all faces, wherever they begin.
+fn rings(body: &EulerBody) -> Vec<Vec<Vec<[i32; 3]>>> {
+    let mut faces = body.faces();
+    for ring in faces.iter_mut().flatten() {
+        let least = (0..ring.len()).min_by_key(|i| ring[*i]).unwrap();
+        ring.rotate_left(least);
+    }
+    faces
+}
+
+/// Takes all steps back, and counts them.
+fn undo(body: &mut EulerBody) -> u64 {
+    let mut steps = 0;
+    while body.undo() {
+        steps += 1;
+        assert!(body.is_lawful());
+    }
+    assert_eq!((body.counts(), body.shells(), body.handles()), (Counts::default(), 0, 0));
+    assert!(body.faces().is_empty());
+    steps
+}
+
+#[test]
+fn item_59_a_block_by_euler_operators() {
+    let mut body = EulerBody::default();
+    block(&mut body);
+    let counts = body.counts();
+    assert_eq!((counts.vertices, counts.edges, counts.faces, counts.rings), (8, 12, 6, 0));
+    assert_eq!(found(&body), (counts, 0));
+    // A vertex or a face with each edge, and what it began with.
+    assert_eq!(undo(&mut body), 1 + 12);
+}
+
+/// The paper's body with a hole: a ring on the upper face, sunk down to the lower one, of which its floor becomes a hole.
+#[test]
+fn item_63_a_block_with_a_hole_by_euler_operators() {
+    let mut body = EulerBody::default();
+    let [top, bottom] = block(&mut body);
+    let strut = body.make_edge_vertex(EulerCorner::Of(top), [2, 3, 4]).unwrap();
+    let inside = outline(&mut body, EulerCorner::Of(strut ^ 1), [[6, 3, 4], [6, 5, 4], [2, 5, 4]], true);
+    let ring = body.kill_edge_make_ring(strut).unwrap();
+    assert_eq!(body.ring(inside ^ 1).unwrap(), ring);
+    assert_eq!(found(&body), (body.counts(), 0));
+    let floor = body.face(inside).unwrap();
+    raise(&mut body, inside, [0, 0, -4]);
+    let before = rings(&body);
+    body.kill_face_make_ring(body.face(bottom).unwrap(), floor).unwrap();
+    let counts = body.counts();
+    assert_eq!((counts.vertices, counts.edges, counts.faces, counts.rings), (16, 24, 10, 2));
+    assert_eq!((body.shells(), body.handles()), (1, 1));
+    assert_eq!(found(&body), (counts, 1));
+    // A step back, and on again.
+    assert!(body.undo());
+    assert_eq!((rings(&body), body.handles()), (before, 0));
+    body.kill_face_make_ring(body.face(bottom).unwrap(), floor).unwrap();
+    // 24 edges with a vertex or a face each, one that was killed, what it began with, and the handle.
+    assert_eq!(undo(&mut body), 24 + 2 + 1 + 1);
+}
+
+/// Each operator and its inverse, by hand.
+#[test]
+fn item_63_operators_have_inverses() {
+    let mut body = EulerBody::default();
+    let [top, _] = block(&mut body);
+    let (whole, counts) = (rings(&body), body.counts());
+    // mev, kev.
+    let strut = body.make_edge_vertex(EulerCorner::Of(top), [2, 3, 4]).unwrap();
+    body.kill_edge_vertex(strut).unwrap();
+    assert_eq!(rings(&body), whole);
+    // mef, kef: a diagonal.
+    let across = body.next(body.next(top).unwrap()).unwrap();
+    let diagonal = body.make_edge_face(top, across).unwrap();
+    assert_eq!(body.counts().faces, counts.faces + 1);
+    body.kill_edge_face(diagonal).unwrap();
+    assert_eq!((body.counts(), rings(&body)), (counts, whole));
+    // kemr, mekr: a lone point in a face.
+    let strut = body.make_edge_vertex(EulerCorner::Of(top), [2, 3, 4]).unwrap();
+    let ring = body.kill_edge_make_ring(strut).unwrap();
+    assert_eq!((body.counts().rings, body.shells()), (1, 1));
+    body.make_edge_kill_ring(EulerCorner::Of(top), EulerCorner::Lone(ring)).unwrap();
+    assert_eq!((body.counts().rings, body.is_lawful()), (0, true));
+    // kfmrh of two bodies: one shell, which is parted again.
+    let before = body.counts();
+    let (face, _) = body.make_solid([20, 0, 0]);
+    let own = body.face(top).unwrap();
+    body.kill_face_make_ring(own, face).unwrap();
+    assert_eq!((body.shells(), body.handles(), body.is_lawful()), (1, 0, true));
+    assert!(body.undo() && body.shells() == 2 && body.undo());
+    assert_eq!((body.shells(), body.counts()), (1, before));
+    undo(&mut body);
+}
+
+#[test]
+fn item_63_what_operators_refuse() {
+    let mut body = EulerBody::default();
+    let [top, bottom] = block(&mut body);
+    let counts = body.counts();
+    assert!(body.make_edge_vertex(EulerCorner::Of(999), [0; 3]).is_err());
+    assert!(body.make_edge_vertex(EulerCorner::Lone(0), [0; 3]).is_err());
+    assert!(body.make_edge_face(top, bottom).is_err() && body.make_edge_face(top, top).is_err());
+    assert!(body.kill_edge_vertex(top).is_err() && body.kill_edge_make_ring(top).is_err());
+    let face = body.face(top).unwrap();
+    assert!(body.kill_face_make_ring(face, face).is_err() && body.kill_face_make_ring(face, 99).is_err());
+    assert!(body.make_edge_kill_ring(EulerCorner::Of(top), EulerCorner::Of(bottom)).is_err());
+    assert_eq!(body.counts(), counts);
+}
