@@ -259,8 +259,8 @@ pub mod points {
         BuildSummary, ChosenPoints, ColumnSummary, GriddedPoints, NearPoint, PLACE_BYTES, PointAttribute,
         PointBuildOptions, PointColumns, PointCondition, PointFormat, PointGrid, PointImport,
         PointImportOptions, PointRegion, PointRows, PointSchema, PointSource, PointStatistics, PointTree,
-        Relation, RowField, RowLayout, Selection, WorldPoints, build, export_points, is_las_file,
-        is_point_file, ordered_number, plan_las, plan_points, position,
+        Relation, RowField, RowLayout, Selection, WorldPoints, build, export_points, has_points, is_las_file,
+        is_point_file, ordered_number, plan_files, plan_points, position,
     };
     #[cfg(feature = "vector")]
     pub use spinney_vector::{CellRule, PointRaster, rasterize_points};

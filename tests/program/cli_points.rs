@@ -89,6 +89,19 @@ fn points_go_from_a_table_into_las_and_back() {
         );
         assert!(stdout(&["info", &again]).contains("EPSG:32632"));
     }
+    // (Tables of numbers tell no system.)
+    for middle in [name("q.ply"), name("q.npy")] {
+        spinney(&["get", &tree, "-o", &middle]).success();
+        let again = name("t.goblin");
+        let crs = ["--crs", "EPSG:32632", "--leaf-size", "200"];
+        spinney(&[&["build", &middle, "-o", &again, "--index", "points"], &crs[..]].concat()).success();
+        assert_eq!(lines(&stdout(&["get", &again, "-", "--format", "csv"])), expected);
+    }
+    let refused = complaint(
+        &["build", &name("q.ply"), &name("q.las"), "-o", &name("u.goblin"), "--index", "points"],
+        1,
+    );
+    assert!(refused.contains("a tree of each"), "{refused}");
 }
 
 #[test]

@@ -8,7 +8,8 @@ use crate::attribute::PointAttribute;
 use crate::build::{BuildSummary, PointBuildOptions, build};
 use crate::las::LasFiles;
 use crate::query::PointCondition;
-use crate::source::{ChosenPoints, PointSource};
+use crate::source::{ChosenPoints, GriddedPoints, PointSource};
+use crate::tables::{self, Table, is_point_table};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
@@ -45,19 +46,43 @@ pub fn is_las_file(path: &Path) -> bool {
     named("las") || named("laz") || begins() && start == *b"LASF"
 }
 
-/// Opens LAS and LAZ files, and plans a tree of all their points for which conditions hold, which are made for the attributes that there are.
+/// Whether points of a file are read here: of LAS, LAZ, PLY and NPY files.
+pub fn has_points(path: &Path) -> bool {
+    is_las_file(path) || is_point_table(path)
+}
+
+/// Opens LAS and LAZ files, or one PLY or NPY file, and plans a tree of all their points for which conditions hold, which are made for the attributes that there are.
 ///
 /// # Errors
 /// If a file cannot be read, is none or damaged; if files lie in different systems; if there is no attribute of a name.
-pub fn plan_las(
+pub fn plan_files(
     paths: &[PathBuf],
     conditions: &mut dyn FnMut(&[PointAttribute]) -> Result<Vec<PointCondition>>,
     options: &PointImportOptions,
 ) -> Result<PointImport> {
-    let files = LasFiles::open(paths)?;
-    let remarks = files.remarks();
-    let conditions = conditions(&files.schema().layout.attributes)?;
-    let mut import = plan_points(Box::new(files), paths, conditions, options)?;
+    let (source, remarks): (Box<dyn PointSource>, _) = match paths {
+        [path] if is_point_table(path) => {
+            let Table { points, mut remarks } = tables::open(path)?;
+            let points = GriddedPoints::new(points)?;
+            remarks.extend(points.rounding().map(String::from));
+            let remarks = remarks.into_iter().map(|remark| (path.clone(), remark)).collect();
+            (Box::new(points), remarks)
+        }
+        _ => {
+            if let Some(table) = paths.iter().find(|path| is_point_table(path)) {
+                return Err(Error::unsupported(
+                    table,
+                    "a table of points among other files",
+                    "build a tree of each",
+                ));
+            }
+            let files = LasFiles::open(paths)?;
+            let remarks = files.remarks();
+            (Box::new(files), remarks)
+        }
+    };
+    let conditions = conditions(&source.schema().layout.attributes)?;
+    let mut import = plan_points(source, paths, conditions, options)?;
     import.remarks = remarks;
     Ok(import)
 }

@@ -16,6 +16,7 @@ mod query;
 mod source;
 mod statistics;
 mod store;
+mod tables;
 #[cfg(test)]
 mod tests;
 
@@ -23,7 +24,9 @@ pub use attribute::{PLACE_BYTES, PointAttribute, RowField, RowLayout, ordered_nu
 pub use build::{BuildSummary, PointBuildOptions, build};
 pub use export::{PointFormat, export_points};
 pub use grid::PointGrid;
-pub use import::{PointImport, PointImportOptions, is_las_file, plan_las, plan_points, position};
+pub use import::{
+    PointImport, PointImportOptions, has_points, is_las_file, plan_files, plan_points, position,
+};
 pub use query::{
     ColumnSummary, NearPoint, PointColumns, PointCondition, PointRegion, PointStatistics, Relation, Selection,
 };

@@ -7,7 +7,6 @@ mod cog;
 pub mod image;
 pub mod import;
 mod legend;
-mod npy;
 pub mod style;
 pub mod tiles;
 pub mod volume;

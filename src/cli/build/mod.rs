@@ -69,8 +69,8 @@ use super::{Global, open};
 /// Reads features, too: points, lines and polygons of GeoJSON, FlatGeobuf, GeoPackage (x.gpkg:NAME is one layer of several), shapefiles and
 /// CSV with geometries. They become the cells that they have, exactly and without a raster between, with the value of an attribute.
 ///
-/// Reads point clouds, too: LAS and LAZ. They become a tree of points, each of which is there once, with its attributes, and coarse levels have a few of them
-/// spread evenly.
+/// Reads point clouds, too: LAS and LAZ, and with --index points the vertices of PLY files and arrays of NumPy (x, y and z). They become a tree of points, each
+/// of which is there once, with its attributes, and coarse levels have a few of them spread evenly.
 ///
 /// Of features that are points, such as boreholes, --tin makes a triangulated surface: a raster of its heights, or, of several heights and with --brep, the layers between
 /// their surfaces as an exact model, each an object of its own (docs/surfaces.md).

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 use spinney::import::feature::{is_feature_file, plan_point_files};
-use spinney::points::{PointBuildOptions, PointImport, PointImportOptions, is_las_file};
+use spinney::points::{PointBuildOptions, PointImport, PointImportOptions, has_points, is_las_file};
 
 use super::Common;
 use super::features::{FeatureArgs, Index};
@@ -22,8 +22,8 @@ pub(super) fn plan(
     (common, pictures, solids, features): (&Common, &PictureArgs, &SolidArgs, &FeatureArgs),
 ) -> Result<PointImport> {
     let is_of_features = inputs.iter().all(|input| is_feature_file(input));
-    if let Some(other) = inputs.iter().find(|input| !is_of_features && !is_las_file(input)) {
-        bail!("{}: is no LAS or LAZ file, as others are; build a tree of each kind", other.display());
+    if let Some(other) = inputs.iter().find(|input| !is_of_features && !has_points(input)) {
+        bail!("{}: has no points, as other files have; build a tree of each kind", other.display());
     }
     let given = [
         ("--depth", common.depth.is_some()),

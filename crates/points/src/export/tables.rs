@@ -10,6 +10,7 @@ use crate::store::PointTree;
 use spinney_base::io::Output;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
+use spinney_records::npy::{Field, Header, Items, descr_of};
 
 /// Writes rows of x, y and z as doubles, then attributes, little-endian.
 pub(super) struct TableSink {
@@ -71,29 +72,14 @@ impl TableSink {
         })
     }
 
-    /// An NPY file of so many points: version 2.0, a structured array.
+    /// An NPY file of so many points: a structured array.
     pub(super) fn npy(tree: &PointTree, chosen: Vec<usize>, count: u64, out: Output) -> Result<TableSink> {
         TableSink::new(tree, chosen, out, |attributes| {
-            let mut fields = String::from("('x', '<f8'), ('y', '<f8'), ('z', '<f8')");
-            for attribute in attributes {
-                let sample = written_as(attribute);
-                let kind = match sample {
-                    SampleType::F32 | SampleType::F64 => 'f',
-                    SampleType::U8 | SampleType::U16 | SampleType::U32 | SampleType::U64 => 'u',
-                    _ => 'i',
-                };
-                let name = attribute.name.replace('\\', "\\\\").replace('\'', "\\'");
-                fields.push_str(&format!(", ('{name}', '<{kind}{}')", sample.size()));
-            }
-            let mut text = format!("{{'descr': [{fields}], 'fortran_order': False, 'shape': ({count},), }}");
-            // (The numbers begin at a multiple of 64.)
-            let length = (12 + text.len() + 1).next_multiple_of(64) - 12;
-            text.extend(std::iter::repeat_n(' ', length - text.len() - 1));
-            text.push('\n');
-            let mut header = b"\x93NUMPY\x02\x00".to_vec();
-            header.extend_from_slice(&(text.len() as u32).to_le_bytes());
-            header.extend_from_slice(text.as_bytes());
-            Ok(header)
+            let field = |name: &str, sample| Field { name: name.into(), descr: descr_of(sample).into() };
+            let places = ["x", "y", "z"].map(|axis| field(axis, SampleType::F64));
+            let others = attributes.iter().map(|attribute| field(&attribute.name, written_as(attribute)));
+            let items = Items::Records(places.into_iter().chain(others).collect());
+            Ok(Header { items, fortran_order: false, shape: vec![count] }.bytes())
         })
     }
 }

@@ -8,7 +8,7 @@ use super::format::{MOST_FORMAT, describe_extra, record_bytes};
 use super::{LasFiles, LasReader};
 use crate::attribute::PointAttribute;
 use crate::export::{PointFormat, export_points};
-use crate::import::{PointImportOptions, plan_las};
+use crate::import::{PointImportOptions, plan_files};
 use crate::query::Selection;
 use crate::source::{PointSource, bounds_of};
 use crate::store::PointTree;
@@ -84,7 +84,7 @@ fn tree_of(paths: &[PathBuf], folder: &Path) -> Result<PointTree> {
     let path = folder.join("p.goblin");
     let mut options = PointImportOptions::default();
     options.build.leaf_size = 100;
-    let import = plan_las(paths, &mut |_| Ok(Vec::new()), &options)?;
+    let import = plan_files(paths, &mut |_| Ok(Vec::new()), &options)?;
     import.build(Output::create(&path)?, &())?;
     PointTree::open(&path, &Default::default())
 }

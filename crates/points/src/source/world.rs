@@ -156,9 +156,9 @@ impl GriddedPoints {
         Ok(GriddedPoints { points, schema, is_rounded, numbers })
     }
 
-    /// Whether places are rounded to the grid, by at most half of its steps.
-    pub fn is_rounded(&self) -> bool {
-        self.is_rounded
+    /// Words for it, if places are rounded to the grid, by at most half of its steps.
+    pub fn rounding(&self) -> Option<&'static str> {
+        self.is_rounded.then_some("places have more digits than a grid of 32 bits, and are rounded to it")
     }
 }
 

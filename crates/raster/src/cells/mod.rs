@@ -7,11 +7,11 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::Path;
 
-use super::npy::MAGIC;
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_container::Header;
 use spinney_engine::ops::CellValue;
+use spinney_records::npy::MAGIC;
 
 /// A list of cells, read some at a time.
 pub struct CellList {

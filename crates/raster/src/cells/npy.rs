@@ -3,11 +3,11 @@
 use std::io::Read;
 use std::path::Path;
 
-use super::super::npy::Header;
 use super::coordinate;
 use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_engine::ops::CellValue;
+use spinney_records::npy::Header;
 
 /// Decoder of one number of a type.
 type Decode = fn(&[u8]) -> Number;
@@ -35,8 +35,9 @@ pub(super) fn rows<R: Read>(
         Error::unsupported(path, found, advice)
     };
     let header = Header::read(&mut input, path)?;
-    let Some((_, size, decode)) = TYPES.iter().find(|(known, _, _)| *known == header.descr) else {
-        return Err(unsupported(format!("an array of type `{}`", header.descr)));
+    let descr = header.samples(path)?;
+    let Some((_, size, decode)) = TYPES.iter().find(|(known, _, _)| *known == descr) else {
+        return Err(unsupported(format!("an array of type `{descr}`")));
     };
     let columns = axes + channels;
     let count = match header.shape[..] {

@@ -14,7 +14,6 @@ use self::array::{Array, ArrayLayout};
 pub(crate) use self::nrrd::nrrd_head;
 pub use self::raw::RawLayout;
 use self::sections::Sections;
-use super::npy::MAGIC;
 use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, listed, nodata_text};
 use spinney_base::Form;
 use spinney_base::io::{Output, folder};
@@ -24,6 +23,7 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
 use spinney_engine::store::{BuildOptions, Packing, build_slabs};
+use spinney_records::npy::MAGIC;
 
 /// Options for an import of a volume.
 #[derive(Clone, Debug, Default, PartialEq)]

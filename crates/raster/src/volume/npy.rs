@@ -4,12 +4,12 @@ use std::fs::File;
 use std::io::Seek;
 use std::path::Path;
 
-use super::super::npy::Header;
 use super::array::{Array, ArrayLayout};
 use super::{Samples, Told};
 use crate::import::SampleFormat;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
+use spinney_records::npy::Header;
 
 /// The samples that a type's name means, and whether they are big-endian.
 fn sample_format(descr: &str) -> Option<(SampleFormat, bool)> {
@@ -39,6 +39,7 @@ fn sample_format(descr: &str) -> Option<(SampleFormat, bool)> {
 pub(super) fn open(path: &Path) -> Result<Told> {
     let mut file = File::open(path).map_err(Error::io(path, "open"))?;
     let header = Header::read(&mut file, path)?;
+    let descr = header.samples(path)?;
     let start = file.stream_position().map_err(Error::io(path, "read"))?;
     let unsupported = |found: String, advice: &str| Err(Error::unsupported(path, found, advice));
     if header.fortran_order {
@@ -51,13 +52,13 @@ pub(super) fn open(path: &Path) -> Result<Told> {
         [z, y, x, channels @ 1..=4] => ([x, y, z], channels as u8),
         _ => {
             let advice = "volumes have the dimensions z, y, x, or z, y, x and up to 4 channels; a plane is one \
-                          as array[None], a picture as TIFF or PNG";
+                          as array[None], a picture as TIFF or PNG; of points, `--index points` makes a tree";
             return unsupported(format!("an array of shape {shape}"), advice);
         }
     };
-    let Some((format, is_big_endian)) = sample_format(&header.descr) else {
+    let Some((format, is_big_endian)) = sample_format(descr) else {
         let advice = "convert it with array.astype, to bool, or to integers or floats of at most 8 bytes";
-        return unsupported(format!("an array of type `{}`", header.descr.escape_debug()), advice);
+        return unsupported(format!("an array of type `{}`", descr.escape_debug()), advice);
     };
     let layout = ArrayLayout { size, format, channels, is_big_endian };
     layout.check(path)?;
@@ -67,11 +68,11 @@ pub(super) fn open(path: &Path) -> Result<Told> {
     };
     let length = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
     if length != end {
-        let expected = format!("{end} for an array of shape {shape} of `{}`", header.descr);
+        let expected = format!("{end} for an array of shape {shape} of `{descr}`");
         return Err(Error::corrupt(path, "the whole file", format!("{length} bytes"), expected));
     }
     Ok(Told {
-        words: format!("NPY of {}", header.descr),
+        words: format!("NPY of {descr}"),
         stored: format.name(),
         layout,
         metadata: Metadata::default(),

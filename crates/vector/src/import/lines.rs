@@ -63,7 +63,8 @@ pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<Featu
         }
     };
     let ratio = coarse / scale;
-    let is_rounded = gridded.is_rounded() || (ratio - ratio.round()).abs() > 1e-9 * ratio || scale > fine;
+    let is_rounded =
+        gridded.rounding().is_some() || (ratio - ratio.round()).abs() > 1e-9 * ratio || scale > fine;
     let step = |end: usize| [0, 1].map(|axis| step(scale, offset[axis], ends[axis][end]));
     let reader = open_features(path, options)?;
     let schema = reader.schema();

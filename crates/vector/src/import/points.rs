@@ -11,7 +11,7 @@ use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 use spinney_points::{
-    GriddedPoints, PointAttribute, PointImport, PointImportOptions, WorldPoints, ordered_number, plan_las,
+    GriddedPoints, PointAttribute, PointImport, PointImportOptions, WorldPoints, ordered_number, plan_files,
     plan_points,
 };
 
@@ -40,17 +40,15 @@ impl FeaturePoints {
             let what = "features have heights or measures in their geometries, which are not read; an attribute `z` is";
             remarks.push(format!("{} {what}", self.with_heights));
         }
-        if self.points.is_rounded() {
-            remarks.push("places have more digits than a grid of 32 bits, and are rounded to it".into());
-        }
+        remarks.extend(self.points.rounding().map(String::from));
         remarks
     }
 }
 
-/// Plans a tree of points of files: of LAS and LAZ, one or several, or of one file of features; of points for which the filter's conditions hold.
+/// Plans a tree of points of files: of LAS and LAZ, one or several, or of one file of features, PLY or NPY; of points for which the filter's conditions hold.
 ///
 /// # Errors
-/// Those of [`plan_las`] and of reading features; if a feature is no point, or there are several files of features.
+/// Those of [`plan_files`] and of reading features; if a feature is no point, or there are several files of features.
 pub fn plan_point_files(
     paths: &[PathBuf],
     features: &FeatureOptions,
@@ -72,7 +70,7 @@ pub fn plan_point_files(
                 "build a tree of each",
             ));
         }
-        _ => plan_las(paths, &mut |attributes| filter.for_points(attributes), options)?,
+        _ => plan_files(paths, &mut |attributes| filter.for_points(attributes), options)?,
     };
     if !filter.conditions.is_empty() {
         import.add_provenance(format!("points where {filter}"));

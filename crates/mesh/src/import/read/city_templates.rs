@@ -6,9 +6,9 @@ use serde_json::value::RawValue;
 use super::city_geometry::{Geometry, SurfaceTexts};
 use super::cityjson::{not_json_there, read_list};
 use super::model_file::ModelFile;
-use super::text::shown;
 use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, VerticesBuilder};
 use spinney_base::Result;
+use spinney_records::text::shown;
 
 /// Templates at most.
 const MOST_TEMPLATES: usize = 1 << 20;

@@ -15,7 +15,6 @@ use super::city_templates::{Placement, Templates};
 use super::corners::{Corners, MOST_CORNERS};
 use super::model_file::ModelFile;
 use super::parts::Parts;
-use super::text::{line_number, shown};
 use super::vertices::{Coordinates, Table, VertexBounds, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
@@ -23,6 +22,7 @@ use spinney_brep::Attributes;
 use spinney_brep::attributes::{ObjectText, each_member};
 use spinney_container::OtherFormat;
 use spinney_crs::Crs;
+use spinney_records::text::{line_number, shown};
 
 struct CityJson {
     source: ModelFile,

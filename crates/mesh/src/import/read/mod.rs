@@ -13,7 +13,6 @@ mod off;
 mod parts;
 mod ply;
 mod stl;
-mod text;
 mod vertices;
 
 use std::path::{Path, PathBuf};

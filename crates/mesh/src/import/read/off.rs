@@ -2,11 +2,11 @@
 
 use super::corners::{Corners, MOST_CORNERS, WHITE};
 use super::model_file::ModelFile;
-use super::text::{Lines, line_number, real, shown, whole, words};
 use super::vertices::{Coordinates, VertexBounds, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
 use spinney_brep::Attributes;
+use spinney_records::text::{Lines, line_number, real, shown, whole, words};
 
 struct Off {
     source: ModelFile,
@@ -150,7 +150,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
 
 /// A face's line.
 struct Words<'a> {
-    corners: super::text::Words<'a>,
+    corners: spinney_records::text::Words<'a>,
     count: usize,
     colour: Option<[u8; 3]>,
 }

@@ -3,11 +3,11 @@
 use super::corners::Corners;
 use super::model_file::ModelFile;
 use super::parts::Parts;
-use super::text::{Lines, real, shown, words};
 use super::vertices::VertexBounds;
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::Result;
 use spinney_brep::Attributes;
+use spinney_records::text::{Lines, real, shown, words};
 
 /// Bytes before the first facet of a binary file: a free text and the number of facets.
 const HEADER: usize = 84;

@@ -8,11 +8,11 @@ use self::materials::Materials;
 use self::scan::{Item, Items, Scan};
 use super::corners::{Corners, MOST_CORNERS};
 use super::model_file::ModelFile;
-use super::text::{self, Lines, shown};
 use super::vertices::{Coordinates, Table, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::Result;
 use spinney_brep::Attributes;
+use spinney_records::text::{self, Lines, shown};
 
 /// Ratio of the memory that a file takes when read at once to its length.
 const WHOLE_FACTOR: u64 = 4;

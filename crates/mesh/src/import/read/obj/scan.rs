@@ -5,9 +5,9 @@ use std::borrow::Cow;
 use super::super::corners::WHITE;
 use super::super::model_file::ModelFile;
 use super::super::parts::Parts;
-use super::super::text::{Lines, Words, real, shown, words};
 use super::super::vertices::{VertexBounds, VerticesBuilder};
 use spinney_base::Result;
+use spinney_records::text::{Lines, Words, real, shown, words};
 
 /// Longest statement over several lines.
 const MOST_BYTES: usize = 64 << 20;

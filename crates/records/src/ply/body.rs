@@ -1,22 +1,24 @@
 //! The numbers behind a PLY header, whichever way they are written.
 
-use super::super::text::{Words, line_number, real, shown, whole};
 use super::header::{Element, Encoding, Property, Scalar};
+use crate::text::{Words, line_number, real, shown, whole};
 
 /// Reason why a number could not be read.
 #[derive(Debug)]
-pub(super) struct Fault {
+pub struct Fault {
     /// Line or byte.
-    pub(super) place: String,
-    pub(super) found: String,
-    pub(super) expected: &'static str,
+    pub place: String,
+    /// Bytes or a number.
+    pub found: String,
+    /// Words for what should be there.
+    pub expected: &'static str,
 }
 
 /// Boxed: readers of millions of numbers hand it up.
-pub(super) type Read<T> = Result<T, Box<Fault>>;
+pub type Read<T> = Result<T, Box<Fault>>;
 
 /// Numbers, one after the other.
-pub(super) trait Body {
+pub trait Body {
     /// A number, which may be infinite or none in binary files.
     fn number(&mut self, scalar: Scalar) -> Read<f64>;
 
@@ -39,6 +41,7 @@ pub(super) trait Body {
         u64::try_from(length).map_err(|_| self.fault(format!("a list of {length}"), "a length of 0 or more"))
     }
 
+    /// Passes over a property of one element.
     fn skip_property(&mut self, property: &Property) -> Read<()> {
         let count = match property.length {
             Some(length) => self.length(length)?,
@@ -61,13 +64,13 @@ pub(super) trait Body {
 }
 
 /// Numbers as text.
-pub(super) struct Ascii<'a> {
+struct Ascii<'a> {
     bytes: &'a [u8],
     words: Words<'a>,
 }
 
 impl<'a> Ascii<'a> {
-    pub(super) fn new(bytes: &'a [u8], offset: usize) -> Self {
+    fn new(bytes: &'a [u8], offset: usize) -> Self {
         Ascii { bytes, words: Words::new(bytes, offset) }
     }
 
@@ -106,13 +109,13 @@ impl Body for Ascii<'_> {
 }
 
 /// Numbers as bytes, the most significant one first if `BIG`.
-pub(super) struct Binary<'a, const BIG: bool> {
+struct Binary<'a, const BIG: bool> {
     bytes: &'a [u8],
     offset: usize,
 }
 
 impl<'a, const BIG: bool> Binary<'a, BIG> {
-    pub(super) fn new(bytes: &'a [u8], offset: usize) -> Self {
+    fn new(bytes: &'a [u8], offset: usize) -> Self {
         Binary { bytes, offset }
     }
 
@@ -178,14 +181,16 @@ impl<const BIG: bool> Body for Binary<'_, BIG> {
 }
 
 /// Operation on a body that is generic over the encoding of its numbers.
-pub(super) trait Visit {
+pub trait Visit {
+    /// Outcome.
     type Output;
 
+    /// Reads numbers.
     fn visit(self, body: impl Body) -> Self::Output;
 }
 
 /// Reads numbers from an offset on.
-pub(super) fn visit<V: Visit>(encoding: Encoding, bytes: &[u8], offset: usize, visit: V) -> V::Output {
+pub fn visit<V: Visit>(encoding: Encoding, bytes: &[u8], offset: usize, visit: V) -> V::Output {
     match encoding {
         Encoding::Ascii => visit.visit(Ascii::new(bytes, offset)),
         Encoding::Little => visit.visit(Binary::<false>::new(bytes, offset)),

@@ -1,18 +1,14 @@
 //! PLY: polygons over numbered vertices, as text or binary, with any other properties between.
 
-mod body;
-mod header;
-
 use std::ops::Range;
 
-use self::body::{Body, Fault, Read, Visit, visit};
-use self::header::{Element, Encoding, PlyHeader, Scalar};
 use super::corners::{Corners, MOST_CORNERS};
 use super::model_file::ModelFile;
 use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, VerticesBuilder};
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
 use spinney_brep::Attributes;
+use spinney_records::ply::{Body, Element, Encoding, Fault, PlyHeader, Read, Scalar, Visit, visit};
 
 struct Ply {
     source: ModelFile,
@@ -42,7 +38,7 @@ impl Lookup {
 }
 
 pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
-    let header = PlyHeader::read(&source)?;
+    let header = PlyHeader::read(source.bytes(), source.path())?;
     let Some(vertex) = header.element("vertex") else {
         return Err(source.corrupt("PLY header", "no `element vertex`", "a mesh"));
     };
@@ -50,7 +46,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         let (found, advice) = if header.element("tristrips").is_some() {
             ("PLY with triangle strips", "convert them to faces")
         } else {
-            ("PLY without faces", "make a mesh of its points first")
+            ("PLY without faces", "`--index points` makes a tree of its points")
         };
         return Err(Error::unsupported(source.path(), found, advice));
     };

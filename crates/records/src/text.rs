@@ -1,7 +1,7 @@
 //! Text formats, taken apart without copying: lines, words and numbers, with line numbers for messages.
 
 /// A piece of a file as it can be shown in a message: short, on one line, whatever bytes it has.
-pub(super) fn shown(bytes: &[u8]) -> String {
+pub fn shown(bytes: &[u8]) -> String {
     const MOST: usize = 40;
     let text = bytes[..bytes.len().min(MOST)].escape_ascii();
     if bytes.len() > MOST { format!("\"{text}\"... ({} bytes)", bytes.len()) } else { format!("\"{text}\"") }
@@ -9,7 +9,7 @@ pub(super) fn shown(bytes: &[u8]) -> String {
 
 /// The number of the line, from 1, that the byte at an offset belongs to. Reads everything before it: for
 /// messages.
-pub(super) fn line_number(bytes: &[u8], offset: usize) -> u64 {
+pub fn line_number(bytes: &[u8], offset: usize) -> u64 {
     let ends_line = |at: &usize| match bytes[*at] {
         b'\n' => true,
         b'\r' => bytes.get(at + 1) != Some(&b'\n'),
@@ -20,14 +20,15 @@ pub(super) fn line_number(bytes: &[u8], offset: usize) -> u64 {
 
 /// Lines of a text, ended by LF, CR LF or CR.
 #[derive(Clone)]
-pub(super) struct Lines<'a> {
+pub struct Lines<'a> {
     bytes: &'a [u8],
     /// Offset of the next line.
-    pub(super) offset: usize,
+    pub offset: usize,
 }
 
 impl<'a> Lines<'a> {
-    pub(super) fn new(bytes: &'a [u8], offset: usize) -> Lines<'a> {
+    /// Lines from an offset on.
+    pub fn new(bytes: &'a [u8], offset: usize) -> Lines<'a> {
         Lines { bytes, offset }
     }
 }
@@ -50,14 +51,15 @@ impl<'a> Iterator for Lines<'a> {
 
 /// Words of a text: whatever is between blanks and line ends.
 #[derive(Clone)]
-pub(super) struct Words<'a> {
+pub struct Words<'a> {
     bytes: &'a [u8],
     /// Offset at which the search for the next word begins.
-    pub(super) offset: usize,
+    pub offset: usize,
 }
 
 impl<'a> Words<'a> {
-    pub(super) fn new(bytes: &'a [u8], offset: usize) -> Words<'a> {
+    /// Words from an offset on.
+    pub fn new(bytes: &'a [u8], offset: usize) -> Words<'a> {
         Words { bytes, offset }
     }
 }
@@ -81,18 +83,18 @@ fn is_blank(byte: u8) -> bool {
 }
 
 /// The words of one line.
-pub(super) fn words(line: &[u8]) -> Words<'_> {
+pub fn words(line: &[u8]) -> Words<'_> {
     Words::new(line, 0)
 }
 
 /// A number with or without fraction; not those that are infinite or none.
-pub(super) fn real(word: &[u8]) -> Option<f64> {
+pub fn real(word: &[u8]) -> Option<f64> {
     let number: f64 = str::from_utf8(word).ok()?.parse().ok()?;
     number.is_finite().then_some(number)
 }
 
 /// A whole number.
-pub(super) fn whole(word: &[u8]) -> Option<i64> {
+pub fn whole(word: &[u8]) -> Option<i64> {
     // Nearly all are short and have no sign.
     if !word.is_empty() && word.len() < 18 && word.iter().all(u8::is_ascii_digit) {
         return Some(word.iter().fold(0, |number, digit| number * 10 + i64::from(digit - b'0')));

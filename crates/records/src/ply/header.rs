@@ -1,27 +1,38 @@
 //! The header of a PLY file: which elements with which properties follow.
 
-use super::super::model_file::ModelFile;
-use super::super::text::{Lines, shown, whole, words};
+use crate::text::{Lines, shown, whole, words};
 use spinney_base::{Error, Result};
+use std::path::Path;
 
 /// Encoding of the numbers behind the header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Encoding {
+pub enum Encoding {
+    /// Text.
     Ascii,
+    /// Binary, the least significant byte first.
     Little,
+    /// Binary, the most significant byte first.
     Big,
 }
 
 /// Type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Scalar {
+pub enum Scalar {
+    /// A signed byte.
     I8,
+    /// A byte.
     U8,
+    /// Two bytes, signed.
     I16,
+    /// Two bytes.
     U16,
+    /// Four bytes, signed.
     I32,
+    /// Four bytes.
     U32,
+    /// A float of four bytes.
     F32,
+    /// A float of eight bytes.
     F64,
 }
 
@@ -41,7 +52,7 @@ impl Scalar {
     }
 
     /// Bytes of a number.
-    pub(super) fn size(self) -> usize {
+    pub fn size(self) -> usize {
         match self {
             Scalar::I8 | Scalar::U8 => 1,
             Scalar::I16 | Scalar::U16 => 2,
@@ -50,37 +61,42 @@ impl Scalar {
         }
     }
 
-    pub(super) fn is_whole(self) -> bool {
+    /// Whether it has whole numbers only.
+    pub fn is_whole(self) -> bool {
         !matches!(self, Scalar::F32 | Scalar::F64)
     }
 }
 
 /// Property of an element.
 #[derive(Clone, Debug)]
-pub(super) struct Property {
-    pub(super) name: String,
+pub struct Property {
+    /// Its name.
+    pub name: String,
     /// Type of the length of a list; `None` for a single number.
-    pub(super) length: Option<Scalar>,
+    pub length: Option<Scalar>,
     /// The type of the number or of the list's items.
-    pub(super) scalar: Scalar,
+    pub scalar: Scalar,
 }
 
 /// Element of the file: `count` records with the same properties.
 #[derive(Clone, Debug)]
-pub(super) struct Element {
-    pub(super) name: String,
-    pub(super) count: u64,
-    pub(super) properties: Vec<Property>,
+pub struct Element {
+    /// Its name.
+    pub name: String,
+    /// Number of the records.
+    pub count: u64,
+    /// What each record has.
+    pub properties: Vec<Property>,
 }
 
 impl Element {
     /// Index of a property that is a single number, by any of its names.
-    pub(super) fn number(&self, names: &[&str]) -> Option<usize> {
+    pub fn number(&self, names: &[&str]) -> Option<usize> {
         self.properties.iter().position(|p| p.length.is_none() && names.contains(&p.name.as_str()))
     }
 
     /// Indices of red, green and blue.
-    pub(super) fn colour(&self) -> Option<[usize; 3]> {
+    pub fn colour(&self) -> Option<[usize; 3]> {
         Some([
             self.number(&["red", "diffuse_red"])?,
             self.number(&["green", "diffuse_green"])?,
@@ -89,7 +105,7 @@ impl Element {
     }
 
     /// Bytes of one in a binary file, unless there are lists.
-    pub(super) fn fixed_size(&self) -> Option<usize> {
+    pub fn fixed_size(&self) -> Option<usize> {
         self.properties.iter().map(|p| p.length.is_none().then_some(p.scalar.size())).sum()
     }
 
@@ -105,19 +121,25 @@ impl Element {
 
 /// A PLY header.
 #[derive(Debug)]
-pub(super) struct PlyHeader {
-    pub(super) encoding: Encoding,
-    pub(super) elements: Vec<Element>,
+pub struct PlyHeader {
+    /// How numbers are written.
+    pub encoding: Encoding,
+    /// Elements, in the order in which they follow.
+    pub elements: Vec<Element>,
     /// Offset of the first element in the file.
-    pub(super) body: usize,
+    pub body: usize,
 }
 
 /// Longest header; with it the elements and properties are bounded.
 const MOST_BYTES: usize = 1 << 20;
 
 impl PlyHeader {
-    pub(super) fn read(source: &ModelFile) -> Result<PlyHeader> {
-        let start = &source.bytes()[..source.bytes().len().min(MOST_BYTES)];
+    /// Reads the header of a file, whose bytes are given.
+    ///
+    /// # Errors
+    /// If it is damaged, of another version, or tells of more than the file has.
+    pub fn read(bytes: &[u8], path: &Path) -> Result<PlyHeader> {
+        let start = &bytes[..bytes.len().min(MOST_BYTES)];
         let mut lines = Lines::new(start, 0);
         lines.next();
         let mut encoding = None;
@@ -128,10 +150,11 @@ impl PlyHeader {
             let line_start = lines.offset;
             let line = lines.next();
             let place = || format!("PLY header, line {number}");
-            let wrong = |expected: &str| source.corrupt(place(), shown(line.unwrap_or_default()), expected);
+            let wrong =
+                |expected: &str| Error::corrupt(path, place(), shown(line.unwrap_or_default()), expected);
             let Some(line) = line else {
                 let expected = "`end_header` within the first megabyte";
-                return Err(source.corrupt(place(), "the end of the header's room", expected));
+                return Err(Error::corrupt(path, place(), "the end of the header's room", expected));
             };
             let mut words = words(line);
             let mut next = || words.next().unwrap_or_default();
@@ -151,7 +174,7 @@ impl PlyHeader {
                     let version = next();
                     if version != b"1.0" {
                         let found = format!("PLY version {}", shown(version));
-                        return Err(Error::unsupported(source.path(), found, "convert it to PLY 1.0"));
+                        return Err(Error::unsupported(path, found, "convert it to PLY 1.0"));
                     }
                 }
                 b"element" => {
@@ -184,8 +207,8 @@ impl PlyHeader {
                     // Where the lines end with CR alone, a LF that follows is a number's first byte.
                     let is_bare = start.get(3) == Some(&b'\r') && start.get(4) != Some(&b'\n');
                     let body = if is_bare { line_start + line.len() + 1 } else { lines.offset };
-                    let header = PlyHeader { encoding, elements, body: body.min(source.bytes().len()) };
-                    header.check_size(source)?;
+                    let header = PlyHeader { encoding, elements, body: body.min(bytes.len()) };
+                    header.check_size(bytes, path)?;
                     return Ok(header);
                 }
                 _ => return Err(wrong("`comment`, `element`, `property` or `end_header`")),
@@ -195,8 +218,8 @@ impl PlyHeader {
 
     /// Whether the file can hold as many elements as it says: later on, counts are as good as the file is
     /// long.
-    fn check_size(&self, source: &ModelFile) -> Result<()> {
-        let there = (source.bytes().len() - self.body) as u128;
+    fn check_size(&self, bytes: &[u8], path: &Path) -> Result<()> {
+        let there = (bytes.len() - self.body) as u128;
         let mut needed = 0;
         for element in &self.elements {
             needed += u128::from(element.count) * u128::from(element.least_size(self.encoding));
@@ -204,13 +227,14 @@ impl PlyHeader {
             if needed > there + u128::from(self.encoding == Encoding::Ascii) {
                 let found = format!("{there} bytes");
                 let expected = format!("at least {needed} for {} x `{}`", element.count, element.name);
-                return Err(source.corrupt("PLY, behind the header", found, expected));
+                return Err(Error::corrupt(path, "PLY, behind the header", found, expected));
             }
         }
         Ok(())
     }
 
-    pub(super) fn element(&self, name: &str) -> Option<usize> {
+    /// Place of an element of a name.
+    pub fn element(&self, name: &str) -> Option<usize> {
         self.elements.iter().position(|element| element.name == name)
     }
 }

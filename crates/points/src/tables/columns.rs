@@ -1,0 +1,57 @@
+//! Which columns of a table are coordinates, and which are attributes.
+
+use std::path::Path;
+
+use crate::attribute::PointAttribute;
+use spinney_base::space::Dimension;
+use spinney_base::value::SampleType;
+use spinney_base::{Error, Result};
+
+/// What a column is to points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Role {
+    /// A coordinate, by its axis.
+    Coordinate(usize),
+    /// An attribute, by its place among all.
+    Attribute(usize),
+}
+
+/// The columns of a table.
+pub(super) struct Columns {
+    /// What each is, in the table's order.
+    pub(super) roles: Vec<Role>,
+    pub(super) attributes: Vec<PointAttribute>,
+    pub(super) dimension: Dimension,
+}
+
+impl Columns {
+    /// Finds coordinates by their names, x, y and z, in either case of letters; all other columns are attributes.
+    ///
+    /// # Errors
+    /// If there is no x or y, or two columns have one name.
+    pub(super) fn of(columns: &[(&str, SampleType)], path: &Path) -> Result<Columns> {
+        let axes =
+            ["x", "y", "z"].map(|axis| columns.iter().position(|(name, _)| name.eq_ignore_ascii_case(axis)));
+        let [Some(_), Some(_), height] = axes else {
+            let names: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
+            let found = format!("columns {}", names.join(", "));
+            return Err(Error::corrupt(path, "the header", found, "columns x and y, and perhaps z"));
+        };
+        let mut attributes: Vec<PointAttribute> = Vec::new();
+        let mut roles = Vec::new();
+        for (place, (name, sample)) in columns.iter().enumerate() {
+            if let Some(axis) = axes.iter().position(|axis| *axis == Some(place)) {
+                roles.push(Role::Coordinate(axis));
+                continue;
+            }
+            if attributes.iter().any(|other| other.name == *name) {
+                let found = format!("two columns `{name}`");
+                return Err(Error::corrupt(path, "the header", found, "columns of different names"));
+            }
+            roles.push(Role::Attribute(attributes.len()));
+            attributes.push(PointAttribute::new(*name, *sample));
+        }
+        let dimension = if height.is_some() { Dimension::Oct } else { Dimension::Quad };
+        Ok(Columns { roles, attributes, dimension })
+    }
+}

@@ -1,0 +1,332 @@
+//! Headers of NumPy's NPY files.
+
+use std::io::{self, Read};
+use std::path::Path;
+
+use spinney_base::value::SampleType;
+use spinney_base::{Error, Result};
+
+/// The first bytes of every NPY file.
+pub const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// Bytes that a header may have.
+const MOST: u32 = 1 << 16;
+
+/// What an array has many of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Items {
+    /// Samples of a type, by its name as `NumPy` writes it: `<f4`.
+    Samples(String),
+    /// Records.
+    Records(Vec<Field>),
+}
+
+/// Field of records.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Its name; none where bytes between fields are passed over.
+    pub name: String,
+    /// Name of its type.
+    pub descr: String,
+}
+
+/// Header of an array.
+#[derive(Debug)]
+pub struct Header {
+    /// What it has many of.
+    pub items: Items,
+    /// Whether the first index runs fastest.
+    pub fortran_order: bool,
+    /// Length along each axis.
+    pub shape: Vec<u64>,
+}
+
+impl Header {
+    /// Reads the header of an array, of version 1.0, 2.0 or 3.0; the first sample comes next.
+    ///
+    /// # Errors
+    /// If there is none, it is longer than 64 KiB, or tells anything but types by their names, an order and a shape.
+    pub fn read(input: &mut dyn Read, path: &Path) -> Result<Header> {
+        let corrupt = |found: &str, expected: &str| Error::corrupt(path, "the header", found, expected);
+        let failed = |error: io::Error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => corrupt("the end of the file", "the header of an array"),
+            _ => Error::io(path, "read the header")(error),
+        };
+        let mut start = [0; 8];
+        input.read_exact(&mut start).map_err(failed)?;
+        if !start.starts_with(MAGIC) {
+            return Err(corrupt("other first bytes", "those of an NPY file"));
+        }
+        let width = match (start[6], start[7]) {
+            (1, 0) => 2,
+            (2 | 3, 0) => 4,
+            (major, minor) => {
+                let found = format!("version {major}.{minor} of NPY");
+                return Err(Error::unsupported(path, found, "save the array with numpy.save"));
+            }
+        };
+        let mut length = [0; 4];
+        input.read_exact(&mut length[..width]).map_err(failed)?;
+        let length = u32::from_le_bytes(length);
+        if length > MOST {
+            let found = format!("a header of {length} bytes");
+            return Err(Error::unsupported(path, found, format!("at most {MOST} are read")));
+        }
+        let mut bytes = vec![0; length as usize];
+        input.read_exact(&mut bytes).map_err(failed)?;
+        let text = String::from_utf8_lossy(&bytes);
+        dictionary(&text).ok_or_else(|| {
+            let found = format!("`{}`", text.chars().take(200).collect::<String>().trim().escape_debug());
+            corrupt(
+                &found,
+                "a dictionary of descr, fortran_order and shape, and fields without shapes of their own",
+            )
+        })
+    }
+
+    /// The name of the samples' type.
+    ///
+    /// # Errors
+    /// If the array has records.
+    pub fn samples(&self, path: &Path) -> Result<&str> {
+        match &self.items {
+            Items::Samples(descr) => Ok(descr),
+            Items::Records(_) => {
+                let advice = "save a field as an array of its own: numpy.save(path, array['field'])";
+                Err(Error::unsupported(path, "an array of records", advice))
+            }
+        }
+    }
+
+    /// The shape in words: `(3, 4, 5)`.
+    pub fn shape_text(&self) -> String {
+        let lengths: Vec<String> = self.shape.iter().map(u64::to_string).collect();
+        format!("({})", lengths.join(", "))
+    }
+
+    /// The header as bytes of version 1.0, or of 2.0 where it is long, filled up so that the samples begin at a multiple of 64.
+    pub fn bytes(&self) -> Vec<u8> {
+        let items = match &self.items {
+            Items::Samples(descr) => format!("'{descr}'"),
+            Items::Records(fields) => {
+                let field = |field: &Field| {
+                    let name = field.name.replace('\\', "\\\\").replace('\'', "\\'");
+                    format!("('{name}', '{}')", field.descr)
+                };
+                format!("[{}]", fields.iter().map(field).collect::<Vec<_>>().join(", "))
+            }
+        };
+        let order = if self.fortran_order { "True" } else { "False" };
+        let comma = if self.shape.len() == 1 { "," } else { "" };
+        let shape = self.shape_text().replace(')', &format!("{comma})"));
+        let dictionary = format!("{{'descr': {items}, 'fortran_order': {order}, 'shape': {shape}, }}");
+        let length = |start: usize| (start + dictionary.len() + 1).next_multiple_of(64) - start;
+        let mut header = MAGIC.to_vec();
+        let length = match u16::try_from(length(10)) {
+            Ok(length) => {
+                header.extend([1, 0]);
+                header.extend(length.to_le_bytes());
+                usize::from(length)
+            }
+            Err(_) => {
+                let length = length(12);
+                header.extend([2, 0]);
+                header.extend((length as u32).to_le_bytes());
+                length
+            }
+        };
+        header.extend(format!("{dictionary:width$}\n", width = length - 1).bytes());
+        header
+    }
+}
+
+/// The name of a type of samples, little-endian.
+pub fn descr_of(sample: SampleType) -> &'static str {
+    match sample {
+        SampleType::U8 => "|u1",
+        SampleType::U16 => "<u2",
+        SampleType::I16 => "<i2",
+        SampleType::U32 => "<u4",
+        SampleType::I32 => "<i4",
+        SampleType::F32 => "<f4",
+        SampleType::F64 => "<f8",
+        SampleType::I8 => "|i1",
+        SampleType::U64 => "<u8",
+        SampleType::I64 => "<i8",
+    }
+}
+
+/// Type, order and shape from a dictionary as Python writes it; each has to be there once, and nothing else.
+fn dictionary(text: &str) -> Option<Header> {
+    let mut literal = Literal(text);
+    let (mut items, mut fortran_order, mut shape) = (None, None, None);
+    literal.expect("{")?;
+    while !literal.take("}") {
+        let name = literal.string()?;
+        literal.expect(":")?;
+        let is_again = match name {
+            "descr" => items.replace(literal.items()?).is_some(),
+            "fortran_order" => fortran_order.replace(literal.truth()?).is_some(),
+            "shape" => shape.replace(literal.tuple()?).is_some(),
+            _ => true,
+        };
+        if is_again || !literal.goes_on("}") {
+            return None;
+        }
+    }
+    // No array of NumPy has more dimensions, and no type that anybody reads a longer name.
+    let is_short = |descr: &String| descr.len() <= 64;
+    let items = items.filter(|items| match items {
+        Items::Samples(descr) => is_short(descr),
+        Items::Records(fields) => fields.iter().all(|field| is_short(&field.descr)),
+    });
+    let shape = shape.filter(|shape: &Vec<u64>| shape.len() <= 64);
+    let header = Header { items: items?, fortran_order: fortran_order?, shape: shape? };
+    literal.0.trim_ascii().is_empty().then_some(header)
+}
+
+/// The rest of a text in Python's notation.
+struct Literal<'a>(&'a str);
+
+impl<'a> Literal<'a> {
+    /// Steps over blanks and a token, if it comes next.
+    fn take(&mut self, token: &str) -> bool {
+        let rest = self.0.trim_ascii_start().strip_prefix(token);
+        self.0 = rest.unwrap_or(self.0);
+        rest.is_some()
+    }
+
+    fn expect(&mut self, token: &str) -> Option<()> {
+        self.take(token).then_some(())
+    }
+
+    /// Steps over a comma after an item; whether it is there, or the end comes next.
+    fn goes_on(&mut self, end: &str) -> bool {
+        self.take(",") || self.0.trim_ascii_start().starts_with(end)
+    }
+
+    /// Reads a string without escapes.
+    fn string(&mut self) -> Option<&'a str> {
+        let quote = if self.take("'") { '\'' } else { self.expect("\"").map(|()| '"')? };
+        let (text, rest) = self.0.split_once(quote)?;
+        self.0 = rest;
+        (!text.contains('\\')).then_some(text)
+    }
+
+    /// Reads the name of a type, or a list of names of fields with theirs.
+    fn items(&mut self) -> Option<Items> {
+        if !self.take("[") {
+            return self.string().map(|descr| Items::Samples(descr.into()));
+        }
+        let mut fields = Vec::new();
+        while !self.take("]") {
+            self.expect("(")?;
+            let name = self.string()?.into();
+            self.expect(",")?;
+            let descr = self.string()?.into();
+            self.expect(")")?;
+            fields.push(Field { name, descr });
+            self.goes_on("]").then_some(())?;
+        }
+        Some(Items::Records(fields))
+    }
+
+    fn truth(&mut self) -> Option<bool> {
+        if self.take("True") { Some(true) } else { self.expect("False").map(|()| false) }
+    }
+
+    /// Reads whole numbers in parentheses.
+    fn tuple(&mut self) -> Option<Vec<u64>> {
+        self.expect("(")?;
+        let mut numbers = Vec::new();
+        while !self.take(")") {
+            let text = self.0.trim_ascii_start();
+            let end = text.find(|c: char| !c.is_ascii_digit())?;
+            numbers.push(text[..end].parse().ok()?);
+            // (Python 2 wrote long numbers with an L.)
+            self.0 = text[end..].strip_prefix('L').unwrap_or(&text[end..]);
+            self.goes_on(")").then_some(())?;
+        }
+        Some(numbers)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parts(text: &str) -> Option<(Items, bool, Vec<u64>)> {
+        dictionary(text).map(|header| (header.items, header.fortran_order, header.shape))
+    }
+
+    fn records(fields: &[(&str, &str)]) -> Items {
+        let field = |(name, descr): &(&str, &str)| Field { name: name.to_string(), descr: descr.to_string() };
+        Items::Records(fields.iter().map(field).collect())
+    }
+
+    #[test]
+    fn dictionaries_are_read() {
+        let expected = Some((Items::Samples("<f4".into()), false, vec![3, 4, 5]));
+        for text in [
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4, 5), }    \n",
+            "{\"shape\":(3L,4L,5,),\"descr\":\"<f4\",\"fortran_order\":False}",
+        ] {
+            assert_eq!(parts(text), expected, "{text}");
+        }
+        let empty = parts("{'descr':'|u1','fortran_order':True,'shape':()}");
+        assert_eq!(empty, Some((Items::Samples("|u1".into()), true, vec![])));
+        let text = "{'descr': [('x', '<f8'), ('', '|V4')], 'fortran_order': False, 'shape': (7,), }";
+        assert_eq!(parts(text), Some((records(&[("x", "<f8"), ("", "|V4")]), false, vec![7])));
+    }
+
+    #[test]
+    fn headers_come_back() {
+        let many: Vec<(String, &str)> = (0..9000).map(|number| (format!("f{number}"), "<i4")).collect();
+        let many: Vec<(&str, &str)> = many.iter().map(|(name, descr)| (name.as_str(), *descr)).collect();
+        for items in
+            [Items::Samples("<f4".into()), records(&[("x", "<f8"), ("class", "|u1")]), records(&many[..2000])]
+        {
+            let header = Header { items, fortran_order: false, shape: vec![7] };
+            let bytes = header.bytes();
+            assert_eq!((bytes.len() % 64, bytes.last()), (0, Some(&b'\n')));
+            let again = Header::read(&mut &bytes[..], Path::new("a.npy")).unwrap();
+            assert_eq!((again.items, again.shape), (header.items, header.shape));
+        }
+        // (Longer than those that are read.)
+        let header = Header { items: records(&many), fortran_order: false, shape: vec![7] };
+        assert_eq!(header.bytes()[6], 2);
+    }
+
+    #[test]
+    fn other_texts_are_refused() {
+        for text in [
+            "",
+            "{",
+            "{}",
+            "{'descr'",
+            "{'descr': '<f4}",
+            "{'descr': '<f4', 'fortran_order': False}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4, 5)",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4, 5)} x",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4, 5), 'more': 1}",
+            "{'descr': '<f4', 'descr': '<f4', 'fortran_order': False, 'shape': (3, 4, 5)}",
+            "{'descr': '<f4' 'fortran_order': False, 'shape': (3, 4, 5)}",
+            "{'descr': '<f4', 'fortran_order': false, 'shape': (3, 4, 5)}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': [3, 4, 5]}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3, -4, 5)}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4.0, 5)}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3,, 5)}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3 4)}",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (3",
+            "{'descr': '<f4', 'fortran_order': False, 'shape': (18446744073709551616, 4, 5)}",
+            &format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({})}}", "1, ".repeat(65)),
+            "{'descr': '\\x3cf4', 'fortran_order': False, 'shape': (3, 4, 5)}",
+            "{'descr': [('a', '<f4', (3,))], 'fortran_order': False, 'shape': (3, 4, 5)}",
+            "{'descr': [('a', [('b', '<f4')])], 'fortran_order': False, 'shape': (3, 4, 5)}",
+            "{'descr': [('a', '<f4'], 'fortran_order': False, 'shape': (3, 4, 5)}",
+            "__import__('os').system('true')",
+        ] {
+            assert_eq!(parts(text), None, "{text}");
+        }
+    }
+}

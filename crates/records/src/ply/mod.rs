@@ -1,0 +1,7 @@
+//! PLY: elements, each of which has the same properties, as text or binary.
+
+mod body;
+mod header;
+
+pub use body::{Body, Fault, Read, Visit, visit};
+pub use header::{Element, Encoding, PlyHeader, Property, Scalar};
