@@ -59,8 +59,8 @@ def build_points(
     threads: int | None = None,
     progress: Progress = None,
 ) -> BuiltPoints:
-    """Makes a tree of points, a .goblin file: of LAS or LAZ files, one or several; of a file of features that are points (CSV, GeoPackage, GeoJSON, FlatGeobuf,
-    shapefile), whose numbers are their attributes, and whose attribute `z`, if there is one, their third coordinate; or of an array: rows of x and y, or x, y and z, or
+    """Makes a tree of points, a .goblin file: of LAS or LAZ files, one or several; of a PLY or NPY file; of a file of features that are points (CSV, GeoPackage, GeoJSON,
+    FlatGeobuf, shapefile), whose numbers are their attributes, and whose heights, or else an attribute `z`, their third coordinate; or of an array: rows of x and y, or x, y and z, or
     a structured one with such fields, whose other fields are attributes::
 
         spinney.build_points("scan.laz", "scan.goblin", where="classification=2", attributes=["intensity"])

@@ -105,6 +105,48 @@ fn points_go_from_a_table_into_las_and_back() {
 }
 
 #[test]
+fn heights_of_geometries_are_third_coordinates() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let tree = name("p.goblin");
+    let feature =
+        |geometry: &str| format!(r#"{{"type":"Feature","properties":{{"z":7}},"geometry":{geometry}}}"#);
+    let json = |features: &[String]| {
+        format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, features.join(","))
+    };
+    let several = feature(r#"{"type":"MultiPoint","coordinates":[[1,2,5],[3,4,0.5]]}"#);
+    let measured = feature(r#"{"type":"Point","coordinates":[5,6,7,8]}"#);
+    let flat = feature(r#"{"type":"Point","coordinates":[5,6]}"#);
+    for (file, text, expected, told) in [
+        (
+            "a.geojson",
+            json(&[several.clone(), measured]),
+            vec!["1,2,5.0,7", "3,4,0.5,7", "5,6,7.0,7"],
+            "1 features",
+        ),
+        // (Not all have heights: those of the attribute count.)
+        ("b.geojson", json(&[several, flat]), vec!["1,2,7", "3,4,7", "5,6,7"], "1 features"),
+        (
+            "c.csv",
+            "wkt\n\"POINT Z (1 2 3)\"\n\"MULTIPOINT ((4 5 6),(7 8 9))\"\n".into(),
+            vec!["1,2,3", "4,5,6", "7,8,9"],
+            "",
+        ),
+        (
+            "d.csv",
+            "wkt,z\n\"POINT M (1 2 3)\",3\n\"POINT M (3 4 5)\",2\n".into(),
+            vec!["1,2,3", "3,4,2"],
+            "2 features",
+        ),
+    ] {
+        fs::write(name(file), text).unwrap();
+        let warned = stderr(spinney(&["build", &name(file), "-o", &tree, "--index", "points"]).success());
+        assert!(warned.contains(told), "{file}: {warned}");
+        assert_eq!(lines(&stdout(&["get", &tree, "-", "--format", "csv"])), expected, "{file}");
+    }
+}
+
+#[test]
 fn parts_are_those_of_looking_at_all_points() {
     let folder = tempfile::tempdir().unwrap();
     let (csv, points) = table(folder.path(), 4000);

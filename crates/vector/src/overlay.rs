@@ -285,7 +285,7 @@ impl Layers {
             })?;
         }
         for (path, layer) in &layers {
-            let count = layer.features.iter().filter(|feature| feature.has_heights).count();
+            let count = layer.features.iter().filter(|feature| feature.heights.any()).count();
             if count > 0 {
                 progress
                     .warn(path, &format!("heights and measures of {count} features are not in the result"));

@@ -194,7 +194,7 @@ impl ZoneWriter {
 
     /// Writes the next feature with its statistics, of each layer.
     fn write(&mut self, feature: &Feature, zones: &[ZoneStatistics]) -> Result<()> {
-        self.with_heights += u64::from(feature.has_heights);
+        self.with_heights += u64::from(feature.heights.any());
         let answers: Vec<FeatureAttribute> =
             self.columns.iter().map(|column| column.value(&zones[column.layer])).collect();
         let mut values: Vec<AttributeValue<'_>> =

@@ -7,6 +7,7 @@ use super::feature::{
     AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
+use super::heights::Heights;
 use super::rows::Rows;
 use super::{wkb, wkt};
 use crate::export::GeometryKind;
@@ -102,12 +103,12 @@ impl Csv {
         Ok(Csv { rows, path: path.into(), schema, place, columns, width, number: 1 })
     }
 
-    fn geometry(&self) -> std::result::Result<(Option<FeatureGeometry>, bool), String> {
+    fn geometry(&self) -> std::result::Result<(Option<FeatureGeometry>, Heights), String> {
         match self.place {
             Place::Geometry(column) => {
                 let text = self.rows.field(column).0;
                 match text.trim() {
-                    "" => Ok((None, false)),
+                    "" => Ok((None, Heights::default())),
                     text => match wkb::bytes_of_digits(text) {
                         Some(bytes) => wkb::parse(&bytes)?.checked(),
                         None => wkt::parse(text)?.checked(),
@@ -117,12 +118,12 @@ impl Csv {
             Place::Point { columns } => {
                 let [x, y] = columns.map(|column| self.rows.field(column).0);
                 if x.trim().is_empty() && y.trim().is_empty() {
-                    return Ok((None, false));
+                    return Ok((None, Heights::default()));
                 }
                 let number =
                     |text: &str| text.trim().parse::<f64>().map_err(|_| format!("`{text}` as a coordinate"));
                 let point = FeatureGeometry::Points(vec![[number(&x)?, number(&y)?]]);
-                point.checked().map(|point| (Some(point), false))
+                point.checked().map(|point| (Some(point), Heights::default()))
             }
         }
     }
@@ -198,8 +199,7 @@ impl FeatureReader for Csv {
             let found = format!("{} fields, and {} columns", self.rows.len(), self.width);
             return Err(wrong(&self.path, self.number, found));
         }
-        let (geometry, has_heights) =
-            self.geometry().map_err(|found| wrong(&self.path, self.number, found))?;
+        let (geometry, heights) = self.geometry().map_err(|found| wrong(&self.path, self.number, found))?;
         let value = |(column, (_, kind)): (&usize, &(String, AttributeType))| {
             let (text, is_quoted) = self.rows.field(*column);
             if text.is_empty() && !(is_quoted && *kind == AttributeType::Text) {
@@ -216,7 +216,7 @@ impl FeatureReader for Csv {
         let changed = |()| Error::Changed { path: self.path.clone(), what: "was overwritten" };
         let attributes = values.map_err(changed)?;
         self.number += 1;
-        Ok(Some(Feature { id: None, attributes, geometry, has_heights }))
+        Ok(Some(Feature { id: None, attributes, geometry, heights }))
     }
 }
 

@@ -26,6 +26,7 @@ use serde_json::Value;
 use super::filter::FeatureFilter;
 use super::formats;
 pub use super::formats::is_feature_file;
+pub use super::heights::Heights;
 pub use crate::export::AttributeType;
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
@@ -40,11 +41,11 @@ pub struct Feature {
     pub attributes: Vec<FeatureAttribute>,
     /// Its geometry; `None` if it has none.
     pub geometry: Option<FeatureGeometry>,
-    /// Whether its points have heights or measures, which are read over.
-    pub has_heights: bool,
+    /// Heights and measures of its points.
+    pub heights: Heights,
 }
 
-/// The geometry of a feature: x and y (z and m are read over). One without parts is empty.
+/// The geometry of a feature: x and y (z of points: [`Heights::of_points`]). One without parts is empty.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FeatureGeometry {
     /// Points.

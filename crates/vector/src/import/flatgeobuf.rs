@@ -12,6 +12,7 @@ use super::feature::{
     AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
+use super::heights::Heights;
 use super::wkb::MOST_DEPTH;
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
@@ -31,8 +32,9 @@ pub(super) struct FlatGeobuf {
     columns: Vec<(ColumnType, Option<usize>)>,
     /// The type of all geometries, or none.
     kind: GeometryType,
-    /// Whether points have heights, measures or times.
+    /// Whether points have heights, and measures or times.
     has_heights: bool,
+    has_measures: bool,
     /// Bytes that are not read yet.
     left: u64,
     memory: u64,
@@ -102,9 +104,22 @@ impl FlatGeobuf {
             count: (count > 0).then_some(count),
         };
         let left = length - 12 - bytes - index;
-        let has_heights = header.has_z() || header.has_m() || header.has_t() || header.has_tm();
+        let has_heights = header.has_z();
+        let has_measures = header.has_m() || header.has_t() || header.has_tm();
         let (path, memory, bytes) = (path.into(), options.memory, Vec::new());
-        Ok(FlatGeobuf { input, path, schema, columns, kind, has_heights, left, memory, number: 1, bytes })
+        Ok(FlatGeobuf {
+            input,
+            path,
+            schema,
+            columns,
+            kind,
+            has_heights,
+            has_measures,
+            left,
+            memory,
+            number: 1,
+            bytes,
+        })
     }
 
     /// Reads the bytes of the next feature; whether there is one.
@@ -153,8 +168,9 @@ impl FlatGeobuf {
         }
         // (Parts may be told of more than once.)
         let mut left = self.bytes.len() / 8 + 1;
-        let geometry = feature.geometry();
-        let geometry = geometry.map(|own| geometry_of(&own, self.kind, &mut left, 0)).transpose()?.flatten();
+        let own = feature.geometry();
+        let geometry =
+            own.as_ref().map(|own| geometry_of(own, self.kind, &mut left, 0)).transpose()?.flatten();
         let mut attributes = vec![FeatureAttribute::None; self.schema.attributes.len()];
         let mut bytes = feature.properties().map(|own| own.bytes()).unwrap_or_default();
         while !bytes.is_empty() {
@@ -166,8 +182,18 @@ impl FlatGeobuf {
             }
         }
         let geometry = geometry.map(FeatureGeometry::checked).transpose()?;
-        let has_heights = self.has_heights && geometry.is_some();
-        Ok(Feature { id: None, attributes, geometry, has_heights })
+        let mut heights = Heights::default();
+        if geometry.is_some() {
+            (heights.are_there, heights.have_measures) = (self.has_heights, self.has_measures);
+        }
+        if let (true, Some(FeatureGeometry::Points(points)), Some(own)) = (self.has_heights, &geometry, &own)
+        {
+            heights.of_points = own.z().map(|z| z.iter().collect()).unwrap_or_default();
+            if heights.of_points.len() != points.len() {
+                return Err(format!("{} points and {} heights", points.len(), heights.of_points.len()));
+            }
+        }
+        Ok(Feature { id: None, attributes, geometry, heights })
     }
 }
 

@@ -15,6 +15,7 @@ use super::feature::{
     AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
+use super::heights::Heights;
 use super::scanner::{Input, List, Record, Scanner, Step};
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
@@ -244,16 +245,16 @@ fn system(crs: Option<&str>) -> Parsed<Option<Crs>> {
 
 fn feature(step: Step, record: &Record, columns: &Columns) -> Parsed<Feature> {
     let mut attributes = vec![FeatureAttribute::None; columns.attributes.len()];
-    let mut has_heights = false;
+    let mut heights = Heights::default();
     if is_bare(step, record)? {
         let (coordinates, geometries) = (record.get("coordinates"), record.get("geometries"));
-        let geometry = geometry(&record.kind()?, coordinates, geometries, 0, &mut has_heights)?;
-        return Ok(Feature { id: None, attributes, geometry: Some(geometry.checked()?), has_heights });
+        let geometry = geometry(&record.kind()?, coordinates, geometries, 0, &mut heights)?;
+        return Ok(Feature { id: None, attributes, geometry: Some(geometry.checked()?), heights });
     }
     let geometry = match record.get("geometry") {
         None => return Err("a feature without a member `geometry`".into()),
         Some("null") => None,
-        Some(text) => Some(geometry_of(text, 0, &mut has_heights)?.checked()?),
+        Some(text) => Some(geometry_of(text, 0, &mut heights)?.checked()?),
     };
     if let Some(properties) = record.get("properties") {
         for (name, value) in parsed::<Option<Pairs>>(properties)?.into_iter().flat_map(|pairs| pairs.0) {
@@ -263,7 +264,7 @@ fn feature(step: Step, record: &Record, columns: &Columns) -> Parsed<Feature> {
         }
     }
     let id: Option<Value> = record.get("id").map(parsed).transpose()?;
-    Ok(Feature { id: id.filter(|id| id.is_string() || id.is_number()), attributes, geometry, has_heights })
+    Ok(Feature { id: id.filter(|id| id.is_string() || id.is_number()), attributes, geometry, heights })
 }
 
 /// The kind of a value that is written so.
@@ -297,12 +298,12 @@ fn number(text: &str) -> FeatureAttribute {
     }
 }
 
-fn geometry_of(text: &str, depth: usize, has_heights: &mut bool) -> Parsed<FeatureGeometry> {
+fn geometry_of(text: &str, depth: usize, heights: &mut Heights) -> Parsed<FeatureGeometry> {
     let pairs = parsed::<Pairs>(text)?.0;
     let member = |name: &str| pairs.iter().rev().find(|(own, _)| own == name).map(|(_, value)| value.get());
     let kind = member("type").and_then(|kind| parsed::<String>(kind).ok());
     let kind = kind.ok_or("an object without a type")?;
-    geometry(&kind, member("coordinates"), member("geometries"), depth, has_heights)
+    geometry(&kind, member("coordinates"), member("geometries"), depth, heights)
 }
 
 fn geometry(
@@ -310,37 +311,44 @@ fn geometry(
     coordinates: Option<&str>,
     geometries: Option<&str>,
     depth: usize,
-    has_heights: &mut bool,
+    heights: &mut Heights,
 ) -> Parsed<FeatureGeometry> {
     let coordinates = || coordinates.ok_or_else(|| "a geometry without coordinates".to_owned());
     match kind {
         "Point" if coordinates()? == "[]" => Ok(FeatureGeometry::Points(Vec::new())),
-        "Point" => Ok(FeatureGeometry::Points(positions(vec![parsed(coordinates()?)?], has_heights))),
-        "MultiPoint" => Ok(FeatureGeometry::Points(positions(parsed(coordinates()?)?, has_heights))),
-        "LineString" => Ok(FeatureGeometry::Lines(vec![positions(parsed(coordinates()?)?, has_heights)])),
-        "MultiLineString" => Ok(FeatureGeometry::Lines(lines(parsed(coordinates()?)?, has_heights))),
-        "Polygon" => Ok(FeatureGeometry::Polygons(vec![lines(parsed(coordinates()?)?, has_heights)])),
+        "Point" => Ok(FeatureGeometry::Points(points(vec![parsed(coordinates()?)?], heights))),
+        "MultiPoint" => Ok(FeatureGeometry::Points(points(parsed(coordinates()?)?, heights))),
+        "LineString" => Ok(FeatureGeometry::Lines(vec![positions(parsed(coordinates()?)?, heights)])),
+        "MultiLineString" => Ok(FeatureGeometry::Lines(lines(parsed(coordinates()?)?, heights))),
+        "Polygon" => Ok(FeatureGeometry::Polygons(vec![lines(parsed(coordinates()?)?, heights)])),
         "MultiPolygon" => {
             let parts: Vec<Vec<Vec<Position>>> = parsed(coordinates()?)?;
-            Ok(FeatureGeometry::Polygons(parts.into_iter().map(|part| lines(part, has_heights)).collect()))
+            Ok(FeatureGeometry::Polygons(parts.into_iter().map(|part| lines(part, heights)).collect()))
         }
         "GeometryCollection" if depth == MOST_DEPTH => Err(format!("geometries in each other, {depth} deep")),
         "GeometryCollection" => {
             let members: Vec<&RawValue> = parsed(geometries.ok_or("no array `geometries`")?)?;
-            let members = members.into_iter().map(|member| geometry_of(member.get(), depth + 1, has_heights));
+            let members = members.into_iter().map(|member| geometry_of(member.get(), depth + 1, heights));
             members.collect::<Parsed<_>>().map(FeatureGeometry::Collection)
         }
         other => Err(format!("a geometry of type `{other}`")),
     }
 }
 
-fn positions(positions: Vec<Position>, has_heights: &mut bool) -> Vec<[f64; 2]> {
-    *has_heights |= positions.iter().any(|position| position.has_more);
+/// Positions of a geometry of points.
+fn points(points: Vec<Position>, heights: &mut Heights) -> Vec<[f64; 2]> {
+    points.iter().for_each(|point| heights.add_point(point.height));
+    positions(points, heights)
+}
+
+fn positions(positions: Vec<Position>, heights: &mut Heights) -> Vec<[f64; 2]> {
+    heights.are_there |= positions.iter().any(|position| position.height.is_some());
+    heights.have_measures |= positions.iter().any(|position| position.has_more);
     positions.into_iter().map(|position| position.numbers).collect()
 }
 
-fn lines(lines: Vec<Vec<Position>>, has_heights: &mut bool) -> Vec<Vec<[f64; 2]>> {
-    lines.into_iter().map(|line| positions(line, has_heights)).collect()
+fn lines(lines: Vec<Vec<Position>>, heights: &mut Heights) -> Vec<Vec<[f64; 2]>> {
+    lines.into_iter().map(|line| positions(line, heights)).collect()
 }
 
 /// Members of an object, whose values are looked at later, if at all.
@@ -370,9 +378,10 @@ impl<'de> Deserialize<'de> for Pairs<'de> {
     }
 }
 
-/// A position, of which the first two numbers count.
+/// A position: x and y, perhaps a height, and whether there is more.
 struct Position {
     numbers: [f64; 2],
+    height: Option<f64>,
     has_more: bool,
 }
 
@@ -393,11 +402,12 @@ impl<'de> Deserialize<'de> for Position {
                     let found = numbers.next_element()?;
                     *number = found.ok_or_else(|| de::Error::invalid_length(index, &self))?;
                 }
+                let height = numbers.next_element()?;
                 let mut has_more = false;
                 while numbers.next_element::<de::IgnoredAny>()?.is_some() {
                     has_more = true;
                 }
-                Ok(Position { numbers: position, has_more })
+                Ok(Position { numbers: position, height, has_more })
             }
         }
 

@@ -10,6 +10,7 @@ use super::feature::{
     AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
     Wanted,
 };
+use super::heights::Heights;
 use super::wkb;
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
@@ -233,10 +234,10 @@ fn value_of(value: ValueRef<'_>, kind: AttributeType) -> FeatureAttribute {
     }
 }
 
-/// The geometry of a value, and whether it has heights: well-known binary behind a header.
-fn geometry(value: ValueRef<'_>) -> std::result::Result<(Option<FeatureGeometry>, bool), String> {
+/// The geometry of a value, and its heights: well-known binary behind a header.
+fn geometry(value: ValueRef<'_>) -> std::result::Result<(Option<FeatureGeometry>, Heights), String> {
     let bytes = match value {
-        ValueRef::Null => return Ok((None, false)),
+        ValueRef::Null => return Ok((None, Heights::default())),
         ValueRef::Blob(bytes) => bytes,
         _ => return Err("a value that is no geometry".into()),
     };
@@ -286,10 +287,10 @@ impl FeatureReader for GeoPackage {
         if id < next {
             return Err(wrong(format!("a row of number {id} behind one of {next}")));
         }
-        let (geometry, has_heights) = geometry.map_err(|found| wrong(format!("{found} (fid {id})")))?;
+        let (geometry, heights) = geometry.map_err(|found| wrong(format!("{found} (fid {id})")))?;
         drop(statement);
         self.next = id.checked_add(1);
         self.number += 1;
-        Ok(Some(Feature { id: Some(id.into()), attributes, geometry, has_heights }))
+        Ok(Some(Feature { id: Some(id.into()), attributes, geometry, heights }))
     }
 }

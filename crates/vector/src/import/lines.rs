@@ -151,7 +151,7 @@ impl LineSource for FeatureLines {
     fn next(&mut self) -> Result<Option<LineFeature>> {
         let Some(feature) = self.reader.next()? else { return Ok(None) };
         self.count += 1;
-        self.with_heights += u64::from(feature.has_heights);
+        self.with_heights += u64::from(feature.heights.any());
         let LineSchema { scale, offset, .. } = self.schema;
         let vertex = |[x, y]: [f64; 2]| [step(scale, offset[0], x), step(scale, offset[1], y)];
         let lines = lines_of(&self.path, self.count, feature.geometry)?;

@@ -12,6 +12,7 @@ mod formats;
 mod geojson;
 #[cfg(feature = "geopackage")]
 mod geopackage;
+mod heights;
 mod lines;
 mod points;
 pub mod rasterize;

@@ -24,8 +24,8 @@ struct FeaturePoints {
     points: GriddedPoints,
     /// Names of attributes that are left out, since they are no numbers.
     left_out: Vec<String>,
-    /// Features whose points have heights or measures, which are read over.
-    with_heights: u64,
+    /// Features whose points have measures, or heights that not all of them have, which are read over.
+    with_more: u64,
 }
 
 impl FeaturePoints {
@@ -36,9 +36,9 @@ impl FeaturePoints {
             remarks
                 .push(format!("attributes that are no numbers are left out: {}", self.left_out.join(", ")));
         }
-        if self.with_heights > 0 {
-            let what = "features have heights or measures in their geometries, which are not read; an attribute `z` is";
-            remarks.push(format!("{} {what}", self.with_heights));
+        if self.with_more > 0 {
+            let what = "features have measures in their geometries, or heights that not all points have, which are not kept";
+            remarks.push(format!("{} {what}", self.with_more));
         }
         remarks.extend(self.points.rounding().map(String::from));
         remarks
@@ -78,14 +78,14 @@ pub fn plan_point_files(
     Ok(import)
 }
 
-/// Opens a file of features that are points. An attribute `z` is their third coordinate; other numbers, and truths, are attributes in the smallest type that
+/// Opens a file of features that are points. Heights of their geometries are their third coordinate, or else an attribute `z`; other numbers, and truths, are attributes in the smallest type that
 /// has them all, doubles where some features have none.
 ///
 /// # Errors
 /// Those of [`open_features`]; if a feature is no point.
 fn open_feature_points(path: &Path, options: &FeatureOptions) -> Result<FeaturePoints> {
     let survey = Survey::of(path, options)?;
-    let Survey { attributes, columns, height, left_out, with_heights } = survey;
+    let Survey { attributes, columns, height, left_out, with_more } = survey;
     let reader = open_features(path, options)?;
     let crs = reader.schema().crs.clone();
     let points = Points {
@@ -97,11 +97,10 @@ fn open_feature_points(path: &Path, options: &FeatureOptions) -> Result<FeatureP
         height,
         crs,
         rest: Vec::new(),
-        above: 0.0,
         numbers: Vec::new(),
     };
     let points = GriddedPoints::new(Box::new(points))?;
-    Ok(FeaturePoints { points, left_out, with_heights })
+    Ok(FeaturePoints { points, left_out, with_more })
 }
 
 /// Attributes of all features.
@@ -109,10 +108,20 @@ struct Survey {
     attributes: Vec<PointAttribute>,
     /// Their places among those of the features.
     columns: Vec<usize>,
-    /// The place of the third coordinate.
-    height: Option<usize>,
+    height: Height,
     left_out: Vec<String>,
-    with_heights: u64,
+    with_more: u64,
+}
+
+/// Where the third coordinate of points stands.
+#[derive(Clone, Copy, PartialEq)]
+enum Height {
+    /// Nowhere.
+    None,
+    /// In the geometries.
+    Geometry,
+    /// In an attribute, by its place among all.
+    Attribute(usize),
 }
 
 /// Range of the values of an attribute.
@@ -122,22 +131,32 @@ struct Column {
     most: i64,
     /// Whether all are whole numbers or truths.
     are_whole: bool,
-    /// Whether all are the x of their points, or the y: columns of a table that are its geometry.
-    are_coordinates: [bool; 2],
+    /// Whether all are the x of their points, or the y, or the height: columns of a table that are its geometry.
+    are_coordinates: [bool; 3],
 }
 
 impl Survey {
     fn of(path: &Path, options: &FeatureOptions) -> Result<Survey> {
         let mut reader = open_features(path, options)?;
         let schema = reader.schema().clone();
-        let column = Column { least: i64::MAX, most: i64::MIN, are_whole: true, are_coordinates: [true; 2] };
+        let column = Column { least: i64::MAX, most: i64::MIN, are_whole: true, are_coordinates: [true; 3] };
         let mut found = vec![column; schema.attributes.len()];
-        let mut with_heights = 0;
+        let [mut points, mut with_heights, mut features_with_heights, mut with_measures] = [0u64; 4];
         while let Some(feature) = reader.next()? {
-            with_heights += u64::from(feature.has_heights);
+            let heights = &feature.heights;
+            with_heights += heights.of_points.len() as u64;
+            features_with_heights += u64::from(heights.are_there);
+            with_measures += u64::from(heights.have_measures);
             let place = match &feature.geometry {
-                Some(FeatureGeometry::Points(points)) if points.len() == 1 => points[0],
-                _ => [f64::NAN; 2],
+                Some(FeatureGeometry::Points(own)) => {
+                    points += own.len() as u64;
+                    match (&own[..], &heights.of_points[..]) {
+                        ([[x, y]], [z]) => [*x, *y, *z],
+                        ([[x, y]], _) => [*x, *y, f64::NAN],
+                        _ => [f64::NAN; 3],
+                    }
+                }
+                _ => [f64::NAN; 3],
             };
             for (column, value) in found.iter_mut().zip(&feature.attributes) {
                 for (are, coordinate) in column.are_coordinates.iter_mut().zip(place) {
@@ -156,12 +175,18 @@ impl Survey {
                 }
             }
         }
-        let height = schema
-            .attributes
-            .iter()
-            .position(|(name, kind)| is_number(*kind) && name.eq_ignore_ascii_case(HEIGHT));
+        let named =
+            |(name, kind): &(String, AttributeType)| is_number(*kind) && name.eq_ignore_ascii_case(HEIGHT);
+        let height = match schema.attributes.iter().position(named) {
+            _ if points > 0 && with_heights == points => Height::Geometry,
+            Some(place) => Height::Attribute(place),
+            None => Height::None,
+        };
+        let lost = if height == Height::Geometry { 0 } else { features_with_heights };
+        let with_more = with_measures.max(lost);
         let (mut attributes, mut columns, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
-        let is_other = |place: usize| Some(place) != height && found[place].are_coordinates == [false; 2];
+        let is_other =
+            |place: usize| Height::Attribute(place) != height && found[place].are_coordinates == [false; 3];
         for (place, (name, kind)) in
             schema.attributes.iter().enumerate().filter(|(place, _)| is_other(*place))
         {
@@ -173,7 +198,7 @@ impl Survey {
                 false => left_out.push(name.clone()),
             }
         }
-        Ok(Survey { attributes, columns, height, left_out, with_heights })
+        Ok(Survey { attributes, columns, height, left_out, with_more })
     }
 }
 
@@ -208,11 +233,10 @@ struct Points {
     reader: Box<dyn FeatureReader>,
     attributes: Vec<PointAttribute>,
     columns: Vec<usize>,
-    height: Option<usize>,
+    height: Height,
     crs: Option<Crs>,
-    /// Points of the last feature that are left, the last first; their third coordinate, and the numbers of their attributes.
-    rest: Vec<[f64; 2]>,
-    above: f64,
+    /// Points of the last feature that are left, the last first, and the numbers of their attributes.
+    rest: Vec<[f64; 3]>,
     numbers: Vec<i64>,
 }
 
@@ -228,7 +252,7 @@ fn number(value: Option<&FeatureAttribute>) -> f64 {
 
 impl Points {
     fn take(&mut self, feature: Feature) -> Result<()> {
-        self.rest = match feature.geometry {
+        let points = match feature.geometry {
             None => Vec::new(),
             Some(FeatureGeometry::Points(points)) => points,
             Some(_) => {
@@ -236,8 +260,13 @@ impl Points {
                 return Err(Error::unsupported(&self.path, "a feature that is no point", advice));
             }
         };
-        self.rest.reverse();
-        self.above = self.height.map_or(0.0, |place| number(feature.attributes.get(place)));
+        let above = |point: usize| match self.height {
+            Height::None => 0.0,
+            Height::Geometry => feature.heights.of_points.get(point).copied().unwrap_or(f64::NAN),
+            Height::Attribute(place) => number(feature.attributes.get(place)),
+        };
+        let place = |(point, [x, y]): (usize, &[f64; 2])| [*x, *y, above(point)];
+        self.rest = points.iter().enumerate().map(place).rev().collect();
         self.numbers.clear();
         for (attribute, place) in self.attributes.iter().zip(&self.columns) {
             let value = feature.attributes.get(*place);
@@ -257,7 +286,7 @@ impl WorldPoints for Points {
     }
 
     fn dimension(&self) -> Dimension {
-        if self.height.is_some() { Dimension::Oct } else { Dimension::Quad }
+        if self.height == Height::None { Dimension::Quad } else { Dimension::Oct }
     }
 
     fn crs(&self) -> Option<&Crs> {
@@ -270,9 +299,9 @@ impl WorldPoints for Points {
 
     fn next(&mut self, numbers: &mut [i64]) -> Result<Option<[f64; 3]>> {
         loop {
-            if let Some([x, y]) = self.rest.pop() {
+            if let Some(place) = self.rest.pop() {
                 numbers.copy_from_slice(&self.numbers);
-                return Ok(Some([x, y, self.above]));
+                return Ok(Some(place));
             }
             let Some(feature) = self.reader.next()? else { return Ok(None) };
             self.take(feature)?;

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::beside;
 use super::dbf::Table;
 use super::feature::{Feature, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema, Wanted};
+use super::heights::Heights;
 use super::rings;
 use crate::export::GeometryKind;
 use spinney_base::{Error, Result};
@@ -164,17 +165,32 @@ impl FeatureReader for Shapefile {
             if let Some(attributes) = attributes {
                 let geometry =
                     geometry(&shape).and_then(|geometry| geometry.map(FeatureGeometry::checked).transpose());
-                let geometry =
-                    geometry.map_err(|found| self.wrong(found, "a shape of points, lines or polygons"))?;
+                let read = geometry.and_then(|geometry| Ok((heights(&shape, geometry.as_ref())?, geometry)));
+                let (heights, geometry) =
+                    read.map_err(|found| self.wrong(found, "a shape of points, lines or polygons"))?;
                 self.number += 1;
-                // (Kinds of points with heights and measures have two digits.)
-                let has_heights = geometry.is_some() && shape.first().is_some_and(|kind| *kind > 10);
-                return Ok(Some(Feature { id: None, attributes, geometry, has_heights }));
+                return Ok(Some(Feature { id: None, attributes, geometry, heights }));
             }
             self.number += 1;
         }
         Ok(None)
     }
+}
+
+/// The heights of a shape's geometry. Kinds of shapes with heights and perhaps measures are 11 to 18, those with measures alone 21 to 28; heights of several points stand behind all
+/// of these and two extremes. Whether there are measures is not told of the former: they are left out of files that have none.
+fn heights(shape: &[u8], geometry: Option<&FeatureGeometry>) -> std::result::Result<Heights, String> {
+    let kind = shape.first().copied().unwrap_or_default();
+    let mut heights = Heights { are_there: (10..20).contains(&kind), ..Heights::default() };
+    heights.have_measures = kind > 20;
+    let Some(geometry) = geometry else { return Ok(Heights::default()) };
+    if let (true, FeatureGeometry::Points(points)) = (heights.are_there, geometry) {
+        let (at, count) = if kind == 11 { (20, 1) } else { (40 + 16 * points.len() + 16, points.len()) };
+        let bytes = shape.get(at..).and_then(|rest| rest.get(..8 * count));
+        let bytes = bytes.ok_or_else(|| format!("{count} heights in {} bytes", shape.len()))?;
+        heights.of_points = bytes.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+    }
+    Ok(heights)
 }
 
 /// The geometry of a shape's bytes; `None` of an empty shape.
@@ -227,5 +243,37 @@ fn geometry(shape: &[u8]) -> std::result::Result<Option<FeatureGeometry>, String
         }
         31 => Err("a surface of faces in space (type 31, multipatch)".into()),
         other => Err(format!("a shape of type {other}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shape(kind: u32, parts: &[&[f64]]) -> Vec<u8> {
+        let numbers = parts.concat().into_iter().flat_map(f64::to_le_bytes);
+        kind.to_le_bytes().into_iter().chain(numbers).collect()
+    }
+
+    #[test]
+    fn points_have_their_heights() {
+        for (shape, are_there, have_measures, expected) in [
+            (shape(1, &[&[1.0, 2.0]]), false, false, vec![]),
+            (shape(11, &[&[1.0, 2.0, 3.0, 4.0]]), true, false, vec![3.0]),
+            (shape(21, &[&[1.0, 2.0, 4.0]]), false, true, vec![]),
+        ] {
+            let geometry = geometry(&shape).unwrap();
+            let found = heights(&shape, geometry.as_ref()).unwrap();
+            assert_eq!(found, Heights { are_there, have_measures, of_points: expected });
+        }
+        // Several: a box, their number, places, two extremes, heights.
+        let mut several = shape(18, &[&[0.0; 4]]);
+        several.extend(2u32.to_le_bytes());
+        several.extend([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 5.0, 6.0].into_iter().flat_map(f64::to_le_bytes));
+        let geometry = geometry(&several).unwrap();
+        assert_eq!(geometry, Some(FeatureGeometry::Points(vec![[1.0, 2.0], [3.0, 4.0]])));
+        assert_eq!(heights(&several, geometry.as_ref()).unwrap().of_points, [5.0, 6.0]);
+        let error = heights(&several[..several.len() - 1], geometry.as_ref()).unwrap_err();
+        assert!(error.contains("2 heights in 103 bytes"), "{error}");
     }
 }

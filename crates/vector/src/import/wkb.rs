@@ -1,27 +1,28 @@
 //! Geometries in well-known binary: ISO's (13249-3), with the marks of PostGIS or without, as `GeoPackage` and tables have them.
 
 use super::feature::FeatureGeometry;
+use super::heights::Heights;
 
 /// Geometries in each other.
 pub(super) const MOST_DEPTH: usize = 16;
 
 type Parsed<T> = Result<T, String>;
 
-/// A geometry that was read, the number of its coordinate system if it has one, and whether it has heights or measures, which are read over.
+/// A geometry that was read, the number of its coordinate system if it has one, and its heights.
 #[derive(Debug, PartialEq)]
 pub(super) struct Read {
     pub(super) geometry: FeatureGeometry,
     pub(super) system: Option<u32>,
-    pub(super) has_heights: bool,
+    pub(super) heights: Heights,
 }
 
 /// Reads a geometry.
 pub(super) fn parse(bytes: &[u8]) -> Parsed<Read> {
-    let mut reader = Reader { bytes, is_little: true, has_heights: false };
+    let mut reader = Reader { bytes, is_little: true, heights: Heights::default() };
     let mut system = None;
     let geometry = reader.geometry(&mut system, 0)?;
     match reader.bytes.len() {
-        0 => Ok(Read { geometry, system, has_heights: reader.has_heights }),
+        0 => Ok(Read { geometry, system, heights: reader.heights }),
         more => Err(format!("{more} bytes behind the geometry")),
     }
 }
@@ -38,21 +39,33 @@ struct Reader<'b> {
     /// What is not read yet.
     bytes: &'b [u8],
     is_little: bool,
-    has_heights: bool,
+    heights: Heights,
+}
+
+/// Coordinates of a point beyond x and y.
+#[derive(Clone, Copy)]
+struct Axes {
+    height: bool,
+    measure: bool,
+}
+
+impl Axes {
+    fn count(self) -> usize {
+        2 + usize::from(self.height) + usize::from(self.measure)
+    }
 }
 
 /// A geometry's head.
 struct Head {
     /// The kind, without marks.
     code: u32,
-    /// Coordinates of a point.
-    axes: usize,
+    axes: Axes,
 }
 
 impl Read {
-    /// The geometry without parts that are empty, and whether it has heights; or what is wrong with it.
-    pub(super) fn checked(self) -> Parsed<(Option<FeatureGeometry>, bool)> {
-        self.geometry.checked().map(|geometry| (Some(geometry), self.has_heights))
+    /// The geometry without parts that are empty, and its heights; or what is wrong with it.
+    pub(super) fn checked(self) -> Parsed<(Option<FeatureGeometry>, Heights)> {
+        self.geometry.checked().map(|geometry| (Some(geometry), self.heights))
     }
 }
 
@@ -83,10 +96,10 @@ impl Reader<'_> {
         if thousands > 3 {
             return Err(format!("a geometry of type {plain}"));
         }
-        let has =
-            |mark: u32, also: u32| usize::from(marks & mark != 0 || thousands == also || thousands == 3);
-        let axes = 2 + has(4, 1) + has(2, 2);
-        self.has_heights |= axes > 2;
+        let has = |mark: u32, also: u32| marks & mark != 0 || thousands == also || thousands == 3;
+        let axes = Axes { height: has(4, 1), measure: has(2, 2) };
+        self.heights.are_there |= axes.height;
+        self.heights.have_measures |= axes.measure;
         Ok(Head { code, axes })
     }
 
@@ -99,24 +112,37 @@ impl Reader<'_> {
         }
     }
 
-    fn point(&mut self, axes: usize) -> Parsed<[f64; 2]> {
-        let mut point = [0.0; 2];
-        for axis in 0..axes {
+    /// Coordinates; those beyond x and y that a point does not have are 0.
+    fn coordinates(&mut self, axes: Axes) -> Parsed<[f64; 4]> {
+        let mut point = [0.0; 4];
+        for number in &mut point[..axes.count()] {
             let bytes = self.take()?;
-            let number = if self.is_little { f64::from_le_bytes(bytes) } else { f64::from_be_bytes(bytes) };
-            if let Some(own) = point.get_mut(axis) {
-                *own = number;
-            }
+            *number = if self.is_little { f64::from_le_bytes(bytes) } else { f64::from_be_bytes(bytes) };
         }
         Ok(point)
     }
 
-    fn points(&mut self, axes: usize) -> Parsed<Vec<[f64; 2]>> {
-        let count = self.count(8 * axes)?;
+    fn point(&mut self, axes: Axes) -> Parsed<[f64; 2]> {
+        let [x, y, ..] = self.coordinates(axes)?;
+        Ok([x, y])
+    }
+
+    /// A geometry that is a point; a point without numbers is an empty one.
+    fn point_geometry(&mut self, axes: Axes) -> Parsed<Option<[f64; 2]>> {
+        let [x, y, height, _] = self.coordinates(axes)?;
+        if x.is_nan() && y.is_nan() {
+            return Ok(None);
+        }
+        self.heights.add_point(axes.height.then_some(height));
+        Ok(Some([x, y]))
+    }
+
+    fn points(&mut self, axes: Axes) -> Parsed<Vec<[f64; 2]>> {
+        let count = self.count(8 * axes.count())?;
         (0..count).map(|_| self.point(axes)).collect()
     }
 
-    fn rings(&mut self, axes: usize) -> Parsed<Vec<Vec<[f64; 2]>>> {
+    fn rings(&mut self, axes: Axes) -> Parsed<Vec<Vec<[f64; 2]>>> {
         let count = self.count(4)?;
         (0..count).map(|_| self.points(axes)).collect()
     }
@@ -125,7 +151,7 @@ impl Reader<'_> {
     fn members<T>(
         &mut self,
         kind: u32,
-        mut member: impl FnMut(&mut Self, usize) -> Parsed<T>,
+        mut member: impl FnMut(&mut Self, Axes) -> Parsed<T>,
     ) -> Parsed<Vec<T>> {
         let count = self.count(9)?;
         let each = |_| {
@@ -141,18 +167,12 @@ impl Reader<'_> {
     fn geometry(&mut self, system: &mut Option<u32>, depth: usize) -> Parsed<FeatureGeometry> {
         let Head { code, axes } = self.head(system)?;
         match code {
-            1 => {
-                // (A point without numbers is an empty one.)
-                let point = self.point(axes)?;
-                let is_empty = point.iter().all(|number| number.is_nan());
-                Ok(FeatureGeometry::Points(if is_empty { Vec::new() } else { vec![point] }))
-            }
+            1 => Ok(FeatureGeometry::Points(self.point_geometry(axes)?.into_iter().collect())),
             2 => Ok(FeatureGeometry::Lines(vec![self.points(axes)?])),
             3 | 17 => Ok(FeatureGeometry::Polygons(vec![self.rings(axes)?])),
             4 => {
-                let points = self.members(1, Reader::point)?;
-                let is_there = |point: &[f64; 2]| !point.iter().all(|number| number.is_nan());
-                Ok(FeatureGeometry::Points(points.into_iter().filter(is_there).collect()))
+                let points = self.members(1, Reader::point_geometry)?;
+                Ok(FeatureGeometry::Points(points.into_iter().flatten().collect()))
             }
             5 => Ok(FeatureGeometry::Lines(self.members(2, Reader::points)?)),
             6 => Ok(FeatureGeometry::Polygons(self.members(3, Reader::rings)?)),
@@ -187,7 +207,13 @@ mod tests {
         ] {
             let found = read(digits).unwrap();
             assert_eq!((&found.geometry, found.system), (&point, system), "{digits}");
-            assert_eq!(found.has_heights, digits.len() > 55, "{digits}");
+            let has_heights = digits.len() > 55;
+            let expected = if has_heights { vec![3.0] } else { vec![] };
+            assert_eq!(
+                (found.heights.are_there, found.heights.of_points),
+                (has_heights, expected),
+                "{digits}"
+            );
         }
         assert_eq!(
             read("0101000000000000000000F87F000000000000F87F").unwrap().geometry,

@@ -1,6 +1,7 @@
 //! Geometries in well-known text (ISO 19125), also with the number of a coordinate system before it (`SRID=4326;POINT (1 2)`).
 
 use super::feature::FeatureGeometry;
+use super::heights::Heights;
 use super::wkb::{MOST_DEPTH, Read};
 
 type Parsed<T> = Result<T, String>;
@@ -8,10 +9,10 @@ type Parsed<T> = Result<T, String>;
 /// Reads a geometry.
 pub(super) fn parse(text: &str) -> Parsed<Read> {
     let (system, rest) = system_of(text)?;
-    let mut reader = Reader { rest: rest.trim(), has_heights: false };
+    let mut reader = Reader { rest: rest.trim(), heights: Heights::default(), is_measured: false };
     let geometry = reader.geometry(0)?;
     if reader.rest.is_empty() {
-        Ok(Read { geometry, system, has_heights: reader.has_heights })
+        Ok(Read { geometry, system, heights: reader.heights })
     } else {
         Err(format!("`{}` behind it", reader.shown()))
     }
@@ -32,7 +33,9 @@ pub(super) fn system_of(text: &str) -> Parsed<(Option<u32>, &str)> {
 
 struct Reader<'t> {
     rest: &'t str,
-    has_heights: bool,
+    heights: Heights,
+    /// Whether the third of three coordinates is a measure.
+    is_measured: bool,
 }
 
 impl<'t> Reader<'t> {
@@ -67,6 +70,7 @@ impl<'t> Reader<'t> {
     fn is_empty(&mut self) -> Parsed<bool> {
         let mut word = self.word().to_ascii_uppercase();
         if matches!(word.as_str(), "Z" | "M" | "ZM") {
+            self.is_measured = word == "M";
             word = self.word().to_ascii_uppercase();
         }
         match word.as_str() {
@@ -90,8 +94,9 @@ impl<'t> Reader<'t> {
         Ok(members)
     }
 
-    fn point(&mut self) -> Parsed<[f64; 2]> {
-        let mut point = [0.0; 2];
+    /// Reads x and y, and what stands behind: of three coordinates a height, unless it is said to be a measure.
+    fn coordinates(&mut self) -> Parsed<([f64; 2], Option<f64>)> {
+        let mut point = [0.0; 4];
         let mut axes = 0;
         while axes < 4 {
             let end = self.rest.find([' ', '\t', '\n', '\r', ',', ')', '(']).unwrap_or(self.rest.len());
@@ -107,8 +112,28 @@ impl<'t> Reader<'t> {
             self.rest = rest.trim_start();
             axes += 1;
         }
-        self.has_heights |= axes > 2;
-        if axes < 2 { Err(format!("`{}` in the place of two numbers", self.shown())) } else { Ok(point) }
+        let has_height = axes > 2 && !self.is_measured;
+        self.heights.are_there |= has_height;
+        self.heights.have_measures |= axes > 3 || axes > 2 && self.is_measured;
+        match point {
+            _ if axes < 2 => Err(format!("`{}` in the place of two numbers", self.shown())),
+            [x, y, height, _] => Ok(([x, y], has_height.then_some(height))),
+        }
+    }
+
+    fn point(&mut self) -> Parsed<[f64; 2]> {
+        self.coordinates().map(|(point, _)| point)
+    }
+
+    /// A point of a geometry of points.
+    fn own_point(&mut self) -> Parsed<[f64; 2]> {
+        let (point, height) = self.coordinates()?;
+        self.heights.add_point(height);
+        Ok(point)
+    }
+
+    fn own_points(&mut self) -> Parsed<Vec<[f64; 2]>> {
+        self.list(Reader::own_point)
     }
 
     fn points(&mut self) -> Parsed<Vec<[f64; 2]>> {
@@ -123,8 +148,9 @@ impl<'t> Reader<'t> {
         let word = self.word().to_ascii_uppercase();
         // (Some write the third coordinate's letter without a blank.)
         let kind = word.trim_end_matches(['Z', 'M']);
+        self.is_measured = &word[kind.len()..] == "M";
         match kind {
-            "POINT" => Ok(FeatureGeometry::Points(self.points()?)).and_then(|points| match &points {
+            "POINT" => Ok(FeatureGeometry::Points(self.own_points()?)).and_then(|points| match &points {
                 FeatureGeometry::Points(several) if several.len() > 1 => Err("a point of several".into()),
                 _ => Ok(points),
             }),
@@ -133,8 +159,8 @@ impl<'t> Reader<'t> {
             "MULTIPOINT" => {
                 // (With parentheses around each point, or without.)
                 let member = |reader: &mut Self| match reader.rest.starts_with(['(', 'E', 'e']) {
-                    true => reader.points(),
-                    false => Ok(vec![reader.point()?]),
+                    true => reader.own_points(),
+                    false => Ok(vec![reader.own_point()?]),
                 };
                 Ok(FeatureGeometry::Points(self.list(member)?.into_iter().flatten().collect()))
             }
@@ -177,8 +203,10 @@ mod tests {
         ] {
             let found = parse(text).unwrap();
             assert_eq!((found.geometry, found.system), (expected, None), "{text}");
-            let has_heights = [" zm(", "Z(", " M ("].iter().any(|mark| text.contains(mark));
-            assert_eq!(found.has_heights, has_heights, "{text}");
+            let [z, m] = [[" zm(", "Z("], [" zm(", " M ("]];
+            let has = |marks: [&str; 2]| marks.iter().any(|mark| text.contains(mark));
+            assert_eq!((found.heights.are_there, found.heights.have_measures), (has(z), has(m)), "{text}");
+            assert_eq!(found.heights.of_points, if has(z) { vec![3.0] } else { vec![] }, "{text}");
         }
         assert_eq!(parse("SRID=25832;POINT(1 2)").unwrap().system, Some(25832));
         for wrong in [
