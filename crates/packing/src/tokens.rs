@@ -254,16 +254,15 @@ struct Counts {
 }
 
 impl Counts {
-    /// Those of fine tokens, each with its context.
-    fn of(tokens: &[u16], contexts: &[u8], used: usize) -> Counts {
-        let below = tokens.iter().max().map_or(1, |most| usize::from(*most) + 1);
-        let mut counts = vec![0; used * below];
-        match contexts.is_empty() {
-            true => tokens.iter().for_each(|token| counts[usize::from(*token)] += 1),
-            false => tokens.iter().zip(contexts).for_each(|(token, context)| {
-                counts[usize::from(*context) * below + usize::from(*token)] += 1
-            }),
+    /// Those of fine tokens. Each becomes its place among the tokens of all contexts.
+    fn of(tokens: &mut [u16], contexts: &[u8]) -> Counts {
+        let below = number_of_kinds(tokens.iter().copied());
+        // (At most 8 times 732: tokens of all contexts have room in 16 bits.)
+        for (token, context) in tokens.iter_mut().zip(contexts) {
+            *token += u16::from(*context) * below as u16;
         }
+        let mut counts = vec![0; number_of_kinds(contexts.iter().map(|context| u16::from(*context))) * below];
+        tokens.iter().for_each(|token| counts[usize::from(*token)] += 1);
         Counts { counts, below }
     }
 
@@ -293,6 +292,12 @@ impl Counts {
     }
 }
 
+/// One more than the greatest of some numbers; 1 if there are none.
+fn number_of_kinds(numbers: impl Iterator<Item = u16>) -> usize {
+    // (`max` compares references, one by one.)
+    usize::from(numbers.fold(0, u16::max)) + 1
+}
+
 /// The coarse token of the least number with a fine one.
 fn coarse_token(fine: u16) -> u16 {
     token_of(number_of(fine, FINE).0, COARSE).0
@@ -312,14 +317,16 @@ fn coarse_token(fine: u16) -> u16 {
 /// assert_eq!((found, rest), (numbers, &[][..]));
 /// ```
 pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
-    let used = contexts.iter().max().map_or(1, |most| usize::from(*most) + 1);
     let mut tokens: Vec<u16> = numbers.iter().map(|number| token_of(fold(*number), FINE).0).collect();
-    let fine = Counts::of(&tokens, contexts, used);
+    let fine = Counts::of(&mut tokens, contexts);
     let coarse = fine.coarser();
     let (fineness, counts) =
         if fine.cost(FINE) < coarse.cost(COARSE) { (FINE, fine) } else { (COARSE, coarse) };
     if fineness == COARSE {
-        let coarse: Vec<u16> = (0..counts.below).map(|token| coarse_token(token as u16)).collect();
+        let coarse = |token: usize| {
+            (token - token % counts.below) as u16 + coarse_token((token % counts.below) as u16)
+        };
+        let coarse: Vec<u16> = (0..counts.counts.len()).map(coarse).collect();
         tokens.iter_mut().for_each(|token| *token = coarse[usize::from(*token)]);
     }
     let tables: Vec<Table> = counts.counts.chunks(counts.below).map(Table::of_counts).collect();
@@ -328,9 +335,8 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     tables.iter().for_each(|table| table.write(&mut head));
     let head = head.finish();
     let places: Vec<Place> = tables.iter().flat_map(Place::all).collect();
-    let rests: Vec<u32> = (0..counts.below.min(self::tokens(fineness)))
-        .map(|token| number_of(token as u16, fineness).1)
-        .collect();
+    let rest = |token: usize| number_of((token % counts.below) as u16, fineness).1;
+    let rests: Vec<u32> = (0..counts.counts.len()).map(rest).collect();
     let mut bits = Bits::default();
     if rests.iter().any(|rest| *rest > 0) {
         for (number, token) in numbers.iter().zip(&tokens) {
@@ -339,28 +345,32 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
         }
     }
     let bits = bits.finish();
-    let mut states = [LOW; 2];
     let mut words: Vec<u16> = Vec::with_capacity(numbers.len());
-    for (index, token) in tokens.iter().enumerate().rev() {
-        let context = contexts.get(index).map_or(0, |context| usize::from(*context));
-        let place = places[context * counts.below + usize::from(*token)];
+    let mut after = |state: u32, token: u16| {
+        let place = places[usize::from(token)];
         if place.frequency == TOTAL {
-            continue;
+            return state;
         }
         // Invariant: the state is from 2^16 up to 2^32, before each token and behind it. A word is put away if the state would leave
         // that, which is just where a reader will find it below 2^16 and take a word.
-        let state = &mut states[index % 2];
-        if *state >= place.frequency << (32 - TOTAL_BITS) {
-            words.push(*state as u16);
-            *state >>= 16;
+        if state >= place.frequency << (32 - TOTAL_BITS) {
+            words.push(state as u16);
+            return place.after(state >> 16);
         }
-        *state = place.after(*state);
+        place.after(state)
+    };
+    let [mut even, mut odd] = [LOW; 2];
+    let (pairs, last) = tokens.as_chunks::<2>();
+    last.iter().for_each(|token| even = after(even, *token));
+    for [first, second] in pairs.iter().rev() {
+        odd = after(odd, *second);
+        even = after(even, *first);
     }
     bytes.extend_from_slice(&(head.len() as u16).to_le_bytes());
     bytes.extend_from_slice(&(words.len() as u32).to_le_bytes());
     bytes.extend_from_slice(&(bits.len() as u32).to_le_bytes());
     bytes.extend_from_slice(&head);
-    states.iter().for_each(|state| bytes.extend_from_slice(&state.to_le_bytes()));
+    [even, odd].iter().for_each(|state| bytes.extend_from_slice(&state.to_le_bytes()));
     words.iter().rev().for_each(|word| bytes.extend_from_slice(&word.to_le_bytes()));
     bytes.extend_from_slice(&bits);
 }
@@ -368,7 +378,7 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
 /// Reads numbers that were written with the same contexts, as many as there is room for; hands out the bytes behind them. `None` if they are
 /// not what somebody wrote.
 pub fn unpack_numbers<'b>(bytes: &'b [u8], contexts: &[u8], numbers: &mut [i64]) -> Option<&'b [u8]> {
-    let used = contexts.iter().max().map_or(1, |most| usize::from(*most) + 1);
+    let used = number_of_kinds(contexts.iter().map(|context| u16::from(*context)));
     if used > MOST_CONTEXTS || !(contexts.is_empty() || contexts.len() == numbers.len()) {
         return None;
     }

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
+use super::NUMBER_BYTES;
 use spinney_base::io::platform::read_exact_at;
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
@@ -65,11 +66,12 @@ impl Buckets {
         }
     }
 
-    /// Adds a row, by the code of its point.
+    /// Adds a row and its number, by the code of its point.
     #[inline]
-    pub(crate) fn push(&mut self, code: Code, row: &[u8]) -> Result<()> {
+    pub(crate) fn push(&mut self, code: Code, row: &[u8], number: &[u8; NUMBER_BYTES]) -> Result<()> {
         let node = (code.ancestor(self.level).path() as usize) & (self.counts.len() - 1);
         self.rows.extend_from_slice(row);
+        self.rows.extend_from_slice(number);
         self.nodes.push(node as u16);
         self.counts[node] += 1;
         if self.nodes.len() < self.most { Ok(()) } else { self.spill() }

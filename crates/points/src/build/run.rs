@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use super::MOST_NUMBERS;
 use super::assembler::{Assembler, BuiltPiece, Closed, leaf, node_level};
 use super::buckets::{Bucket, BucketedRows, Buckets};
 use super::encoder::Encoder;
 use super::order::order_of;
-use super::{MOST_NUMBERS, NUMBER_BYTES};
 use crate::attribute::place_of;
 use crate::codec::MOST_POINTS;
 use crate::grid::PointGrid;
@@ -120,7 +120,6 @@ fn read(
     let mut buckets = Buckets::new(temporary.to_path_buf(), encoder.stride(), top, memory / 3);
     let size = encoder.layout.size;
     let mut rows = Vec::new();
-    let mut row = vec![0; encoder.stride()];
     let mut number = 0u64;
     loop {
         progress.check()?;
@@ -131,9 +130,8 @@ fn read(
         }
         for point in rows.chunks_exact(size) {
             let Some(code) = encoder.grid.code(place_of(point)) else { return Ok(None) };
-            row[..size].copy_from_slice(point);
-            row[size..].copy_from_slice(&number.to_le_bytes()[..NUMBER_BYTES]);
-            buckets.push(code, &row)?;
+            let bytes = number.to_le_bytes();
+            buckets.push(code, point, bytes.first_chunk().expect("fewer than eight"))?;
             number += 1;
         }
         if number >= MOST_NUMBERS {
@@ -312,7 +310,8 @@ impl Work<'_> {
             rows.chunks_exact(stride).try_for_each(|row| {
                 let code =
                     self.plan.encoder.grid.code(place_of(row)).expect("it was in the root when it was read");
-                buckets.push(code, row)
+                let (point, number) = row.split_last_chunk().expect("rows have one");
+                buckets.push(code, point, number)
             })
         })?;
         self.assemble(&buckets.finish()?, assembler, last)

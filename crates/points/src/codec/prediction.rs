@@ -192,11 +192,12 @@ pub(crate) fn errors_of(numbers: &[i64], clock: &mut Clock, prediction: Predicti
     if prediction == Prediction::Nothing {
         return errors.extend_from_slice(numbers);
     }
+    errors.resize(numbers.len(), 0);
     let mut last = 0i64;
     follow(numbers.len(), clock, prediction, |point, foretold| {
         let change = numbers[point].wrapping_sub(last);
         last = numbers[point];
-        errors.push(change.wrapping_sub(foretold));
+        errors[point] = change.wrapping_sub(foretold);
         change
     });
 }
