@@ -335,7 +335,9 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     tables.iter().for_each(|table| table.write(&mut head));
     let head = head.finish();
     let places: Vec<Place> = tables.iter().flat_map(Place::all).collect();
-    let rest = |token: usize| number_of((token % counts.below) as u16, fineness).1;
+    // (Counts are of fine tokens, of which there are more.)
+    let last = (self::tokens(fineness) - 1) as u16;
+    let rest = |token: usize| number_of(last.min((token % counts.below) as u16), fineness).1;
     let rests: Vec<u32> = (0..counts.counts.len()).map(rest).collect();
     let mut bits = Bits::default();
     if rests.iter().any(|rest| *rest > 0) {
