@@ -18,7 +18,7 @@ import time
 import numpy as np
 from common import DATA, RELIEF, SPINNEY, WORK, once, start, table, verdict
 
-COUNT = int(float(sys.argv[1])) if len(sys.argv) > 1 else 20_000_000
+COUNT = int(float(sys.argv[1])) if len(sys.argv) == 2 else 20_000_000
 # Points of the peer's file: NumPy has all of them in memory.
 PEERS = min(COUNT, 10_000_000)
 BATCH = 1_000_000
@@ -78,7 +78,7 @@ def scan(path, count):
                 rows.number_of_returns = np.where(is_later | is_first, 2, 1)
                 rows.scan_direction_flag = pulse // 800 % 2
                 rows.scan_angle = ((across - 0.5) * 40 / 0.006).astype(np.int16)
-                rows.point_source_id = line + 1
+                rows.point_source_id = np.full(len(number), line + 1)
                 rows.gps_time = 3e8 + line * 600 + pulse / 4e5
                 out.write_points(rows)
 

@@ -12,7 +12,9 @@ use spinney_base::space::Dimension;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
-use spinney_records::ply::{Body, Element, Encoding, Fault, PlyHeader, Read, Scalar, Visit, visit};
+use spinney_records::ply::{
+    Body, Element, Encoding, Fault, PlyHeader, Read, Scalar, Visit, offset_behind, visit,
+};
 
 /// Vertices that are read at a time.
 const LOT: u64 = 1 << 12;
@@ -54,18 +56,6 @@ fn corrupt(path: &Path, what: &str, fault: Fault) -> Error {
     Error::corrupt(path, format!("{what}, {}", fault.place), fault.found, fault.expected)
 }
 
-/// Passes over all of an element's kind; the outcome is the offset behind them.
-struct Skip<'a>(&'a Element);
-
-impl Visit for Skip<'_> {
-    type Output = Read<usize>;
-
-    fn visit(self, mut body: impl Body) -> Read<usize> {
-        body.skip_element(self.0)?;
-        Ok(body.offset())
-    }
-}
-
 pub(super) fn open(path: &Path) -> Result<Table> {
     let map = Mapped::open(path)?;
     let bytes = map.bytes().unwrap_or_default();
@@ -75,7 +65,7 @@ pub(super) fn open(path: &Path) -> Result<Table> {
     };
     let mut start = header.body;
     for element in &header.elements[..vertex] {
-        start = visit(header.encoding, bytes, start, Skip(element))
+        start = offset_behind(header.encoding, bytes, start, element)
             .map_err(|fault| corrupt(path, &element.name, *fault))?;
     }
     let vertices = header.elements[vertex].clone();

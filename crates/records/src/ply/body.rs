@@ -189,6 +189,26 @@ pub trait Visit {
     fn visit(self, body: impl Body) -> Self::Output;
 }
 
+/// Passes over all of an element's kind.
+struct Skip<'a>(&'a Element);
+
+impl Visit for Skip<'_> {
+    type Output = Read<usize>;
+
+    fn visit(self, mut body: impl Body) -> Read<usize> {
+        body.skip_element(self.0)?;
+        Ok(body.offset())
+    }
+}
+
+/// The offset behind all of an element's kind.
+///
+/// # Errors
+/// If the file ends before, or has something else than numbers.
+pub fn offset_behind(encoding: Encoding, bytes: &[u8], offset: usize, element: &Element) -> Read<usize> {
+    visit(encoding, bytes, offset, Skip(element))
+}
+
 /// Reads numbers from an offset on.
 pub fn visit<V: Visit>(encoding: Encoding, bytes: &[u8], offset: usize, visit: V) -> V::Output {
     match encoding {

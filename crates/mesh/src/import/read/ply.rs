@@ -8,7 +8,9 @@ use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, 
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
 use spinney_brep::Attributes;
-use spinney_records::ply::{Body, Element, Encoding, Fault, PlyHeader, Read, Scalar, Visit, visit};
+use spinney_records::ply::{
+    Body, Element, Encoding, Fault, PlyHeader, Read, Scalar, Visit, offset_behind, visit,
+};
 
 struct Ply {
     source: ModelFile,
@@ -67,7 +69,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
             lookup = Some(found);
             at = end;
         } else if number < vertex.max(face) {
-            at = visit(header.encoding, source.bytes(), at, Skip(element))
+            at = offset_behind(header.encoding, source.bytes(), at, element)
                 .map_err(|fault| corrupt(&source, &element.name, *fault))?;
         }
     }
@@ -98,18 +100,6 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
 /// An error among things of some kind.
 fn corrupt(source: &ModelFile, what: &str, fault: Fault) -> Error {
     source.corrupt(format!("{what}, {}", fault.place), fault.found, fault.expected)
-}
-
-/// Passes over all of an element's kind; the outcome is the offset behind them.
-struct Skip<'a>(&'a Element);
-
-impl Visit for Skip<'_> {
-    type Output = Read<usize>;
-
-    fn visit(self, mut body: impl Body) -> Read<usize> {
-        body.skip_element(self.0)?;
-        Ok(body.offset())
-    }
 }
 
 /// Checks all vertices and makes them ready for being looked up; also gives the offset behind them.
