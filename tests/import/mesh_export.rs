@@ -162,15 +162,15 @@ fn cavities_and_edges_where_four_faces_meet() {
     let cavity = |cell: [u64; 3]| cell.iter().all(|cell| *cell < 8) && cell != [3, 4, 5];
     let read = check_faces(3, [8; 3], cavity, "cavity");
     assert_eq!(read.faces.len(), 12);
-    let wide = |cell: [u64; 3]| cell.iter().any(|cell| !(10..51).contains(cell));
-    check_faces(6, [60; 3], wide, "wide cavity");
-    for side in [6, 36] {
+    let wide = |cell: [u64; 3]| cell.iter().any(|cell| !(10..41).contains(cell));
+    check_faces(6, [50; 3], wide, "wide cavity");
+    for side in [6, 24] {
         let checks = |[x, y, z]: [u64; 3]| (x + y + z) % 2 == 0;
         let read = check_faces(6, [side; 3], checks, "checkerboard");
         assert_eq!(read.faces.len() as u64, side.pow(3) / 2 * 6);
     }
-    let stairs = |[x, y, z]: [u64; 3]| x + y + 2 * z < 70;
-    check_faces(6, [64; 3], stairs, "stairs");
+    let stairs = |[x, y, z]: [u64; 3]| x + y + 2 * z < 60;
+    check_faces(6, [50; 3], stairs, "stairs");
 }
 
 #[test]

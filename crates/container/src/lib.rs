@@ -1,5 +1,6 @@
 //! The container that all tree files have in common: header, metadata, sections, trailer; and the layout of the records in segments.
 
+mod block_file;
 mod colour_roles;
 mod dense;
 mod file_header;
@@ -18,6 +19,7 @@ mod state;
 mod tag;
 mod trailer;
 
+pub use block_file::{BlockEntry, BlockFile, BlockWriter};
 pub use dense::{DenseBlock, DenseKind, MAX_DENSE_LEVELS, dense_child, dense_levels};
 pub use file_header::{Content, FileHeader, HEADER_SIZE, MOST_LAYERS};
 pub use finding::{Finding, MAX_FINDINGS};

@@ -1,45 +1,32 @@
 //! Reads files of trees of lines.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::summary::Summary;
-use super::writer::{BLOCK_ENTRY, BLOCKS, Entry, FEATURES, METADATA, NODE_ENTRY, NODES, SUMMARY};
+use super::writer::{BLOCKS, Entry, FEATURES, NODE_ENTRY, NODES, SUMMARY};
 use crate::attribute::LineAttribute;
 use crate::codec::{MOST_FEATURES, MOST_SEGMENTS, Piece, decode_features, decode_segments};
 use crate::grid::LineGrid;
 use crate::source::LineFeature;
-use spinney_base::io::{FileBytes, ReadBackend, open_file, with_cache};
+use spinney_base::Result;
+use spinney_base::io::ReadBackend;
 use spinney_base::space::{Code, Dimension};
-use spinney_base::{Error, Result};
-use spinney_container::{Content, FileHeader, HEADER_SIZE, List, Metadata, OpenOptions, TAIL, Trailer};
+use spinney_container::{BlockFile, Content, List, Metadata, OpenOptions};
 
 /// A tree of lines in a file.
 pub struct LineTree {
-    path: PathBuf,
-    backend: Box<dyn ReadBackend>,
-    metadata: Metadata,
+    file: BlockFile,
     summary: Summary,
     grid: LineGrid,
     attributes: Vec<LineAttribute>,
     blocks: List,
     nodes: List,
     features: List,
-    check: bool,
-    bytes: u64,
 }
 
 /// Whether a file is a tree of lines, whatever its name.
 pub fn is_line_file(path: &Path) -> bool {
-    open_file(path, true, &[]).and_then(|(file, _)| header(path, &*file)).is_ok()
-}
-
-/// Reads and checks the header of a file of lines.
-fn header(path: &Path, file: &dyn ReadBackend) -> Result<FileHeader> {
-    let header = FileHeader::read(path, file)?;
-    match (header.content, header.dimension) {
-        (Content::Lines, Dimension::Quad) => Ok(header),
-        _ => Err(Error::corrupt(path, "header", "a file of other content", "a quadtree of lines")),
-    }
+    BlockFile::has_content(path, Content::Lines)
 }
 
 /// A node of a tree of lines.
@@ -81,109 +68,49 @@ impl LineTree {
         backend: Box<dyn ReadBackend>,
         options: &OpenOptions,
     ) -> Result<LineTree> {
-        let backend = with_cache(backend, options.cache);
-        let header = header(path, &*backend)?;
-        let bytes = backend.len();
-        let tail = bytes.min(TAIL as u64);
-        let trailer = Trailer::from_bytes(path, &backend.read(bytes - tail, tail as usize)?, bytes)?;
-        if trailer.header != header {
-            return Err(Error::corrupt(path, "trailer", "another header", "the file's own"));
+        let file = BlockFile::open(path, backend, (Content::Lines, "a tree of lines"), options)?;
+        if file.header().dimension != Dimension::Quad {
+            return Err(file.corrupt("header", "an octree of lines", "a quadtree"));
         }
-        Metadata::check_length(path, trailer.section(METADATA).length)?;
-        let metadata =
-            Metadata::from_bytes(path, &trailer.section(METADATA).read(path, &*backend, "metadata")?)?;
-        Metadata::check_length(path, trailer.section(SUMMARY).length)?;
-        let section = trailer.section(SUMMARY).read(path, &*backend, "lines")?;
-        let (summary, grid, attributes) = Summary::from_bytes(path, &section)?;
-        let list = |tag, name: &str, entry| List::open(path, &*backend, (trailer.section(tag), name), entry);
-        let blocks = list(BLOCKS, "list of blocks", BLOCK_ENTRY)?;
-        let nodes = list(NODES, "list of nodes", NODE_ENTRY)?;
-        let features = list(FEATURES, "list of features", BLOCK_ENTRY)?;
-        let end = trailer.section(BLOCKS).offset;
-        let (path, check) = (path.to_path_buf(), options.check);
-        let tree = LineTree {
-            path,
-            backend,
-            metadata,
-            summary,
-            grid,
-            attributes,
-            blocks,
-            nodes,
-            features,
-            check,
-            bytes,
-        };
-        tree.check_lists(end)?;
+        let (summary, grid, attributes) = Summary::from_bytes(path, &file.section(SUMMARY, "lines")?)?;
+        let blocks = file.list(BLOCKS, "list of blocks", Entry::BYTES)?;
+        let nodes = file.list(NODES, "list of nodes", NODE_ENTRY)?;
+        let features = file.list(FEATURES, "list of features", Entry::BYTES)?;
+        file.check_nodes(&nodes, (Dimension::Quad, grid.deepest()))?;
+        file.check_keys(&blocks, &nodes)?;
+        let lists = [("block", &blocks, MOST_SEGMENTS), ("block of features", &features, MOST_FEATURES)];
+        file.check_blocks::<2>(&lists, file.end(BLOCKS))?;
+        let tree = LineTree { file, summary, grid, attributes, blocks, nodes, features };
+        tree.check_feature_numbers()?;
         Ok(tree)
     }
 
-    /// Checks that nodes ascend, that blocks are in the file, each once, and that there is one for each feature.
-    fn check_lists(&self, end: u64) -> Result<()> {
-        let corrupt = |place: String, found: String, expected: &str| {
-            Err(Error::corrupt(&self.path, place, found, expected))
-        };
-        let mut before: Option<u64> = None;
-        for index in 0..self.nodes.len() {
-            let code = self.nodes.code(&*self.backend, index);
-            let fits = Code::from_bits(Dimension::Quad, code)
-                .is_some_and(|code| code.level() <= self.grid.deepest());
-            if before.is_some_and(|before| before >= code) || !fits {
-                let expected = "codes of the tree that ascend";
-                return corrupt(format!("node {index}"), format!("code {code:x}"), expected);
+    /// Checks that the blocks of features have all of them, in order.
+    fn check_feature_numbers(&self) -> Result<()> {
+        let mut next = 0u64;
+        for index in 0..self.features.len() {
+            let entry = self.feature_entry(index);
+            if entry.key != next {
+                let (place, found) = (format!("block of features {index}"), format!("feature {}", entry.key));
+                return Err(self.file.corrupt(place, found, "numbers that follow each other"));
             }
-            before = Some(code);
-        }
-        let (mut sum, mut node, mut next) = (0u64, 0, 0u64);
-        for (list, most) in [(&self.blocks, MOST_SEGMENTS), (&self.features, MOST_FEATURES)] {
-            let is_of_features = most == MOST_FEATURES;
-            for index in 0..list.len() {
-                let entry = self.entry(list, index);
-                let place = if is_of_features { "block of features" } else { "block" };
-                let place = format!("{place} {index}");
-                if is_of_features {
-                    if entry.key != next {
-                        return corrupt(
-                            place,
-                            format!("feature {}", entry.key),
-                            "numbers that follow each other",
-                        );
-                    }
-                    next += u64::from(entry.count);
-                } else {
-                    node = self.nodes.find(&*self.backend, node, entry.key);
-                    if self.nodes.code(&*self.backend, node) != entry.key {
-                        return corrupt(place, format!("code {:x}", entry.key), "codes of nodes, in order");
-                    }
-                }
-                let range = entry.offset.checked_add(entry.length.into());
-                let is_inside = range.is_some_and(|last| entry.offset >= HEADER_SIZE as u64 && last <= end);
-                if !is_inside || !(1..=most as u32).contains(&entry.count) {
-                    let found = format!("{} in bytes {} + {}", entry.count, entry.offset, entry.length);
-                    return corrupt(place, found, "some in bytes before the lists");
-                }
-                sum += u64::from(entry.length);
-            }
-        }
-        // Blocks that are stored once each: the work of going through all of them goes with the file's size.
-        if sum > end {
-            return corrupt("lists of blocks".into(), format!("{sum} bytes"), &format!("at most {end}"));
+            next += u64::from(entry.count);
         }
         if next != self.summary.features {
-            let expected = format!("{}", self.summary.features);
-            return corrupt("list of features".into(), format!("{next} features"), &expected);
+            let expected = self.summary.features.to_string();
+            return Err(self.file.corrupt("list of features", format!("{next} features"), expected));
         }
         Ok(())
     }
 
     /// Path of the file.
     pub fn path(&self) -> &Path {
-        &self.path
+        self.file.path()
     }
 
     /// Coordinate system, provenance and tags.
     pub fn metadata(&self) -> &Metadata {
-        &self.metadata
+        self.file.metadata()
     }
 
     /// The grid that vertices lie on.
@@ -218,7 +145,7 @@ impl LineTree {
 
     /// Bytes of the file.
     pub fn bytes(&self) -> u64 {
-        self.bytes
+        self.file.bytes()
     }
 
     /// Number of nodes, of blocks of pieces, and of blocks of features.
@@ -237,7 +164,8 @@ impl LineTree {
 
     /// The node in a place of the list.
     pub(crate) fn node(&self, index: usize) -> Result<LineNode> {
-        let entry = self.nodes.get(&*self.backend, index).and_then(|entry| entry.first_chunk::<NODE_ENTRY>());
+        let entry =
+            self.nodes.get(self.file.backend(), index).and_then(|entry| entry.first_chunk::<NODE_ENTRY>());
         let eight =
             |at: usize| entry.map(|bytes| u64::from_le_bytes(std::array::from_fn(|byte| bytes[at + byte])));
         let four = |at: usize| {
@@ -248,7 +176,7 @@ impl LineTree {
             (code, eight(8), eight(16), eight(24))
         else {
             let place = format!("node {index}");
-            return Err(Error::corrupt(&self.path, place, "no node", "a file that nobody cuts short"));
+            return Err(self.file.corrupt(place, "no node", "a file that nobody cuts short"));
         };
         let bounds = [[four(32), four(36)], [four(40), four(44)]];
         Ok(LineNode { index, code, segments, features, length: f64::from_bits(length), bounds })
@@ -261,79 +189,46 @@ impl LineTree {
 
     /// The children that a node has, in order.
     pub(crate) fn children(&self, node: &LineNode) -> Result<Vec<LineNode>> {
-        let mut children = Vec::new();
-        let mut from = node.index + 1;
-        if node.code.level() >= self.grid.deepest() {
-            return Ok(children);
-        }
-        for child in 0..Dimension::Quad.children() {
-            let code = node.code.child(child);
-            from = self.nodes.find(&*self.backend, from, code.bits());
-            if self.nodes.code(&*self.backend, from) == code.bits() {
-                children.push(self.node(from)?);
-            }
-        }
-        Ok(children)
-    }
-
-    fn entry(&self, list: &List, index: usize) -> Entry {
-        let bytes = list.get(&*self.backend, index).and_then(|entry| entry.first_chunk::<BLOCK_ENTRY>());
-        Entry::from_bytes(bytes.unwrap_or(&[0; BLOCK_ENTRY]))
+        let children = self.file.children(&self.nodes, (node.index, node.code), self.grid.deepest());
+        children.into_iter().map(|child| self.node(child)).collect()
     }
 
     /// The entry of a block of pieces.
     pub(crate) fn block_entry(&self, index: usize) -> Entry {
-        self.entry(&self.blocks, index)
+        self.file.entry(&self.blocks, index)
     }
 
     /// The entry of a block of features.
     pub(crate) fn feature_entry(&self, index: usize) -> Entry {
-        self.entry(&self.features, index)
+        self.file.entry(&self.features, index)
     }
 
     /// The block of features that has one.
     pub(crate) fn feature_block_of(&self, feature: u64) -> usize {
-        self.features.find(&*self.backend, 0, feature.saturating_add(1)).saturating_sub(1)
+        self.features.find(self.file.backend(), 0, feature.saturating_add(1)).saturating_sub(1)
     }
 
     /// The blocks of a node.
     pub(crate) fn blocks_of(&self, code: Code) -> std::ops::Range<usize> {
-        let first = self.blocks.find(&*self.backend, 0, code.bits());
-        first..self.blocks.find(&*self.backend, first, code.bits() + 1)
-    }
-
-    /// The bytes of a block, with the right checksum.
-    fn block_bytes(&self, place: &str, entry: &Entry) -> Result<FileBytes<'_>> {
-        let corrupt = |found: String, expected: &str| Err(Error::corrupt(&self.path, place, found, expected));
-        if entry.offset + u64::from(entry.length) > self.backend.len() {
-            return corrupt("no bytes".into(), "a file that nobody cuts short");
-        }
-        let bytes = self.backend.share(entry.offset, entry.length as usize)?;
-        if self.check {
-            let found = crc32c::crc32c(&bytes);
-            if found != entry.checksum {
-                return corrupt(format!("checksum {found:08x}"), &format!("{:08x}", entry.checksum));
-            }
-        }
-        Ok(bytes)
+        self.file.blocks_of(&self.blocks, code)
     }
 
     /// The pieces of a block.
     pub(crate) fn block(&self, index: usize) -> Result<Vec<Piece>> {
         let entry = self.block_entry(index);
         let place = format!("block {index}");
-        let bytes = self.block_bytes(&place, &entry)?;
+        let bytes = self.file.block(&place, &entry)?;
         decode_segments(&bytes, entry.count as usize)
-            .ok_or_else(|| Error::corrupt(&self.path, place, "bytes that no pieces have", "pieces of lines"))
+            .ok_or_else(|| self.file.corrupt(place, "bytes that no pieces have", "pieces of lines"))
     }
 
     /// The features of a block.
     pub(crate) fn feature_block(&self, index: usize) -> Result<Vec<LineFeature>> {
         let entry = self.feature_entry(index);
         let place = format!("block of features {index}");
-        let bytes = self.block_bytes(&place, &entry)?;
+        let bytes = self.file.block(&place, &entry)?;
         decode_features(&bytes, entry.count as usize, self.attributes.len())
-            .ok_or_else(|| Error::corrupt(&self.path, place, "bytes that no features have", "features"))
+            .ok_or_else(|| self.file.corrupt(place, "bytes that no features have", "features"))
     }
 
     /// Hands out features by their numbers, from 0, which ascend; of those that there are not, none.

@@ -1,0 +1,98 @@
+//! Writes files of blocks, from the first byte to the last.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use super::{BlockEntry, METADATA};
+use crate::{FileHeader, Metadata, SectionWriter, Trailer, TreeFormat, check_tree_name};
+use spinney_base::io::{Output, Sorter};
+use spinney_base::{Error, Result};
+
+/// A file of blocks that is being written.
+pub struct BlockWriter {
+    out: Output,
+    path: PathBuf,
+    header: FileHeader,
+    position: u64,
+}
+
+impl BlockWriter {
+    /// Starts a file with its header, of what a noun says.
+    ///
+    /// # Errors
+    /// If the output's name is that of something else, or it cannot be written.
+    pub fn new(out: Output, header: FileHeader, noun: &str) -> Result<BlockWriter> {
+        let path = out.path().to_path_buf();
+        check_tree_name(&path)?;
+        if TreeFormat::of(&path) == TreeFormat::Autumnal {
+            let advice = format!("name it .goblin: trees of {noun} are not edited");
+            return Err(Error::unsupported(path, format!("an Autumnal file of {noun}"), advice));
+        }
+        let mut writer = BlockWriter { out, path, header, position: 0 };
+        writer.write(&header.to_bytes(), "write the header")?;
+        Ok(writer)
+    }
+
+    /// Path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn write(&mut self, bytes: &[u8], doing: &'static str) -> Result<()> {
+        self.out.write_all(bytes).map_err(Error::io(&self.path, doing))?;
+        self.position += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// Writes a block of so many things within bounds. Returns its entry, for a list.
+    ///
+    /// # Errors
+    /// If it has 4 GiB or more, or cannot be written.
+    pub fn block<const AXES: usize>(
+        &mut self,
+        key: u64,
+        bytes: &[u8],
+        (count, bounds): (u32, [[i32; AXES]; 2]),
+    ) -> Result<BlockEntry<AXES>> {
+        let offset = self.position;
+        let length = u32::try_from(bytes.len()).map_err(|_| Error::TooLarge {
+            path: self.path.clone(),
+            what: "a block".into(),
+            needed: bytes.len() as u64,
+            limit: u32::MAX.into(),
+            advice: "leave out what is largest with --where".into(),
+        })?;
+        self.write(bytes, "write a block")?;
+        Ok(BlockEntry { key, offset, length, checksum: crc32c::crc32c(bytes), count, bounds })
+    }
+
+    /// Writes lists and the other sections, metadata and trailer behind the blocks, and puts the file in its place.
+    ///
+    /// # Errors
+    /// If that fails.
+    pub fn finish(
+        self,
+        lists: Vec<([u8; 4], Sorter)>,
+        (tag, summary): ([u8; 4], Vec<u8>),
+        metadata: &Metadata,
+    ) -> Result<()> {
+        let BlockWriter { mut out, path, header, mut position } = self;
+        let metadata = metadata.to_bytes(&path)?;
+        let mut sections = Vec::new();
+        for (tag, list) in lists {
+            let mut section = SectionWriter::new(&mut out, position);
+            list.finish(&mut |entry| section.write_all(entry).map_err(Error::io(&path, "write a list")))?;
+            position += section.written.length;
+            sections.push((tag, section.written));
+        }
+        for (tag, bytes) in [(tag, summary), (METADATA, metadata)] {
+            let mut section = SectionWriter::new(&mut out, position);
+            section.write_all(&bytes).map_err(Error::io(&path, "write a section"))?;
+            position += section.written.length;
+            sections.push((tag, section.written));
+        }
+        let trailer = Trailer { header, sections };
+        out.write_all(&trailer.to_bytes(position)).map_err(Error::io(&path, "write the trailer"))?;
+        out.commit()
+    }
+}
