@@ -1,15 +1,16 @@
-"""Trees of points, as the reader of tests/foreign has them, which was written by the letter of formats.md."""
+"""Trees of points and of lines, as the readers of tests/foreign have them, which were written by the letter of formats.md."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import random
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -105,3 +106,50 @@ def test_points_of_arrays(program: str, tmp_path: Path, clock: str | None) -> No
     for name in rows.dtype.names or ():
         np.testing.assert_allclose(read[name], rows[name], rtol=0, atol=1e-9 if name in "xyz" else 0)
     tree.verify()
+
+
+def network(seed: int, size: int, width: float, digits: int) -> list[dict[str, Any]]:
+    """Features with one line or several, long ones and short ones, and values of all kinds."""
+    rng = random.Random(seed)
+    features = []
+    for i in range(size):
+        lines = []
+        for _ in range(rng.choice([1, 1, 3])):
+            place, step = [rng.uniform(-width, width) for _ in range(2)], rng.choice([width / 1000, width / 10, width])
+            line = [place]
+            for _ in range(rng.choice([1, 2, 30])):
+                place = [x + rng.uniform(-step, step) for x in place] if rng.random() < 0.95 else place
+                line.append(place)
+            lines.append([[round(x, digits) for x in vertex] for vertex in line])
+        texts, wholes, numbers = ["", "road", "Straße", str(i), None], [i, -3, 2**62, None], [0.5 * i, -1e300, 5e-324, None]
+        of: list[list[Any]] = [texts, wholes, numbers, [True, False, None], [[1, {"a": None}], {}, None]]
+        values = [rng.choice(row) for row in [*of, [value for row in of for value in row]]]
+        single = len(lines) == 1
+        geometry = {"type": "LineString" if single else "MultiLineString", "coordinates": lines[0] if single else lines}
+        properties = dict(zip(["text", "whole", "number", "truth", "json", "several"], values))
+        features.append({"type": "Feature", "properties": properties, "geometry": geometry})
+    return features
+
+
+# Steps of hundredths, on which all is exact; of 32 bits that are all used; and some that are wider than 1.
+@pytest.mark.parametrize(("width", "digits"), [(3000, 2), (190, 7), (1e11, 0)])
+@pytest.mark.parametrize("leaf_size", [1, 40, 1024])
+def test_lines(program: str, tmp_path: Path, width: float, digits: int, leaf_size: int) -> None:
+    from lines import Json, Lines
+
+    source, path, back = (tmp_path / name for name in ("t.geojson", "t.goblin", "back.geojson"))
+    made = network(leaf_size, 200, width, digits)
+    source.write_text(json.dumps({"type": "FeatureCollection", "features": made}))
+    run(program, "-q", "build", source, "-o", path, "--index", "lines", "--leaf-size", leaf_size)
+    run(program, "-q", "get", path, "-o", back)
+    tree = Lines(path.read_bytes())
+    told = json.loads(back.read_text())["features"]
+    features = list(tree.each_feature())
+    assert len(features) == len(told) == len(made) == tree.features
+    for feature, other, first in zip(features, told, made):
+        lines = [[list(tree.world(vertex)) for vertex in line] for line in feature.lines]
+        assert lines == (other["geometry"]["coordinates"] if len(lines) > 1 else [other["geometry"]["coordinates"]])
+        values = [json.loads(value) if isinstance(value, Json) else value for value in feature.values]
+        assert values == list(other["properties"].values()) == list(first["properties"].values())
+    tree.verify()
+    assert (len(tree.nodes) > 30) == (leaf_size < 1024)

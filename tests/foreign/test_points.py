@@ -16,8 +16,9 @@ from collections import Counter
 from typing import Callable, NamedTuple
 
 import pytest
-from basics import Bytes, Code, Damaged, Header, Unknown, crc32c, spans
+from basics import Bytes, Code, Damaged, Header, Unknown, spans
 from points import Number, Point, Points, ordered, predicted, rounded, value_of
+from sealing import sealed
 from tokens import numbers
 
 NONE = float("nan")
@@ -181,26 +182,6 @@ def test_each_flipped_byte_is_noticed(name: str) -> None:
         damaged = bytearray(data)
         damaged[at] ^= 1 << at % 8
         assert refused(bytes(damaged)), at
-
-
-def sealed(damaged: bytearray, was: bytes) -> bytes:
-    """A damaged file, with all checksums as if it were not; by what the file was before."""
-    data, places = bytearray(damaged), spans(was, Header.read(was))
-    trailer = len(data) - 16 - 36 - 24 * len(places)
-
-    def put(at: int, start: int, end: int) -> None:
-        data[at : at + 4] = struct.pack("<I", crc32c(bytes(data[start:end])))
-
-    at, size, _ = places[b"PBLK"]
-    for entry in range(at, at + size, 52):
-        start, length = struct.unpack_from("<QI", data, entry + 8)
-        put(entry + 20, start, start + length)
-    put(20, 0, 20)
-    data[trailer : trailer + 24] = data[:24]
-    for i, (at, size, _) in enumerate(places.values()):
-        put(trailer + 40 + 24 * i, at, at + size)
-    put(len(data) - 12, trailer, len(data) - 16)
-    return bytes(data)
 
 
 @pytest.mark.parametrize("name", SAMPLES)

@@ -1,4 +1,4 @@
-"""Numbers by tokens (section 45 of formats.md): the columns of trees of points and of trees of lines."""
+"""Numbers by tokens (section 45 of formats.md): columns of trees of points and of trees of lines."""
 
 from __future__ import annotations
 
