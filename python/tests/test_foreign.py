@@ -7,6 +7,7 @@ import io
 import json
 import math
 import random
+import struct
 import sys
 from collections import Counter
 from pathlib import Path
@@ -58,6 +59,32 @@ def test_points_of_a_scan(program: str, tmp_path: Path, leaf_size: int) -> None:
     tree = compared(program, path)
     assert (tree.count, tree.axes, tree.columns[tree.clock or 0].name) == (13587, 3, "gps_time")
     assert (len(tree.nodes) > 1) == (leaf_size == 100)
+
+
+def test_scaled_attributes(program: str, tmp_path: Path) -> None:
+    """Two additional attributes of a LAS file, with a scale and a summand, and with a scale alone."""
+    from points import Points
+
+    extra = b"".join(
+        struct.pack("<2xBB32s76xd16xd16x32s", kind, 8 + 16 * (summand != 0), name, scale, summand, text)
+        for kind, name, scale, summand, text in [(4, b"height", 0.25, -100.0, b"above ground"), (1, b"share", 0.5, 0.0, b"")]
+    )
+    record = struct.pack("<2x16sHH32s", b"LASF_Spec", 4, len(extra), b"") + extra
+    rows = [(struct.pack("<iii18x", i, 2 * i, 3 * i), -i, i % 7) for i in range(300)]
+    points = b"".join(place + struct.pack("<hB", height, share) for place, height, share in rows)
+    head = struct.pack("<4s4x16xBB32s32sHHHIIBHI20x", b"LASF", 1, 4, b"", b"", 1, 2026, 375, 375 + len(record), 1, 6, 33, 0)
+    head += struct.pack("<12dQQIQ120x", *[0.5] * 3, *[10.0] * 3, *[1000.0, 0] * 3, 0, 0, 0, 300)
+    (tmp_path / "t.las").write_bytes(head + record + points)
+    run(program, "-q", "build", tmp_path / "t.las", "-o", tmp_path / "t.goblin", "--attribute", "height,share")
+    tree = Points((tmp_path / "t.goblin").read_bytes())
+    height, share = tree.columns[3:]
+    assert (height.scale, share.scale, height.description) == ((0.25, -100.0), (0.5, 0.0), "above ground")
+    found = [(height.meant(point[3]), share.meant(point[4])) for _, points in tree.walk() for point in points]
+    assert sorted(found) == sorted((-i / 4 - 100, i % 7 / 2) for i in range(300))
+    table = csv.DictReader(io.StringIO(run(program, "-q", "get", tmp_path / "t.goblin", "-", "--format", "csv")))
+    assert sorted((float(row["height"]), float(row["share"])) for row in table) == sorted(found)
+    assert tree.nodes[tree.root].columns[3].sum == -sum(range(300))
+    tree.verify()
 
 
 @pytest.mark.parametrize("axes", [2, 3])

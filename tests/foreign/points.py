@@ -63,6 +63,10 @@ class Column:
     scale: tuple[float, float] | None = None
     description: str = ""
 
+    def meant(self, stored: Number) -> Number:
+        """The value that a stored one stands for."""
+        return stored * self.scale[0] + self.scale[1] if self.scale else stored
+
 
 @dataclass
 class Statistics:
@@ -406,4 +410,5 @@ if __name__ == "__main__":
     print(",".join(["level", *(column.name for column in tree.columns)]))
     for node, points in tree.walk():
         for point in points:
-            print(",".join(map(str, [node.at.level, *tree.world(point[:3]), *point[3:]])))
+            values = (column.meant(stored) for column, stored in zip(tree.columns[3:], point[3:]))
+            print(",".join(map(str, [node.at.level, *tree.world(point[:3]), *values])))
