@@ -208,7 +208,7 @@ class Header:
         check(len(raw) == 24 and raw[:8] == magic, "no header")
         major, _, axes, content, depth, _, layers, crc = struct.unpack("<HHBBBBII", raw[8:])
         check(crc == crc32c(raw[:20]), "checksum of the header")
-        if major != 1 or content not in (0, 2):
+        if major != 1 or content not in (0, 2, 3, 4):
             raise Unknown("a later version, or another content")
         check(axes in (2, 3) and depth <= (29 if axes == 2 else 19), "axes or depth")
         return Header(raw, axes, content, depth, layers)
@@ -219,8 +219,8 @@ def check_names(names: list[str]) -> None:
     check(len(names) == 1 or len(set(names)) == len(names) and "" not in names, "names of layers")
 
 
-def trailer(data: bytes, header: Header) -> dict[bytes, bytes]:
-    """The sections that the trailer has, checked."""
+def spans(data: bytes, header: Header) -> dict[bytes, tuple[int, int, int]]:
+    """Where the sections that the trailer has are: first byte, bytes and checksum."""
     check(len(data) >= 40 and data[-8:] == GOBLIN[::-1], "no end")
     size, crc = struct.unpack("<II", data[-16:-8])
     check(36 <= size <= 4096 and size + 40 <= len(data), "the trailer has no room")
@@ -234,6 +234,14 @@ def trailer(data: bytes, header: Header) -> dict[bytes, bytes]:
     for _ in range(count):
         tag, crc, at, size = b.get("4sIQQ")
         check(at + size <= len(data), "a section lies outside the file")
+        found[tag] = at, size, crc
+    return found
+
+
+def trailer(data: bytes, header: Header) -> dict[bytes, bytes]:
+    """The sections that the trailer has, checked."""
+    found = {}
+    for tag, (at, size, crc) in spans(data, header).items():
         found[tag] = data[at : at + size]
         check(crc32c(found[tag]) == crc, "checksum of a section")
     return found

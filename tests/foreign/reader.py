@@ -2,7 +2,8 @@
 
 It shows that the page is whole, and is a start for readers in other languages. It reads all of a file into memory and is in no hurry.
 What files have in common is in basics.py, trees in trees.py, Autumnal files in autumnal.py, exact models in models.py, the rules of
-section 13 in rules.py, packed segments and extents in packed.py, and what must be true of a whole file in verify.py.
+section 13 in rules.py, packed segments and extents in packed.py, trees of points in points.py, of lines in lines.py, and what must be true of a whole
+file in verify.py.
 """
 
 from __future__ import annotations

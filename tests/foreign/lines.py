@@ -1,0 +1,386 @@
+"""A reader of trees of lines (sections 45 and 46 of formats.md), written from that page alone.
+
+    python tests/foreign/lines.py FILE
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import sys
+from dataclasses import dataclass, field
+from itertools import accumulate, pairwise
+from pathlib import Path
+from typing import Any, Iterator, NamedTuple, Sequence
+
+from basics import Bytes, Code, Damaged, Header, Unknown, check, crc32c, metadata, spans, trailer
+from tokens import folded, signed, unfolded
+
+DEEPEST = 29
+# What a value can be, by its mark.
+NONE, WHOLE, NUMBER, TEXT, FALSE, TRUE, JSON = range(7)
+# The marks that values of an attribute can have, by its kind.
+KINDS = [{WHOLE}, {WHOLE, NUMBER}, {TEXT}, {FALSE, TRUE}, {JSON}, {WHOLE, NUMBER, TEXT, FALSE, TRUE, JSON}]
+
+Vertex = tuple[int, int]
+Box = tuple[int, int, int, int]
+
+
+class Json(str):
+    """JSON, which is no text."""
+
+
+@dataclass
+class Attribute:
+    """An attribute of features."""
+
+    name: str
+    kind: int
+
+
+@dataclass
+class Feature:
+    """A feature: its lines, and the values of its attributes."""
+
+    lines: list[list[Vertex]]
+    values: list[Any]
+
+
+class Piece(NamedTuple):
+    """What is between two vertices: the feature's number, the number of the first one, both, and the first level."""
+
+    feature: int
+    place: int
+    start: Vertex
+    end: Vertex
+    first: int
+
+    @property
+    def box(self) -> Box:
+        (x, y), (u, v) = self.start, self.end
+        return min(x, u), min(y, v), max(x, u), max(y, v)
+
+
+@dataclass
+class Block:
+    """An entry of `LBLK` or `LFEA`."""
+
+    key: int
+    at: int
+    size: int
+    crc: int
+    count: int
+    box: Box
+
+
+@dataclass
+class Node:
+    """An entry of `LNOD`, and the node's own blocks."""
+
+    at: Code
+    pieces: int
+    features: int
+    length: float
+    box: Box
+    blocks: list[Block] = field(default_factory=list)
+
+
+class Lines:
+    """A tree of lines."""
+
+    def __init__(self, data: bytes) -> None:
+        self.header = Header.read(data)
+        if self.header.content != 4:
+            raise Unknown("no tree of lines")
+        check(self.header.axes == 2 and self.header.layers == 0, "axes or layers of a tree of lines")
+        self.data, self.sections = data, trailer(data, self.header)
+        check(all(tag in self.sections for tag in (b"LINS", b"LBLK", b"LNOD", b"LFEA", b"META")), "sections")
+        check(len(self.sections[b"META"]) <= 1 << 24, "metadata are too large")
+        self.meta = metadata(self.sections[b"META"])
+        self._read_lines(Bytes(self.sections[b"LINS"]))
+        self._read_nodes(Bytes(self.sections[b"LNOD"]))
+        self._read_blocks(spans(data, self.header)[b"LBLK"][0])
+
+    def _read_lines(self, b: Bytes) -> None:
+        if b.unsigned() != 1:
+            raise Unknown("lines of another version")
+        self.features, self.pieces, self.leaf_size = (b.unsigned() for _ in range(3))
+        self.scale, self.offset = b.get("d"), b.get("2d")
+        self.corner = tuple(b.signed() for _ in range(2))
+        self.bits = b.get("B")
+        self.attributes = b.many(lambda: Attribute(b.text(), b.get("B")))
+        check(1 <= self.leaf_size <= 1 << 16 and self.bits <= 32, "leaf size or bits")
+        check(all(-1 << 31 <= c < 1 << 31 for c in self.corner), "the corner")
+        check(all(map(math.isfinite, (self.scale, *self.offset))) and self.scale > 0, "scale or offset")
+        if any(attribute.kind >= len(KINDS) for attribute in self.attributes):
+            raise Unknown("a kind of an attribute")
+        check(self.header.depth == min(self.bits, DEEPEST), "the depth of the header")
+
+    def _read_nodes(self, b: Bytes) -> None:
+        check(len(b.data) % 48 == 0, "bytes of nodes")
+        self.nodes: dict[Code, Node] = {}
+        last = -1
+        while b.at < len(b.data):
+            code, pieces, features, length, *box = b.get("QQQd4i")
+            at = Code.of(code, 2)
+            check(code > last and at.level <= self.header.depth, "nodes")
+            check(not at.level or at.up(1) in self.nodes, "a node without the one above it")
+            check(1 <= features <= pieces and features <= self.features and 0 <= length < math.inf, "counts of a node")
+            self.nodes[at] = Node(at, pieces, features, length, box_of(box))
+            last = code
+        root = self.nodes.get(Code(0, (0, 0)))
+        check((root.pieces if root else 0) == self.pieces, "pieces of the root")
+
+    def _read_blocks(self, end: int) -> None:
+        blocks = self._blocks(self.sections[b"LBLK"], end, 1 << 16)
+        for key, block in blocks:
+            node = self.nodes.get(Code.of(key, 2))
+            check(node, "a block of no node")
+            if node:
+                node.blocks.append(block)
+        check(all(a <= e for (a, _), (e, _) in pairwise(blocks)), "the order of blocks")
+        below = {node.at: sum(block.count for block in node.blocks) for node in self.nodes.values()}
+        for node in reversed(self.nodes.values()):
+            check(below[node.at] == node.pieces, "pieces of a node and those below")
+            if node.at.level:
+                below[node.at.up(1)] += node.pieces
+        of_features = self._blocks(self.sections[b"LFEA"], end, 1 << 12)
+        self.of_features = [block for _, block in of_features]
+        firsts = [0, *accumulate(block.count for block in self.of_features)]
+        check([*(key for key, _ in of_features), self.features] == firsts, "blocks of features")
+        check(all(block.box == (0, 0, 0, 0) for block in self.of_features), "places of features")
+        whole = sum(block.size for _, block in blocks + of_features)
+        check(whole <= end - 24, "blocks have more bytes than there are")
+
+    def _blocks(self, data: bytes, end: int, most: int) -> list[tuple[int, Block]]:
+        check(len(data) % 44 == 0, "bytes of blocks")
+        found = []
+        for key, at, size, crc, count, *box in struct.iter_unpack("<QQIII4i", data):
+            check(24 <= at and at + size <= end, "a block lies elsewhere")
+            check(1 <= count <= most, "how much a block has")
+            found.append((key, Block(key, at, size, crc, count, box_of(box))))
+        return found
+
+    def block(self, block: Block) -> Bytes:
+        """The bytes of a block."""
+        data = self.data[block.at : block.at + block.size]
+        check(crc32c(data) == block.crc, "checksum of a block")
+        return Bytes(data)
+
+    @property
+    def divisor(self) -> float | None:
+        """The whole number of which the scale is one part."""
+        n = round(1 / self.scale)
+        return float(n) if n and 1 / n == self.scale else None
+
+    def world(self, vertex: Vertex) -> tuple[float, float]:
+        """Where a vertex is in the world."""
+        n = self.divisor
+        places = [(x + offset * n) / n if n else x * self.scale + offset for x, offset in zip(vertex, self.offset)]
+        return places[0], places[1]
+
+    def pieces_of(self, block: Block) -> list[Piece]:
+        """The pieces of a block."""
+        b = self.block(block)
+        count = block.count
+        features = list(accumulate(read_column(b, [0] * count)))
+        same = [a == e for a, e in pairwise([0, *features])]
+        more = read_column(b, [0] * count)
+        places: list[int] = []
+        for i in range(count):
+            places.append(more[i] + (places[-1] if i and same[i] else 0))
+        contexts = [int(same[i] and more[i] == 1) for i in range(count)]
+        starts = [read_column(b, contexts) for _ in range(2)]
+        ends = [read_column(b, [0] * count) for _ in range(2)]
+        firsts = read_column(b, [0] * count)
+        check(b.at == len(b.data), "something is left of a block")
+        found: list[Piece] = []
+        x = y = 0
+        for i in range(count):
+            start = x + starts[0][i], y + starts[1][i]
+            x, y = start[0] + ends[0][i], start[1] + ends[1][i]
+            found.append(Piece(features[i], places[i], start, (x, y), firsts[i]))
+        check(all(self.inside(p) for piece in found for p in (piece.start, piece.end)), "a vertex is not inside")
+        check(all(0 <= f < self.features for f in features) and min(places) >= 0, "features of pieces")
+        check(found == sorted(found, key=lambda piece: piece[:2]), "the order of pieces")
+        check(around(piece.box for piece in found) == block.box, "extremes of a block")
+        return found
+
+    def inside(self, vertex: Vertex) -> bool:
+        return all(0 <= x - corner < 1 << self.bits for x, corner in zip(vertex, self.corner))
+
+    def features_of(self, block: Block) -> list[Feature]:
+        """The features of a block, in their order."""
+        b = self.block(block)
+        lines = read_column(b, [0] * block.count)
+        check(min(lines) >= 0 and sum(lines) <= 1 << 23, "lines of features")
+        sizes = read_column(b, [0] * sum(lines))
+        check(min(sizes, default=2) >= 2 and sum(sizes) <= 1 << 24, "vertices of lines")
+        contexts = [int(i == 0) for size in sizes for i in range(size)]
+        vertices = list(zip(*[accumulate(read_column(b, contexts)) for _ in range(2)]))
+        check(all(map(self.inside, vertices)), "a vertex is not inside")
+        at = iter(vertices)
+        rows = iter([[next(at) for _ in range(size)] for size in sizes])
+        columns = [self._values(b, block.count, attribute) for attribute in self.attributes]
+        check(b.at == len(b.data), "something is left of a block")
+        return [Feature([next(rows) for _ in range(n)], list(values)) for n, *values in zip(lines, *columns)]
+
+    def _values(self, b: Bytes, count: int, attribute: Attribute) -> list[Any]:
+        """The values of an attribute."""
+        marks = read_column(b, [0] * count)
+        check(set(marks) <= KINDS[attribute.kind] | {NONE}, "marks of values")
+        wholes = iter(read_column(b, [0] * marks.count(WHOLE)))
+        numbers = iter(read_column(b, [0] * marks.count(NUMBER)))
+        of_texts = marks.count(TEXT) + marks.count(JSON)
+        texts: Iterator[str] = iter(())
+        if of_texts:
+            (different,) = read_column(b, [0])
+            check(1 <= different <= of_texts, "different texts")
+            which = read_column(b, [0] * of_texts)
+            check(all(0 <= i < different for i in which), "numbers of texts")
+            sizes = read_column(b, [0] * different)
+            check(min(sizes) >= 0 and sum(sizes) <= 1 << 24, "bytes of texts")
+            letters = read_column(b, [0] * sum(sizes))
+            check(all(0 <= letter < 256 for letter in letters), "bytes of texts")
+            ends = list(accumulate(sizes))
+            try:
+                different_texts = [bytes(letters[end - size : end]).decode() for size, end in zip(sizes, ends)]
+            except UnicodeDecodeError:
+                raise Damaged("a text is not UTF-8") from None
+            texts = iter([different_texts[i] for i in which])
+        found: list[Any] = []
+        for mark in marks:
+            if mark == WHOLE:
+                found.append(next(wholes))
+            elif mark == NUMBER:
+                found.append(struct.unpack("<d", struct.pack("<q", next(numbers)))[0])
+            elif mark in (TEXT, JSON):
+                text = next(texts)
+                found.append(text if mark == TEXT else Json(text))
+            else:
+                found.append({NONE: None, FALSE: False, TRUE: True}[mark])
+        return found
+
+    def walk(self) -> Iterator[tuple[Node, list[Piece]]]:
+        """All nodes, by their codes, with the pieces of each."""
+        for node in self.nodes.values():
+            yield node, [piece for block in node.blocks for piece in self.pieces_of(block)]
+
+    def each_feature(self) -> Iterator[Feature]:
+        """All features, in their order."""
+        for block in self.of_features:
+            yield from self.features_of(block)
+
+    # All that must be true of a file.
+
+    def code(self, piece: Piece) -> Code:
+        """The node of a piece, before any took in those below."""
+        (x, y), (u, v) = [(p[0] - self.corner[0], p[1] - self.corner[1]) for p in (piece.start, piece.end)]
+        size = max(abs(x - u), abs(y - v))
+        level = next(l for l in range(self.header.depth, -1, -1) if 1 << self.bits - l >= size)
+        return Code(level, ((x + u) // 2 >> self.bits - level, (y + v) // 2 >> self.bits - level))
+
+    def verify(self) -> None:
+        """That pieces are those of the features, in the nodes and blocks that the page says, and that what stands by nodes is true."""
+        of_nodes = {node.at: [self.pieces_of(block) for block in node.blocks] for node in self.nodes.values()}
+        made = [piece for i, feature in enumerate(self.each_feature()) for piece in self._pieces(i, feature)]
+        found = [piece for blocks in of_nodes.values() for pieces in blocks for piece in pieces]
+        check(sorted(found) == sorted(made), "pieces are not those of features")
+        below: dict[Code, int] = {}
+        for piece in made:
+            own = self.code(piece)
+            for level in range(own.level + 1):
+                node = own.up(own.level - level)
+                below[node] = below.get(node, 0) + 1
+        taken = set()
+        for at, blocks in of_nodes.items():
+            for own in {self.code(piece) for pieces in blocks for piece in pieces}:
+                above = (own.up(own.level - level) for level in range(own.level + 1))
+                check(next((up for up in above if below[up] <= self.leaf_size), own) == at, "a piece is in another node")
+            taken.add(at)
+            self._verify_blocks(blocks)
+        check(set(self.nodes) == taken and all(self.nodes[at].pieces == below[at] for at in taken), "nodes")
+        self._verify_nodes(of_nodes)
+
+    def _pieces(self, number: int, feature: Feature) -> list[Piece]:
+        """The pieces of a feature, with their first levels."""
+        found, place = [], 0
+        for line in feature.lines:
+            found += [Piece(number, place + i, a, e, 0) for i, (a, e) in enumerate(pairwise(line))]
+            place += len(line)
+        found.sort(key=lambda piece: (self.code(piece).code, piece.place))
+        for i in range(len(found) - 1, 0, -1):
+            own, before = self.code(found[i]), self.code(found[i - 1])
+            least = min(own.level, before.level)
+            common = next(l for l in range(least, -1, -1) if own.up(own.level - l) == before.up(before.level - l))
+            found[i] = found[i]._replace(first=common + 1)
+        return found
+
+    def _verify_blocks(self, blocks: list[list[Piece]]) -> None:
+        """That the pieces of a node are cut into blocks in the order of their codes, features and places."""
+        check(all(len(pieces) == self.leaf_size for pieces in blocks[:-1]), "pieces of blocks")
+        check(all(len(pieces) <= self.leaf_size for pieces in blocks[-1:]), "pieces of the last block")
+        keys = [sorted((self.code(piece).code, *piece[:2]) for piece in pieces) for pieces in blocks]
+        check(all(a[-1] < e[0] for a, e in pairwise(keys)), "the order of blocks")
+
+    def _verify_nodes(self, of_nodes: dict[Code, list[list[Piece]]]) -> None:
+        """That lengths, extremes and numbers of features are those of the pieces in nodes and below."""
+        below: dict[Code, list[Node]] = {}
+        pieces_below: dict[Code, list[Piece]] = {}
+        for at, blocks in reversed(of_nodes.items()):
+            node, kids = self.nodes[at], below.get(at, [])[::-1]
+            pieces = pieces_below.setdefault(at, []) + [piece for of in blocks for piece in of]
+            check(node.features == len({piece.feature for piece in pieces}), "features of a node")
+            check(node.features == sum(piece.first <= at.level for piece in pieces), "first levels")
+            check(around(piece.box for piece in pieces) == node.box, "extremes of a node")
+            own = added([added([self.length(piece) for piece in of]) for of in blocks])
+            check(node.length == own + added([kid.length for kid in kids]), "the length of a node")
+            if at.level:
+                below.setdefault(at.up(1), []).append(node)
+                pieces_below.setdefault(at.up(1), []).extend(pieces)
+
+    def length(self, piece: Piece) -> float:
+        """The length of a piece in the world."""
+        x, y = float(piece.start[0] - piece.end[0]), float(piece.start[1] - piece.end[1])
+        steps = math.sqrt(x * x + y * y)
+        n = self.divisor
+        return steps / n if n else steps * self.scale
+
+
+def box_of(numbers: Sequence[int]) -> Box:
+    west, south, east, north = numbers
+    check(west <= east and south <= north, "extremes")
+    return west, south, east, north
+
+
+def around(boxes: Iterator[Box]) -> Box:
+    """The extremes of all boxes."""
+    west, south, east, north = zip(*boxes)
+    return min(west), min(south), max(east), max(north)
+
+
+def added(numbers: list[float]) -> float:
+    """The sum of `f64`, in this order."""
+    total = 0.0
+    for number in numbers:
+        total += number
+    return total
+
+
+def read_column(b: Bytes, contexts: Sequence[int]) -> list[int]:
+    """The numbers of a column, as many as contexts."""
+    if not contexts:
+        return []
+    way = b.get("B")
+    check(way < 4, "a way that is none")
+    numbers = [unfolded(n) for n in folded(b, contexts)] if way & 1 == 0 else [unfolded(b.leb(10)) for _ in contexts]
+    check(all(-1 << 63 <= n < 1 << 63 for n in numbers), "a number has more than 64 bits")
+    return [signed(n) for n in accumulate(numbers)] if way & 2 else numbers
+
+
+if __name__ == "__main__":
+    tree = Lines(Path(sys.argv[1]).read_bytes())
+    print(*(attribute.name for attribute in tree.attributes), "wkt", sep="\t")
+    for feature in tree.each_feature():
+        lines = ", ".join("(" + ", ".join("%r %r" % tree.world(vertex) for vertex in line) + ")" for line in feature.lines)
+        print(*feature.values, f"MULTILINESTRING ({lines})", sep="\t")

@@ -1,0 +1,414 @@
+"""A reader of trees of points (sections 43 to 45 of formats.md), written from that page alone.
+
+    python tests/foreign/points.py FILE
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import sys
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Iterable, Iterator, Sequence
+
+from basics import Bytes, Code, Damaged, Header, Unknown, check, crc32c, metadata, spans, trailer
+from tokens import numbers, signed
+
+# Sample types by their numbers, as `struct` names them.
+SAMPLES = "BHhIifdbQq"
+# Levels of the parts of a node of which each has one point at most, and the deepest level of codes; by axes.
+PARTS, DEEPEST = {2: 8, 3: 7}, {2: 29, 3: 19}
+NOTHING = (1 << 63) - 1, -1 << 63
+
+Number = int | float
+# Steps along x, y and z, then the values of attributes.
+Point = tuple[Number, ...]
+
+
+def ordered(value: Number, sample: str) -> int:
+    """The ordered number of a value."""
+    if sample == "Q":
+        return int(value) - (1 << 63)
+    if sample not in "fd":
+        return int(value)
+    size = struct.calcsize(sample)
+    bits = int.from_bytes(struct.pack("<" + sample, value), "little", signed=True)
+    return bits ^ (1 << 8 * size - 1) - 1 if bits < 0 else bits
+
+
+def value_of(number: int, sample: str) -> Number:
+    """The value that an ordered number stands for."""
+    try:
+        if sample == "Q":
+            return number + (1 << 63)
+        if sample not in "fd":
+            struct.pack("<" + sample, number)
+            return number
+        size = struct.calcsize(sample)
+        bits = number ^ (1 << 8 * size - 1) - 1 if number < 0 else number
+        return float(struct.unpack("<" + sample, bits.to_bytes(size, "little", signed=True))[0])
+    except (struct.error, OverflowError):
+        raise Damaged("a number is not of its column's type") from None
+
+
+@dataclass
+class Column:
+    """An attribute, or the steps along an axis."""
+
+    name: str
+    sample: str
+    scale: tuple[float, float] | None = None
+    description: str = ""
+
+    def meant(self, stored: Number) -> Number:
+        """The value that a stored one stands for."""
+        return stored * self.scale[0] + self.scale[1] if self.scale else stored
+
+
+@dataclass
+class Statistics:
+    """Of the values of a column: how many are numbers, the least and the greatest as ordered numbers, and their sum."""
+
+    count: int
+    least: int
+    most: int
+    sum: float
+
+
+@dataclass
+class Block:
+    """An entry of `PBLK`."""
+
+    node: Code
+    at: int
+    size: int
+    crc: int
+    points: int
+    least: tuple[int, int, int]
+    most: tuple[int, int, int]
+
+
+@dataclass
+class Node:
+    """An entry of `PNOD`, and the node's own blocks."""
+
+    at: Code
+    points: int
+    columns: list[Statistics]
+    blocks: list[Block] = field(default_factory=list)
+
+
+class Points:
+    """A tree of points."""
+
+    def __init__(self, data: bytes) -> None:
+        self.header = Header.read(data)
+        self.axes = self.header.axes
+        if self.header.content != 3:
+            raise Unknown("no tree of points")
+        check(self.header.layers == 0, "layers of a tree of points")
+        self.data, self.sections = data, trailer(data, self.header)
+        check(all(tag in self.sections for tag in (b"PNTS", b"PBLK", b"PNOD", b"META")), "sections")
+        check(len(self.sections[b"META"]) <= 1 << 24, "metadata are too large")
+        self.meta = metadata(self.sections[b"META"])
+        self._read_points(Bytes(self.sections[b"PNTS"]))
+        self._read_nodes(Bytes(self.sections[b"PNOD"]))
+        self._read_blocks(Bytes(self.sections[b"PBLK"]), spans(data, self.header)[b"PBLK"][0])
+
+    def _read_points(self, b: Bytes) -> None:
+        if b.unsigned() != 1:
+            raise Unknown("points of another version")
+        self.count, self.repeated, self.leaf_size = (b.unsigned() for _ in range(3))
+        self.scale, self.offset = b.get("3d"), b.get("3d")
+        self.corner = tuple(b.signed() for _ in range(3))
+        self.bits = b.get("B")
+        self.columns = [Column(axis, "i") for axis in "xyz"] + b.many(lambda: self._column(b))
+        check(1 <= self.leaf_size <= 1 << 20 and self.bits <= 32, "leaf size or bits")
+        check(all(-1 << 31 <= c < 1 << 31 for c in self.corner), "the corner")
+        check(all(map(math.isfinite, self.scale + self.offset)) and all(self.scale), "scale or offset")
+        self.deepest = min(self.bits, DEEPEST[self.axes])
+        self.parts = PARTS[self.axes]
+        check(self.header.depth == max(0, self.deepest - self.parts), "the depth of the header")
+
+    def _column(self, b: Bytes) -> Column:
+        name, sample = b.text(), b.get("B")
+        if sample >= len(SAMPLES):
+            raise Unknown("a type of an attribute")
+        return Column(name, SAMPLES[sample], b.option(lambda: b.get("2d")), b.text())
+
+    def _read_nodes(self, b: Bytes) -> None:
+        size = 16 + 32 * len(self.columns)
+        check(len(b.data) % size == 0, "bytes of nodes")
+        self.nodes: dict[Code, Node] = {}
+        last = -1
+        while b.at < len(b.data):
+            code, points = b.get("QQ")
+            at = Code.of(code, self.axes)
+            check(code > last and at.level <= self.header.depth and points, "nodes")
+            check(not at.level or at.up(1) in self.nodes, "a node without the one above it")
+            columns = [Statistics(*b.get("Qqqd")) for _ in self.columns]
+            for column in columns:
+                check(column.count <= points, "more numbers than points")
+                check(column.least <= column.most if column.count else (column.least, column.most) == NOTHING, "extremes")
+            self.nodes[at] = Node(at, points, columns)
+            last = code
+        root = self.nodes.get(self.root)
+        check((root.points if root else 0) == self.count, "points of the root")
+        check(self.repeated <= max(self.count - 1, 0), "points at the place of another one")
+
+    def _read_blocks(self, b: Bytes, end: int) -> None:
+        check(len(b.data) % 52 == 0, "bytes of blocks")
+        last, whole = -1, 0
+        while b.at < len(b.data):
+            code, at, size, crc, points, *places = b.get("QQIII6i")
+            node = Code.of(code, self.axes)
+            check(code >= last and node in self.nodes, "a block of no node")
+            check(24 <= at and at + size <= end, "a block lies elsewhere")
+            check(1 <= points <= 1 << 20, "points of a block")
+            least, most = tuple(places[:3]), tuple(places[3:])
+            check(all(a <= e for a, e in zip(least, most)), "extremes of a block")
+            self.nodes[node].blocks.append(Block(node, at, size, crc, points, least, most))
+            last, whole = code, whole + size
+        check(whole <= end - 24, "blocks have more bytes than there are")
+        below = {of.at: sum(block.points for block in of.blocks) for of in self.nodes.values()}
+        for of in reversed(self.nodes.values()):
+            check(below[of.at] == of.points, "points of a node and those below")
+            if of.at.level:
+                below[of.at.up(1)] += of.points
+
+    @property
+    def root(self) -> Code:
+        return Code(0, (0,) * self.axes)
+
+    def world(self, point: Sequence[Number]) -> list[float]:
+        """Where a point is in the world."""
+        return [x * scale + offset for x, scale, offset in zip(point, self.scale, self.offset)]
+
+    def code(self, point: Sequence[Number]) -> int:
+        """The code of a point."""
+        places = [int(x) - corner for x, corner in zip(point[: self.axes], self.corner)]
+        check(all(0 <= x < 1 << self.bits for x in places), "a point is not inside")
+        return Code(self.deepest, tuple(x >> self.bits - self.deepest for x in places)).code
+
+    @cached_property
+    def order(self) -> list[int]:
+        """The columns in the order in which blocks have them."""
+        names, last = [column.name for column in self.columns], range(len(self.columns))
+        clock = names.index("gps_time", 3) if "gps_time" in names[3:] else None
+        labels = [i for i in last[3:] if self.columns[i].sample == "B" and i != clock]
+        first = labels if clock is None else [clock, *labels]
+        return first + [i for i in last if i not in first]
+
+    @cached_property
+    def clock(self) -> int | None:
+        """The column that is the clock."""
+        return self.order[0] if self.columns[self.order[0]].name == "gps_time" and self.order[0] > 2 else None
+
+    # Section 44.
+
+    def ordered_numbers(self, block: Block) -> list[list[int]]:
+        """The ordered numbers of a block, by column."""
+        data = self.data[block.at : block.at + block.size]
+        check(crc32c(data) == block.crc, "checksum of a block")
+        b = Bytes(data)
+        sizes = [b.get("I") for _ in self.columns]
+        check(b.at + sum(sizes) == len(data), "lengths of columns")
+        found: list[list[int]] = [[] for _ in self.columns]
+        for column, size in zip(self.order, sizes):
+            known = [found[i] for i in self.order[: self.order.index(column)]]
+            labels = [i for i, k in enumerate(self.order[: len(known)]) if self.columns[k].sample == "B"]
+            clock = found[self.clock] if self.clock is not None and column != self.clock else None
+            found[column] = read_column(Bytes(b.take(size)), block.points, clock, known, labels)
+        return found
+
+    def points_of(self, block: Block) -> list[Point]:
+        """The points of a block, each with its steps and the values of its attributes."""
+        columns = self.ordered_numbers(block)
+        values = [[value_of(n, column.sample) for n in of] for column, of in zip(self.columns, columns)]
+        extremes = tuple(map(min, columns[:3])), tuple(map(max, columns[:3]))
+        check((block.least, block.most) == extremes, "extremes of a block")
+        return list(zip(*values))
+
+    def points(self, node: Node) -> list[Point]:
+        """The points of a node itself."""
+        return [point for block in node.blocks for point in self.points_of(block)]
+
+    def walk(self) -> Iterator[tuple[Node, list[Point]]]:
+        """All nodes, by their codes, with the points of each."""
+        for node in self.nodes.values():
+            yield node, self.points(node)
+
+    # All that must be true of a file.
+
+    def verify(self) -> None:
+        """That points are in the nodes that the page says, in blocks as it says, and that what stands by nodes is true of them."""
+        of_nodes = {node.at: [self.points_of(block) for block in node.blocks] for node in self.nodes.values()}
+        rows = sorted((self.code(point), node.code) for node, blocks in of_nodes.items() for points in blocks for point in points)
+        places = {point[:3] for blocks in of_nodes.values() for points in blocks for point in points}
+        check(len(rows) - len(places) == self.repeated, "points at the place of another one")
+        self._verify_levels(rows)
+        for blocks in of_nodes.values():
+            self._verify_blocks(blocks)
+        self._verify_statistics(of_nodes)
+
+    def _verify_levels(self, rows: list[tuple[int, int]]) -> None:
+        """That each point is in the node of its level, or in one above that took in all below; by the codes of points and nodes."""
+        deepest = self.deepest
+        at = [Code.of(code, self.axes) for code, _ in rows]
+        # The node of each point, and how many points nodes have in them and below, before any took in others.
+        first = []
+        below: dict[Code, int] = {}
+        for before, own in zip([None, *at], at):
+            common = -1
+            if before:
+                common = next(l for l in range(deepest, -1, -1) if own.up(deepest - l) == before.up(deepest - l))
+            level = min(max(0, common + 1 - self.parts), self.header.depth)
+            first.append(own.up(deepest - level))
+            for l in range(level + 1):
+                node = own.up(deepest - l)
+                below[node] = below.get(node, 0) + 1
+        # (Points with one code are not told apart: how many of them are in each node counts.)
+        taken = []
+        for node in first:
+            above = (node.up(node.level - l) for l in range(node.level + 1))
+            taken.append(next((up for up in above if below[up] <= self.leaf_size), node))
+        check(sorted((code, node.code) for (code, _), node in zip(rows, taken)) == rows, "points are in other nodes")
+        check(set(self.nodes) == {node.up(levels) for node in set(taken) for levels in range(node.level + 1)}, "nodes")
+
+    def _verify_blocks(self, blocks: list[list[Point]]) -> None:
+        """That the points of a node are cut into blocks in the order of their codes."""
+        check(all(len(points) == self.leaf_size for points in blocks[:-1]), "points of blocks")
+        check(all(len(points) <= self.leaf_size for points in blocks[-1:]), "points of the last block")
+        codes = [sorted(map(self.code, points)) for points in blocks]
+        check(all(a[-1] <= e[0] for a, e in pairwise(codes)), "the order of blocks")
+
+    def _verify_statistics(self, of_nodes: dict[Code, list[list[Point]]]) -> None:
+        """That what stands by nodes is true of the points in them and below."""
+        below: dict[Code, list[Node]] = {}
+        for at, blocks in reversed(of_nodes.items()):
+            for i, column in enumerate(self.columns):
+                values = [[point[i] for point in points if not math.isnan(point[i])] for points in blocks]
+                # (Those of the nodes below are known to be true.)
+                more = [node.columns[i] for node in reversed(below.get(at, []))]
+                keys = [ordered(value, column.sample) for of in values for value in of]
+                keys += [key for told in more for key in (told.least, told.most) if told.count]
+                told = self.nodes[at].columns[i]
+                check(told.count == sum(map(len, values)) + sum(of.count for of in more), "numbers of a column")
+                check((told.least, told.most) == ((min(keys), max(keys)) if keys else NOTHING), "extremes of a column")
+                total = added(sum_of(of, column.sample) for of in values) + added(of.sum for of in more)
+                check(told.sum == total or math.isnan(told.sum) and math.isnan(total), "the sum of a column")
+            if at.level:
+                below.setdefault(at.up(1), []).append(self.nodes[at])
+
+
+def added(values: Iterable[Number]) -> float:
+    """The sum of `f64`, in this order."""
+    total = 0.0
+    for value in values:
+        total += float(value)
+    return total
+
+
+def sum_of(values: list[Number], sample: str) -> float:
+    """The sum of a block's values."""
+    return added(values) if sample in "fdQ" else float(sum(values))
+
+
+def rounded(value: float) -> int:
+    """What a prediction adds, modulo 2^64."""
+    value += 0.5
+    if math.isnan(value):
+        return 0
+    return math.floor(min(max(value, -(2.0**63)), 2.0**63)) - (value >= 2.0**63 or value < -(2.0**63))
+
+
+class Line:
+    """Where a line through the last points leads, by the clock."""
+
+    def __init__(self) -> None:
+        self.w = self.t = self.q = self.n = self.p = 0.0
+
+    def next(self, d: float) -> float:
+        self.d = d
+        far = d * d * self.w > 64 * self.q
+        if far and self.q > 0:
+            self.w = self.t = self.q = self.n = self.p = 0.0
+        w, t, n, p = self.w, self.t, self.n, self.p
+        s = w * self.q - t * t
+        if d == 0 or not s > 0 or far:
+            return 0.0
+        b = (w * p - t * n) * (1 / s)
+        return (n - b * t) * (1 / w) + b * d
+
+    def learn(self, c: float) -> None:
+        d, w, t = self.d, self.w, self.t
+        if w == 0:
+            self.n = self.p = 0.0
+        else:
+            self.p = (self.p - d * self.n - c * t + d * c * w) * 0.875
+            self.n = (self.n - c * w) * 0.875
+        self.q = (self.q - 2 * d * t + d * d * w) * 0.875
+        self.t = (t - d * w) * 0.875
+        self.w = w * 0.875 + 1
+
+
+class Mean:
+    """The mean of the last numbers, as it is from the last one on."""
+
+    def __init__(self) -> None:
+        self.w = self.n = 0.0
+
+    def next(self, _: float) -> float:
+        return self.n / self.w if self.w else 0.0
+
+    def learn(self, c: float) -> None:
+        self.n = (self.n - c * self.w) * 0.9375
+        self.w = self.w * 0.9375 + 1
+
+
+def read_column(b: Bytes, count: int, clock: list[int] | None, known: list[list[int]], labels: list[int]) -> list[int]:
+    """The ordered numbers of a column: all of its bytes, the clock's numbers, and the columns before it, of which some may be labels."""
+    way, label = b.get("BB")
+    check(way == 0x40 or way & 0x7C == 0, "a way that is none")
+    check(label == 0 or label - 1 in labels, "a label that is none")
+    if way == 0x40:
+        found = [b.get("q")] * count
+    else:
+        first, size = b.get("qq") if way & 0x80 else (0, 1)
+        still = [1, *(int(a == e) for a, e in pairwise(clock))] if clock else [0] * count
+        of = known[label - 1] if label else [0] * count
+        errors = numbers(b, [(4 if label else 1) * t + l % 4 for t, l in zip(still, of)])
+        found = [signed(first + n * size) for n in predicted(errors, way & 3, clock)]
+    check(b.at == len(b.data), "something is left of a column")
+    return found
+
+
+def predicted(errors: list[int], prediction: int, clock: list[int] | None) -> list[int]:
+    """The numbers that errors and a prediction make."""
+    if prediction == 0:
+        return errors
+    found: list[int] = []
+    last, way = 0, None if prediction == 1 else Line() if prediction == 2 else Mean()
+    for i, error in enumerate(errors):
+        guess = 0
+        if way:
+            d = 0 if i == 0 else 1 if clock is None else signed(clock[i] - clock[i - 1])
+            guess = rounded(way.next(float(d)))
+        number = signed(last + (guess if i else 0) + error)
+        if way:
+            way.learn(float(signed(number - last)))
+        found.append(number)
+        last = number
+    return found
+
+
+if __name__ == "__main__":
+    tree = Points(Path(sys.argv[1]).read_bytes())
+    print(",".join(["level", *(column.name for column in tree.columns)]))
+    for node, points in tree.walk():
+        for point in points:
+            values = (column.meant(stored) for column, stored in zip(tree.columns[3:], point[3:]))
+            print(",".join(map(str, [node.at.level, *tree.world(point[:3]), *values])))

@@ -1,0 +1,31 @@
+"""Right checksums for damaged trees of points and of lines, so that what is behind them is tried."""
+
+from __future__ import annotations
+
+import struct
+
+from basics import Header, crc32c, spans
+
+# Sections with an entry for each block, and the bytes of an entry, in which the block's place, length and checksum stand alike.
+BLOCKS = {b"PBLK": 52, b"LBLK": 44, b"LFEA": 44}
+
+
+def sealed(damaged: bytearray, was: bytes) -> bytes:
+    """A damaged file with all checksums as if it were not, by what the file was before."""
+    data, places = bytearray(damaged), spans(was, Header.read(was))
+    trailer = len(data) - 16 - 36 - 24 * len(places)
+
+    def put(at: int, start: int, end: int) -> None:
+        data[at : at + 4] = struct.pack("<I", crc32c(bytes(data[start:end])))
+
+    for tag in BLOCKS.keys() & places.keys():
+        at, size, _ = places[tag]
+        for entry in range(at, at + size, BLOCKS[tag]):
+            start, length = struct.unpack_from("<QI", data, entry + 8)
+            put(entry + 20, start, start + length)
+    put(20, 0, 20)
+    data[trailer : trailer + 24] = data[:24]
+    for i, (at, size, _) in enumerate(places.values()):
+        put(trailer + 40 + 24 * i, at, at + size)
+    put(len(data) - 12, trailer, len(data) - 16)
+    return bytes(data)
