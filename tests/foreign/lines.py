@@ -17,6 +17,8 @@ from basics import Bytes, Code, Damaged, Header, Unknown, check, crc32c, metadat
 from tokens import folded, signed, unfolded
 
 DEEPEST = 29
+# Features of a block, at most.
+MOST_FEATURES = 1 << 12
 # What a value can be, by its mark.
 NONE, WHOLE, NUMBER, TEXT, FALSE, TRUE, JSON = range(7)
 # The marks that values of an attribute can have, by its kind.
@@ -70,7 +72,7 @@ class Block:
     size: int
     crc: int
     count: int
-    box: Box
+    box: Box | None
 
 
 @dataclass
@@ -144,11 +146,10 @@ class Lines:
             check(below[node.at] == node.pieces, "pieces of a node and those below")
             if node.at.level:
                 below[node.at.up(1)] += node.pieces
-        of_features = self._blocks(self.sections[b"LFEA"], end, 1 << 12)
+        of_features = self._blocks(self.sections[b"LFEA"], end, MOST_FEATURES)
         self.of_features = [block for _, block in of_features]
         firsts = [0, *accumulate(block.count for block in self.of_features)]
         check([*(key for key, _ in of_features), self.features] == firsts, "blocks of features")
-        check(all(block.box == (0, 0, 0, 0) for block in self.of_features), "places of features")
         whole = sum(block.size for _, block in blocks + of_features)
         check(whole <= end - 24, "blocks have more bytes than there are")
 
@@ -158,7 +159,8 @@ class Lines:
         for key, at, size, crc, count, *box in struct.iter_unpack("<QQIII4i", data):
             check(24 <= at and at + size <= end, "a block lies elsewhere")
             check(1 <= count <= most, "how much a block has")
-            found.append((key, Block(key, at, size, crc, count, box_of(box))))
+            # (Of features there are zeros, which readers ignore.)
+            found.append((key, Block(key, at, size, crc, count, box_of(box) if most > MOST_FEATURES else None)))
         return found
 
     def block(self, block: Block) -> Bytes:

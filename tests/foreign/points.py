@@ -128,7 +128,7 @@ class Points:
         self.columns = [Column(axis, "i") for axis in "xyz"] + b.many(lambda: self._column(b))
         check(1 <= self.leaf_size <= 1 << 20 and self.bits <= 32, "leaf size or bits")
         check(all(-1 << 31 <= c < 1 << 31 for c in self.corner), "the corner")
-        check(all(map(math.isfinite, self.scale + self.offset)) and all(self.scale), "scale or offset")
+        check(all(map(math.isfinite, self.scale + self.offset)) and min(self.scale) > 0, "scale or offset")
         self.deepest = min(self.bits, DEEPEST[self.axes])
         self.parts = PARTS[self.axes]
         check(self.header.depth == max(0, self.deepest - self.parts), "the depth of the header")
