@@ -272,10 +272,13 @@ pub mod lines {
     pub use spinney_lines::memory;
     pub use spinney_lines::{
         Crossing, LevelTotals, LineAttribute, LineBuildOptions, LineBuildSummary, LineFeature, LineGrid,
-        LineSchema, LineSource, LineTree, LineValue, LinesInMemory, NearLine, ValueKind, build, is_line_file,
+        LineSchema, LineSource, LineTree, LineValue, LinesInMemory, NearLine, NearestLines, ValueKind, build,
+        is_line_file,
     };
     #[cfg(feature = "vector")]
-    pub use spinney_vector::{JoinSummary, export_lines, join_nearest_lines};
+    pub use spinney_vector::{
+        CrossingSummary, JoinSummary, export_lines, join_crossing_lines, join_nearest_lines,
+    };
 }
 
 /// Solids of primitives that are moved and combined, as a text tells them: octrees, and exact models.

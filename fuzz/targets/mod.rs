@@ -9,6 +9,7 @@ mod features;
 mod files;
 mod importers;
 pub mod layers;
+pub mod lines;
 pub mod models;
 mod rounds;
 pub mod seal;
@@ -22,6 +23,7 @@ pub use importers::{
     webp, world_file,
 };
 pub use layers::{autumnal_layers, goblin_layers};
+pub use lines::lines_read;
 pub use models::model_read;
 pub use rounds::rounds;
 pub use texts::{bintree_text, calculation_text, crs_text, df_text, step_text};
@@ -31,7 +33,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 37] = [
+pub const TARGETS: [(&str, Target); 38] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_layers", autumnal_layers),
@@ -52,6 +54,7 @@ pub const TARGETS: [(&str, Target); 37] = [
     ("goblin_read", goblin_read),
     ("hgt", hgt),
     ("jpeg", jpeg),
+    ("lines_read", lines_read),
     ("model_read", model_read),
     ("npy", npy),
     ("nrrd", nrrd),

@@ -78,8 +78,10 @@ pub fn trailer(file: &[u8]) -> Option<usize> {
 /// Offset of the header's field that tells what the file contains, and what it is of exact models.
 const CONTENT: usize = 13;
 const MODEL: u8 = 2;
-/// Bytes of an entry of an exact model's lists.
+const LINES: u8 = 4;
+/// Bytes of an entry of an exact model's lists, and of lists of blocks of lines.
 const MODEL_ENTRY: usize = 24;
+const LINE_ENTRY: usize = 44;
 
 /// Offset of the section with a tag in a trailer's list, and place and length of its bytes.
 pub fn section(file: &[u8], tag: &[u8; 4]) -> Option<(usize, usize, usize)> {
@@ -149,10 +151,14 @@ pub fn entries(file: &[u8], page: &std::ops::Range<usize>, size: usize) -> Vec<u
     (0..copies + own).map(|number| first + number * size).filter(|at| at + size <= page.end).collect()
 }
 
-/// Seals a Goblin file, also of an exact model: header, segments, directory, metadata, table of layers, trailer.
+/// Seals a Goblin file, also of an exact model or of lines: header, segments, directory, metadata, table of layers, trailer.
 pub fn goblin(file: &mut [u8]) {
     seal(file, 0, HEADER - 4, HEADER - 4);
-    let is_model = file.get(CONTENT) == Some(&MODEL);
+    let (entry, tags): (usize, &[&[u8; 4]]) = match file.get(CONTENT) {
+        Some(&MODEL) => (MODEL_ENTRY, &[b"DIRE", b"FACE", b"EXAC", b"OBJE", b"FVAL"]),
+        Some(&LINES) => (LINE_ENTRY, &[b"LBLK", b"LFEA"]),
+        _ => (MODEL_ENTRY, &[]),
+    };
     let Some(trailer) = trailer(file) else { return };
     let end = file.len() - END;
     for layer in layers(file) {
@@ -187,10 +193,8 @@ pub fn goblin(file: &mut [u8]) {
             continue;
         }
         let (offset, length) = (offset as usize, length as usize);
-        if is_model
-            && [b"DIRE", b"FACE", b"EXAC", b"OBJE", b"FVAL"].iter().any(|tag| file[at..].starts_with(*tag))
-        {
-            model_entries(file, offset, offset + length);
+        if tags.iter().any(|tag| file[at..].starts_with(*tag)) {
+            blocks(file, (offset, offset + length), entry);
         }
         seal(file, offset, offset + length, at + 4);
     }
@@ -201,9 +205,9 @@ pub fn goblin(file: &mut [u8]) {
     seal(file, trailer, end, end + 4);
 }
 
-/// Seals what the entries of an exact model's list lead to: blocks, or segments.
-fn model_entries(file: &mut [u8], start: usize, end: usize) {
-    for entry in (start..end).step_by(MODEL_ENTRY).filter(|entry| entry + MODEL_ENTRY <= end) {
+/// Seals what the entries of a list lead to: blocks, or segments.
+fn blocks(file: &mut [u8], (start, end): (usize, usize), size: usize) {
+    for entry in (start..end).step_by(size).filter(|entry| entry + size <= end) {
         if let Some(piece) = part(file, long(file, entry + 8), short(file, entry + 16).into()) {
             let checksum = crc32c::crc32c(piece);
             set_short(file, entry + 20, checksum);

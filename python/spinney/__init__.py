@@ -24,6 +24,11 @@ Trees of points are built by `build_points` and opened by `open_points`::
         points.read(window=(500100, 5200100, 500300, 5200250))
         points.nearest(places, k=3)
 
+Trees of lines are built by `build_lines` and opened by `open_lines`::
+
+    with spinney.open_lines("roads.goblin") as roads:
+        distances, features, places = roads.nearest(houses)
+
 Trees are made of picture files, models of solids and arrays (`build`), of other trees (`transform`, `combine`), and
 changed in place (`edit`). With xarray installed, `xarray.open_dataset(path, engine="spinney")` opens them lazily.
 
@@ -40,6 +45,7 @@ from ._dataset import Dataset, Level, open
 from ._edit import Edit, edit
 from ._exact import ExactModel, build_brep, object_contacts, open_brep
 from ._files import add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, set_cache_memory, transform, verify
+from ._lines import BuiltLines, LineCrossings, LineLevel, LineTree, build_lines, open_lines
 from ._native import version as __version__
 from ._points import BuiltPoints, PointColumn, PointTree, build_points, open_points
 from ._surfaces import RayCrossings, Shells, SurfaceHits
@@ -81,6 +87,7 @@ __all__ = [
     "Blocks",
     "BoundingBox",
     "Box",
+    "BuiltLines",
     "BuiltModel",
     "BuiltPoints",
     "CombinedModel",
@@ -98,6 +105,9 @@ __all__ = [
     "Labels",
     "Level",
     "LevelCounts",
+    "LineCrossings",
+    "LineLevel",
+    "LineTree",
     "Mass",
     "Mesh",
     "MovedModel",
@@ -122,6 +132,7 @@ __all__ = [
     "blame",
     "build",
     "build_brep",
+    "build_lines",
     "build_points",
     "combine",
     "compact",
@@ -134,6 +145,7 @@ __all__ = [
     "object_contacts",
     "open",
     "open_brep",
+    "open_lines",
     "open_points",
     "recover",
     "set_cache_memory",

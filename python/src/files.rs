@@ -9,6 +9,7 @@ use pyo3::types::PyDict;
 use spinney::Progress as _;
 use spinney::brep::{ExactModel, Motion, TransformOptions, is_model_file};
 use spinney::dataset;
+use spinney::lines::{LineTree, is_line_file};
 use spinney::ops::{
     self, AffineMap, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe, WarpOptions,
 };
@@ -302,6 +303,9 @@ pub(crate) fn verify(
         }
         if is_point_file(&path) {
             return PointTree::open(&path, &OpenOptions::new())?.verify(work);
+        }
+        if is_line_file(&path) {
+            return LineTree::open(&path, &OpenOptions::new())?.verify(memory, work);
         }
         let tree = dataset::open(&path, &OpenOptions::new())?;
         if quick { tree.verify_quickly(memory, work) } else { tree.verify(memory, work) }

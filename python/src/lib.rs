@@ -17,6 +17,7 @@ mod files;
 mod index;
 mod jobs;
 mod labels;
+mod lines;
 mod meshes;
 mod model;
 mod model_faces;
@@ -54,6 +55,8 @@ mod _native {
     use super::files::{
         add_layer, blame, combine, compact, convert, cross, diff, drop_layer, log, recover, transform, verify,
     };
+    #[pymodule_export]
+    use super::lines::{Lines, build_line_file};
     #[pymodule_export]
     use super::model::{Model, build_brep};
     #[pymodule_export]

@@ -1,5 +1,6 @@
 //! `spinney get`: any part at any level as a picture or array.
 
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
@@ -35,6 +36,7 @@ const EXAMPLES: &str = "Examples:
   spinney get house.goblin solid.npy --level 7
   spinney get house.goblin door.npy --window 100,40,0,64,64,32
   spinney get scan.goblin street.laz --window 500100,5200100,500300,5200250 --where classification=2
+  spinney get roads.goblin bridges.gpkg --crossing rivers.gpkg
 
 The output is a picture or an array, by its name: .png, .tif, .exr, .npy, .nrrd or .raw. Several layers are bands
 of a .tif, .npy or .raw file, on the grid of the one with the smallest cells; two to four that are named are
@@ -47,7 +49,8 @@ three dimensions, z, y, x, in .npy, .nrrd and .raw files; .nrrd has its place, u
 Of trees of points (.las, .laz, .csv, .ply, .npy) a window is least and greatest coordinates, and --level N those points that are spread
 evenly at that level and above: each deeper level adds some.
 
-Of trees of lines (.geojson, .gpkg, .fgb, .shp, .csv, .svg, .obj, .ply) come the whole features of which a line passes through the window.";
+Of trees of lines (.geojson, .gpkg, .fgb, .shp, .csv, .svg, .obj, .ply) come the whole features of which a line passes through the window, or
+crosses those of a file (--crossing).";
 
 /// Write any part at any level of detail as a picture or array
 #[derive(clap::Args)]
@@ -76,6 +79,9 @@ pub(crate) struct Args {
     slice: Option<Slice>,
     #[command(flatten)]
     places: PointPlaces,
+    /// Lines of a file of features, in the tree's own coordinates: of a tree of lines the features that they cross or touch are written
+    #[arg(long, value_name = "LINES", conflicts_with_all = ["window", "within", "ball"])]
+    crossing: Option<PathBuf>,
     /// Attributes of points or lines that are written, as in intensity,classification [default: all]
     #[arg(long, value_name = "NAME,...")]
     attribute: Option<String>,
@@ -119,8 +125,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             bail!("{option}: is for trees of points");
         }
         let format = args.format.as_deref();
-        return lines::get(&tree, &args.part, (path, format), args.attribute.as_deref(), global);
+        let places = (&args.part, args.crossing.as_deref());
+        return lines::get(&tree, places, (path, format), args.attribute.as_deref(), global);
     }
+    ensure!(args.crossing.is_none(), "--crossing is for trees of lines");
     if let Some(tree) = points::open(&args.tree.file)? {
         let given = [
             ("--size", args.size.is_some()),

@@ -71,6 +71,20 @@ pub(crate) struct Args {
 }
 
 impl Args {
+    /// Options that mean nothing for trees of points and of lines, and whether they were given.
+    fn of_cells(&self) -> [(&'static str, bool); 7] {
+        let is_world = matches!(self.coordinates.given(), None | Some(Coordinates::World));
+        [
+            ("--level", self.level.is_some()),
+            ("--json", self.json),
+            ("--object", self.object),
+            ("--distance", self.distance),
+            ("--rays", self.rays.is_some()),
+            ("--view", self.tree.is_viewed()),
+            ("--in with other coordinates than those of the world", !is_world),
+        ]
+    }
+
     /// The question about points of exact models.
     fn question(&self) -> PointQuestion {
         match (self.object, self.distance) {
@@ -95,14 +109,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         };
     }
     if let Some(tree) = lines::open(&args.tree.file)? {
-        let given = [("--level", args.level.is_some()), ("--json", args.json), ("--object", args.object)];
-        lines::refuse(&args.tree.file, &given)?;
+        lines::refuse(&args.tree.file, &args.of_cells())?;
         let within = args.radius.unwrap_or(f64::INFINITY);
         return lines::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
     }
     if let Some(tree) = points::open(&args.tree.file)? {
-        let given = [("--level", args.level.is_some()), ("--json", args.json), ("--object", args.object)];
-        points::refuse(&args.tree.file, &given)?;
+        points::refuse(&args.tree.file, &args.of_cells())?;
         let within = args.radius.unwrap_or(f64::INFINITY);
         return points::nearest(&tree, &args.points, (args.nearest.unwrap_or(1), within), global);
     }

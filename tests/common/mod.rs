@@ -6,6 +6,7 @@ pub mod command;
 #[cfg(feature = "mesh")]
 pub mod exact;
 pub mod gltf_file;
+pub mod line_features;
 pub mod mesh_file;
 pub mod octree;
 pub mod reference;

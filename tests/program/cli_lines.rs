@@ -125,6 +125,46 @@ fn points_are_joined_to_the_nearest_lines() {
 }
 
 #[test]
+fn what_other_lines_cross_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (input, tree) = (streets(folder.path()), at("l.goblin"));
+    stdout(&["build", &input, "-o", &tree, "--index", "lines", "--leaf-size", "4"]);
+    // Along the first even streets, and one that ends on the ring; the third meets nothing.
+    let rivers = at("rivers.csv");
+    let lines = ["(-5 5,50 5)", "(305 -5,305 0)", "(250 250,260 260)"];
+    let rows: Vec<String> = lines.map(|line| format!("\"LINESTRING {line}\",river\n")).into();
+    fs::write(&rivers, format!("wkt,name\n{}", rows.concat())).unwrap();
+    // (Even streets stand at x = 0, 21, 42, ...)
+    let told = stdout(&["stats", &tree, "--crossing", &rivers]);
+    assert_eq!(told, "lines       3\nfeatures    4\ncrossings   4\n");
+    let json = stdout(&["stats", &tree, "--crossing", &rivers, "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json["features"], &json["crossings"]), (&4.into(), &4.into()));
+    let bridges = at("bridges.csv");
+    stdout(&["stats", &tree, "--crossing", &rivers, "--attribute", "name", "-o", &bridges]);
+    let text = fs::read_to_string(&bridges).unwrap();
+    let rows: Vec<&str> = text.lines().skip(1).collect();
+    assert_eq!(rows.len(), 4, "{text}");
+    assert!(text.starts_with("WKT,name,line,name_2\n"), "{text}");
+    assert!(text.contains("POINT (21 5)\",river,2,street 2\n"), "{text}");
+    assert!(text.contains("POINT (305 0)\",river,20,ring\n"), "{text}");
+    let crossed = at("crossed.csv");
+    stdout(&["get", &tree, &crossed, "--crossing", &rivers, "--attribute", "name"]);
+    let text = fs::read_to_string(&crossed).unwrap();
+    assert!(text.lines().count() == 5 && text.contains("street 4\n") && !text.contains("street 6"), "{text}");
+    // Others than lines, and others than trees of lines.
+    let points = at("points.csv");
+    fs::write(&points, "x,y\n1,2\n").unwrap();
+    assert!(complaint_of(&["stats", &tree, "--crossing", &points]).contains("no line"));
+    assert!(complaint_of(&["get", &tree, &rivers, "--crossing", &rivers]).contains("is an input"));
+    let cells = at("cells.goblin");
+    stdout(&["build", &input, "-o", &cells, "--cell", "5"]);
+    assert!(complaint_of(&["get", &cells, &at("x.png"), "--crossing", &rivers]).contains("trees of lines"));
+    assert!(complaint_of(&["stats", &cells, "--crossing", &rivers]).contains("trees of lines"));
+}
+
+#[test]
 fn what_makes_no_sense_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();

@@ -152,7 +152,7 @@ pub fn build(
         Ok(())
     })?;
     totals.take(assembler.finish())?;
-    let length = totals.closed.iter().map(|(_, statistics)| statistics.length).sum();
+    let length = totals.closed.iter().fold(0.0, |sum, (_, statistics)| sum + statistics.length);
     let summary = Summary::new(&grid, &schema.attributes, (features, segments), options.leaf_size);
     totals.writer.finish(&summary, metadata)?;
     Ok(LineBuildSummary { features, segments, length })

@@ -13,11 +13,13 @@ pub(crate) type Place = [i64; 2];
 pub(crate) type Segment = [[i32; 2]; 2];
 
 /// A segment in parts of a step.
+#[inline]
 pub(crate) fn ends([a, b]: Segment) -> [Place; 2] {
     [a, b].map(|end| end.map(|step| i64::from(step) * FRACTION))
 }
 
 /// Least and greatest corner of a segment.
+#[inline]
 pub(crate) fn bounds_of([a, b]: Segment) -> [[i32; 2]; 2] {
     [std::array::from_fn(|axis| a[axis].min(b[axis])), std::array::from_fn(|axis| a[axis].max(b[axis]))]
 }
@@ -34,6 +36,12 @@ fn side([a, b]: [Place; 2], place: Place) -> i128 {
 #[inline]
 pub(crate) fn boxes_meet([low, high]: [Place; 2], [lower, higher]: [Place; 2]) -> bool {
     (0..2).all(|axis| low[axis] <= higher[axis] && lower[axis] <= high[axis])
+}
+
+/// Bounds on the grid in parts of a step.
+#[inline]
+pub(crate) fn fixed_box(bounds: [[i32; 2]; 2]) -> [Place; 2] {
+    bounds.map(|corner| corner.map(|step| i64::from(step) * FRACTION))
 }
 
 /// The box around two places.
@@ -104,9 +112,12 @@ pub(crate) fn square_distance(line: [Place; 2], from: Place) -> f64 {
     across * across / dot(along, along) as f64
 }
 
-/// Square of the distance of a place from a box, in parts of a step, rounded down.
+/// Square of the distance of a place from a box, in parts of a step; somewhat less than it is, as distances from lines are rounded, and a box must not be passed
+/// by for that.
+#[inline]
 pub(crate) fn square_to_box([low, high]: [Place; 2], from: Place) -> f64 {
-    let along = |axis: usize| i128::from((low[axis] - from[axis]).max(from[axis] - high[axis]).max(0));
-    // (Somewhat less than it is: distances from lines are rounded, and a box must not be passed by for that.)
-    (along(0) * along(0) + along(1) * along(1)) as f64 * (1.0 - 1e-12)
+    // (Differences are doubles as they are. Here a double is rounded three times, in the distance from a line seven times, by 2^-53 each.)
+    const LESS: f64 = 1.0 - 1.0 / (1u64 << 49) as f64;
+    let along = |axis: usize| (low[axis] - from[axis]).max(from[axis] - high[axis]).max(0) as f64;
+    (along(0) * along(0) + along(1) * along(1)) * LESS
 }

@@ -3,7 +3,7 @@
 use crate::geometry::{FRACTION, ends, meet, meets_box, square_distance};
 use crate::source::{LineFeature, LinesInMemory};
 use crate::store::LineTree;
-use crate::{LineAttribute, LineBuildOptions, LineBuildSummary, LineValue, ValueKind, build};
+use crate::{LineAttribute, LineBuildOptions, LineBuildSummary, LineValue, NearLine, ValueKind, build};
 use spinney_base::Result;
 use spinney_base::io::Output;
 use spinney_container::Metadata;
@@ -203,7 +203,7 @@ fn crossings_are_those_of_all_pieces() {
                 }
             }
         }
-        let found = tree.crossings(&line, &()).unwrap();
+        let found = tree.crossings(std::slice::from_ref(&line), &()).unwrap();
         let told: Vec<_> = found.iter().map(|found| (found.piece, found.feature, found.vertex)).collect();
         assert_eq!(told, expected, "{line:?}");
         // Where they meet is on both.
@@ -275,6 +275,33 @@ fn the_nearest_lines_are_those_of_all() {
 }
 
 #[test]
+fn equal_lines_are_found_by_their_features() {
+    // Features 0 to 999 are equal, of two pieces that are equal; another one is somewhat nearer to some places, with a piece the other way round.
+    let equal =
+        || LineFeature { lines: vec![vec![[0, 0], [8, 8]], vec![[0, 0], [8, 8]]], values: Vec::new() };
+    let mut features: Vec<LineFeature> = (0..1000).map(|_| equal()).collect();
+    features.push(LineFeature { lines: vec![vec![[8, 8], [0, 0], [0, 9]]], values: Vec::new() });
+    for leaf_size in [7, 4096] {
+        let tree = tree_of(&features, leaf_size);
+        let found = tree.nearest(&[[0.0, 4.0], [9.0, 9.0], [4.0, 3.0]], (20, f64::INFINITY), &()).unwrap();
+        let numbers = |found: &[NearLine]| found.iter().map(|near| near.feature).collect::<Vec<_>>();
+        assert_eq!(numbers(&found[0]), std::iter::once(1000).chain(0..19).collect::<Vec<u64>>());
+        for found in &found[1..] {
+            assert_eq!(numbers(found), (0..20).collect::<Vec<u64>>());
+            assert!(found.iter().all(|near| near.vertex == 0));
+        }
+        let found = tree.nearest(&[[9.0, 9.0]], (2000, f64::INFINITY), &()).unwrap();
+        assert_eq!(numbers(&found[0]), (0..1001).collect::<Vec<u64>>());
+        let lines = [vec![], vec![[1.0, 3.0]], vec![[3.0, -1.0], [1.0, 1.0]], vec![[-1.0, 5.0], [1.0, 5.0]]];
+        let found = tree.crossings(&lines, &()).unwrap();
+        assert_eq!(found.len(), 2001 + 1);
+        assert!(found[..2001].iter().all(|found| (found.line, found.piece, found.place) == (2, 0, [1.0; 2])));
+        assert_eq!((found[2001].line, found[2001].feature, found[2001].vertex), (3, 1000, 1));
+        assert!(tree.crossings(&[vec![[f64::NAN; 2]; 2]], &()).is_err());
+    }
+}
+
+#[test]
 fn nodes_say_how_much_is_in_them() {
     let features = features(700, 21);
     let (bytes, built) =
@@ -333,7 +360,7 @@ fn damage_is_told() {
     let (bytes, _) =
         bytes_of(&features, &LineBuildOptions { leaf_size: 20, ..LineBuildOptions::default() }).unwrap();
     let mut told = 0;
-    for place in (0..bytes.len()).step_by(7) {
+    for place in (0..bytes.len()).step_by(31) {
         let mut damaged = bytes.clone();
         damaged[place] ^= 1 << (place % 8);
         let Ok(tree) = LineTree::from_bytes(damaged) else {
@@ -346,7 +373,7 @@ fn damage_is_told() {
         let _ = tree.nearest(&[[0.0; 2]], (1, f64::INFINITY), &());
         told += 1;
     }
-    assert_eq!(told, bytes.len().div_ceil(7));
+    assert_eq!(told, bytes.len().div_ceil(31));
     for length in [0, 10, 24, 100, bytes.len() / 2, bytes.len() - 1] {
         assert!(LineTree::from_bytes(bytes[..length].to_vec()).is_err());
     }

@@ -9,7 +9,7 @@ mod point_raster;
 mod surfaces;
 pub mod zonal;
 
-pub use line_tree::{JoinSummary, export_lines, join_nearest_lines};
+pub use line_tree::{CrossingSummary, JoinSummary, export_lines, join_crossing_lines, join_nearest_lines};
 pub use point_raster::{CellRule, PointRaster, rasterize_points};
 pub use surfaces::{
     SurfaceFiles, SurfacePoints, export_isolines, read_heights, read_surfaces, write_surface,

@@ -230,6 +230,14 @@ impl Import {
         }
     }
 
+    /// The command by which the tree is looked at.
+    fn next(&self) -> &'static str {
+        match self {
+            Import::Points(_) | Import::Lines(_) => "info",
+            _ => "show",
+        }
+    }
+
     /// Name of the units that the progress of building counts, in the plural.
     fn unit(&self) -> &'static str {
         match self {
@@ -426,6 +434,7 @@ pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     let input = sizes.sum();
     let work = Work::start(global, import.unit())?;
     let output = args.common.limit.create_tree(&args.output)?;
+    let next = import.next();
     let lines = import.build(output, &args.solids, &work)?;
     work.finish();
     for (heading, text) in lines {
@@ -433,7 +442,7 @@ pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     }
     report_built(global, &args.output, start, input);
     if args.output != Path::new("-") {
-        global.report("next", format_args!("spinney show {}", args.output.display()));
+        global.report("next", format_args!("spinney {next} {}", args.output.display()));
     }
     Ok(())
 }

@@ -3,29 +3,43 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use spinney::io::Output;
-use spinney::lines::{LineTree, export_lines};
+use spinney::lines::{LineTree, export_lines, join_crossing_lines};
 
 use super::super::Global;
 use super::super::args::{PartOptions, check_output, vector_format};
 use super::super::report::{Work, report_output};
 
-/// Writes whole features: all, or those of which a line passes through a window.
+/// Writes whole features: all, those of which a line passes through a window, or those that lines of a file cross.
 pub(crate) fn get(
     tree: &LineTree,
-    part: &PartOptions,
+    (part, crossing): (&PartOptions, Option<&Path>),
     (path, format): (&Path, Option<&str>),
     attributes: Option<&str>,
     global: &Global,
 ) -> Result<()> {
     let start = Instant::now();
     let format = vector_format(format, path)?;
-    check_output([tree.path()], path)?;
+    check_output([tree.path()].into_iter().chain(crossing), path)?;
     let window = super::window(part)?;
     let names = super::names(attributes);
+    let output = Output::create(path)?;
+    let numbers = match (window, crossing) {
+        (Some(window), _) => {
+            let work = Work::start(global, "blocks")?;
+            Some(tree.window(window, &work)?)
+        }
+        (None, Some(lines)) => {
+            let work = Work::start(global, "lines")?;
+            let found = join_crossing_lines(tree, lines, None, None, &work)
+                .with_context(|| format!("cannot cross {}", lines.display()))?;
+            Some(found.features)
+        }
+        (None, None) => None,
+    };
     let work = Work::start(global, "features")?;
-    let written = export_lines(tree, window, names.as_deref(), (Output::create(path)?, format), &work)?;
+    let written = export_lines(tree, numbers.as_deref(), names.as_deref(), (output, format), &work)?;
     work.finish();
     global.report("features", format_args!("{written} of {}", tree.len()));
     report_output(global, path, start);

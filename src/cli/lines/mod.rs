@@ -19,7 +19,7 @@ pub(super) use build::LineImport;
 pub(super) use get::get;
 pub(super) use info::info;
 pub(super) use nearest::nearest;
-pub(super) use stats::{join, stats};
+pub(super) use stats::{Join, join, stats};
 
 /// The tree of lines in a file; `None` if it has anything else.
 pub(super) fn open(path: &Path) -> Result<Option<LineTree>> {

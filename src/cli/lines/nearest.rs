@@ -44,7 +44,10 @@ pub(crate) fn nearest(
     Ok(out.flush()?)
 }
 
-/// Reads two coordinates.
+/// Reads two coordinates, with a comma or space between them.
 fn parse(text: &str) -> Result<[f64; 2]> {
-    numbers(text).with_context(|| format!("{text}: expected coordinates, as in 100.5,200"))
+    let commas = text.split_whitespace().collect::<Vec<_>>().join(",");
+    numbers(text)
+        .or_else(|| numbers(&commas))
+        .with_context(|| format!("{text}: expected coordinates, as in 100.5,200"))
 }

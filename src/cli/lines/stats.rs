@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use serde_json::json;
 use spinney::io::Output;
-use spinney::lines::{LineTree, join_nearest_lines};
+use spinney::lines::{LineTree, join_crossing_lines, join_nearest_lines};
 
 use super::super::Global;
 use super::super::args::{check_output, vector_format};
@@ -37,36 +37,63 @@ pub(crate) fn stats(
     }
 }
 
-/// Joins points with the lines nearest to them.
+/// What is joined to lines.
+pub(crate) enum Join<'a> {
+    /// Points of a file, within a distance.
+    Nearest(&'a Path, f64),
+    /// Lines of a file.
+    Crossing(&'a Path),
+}
+
+/// Joins points with the lines nearest to them, or lines with those that they cross.
 pub(crate) fn join(
     tree: &LineTree,
-    points: &Path,
-    (within, names): (f64, Option<&[String]>),
+    question: Join<'_>,
+    names: Option<&[String]>,
     output: Option<&Path>,
     (is_json, global): (bool, &Global),
 ) -> Result<()> {
     let start = Instant::now();
+    let (Join::Nearest(input, _) | Join::Crossing(input)) = question;
     let target = match output {
         None => None,
         Some(path) => {
-            check_output([tree.path(), points], path)?;
+            check_output([tree.path(), input], path)?;
             let format = vector_format(None, path)?;
             Some((Output::create(path)?, format))
         }
     };
-    let work = Work::start(global, "points")?;
-    let found = join_nearest_lines(tree, points, (within, names), target, &work)
-        .with_context(|| format!("cannot join {}", points.display()))?;
-    work.finish();
-    let mean = if found.joined > 0 { found.sum / found.joined as f64 } else { 0.0 };
-    let (points, joined, most) = (found.points, found.joined, found.most);
-    match is_json {
-        true => print_json(
-            &json!({ "points": points, "joined": joined, "mean_distance": mean, "max_distance": most }),
-        )?,
-        false => print_text(&format!(
-            "points      {points}, {joined} of them with a line that is near enough\ndistance    mean {mean}, at most {most}\n"
-        ))?,
+    let failed = || format!("cannot join {}", input.display());
+    let (text, json) = match question {
+        Join::Nearest(points, within) => {
+            let work = Work::start(global, "points")?;
+            let found =
+                join_nearest_lines(tree, points, (within, names), target, &work).with_context(failed)?;
+            work.finish();
+            let mean = if found.joined > 0 { found.sum / found.joined as f64 } else { 0.0 };
+            let (points, joined, most) = (found.points, found.joined, found.most);
+            (
+                format!(
+                    "points      {points}, {joined} of them with a line that is near enough\ndistance    mean {mean}, at most {most}\n"
+                ),
+                json!({ "points": points, "joined": joined, "mean_distance": mean, "max_distance": most }),
+            )
+        }
+        Join::Crossing(lines) => {
+            let work = Work::start(global, "lines")?;
+            let found = join_crossing_lines(tree, lines, names, target, &work).with_context(failed)?;
+            work.finish();
+            let (lines, features, crossings) = (found.lines, found.features.len(), found.crossings);
+            (
+                format!("lines       {lines}\nfeatures    {features}\ncrossings   {crossings}\n"),
+                json!({ "lines": lines, "features": features, "crossings": crossings }),
+            )
+        }
+    };
+    if is_json {
+        print_json(&json)?
+    } else {
+        print_text(&text)?
     }
     if let Some(path) = output {
         report_output(global, path, start);

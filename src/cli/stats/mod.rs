@@ -33,6 +33,7 @@ const EXAMPLES: &str = "Examples:
   spinney stats labels.goblin --labels --classes landcover.goblin -o patches.csv
   spinney stats landcover.goblin --zones districts.gpkg -o districts_landcover.gpkg
   spinney stats roads.goblin --nearest houses.csv --radius 500 -o houses_roads.gpkg
+  spinney stats roads.goblin --crossing rivers.gpkg -o bridges.gpkg
   spinney stats relief.goblin --zones districts.gpkg --measure majority,median --quantiles 0.1,0.9 --edge area
 
 Of exact models volume, centre of gravity, inertia and surface of the body are printed, and its topology: all
@@ -52,7 +53,8 @@ file's own system (in GeoJSON longitude and latitude unless it has a member crs)
 (--in world: the tree's own); they are brought to the tree's system. Only what the polygons' borders cut is read. Of a file of several layers there is a row for each polygon and layer, with the
 layer's name and time.
 
-Of trees of lines counts and lengths are printed; with --nearest points are joined to the lines nearest to them.
+Of trees of lines counts and lengths are printed; with --nearest points are joined to the lines nearest to them, with --crossing what other lines
+cross is counted.
 
 With --labels there is a table of all values, each of which is a label: number of cells, area in square metres (of
 octrees volume, in the model's unit), the box of its cells (first column and row, columns and rows, and the same
@@ -97,6 +99,10 @@ pub(crate) struct Args {
     /// `distance`, and its attributes
     #[arg(long, value_name = "POINTS", group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels", "each"])]
     nearest: Option<PathBuf>,
+    /// Lines of a file of features: what they cross or touch in a tree of lines is counted; -o names a file of points that is written, one for each place, with the attributes
+    /// of the file's feature, the number of the tree's (`line`, from 0), and its attributes
+    #[arg(long, value_name = "LINES", group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels", "each", "nearest"])]
+    crossing: Option<PathBuf>,
     /// Distance within which the nearest line is looked for [default: any]
     #[arg(long, value_name = "DISTANCE", requires = "nearest")]
     radius: Option<f64>,
@@ -135,23 +141,26 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             ("--each", args.each),
             ("--zones", args.zones.is_some()),
             ("--labels", args.label_options.labels),
+            ("--solid", args.solid),
             ("--surface", args.surface),
+            ("--view", args.tree.is_viewed()),
             ("--level", args.level.is_some()),
         ];
         lines::refuse(&args.tree.file, &given)?;
-        let Some(points) = &args.nearest else {
-            return lines::stats(&tree, lines::window(&args.part)?, args.json, global);
+        let within = args.radius.unwrap_or(f64::INFINITY);
+        let question = match (&args.nearest, &args.crossing) {
+            (Some(points), _) => lines::Join::Nearest(points, within),
+            (None, Some(lines)) => lines::Join::Crossing(lines),
+            (None, None) => return lines::stats(&tree, lines::window(&args.part)?, args.json, global),
         };
-        let question = (args.radius.unwrap_or(f64::INFINITY), args.zone_options.attribute.as_deref());
-        return lines::join(
-            &tree,
-            points,
-            question,
-            args.label_options.output.as_deref(),
-            (args.json, global),
-        );
+        let names = args.zone_options.attribute.as_deref();
+        let output = args.label_options.output.as_deref();
+        return lines::join(&tree, question, names, output, (args.json, global));
     }
-    ensure!(args.nearest.is_none(), "--nearest is for trees of lines");
+    ensure!(
+        args.nearest.is_none() && args.crossing.is_none(),
+        "--nearest and --crossing are for trees of lines"
+    );
     if let Some(tree) = points::open(&args.tree.file)? {
         let given = [
             ("--each", args.each),

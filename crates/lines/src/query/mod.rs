@@ -1,7 +1,11 @@
 //! Questions about trees of lines.
 
+mod best;
+mod block_index;
+mod crossing;
 mod nearest;
 mod select;
 
-pub use nearest::NearLine;
-pub use select::{Crossing, LevelTotals};
+pub use crossing::Crossing;
+pub use nearest::{NearLine, NearestLines};
+pub use select::LevelTotals;

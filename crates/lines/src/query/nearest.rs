@@ -1,12 +1,14 @@
 //! The lines nearest to places.
 
-use std::collections::{BTreeSet, BinaryHeap, HashMap};
-use std::rc::Rc;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use super::select::fixed_box;
+use super::best::Best;
+use super::block_index::BlockIndex;
 use crate::codec::Piece;
-use crate::geometry::{FRACTION, Place, ends, square_distance, square_to_box};
+use crate::geometry::{FRACTION, Place, ends, fixed_box, square_distance, square_to_box};
 use crate::store::LineTree;
+use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result, parallel, sort};
 
 /// A line near a place.
@@ -22,92 +24,95 @@ pub struct NearLine {
     pub place: [f64; 2],
 }
 
-/// A block or a node that may have nearer lines; the nearest is the greatest.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Candidate {
-    square: f64,
-    what: What,
+/// A node, as a search knows it.
+struct NearNode {
+    /// The node behind all below it, in preorder.
+    end: u32,
+    /// The blocks of its own pieces.
+    blocks: (u32, u32),
+    /// Least and greatest corner of all pieces in it and below.
+    corners: [[i32; 2]; 2],
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum What {
-    Node(usize),
-    Block(usize),
+/// Indexes of blocks that are kept for further questions.
+#[derive(Default)]
+struct Kept {
+    blocks: HashMap<u32, Arc<BlockIndex>>,
+    bytes: u64,
 }
 
-impl Eq for Candidate {}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Candidate) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Candidate {
-    fn cmp(&self, other: &Candidate) -> std::cmp::Ordering {
-        other.square.total_cmp(&self.square).then(other.what.cmp(&self.what))
-    }
-}
-
-/// The nearest piece of each of the best features so far.
-struct Best {
-    most: usize,
-    /// Square of the distance that better ones have at most.
-    limit: f64,
-    pieces: HashMap<u64, (f64, Piece)>,
-    /// Squares, as bits, which are in the same order, and features.
-    order: BTreeSet<(u64, u64)>,
-}
-
-impl Best {
-    fn look(&mut self, square: f64, piece: &Piece) {
-        if square > self.limit {
-            return;
-        }
-        let known = self.pieces.get(&piece.feature).copied();
-        if let Some((before, old)) = known {
-            if (before, old.place) <= (square, piece.place) {
-                return;
-            }
-            self.order.remove(&(before.to_bits(), piece.feature));
-        }
-        self.pieces.insert(piece.feature, (square, *piece));
-        self.order.insert((square.to_bits(), piece.feature));
-        if self.order.len() > self.most
-            && let Some((_, feature)) = self.order.pop_last()
-        {
-            self.pieces.remove(&feature);
-        }
-        if self.order.len() == self.most
-            && let Some((bits, _)) = self.order.last()
-        {
-            self.limit = self.limit.min(f64::from_bits(*bits));
-        }
-    }
+/// Looks for the lines nearest to places, and keeps what was unpacked for further questions.
+pub struct NearestLines<'t> {
+    tree: &'t LineTree,
+    nodes: Vec<NearNode>,
+    block_corners: Vec<[[i32; 2]; 2]>,
+    most_bytes: u64,
+    kept: Mutex<Kept>,
 }
 
 /// Questions that are answered by one thread, one after the other.
-const TOGETHER: usize = 512;
-/// Blocks that a thread keeps for further questions.
-const KEPT: usize = 64;
+const TOGETHER: usize = 1024;
+/// Questions after which somebody may have interrupted, as some take long.
+const CHECKED: usize = 32;
+/// Bytes of memory for blocks that are kept, if nothing else is said.
+const MEMORY: u64 = 256 << 20;
 
 impl LineTree {
+    /// Finds the lines nearest to each of some places, as [`NearestLines::find`] does.
+    ///
+    /// # Errors
+    /// Those of [`NearestLines::new`] and [`NearestLines::find`].
+    pub fn nearest(
+        &self,
+        places: &[[f64; 2]],
+        terms: (usize, f64),
+        progress: &dyn Progress,
+    ) -> Result<Vec<Vec<NearLine>>> {
+        NearestLines::new(self, MEMORY)?.find(places, terms, progress)
+    }
+}
+
+impl<'t> NearestLines<'t> {
+    /// Prepares for questions, of whose blocks about `memory` bytes are kept.
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub fn new(tree: &'t LineTree, memory: u64) -> Result<NearestLines<'t>> {
+        let (nodes, blocks, _) = tree.counts();
+        let mut near: Vec<NearNode> = Vec::with_capacity(nodes);
+        let mut open: Vec<(Code, usize)> = Vec::new();
+        for index in 0..nodes {
+            let node = tree.node(index)?;
+            while let Some((_, above)) = open.pop_if(|(code, _)| !code.contains(node.code)) {
+                near[above].end = index as u32;
+            }
+            let blocks = tree.blocks_of(node.code);
+            let blocks = (blocks.start as u32, blocks.end as u32);
+            near.push(NearNode { end: nodes as u32, blocks, corners: node.bounds });
+            open.push((node.code, index));
+        }
+        let block_corners = (0..blocks).map(|block| tree.block_entry(block).bounds).collect();
+        let kept = Mutex::default();
+        Ok(NearestLines { tree, nodes: near, block_corners, most_bytes: memory, kept })
+    }
+
     /// Finds the lines nearest to each of some places: of at most `most` features, each no farther than `within`; the nearest first, of those that are equally far
     /// the one whose feature comes first.
     ///
     /// Places are taken to the nearest 2^-16 of a step of the grid. Whether a vertex or a place between is nearest is decided exactly, and lines that meet in the nearest vertex
-    /// are equally far; otherwise squares of distances are doubles.
+    /// are equally far; otherwise squares of distances are doubles. Places are gone through in the order of their codes, so that each block is unpacked about once.
     ///
     /// # Errors
     /// If a coordinate is no number or very far away from the lines, the file is damaged or cannot be read.
-    pub fn nearest(
+    pub fn find(
         &self,
         places: &[[f64; 2]],
         (most, within): (usize, f64),
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearLine>>> {
+        let grid = self.tree.grid();
         let is_wrong =
-            |place: &&[f64; 2]| !place.iter().all(|number| number.is_finite()) || self.grid().is_far(**place);
+            |place: &&[f64; 2]| !place.iter().all(|number| number.is_finite()) || grid.is_far(**place);
         if let Some(place) = places.iter().find(is_wrong) {
             let expected = "coordinates of the system that the lines are in";
             return Err(Error::invalid("place", format!("{place:?}"), expected));
@@ -116,12 +121,13 @@ impl LineTree {
         if most == 0 || within.is_nan() || within < 0.0 {
             return Ok(found);
         }
-        let steps = within / self.grid().scale * FRACTION as f64;
+        let steps = within / grid.scale * FRACTION as f64;
         let order = self.order(places);
         let parts: Vec<&[u32]> = order.chunks(TOGETHER).collect();
-        for batch in parts.chunks(4 * parallel::threads()) {
+        for batch in parts.chunks(8 * parallel::threads()) {
             progress.check()?;
-            let answers = parallel::map(batch, |part| self.answer(part, places, (most, steps * steps)));
+            let terms = (most, steps * steps);
+            let answers = parallel::map(batch, |part| self.answer(part, places, terms, progress));
             for (part, answers) in batch.iter().zip(answers) {
                 for (place, answer) in part.iter().zip(answers?) {
                     found[*place as usize] = answer;
@@ -132,18 +138,16 @@ impl LineTree {
         Ok(found)
     }
 
-    /// The numbers of places in the order of the codes nearest to them, so that a block is unpacked for many of them.
+    /// The numbers of places in the order of the codes nearest to them.
     fn order(&self, places: &[[f64; 2]]) -> Vec<u32> {
-        let grid = self.grid();
+        let grid = self.tree.grid();
         let far = (1i64 << grid.bits) - 1;
         let key = |place: &[f64; 2]| {
             let fixed = grid.fixed(*place);
             let step = std::array::from_fn(|axis| {
                 let corner = i64::from(grid.corner[axis]);
-                (fixed[axis] / FRACTION - corner)
-                    .clamp(0, far)
-                    .saturating_add(corner)
-                    .clamp(i32::MIN.into(), i32::MAX.into()) as i32
+                let step = (fixed[axis] / FRACTION - corner).clamp(0, far) + corner;
+                step.clamp(i32::MIN.into(), i32::MAX.into()) as i32
             });
             grid.code([step; 2]).map_or(0, |code| code.bits())
         };
@@ -153,79 +157,101 @@ impl LineTree {
         order.into_iter().map(|key| key as u32).collect()
     }
 
+    /// Answers questions that are near each other: what was found for one is where the search for the next begins.
     fn answer(
         &self,
         part: &[u32],
         places: &[[f64; 2]],
         (most, limit): (usize, f64),
+        progress: &dyn Progress,
     ) -> Result<Vec<Vec<NearLine>>> {
-        let mut kept: HashMap<usize, Rc<Vec<Piece>>> = HashMap::new();
+        // (What this thread has at hand needs no lock.)
+        let mut at_hand = HashMap::new();
+        let mut before: Vec<(f64, Piece)> = Vec::new();
+        let grid = self.tree.grid();
         let mut answers = Vec::with_capacity(part.len());
-        for place in part {
-            let from = self.grid().fixed(places[*place as usize]);
-            let best = Best { most, limit, pieces: HashMap::new(), order: BTreeSet::new() };
-            answers.push(self.look(from, best, &mut kept)?);
+        for (number, place) in part.iter().enumerate() {
+            if number % CHECKED == 0 {
+                progress.check()?;
+            }
+            let from = grid.fixed(places[*place as usize]);
+            let mut best = Best::new(most, limit);
+            for (_, piece) in &before {
+                best.look(square_distance(ends(piece.ends), from), piece);
+            }
+            if !self.nodes.is_empty() {
+                self.look(0, from, &mut best, &mut at_hand)?;
+            }
+            before = best.finish();
+            let near = |(square, piece): &(f64, Piece)| NearLine {
+                feature: piece.feature,
+                vertex: piece.place,
+                distance: grid.units(square.sqrt() / FRACTION as f64),
+                place: grid.world(nearest_place(ends(piece.ends), from).map(|at| at / FRACTION as f64)),
+            };
+            answers.push(before.iter().map(near).collect());
         }
         Ok(answers)
     }
 
-    /// Looks at nodes and blocks, the nearest first, until none can have a nearer line.
+    /// Looks for better pieces in a node: below it first, the nearest child first, since the finest levels have the most pieces.
     fn look(
         &self,
+        index: usize,
         from: Place,
-        mut best: Best,
-        kept: &mut HashMap<usize, Rc<Vec<Piece>>>,
-    ) -> Result<Vec<NearLine>> {
-        let candidate = |bounds, what| Candidate { square: square_to_box(fixed_box(bounds), from), what };
-        let mut open = BinaryHeap::new();
-        open.extend(self.root()?.map(|root| candidate(root.bounds, What::Node(root.index))));
-        while let Some(Candidate { square, what }) = open.pop() {
-            if square > best.limit {
-                break;
-            }
-            match what {
-                What::Node(index) => {
-                    let node = self.node(index)?;
-                    let blocks = self.blocks_of(node.code);
-                    open.extend(
-                        blocks.map(|block| candidate(self.block_entry(block).bounds, What::Block(block))),
-                    );
-                    let children = self.children(&node)?;
-                    open.extend(
-                        children.iter().map(|child| candidate(child.bounds, What::Node(child.index))),
-                    );
-                }
-                What::Block(block) => {
-                    let pieces = match kept.get(&block) {
-                        Some(pieces) => pieces.clone(),
-                        None => {
-                            if kept.len() >= KEPT {
-                                kept.clear();
-                            }
-                            let pieces = Rc::new(self.block(block)?);
-                            kept.insert(block, pieces.clone());
-                            pieces
-                        }
-                    };
-                    for piece in pieces.iter() {
-                        best.look(square_distance(ends(piece.ends), from), piece);
-                    }
-                }
+        best: &mut Best,
+        at_hand: &mut HashMap<u32, Arc<BlockIndex>>,
+    ) -> Result<()> {
+        let node = &self.nodes[index];
+        let square = |corners: [[i32; 2]; 2]| square_to_box(fixed_box(corners), from);
+        let mut children = [(0.0, 0usize); 4];
+        let mut count = 0;
+        let mut child = index + 1;
+        while child < node.end as usize {
+            // (A hostile list may have nodes whose parents are missing: no more are looked at than there can be children.)
+            let Some(place) = children.get_mut(count) else { break };
+            *place = (square(self.nodes[child].corners), child);
+            count += 1;
+            child = (self.nodes[child].end as usize).max(child + 1);
+        }
+        let children = &mut children[..count];
+        children.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        for (square, child) in children {
+            if *square <= best.limit() {
+                self.look(*child, from, best, at_hand)?;
             }
         }
-        let Best { pieces, order, .. } = best;
-        let grid = self.grid();
-        let near = |(_, feature): (u64, u64)| {
-            let (square, piece) = pieces.get(&feature)?;
-            let place = nearest_place(ends(piece.ends), from);
-            Some(NearLine {
-                feature,
-                vertex: piece.place,
-                distance: grid.units(square.sqrt() / FRACTION as f64),
-                place: grid.world(place.map(|number| number / FRACTION as f64)),
-            })
-        };
-        Ok(order.into_iter().filter_map(near).collect())
+        for block in node.blocks.0..node.blocks.1 {
+            if square(self.block_corners[block as usize]) <= best.limit() {
+                let index = match at_hand.get(&block) {
+                    Some(index) => index,
+                    None => {
+                        let index = self.block(block)?;
+                        at_hand.entry(block).or_insert(index)
+                    }
+                };
+                index.search(from, best);
+            }
+        }
+        Ok(())
+    }
+
+    /// The index of a block.
+    fn block(&self, block: u32) -> Result<Arc<BlockIndex>> {
+        let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(index) = kept().blocks.get(&block) {
+            return Ok(index.clone());
+        }
+        let index = Arc::new(BlockIndex::new(self.tree.grid(), self.tree.block(block as usize)?));
+        let mut kept = kept();
+        if kept.bytes + index.bytes() > self.most_bytes {
+            // (Places come in order: what was kept for those before is mostly not needed again.)
+            kept.blocks.clear();
+            kept.bytes = 0;
+        }
+        kept.bytes += index.bytes();
+        kept.blocks.insert(block, index.clone());
+        Ok(index)
     }
 }
 

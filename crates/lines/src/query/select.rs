@@ -1,24 +1,11 @@
-//! Lines that pass through a window, and those that cross a line; counts and lengths.
+//! Lines that pass through a window; counts and lengths.
 
 use std::collections::BTreeSet;
 
 use crate::codec::Piece;
-use crate::geometry::{FRACTION, Place, box_of, boxes_meet, ends, meet, meeting, meets_box};
+use crate::geometry::{Place, box_of, boxes_meet, ends, fixed_box, meets_box};
 use crate::store::{LineNode, LineTree};
 use spinney_base::{Error, Progress, Result, parallel};
-
-/// A piece of a line that crosses another line, or touches it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Crossing {
-    /// Number of its feature.
-    pub feature: u64,
-    /// The place of its first vertex among all of its feature.
-    pub vertex: u32,
-    /// Which piece of the other line it meets.
-    pub piece: usize,
-    /// Where, in the world; of pieces that lie on each other one such place.
-    pub place: [f64; 2],
-}
 
 /// What the nodes of a level have.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,12 +22,7 @@ pub struct LevelTotals {
     pub most_features: u64,
 }
 
-/// Bounds on the grid in parts of a step.
-pub(super) fn fixed_box([least, most]: [[i32; 2]; 2]) -> [Place; 2] {
-    [least, most].map(|corner| corner.map(|step| i64::from(step) * FRACTION))
-}
-
-fn check_numbers(what: &str, places: &[[f64; 2]]) -> Result<()> {
+pub(super) fn check_numbers(what: &str, places: &[[f64; 2]]) -> Result<()> {
     match places.iter().flatten().any(|number| number.is_nan()) {
         true => Err(Error::invalid(what, format!("{places:?}"), "coordinates that are numbers")),
         false => Ok(()),
@@ -79,38 +61,6 @@ impl LineTree {
         Ok(found.into_iter().collect())
     }
 
-    /// All pieces of lines that cross or touch a line of places, by its pieces, then by feature and vertex. Its places are taken to the nearest 2^-16 of a step of the grid;
-    /// what meets what is exact from there on.
-    ///
-    /// # Errors
-    /// If a coordinate is no number, the file is damaged or cannot be read.
-    pub fn crossings(&self, line: &[[f64; 2]], progress: &dyn Progress) -> Result<Vec<Crossing>> {
-        check_numbers("line", line)?;
-        let grid = self.grid();
-        let places: Vec<Place> = line.iter().map(|place| grid.fixed(*place)).collect();
-        let lines: Vec<[Place; 2]> = places.windows(2).map(|pair| [pair[0], pair[1]]).collect();
-        let mut found = Vec::new();
-        self.each_block(
-            &|bounds| lines.iter().any(|line| meets_box(*line, bounds)),
-            &mut |pieces| {
-                for piece in pieces {
-                    let own = ends(piece.ends);
-                    for (number, line) in lines.iter().enumerate().filter(|(_, line)| meet(own, **line)) {
-                        let at = meeting(*line, own);
-                        let place = grid.world(at.map(|number| number / FRACTION as f64));
-                        let (feature, vertex) = (piece.feature, piece.place);
-                        found.push(Crossing { feature, vertex, piece: number, place });
-                    }
-                }
-            },
-            progress,
-        )?;
-        spinney_base::sort::by_wide_key(&mut found, |found: &Crossing| {
-            (found.piece as u128) << 96 | u128::from(found.feature) << 32 | u128::from(found.vertex)
-        });
-        Ok(found)
-    }
-
     /// Hands out the pieces of all blocks whose bounds are asked for.
     fn each_block(
         &self,
@@ -137,7 +87,7 @@ impl LineTree {
         Ok(())
     }
 
-    /// Number of pieces and features, and their length, as the root says; nothing of lines is read.
+    /// Length of all lines, as the root says; nothing of lines is read.
     ///
     /// # Errors
     /// If the file is damaged.

@@ -101,6 +101,11 @@ impl VectorFormat {
     pub fn of(path: &Path) -> Option<VectorFormat> {
         path.extension()?.to_str()?.parse().ok()
     }
+
+    /// Whether a layer's bounds must be known before its features, and not only those of what is written.
+    pub(crate) fn wants_bounds(self) -> bool {
+        matches!(self, VectorFormat::Svg | VectorFormat::FlatGeobuf)
+    }
 }
 
 impl FromStr for VectorFormat {

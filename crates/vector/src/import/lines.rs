@@ -62,9 +62,10 @@ pub fn open_feature_lines(path: &Path, options: &FeatureOptions) -> Result<Featu
             ));
         }
     };
+    // (Scales are powers of ten or of two, those of ten rounded: their ratio is whole as near as doubles are, or not at all.)
     let ratio = coarse / scale;
-    let is_rounded =
-        gridded.rounding().is_some() || (ratio - ratio.round()).abs() > 1e-9 * ratio || scale > fine;
+    let is_part = (ratio - ratio.round()).abs() <= 4.0 * f64::EPSILON * ratio;
+    let is_rounded = gridded.rounding().is_some() || !is_part || scale > fine;
     let step = |end: usize| [0, 1].map(|axis| step(scale, offset[axis], ends[axis][end]));
     let reader = open_features(path, options)?;
     let schema = reader.schema();

@@ -1,0 +1,136 @@
+//! Pieces of a block, put so that those near a place or in a box are found fast.
+
+use std::ops::Range;
+
+use super::best::Best;
+use crate::codec::Piece;
+use crate::geometry::{Place, bounds_of, boxes_meet, ends, fixed_box, square_distance, square_to_box};
+use crate::grid::LineGrid;
+use spinney_base::sort;
+
+/// Pieces that differ, or boxes, that a box is around.
+const TOGETHER: usize = 8;
+
+type Bounds = [[i32; 2]; 2];
+
+/// A tree of boxes without pointers: pieces in the order of the codes of their middles, a box around each few of them, one around each few of these, and so on. Equal
+/// pieces are one to it, so that no question takes longer for them.
+pub(super) struct BlockIndex {
+    pieces: Vec<Piece>,
+    /// Where each run of equal pieces begins, which are by feature and place, and behind the last the number of all.
+    runs: Vec<u32>,
+    /// Boxes around pieces first, then those around boxes; the last level has few.
+    levels: Vec<Vec<Bounds>>,
+}
+
+/// A number that is the same for equal pieces, and hardly ever for others.
+fn mixed(piece: &Piece) -> u64 {
+    piece.ends.iter().flatten().fold(0, |mixed: u64, step| {
+        (mixed.rotate_left(5) ^ u64::from(*step as u32)).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+    })
+}
+
+fn around(boxes: impl Iterator<Item = Bounds>) -> Bounds {
+    boxes.fold([[i32::MAX; 2], [i32::MIN; 2]], |[low, high], [least, most]| {
+        let low = std::array::from_fn(|axis| i32::min(low[axis], least[axis]));
+        [low, std::array::from_fn(|axis| i32::max(high[axis], most[axis]))]
+    })
+}
+
+impl BlockIndex {
+    /// Puts pieces, which come by feature and place, in order.
+    pub(super) fn new(grid: &LineGrid, mut pieces: Vec<Piece>) -> BlockIndex {
+        let middle = |piece: &Piece| {
+            let [a, b] = piece.ends;
+            let middle = std::array::from_fn(|axis| ((i64::from(a[axis]) + i64::from(b[axis])) >> 1) as i32);
+            grid.code([middle; 2]).map_or(0, |code| code.bits())
+        };
+        sort::by_wide_key(&mut pieces, |piece| u128::from(middle(piece)) << 64 | u128::from(mixed(piece)));
+        let mut runs = vec![0];
+        runs.extend(
+            (1..pieces.len()).filter(|at| pieces[*at].ends != pieces[*at - 1].ends).map(|at| at as u32),
+        );
+        let first = runs.chunks(TOGETHER).map(|own| {
+            let boxes = own.iter().filter_map(|first| pieces.get(*first as usize));
+            around(boxes.map(|piece| bounds_of(piece.ends)))
+        });
+        let mut levels: Vec<Vec<Bounds>> = vec![first.collect()];
+        while let Some(last) = levels.last().filter(|last| last.len() > TOGETHER) {
+            let next = last.chunks(TOGETHER).map(|own| around(own.iter().copied())).collect();
+            levels.push(next);
+        }
+        runs.push(pieces.len() as u32);
+        BlockIndex { pieces, runs, levels }
+    }
+
+    /// Bytes of memory that it takes, about.
+    pub(super) fn bytes(&self) -> u64 {
+        let boxes: usize = self.levels.iter().map(Vec::len).sum();
+        (size_of_val(&self.pieces[..]) + size_of_val(&self.runs[..]) + boxes * size_of::<Bounds>()) as u64
+    }
+
+    /// Shows pieces to those that are best, unless all in a box around them are too far away.
+    pub(super) fn search(&self, from: Place, best: &mut Best) {
+        let top = self.levels.len() - 1;
+        self.search_level(top, 0..self.levels[top].len(), from, best);
+    }
+
+    fn search_level(&self, level: usize, range: Range<usize>, from: Place, best: &mut Best) {
+        for index in range {
+            if square_to_box(fixed_box(self.levels[level][index]), from) > best.limit() {
+                continue;
+            }
+            if let Some(next) = level.checked_sub(1) {
+                self.search_level(next, below(index, self.levels[next].len()), from, best);
+                continue;
+            }
+            for run in below(index, self.runs.len() - 1) {
+                let run = self.run(run);
+                let Some(first) = run.first() else { continue };
+                if square_to_box(fixed_box(bounds_of(first.ends)), from) <= best.limit() {
+                    best.look_at_equal(square_distance(ends(first.ends), from), run);
+                }
+            }
+        }
+    }
+
+    /// Equal pieces.
+    fn run(&self, run: usize) -> &[Piece] {
+        &self.pieces[self.runs[run] as usize..self.runs[run + 1] as usize]
+    }
+
+    /// Hands out the pieces whose boxes meet a box.
+    pub(super) fn each_in(&self, wanted: [Place; 2], each: &mut dyn FnMut(&Piece)) {
+        let top = self.levels.len() - 1;
+        self.each_level(top, 0..self.levels[top].len(), wanted, each);
+    }
+
+    fn each_level(
+        &self,
+        level: usize,
+        range: Range<usize>,
+        wanted: [Place; 2],
+        each: &mut dyn FnMut(&Piece),
+    ) {
+        for index in range {
+            if !boxes_meet(fixed_box(self.levels[level][index]), wanted) {
+                continue;
+            }
+            if let Some(next) = level.checked_sub(1) {
+                self.each_level(next, below(index, self.levels[next].len()), wanted, each);
+                continue;
+            }
+            for run in below(index, self.runs.len() - 1) {
+                let run = self.run(run);
+                if run.first().is_some_and(|first| boxes_meet(fixed_box(bounds_of(first.ends)), wanted)) {
+                    run.iter().for_each(&mut *each);
+                }
+            }
+        }
+    }
+}
+
+/// What a box is around, of so many.
+fn below(index: usize, count: usize) -> Range<usize> {
+    index * TOGETHER..((index + 1) * TOGETHER).min(count)
+}

@@ -1,0 +1,126 @@
+//! Points that get the attributes of features of a tree of lines.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use super::{chosen_of, layer_name, type_of, value_of};
+use crate::export::{
+    AttributeType, AttributeValue, FeatureParts, GeometryKind, VectorFeature, VectorFormat, VectorLayer,
+    VectorWriter, push_attribute,
+};
+use crate::import::feature::{Feature, FeatureGeometry, FeatureReader, FeatureSchema};
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result, sort};
+use spinney_lines::{LineTree, LineValue};
+
+/// Values that are kept of features that were read, at most.
+const KEPT: usize = 1 << 20;
+
+/// A layer of points in the making, each with the attributes of a feature of a file, the number of a feature of the tree, and the attributes of that one.
+pub(super) struct Joined<'t> {
+    tree: &'t LineTree,
+    chosen: Vec<usize>,
+    writer: Option<VectorWriter>,
+    /// Values of features of the tree.
+    known: HashMap<u64, Vec<LineValue>>,
+}
+
+/// A point of such a layer.
+pub(super) struct JoinedPoint<'f> {
+    pub(super) id: Option<&'f serde_json::Value>,
+    pub(super) feature: &'f Feature,
+    pub(super) geometry: Option<FeatureGeometry>,
+    /// Number of the feature of the tree, if there is one.
+    pub(super) line: Option<u64>,
+    /// Its own attributes: as many as the layer was told of.
+    pub(super) own: Vec<AttributeValue<'f>>,
+}
+
+impl<'t> Joined<'t> {
+    /// Starts a layer, with attributes of its own between those of the file and those of the tree, of which some are chosen; without an output the names are checked.
+    pub(super) fn new(
+        tree: &'t LineTree,
+        names: Option<&[String]>,
+        (schema, own): (&FeatureSchema, &[(&str, AttributeType)]),
+        output: Option<(Output, VectorFormat)>,
+        bounds: &mut dyn FnMut() -> Result<[[f64; 2]; 2]>,
+    ) -> Result<Joined<'t>> {
+        let chosen = chosen_of(tree, names)?;
+        let mut attributes = schema.attributes.clone();
+        let added = chosen.iter().map(|place| &tree.attributes()[*place]);
+        let added = added.map(|attribute| (attribute.name.clone(), type_of(attribute.kind)));
+        for (name, kind) in own.iter().map(|(name, kind)| ((*name).to_owned(), *kind)).chain(added) {
+            push_attribute(&mut attributes, name, kind);
+        }
+        let mut writer = None;
+        if let Some((output, format)) = output {
+            let bounds = if format.wants_bounds() { bounds()? } else { [[0.0; 2]; 2] };
+            let crs = schema.crs.clone().or(tree.metadata().frame.crs.clone());
+            let (kind, name) = (Some(GeometryKind::Point), layer_name(output.path()));
+            let layer = VectorLayer { name, kind, is_multi: false, has_z: false, attributes, crs, bounds };
+            writer = Some(VectorWriter::create(output, format, layer)?);
+        }
+        Ok(Joined { tree, chosen, writer, known: HashMap::new() })
+    }
+
+    /// Writes points, if there is an output.
+    pub(super) fn write(&mut self, points: Vec<JoinedPoint<'_>>) -> Result<()> {
+        if self.writer.is_none() {
+            return Ok(());
+        }
+        self.read(points.iter().filter_map(|point| point.line).collect())?;
+        let Joined { chosen, writer: Some(writer), known, .. } = self else { return Ok(()) };
+        for point in points {
+            let JoinedPoint { id, feature, geometry, line, own } = point;
+            let mut values: Vec<AttributeValue<'_>> =
+                feature.attributes.iter().map(AttributeValue::from).collect();
+            values.extend(own);
+            match line.and_then(|line| known.get(&line)) {
+                Some(line) => values.extend(line.iter().map(value_of)),
+                None => values.extend(chosen.iter().map(|_| AttributeValue::None)),
+            }
+            let parts = geometry.as_ref().map(FeatureParts::of);
+            writer.write_feature(&VectorFeature {
+                id,
+                geometry: parts.as_ref().map(|parts| (GeometryKind::Point, parts as _)),
+                attributes: &values,
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Reads the values of features that are not known.
+    fn read(&mut self, mut numbers: Vec<u64>) -> Result<()> {
+        let Joined { tree, chosen, known, .. } = self;
+        if chosen.is_empty() {
+            return Ok(());
+        }
+        if known.len() * chosen.len() > KEPT {
+            known.clear();
+        }
+        numbers.retain(|number| !known.contains_key(number));
+        sort::numbers64(&mut numbers);
+        numbers.dedup();
+        tree.features(&mut numbers.into_iter(), &mut |number, feature| {
+            let value = |place: &usize| feature.values.get(*place).cloned().unwrap_or(LineValue::None);
+            known.insert(number, chosen.iter().map(value).collect());
+            Ok(())
+        })
+    }
+
+    /// Ends the layer.
+    pub(super) fn finish(self, progress: &dyn Progress) -> Result<()> {
+        self.writer.map_or(Ok(()), |writer| writer.finish(progress))
+    }
+}
+
+/// Fails if the features of a file are in another system than the tree.
+pub(super) fn check_system(tree: &LineTree, path: &Path, reader: &dyn FeatureReader) -> Result<()> {
+    if let (Some(own), Some(other)) = (&tree.metadata().frame.crs, &reader.schema().crs)
+        && !own.is_same(other)
+    {
+        let advice = format!("bring them to the system of the lines first, {own}");
+        return Err(Error::unsupported(path, format!("features in {other}"), advice));
+    }
+    Ok(())
+}

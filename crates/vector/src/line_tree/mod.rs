@@ -1,0 +1,137 @@
+//! Features of trees of lines as files of features, and files of features joined to those of a tree.
+
+mod crossing;
+mod joined;
+mod nearest;
+
+use std::path::Path;
+
+use crate::export::{
+    AttributeType, AttributeValue, FeatureParts, GeometryKind, VectorFeature, VectorFormat, VectorLayer,
+    VectorWriter,
+};
+use crate::import::feature::FeatureGeometry;
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_lines::{LineFeature, LineTree, LineValue, ValueKind};
+
+pub use crossing::{CrossingSummary, join_crossing_lines};
+pub use nearest::{JoinSummary, join_nearest_lines};
+
+fn type_of(kind: ValueKind) -> AttributeType {
+    match kind {
+        ValueKind::Integer => AttributeType::Integer,
+        ValueKind::Number => AttributeType::Number,
+        ValueKind::Text => AttributeType::Text,
+        ValueKind::Boolean => AttributeType::Boolean,
+        ValueKind::Json => AttributeType::Json,
+        ValueKind::Mixed => AttributeType::Mixed,
+    }
+}
+
+fn value_of(value: &LineValue) -> AttributeValue<'_> {
+    match value {
+        LineValue::None => AttributeValue::None,
+        LineValue::Integer(number) => AttributeValue::Integer(*number),
+        LineValue::Number(number) => AttributeValue::Number(*number),
+        LineValue::Text(text) => AttributeValue::Text(text),
+        LineValue::Boolean(is) => AttributeValue::Boolean(*is),
+        LineValue::Json(text) => AttributeValue::Json(text),
+    }
+}
+
+/// Name of a file's only layer; standard output has none.
+fn layer_name(path: &Path) -> String {
+    let stem = path.file_stem().filter(|stem| *stem != "-");
+    stem.map_or_else(|| "lines".into(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// Places of attributes by their names; of all if none are named.
+fn chosen_of(tree: &LineTree, names: Option<&[String]>) -> Result<Vec<usize>> {
+    let own = tree.attributes();
+    let Some(names) = names else { return Ok((0..own.len()).collect()) };
+    let place = |name: &String| {
+        own.iter().position(|attribute| attribute.name == *name).ok_or_else(|| {
+            let known: Vec<&str> = own.iter().map(|attribute| attribute.name.as_str()).collect();
+            let expected = format!("one that features have: {}", known.join(", "));
+            Error::invalid("attribute", format!("`{name}`"), expected)
+        })
+    };
+    names.iter().map(place).collect()
+}
+
+/// Writes whole features of a tree of lines: all, or those with some numbers, which ascend; with some attributes, or all. Hands out how many.
+///
+/// # Errors
+/// If there is no attribute of a name, the tree is damaged or cannot be read, or the output cannot be written.
+pub fn export_lines(
+    tree: &LineTree,
+    numbers: Option<&[u64]>,
+    names: Option<&[String]>,
+    (output, format): (Output, VectorFormat),
+    progress: &dyn Progress,
+) -> Result<u64> {
+    let chosen = chosen_of(tree, names)?;
+    let count = numbers.map_or(tree.len(), |numbers| numbers.len() as u64);
+    let all = || -> Box<dyn Iterator<Item = u64>> {
+        match numbers {
+            Some(numbers) => Box::new(numbers.iter().copied()),
+            None => Box::new(0..tree.len()),
+        }
+    };
+    // What the layer says of its features is known before the first is written.
+    let (mut is_multi, mut bounds) = (false, None::<[[i32; 2]; 2]>);
+    tree.features(&mut all(), &mut |_, feature| {
+        is_multi |= feature.lines.len() > 1;
+        for vertex in feature.lines.iter().flatten() {
+            let [least, most] = bounds.get_or_insert([*vertex; 2]);
+            for axis in 0..2 {
+                least[axis] = least[axis].min(vertex[axis]);
+                most[axis] = most[axis].max(vertex[axis]);
+            }
+        }
+        Ok(())
+    })?;
+    let attributes = chosen.iter().map(|place| {
+        let attribute = &tree.attributes()[*place];
+        (attribute.name.clone(), type_of(attribute.kind))
+    });
+    let layer = VectorLayer {
+        name: layer_name(output.path()),
+        kind: Some(GeometryKind::Line),
+        is_multi,
+        has_z: false,
+        attributes: attributes.collect(),
+        crs: tree.metadata().frame.crs.clone(),
+        bounds: bounds.map_or([[0.0; 2]; 2], |bounds| bounds.map(|corner| tree.grid().to_world(corner))),
+    };
+    let mut writer = VectorWriter::create(output, format, layer)?;
+    let mut done = 0;
+    tree.features(&mut all(), &mut |_, feature| {
+        let values: Vec<AttributeValue<'_>> = chosen
+            .iter()
+            .map(|place| feature.values.get(*place).map_or(AttributeValue::None, value_of))
+            .collect();
+        let geometry = geometry_of(tree, feature);
+        let parts = FeatureParts::of(&geometry);
+        let is_empty = feature.lines.is_empty();
+        writer.write_feature(&VectorFeature {
+            id: None,
+            geometry: if is_empty { None } else { Some((GeometryKind::Line, &parts)) },
+            attributes: &values,
+        })?;
+        done += 1;
+        if done % 1024 == 0 {
+            progress.check()?;
+            progress.advance(1024, count);
+        }
+        Ok(())
+    })?;
+    writer.finish(progress)?;
+    Ok(done)
+}
+
+fn geometry_of(tree: &LineTree, feature: &LineFeature) -> FeatureGeometry {
+    let line = |line: &Vec<[i32; 2]>| line.iter().map(|vertex| tree.grid().to_world(*vertex)).collect();
+    FeatureGeometry::Lines(feature.lines.iter().map(line).collect())
+}

@@ -1,0 +1,124 @@
+//! Points with the lines nearest to them.
+
+use std::path::Path;
+
+use super::joined::{Joined, JoinedPoint, check_system};
+use crate::export::{AttributeType, AttributeValue, VectorFormat, bounds_of};
+use crate::import::feature::{Feature, FeatureGeometry, FeatureOptions, open_features};
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result, Uncounted};
+use spinney_lines::{LineTree, NearLine, NearestLines};
+
+/// What came of joining points with lines.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct JoinSummary {
+    /// Number of points.
+    pub points: u64,
+    /// Number of those that have a line that is near enough.
+    pub joined: u64,
+    /// The sum of their distances.
+    pub sum: f64,
+    /// The greatest of their distances.
+    pub most: f64,
+}
+
+/// Points that are joined at a time.
+const TOGETHER: usize = 1 << 16;
+/// Bytes of memory for lines that are kept from points to points.
+const MEMORY: u64 = 256 << 20;
+
+/// Joins each point of a file of features to the line nearest to it, of at most a distance: its attributes get the number of the line's feature (`line`, from 0), the
+/// distance, and the attributes of that feature, or some of them. With an output, the points are written to it.
+///
+/// # Errors
+/// If a feature is no single point, the systems differ, there is no attribute of a name, a file cannot be read, or the output cannot be written.
+pub fn join_nearest_lines(
+    tree: &LineTree,
+    points: &Path,
+    (within, names): (f64, Option<&[String]>),
+    output: Option<(Output, VectorFormat)>,
+    progress: &dyn Progress,
+) -> Result<JoinSummary> {
+    let mut reader = open_features(points, &FeatureOptions::default())?;
+    check_system(tree, points, &*reader)?;
+    let own = [("line", AttributeType::Integer), ("distance", AttributeType::Number)];
+    // (Ids of rows must be whole numbers, each once, which only another such table is sure to have.)
+    let is_table = |path: &Path| path.to_string_lossy().to_ascii_lowercase().contains(".gpkg");
+    let keeps_ids = !matches!(output, Some((_, VectorFormat::GeoPackage))) || is_table(points);
+    let mut joined =
+        Joined::new(tree, names, (reader.schema(), &own), output, &mut || bounds_in(points, progress))?;
+    let count = reader.schema().count;
+    let nearest = NearestLines::new(tree, MEMORY)?;
+    let mut summary = JoinSummary::default();
+    loop {
+        let (mut features, mut places) = (Vec::new(), Vec::new());
+        while features.len() < TOGETHER {
+            let Some(feature) = reader.next()? else { break };
+            let number = summary.points + features.len() as u64 + 1;
+            places.extend(place_of(points, number, &feature)?);
+            features.push(feature);
+        }
+        if features.is_empty() {
+            break;
+        }
+        let found = nearest.find(&places, (1, within), &Uncounted(progress))?;
+        let mut found = found.into_iter().map(|near| near.first().copied());
+        let near: Vec<Option<NearLine>> = features
+            .iter()
+            .map(|feature| feature.geometry.as_ref().and_then(|_| found.next().flatten()))
+            .collect();
+        for near in near.iter().flatten() {
+            summary.joined += 1;
+            summary.sum += near.distance;
+            summary.most = summary.most.max(near.distance);
+        }
+        summary.points += features.len() as u64;
+        let geometries: Vec<_> = features.iter_mut().map(|feature| feature.geometry.take()).collect();
+        let parts = features.iter().zip(geometries).zip(near);
+        let points = parts.map(|((feature, geometry), near)| JoinedPoint {
+            id: feature.id.as_ref().filter(|_| keeps_ids),
+            feature,
+            geometry,
+            line: near.map(|near| near.feature),
+            own: vec![
+                near.map_or(AttributeValue::None, |near| AttributeValue::Integer(near.feature as i64)),
+                near.map_or(AttributeValue::None, |near| AttributeValue::Number(near.distance)),
+            ],
+        });
+        joined.write(points.collect())?;
+        progress.advance(features.len() as u64, count.unwrap_or(summary.points));
+    }
+    joined.finish(progress)?;
+    Ok(summary)
+}
+
+/// The place of a feature; none if it has none.
+fn place_of(path: &Path, number: u64, feature: &Feature) -> Result<Option<[f64; 2]>> {
+    match &feature.geometry {
+        None => Ok(None),
+        Some(FeatureGeometry::Points(points)) if points.len() == 1 => Ok(Some(points[0])),
+        Some(_) => {
+            let advice = "the nearest line is asked for of points alone";
+            Err(Error::unsupported(path, format!("feature {number}, which is no single point,"), advice))
+        }
+    }
+}
+
+/// Least and greatest place of all points of a file.
+fn bounds_in(path: &Path, progress: &dyn Progress) -> Result<[[f64; 2]; 2]> {
+    let mut reader = open_features(path, &FeatureOptions::default())?;
+    let mut bounds: Option<[[f64; 2]; 2]> = None;
+    let mut number = 0u64;
+    while let Some(feature) = reader.next()? {
+        number += 1;
+        if number.is_multiple_of(1 << 14) {
+            progress.check()?;
+        }
+        if let Some(place) = place_of(path, number, &feature)? {
+            let around = bounds.get_or_insert([place; 2]);
+            let corners = [around[0], around[1], place];
+            *around = bounds_of(&mut corners.iter());
+        }
+    }
+    Ok(bounds.unwrap_or_default())
+}

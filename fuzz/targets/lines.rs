@@ -1,0 +1,75 @@
+//! Trees of lines read: opened, asked everything, verified, and written as features.
+
+use std::path::Path;
+
+use spinney::export::vector::VectorFormat;
+use spinney::io::Output;
+use spinney::lines::{LineTree, NearestLines, export_lines};
+use spinney::store::OpenOptions;
+use spinney::{Error, Result};
+
+use super::files::in_file;
+use super::{seal, trees};
+
+/// A file of a tree of lines whose checksums are made right.
+pub fn lines_read(bytes: &[u8]) {
+    let mut file = bytes.to_vec();
+    seal::goblin_end(&mut file);
+    seal::goblin(&mut file);
+    ask_lines(file);
+}
+
+/// Asks everything of a file of a tree of lines. If verification finds nothing, no question may fail.
+pub fn ask_lines(file: Vec<u8>) {
+    let checksum = crc32c::crc32c(&file);
+    let Ok(tree) = LineTree::from_backend(Path::new("(fuzz)"), trees::backend(file), &OpenOptions::new())
+    else {
+        return;
+    };
+    let asked = questions(&tree);
+    // (Of some files only.)
+    if checksum.is_multiple_of(32) {
+        in_file("lines.geojson", b"", |path| {
+            let output = Output::create(path).unwrap();
+            let _ = export_lines(&tree, None, None, (output, VectorFormat::GeoJson), &());
+        });
+    }
+    if tree.verify(1 << 20, &()).unwrap().is_empty() {
+        asked.unwrap();
+    }
+}
+
+/// Asks whatever has an answer soon.
+fn questions(tree: &LineTree) -> Result<()> {
+    let grid = tree.grid();
+    let _ = (tree.len(), tree.segments(), tree.leaf_size(), tree.bytes(), tree.attributes(), tree.metadata());
+    let mut done = Ok(());
+    let mut note = |result: Result<()>| {
+        if done.is_ok() {
+            done = result;
+        }
+    };
+    note(tree.length().map(drop));
+    note(tree.levels().map(drop));
+    let found = tree.bounds();
+    let [low, high] = found.as_ref().ok().copied().flatten().unwrap_or([grid.to_world([0; 2]); 2]);
+    note(found.map(drop));
+    let middle = [0, 1].map(|axis| low[axis] / 2.0 + high[axis] / 2.0);
+    let all = [[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]];
+    for window in [[low, high], [middle, high], [middle; 2], all] {
+        note(tree.window(window, &()).map(drop));
+    }
+    note(tree.crossings(&[vec![low, high], vec![[low[0], high[1]], middle, high]], &()).map(drop));
+    // (Places that are too far away to be told from others are refused.)
+    let fits = |error: Error| if matches!(error, Error::Invalid { .. }) { Ok(()) } else { Err(error) };
+    let nearest = NearestLines::new(tree, 1 << 16).and_then(|nearest| {
+        nearest.find(&[low, middle, high, middle], (1, f64::INFINITY), &())?;
+        nearest.find(&[middle, low], (20, 5.0), &()).map(drop)
+    });
+    note(nearest.or_else(fits));
+    note(tree.features(&mut (0..tree.len().min(1 << 12)), &mut |number, feature| {
+        assert!(number < tree.len() && feature.lines.iter().all(|line| line.len() >= 2));
+        Ok(())
+    }));
+    done
+}

@@ -1,0 +1,295 @@
+//! Trees of lines: open files of them, and what they tell.
+
+use std::path::PathBuf;
+use std::sync::{Arc, PoisonError, RwLock};
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use spinney::export::vector::VectorFormat;
+use spinney::import::feature::{FeatureFilter, FeatureOptions, open_feature_lines};
+use spinney::lines::{
+    LineBuildOptions, LineFeature, LineSource as _, LineTree, LineValue, build, export_lines,
+};
+use spinney::space::Crs;
+use spinney::store::Metadata;
+use spinney::{Progress as _, Result};
+
+use crate::elsewhere::{Elsewhere, path_object};
+use crate::error::{OrRaise, invalid};
+use crate::files::check_output;
+use crate::jobs::{self, Terms};
+use crate::tree::crs_text;
+
+/// A tree of lines in a file, open for questions from any number of threads.
+#[pyclass(subclass, frozen, weakref, module = "spinney._native")]
+pub(crate) struct Lines {
+    /// `None` when it is closed.
+    opened: RwLock<Option<Arc<LineTree>>>,
+    path: PathBuf,
+    positioned: bool,
+    elsewhere: Elsewhere,
+}
+
+/// Distances and numbers of features, with a row for each place, and the nearest places, one behind the other.
+type Near<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>, Bound<'py, PyArray1<f64>>);
+
+/// Numbers of features, of lines that they cross, and places, one behind the other.
+type Crossed<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
+
+/// A feature: its number, the vertices of its lines, and the values of its attributes.
+type Row<'py> = (u64, Vec<Vec<[f64; 2]>>, Vec<Bound<'py, PyAny>>);
+
+/// Numbers, pieces and length of the nodes of a level.
+type Level = (u64, u64, f64, u64, u64);
+
+impl Lines {
+    fn get(&self) -> PyResult<Arc<LineTree>> {
+        let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
+        opened.clone().ok_or_else(|| PyValueError::new_err(format!("{}: is closed", self.path.display())))
+    }
+}
+
+/// A value as Python has it.
+fn value_of<'py>(py: Python<'py>, value: &LineValue) -> PyResult<Bound<'py, PyAny>> {
+    Ok(match value {
+        LineValue::None => py.None().into_bound(py),
+        LineValue::Integer(number) => number.into_pyobject(py)?.into_any(),
+        LineValue::Number(number) => number.into_pyobject(py)?.into_any(),
+        LineValue::Text(text) => text.into_pyobject(py)?.into_any(),
+        LineValue::Boolean(is) => is.into_pyobject(py)?.to_owned().into_any(),
+        LineValue::Json(text) => py.import("json")?.call_method1("loads", (text,))?,
+    })
+}
+
+#[pymethods]
+impl Lines {
+    #[new]
+    #[pyo3(signature = (path, positioned, elsewhere=Elsewhere::default()))]
+    fn new(py: Python<'_>, path: PathBuf, positioned: bool, elsewhere: Elsewhere) -> PyResult<Lines> {
+        let mut options = elsewhere.options();
+        if positioned {
+            let cache = options.cache;
+            options = options.positioned(cache);
+        }
+        let tree = py.detach(|| LineTree::open(&path, &options)).or_raise()?;
+        Ok(Lines { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, elsewhere })
+    }
+
+    /// Forgets the file; whoever is reading it at the moment can finish.
+    fn close(&self) {
+        *self.opened.write().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    #[getter]
+    fn closed(&self) -> bool {
+        self.opened.read().unwrap_or_else(PoisonError::into_inner).is_none()
+    }
+
+    #[getter]
+    fn path<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        path_object(py, &self.path)
+    }
+
+    /// Options of the store, and the file that Python reads.
+    #[getter]
+    fn _elsewhere(&self) -> &Elsewhere {
+        &self.elsewhere
+    }
+
+    #[getter]
+    fn positioned(&self) -> bool {
+        self.positioned
+    }
+
+    fn __len__(&self) -> PyResult<usize> {
+        Ok(self.get()?.len() as usize)
+    }
+
+    /// Facts that are known without looking at lines, by name.
+    #[pyo3(name = "_facts")]
+    fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let tree = self.get()?;
+        let facts = PyDict::new(py);
+        let names: Vec<&str> = tree.attributes().iter().map(|attribute| attribute.name.as_str()).collect();
+        facts.set_item("attributes", names)?;
+        facts.set_item("segments", tree.segments())?;
+        facts.set_item("length", tree.length().or_raise()?)?;
+        facts.set_item("bounds", tree.bounds().or_raise()?.map(|[[a, b], [c, d]]| (a, b, c, d)))?;
+        facts.set_item("leaf_size", tree.leaf_size())?;
+        facts.set_item("scale", tree.grid().scale)?;
+        facts.set_item("crs", tree.metadata().frame.crs.as_ref().map(crs_text))?;
+        facts.set_item("tags", tree.metadata().tags.clone())?;
+        facts.set_item("provenance", tree.metadata().provenance.clone())?;
+        Ok(facts)
+    }
+
+    /// Nodes, pieces of their own, their length, and at most pieces and features below, of each level.
+    #[pyo3(name = "_levels")]
+    fn levels(&self) -> PyResult<Vec<Level>> {
+        let levels = self.get()?.levels().or_raise()?;
+        let row = |level: spinney::lines::LevelTotals| {
+            (level.nodes, level.segments, level.length, level.most_segments, level.most_features)
+        };
+        Ok(levels.into_iter().map(row).collect())
+    }
+
+    /// Numbers of the features that pass through a window.
+    #[pyo3(name = "_window")]
+    fn window<'py>(
+        &self,
+        py: Python<'py>,
+        window: [f64; 4],
+        terms: Terms,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let tree = self.get()?;
+        let [a, b, c, d] = window;
+        let numbers = jobs::run(py, terms, |work| tree.window([[a, b], [c, d]], work))?;
+        Ok(PyArray1::from_vec(py, numbers.into_iter().map(|number| number as i64).collect()))
+    }
+
+    /// Whole features: all, or those with numbers that ascend.
+    #[pyo3(name = "_features")]
+    fn features<'py>(
+        &self,
+        py: Python<'py>,
+        numbers: Option<Vec<u64>>,
+        terms: Terms,
+    ) -> PyResult<Vec<Row<'py>>> {
+        let tree = self.get()?;
+        let found = jobs::run(py, terms, |work| {
+            let mut found: Vec<(u64, LineFeature)> = Vec::new();
+            let mut all: Box<dyn Iterator<Item = u64>> = match numbers {
+                Some(numbers) => Box::new(numbers.into_iter()),
+                None => Box::new(0..tree.len()),
+            };
+            tree.features(&mut all, &mut |number, feature| {
+                if found.len() % 1024 == 0 {
+                    work.check()?;
+                }
+                found.push((number, feature.clone()));
+                Ok(())
+            })?;
+            Ok(found)
+        })?;
+        let row = |(number, feature): (u64, LineFeature)| {
+            let line =
+                |line: &Vec<[i32; 2]>| line.iter().map(|vertex| tree.grid().to_world(*vertex)).collect();
+            let values = feature.values.iter().map(|value| value_of(py, value)).collect::<PyResult<_>>()?;
+            Ok((number, feature.lines.iter().map(line).collect(), values))
+        };
+        found.into_iter().map(row).collect()
+    }
+
+    /// Distances, features and places of the lines nearest to places: infinite, -1 and NaN where there are fewer.
+    #[pyo3(name = "_nearest")]
+    fn nearest<'py>(
+        &self,
+        py: Python<'py>,
+        places: PyReadonlyArray2<'py, f64>,
+        most: usize,
+        radius: f64,
+        terms: Terms,
+    ) -> PyResult<Near<'py>> {
+        let tree = self.get()?;
+        let places: Vec<[f64; 2]> = places.as_slice()?.as_chunks::<2>().0.to_vec();
+        let room = places.len().checked_mul(most).filter(|room| *room < 1 << 40);
+        let room = room.ok_or_else(|| invalid(format!("k: {most} lines for {} places", places.len())))?;
+        let (distances, features, found) = jobs::run(py, terms, |work| {
+            let (mut distances, mut features) = (vec![f64::INFINITY; room], vec![-1; room]);
+            let mut found = vec![f64::NAN; 2 * room];
+            for (place, lines) in tree.nearest(&places, (most, radius), work)?.iter().enumerate() {
+                for (number, line) in lines.iter().enumerate() {
+                    let at = place * most + number;
+                    distances[at] = line.distance;
+                    features[at] = line.feature as i64;
+                    found[2 * at..2 * at + 2].copy_from_slice(&line.place);
+                }
+            }
+            Ok((distances, features, found))
+        })?;
+        let shape = [places.len(), most];
+        let distances = PyArray1::from_vec(py, distances).reshape(shape)?;
+        Ok((distances, PyArray1::from_vec(py, features).reshape(shape)?, PyArray1::from_vec(py, found)))
+    }
+
+    /// What crosses or touches lines: numbers of features, of the lines, and places.
+    #[pyo3(name = "_crossings")]
+    fn crossings<'py>(
+        &self,
+        py: Python<'py>,
+        lines: Vec<PyReadonlyArray2<'py, f64>>,
+        terms: Terms,
+    ) -> PyResult<Crossed<'py>> {
+        let tree = self.get()?;
+        let mut all: Vec<Vec<[f64; 2]>> = Vec::with_capacity(lines.len());
+        for line in &lines {
+            all.push(line.as_slice()?.as_chunks::<2>().0.to_vec());
+        }
+        let found = jobs::run(py, terms, |work| tree.crossings(&all, work))?;
+        let features = found.iter().map(|crossing| crossing.feature as i64).collect();
+        let lines = found.iter().map(|crossing| crossing.line as i64).collect();
+        let places = found.iter().flat_map(|crossing| crossing.place).collect();
+        Ok((PyArray1::from_vec(py, features), PyArray1::from_vec(py, lines), PyArray1::from_vec(py, places)))
+    }
+
+    /// Writes whole features, all or those with numbers that ascend; returns how many.
+    #[pyo3(name = "_write")]
+    fn write(
+        &self,
+        py: Python<'_>,
+        out: PathBuf,
+        numbers: Option<Vec<u64>>,
+        names: Option<Vec<String>>,
+        terms: Terms,
+    ) -> PyResult<u64> {
+        let tree = self.get()?;
+        check_output(std::slice::from_ref(&self.path), &out)?;
+        let format = VectorFormat::of(&out).ok_or_else(|| {
+            let formats = ".geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply";
+            invalid(format!("{}: expected {formats}", out.display()))
+        })?;
+        jobs::run(py, terms, |work| {
+            export_lines(&tree, numbers.as_deref(), names.as_deref(), (work.create(&out)?, format), work)
+        })
+    }
+}
+
+/// Terms of building a tree of lines: pieces of a leaf, the coordinate system, names of attributes, bytes of memory, conditions, and what the features come from.
+#[derive(FromPyObject)]
+pub(crate) struct LineTerms(Option<usize>, Option<String>, Option<Vec<String>>, u64, Option<String>, String);
+
+/// Builds a tree of lines of a file of features; returns the numbers of features and pieces, and the length.
+#[pyfunction]
+pub(crate) fn build_line_file(
+    py: Python<'_>,
+    path: PathBuf,
+    out: PathBuf,
+    given: LineTerms,
+    terms: Terms,
+) -> PyResult<(u64, u64, f64)> {
+    check_output(std::slice::from_ref(&path), &out)?;
+    let built = jobs::run(py, terms, |work| {
+        let LineTerms(leaf_size, crs, attributes, memory, filter, from) = &given;
+        let filter: FeatureFilter = filter.as_deref().map(str::parse).transpose()?.unwrap_or_default();
+        let features = FeatureOptions { filter, attributes: attributes.clone(), ..FeatureOptions::default() };
+        let mut source = open_feature_lines(&path, &features)?;
+        if source.is_rounded() {
+            work.warn(&path, "vertices have more digits than a grid of 32 bits, and are rounded to it");
+        }
+        let mut options = LineBuildOptions { memory: *memory, ..LineBuildOptions::default() };
+        options.leaf_size = leaf_size.unwrap_or(options.leaf_size);
+        let mut metadata = Metadata::default();
+        let crs = crs.as_deref().map(Crs::parse).transpose()?;
+        metadata.frame.crs = crs.or(source.schema().crs.clone());
+        metadata.provenance = vec![from.clone()];
+        let built = build(&mut source, &options, &metadata, work.create_tree(&out)?, work)?;
+        let count = source.with_heights();
+        if count > 0 {
+            work.warn(&path, &format!("{count} features have heights or measures, which are not kept"));
+        }
+        Result::Ok(built)
+    })?;
+    Ok((built.features, built.segments, built.length))
+}

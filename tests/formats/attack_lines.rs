@@ -1,0 +1,57 @@
+//! Every byte of a file of lines, set to whatever does harm, with right checksums: an error, or an answer that does no harm.
+
+use std::time::{Duration, Instant};
+
+use spinney::io::Output;
+use spinney::lines::{LineBuildOptions, LinesInMemory, build};
+use spinney::store::Metadata;
+
+use super::attack_goblin::{Field, changed};
+use crate::common::command::{is_alone, own_peak_memory};
+use crate::common::line_features;
+use crate::targets::lines::ask_lines;
+use crate::targets::seal::{self, END};
+
+fn small() -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lines.goblin");
+    let (attributes, features) = line_features::some(12);
+    let options = LineBuildOptions { leaf_size: 4, ..LineBuildOptions::default() };
+    let mut source = LinesInMemory::new(attributes, features);
+    build(&mut source, &options, &Metadata::default(), Output::create(&path).unwrap(), &()).unwrap();
+    std::fs::read(&path).unwrap()
+}
+
+#[test]
+fn bytes_that_do_harm() {
+    if !is_alone("attack_lines::bytes_that_do_harm") {
+        return;
+    }
+    let file = small();
+    let mut resealed = file.clone();
+    seal::goblin(&mut resealed);
+    assert!(resealed == file, "checksums are where they are looked for");
+    let (_, lists, _) = seal::section(&file, b"LBLK").unwrap();
+    let ask = |mut bytes: Vec<u8>, what: String| {
+        seal::goblin(&mut bytes);
+        let start = Instant::now();
+        ask_lines(bytes);
+        assert!(start.elapsed() < Duration::from_secs(5), "{what}: {:?}", start.elapsed());
+    };
+    for at in 0..lists {
+        for wrong in [0, 0xff, file[at] ^ 1 << (at % 8)] {
+            let mut bytes = file.clone();
+            bytes[at] = wrong;
+            ask(bytes, format!("byte {at} is {wrong:#x}"));
+        }
+    }
+    // Behind the blocks there are numbers of several bytes, too: lengths, counts, offsets.
+    for at in lists..file.len() - END {
+        let sizes: &[usize] = if at % 4 == 0 { &[1, 4, 8] } else { &[1] };
+        for size in sizes.iter().copied().filter(|size| at + size <= file.len() - END) {
+            let field = Field { name: "the file".into(), at, size };
+            changed(&file, &field, &mut |bytes, what| ask(bytes, what));
+        }
+    }
+    assert!(own_peak_memory() < 512 << 20, "{} bytes", own_peak_memory());
+}
