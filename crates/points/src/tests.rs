@@ -311,6 +311,39 @@ fn points_beyond_the_bounds_that_are_told_are_an_error() {
 }
 
 #[test]
+fn clocks_have_numbers_of_any_type() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("p.goblin");
+    let mut random = random(29);
+    for sample in SampleType::ALL {
+        let attributes = [("label", SampleType::U8), ("gps_time", sample), ("value", SampleType::I16)];
+        let attributes = attributes.map(|(name, sample)| PointAttribute::new(name, sample)).to_vec();
+        let layout = RowLayout::packed(attributes);
+        let mut rows = Vec::new();
+        for number in 0..500u64 {
+            let place = [number as i32, (number * number % 97) as i32, 7];
+            rows.extend(place.into_iter().flat_map(i32::to_le_bytes));
+            // (Of floats, none that are no numbers.)
+            rows.push((random() % 3) as u8);
+            rows.extend(match sample {
+                SampleType::F32 => (number as f32).to_le_bytes().to_vec(),
+                SampleType::F64 => (number as f64).to_le_bytes().to_vec(),
+                _ => (number / 2).to_le_bytes()[..sample.size()].to_vec(),
+            });
+            rows.extend((random() as i16).to_le_bytes());
+        }
+        let mut source = PointRows::new(PointSchema::new(layout, Dimension::Oct), rows.clone()).unwrap();
+        let options = PointBuildOptions { leaf_size: 64, ..PointBuildOptions::default() };
+        build(&mut source, &options, &Metadata::default(), Output::create(&path).unwrap(), &()).unwrap();
+        let tree = PointTree::from_bytes(std::fs::read(&path).unwrap()).unwrap();
+        assert!(tree.verify(&()).unwrap().is_empty(), "{sample:?}");
+        let mut expected: Vec<Vec<u8>> = rows.chunks_exact(tree.layout().size).map(<[u8]>::to_vec).collect();
+        expected.sort();
+        assert!(selected(&tree, &Selection::default()) == expected, "{sample:?}");
+    }
+}
+
+#[test]
 fn damage_is_told() {
     let rows = rows(all_places(3000, 4), &layout());
     let (bytes, _) = bytes_of(

@@ -26,8 +26,9 @@ impl BlockLayout {
     pub(crate) fn of(layout: &RowLayout) -> BlockLayout {
         let columns = 3 + layout.attributes.len();
         let clock = layout.position("gps_time").map(|place| place + 3);
-        let is_label =
-            |column: &usize| *column >= 3 && layout.attributes[column - 3].sample == SampleType::U8;
+        let is_label = |column: &usize| {
+            *column >= 3 && Some(*column) != clock && layout.attributes[column - 3].sample == SampleType::U8
+        };
         let labels: Vec<usize> = (0..columns).filter(is_label).collect();
         let others = (0..columns).filter(|column| !is_label(column) && Some(*column) != clock);
         let order = clock.into_iter().chain(labels.iter().copied()).chain(others).collect();
