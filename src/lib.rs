@@ -336,7 +336,7 @@ pub mod import {
     pub mod feature {
         pub use spinney_vector::import::feature::{
             Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
-            is_feature_file, open_features,
+            Heights, is_feature_file, open_features,
         };
         pub use spinney_vector::import::filter::{AttributeCondition, FeatureFilter, Relation};
         pub use spinney_vector::import::zones::{

@@ -379,8 +379,7 @@ pub(crate) fn build_point_array(
         let conditions = filter.for_points(&attributes)?;
         let points = ArrayPoints { places, axes, attributes, columns: bytes, next: 0 };
         let points = GriddedPoints::new(Box::new(points))?;
-        if points.is_rounded() {
-            let text = "coordinates have more digits than a grid of 32 bits, and are rounded to it";
+        if let Some(text) = points.rounding() {
             work.warn(&out, text);
         }
         let mut import = plan_points(Box::new(points), &[], conditions, &options)?;

@@ -6,7 +6,9 @@ use spinney::export::vector::{
     AttributeType, AttributeValue, FeatureParts, Geometry, GeometryKind, VectorFeature, VectorFormat,
     VectorLayer, VectorWriter,
 };
-use spinney::import::feature::{Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, open_features};
+use spinney::import::feature::{
+    Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, Heights, open_features,
+};
 use spinney::io::Output;
 
 const ATTRIBUTES: [(&str, AttributeType); 6] = [
@@ -38,7 +40,7 @@ fn feature(id: i64, geometry: Option<FeatureGeometry>) -> Feature {
         FeatureAttribute::Json(r#"{"a":[1,null]}"#.into()),
         if id % 2 == 0 { FeatureAttribute::None } else { text("7 x") },
     ];
-    Feature { id: Some(id.into()), attributes, geometry, has_heights: false }
+    Feature { id: Some(id.into()), attributes, geometry, heights: Heights::default() }
 }
 
 /// Features of polygons: one, one with a hole, several of which one has a hole, none, and nothing at all.
@@ -278,7 +280,8 @@ fn heights_are_told_of() {
             writer.finish(&()).unwrap();
             let features = read(&path);
             assert_eq!(features.len(), 1);
-            assert_eq!(features[0].has_heights, has_z, "{ending}");
+            let Heights { are_there, have_measures, .. } = features[0].heights;
+            assert_eq!((are_there, have_measures), (has_z, false), "{ending}");
             assert_eq!(
                 features[0].geometry,
                 Some(FeatureGeometry::Lines(vec![vec![[0.0, 0.0], [1.0, 1.0]]]))

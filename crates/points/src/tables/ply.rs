@@ -13,7 +13,7 @@ use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 use spinney_records::ply::{
-    Body, Element, Encoding, Fault, PlyHeader, Read, Scalar, Visit, offset_behind, visit,
+    Body, Element, Encoding, Fault, PlyHeader, Property, Read, Scalar, Visit, offset_behind, visit,
 };
 
 /// Vertices that are read at a time.
@@ -52,6 +52,10 @@ fn sample_of(scalar: Scalar) -> SampleType {
     }
 }
 
+fn is_list(property: &Property) -> bool {
+    property.length.is_some()
+}
+
 fn corrupt(path: &Path, what: &str, fault: Fault) -> Error {
     Error::corrupt(path, format!("{what}, {}", fault.place), fault.found, fault.expected)
 }
@@ -69,15 +73,13 @@ pub(super) fn open(path: &Path) -> Result<Table> {
             .map_err(|fault| corrupt(path, &element.name, *fault))?;
     }
     let vertices = header.elements[vertex].clone();
-    let scalars = vertices.properties.iter().filter(|property| property.length.is_none());
+    let scalars = vertices.properties.iter().filter(|property| !is_list(property));
     let named: Vec<_> =
         scalars.map(|property| (property.name.as_str(), sample_of(property.scalar))).collect();
     let columns = Columns::of(&named, path)?;
     let mut roles = columns.roles.into_iter();
-    let roles = vertices.properties.iter().map(|property| match property.length {
-        Some(_) => None,
-        None => roles.next(),
-    });
+    let roles =
+        vertices.properties.iter().map(|property| if is_list(property) { None } else { roles.next() });
     let roles = roles.collect();
     let mut remarks = Vec::new();
     let others: Vec<String> = header
@@ -89,7 +91,7 @@ pub(super) fn open(path: &Path) -> Result<Table> {
     if !others.is_empty() {
         remarks.push(format!("points have no other elements: left out are {}", others.join(", ")));
     }
-    let lists = vertices.properties.iter().filter(|property| property.length.is_some());
+    let lists = vertices.properties.iter().filter(|property| is_list(property));
     let lists: Vec<&str> = lists.map(|property| property.name.as_str()).collect();
     if !lists.is_empty() {
         remarks.push(format!("attributes that are lists are left out: {}", lists.join(", ")));
