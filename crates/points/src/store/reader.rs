@@ -246,7 +246,7 @@ impl PointTree {
 
     /// The root; `None` if there are no points.
     pub(crate) fn root(&self) -> Result<Option<PointNode>> {
-        let root = if self.nodes.len() == 0 { None } else { Some(self.node(0)?) };
+        let root = if self.nodes.is_empty() { None } else { Some(self.node(0)?) };
         // (A small tree has its points in a node of any level.)
         Ok(root)
     }
