@@ -62,6 +62,7 @@
 //! | `points` | trees of points, their files, and what can be asked of them; LAS and LAZ |
 //! | `geometry` | polygons with holes on an integer grid: triangles, bridges, sections with octants |
 //! | `partitions` | trees that divide in two: bintrees, and BSP trees of the plane and of space |
+//! | `reconstruction` | solids of pictures from known directions, and of outlines at heights |
 //! | [`store`] | the formats, and building |
 //! | [`tree`] | sources: everything that can be walked from the root down |
 //! | [`space`], [`value`] | codes and boxes of nodes, coordinate systems; types of values and how they are averaged |
@@ -76,6 +77,7 @@
 //! | `raster` | readers and writers of picture files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
 //! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
+//! | `reconstruction` | solids of pictures and of outlines (with `mesh`, `raster` and `vector`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
 //! | `lines` | trees of lines |
 //! | `points` | trees of points; readers and writers of LAS and LAZ |
@@ -285,6 +287,12 @@ pub mod lines {
 #[cfg(feature = "csg")]
 pub mod csg {
     pub use spinney_csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
+}
+
+/// Solids of what was seen of them: octrees that are carved by pictures from known directions, and of outlines at heights.
+#[cfg(feature = "reconstruction")]
+pub mod reconstruction {
+    pub use spinney_reconstruction::{ReconstructionImport, is_views_name, plan_outlines, plan_views};
 }
 
 /// Polygons with holes on an integer grid: against octants, into triangles, and as single rings. Exact, in integers.

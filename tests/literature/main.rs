@@ -15,5 +15,7 @@ mod euler;
 mod indices;
 mod lines;
 mod points;
+#[cfg(feature = "reconstruction")]
+mod reconstruction;
 #[cfg(feature = "vector")]
 mod surfaces;

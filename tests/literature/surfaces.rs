@@ -99,6 +99,31 @@ fn item_54_layers_are_closed() {
 }
 
 #[test]
+fn item_54_layers_have_the_volumes_of_integrals() {
+    // Between z = 5 + (x² + y²) / 16 and the plane z = x / 4 - 2, over a square of side 8.
+    let exact = 320.0 + 2.0 * 8f64.powi(4) / 48.0 - (64.0 - 128.0);
+    for step in [2.0, 1.0, 0.5] {
+        let count = (8.0 / step) as u32;
+        let surface = |name: &str, height: fn(f64, f64) -> f64| {
+            let places = (0..=count).flat_map(|row| (0..=count).map(move |column| [column, row]));
+            let places = places.map(|place| place.map(|at| f64::from(at) * step));
+            LayerSurface { name: name.into(), points: places.map(|[x, y]| [x, y, height(x, y)]).collect() }
+        };
+        let top = surface("top", |x, y| 5.0 + (x * x + y * y) / 16.0);
+        let input = LayerInput {
+            surfaces: vec![top, surface("base", |x, _| x / 4.0 - 2.0)],
+            ..LayerInput::default()
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bowl.goblin");
+        let report = build_layers(&input, &LayerOptions::new(), Output::create(&path).unwrap(), &()).unwrap();
+        // Chords of x² lie above it by a sixth of the square of the step, on the average.
+        let expected = exact + 2.0 * 64.0 * step * step / 6.0 / 16.0;
+        assert!((report.layers[0].volume - expected).abs() < 1e-4, "{report:?} {expected}");
+    }
+}
+
+#[test]
 fn item_61_lines_in_a_face_are_edges_and_not_crossed() {
     for seed in 0..30 {
         let mut random = random(seed + 50);

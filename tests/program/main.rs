@@ -39,6 +39,8 @@ mod cli_packed;
 mod cli_pictures;
 #[cfg(feature = "cli")]
 mod cli_points;
+#[cfg(feature = "cli")]
+mod cli_reconstruction;
 #[cfg(unix)]
 mod cli_safety;
 mod cli_section;

@@ -14,7 +14,7 @@ use super::solids::SolidArgs;
 use super::{Common, Grid, grid_of};
 
 /// Options for features only.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV)")]
 pub(super) struct FeatureArgs {
     /// Value that features give their cells: a number, or that of an attribute, whose texts become classes with names [default: 1]
@@ -34,6 +34,9 @@ pub(super) struct FeatureArgs {
     /// --brep objects of models, and their parts: id and type count as attributes
     #[arg(long = "where", value_name = "CONDITION,...")]
     pub(super) filter: Option<FeatureFilter>,
+    /// Attribute that is the height of polygons, which are sections of a solid: an octree, of those between two interpolated by their shape
+    #[arg(long, value_name = "ATTRIBUTE", conflicts_with = "tin")]
+    pub(super) heights: Option<String>,
     /// Keep features as they are, in a tree of points or of lines, instead of making cells of them
     #[arg(long, value_name = "KIND")]
     pub(super) index: Option<Index>,
@@ -57,6 +60,7 @@ impl FeatureArgs {
             ("--width", self.width.is_some()),
             ("--fractions", self.fractions),
             ("--where", self.filter.is_some()),
+            ("--heights", self.heights.is_some()),
             ("--index", self.index.is_some()),
         ];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
@@ -75,6 +79,12 @@ impl FeatureArgs {
     /// An option that was given, which makes no sense for surfaces.
     pub(super) fn not_of_surfaces(&self) -> Option<&'static str> {
         self.given().filter(|option| *option != "--where")
+    }
+
+    /// An option that was given, which makes no sense for the outlines of a solid.
+    pub(super) fn not_of_outlines(&self) -> Option<&'static str> {
+        let others = FeatureArgs { heights: None, filter: None, ..self.clone() };
+        others.given()
     }
 
     /// Whether some inputs are files of features.

@@ -7,6 +7,7 @@ mod features;
 mod lines;
 mod pictures;
 mod points;
+mod reconstruction;
 mod solids;
 mod surfaces;
 mod tree;
@@ -26,6 +27,7 @@ use spinney::import::volume;
 use spinney::io::Output;
 use spinney::ops::{WarpGrid, WarpOptions};
 use spinney::points::PointImport;
+use spinney::reconstruction::{ReconstructionImport, is_views_name};
 use spinney::space::Crs;
 use spinney::store::{check_tree_name, file_is_tree};
 
@@ -66,6 +68,9 @@ use super::{Global, open};
 /// 'difference(block(0,0,0, 4,4,2), cylinder(2,2,0, 2,2,2, 1));' (docs/csg.md tells all of it). --deviation says how near facets come to
 /// curved surfaces in an exact model.
 ///
+/// Reads views of a solid, too: a text (.views, JSON) that tells pictures, silhouettes or depths, and the directions that they were taken from. What no view shows to be empty
+/// becomes an octree (docs/reconstruction.md tells the text).
+///
 /// Reads features, too: points, lines and polygons of GeoJSON, FlatGeobuf, GeoPackage (x.gpkg:NAME is one layer of several), shapefiles and
 /// CSV with geometries. They become the cells that they have, exactly and without a raster between, with the value of an attribute.
 ///
@@ -74,6 +79,8 @@ use super::{Global, open};
 ///
 /// Of features that are points, such as boreholes, --tin makes a triangulated surface: a raster of its heights, or, of several heights and with --brep, the layers between
 /// their surfaces as an exact model, each an object of its own (docs/surfaces.md).
+///
+/// Of features that are polygons at heights, such as sections of a body, --heights makes an octree of the solid that they are sections of.
 ///
 /// Reads bintrees as text, .bintree files with what `dump --bintree` prints: the same cells, without what else the tree said of them.
 ///
@@ -84,7 +91,7 @@ use super::{Global, open};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Raster files (of several, the last lies on top), a volume, models, a text of primitives, files of features or points, or a tree; @FILE stands for the paths in a file, one a line
+    /// Raster files (of several, the last lies on top), a volume, models, a text of primitives or of views, files of features or points, or a tree; @FILE stands for the paths in a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// File to write; - is standard output
@@ -165,6 +172,8 @@ Examples:
   spinney build part.stl -o exact.goblin --brep
   spinney build bracket.csg -o bracket.goblin --cells 512
   spinney build bracket.csg -o bracket.goblin --brep --deviation 0.01
+  spinney build bust.views -o bust.goblin --cells 512
+  spinney build sections.csv -o body.goblin --heights z --cells 256
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
   spinney build zones.gpkg -o zones.goblin --cell 10 --value code
   spinney build scan.laz -o scan.goblin --where 'classification=2' --attribute intensity,classification
@@ -192,6 +201,8 @@ enum Import {
     Exact(Box<ExactImport>),
     /// A solid of primitives.
     Primitives(PrimitivesImport),
+    /// A solid of views, or of outlines.
+    Reconstruction(Box<ReconstructionImport>),
     Features(Box<FeatureImport>),
     Surface(Box<SurfaceImport>),
     Points(Box<PointImport>),
@@ -221,6 +232,7 @@ impl Import {
             Import::Solid(import) => import.description(),
             Import::Exact(import) => import.description(),
             Import::Primitives(import) => import.description(),
+            Import::Reconstruction(import) => import.description(),
             Import::Features(import) => import.description(),
             Import::Surface(import) => import.description(),
             Import::Points(import) => import.description(),
@@ -277,6 +289,11 @@ impl Import {
             Import::Solid(import) => Ok(solids.lines(&import.build(output, progress)?)),
             Import::Exact(import) => import.build(output, solids.stats, progress),
             Import::Primitives(import) => import.build(output, progress),
+            Import::Reconstruction(import) => {
+                let cells = import.build(output, progress)?;
+                let nothing = "the tree is empty: no cell's centre is inside; choose smaller cells, or look at the input";
+                Ok(if cells == 0 { vec![("warning", nothing.into())] } else { Lines::new() })
+            }
             Import::Features(import) => {
                 import.build(output, progress)?;
                 Ok(Lines::new())
@@ -314,6 +331,11 @@ impl Args {
             let import = surfaces.plan(inputs, (common, pictures, solids, features))?;
             return Ok(Import::Surface(Box::new(import)));
         }
+        if let Some(height) = &features.heights {
+            let import =
+                reconstruction::outlines(inputs, output, height, (common, pictures, solids, features))?;
+            return Ok(Import::Reconstruction(Box::new(import)));
+        }
         if points::are_points(inputs, features) {
             let import = points::plan(inputs, (common, pictures, solids, features))?;
             return Ok(Import::Points(Box::new(import)));
@@ -338,6 +360,10 @@ impl Args {
         if inputs.iter().any(|input| Csg::is_name(input)) {
             let import = PrimitivesImport::plan(inputs, output, (pictures, solids, common))?;
             return Ok(Import::Primitives(import));
+        }
+        if inputs.iter().any(|input| is_views_name(input)) {
+            let import = reconstruction::views(inputs, output, (common, pictures, solids))?;
+            return Ok(Import::Reconstruction(Box::new(import)));
         }
         if let Some(tree) = inputs.iter().find(|input| file_is_tree(input)) {
             if solids.are_given() {

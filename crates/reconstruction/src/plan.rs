@@ -1,0 +1,84 @@
+//! Octrees of solids: what is planned, and building.
+
+use std::path::Path;
+
+use crate::source::{Solid, SolidTree};
+use spinney_base::io::Output;
+use spinney_base::space::{EdgeRule, Up};
+use spinney_base::value::{Kind, Rule};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{Metadata, Tag};
+use spinney_crs::Crs;
+use spinney_engine::store::{BuildOptions, build_with};
+use spinney_mesh::import::{Attribute, FittedCells, SolidOptions};
+
+/// A solid and the cells that it will have, ready to be built: see [`ReconstructionImport::build`].
+pub struct ReconstructionImport {
+    solid: Box<dyn Solid>,
+    cells: FittedCells,
+    options: SolidOptions,
+    provenance: String,
+    description: Vec<(&'static str, String)>,
+}
+
+/// Fails if options are for surfaces, which neither pictures nor outlines tell.
+pub(crate) fn check(path: &Path, options: &SolidOptions) -> Result<()> {
+    if options.attribute != Attribute::Occupancy || options.shell || options.up != Up::Z {
+        let found =
+            "a solid of pictures or outlines with colours, parts, a shell or another axis that points up";
+        return Err(Error::unsupported(path, found, "leave --attribute, --shell and --up away"));
+    }
+    if options.edge != EdgeRule::Centre {
+        let expected = "centre: of pictures and outlines, it is cells' centres that are inside or not";
+        return Err(Error::invalid("edge", options.edge.name(), expected));
+    }
+    Ok(())
+}
+
+impl ReconstructionImport {
+    /// A solid that was read: `told` is what it is made of, in words, and `provenance` what the file is to say of that.
+    pub(crate) fn new(
+        solid: Box<dyn Solid>,
+        cells: FittedCells,
+        mut options: SolidOptions,
+        (crs, provenance, told): (Option<Crs>, String, Vec<(&'static str, String)>),
+    ) -> ReconstructionImport {
+        options.crs = options.crs.or(crs).or_else(|| cells.frame.crs.clone());
+        let mut description = told;
+        let [x, y, z] = cells.extent;
+        let width = cells.frame.linear().col(0).length();
+        let unit = options.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
+        let text = format!("{x} x {y} x {z} in a tree of depth {}, each {width}{unit} wide", cells.depth);
+        description.push(("cells", text));
+        ReconstructionImport { solid, cells, options, provenance, description }
+    }
+
+    /// Description of the plan: pairs of a heading and its text.
+    pub fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// Builds the octree, on the threads of the current rayon pool; progress counts cells. Returns the number of cells that are not VOID.
+    ///
+    /// # Errors
+    /// If the output cannot be written, or on interruption; nothing is left behind then.
+    pub fn build(self, output: Output, progress: &dyn Progress) -> Result<u64> {
+        let ReconstructionImport { solid, cells, options, provenance, .. } = self;
+        let mut metadata = Metadata { frame: cells.frame, ..Metadata::default() };
+        metadata.frame.crs = options.crs;
+        metadata.provenance = vec![provenance];
+        metadata.set_tag(Tag::SolidBoundary, options.edge.name());
+        if let Some(unit) = &options.unit {
+            metadata.set_tag(Tag::Unit, unit);
+        }
+        let build = BuildOptions::new(Kind::Continuous, cells.depth)
+            .rule(Rule::Occupancy)
+            .memory(options.memory / 4)
+            .metadata(metadata)
+            .share(options.share)
+            .time(options.time)
+            .packing(options.packing);
+        let tree = SolidTree { solid: &*solid, depth: cells.depth, progress };
+        Ok(build_with(&tree, cells.extent, &build, output, progress, &mut |_| {})?.cells)
+    }
+}

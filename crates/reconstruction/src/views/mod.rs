@@ -1,0 +1,107 @@
+//! Solids that pictures from known directions leave: what none of them shows to be empty (carving).
+
+mod picture;
+mod pyramid;
+mod text;
+mod view;
+
+use std::path::Path;
+
+use self::text::Text;
+use self::view::View;
+use crate::linear::Limits;
+use crate::plan::{ReconstructionImport, check};
+use crate::source::{Bits, Block, Place, Solid};
+use spinney_base::Result;
+use spinney_mesh::import::{SolidOptions, fit_cells};
+
+/// Whether a file's name is that of a text that tells views of a solid.
+pub fn is_views_name(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("views"))
+}
+
+/// Reads a text that tells pictures of a solid from known directions, and the pictures, and decides how the octree is built of all cells that none of
+/// them shows to be empty: `docs/reconstruction.md` has the text's grammar. Pictures are held in memory, in up to half of what the options allow.
+///
+/// ```
+/// use spinney::import::mesh::{Resolution, SolidOptions};
+/// use spinney::io::Output;
+/// use spinney::reconstruction::plan_views;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = |name: &str| folder.path().join(name);
+/// // The left half of a square, as a chain code, is seen from above.
+/// let half = "freeman-chain-code 1\ndirections 4\nsize 4 4\nregion 1 0 0\n333300111122\nend\n";
+/// std::fs::write(path("half.chain"), half).unwrap();
+/// let view = r#"{"picture": "half.chain", "kind": "silhouette", "from": [180, 90], "centre": [2, 2, 2], "pixel": 1}"#;
+/// let text = format!(r#"{{"bounds": [0, 0, 0, 4, 4, 4], "views": [{view}]}}"#);
+/// std::fs::write(path("half.views"), text).unwrap();
+/// let mut options = SolidOptions::new();
+/// options.resolution = Resolution::Cells(8);
+/// let import = plan_views(&path("half.views"), &options)?;
+/// assert_eq!(import.build(Output::create(&path("half.goblin"))?, &())?, 4 * 8 * 8);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the text or a picture cannot be read, or makes no sense; if the options do not fit, or allow too little memory for the pictures.
+pub fn plan_views(path: &Path, options: &SolidOptions) -> Result<ReconstructionImport> {
+    check(path, options)?;
+    let text = Text::open(path)?;
+    let mut options = options.clone();
+    options.unit = options.unit.or_else(|| text.unit.clone());
+    let cells = fit_cells(text.bounds, &options)?;
+    let frame = &cells.frame.matrix;
+    let along = f64::from(1u32 << cells.depth);
+    let mut left = options.memory / 2;
+    let views =
+        (text.views.iter()).map(|view| View::open(view, (frame, along), (&mut left, options.memory / 4)));
+    let views: Vec<View> = views.collect::<Result<_>>()?;
+    let silhouettes = views.iter().filter(|view| view.is_silhouette()).count();
+    let told = vec![
+        ("input", path.display().to_string()),
+        ("views", format!("{silhouettes} silhouettes, {} pictures of depths", views.len() - silhouettes)),
+        ("fill", "what no view shows to be empty: cells by their centres".into()),
+    ];
+    let provenance = format!("{}: carved by {} views", path.display(), views.len());
+    let limits = Limits::new(text.bounds, frame, along);
+    let solid = Box::new(Carved { limits, views });
+    Ok(ReconstructionImport::new(solid, cells, options, (None, provenance, told)))
+}
+
+/// What is left of a box.
+struct Carved {
+    limits: Limits,
+    views: Vec<View>,
+}
+
+impl Solid for Carved {
+    fn parts(&self) -> u32 {
+        self.views.len() as u32
+    }
+
+    fn place(&self, block: Block, near: &[u32], still: &mut Vec<u32>) -> Place {
+        let mut place = self.limits.place(block);
+        if place == Place::Void {
+            return Place::Void;
+        }
+        for number in near {
+            match self.views[*number as usize].place(block) {
+                Place::Void => return Place::Void,
+                Place::Full => {}
+                Place::Mixed => {
+                    still.push(*number);
+                    place = Place::Mixed;
+                }
+            }
+        }
+        place
+    }
+
+    fn cells(&self, block: Block, near: &[u32]) -> Bits {
+        Bits::of(block.width, &mut |place| {
+            let centre = block.cell(place);
+            self.limits.has(centre) && near.iter().all(|number| self.views[*number as usize].leaves(centre))
+        })
+    }
+}

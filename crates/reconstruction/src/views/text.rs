@@ -1,0 +1,268 @@
+//! Texts that tell views: JSON.
+
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use serde_json::value::RawValue;
+use spinney_base::{Error, Result};
+
+/// Most bytes of a text.
+const MOST_BYTES: u64 = 8 << 20;
+
+/// Units that lengths may have.
+const UNITS: [&str; 6] = ["mm", "cm", "m", "km", "in", "ft"];
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, expecting = "an object with `bounds` and `views`")]
+struct Document {
+    bounds: [f64; 6],
+    unit: Option<String>,
+    views: Vec<Box<RawValue>>,
+}
+
+/// A view as the text tells it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, expecting = "an object that tells a view")]
+struct RawView {
+    picture: PathBuf,
+    kind: PictureKind,
+    from: Option<[f64; 2]>,
+    direction: Option<[f64; 3]>,
+    up: Option<[f64; 3]>,
+    centre: [f64; 3],
+    pixel: f64,
+    scale: Option<f64>,
+    offset: Option<f64>,
+    nodata: Option<f64>,
+}
+
+/// What the samples of a picture are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum PictureKind {
+    Silhouette,
+    Depth,
+}
+
+/// A view, with what is left out filled in.
+pub(super) struct ViewText {
+    /// The text and the view's number, from 1, for messages.
+    pub(super) name: String,
+    pub(super) picture: PathBuf,
+    pub(super) kind: PictureKind,
+    /// Directions in the picture, of unit length: to the right, up, and towards the viewer.
+    pub(super) axes: [[f64; 3]; 3],
+    pub(super) centre: [f64; 3],
+    pub(super) pixel: f64,
+    pub(super) scale: f64,
+    pub(super) offset: f64,
+    pub(super) nodata: Option<f64>,
+}
+
+/// A text that was read.
+pub(super) struct Text {
+    /// Least and greatest corner of the box that is carved.
+    pub(super) bounds: [[f64; 3]; 2],
+    pub(super) unit: Option<String>,
+    pub(super) views: Vec<ViewText>,
+}
+
+impl Text {
+    /// Reads a file.
+    pub(super) fn open(path: &Path) -> Result<Text> {
+        let mut bytes = Vec::new();
+        let file = File::open(path).map_err(Error::io(path, "open"))?;
+        // (One more than a text may have tells that it is too long.)
+        file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
+        if bytes.len() as u64 > MOST_BYTES {
+            let advice = "divide the views over several texts, and combine the solids with `combine and`";
+            return Err(Error::unsupported(path, format!("a text of more than {MOST_BYTES} bytes"), advice));
+        }
+        Text::parse(path, &bytes)
+    }
+
+    fn parse(path: &Path, bytes: &[u8]) -> Result<Text> {
+        let name = path.display();
+        let document: Document = serde_json::from_slice(bytes).map_err(|error| {
+            let expected = "JSON with `bounds`, six numbers, and `views`, a list";
+            Error::invalid(name.to_string(), error.to_string(), expected)
+        })?;
+        let [x, y, z, to_x, to_y, to_z] = document.bounds;
+        let bounds = [[x, y, z], [to_x, to_y, to_z]];
+        let sides = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]);
+        if !sides.clone().all(|side| side > 0.0 && side.is_finite()) {
+            let found = format!("{:?}", document.bounds);
+            let expected = "x, y and z of the least corner of a box, and greater ones of the greatest";
+            return Err(Error::invalid(format!("{name}, bounds"), found, expected));
+        }
+        if let Some(unit) = document.unit.as_deref().filter(|unit| !UNITS.contains(unit)) {
+            return Err(Error::invalid(format!("{name}, unit"), unit, UNITS.join(", ")));
+        }
+        if document.views.is_empty() {
+            return Err(Error::invalid(format!("{name}, views"), "none", "one or more"));
+        }
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let views = (1..).zip(&document.views).map(|(number, text)| {
+            let name = format!("{name}, view {number}");
+            let raw: RawView = serde_json::from_str(text.get()).map_err(|error| {
+                Error::invalid(&name, error.to_string(), "the keys of a view: see docs/reconstruction.md")
+            })?;
+            ViewText::of(raw, name, folder)
+        });
+        Ok(Text { bounds, unit: document.unit, views: views.collect::<Result<_>>()? })
+    }
+}
+
+impl ViewText {
+    fn of(raw: RawView, name: String, folder: &Path) -> Result<ViewText> {
+        let RawView { picture, kind, from, direction, up, centre, pixel, scale, offset, nodata } = raw;
+        if !(pixel > 0.0 && pixel.is_finite()) {
+            let expected = "the width of a pixel, above zero";
+            return Err(Error::invalid(format!("{name}, pixel"), pixel.to_string(), expected));
+        }
+        let of_depths = [("scale", scale.is_some()), ("offset", offset.is_some())];
+        let given = of_depths.iter().find(|(_, is_given)| *is_given);
+        if let Some((key, _)) = given.filter(|_| kind == PictureKind::Silhouette) {
+            let expected = "nothing: it is for pictures of depths";
+            return Err(Error::invalid(format!("{name}, {key}"), "a number", expected));
+        }
+        let scale = scale.unwrap_or(1.0);
+        if !(scale.is_finite() && scale != 0.0) {
+            let expected = "the distance that a sample's 1 stands for, other than zero";
+            return Err(Error::invalid(format!("{name}, scale"), scale.to_string(), expected));
+        }
+        let axes = match (from, direction, up) {
+            (Some(from), None, None) => axes_from(from, &name)?,
+            (None, Some(towards), up) => axes_along(towards, up.unwrap_or([0.0, 0.0, 1.0]), &name)?,
+            (Some(_), None, Some(_)) => {
+                let expected = "nothing: it is for `direction`; `from` has z up";
+                return Err(Error::invalid(format!("{name}, up"), "a vector", expected));
+            }
+            (from, ..) => {
+                let found = if from.is_some() { "both" } else { "neither" };
+                return Err(Error::invalid(format!("{name}, from or direction"), found, "one of them"));
+            }
+        };
+        let picture = folder.join(picture);
+        let offset = offset.unwrap_or(0.0);
+        Ok(ViewText { name, picture, kind, axes, centre, pixel, scale, offset, nodata })
+    }
+}
+
+/// The directions of a viewer who stands at a point of the compass, and so many degrees above the horizon.
+fn axes_from([azimuth, elevation]: [f64; 2], name: &str) -> Result<[[f64; 3]; 3]> {
+    if !(azimuth.is_finite() && (-90.0..=90.0).contains(&elevation)) {
+        let found = format!("[{azimuth}, {elevation}]");
+        let expected = "an azimuth, and an elevation of -90 to 90 degrees";
+        return Err(Error::invalid(format!("{name}, from"), found, expected));
+    }
+    let ([east, north], [high, level]) = (sine_and_cosine(azimuth), sine_and_cosine(elevation));
+    let towards = [east * level, north * level, high];
+    let right = [-north, east, 0.0];
+    Ok([right, cross(towards, right), towards])
+}
+
+/// The directions of a viewer who stands along a vector, with another one up in the picture.
+fn axes_along(direction: [f64; 3], up: [f64; 3], name: &str) -> Result<[[f64; 3]; 3]> {
+    let wrong = |key: &str, found: [f64; 3], expected: &str| {
+        Err(Error::invalid(format!("{name}, {key}"), format!("{found:?}"), expected))
+    };
+    let Some(towards) = unit(direction) else {
+        return wrong("direction", direction, "a vector towards the viewer that has a length");
+    };
+    let Some(sky) = unit(up) else { return wrong("up", up, "a vector that has a length") };
+    // (With less between them, rounding decides what is right.)
+    let right = Some(cross(sky, towards)).filter(|right| length(*right) > 1e-9).and_then(unit);
+    let Some(right) = right else {
+        return wrong(
+            "up",
+            up,
+            "a vector that is not along the direction: say another one that is up in the picture",
+        );
+    };
+    Ok([right, cross(towards, right), towards])
+}
+
+/// Sine and cosine of degrees; those of right angles are whole numbers.
+fn sine_and_cosine(degrees: f64) -> [f64; 2] {
+    match degrees.rem_euclid(360.0) {
+        0.0 => [0.0, 1.0],
+        90.0 => [1.0, 0.0],
+        180.0 => [0.0, -1.0],
+        270.0 => [-1.0, 0.0],
+        degrees => [degrees.to_radians().sin(), degrees.to_radians().cos()],
+    }
+}
+
+fn cross([a, b, c]: [f64; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
+    [b * z - c * y, c * x - a * z, a * y - b * x]
+}
+
+fn length([x, y, z]: [f64; 3]) -> f64 {
+    x.hypot(y).hypot(z)
+}
+
+/// A vector of length one; `None` of one that has none.
+fn unit(vector: [f64; 3]) -> Option<[f64; 3]> {
+    let length = length(vector);
+    (length.is_normal()).then(|| vector.map(|part| part / length))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn views(text: &str) -> Result<Text> {
+        Text::parse(Path::new("a/x.views"), text.as_bytes())
+    }
+
+    #[test]
+    fn axes_are_those_of_a_viewer() {
+        let south = axes_from([180.0, 0.0], "").unwrap();
+        assert_eq!(south, [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]);
+        assert_eq!(axes_along([0.0, -2.0, 0.0], [0.0, 1.0, 5.0], "").unwrap(), south);
+        let above = axes_from([180.0, 90.0], "").unwrap();
+        assert_eq!(above, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        let askew = axes_from([215.0, 30.0], "").unwrap();
+        for (axis, vector) in askew.iter().enumerate() {
+            for (other, with) in askew.iter().enumerate() {
+                let product: f64 = (0..3).map(|part| vector[part] * with[part]).sum();
+                assert!((product - f64::from(u8::from(axis == other))).abs() < 1e-15);
+            }
+        }
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_named() {
+        let view = r#""picture": "p.png", "kind": "silhouette", "centre": [0,0,0]"#;
+        let with = |rest: &str| format!(r#"{{"bounds": [0,0,0,1,1,1], "views": [{{{view}{rest}}}]}}"#);
+        let read = views(&with(r#", "pixel": 1, "from": [0, 0]"#)).unwrap();
+        assert_eq!(read.views[0].picture, Path::new("a/p.png"));
+        for (text, expected) in [
+            ("", "a/x.views: got EOF"),
+            ("{}", "missing field `bounds`"),
+            (r#"{"bounds": [0,0,0,1,1,1], "views": []}"#, "a/x.views, views: got none"),
+            (r#"{"bounds": [0,0,0,1,1,0], "views": []}"#, "a/x.views, bounds: got [0.0"),
+            (r#"{"bounds": [0,0,0,1,1,1e999], "views": []}"#, "out of range"),
+            (r#"{"bounds": [-1e308,0,0,1e308,1,1], "views": []}"#, "bounds"),
+            (r#"{"bounds": [0,0,0,1,1,1], "unit": "yard", "views": []}"#, "unit: got yard"),
+            (r#"{"bounds": [0,0,0,1,1,1], "views": [3]}"#, "a/x.views, view 1: got invalid type"),
+            (&with(""), "missing field `pixel`"),
+            (&with(r#", "pixel": 0, "from": [0,0]"#), "view 1, pixel: got 0"),
+            (&with(r#", "pixel": 1"#), "from or direction: got neither"),
+            (&with(r#", "pixel": 1, "from": [0,0], "direction": [0,0,1]"#), "got both"),
+            (&with(r#", "pixel": 1, "from": [0,91]"#), "-90 to 90"),
+            (&with(r#", "pixel": 1, "from": [0,0], "up": [0,0,1]"#), "up: got a vector"),
+            (&with(r#", "pixel": 1, "direction": [0,0,0]"#), "direction: got [0.0"),
+            (&with(r#", "pixel": 1, "direction": [0,0,1]"#), "not along the direction"),
+            (&with(r#", "pixel": 1, "direction": [0,1,0], "up": [0,0,0]"#), "up: got [0.0"),
+            (&with(r#", "pixel": 1, "from": [0,0], "scale": 2"#), "scale: got a number"),
+            (&with(r#", "pixel": 1, "from": [0,0], "depth": 2"#), "unknown field `depth`"),
+        ] {
+            let error = views(text).err().unwrap().to_string();
+            assert!(error.contains(expected), "{text}: {error}");
+        }
+    }
+}

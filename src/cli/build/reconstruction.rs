@@ -1,0 +1,64 @@
+//! `spinney build` of pictures from known directions, and of outlines at heights.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use spinney::import::feature::is_feature_file;
+use spinney::reconstruction::{ReconstructionImport, plan_outlines, plan_views};
+
+use super::features::FeatureArgs;
+use super::pictures::PictureArgs;
+use super::solids::SolidArgs;
+use super::{Common, Grid};
+
+/// Fails if options were given that mean nothing for such solids.
+fn check(input: &Path, solids: &SolidArgs, common: &Common) -> Result<()> {
+    if common.grid == Some(Grid::Xyz) {
+        bail!("{}: becomes a solid; --grid xyz is for pictures", input.display());
+    }
+    if solids.brep || solids.stats {
+        bail!("{}: becomes cells; --brep and --stats are for models with faces", input.display());
+    }
+    if let Some(option) = solids.of_exact_models() {
+        bail!("{option} is for exact models, which views and outlines do not become");
+    }
+    Ok(())
+}
+
+/// Reads the text that tells the views, which has to be the only input, and the pictures.
+pub(super) fn views(
+    inputs: &[PathBuf],
+    output: &Path,
+    (common, pictures, solids): (&Common, &PictureArgs, &SolidArgs),
+) -> Result<ReconstructionImport> {
+    let [input] = inputs else {
+        bail!("a text that tells views (.views) is the only input; it names the pictures")
+    };
+    if pictures.are_given() {
+        bail!("{}: becomes a solid; the options for pictures and volumes are not for it", input.display());
+    }
+    check(input, solids, common)?;
+    Ok(plan_views(input, &solids.options(None, output, common)?)?)
+}
+
+/// Reads polygons whose height is an attribute.
+pub(super) fn outlines(
+    inputs: &[PathBuf],
+    output: &Path,
+    height: &str,
+    (common, pictures, solids, features): (&Common, &PictureArgs, &SolidArgs, &FeatureArgs),
+) -> Result<ReconstructionImport> {
+    let [input] = inputs else { bail!("--heights: the outlines of a solid are those of one file") };
+    if !is_feature_file(input) {
+        bail!("--heights is for features that are polygons, {} has none", input.display());
+    }
+    if let Some(option) = features.not_of_outlines() {
+        bail!("{option}: means nothing for the outlines of a solid");
+    }
+    if let Some(option) = pictures.not_of_features() {
+        bail!("{option} is for pictures, not for features");
+    }
+    check(input, solids, common)?;
+    let options = solids.options(None, output, common)?;
+    Ok(plan_outlines(input, height, &features.kept(pictures.layer.clone()), &options)?)
+}
