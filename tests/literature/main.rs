@@ -15,5 +15,6 @@ mod euler;
 mod indices;
 mod lines;
 mod points;
+mod predictive;
 #[cfg(feature = "vector")]
 mod surfaces;
