@@ -44,7 +44,6 @@ mod kill;
 mod layers;
 mod layers_crash;
 mod layers_races;
-mod literature;
 mod missing;
 mod model_verify;
 mod packed;

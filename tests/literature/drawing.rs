@@ -2,7 +2,11 @@
 
 use std::path::PathBuf;
 
+use spinney::space::Frame;
+use spinney::value::{Kind, Rule};
+
 use crate::common::command::{complaint, stdout};
+use crate::common::{OCT, byte, made, write_goblin};
 
 /// The body with a hole of the paper's figure 26.
 const HOLE: &str = "unit(mm); difference(block(0,0,0, 8,8,4), block(2,3,-1, 6,5,5))";
@@ -100,6 +104,38 @@ fn item_53_octants() {
             assert!((found - share).abs() < 0.01, "{name}: {found} instead of {share}");
         }
     }
+}
+
+/// A block that is inside is drawn whole, also in a leaf with faces: the body is four octants of level 2, of which eight sides are seen.
+#[test]
+fn item_53_octants_are_as_large_as_they_can_be() {
+    let folder = Folder::new();
+    let block = folder.exact("block", BLOCK);
+    for level in ["2", "3", "5"] {
+        let svg = folder.svg(&block, &["--drawing", "octants", "--level", level]);
+        assert_eq!(segments(&svg), 4 * (4 + 2 + 2), "level {level}: {svg}");
+    }
+}
+
+/// The 1991 paper numbers octants with x in the highest bit, and has octant 4 hidden: from the north-west and above, that is the one.
+#[test]
+fn item_44_octant_4_is_hidden() {
+    let folder = Folder::new();
+    let without = |octant: Option<u64>| {
+        let number = |[x, y, z]: [u64; 3]| 4 * x + 2 * y + z;
+        // (Each has a colour of its own, or all would be one block.)
+        let cells = made(OCT, [2; 3], |cell| {
+            let number = number(cell);
+            (Some(number) != octant).then(|| byte(100 + number as u8))
+        });
+        let tree = folder.path("octants.goblin");
+        write_goblin(&tree, &cells, (Rule::Mean, Kind::Continuous), Frame::identity());
+        let options = ["--drawing", "octants", "--from", "315,30", "--level", "1", "--orthographic"];
+        folder.drawn(tree.to_str().unwrap(), "drawn.png", &options)
+    };
+    let whole = without(None);
+    let hidden: Vec<u64> = (0..8).filter(|octant| without(Some(*octant)) == whole).collect();
+    assert_eq!(hidden, [4]);
 }
 
 /// What would be too large is told, and so is what has no edges.

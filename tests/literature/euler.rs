@@ -41,8 +41,8 @@ fn outline(body: &mut EulerBody, start: EulerCorner, points: [[i32; 3]; 3], is_i
     }
 }
 
-/// Counts of the topology that is found of the same faces by themselves.
-fn found(body: &EulerBody) -> (Counts, u64) {
+/// The topology that is found of the same faces by themselves.
+fn topology(body: &EulerBody) -> Topology {
     let mut faces = FaceList::new(Grid::over([[0.0; 3], [16.0; 3]], Some(1.0)).unwrap(), vec!["body".into()]);
     for rings in body.faces() {
         let points: Vec<_> = rings.concat();
@@ -56,7 +56,12 @@ fn found(body: &EulerBody) -> (Counts, u64) {
         let number = 0;
         faces.push(&Face { number, points: &points, ring_ends: &ends, colours: &[], part: 0, source: 0 });
     }
-    let topology = Topology::of(&faces, &TopologyOptions::default(), &()).unwrap();
+    Topology::of(&faces, &TopologyOptions::default(), &()).unwrap()
+}
+
+/// Its counts.
+fn found(body: &EulerBody) -> (Counts, u64) {
+    let topology = topology(body);
     assert!(topology.is_closed());
     let euler = topology.euler();
     let counts = Counts {
@@ -110,6 +115,39 @@ fn item_59_a_block_by_euler_operators() {
     assert_eq!(found(&body), (counts, 0));
     // A vertex or a face with each edge, and what it began with.
     assert_eq!(undo(&mut body), 1 + 12);
+}
+
+/// The Ukrainian paper's row of an edge: both ends, the faces left and right of it, and the edges before and after it in these, which are passed clockwise there.
+#[test]
+fn item_63_the_winged_edge_row() {
+    let mut body = EulerBody::default();
+    block(&mut body);
+    let found = topology(&body);
+    let faces = body.faces();
+    let ends = |half: u32| [found.origin(half), found.target(half)].map(|vertex| found.point(vertex));
+    // The edge that comes after another one where a face is passed clockwise, and the one before it.
+    let beside = |from: [i32; 3], to: [i32; 3]| {
+        let clockwise = |rings: &Vec<Vec<[i32; 3]>>| rings[0].iter().rev().copied().collect::<Vec<_>>();
+        let ring = faces
+            .iter()
+            .map(clockwise)
+            .find(|ring| (0..ring.len()).any(|i| [ring[i], ring[(i + 1) % ring.len()]] == [from, to]));
+        let ring = ring.unwrap();
+        let at = ring.iter().position(|point| *point == from).unwrap();
+        [ring[(at + 3) % 4], ring[(at + 2) % 4]]
+    };
+    for half in 0..found.half_edges() {
+        let (twin, [x, y]) = (found.twin(half).unwrap(), ends(half));
+        assert_eq!(ends(twin), [y, x]);
+        // On the left, the edge is passed from Y to X.
+        for (side, from, to) in [(half, y, x), (twin, x, y)] {
+            let [before, after] = beside(from, to);
+            assert_eq!(ends(found.next(side)), [from, before]);
+            assert_eq!(ends(found.previous(side)), [after, to]);
+        }
+        assert_ne!(found.face(half), found.face(twin));
+        assert_eq!(found.edge(half), found.edge(twin));
+    }
 }
 
 /// The paper's body with a hole: a ring on the upper face, sunk down to the lower one, of which its floor becomes a hole.

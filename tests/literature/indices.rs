@@ -6,11 +6,27 @@ use spinney::brep::query::MassProperties;
 use spinney::brep::surface_intersection::{LineKind, surface_intersection};
 use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{ExactModel, Faces as _, boundary_parts};
+use spinney::ops::{Operation, Prefer};
 
 use crate::common::command::{complaint, stdout};
+use crate::common::{QUAD, assert_same, byte, cells_of, combined, made, seen, view_of_cells};
 
 /// The sets on the two sides of boundaries with each index, 1 to 5. (Misprinted: index 3 has the complement, where the paper says the intersection, and two pairs.)
 const PAIRS: [&[[u8; 2]]; 5] = [&[[0, 1]], &[[0, 2]], &[[0, 3], [1, 2]], &[[1, 3]], &[[2, 3]]];
+
+/// Cells of the four sets in the order of their indices: A is the sets 0 and 1, or 3, B is 0 and 2, or 5, and each operation has the sets whose bits its number has.
+#[test]
+fn item_55_operations_are_numbered_by_their_sets() {
+    let cells = |sets: u8| {
+        view_of_cells(&made(QUAD, [2, 2, 1], |[x, y, _]| (sets >> (x + 2 * y) & 1 == 1).then(|| byte(1))))
+    };
+    let (a, b) = (cells(0b0011), cells(0b0101));
+    for number in 0..16 {
+        let operation = Operation::Set { number, prefer: Prefer::First };
+        let found = combined(vec![a.clone(), b.clone()], operation, [2, 2, 1]).filled_with(byte(1)).unwrap();
+        assert_same(&cells_of(&found, [2, 2, 1]), &seen(&cells(number)), &number.to_string());
+    }
+}
 
 #[test]
 fn item_56_indices_of_boundaries() {

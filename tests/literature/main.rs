@@ -1,4 +1,4 @@
-//! The contents of the papers of `docs/literature.md`, item by item, held to worked examples and to models that follow the text. (Those of the two formats: `formats/literature.rs`.)
+//! The contents of the papers of `docs/literature.md`, item by item, held to worked examples and to models that follow the text.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -14,8 +14,13 @@ mod euler;
 #[cfg(feature = "cli")]
 mod indices;
 mod lines;
+mod operations;
 mod points;
+mod predictive;
+mod quadtrees;
 #[cfg(feature = "reconstruction")]
 mod reconstruction;
 #[cfg(feature = "vector")]
 mod surfaces;
+#[cfg(feature = "cli")]
+mod table;

@@ -97,6 +97,19 @@ const TOGETHER: usize = 8;
 /// Pixels that a row may have.
 const MOST: u64 = 1 << 16;
 
+/// Pictures of colours of 8 bits, with opacity where not all of it is opaque.
+fn colours_of(width: u64, height: u64, is_opaque: bool) -> ImageSpec {
+    let channels = if is_opaque { 3 } else { 4 };
+    ImageSpec {
+        width,
+        height,
+        value: ValueType::new(SampleType::U8, channels),
+        alpha: !is_opaque,
+        void: false,
+        metadata: Metadata::default(),
+    }
+}
+
 /// Draws a scene and writes the picture; `surface` makes what answers a thread's rays.
 fn draw<'a>(
     scene: &Scene,
@@ -106,15 +119,7 @@ fn draw<'a>(
     progress: &dyn Progress,
 ) -> Result<()> {
     let (width, height) = (scene.width, scene.height);
-    let channels = if scene.is_opaque { 3 } else { 4 };
-    let spec = ImageSpec {
-        width,
-        height,
-        value: ValueType::new(SampleType::U8, channels),
-        alpha: channels == 4,
-        void: false,
-        metadata: Metadata::default(),
-    };
+    let spec = colours_of(width, height, scene.is_opaque);
     let mut writer = create(output, format, &spec)?;
     // Surfaces remember where rays were: what one row has read serves another.
     let pool = Pool::default();

@@ -123,14 +123,16 @@ impl BlockIndex {
         (self.points.len() * size_of::<IndexedPoint>()) as u64
     }
 
-    /// Looks for better points.
-    pub(super) fn search(&self, block: u32, from: [f64; 3], best: &mut Best) {
-        search(&self.points, block, from, best);
+    /// Looks for better points. `beside` are the squares of how far the place lies beside the box of all points, along each axis.
+    pub(super) fn search(&self, block: u32, from: [f64; 3], beside: [f64; 3], best: &mut Best) {
+        search(&self.points, block, from, beside, best);
     }
 }
 
-/// Looks for better points in a range. (Ranges are halved: it goes no deeper than the bits of their length.)
-fn search(range: &[IndexedPoint], block: u32, from: [f64; 3], best: &mut Best) {
+/// Looks for better points in a range, which lies in a box. (Ranges are halved: it goes no deeper than the bits of their length.)
+///
+/// On the far side of a middle point the box begins at it: how far that is away is known from the other axes, without looking (Arya and Mount 1993).
+fn search(range: &[IndexedPoint], block: u32, from: [f64; 3], beside: [f64; 3], best: &mut Best) {
     if range.len() <= SMALL {
         return range.iter().for_each(|point| best.look(from, point, block));
     }
@@ -139,9 +141,11 @@ fn search(range: &[IndexedPoint], block: u32, from: [f64; 3], best: &mut Best) {
     let axis = usize::from(middle.axis);
     let beyond = from[axis] - middle.place[axis];
     let (near, far) = if beyond < 0.0 { (before, behind) } else { (behind, before) };
-    search(near, block, from, best);
-    if beyond * beyond <= best.limit {
+    search(near, block, from, beside, best);
+    let mut farther = beside;
+    farther[axis] = farther[axis].max(beyond * beyond);
+    if farther[0] + farther[1] + farther[2] <= best.limit {
         best.look(from, middle, block);
-        search(far, block, from, best);
+        search(far, block, from, farther, best);
     }
 }

@@ -134,12 +134,20 @@ impl Search<'_> {
         Ok(Search { tree, nodes: near, block_corners, axes, most_bytes: memory, kept: Mutex::default() })
     }
 
+    /// Squares of how far a place lies beside a box, along each axis that counts.
+    #[inline]
+    fn beside(&self, from: [f64; 3], [low, high]: &[[f64; 3]; 2]) -> [f64; 3] {
+        std::array::from_fn(|axis| match axis < self.axes {
+            true => (low[axis] - from[axis]).max(from[axis] - high[axis]).max(0.0).powi(2),
+            false => 0.0,
+        })
+    }
+
     /// Square of the distance from a box.
     #[inline]
-    fn distance(&self, from: [f64; 3], [low, high]: &[[f64; 3]; 2]) -> f64 {
-        (0..self.axes)
-            .map(|axis| (low[axis] - from[axis]).max(from[axis] - high[axis]).max(0.0).powi(2))
-            .sum()
+    fn distance(&self, from: [f64; 3], corners: &[[f64; 3]; 2]) -> f64 {
+        let [x, y, z] = self.beside(from, corners);
+        x + y + z
     }
 
     fn answer(
@@ -192,7 +200,8 @@ impl Search<'_> {
             }
         }
         for block in node.blocks.0..node.blocks.1 {
-            if self.distance(from, &self.block_corners[block as usize]) <= best.limit {
+            let beside = self.beside(from, &self.block_corners[block as usize]);
+            if beside.iter().sum::<f64>() <= best.limit {
                 let index = match at_hand.get(&block) {
                     Some(index) => index,
                     None => {
@@ -200,7 +209,7 @@ impl Search<'_> {
                         at_hand.entry(block).or_insert(index)
                     }
                 };
-                index.search(block, from, best);
+                index.search(block, from, beside, best);
             }
         }
         Ok(())

@@ -206,11 +206,13 @@ impl<'a> Blocks<'a> {
     /// Walks through what is inside in a cell that faces may cut.
     fn divide(&mut self, model: &ExactModel, level: u8, position: [u32; 3], colour: DVec3) -> Result<()> {
         let share = model.cell_coverage(level, position, self.progress)?.share;
-        let is_full = share >= 1.0 - ROUNDING;
-        if is_full || (level == self.level && share >= 0.5) {
+        // (Walls are half a step of the grid below the points that faces are at: of three of them so much may be lacking, or too much.)
+        let rest = 1.5 / f64::from(1u32 << (model.grid().bits - level)) + ROUNDING;
+        let is_full = share >= 1.0 - rest;
+        if share >= 0.5 && (is_full || level == self.level) {
             return self.add(level, position, colour);
         }
-        if level == self.level || share <= ROUNDING {
+        if level == self.level || share <= rest {
             return Ok(());
         }
         for child in self.back_to_front(level, position) {

@@ -1,12 +1,10 @@
 //! Drawings as pixels: each sample has the colour of the last mark that covers it.
 
 use super::marks::{Ink, LINE_WIDTH, Marks};
-use crate::RenderRequest;
+use crate::{RenderRequest, colours_of};
 use spinney_base::io::Output;
-use spinney_base::value::{SampleType, ValueType};
 use spinney_base::{Progress, Result};
-use spinney_container::Metadata;
-use spinney_raster::image::{Format, ImageSpec, create};
+use spinney_raster::image::{Format, create};
 use spinney_raster::style::{to_linear, to_srgb};
 
 /// Samples that are in memory at once, unless a row has more.
@@ -34,15 +32,7 @@ pub(super) fn write(
     progress: &dyn Progress,
 ) -> Result<()> {
     let (width, height, samples) = (request.width, request.height, u64::from(request.samples));
-    let channels = if marks.background.is_some() { 3 } else { 4 };
-    let spec = ImageSpec {
-        width,
-        height,
-        value: ValueType::new(SampleType::U8, channels),
-        alpha: channels == 4,
-        void: false,
-        metadata: Metadata::default(),
-    };
+    let spec = colours_of(width, height, marks.background.is_some());
     let mut writer = create(output, format, &spec)?;
     let rows = (SAMPLES / (width * samples * samples)).clamp(1, height);
     let mut band = Band {

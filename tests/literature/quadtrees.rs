@@ -11,9 +11,9 @@ use spinney::store::goblin::Goblin;
 use spinney::store::records::INNER;
 use spinney::store::{BuildOptions, build_tree, depth_for};
 use spinney::tree::{Child, MemTree, Source, df};
-use spinney::value::{Kind, Rule};
+use spinney::value::{Kind, Rule, Value};
 
-use crate::common::{CLASSIC, OCT, QUAD, as_byte, byte, children};
+use crate::common::{CLASSIC, Cells, OCT, QUAD, as_byte, byte, children, goblin};
 
 const PREORDER: &str = "GG1G13331G3312GG31331G3222G11221G221G1211";
 
@@ -48,8 +48,92 @@ fn leaves(tree: &MemTree) -> usize {
     nodes(tree).iter().filter(|(_, place)| !place.is_inner()).count()
 }
 
+/// Nodes have four children or none; what is of one value, or one cell, is divided no more, and all else is.
 #[test]
-fn base_4_codes() {
+fn item_1_nodes_have_four_children_or_none() {
+    for seed in 0..20 {
+        let cells = Cells::random(QUAD, seed, [1 + 13 * seed, 200 - 9 * seed, 1], 4, true);
+        let tree = cells.tree(Rule::Mean);
+        for (code, place) in nodes(&tree) {
+            let bounds = code.bounds(tree.depth());
+            let [columns, mut rows] = [0, 1].map(|axis| bounds.min[axis]..bounds.max[axis]);
+            let first = cells.get(bounds.min);
+            let is_uniform = rows.all(|y| columns.clone().all(|x| cells.get([x, y, 0]) == first));
+            match place {
+                Child::Inner { node, .. } => {
+                    assert!(!is_uniform && code.level() < tree.depth());
+                    assert_eq!(children(&tree, &node).len(), 4);
+                }
+                leaf => assert!(is_uniform && leaf.value() == first),
+            }
+        }
+    }
+}
+
+#[test]
+fn item_2_children_in_z_order() {
+    let [nw, ne, sw, se] = [0, 1, 2, 3].map(|child| Code::root(Quad).child(child).cell());
+    assert_eq!([nw, ne, sw, se], [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]);
+}
+
+/// The weighted sum of the digits, numbered from the right from 0.
+#[test]
+fn item_6_codes_are_sums_of_digits() {
+    for (digits, expected) in [(vec![1, 0, 2, 3], 75), (vec![3, 3, 3], 63), (vec![0; 5], 0), (vec![2, 1], 9)]
+    {
+        let code = Code::from_digits(Quad, digits.clone()).unwrap();
+        let sum: u64 = (0..).zip(digits.iter().rev()).map(|(i, digit)| *digit as u64 * 4u64.pow(i)).sum();
+        assert_eq!((code.path(), sum), (expected, expected));
+        assert!(code.path() < 4u64.pow(digits.len() as u32));
+    }
+}
+
+/// Codes of leaves make the picture again where the background's are left out.
+#[test]
+fn item_5_codes_of_leaves_without_the_background() {
+    let tree = df::from_text(QUAD, DF, 3, byte(1), Rule::Dominant).unwrap();
+    let black: Vec<Code> = nodes(&tree)
+        .into_iter()
+        .filter(|(_, place)| *place == Child::Leaf(byte(1)))
+        .map(|(code, _)| code)
+        .collect();
+    assert_eq!(black.len(), DF.matches('B').count());
+    let is_black = |cell| {
+        let code = Code::from_cell(Quad, 3, cell).unwrap();
+        black.iter().any(|leaf| leaf.contains(code)).then(|| byte(1))
+    };
+    let again = MemTree::from_cells(QUAD, 3, Rule::Dominant, &is_black);
+    assert_eq!(df::to_text(&again, Some(byte(1))).unwrap(), DF);
+}
+
+/// Four equal neighbours are merged, level by level: as many nodes stay as the file's builder has.
+#[test]
+fn item_15_equal_neighbours_are_merged() {
+    for seed in 0..12 {
+        let cells = Cells::random(QUAD, seed, [256, 256, 1], 3, true);
+        let mut blocks: Vec<Option<Option<Value>>> = cells.cells.iter().copied().map(Some).collect();
+        let (mut side, mut inner) = (256, 0);
+        while side > 1 {
+            side /= 2;
+            blocks = (0..side * side)
+                .map(|at| {
+                    let first = at / side * 4 * side + at % side * 2;
+                    let four = [0, 1, 2 * side, 2 * side + 1].map(|beside| blocks[first + beside]);
+                    four[0].filter(|_| four.iter().all(|block| *block == four[0]))
+                })
+                .collect();
+            inner += blocks.iter().filter(|block| block.is_none()).count();
+        }
+        let file = goblin(&cells, Rule::Majority, Kind::Categorical);
+        assert_eq!(
+            file.metadata().counts.levels().iter().map(|[_, _, inner]| *inner).sum::<u64>(),
+            inner as u64
+        );
+    }
+}
+
+#[test]
+fn item_7_base_4_codes() {
     let code = Code::from_digits(Quad, [1, 0, 2, 3]).unwrap();
     assert_eq!(code.path(), 75);
     assert_eq!(Code::from_path(Quad, 4, 75), Some(code));
@@ -62,7 +146,7 @@ fn base_4_codes() {
 }
 
 #[test]
-fn base_5_codes() {
+fn item_8_base_5_codes() {
     // Digits are one more than in base 4: <2,1,3,4> is the node <1,0,2,3>.
     let code = Code::from_digits(Quad, [1, 0, 2, 3]).unwrap();
     assert_eq!(code.self_delimiting(), 294);
@@ -84,7 +168,7 @@ fn base_5_codes() {
 const DF: &str = "GWGWWBBGWGWBBBWBGBBGBBBWW";
 
 #[test]
-fn df_expression() {
+fn item_4_df_expression() {
     let tree = df::from_text(QUAD, DF, 3, byte(1), Rule::Dominant).unwrap();
     assert_eq!(df::to_text(&tree, Some(byte(1))).unwrap(), DF);
     assert_eq!(DF.len(), 25);
@@ -98,7 +182,7 @@ fn df_expression() {
 }
 
 #[test]
-fn df_expression_as_printed_is_no_tree() {
+fn item_4_df_expression_as_printed_is_no_tree() {
     let printed = "GWGWBBGWGWBBBWBGBBBBWW";
     assert_eq!((printed.len(), printed.matches('G').count()), (22, 5));
     for depth in 3..=29 {
@@ -117,7 +201,7 @@ fn df_expression_as_printed_is_no_tree() {
 }
 
 #[test]
-fn fd_codes() {
+fn item_9_fd_codes() {
     let printed = "000 100 110 120 130 200 210 211 212 213 220 230 310 320 330";
     let missing = ["300", "321", "322", "323"];
     let tree = df::from_text(QUAD, DF, 3, byte(1), Rule::Dominant).unwrap();
@@ -131,27 +215,34 @@ fn fd_codes() {
 }
 
 #[test]
-fn representative_of_the_worked_example() {
+fn item_30_representative() {
     // Leaves A and B, inner nodes that stand for B and C: A has 3, B has 3 + 2, C has 2.
-    let representative = |text: &str| {
-        let tree = df::from_text(QUAD, text, 2, byte(1), Rule::Dominant).unwrap();
-        let Child::Inner { representative, node } = tree.root().unwrap() else {
-            panic!("{text} is one leaf")
-        };
-        let children = children(&tree, &node);
-        let kinds = children.iter().map(|child| (child.value().map(as_byte), child.is_inner()));
-        (as_byte(representative), kinds.collect::<Vec<_>>())
-    };
     let [a, b, c] = [10, 20, 30].map(Some);
-    let (found, children) = representative("G [10] [20] G([20] [20] [10] [20]) G([30] W W W)");
+    let (found, children) =
+        representative("G [10] [20] G([20] [20] [10] [20]) G([30] W W W)", Rule::Dominant);
     assert_eq!((found, children), (20, vec![(a, false), (b, false), (b, true), (c, true)]));
-    // Ties, which the text says nothing of: record 8 of the table needs the first (or lowest) of 1, 1, 2, 2.
-    assert_eq!(representative("G 1122").0, 1);
-    assert_eq!(representative("G 2211").0, 2);
+    // Values on a linear scale are averaged: true means of the cells, 16 of which are the root's.
+    assert_eq!(representative("G [10] [20] G([20] [20] [10] [20]) [40]", Rule::Mean).0, 22);
+}
+
+/// Ties, which the text says nothing of: record 8 of the table needs the first (or lowest) of 1, 1, 2, 2.
+#[test]
+fn item_31_ties() {
+    assert_eq!(representative("G 1122", Rule::Dominant).0, 1);
+    assert_eq!(representative("G 2211", Rule::Dominant).0, 2);
+}
+
+/// The representative of the root of a text, and its children.
+fn representative(text: &str, rule: Rule) -> (u8, Vec<(Option<u8>, bool)>) {
+    let tree = df::from_text(QUAD, text, 2, byte(1), rule).unwrap();
+    let Child::Inner { representative, node } = tree.root().unwrap() else { panic!("{text} is one leaf") };
+    let children = children(&tree, &node);
+    let kinds = children.iter().map(|child| (child.value().map(as_byte), child.is_inner()));
+    (as_byte(representative), kinds.collect())
 }
 
 #[test]
-fn preorder_of_the_picture() {
+fn item_3_picture_of_the_tables() {
     let tree = picture();
     assert_eq!(df::to_text(&tree, None).unwrap(), PREORDER);
     assert_eq!((tree.inner_nodes(), leaves(&tree)), (10, 31));
@@ -181,7 +272,7 @@ const GOBLIN: [[i32; 5]; 10] = [
 ];
 
 #[test]
-fn goblin_table_from_the_tree() {
+fn item_29_goblin_table_from_the_tree() {
     let tree = picture();
     let nodes = nodes(&tree);
     let inner: Vec<_> = nodes.iter().filter(|(_, place)| place.is_inner()).collect();
@@ -201,7 +292,7 @@ fn goblin_table_from_the_tree() {
 }
 
 #[test]
-fn goblin_table_from_the_file() {
+fn item_28_goblin_table_from_the_file() {
     let file = picture_file();
     assert_eq!((file.segments(), file.stored_records()), (1, 10));
     assert_eq!(file.root_child().value(), Some(byte(1))); // minus the identification value -1
@@ -234,7 +325,7 @@ const AUTUMNAL: [[i32; 5]; 10] = [
 ];
 
 #[test]
-fn autumnal_table_from_the_tree() {
+fn item_32_autumnal_table_from_the_tree() {
     let tree = picture();
     let nodes = nodes(&tree);
     let inner: Vec<_> = nodes.iter().filter(|(_, place)| place.is_inner()).collect();
@@ -254,7 +345,7 @@ fn autumnal_table_from_the_tree() {
 /// The survey's claim: a Goblin record holds its children's values, so showing the picture at a level needs the
 /// records above that level only, while Autumnal records hold their own.
 #[test]
-fn reads_to_show_a_level() {
+fn item_33_reads_to_show_a_level() {
     let file = picture_file();
     let inner: Vec<u64> = file.metadata().counts.levels().iter().map(|[_, _, inner]| *inner).collect();
     assert_eq!(inner, [1, 3, 6, 0]);
@@ -267,7 +358,7 @@ fn reads_to_show_a_level() {
 /// Against the survey's verdict: for single cells the classic Goblin needs more reads, because the links of a node's
 /// earlier children have to be followed to find a later one's record.
 #[test]
-fn reads_to_find_a_cell() {
+fn item_35_reads_to_find_a_cell() {
     let (mut goblin, mut autumnal) = (Vec::new(), Vec::new());
     for y in 0..8 {
         for x in 0..8 {
@@ -297,7 +388,7 @@ fn reads_to_find_a_cell() {
 }
 
 #[test]
-fn octree_df_expression() {
+fn item_41_octree_df_expression() {
     let text = "MVVVVFMVVVVVVVFFF";
     let tree = df::from_text(OCT, text, 2, byte(255), Rule::Mean).unwrap();
     assert_eq!(df::to_text(&tree, Some(byte(255))).unwrap(), text);
@@ -319,7 +410,7 @@ fn octree_df_expression() {
 
 /// The survey rotates quadtrees by 90 degrees counter-clockwise with NW->SW, NE->NW, SE->NE, SW->SE.
 #[test]
-fn child_order_and_the_rotation_of_quadtrees() {
+fn item_22_rotation_of_quadtrees() {
     let [nw, ne, sw, se] = [0, 1, 2, 3];
     for (from, to) in [(nw, sw), (ne, nw), (se, ne), (sw, se)] {
         let [x, y, _] = Code::root(Quad).child(from).cell();
@@ -329,7 +420,7 @@ fn child_order_and_the_rotation_of_quadtrees() {
 
 /// The 1991 numbering has x in the highest bit: its numbers are ours with the bits reversed.
 #[test]
-fn octant_numbers_and_the_rotation_of_octrees() {
+fn item_39_rotation_of_octrees() {
     let reversed = |octant: usize| (octant & 1) << 2 | octant & 2 | octant >> 2;
     let pi = [1, 3, 0, 2, 5, 7, 4, 6];
     for octant in 0..8 {
@@ -353,7 +444,7 @@ fn octant_numbers_and_the_rotation_of_octrees() {
 }
 
 #[test]
-fn display_needs_no_deeper_tree_than_its_pixels() {
+fn item_26_display_needs_no_deeper_tree_than_its_pixels() {
     // A display of 512 x 512 never needs more than nine levels.
     assert_eq!(depth_for([512, 512, 1]), 9);
 }

@@ -1,0 +1,109 @@
+//! The table of docs/literature.md, held to what there is: items, commands, what the library shows, and tests.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::common::command::stdout;
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+/// A row of the table.
+struct Row {
+    number: usize,
+    /// What stands in code in the cells of commands and of tests.
+    made_by: Vec<String>,
+    tests: Vec<String>,
+}
+
+fn read(path: impl AsRef<Path>) -> String {
+    let path = Path::new(ROOT).join(path);
+    fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// What stands in code in a cell.
+fn code(cell: &str) -> Vec<String> {
+    cell.split('`').skip(1).step_by(2).map(str::to_string).collect()
+}
+
+fn rows() -> Vec<Row> {
+    let page = read("docs/literature.md");
+    let lines = page.lines().skip_while(|line| !line.starts_with("<!-- items:")).skip(3);
+    let rows = lines.take_while(|line| line.starts_with('|')).map(|line| {
+        let cells: Vec<&str> = line.trim_matches('|').split(" | ").map(str::trim).collect();
+        let [number, item, name, made_by, tests, _] = cells[..] else { panic!("six cells: {line}") };
+        assert!(!item.is_empty() && !name.is_empty(), "{line}");
+        Row { number: number.parse().unwrap(), made_by: code(made_by), tests: code(tests) }
+    });
+    rows.collect()
+}
+
+#[test]
+fn all_items_have_a_row_and_a_test() {
+    let rows = rows();
+    assert!(rows.iter().map(|row| row.number).eq(1..=66));
+    for row in &rows {
+        assert!(!row.made_by.is_empty() && !row.tests.is_empty(), "item {}", row.number);
+    }
+}
+
+/// The file of a test: one of this program, or of another one, or beside the code.
+fn file_of(name: &str) -> PathBuf {
+    let folder = match name {
+        _ if name.starts_with("crates/") => "",
+        _ if name.contains('/') => "tests",
+        _ => "tests/literature",
+    };
+    let path = Path::new(folder).join(name);
+    let inside = path.join("mod.rs");
+    if Path::new(ROOT).join(&inside).exists() { inside } else { path.with_extension("rs") }
+}
+
+#[test]
+fn tests_of_the_items_exist() {
+    for Row { number, tests, .. } in rows() {
+        for test in tests {
+            let (file, function) = test.split_once("::").expect("FILE::FUNCTION");
+            let text = read(file_of(file));
+            let there = text.lines().zip(text.lines().skip(1)).any(|(before, line)| {
+                before.trim() == "#[test]" && line.trim() == format!("fn {function}() {{")
+            });
+            assert!(there, "item {number}: {file} has no test {function}");
+        }
+    }
+}
+
+/// Words of a text, options with their hyphens.
+fn words(text: &str) -> Vec<&str> {
+    text.split(|letter: char| !(letter.is_alphanumeric() || letter == '-' || letter == '_')).collect()
+}
+
+#[test]
+fn commands_and_names_of_the_items_exist() {
+    let visible = read(".ci/visible.txt");
+    let is_shown = |path: &str| visible.lines().any(|line| line == path);
+    for Row { number, made_by, .. } in rows() {
+        for name in made_by {
+            if name.starts_with("benches/") {
+                read(&name);
+            } else if let Some((module, item)) = name.rsplit_once("::") {
+                let is_of_it = visible.lines().any(|line| {
+                    words(line)
+                        .windows(2)
+                        .any(|pair| ["fn", "struct", "enum", "trait"].contains(&pair[0]) && pair[1] == item)
+                });
+                assert!(is_shown(&name) || (is_shown(module) && is_of_it), "item {number}: {name}");
+            } else {
+                let mut parts = name.split(' ');
+                let command = parts.next().unwrap();
+                let help = stdout(&["help", command]);
+                let known = words(&help);
+                for part in parts {
+                    assert!(
+                        known.contains(&part.trim_end_matches('=')),
+                        "item {number}: {part} of {command}"
+                    );
+                }
+            }
+        }
+    }
+}
