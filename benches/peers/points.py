@@ -123,7 +123,8 @@ def copc(source, target):
         before = end
         at = int(level[chosen[0]])
         place = cells[chosen[0]] >> (depth - at)
-        packed = copclib.CompressBytes(list(rows[chosen].tobytes()), config.las_header)
+        bytes_ = copclib.VectorChar(np.frombuffer(rows[chosen].tobytes(), dtype=np.int8))
+        packed = copclib.CompressBytes(bytes_, config.las_header)
         writer.AddNodeCompressed(copclib.VoxelKey(at, *map(int, place)), packed, len(chosen))
     writer.Close()
 
