@@ -8,7 +8,7 @@ use spinney::export::image::{ImageSpec, create, format_of};
 use spinney::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorLayer, VectorWriter};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 use spinney::io::Output;
-use spinney::lines::{LineBuildOptions, LinesInMemory, build};
+use spinney::lines::{LineBuildOptions, LinesInMemory};
 use spinney::ops::{Chain, Edit, FillRegion, add_layer, edit};
 use spinney::space::{Bounds, Crs, Dimension, Frame};
 use spinney::store::autumnal::{CompactOptions, Keep, Note, compact};
@@ -64,7 +64,7 @@ fn main() -> Result<()> {
     meshes(&put);
     features(&put, folder.path())?;
     models(&put, folder.path())?;
-    lines(&put, folder.path())?;
+    line_trees(&put, folder.path())?;
     texts(&put);
     Ok(())
 }
@@ -447,13 +447,13 @@ fn models(put: Put<'_>, folder: &Path) -> Result<()> {
 }
 
 /// Trees of lines of a few pieces: of all kinds of values, in leaves and above, and of nothing.
-fn lines(put: Put<'_>, folder: &Path) -> Result<()> {
+fn line_trees(put: Put<'_>, folder: &Path) -> Result<()> {
     let path = folder.join("lines.goblin");
     for (name, count) in [("some", 12), ("none", 0)] {
         let (attributes, features) = line_features::some(count);
         let options = LineBuildOptions { leaf_size: 4, ..LineBuildOptions::default() };
         let mut source = LinesInMemory::new(attributes, features);
-        build(&mut source, &options, &Metadata::default(), Output::create(&path)?, &())?;
+        spinney::lines::build(&mut source, &options, &Metadata::default(), Output::create(&path)?, &())?;
         put("lines_read", name, &fs::read(&path).unwrap());
         fs::remove_file(&path).unwrap();
     }

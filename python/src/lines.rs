@@ -165,7 +165,7 @@ impl Lines {
                 None => Box::new(0..tree.len()),
             };
             tree.features(&mut all, &mut |number, feature| {
-                if found.len() % 1024 == 0 {
+                if found.len().is_multiple_of(1024) {
                     work.check()?;
                 }
                 found.push((number, feature.clone()));

@@ -143,7 +143,7 @@ fn what_other_lines_cross_is_found() {
     assert_eq!((&json["features"], &json["crossings"]), (&4.into(), &4.into()));
     let bridges = at("bridges.csv");
     stdout(&["stats", &tree, "--crossing", &rivers, "--attribute", "name", "-o", &bridges]);
-    let text = fs::read_to_string(&bridges).unwrap();
+    let text = fs::read_to_string(&bridges).unwrap().replace('\r', "");
     let rows: Vec<&str> = text.lines().skip(1).collect();
     assert_eq!(rows.len(), 4, "{text}");
     assert!(text.starts_with("WKT,name,line,name_2\n"), "{text}");
@@ -151,7 +151,7 @@ fn what_other_lines_cross_is_found() {
     assert!(text.contains("POINT (305 0)\",river,20,ring\n"), "{text}");
     let crossed = at("crossed.csv");
     stdout(&["get", &tree, &crossed, "--crossing", &rivers, "--attribute", "name"]);
-    let text = fs::read_to_string(&crossed).unwrap();
+    let text = fs::read_to_string(&crossed).unwrap().replace('\r', "");
     assert!(text.lines().count() == 5 && text.contains("street 4\n") && !text.contains("street 6"), "{text}");
     // Others than lines, and others than trees of lines.
     let points = at("points.csv");
