@@ -5,6 +5,9 @@ use spinney::brep::{ExactModel, Faces};
 use spinney::io::Output;
 use spinney::tin::{LayerInput, LayerOptions, LayerSurface, SurfaceInput, Tin, build_layers, triangulate};
 
+/// Heights, by x and y.
+type Height = fn(f64, f64) -> f64;
+
 /// Random numbers below a bound, with a fixed seed.
 fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
@@ -75,7 +78,7 @@ fn item_54_two_triangles_meet_in_a_vertex_or_a_whole_edge() {
 fn item_54_layers_are_closed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("layers.goblin");
-    let heights: [(&str, fn(f64, f64) -> f64); 4] = [
+    let heights: [(&str, Height); 4] = [
         ("ground", |x, y| 40.0 + (x / 5.0).sin() + y / 9.0),
         ("sand", |x, _| 30.0 + x / 8.0),
         ("ore", |x, y| 25.0 + (x + y) / 10.0),
@@ -84,7 +87,7 @@ fn item_54_layers_are_closed() {
     // All are known at the same boreholes.
     let mut random = random(3);
     let holes: Vec<[f64; 2]> = (0..120).map(|_| [0; 2].map(|_| random(100) as f64)).collect();
-    let surface = |(name, height): (&str, fn(f64, f64) -> f64)| LayerSurface {
+    let surface = |(name, height): (&str, Height)| LayerSurface {
         name: name.into(),
         points: holes.iter().map(|[x, y]| [*x, *y, height(*x, *y)]).collect(),
     };
@@ -104,7 +107,7 @@ fn item_54_layers_have_the_volumes_of_integrals() {
     let exact = 320.0 + 2.0 * 8f64.powi(4) / 48.0 - (64.0 - 128.0);
     for step in [2.0, 1.0, 0.5] {
         let count = (8.0 / step) as u32;
-        let surface = |name: &str, height: fn(f64, f64) -> f64| {
+        let surface = |name: &str, height: Height| {
             let places = (0..=count).flat_map(|row| (0..=count).map(move |column| [column, row]));
             let places = places.map(|place| place.map(|at| f64::from(at) * step));
             LayerSurface { name: name.into(), points: places.map(|[x, y]| [x, y, height(x, y)]).collect() }

@@ -108,6 +108,8 @@ impl SolidTree<'_> {
         match self.solid.place(block, near, &mut still) {
             Place::Void => Child::Void,
             Place::Full => Child::Leaf(Value::from([FULL])),
+            // (Of a tree that is one cell.)
+            Place::Mixed if block.width == 1 => cells(self.solid.cells(block, near).0[0], 0),
             Place::Mixed => {
                 let near = if still.len() == near.len() { near.clone() } else { still.into() };
                 inner(SolidNode::Block(block, near))

@@ -176,10 +176,10 @@ impl Solid for Sections {
         let mut known: [Option<(usize, Columns)>; 2] = [None, None];
         let mut columns = |number: usize| -> Columns {
             if let Some((_, columns)) = known[number % 2].as_ref().filter(|(own, _)| *own == number) {
-                return columns.clone();
+                return *columns;
             }
             let columns = self.columns(block, number);
-            known[number % 2] = Some((number, columns.clone()));
+            known[number % 2] = Some((number, columns));
             columns
         };
         let mut layer: Option<(u32, usize, [Columns; 2])> = None;

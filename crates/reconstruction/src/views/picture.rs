@@ -1,7 +1,5 @@
 //! Pictures in memory: for each pixel, up to which depth it shows nothing.
 
-use std::path::Path;
-
 use super::pyramid::{Pyramid, nodes};
 use super::text::{PictureKind, ViewText};
 use spinney_base::space::Region;
@@ -64,6 +62,10 @@ impl Picture {
         let info = raster.info().clone();
         let size = [info.width, info.height];
         let pixels = info.width.saturating_mul(info.height);
+        if pixels == 0 {
+            let found = format!("a picture without pixels ({})", view.name);
+            return Err(Error::unsupported(path, found, "leave the view out"));
+        }
         let needed = match view.kind {
             PictureKind::Silhouette => (pixels / 8).saturating_add(8 + nodes(size)),
             PictureKind::Depth => pixels.saturating_add(nodes(size).saturating_mul(2)).saturating_mul(4),
@@ -91,7 +93,7 @@ impl Picture {
                 Samples::Silhouette(bits, nodes)
             }
             PictureKind::Depth => {
-                let channel = depth_channel(path, &info)?;
+                let channel = depth_channel(view, &info)?;
                 let nodata = view.nodata.or(info.nodata.map(|number| number.to_f64()));
                 let mut depths = Vec::with_capacity(pixels as usize);
                 read(&mut *raster, &info, reading, &mut |pixel, is_valid| {
@@ -173,13 +175,13 @@ fn is_inside(pixel: Pixel<'_>, info: &RasterInfo, nodata: Option<f64>) -> bool {
 }
 
 /// The channel that has the depths.
-fn depth_channel(path: &Path, info: &RasterInfo) -> Result<usize> {
+fn depth_channel(view: &ViewText, info: &RasterInfo) -> Result<usize> {
     let mut channels = (0..info.channels).filter(|channel| Some(*channel) != info.alpha);
     match (channels.next(), channels.next()) {
         (Some(channel), None) => Ok(channel),
         _ => {
-            let found = format!("a picture of depths with {} channels", info.channels);
-            Err(Error::unsupported(path, found, "a depth is one number: leave one channel"))
+            let found = format!("a picture of depths with {} channels ({})", info.channels, view.name);
+            Err(Error::unsupported(&view.picture, found, "a depth is one number: leave one channel"))
         }
     }
 }
