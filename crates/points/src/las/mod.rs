@@ -1,5 +1,6 @@
 //! LAS and LAZ files: point clouds as surveyors pass them on (ASPRS LAS 1.0 to 1.4; LAZ by laz-rs).
 
+mod chunks;
 mod format;
 mod header;
 mod read;

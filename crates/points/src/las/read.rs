@@ -1,11 +1,12 @@
 //! Reads points of LAS and LAZ files.
 
 use std::fs::File;
-use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use laz::{LasZipDecompressor, LazVlr};
+use laz::LasZipDecompressor;
 
+use super::chunks::{check_chunks, damaged, unpacking};
 use super::header::LasHeader;
 use crate::source::{PointSchema, PointSource, both_bounds, bounds_of};
 use spinney_base::guard::guard;
@@ -40,7 +41,7 @@ impl LasReader {
             None => Points::Plain(file),
             Some(record) => {
                 let record = unpacking(path, header.layout.size, record)?;
-                check_chunks(path, &mut file, start)?;
+                check_chunks(path, &mut file, (start, header.points), &record)?;
                 let reader = guard(path, "packed points", || {
                     LasZipDecompressor::new(file, record).map_err(|error| damaged(path, &error.to_string()))
                 })?;
@@ -61,48 +62,6 @@ impl LasReader {
         };
         Ok(LasReader { path: path.to_path_buf(), schema, points, left: header.points })
     }
-}
-
-/// How points are packed, by a record that must fit points of so many bytes.
-fn unpacking(path: &Path, size: usize, record: &[u8]) -> Result<LazVlr> {
-    let record = guard(path, "laszip record", || {
-        LazVlr::from_buffer(record).map_err(|error| damaged(path, &error.to_string()))
-    })?;
-    if record.items_size() != size as u64 {
-        return Err(damaged(path, &format!("items of {} bytes for points of {size}", record.items_size())));
-    }
-    if record.chunk_size() == 0 {
-        return Err(damaged(path, "chunks of no points"));
-    }
-    Ok(record)
-}
-
-fn damaged(path: &Path, found: &str) -> Error {
-    Error::corrupt(path, "packed points", found, "points that were packed by LASzip")
-}
-
-/// Checks the number of chunks, for which the decoder makes room before it has read them.
-fn check_chunks(path: &Path, file: &mut BufReader<File>, start: u64) -> Result<()> {
-    let length = file.get_ref().metadata().map_err(Error::io(path, "read"))?.len();
-    let mut table = |at: u64| -> io::Result<u64> {
-        file.seek(SeekFrom::Start(at))?;
-        let mut bytes = [0; 8];
-        file.read_exact(&mut bytes)?;
-        Ok(u64::from_le_bytes(bytes))
-    };
-    let found = table(start).and_then(|first| {
-        // (Those who write into a pipe put it at the end.)
-        let place = if first as i64 <= start as i64 { table(length.saturating_sub(8))? } else { first };
-        let count = if place < length { table(place)? >> 32 } else { 0 };
-        Ok((place, count))
-    });
-    let (place, count) = found.map_err(|error| damaged(path, &error.to_string()))?;
-    // (A chunk has a point as it is, of 20 bytes or more.)
-    if place <= start || place >= length || count > length / 20 + 1 {
-        return Err(damaged(path, &format!("a table of {count} chunks at byte {place} of {length}")));
-    }
-    file.seek(SeekFrom::Start(start)).map_err(Error::io(path, "read"))?;
-    Ok(())
 }
 
 impl PointSource for LasReader {

@@ -224,3 +224,27 @@ fn files_that_lie_are_errors() {
         }
     }
 }
+
+#[test]
+fn layers_are_no_longer_than_their_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let [plain, packed] = ["in.las", "in.laz"].map(|name| folder.path().join(name));
+    for format in [6, 7, 8] {
+        std::fs::write(&plain, las_bytes(format, &records(format, 3, 1500), &[], 0.01)).unwrap();
+        let tree = tree_of(std::slice::from_ref(&plain), folder.path()).unwrap();
+        let output = (Output::create(&packed).unwrap(), PointFormat::Laz);
+        export_points(&tree, &Selection::default(), None, output, &()).unwrap();
+        let good = std::fs::read(&packed).unwrap();
+        let start = u32::from_le_bytes(good[96..100].try_into().unwrap()) as usize;
+        let size = usize::from(u16::from_le_bytes(good[105..107].try_into().unwrap()));
+        // The bytes of the first layer, of the last one, and more points than there are chunks for.
+        let last = start + 8 + size + 4 + 4 * (9 - 1);
+        for (at, words) in [(start + 8 + size + 4, "layers of"), (last, "layers of"), (249, "no chunk for")] {
+            let mut bytes = good.clone();
+            bytes[at..at + 4].fill(0xff);
+            std::fs::write(&packed, &bytes).unwrap();
+            let error = tree_of(std::slice::from_ref(&packed), folder.path()).err().unwrap().to_string();
+            assert!(error.contains(words), "{format}, {at}: {error}");
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! Whether the chunks of packed points are what decoders believe without looking: they make room for as many bytes as a file says.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::path::Path;
+
+use laz::LazVlr;
+use laz::laszip::{ChunkTable, LazItemType};
+
+use spinney_base::guard::guard;
+use spinney_base::{Error, Result};
+
+/// How points are packed, by a record that must fit points of so many bytes.
+pub(super) fn unpacking(path: &Path, size: usize, record: &[u8]) -> Result<LazVlr> {
+    let record = guard(path, "laszip record", || {
+        LazVlr::from_buffer(record).map_err(|error| damaged(path, &error.to_string()))
+    })?;
+    if record.items_size() != size as u64 {
+        return Err(damaged(path, &format!("items of {} bytes for points of {size}", record.items_size())));
+    }
+    if record.chunk_size() == 0 {
+        return Err(damaged(path, "chunks of no points"));
+    }
+    Ok(record)
+}
+
+pub(super) fn damaged(path: &Path, found: &str) -> Error {
+    Error::corrupt(path, "packed points", found, "points that were packed by LASzip")
+}
+
+/// Checks the number of chunks, for which the decoder makes room before it has read them, and the bytes of their layers.
+pub(super) fn check_chunks(
+    path: &Path,
+    file: &mut BufReader<File>,
+    (start, points): (u64, u64),
+    record: &LazVlr,
+) -> Result<()> {
+    let length = file.get_ref().metadata().map_err(Error::io(path, "read"))?.len();
+    let mut table = |at: u64| -> io::Result<u64> {
+        file.seek(SeekFrom::Start(at))?;
+        let mut bytes = [0; 8];
+        file.read_exact(&mut bytes)?;
+        Ok(u64::from_le_bytes(bytes))
+    };
+    let found = table(start).and_then(|first| {
+        // (Those who write into a pipe put it at the end.)
+        let place = if first as i64 <= start as i64 { table(length.saturating_sub(8))? } else { first };
+        let count = if place < length { table(place)? >> 32 } else { 0 };
+        Ok((place, count))
+    });
+    let (place, count) = found.map_err(|error| damaged(path, &error.to_string()))?;
+    // (A chunk has a point as it is, of 20 bytes or more.)
+    if place <= start || place >= length || count > length / 20 + 1 {
+        return Err(damaged(path, &format!("a table of {count} chunks at byte {place} of {length}")));
+    }
+    let found = check_layers(file, (start, place), points, record).map_err(Error::io(path, "read"))?;
+    found.map_or(Ok(()), |found| Err(damaged(path, &found)))?;
+    file.seek(SeekFrom::Start(start)).map_err(Error::io(path, "read"))?;
+    Ok(())
+}
+
+/// Layers of an item in a chunk.
+fn layers_of(item: LazItemType) -> u64 {
+    match item {
+        LazItemType::Point14 => 9,
+        LazItemType::RGBNIR14 => 2,
+        LazItemType::Byte14(bytes) => bytes.into(),
+        _ => 1,
+    }
+}
+
+/// Goes from chunk to chunk as decoders do, where each begins with a point as it is, a count and the bytes of its layers: these must lie before the table of chunks,
+/// and there must be chunks for all points. Tells what is wrong.
+fn check_layers(
+    file: &mut BufReader<File>,
+    (start, table): (u64, u64),
+    points: u64,
+    record: &LazVlr,
+) -> io::Result<Option<String>> {
+    if record.items().first().is_none_or(|item| item.version() < 3) {
+        return Ok(None);
+    }
+    let mut counts = Vec::new();
+    if record.uses_variable_size_chunks() {
+        file.seek(SeekFrom::Start(start))?;
+        match ChunkTable::read_from(&mut *file, record) {
+            Ok(table) => counts.extend(table.as_ref().iter().map(|chunk| chunk.point_count)),
+            Err(error) => return Ok(Some(error.to_string())),
+        }
+    }
+    let mut counts = counts.into_iter();
+    let layers: u64 = record.items().iter().map(|item| layers_of(item.item_type())).sum();
+    let mut sizes = vec![0; 4 * layers as usize];
+    let mut at = start + ChunkTable::OFFSET_SIZE as u64;
+    let mut left = points;
+    while left > 0 {
+        let count =
+            if record.uses_variable_size_chunks() { counts.next() } else { Some(record.chunk_size().into()) };
+        let Some(count) = count else { return Ok(Some(format!("no chunks for {left} points"))) };
+        let head = record.items_size() + 4 + sizes.len() as u64;
+        if head > table.saturating_sub(at) {
+            return Ok(Some(format!("no chunk for {left} points at byte {at}")));
+        }
+        file.seek(SeekFrom::Start(at + record.items_size() + 4))?;
+        file.read_exact(&mut sizes)?;
+        let bytes: u64 =
+            sizes.as_chunks::<4>().0.iter().map(|size| u64::from(u32::from_le_bytes(*size))).sum();
+        if bytes > table - at - head {
+            return Ok(Some(format!(
+                "layers of {bytes} bytes in a chunk at byte {at}, before a table at byte {table}"
+            )));
+        }
+        at += head + bytes;
+        left = left.saturating_sub(count);
+    }
+    Ok(None)
+}
