@@ -27,6 +27,20 @@ impl ValueKind {
         ValueKind::Json,
         ValueKind::Mixed,
     ];
+
+    /// Whether a value may be one of an attribute of this kind.
+    pub(crate) fn has(self, value: &LineValue) -> bool {
+        matches!(
+            (self, value),
+            (_, LineValue::None)
+                | (ValueKind::Mixed, _)
+                | (ValueKind::Number, LineValue::Integer(_) | LineValue::Number(_))
+                | (ValueKind::Integer, LineValue::Integer(_))
+                | (ValueKind::Text, LineValue::Text(_))
+                | (ValueKind::Boolean, LineValue::Boolean(_))
+                | (ValueKind::Json, LineValue::Json(_))
+        )
+    }
 }
 
 /// An attribute that features have.

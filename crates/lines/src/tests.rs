@@ -394,3 +394,12 @@ fn lines_of_one_vertex_and_beyond_the_bounds_are_refused() {
     assert_eq!(tree.window([[0.25, 0.5], [0.3, 0.6]], &()).unwrap(), [0u64; 0]);
     assert_eq!(tree.nearest(&[[3.0, 1.0]], (1, 2.0), &()).unwrap()[0][0].distance, 2f64.sqrt());
 }
+
+#[test]
+fn values_of_other_kinds_are_told() {
+    let mut features = features(40, 4);
+    features[7].values[1] = LineValue::Text("four".into());
+    let findings = tree_of(&features, 10).verify(1 << 20, &()).unwrap();
+    let [finding] = &findings[..] else { panic!("{findings:?}") };
+    assert!(finding.place == "feature 7" && finding.problem.contains("`lanes`"), "{finding:?}");
+}

@@ -17,7 +17,7 @@ pub(super) type Edge<const N: usize> = [[i32; N]; 2];
 /// assert!(tree.insert([[1, 1], [6, 1]]) && tree.insert([[6, 1], [6, 6]]));
 /// assert!(!tree.insert([[6, 1], [1, 1]]), "it is there");
 /// assert_eq!(tree.window([5, 3], [7, 7]), [[[6, 1], [6, 6]]]);
-/// assert_eq!(tree.nearest([0, 7]).unwrap().0, [[6, 1], [6, 6]]);
+/// assert_eq!(tree.nearest([1, 7]).unwrap().0, [[6, 1], [6, 6]]);
 /// ```
 #[derive(Clone, Debug)]
 pub struct EdgeTree<const N: usize> {

@@ -144,6 +144,11 @@ impl LineTree {
                 let first = self.feature_entry(block).key;
                 if let Some(features) = findings.damage(self.feature_block(block))? {
                     for (number, feature) in (first..).zip(&features) {
+                        let mut values = self.attributes().iter().zip(&feature.values);
+                        if let Some((wrong, _)) = values.find(|(own, value)| !own.kind.has(value)) {
+                            let problem = format!("a value of `{}` that is not of its kind", wrong.name);
+                            findings.tell(format!("feature {number}"), problem);
+                        }
                         let Some(pieces) = pieces_of(self.grid(), number, feature) else {
                             findings.tell(format!("feature {number}"), "reaches beyond the grid");
                             continue;
