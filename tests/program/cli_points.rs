@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use crate::common::command::{complaint, spinney, stderr, stdout};
+use crate::common::command::{command, complaint, spinney, stderr, stdout};
 
 /// Points of a slope, with classes, as a table; and what they are.
 fn table(folder: &Path, count: u32) -> (String, Vec<([f64; 3], u32)>) {
@@ -184,6 +184,14 @@ fn parts_are_those_of_looking_at_all_points() {
     assert_eq!(found.len(), 3);
     found.iter().zip(&distances).for_each(|(found, expected)| assert!((found - expected).abs() < 1e-6));
     assert_eq!(stdout(&["point", &tree, "0,0,0", "--radius", "5"]), "1\tnone\n");
+    // From standard input, in either writing; empty lines say nothing.
+    let asked = command(&["point", &tree, "--nearest", "3"])
+        .write_stdin("500123.4 5200111.1\t20\n\n0,0\n")
+        .assert()
+        .success();
+    let told = String::from_utf8(asked.get_output().stdout.clone()).unwrap();
+    assert!(told.starts_with(&nearest) && told.lines().count() == 6, "{told}");
+    assert!(complaint(&["point", &tree, "1,2,3,4"], 1).contains("expected coordinates"));
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod operation;
 mod output;
 mod packing;
 mod part;
+mod places;
 mod size;
 mod slice;
 mod style;
@@ -36,6 +37,7 @@ pub(crate) use output::{
 };
 pub(crate) use packing::Packing;
 pub(crate) use part::PartOptions;
+pub(crate) use places::places;
 pub(crate) use size::{Size, parse_size};
 pub(crate) use slice::{Slice, parse_slice};
 pub(crate) use style::parse_style;

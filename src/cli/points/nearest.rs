@@ -1,12 +1,12 @@
 //! `spinney point` of a tree of points: the nearest ones.
 
-use std::io::{self, BufRead as _, Write as _};
+use std::io::{self, Write as _};
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::Result;
 use spinney::points::PointTree;
 
 use super::super::Global;
-use super::super::args::DEFAULT_MEMORY;
+use super::super::args::{self, DEFAULT_MEMORY};
 use super::super::report::Work;
 
 /// Prints a line for each of the points nearest to each place: the place's number, distance, coordinates.
@@ -16,18 +16,7 @@ pub(crate) fn nearest(
     (most, within): (usize, f64),
     global: &Global,
 ) -> Result<()> {
-    let places = match places.is_empty() {
-        false => places.iter().map(|text| parse(text)).collect::<Result<Vec<_>>>()?,
-        true => io::stdin()
-            .lock()
-            .lines()
-            .map_while(|line| match line {
-                Ok(line) if line.trim().is_empty() => None,
-                Ok(line) => Some(parse(&line)),
-                Err(error) => Some(Err(error.into())),
-            })
-            .collect::<Result<Vec<_>>>()?,
-    };
+    let places = args::places(places)?;
     let work = Work::start(global, "places")?;
     let found = tree.nearest(&places, (most, within), DEFAULT_MEMORY, &work)?;
     work.finish();
@@ -42,13 +31,4 @@ pub(crate) fn nearest(
         }
     }
     Ok(out.flush()?)
-}
-
-/// Reads two or three coordinates.
-fn parse(text: &str) -> Result<[f64; 3]> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse::<f64>()).collect();
-    let numbers =
-        numbers.ok().with_context(|| format!("{text}: expected coordinates, as in 100.5,200,30"))?;
-    ensure!((2..=3).contains(&numbers.len()), "{text}: expected X,Y,Z or X,Y");
-    Ok([numbers[0], numbers[1], numbers.get(2).copied().unwrap_or(0.0)])
 }

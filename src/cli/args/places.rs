@@ -1,0 +1,32 @@
+//! Places that are asked about: arguments, or lines of standard input.
+
+use std::io::{self, BufRead as _};
+
+use anyhow::{Result, bail};
+
+/// Reads places from texts, or from lines of standard input if there are none; empty lines are passed over.
+pub(crate) fn places<const AXES: usize>(texts: &[String]) -> Result<Vec<[f64; AXES]>> {
+    if !texts.is_empty() {
+        return texts.iter().map(|text| place(text)).collect();
+    }
+    let lines = io::stdin().lock().lines();
+    let lines = lines.filter(|line| !line.as_ref().is_ok_and(|line| line.trim().is_empty()));
+    lines.map(|line| place(&line?)).collect()
+}
+
+/// Reads two coordinates or more, with a comma or space between them; z is 0 where it is not told.
+fn place<const AXES: usize>(text: &str) -> Result<[f64; AXES]> {
+    let words = text.split([',', ' ', '\t']).filter(|word| !word.is_empty());
+    let numbers: Option<Vec<f64>> = words.map(|word| word.parse().ok()).collect();
+    let mut place = [0.0; AXES];
+    match numbers {
+        Some(numbers) if (2..=AXES).contains(&numbers.len()) => {
+            place[..numbers.len()].copy_from_slice(&numbers)
+        }
+        _ => bail!(
+            "{text}: expected coordinates, as in {}",
+            if AXES == 2 { "100.5,200" } else { "100.5,200,30 or 100.5,200" }
+        ),
+    }
+    Ok(place)
+}
