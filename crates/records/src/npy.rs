@@ -135,7 +135,10 @@ impl Header {
                 length
             }
         };
-        header.extend(format!("{dictionary:width$}\n", width = length - 1).bytes());
+        let end = header.len() + length;
+        header.extend(dictionary.bytes());
+        header.resize(end - 1, b' ');
+        header.push(b'\n');
         header
     }
 }
