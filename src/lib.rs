@@ -273,7 +273,7 @@ pub mod points {
 pub mod lines {
     pub use spinney_lines::memory;
     pub use spinney_lines::{
-        Crossing, LevelTotals, LineAttribute, LineBuildOptions, LineBuildSummary, LineFeature, LineGrid,
+        LevelTotals, LineAttribute, LineBuildOptions, LineBuildSummary, LineCrossing, LineFeature, LineGrid,
         LineSchema, LineSource, LineTree, LineValue, LinesInMemory, NearLine, NearestLines, ValueKind, build,
         is_line_file,
     };
@@ -307,7 +307,7 @@ pub mod geometry {
 #[cfg(feature = "brep")]
 pub mod partitions {
     pub use spinney_partitions::bintree::{Bintree, BintreeNode, Halving, MOST_CELLS};
-    pub use spinney_partitions::bsp::{Bsp, BspBlocks, BspNode, Division, MOST_PIECES, Piece, Seen};
+    pub use spinney_partitions::bsp::{Bsp, BspBlocks, BspNode, BspPiece, Division, MOST_PIECES, Seen};
     pub use spinney_partitions::preorder::BinaryNode;
 }
 

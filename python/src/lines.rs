@@ -214,7 +214,7 @@ impl Lines {
         Ok((distances, PyArray1::from_vec(py, features).reshape(shape)?, PyArray1::from_vec(py, found)))
     }
 
-    /// What crosses or touches lines: numbers of features, of the lines, and places.
+    /// Crossings with lines, touching included: numbers of features, of the lines, and places.
     #[pyo3(name = "_crossings")]
     fn crossings<'py>(
         &self,

@@ -10,7 +10,7 @@ use crate::common::{OCT, byte, made, write_goblin};
 
 /// The body with a hole of the paper's figure 26.
 const HOLE: &str = "unit(mm); difference(block(0,0,0, 8,8,4), block(2,3,-1, 6,5,5))";
-/// The same without it.
+/// A drawing without it.
 const BLOCK: &str = "unit(mm); block(0,0,0, 8,8,4)";
 /// The concave body of figure 27.
 const CONCAVE: &str = "unit(mm); sweep([[0,0],[8,0],[8,3],[3,3],[3,5],[6,5],[6,8],[0,8]], 0,0,4)";
@@ -138,7 +138,7 @@ fn item_44_octant_4_is_hidden() {
     assert_eq!(hidden, [4]);
 }
 
-/// What would be too large is told, and so is what has no edges.
+/// Drawings that would be too large are refused, and so are those of things without edges.
 #[test]
 fn item_53_limits() {
     let folder = Folder::new();

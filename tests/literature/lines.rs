@@ -1,6 +1,6 @@
 //! Slavík's survey, trees of lines.
 
-use spinney::lines::memory::{EdgeLeaf, EdgeRule, EdgeTree};
+use spinney::lines::memory::{EdgeLeaf, EdgeTree, PmRule};
 
 type Edge<const N: usize> = [[i32; N]; 2];
 
@@ -27,7 +27,7 @@ fn vertices_in<const N: usize>(leaf: &EdgeLeaf<N>) -> Vec<[i32; N]> {
 #[test]
 fn item_11_leaves_have_one_line_or_one_vertex_with_its_lines() {
     let all = edges::<2>(60, 12, 3);
-    let tree = EdgeTree::of(EdgeRule::Pm1, 12, all.iter().copied());
+    let tree = EdgeTree::of(PmRule::Pm1, 12, all.iter().copied());
     for leaf in tree.leaves().iter().filter(|leaf| leaf.side > 1) {
         let vertices = vertices_in(leaf);
         match &vertices[..] {
@@ -38,7 +38,7 @@ fn item_11_leaves_have_one_line_or_one_vertex_with_its_lines() {
     }
     // Several lines that end in one vertex are in its leaf, however near.
     let star: Vec<Edge<2>> = (0..16).map(|end| [[8, 8], [end, 15]]).collect();
-    let tree = EdgeTree::of(EdgeRule::Pm1, 4, star.iter().copied());
+    let tree = EdgeTree::of(PmRule::Pm1, 4, star.iter().copied());
     let leaf = tree.leaves().into_iter().find(|leaf| vertices_in(leaf) == [[8, 8]]).unwrap();
     assert_eq!(leaf.edges.len(), 16);
 }
@@ -46,21 +46,21 @@ fn item_11_leaves_have_one_line_or_one_vertex_with_its_lines() {
 #[test]
 fn item_11_each_rule_of_pm_quadtrees_allows_what_the_one_before_does() {
     let all = edges::<2>(40, 10, 8);
-    let counts = [EdgeRule::Pm1, EdgeRule::Pm2, EdgeRule::Pm3]
+    let counts = [PmRule::Pm1, PmRule::Pm2, PmRule::Pm3]
         .map(|rule| EdgeTree::of(rule, 10, all.iter().copied()).counts().0);
     assert!(counts[0] >= counts[1] && counts[1] >= counts[2] && counts[0] > counts[2], "{counts:?}");
     // Lines that cross without a vertex: the first two rules divide as far as they can, the third not at all.
     let cross: [Edge<2>; 2] = [[[0, 0], [15, 15]], [[0, 15], [15, 0]]];
     let depth = |rule| EdgeTree::of(rule, 4, cross).leaves().iter().map(|leaf| leaf.side).min();
-    assert_eq!([EdgeRule::Pm1, EdgeRule::Pm2].map(depth), [Some(1), Some(1)]);
-    assert_eq!(depth(EdgeRule::Pm3), Some(8));
+    assert_eq!([PmRule::Pm1, PmRule::Pm2].map(depth), [Some(1), Some(1)]);
+    assert_eq!(depth(PmRule::Pm3), Some(8));
 }
 
 #[test]
 fn item_11_buckets_have_at_most_so_many_lines() {
     let all = edges::<2>(300, 12, 5);
     for most in [1, 5, 20] {
-        let tree = EdgeTree::of(EdgeRule::Bucket(most), 12, all.iter().copied());
+        let tree = EdgeTree::of(PmRule::Bucket(most), 12, all.iter().copied());
         for leaf in tree.leaves().iter().filter(|leaf| leaf.side > 1 && leaf.edges.len() > most) {
             let vertices = vertices_in(leaf);
             assert!(
@@ -82,14 +82,14 @@ fn item_12_octants_have_a_part_of_one_edge() {
             .filter(move |axis| number >> axis & 1 == 0)
             .map(move |axis| [corner(number), corner(number | 1 << axis)])
     });
-    let tree = EdgeTree::of(EdgeRule::Pm1, 5, cube);
+    let tree = EdgeTree::of(PmRule::Pm1, 5, cube);
     assert_eq!(tree.len(), 12);
     let leaves = tree.leaves();
     assert_eq!(leaves.iter().filter(|leaf| vertices_in(leaf).len() == 1 && leaf.edges.len() == 3).count(), 8);
     assert!(leaves.iter().all(|leaf| leaf.edges.len() == 1 || vertices_in(leaf).len() == 1));
     // Edges at random, which hardly ever meet.
     for leaf in
-        EdgeTree::of(EdgeRule::Pm1, 9, edges::<3>(40, 9, 6)).leaves().iter().filter(|leaf| leaf.side > 1)
+        EdgeTree::of(PmRule::Pm1, 9, edges::<3>(40, 9, 6)).leaves().iter().filter(|leaf| leaf.side > 1)
     {
         let vertices = vertices_in(leaf);
         assert!(vertices.len() <= 1, "{leaf:?}");
@@ -104,16 +104,16 @@ fn item_12_octants_have_a_part_of_one_edge() {
 fn item_17_blocks_without_lines_are_white_pixels_with_lines_black_others_are_divided() {
     // Two lines in 4 x 4 pixels: along the first row, and from the middle down.
     let lines: [Edge<2>; 2] = [[[0, 0], [3, 0]], [[2, 2], [2, 3]]];
-    let tree = EdgeTree::of(EdgeRule::Pixels, 2, lines);
+    let tree = EdgeTree::of(PmRule::Pixels, 2, lines);
     assert_eq!(tree.to_df_expression(), "GGBBWWGBBWWWGBWBW");
     assert!(tree.leaves().iter().all(|leaf| leaf.side == 1));
     // The same with descriptors of lines in the leaves: of a block with one line, there is no need to divide it.
-    let tree = EdgeTree::of(EdgeRule::Bucket(1), 2, lines);
+    let tree = EdgeTree::of(PmRule::Bucket(1), 2, lines);
     assert_eq!(tree.to_df_expression(), "GBBWB");
     assert_eq!(tree.leaves()[2].edges, [lines[1]]);
     // Inserting line by line makes the tree of all.
     let all = edges::<2>(30, 7, 2);
-    let mut tree = EdgeTree::new(EdgeRule::Pixels, 7);
+    let mut tree = EdgeTree::new(PmRule::Pixels, 7);
     assert!(all.iter().all(|edge| tree.insert(*edge)));
-    assert_eq!(tree.to_df_expression(), EdgeTree::of(EdgeRule::Pixels, 7, all).to_df_expression());
+    assert_eq!(tree.to_df_expression(), EdgeTree::of(PmRule::Pixels, 7, all).to_df_expression());
 }

@@ -10,7 +10,7 @@ const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// A row of the table.
 struct Row {
     number: usize,
-    /// What stands in code in the cells of commands and of tests.
+    /// Texts in code in the cells of commands and of tests.
     made_by: Vec<String>,
     tests: Vec<String>,
 }
@@ -20,7 +20,7 @@ fn read(path: impl AsRef<Path>) -> String {
     fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// What stands in code in a cell.
+/// Texts in code in a cell.
 fn code(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(str::to_string).collect()
 }

@@ -19,7 +19,7 @@ mod state;
 mod tag;
 mod trailer;
 
-pub use block_file::{BlockEntry, BlockFile, BlockWriter};
+pub use block_file::{BlockEntry, BlockFile, BlockPlace, BlockWriter};
 pub use dense::{DenseBlock, DenseKind, MAX_DENSE_LEVELS, dense_child, dense_levels};
 pub use file_header::{Content, FileHeader, HEADER_SIZE, MOST_LAYERS};
 pub use finding::{Finding, MAX_FINDINGS};

@@ -1,6 +1,6 @@
 //! Attributes of features.
 
-/// What the values of an attribute are.
+/// Kind of an attribute's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ValueKind {
     /// Whole numbers.
@@ -48,7 +48,7 @@ impl ValueKind {
 pub struct LineAttribute {
     /// Its name.
     pub name: String,
-    /// What its values are.
+    /// Kind of its values.
     pub kind: ValueKind,
 }
 

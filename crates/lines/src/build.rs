@@ -37,7 +37,7 @@ impl Default for LineBuildOptions {
     }
 }
 
-/// What was built.
+/// Counts of a tree that was built.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LineBuildSummary {
     /// Number of features.
@@ -225,7 +225,7 @@ fn read(
     Ok(number)
 }
 
-/// What comes out of an assembler: blocks of nodes in order, and a node behind all that is in it and below.
+/// Output of an assembler: blocks of nodes in order, and a node behind all that is in it and below.
 enum Made {
     Block(Code, Vec<Piece>),
     Node(Code),

@@ -1,4 +1,4 @@
-//! What lines have to do with places, boxes and other lines: decided in whole numbers, touching included.
+//! Distances of lines from places, and whether they meet boxes and other lines: decided in whole numbers, touching included.
 //!
 //! Vertices lie on the grid; what is asked about lies on places of 2^-16 of a step. Differences have less than 2^54 of these, so that all products that decide have
 //! fewer than 2^110.

@@ -20,6 +20,6 @@ mod tests;
 pub use attribute::{LineAttribute, LineValue, ValueKind};
 pub use build::{LineBuildOptions, LineBuildSummary, build};
 pub use grid::LineGrid;
-pub use query::{Crossing, LevelTotals, NearLine, NearestLines};
+pub use query::{LevelTotals, LineCrossing, NearLine, NearestLines};
 pub use source::{LineFeature, LineSchema, LineSource, LinesInMemory};
 pub use store::{LineTree, is_line_file};

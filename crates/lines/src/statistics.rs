@@ -1,4 +1,4 @@
-//! What is known of many pieces of lines.
+//! Counts, lengths and bounds of many pieces of lines.
 
 /// Levels that nodes have at most, and the root's.
 pub(crate) const LEVELS: usize = 30;

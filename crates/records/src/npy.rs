@@ -12,28 +12,28 @@ pub const MAGIC: &[u8] = b"\x93NUMPY";
 /// Bytes that a header may have.
 const MOST: u32 = 1 << 16;
 
-/// What an array has many of.
+/// Items of an array.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Items {
     /// Samples of a type, by its name as `NumPy` writes it: `<f4`.
     Samples(String),
     /// Records.
-    Records(Vec<Field>),
+    Records(Vec<NpyField>),
 }
 
-/// Field of records.
+/// NpyField of records.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Field {
+pub struct NpyField {
     /// Its name; none where bytes between fields are passed over.
     pub name: String,
     /// Name of its type.
     pub descr: String,
 }
 
-/// Header of an array.
+/// NpyHeader of an array.
 #[derive(Debug)]
-pub struct Header {
-    /// What it has many of.
+pub struct NpyHeader {
+    /// Its items.
     pub items: Items,
     /// Whether the first index runs fastest.
     pub fortran_order: bool,
@@ -41,12 +41,12 @@ pub struct Header {
     pub shape: Vec<u64>,
 }
 
-impl Header {
+impl NpyHeader {
     /// Reads the header of an array, of version 1.0, 2.0 or 3.0; the first sample comes next.
     ///
     /// # Errors
     /// If there is none, it is longer than 64 KiB, or tells anything but types by their names, an order and a shape.
-    pub fn read(input: &mut dyn Read, path: &Path) -> Result<Header> {
+    pub fn read(input: &mut dyn Read, path: &Path) -> Result<NpyHeader> {
         let corrupt = |found: &str, expected: &str| Error::corrupt(path, "the header", found, expected);
         let failed = |error: io::Error| match error.kind() {
             io::ErrorKind::UnexpectedEof => corrupt("the end of the file", "the header of an array"),
@@ -109,7 +109,7 @@ impl Header {
         let items = match &self.items {
             Items::Samples(descr) => format!("'{descr}'"),
             Items::Records(fields) => {
-                let field = |field: &Field| {
+                let field = |field: &NpyField| {
                     let name = field.name.replace('\\', "\\\\").replace('\'', "\\'");
                     format!("('{name}', '{}')", field.descr)
                 };
@@ -160,7 +160,7 @@ pub fn descr_of(sample: SampleType) -> &'static str {
 }
 
 /// Type, order and shape from a dictionary as Python writes it; each has to be there once, and nothing else.
-fn dictionary(text: &str) -> Option<Header> {
+fn dictionary(text: &str) -> Option<NpyHeader> {
     let mut literal = Literal(text);
     let (mut items, mut fortran_order, mut shape) = (None, None, None);
     literal.expect("{")?;
@@ -184,7 +184,7 @@ fn dictionary(text: &str) -> Option<Header> {
         Items::Records(fields) => fields.iter().all(|field| is_short(&field.descr)),
     });
     let shape = shape.filter(|shape: &Vec<u64>| shape.len() <= 64);
-    let header = Header { items: items?, fortran_order: fortran_order?, shape: shape? };
+    let header = NpyHeader { items: items?, fortran_order: fortran_order?, shape: shape? };
     literal.0.trim_ascii().is_empty().then_some(header)
 }
 
@@ -228,7 +228,7 @@ impl<'a> Literal<'a> {
             self.expect(",")?;
             let descr = self.string()?.into();
             self.expect(")")?;
-            fields.push(Field { name, descr });
+            fields.push(NpyField { name, descr });
             self.goes_on("]").then_some(())?;
         }
         Some(Items::Records(fields))
@@ -263,7 +263,8 @@ mod tests {
     }
 
     fn records(fields: &[(&str, &str)]) -> Items {
-        let field = |(name, descr): &(&str, &str)| Field { name: name.to_string(), descr: descr.to_string() };
+        let field =
+            |(name, descr): &(&str, &str)| NpyField { name: name.to_string(), descr: descr.to_string() };
         Items::Records(fields.iter().map(field).collect())
     }
 
@@ -289,14 +290,14 @@ mod tests {
         for items in
             [Items::Samples("<f4".into()), records(&[("x", "<f8"), ("class", "|u1")]), records(&many[..2000])]
         {
-            let header = Header { items, fortran_order: false, shape: vec![7] };
+            let header = NpyHeader { items, fortran_order: false, shape: vec![7] };
             let bytes = header.bytes();
             assert_eq!((bytes.len() % 64, bytes.last()), (0, Some(&b'\n')));
-            let again = Header::read(&mut &bytes[..], Path::new("a.npy")).unwrap();
+            let again = NpyHeader::read(&mut &bytes[..], Path::new("a.npy")).unwrap();
             assert_eq!((again.items, again.shape), (header.items, header.shape));
         }
         // (Longer than those that are read.)
-        let header = Header { items: records(&many), fortran_order: false, shape: vec![7] };
+        let header = NpyHeader { items: records(&many), fortran_order: false, shape: vec![7] };
         assert_eq!(header.bytes()[6], 2);
     }
 

@@ -20,7 +20,7 @@ pub struct LayerSurface {
     pub points: Vec<[f64; 3]>,
 }
 
-/// What layers are made of.
+/// Surfaces between which layers lie, and how these are made.
 #[derive(Clone, Debug, Default)]
 pub struct LayerInput {
     /// Two surfaces or more, from the top down.
@@ -47,7 +47,7 @@ pub struct LayerOptions {
     pub codec: Codec,
     /// Bytes of memory for everything.
     pub memory: u64,
-    /// What is told about where the surfaces come from.
+    /// Provenance of the surfaces.
     pub provenance: String,
 }
 
@@ -86,7 +86,7 @@ pub struct LayerReport {
     pub faces: u64,
     /// Places where an upper surface was below a lower one, and lies on it instead.
     pub clipped: u64,
-    /// What is to be said of the points of all surfaces. Corners that were extended are those of all that were outside of the convex hull of a
+    /// Remarks on the points of all surfaces. Corners that were extended are those of all that were outside of the convex hull of a
     /// surface's points.
     pub surface: SurfaceReport,
     /// The furthest that a point was moved to the grid.
@@ -412,7 +412,7 @@ impl Stack {
     }
 }
 
-/// What lies at a share of the way between two numbers, rounded.
+/// Number at a share of the way between two numbers, rounded.
 fn share(from: i32, to: i32, part: i64, whole: i64) -> i32 {
     let (from, to, part, whole) = (i128::from(from), i128::from(to), i128::from(part), i128::from(whole));
     let (part, whole) = if whole < 0 { (-part, -whole) } else { (part, whole) };

@@ -51,7 +51,7 @@ pub(crate) struct Lines<'a> {
     pub outlines: &'a [[u32; 2]],
 }
 
-/// What is wrong with a coordinate.
+/// Fault of a coordinate.
 fn refused(error: InsertionError, [x, y]: [f64; 2]) -> Error {
     let expected = match error {
         InsertionError::TooSmall => "coordinates that are 0 or not below 2^-142 in size",

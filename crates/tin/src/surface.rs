@@ -5,7 +5,7 @@ use crate::tin::Tin;
 use spinney_base::{Error, Result};
 use spinney_crs::PolygonParts;
 
-/// What becomes of points in one place with different heights.
+/// Rule for points in one place with different heights.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Duplicates {
     /// An error.
@@ -15,7 +15,7 @@ pub enum Duplicates {
     Mean,
 }
 
-/// What a surface is made of.
+/// Points and lines that a surface is made of.
 #[derive(Clone, Debug, Default)]
 pub struct SurfaceInput {
     /// Points of the surface.
@@ -28,7 +28,7 @@ pub struct SurfaceInput {
     pub duplicates: Duplicates,
 }
 
-/// What is to be said of a surface.
+/// Remarks on a surface.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SurfaceReport {
     /// Points that are where another one is.

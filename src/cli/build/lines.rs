@@ -1,4 +1,4 @@
-//! What `spinney build` does with features that become trees of lines.
+//! Plans of `spinney build` for features that become trees of lines.
 
 use std::path::PathBuf;
 

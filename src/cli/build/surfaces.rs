@@ -1,4 +1,4 @@
-//! What `spinney build` does with points of surfaces.
+//! Plans of `spinney build` for points of surfaces.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! What `spinney build` does with features that become trees of lines.
+//! Building of trees of lines, by plans of `spinney build`.
 
 use std::path::PathBuf;
 

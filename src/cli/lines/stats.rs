@@ -37,7 +37,7 @@ pub(crate) fn stats(
     }
 }
 
-/// What is joined to lines.
+/// Join of something to lines.
 pub(crate) enum Join<'a> {
     /// Points of a file, within a distance.
     Nearest(&'a Path, f64),

@@ -32,7 +32,7 @@
 //! triangles about 24 bytes per half-edge. Up to 60 are in use while it is made,
 //! and about 45 for such surfaces.
 //!
-//! What is here is made of finished faces and does not change; [`EulerBody`] is changed step by step, by Euler operators.
+//! Topology is made of finished faces and does not change; [`EulerBody`] is changed step by step, by Euler operators.
 //!
 //! # The entities of the literature
 //!

@@ -41,7 +41,7 @@ struct EulerFace {
     shell: u32,
 }
 
-/// What takes an operator back.
+/// Inverse of an operator that was applied.
 #[derive(Clone, Copy, Debug)]
 enum Inverse {
     KillSolid(u32),

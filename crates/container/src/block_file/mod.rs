@@ -5,7 +5,7 @@ mod entry;
 mod reader;
 mod writer;
 
-pub use entry::BlockEntry;
+pub use entry::{BlockEntry, BlockPlace};
 pub use reader::BlockFile;
 pub use writer::BlockWriter;
 

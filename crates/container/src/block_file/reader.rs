@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use super::{BlockEntry, METADATA};
+use super::{BlockPlace, METADATA};
 use crate::{Content, FileHeader, HEADER_SIZE, List, Metadata, OpenOptions, TAIL, Trailer};
 use spinney_base::io::{FileBytes, ReadBackend, open_file, with_cache};
 use spinney_base::space::{Code, Dimension};
@@ -156,11 +156,11 @@ impl BlockFile {
     ///
     /// # Errors
     /// If one does not, or there are more.
-    pub fn check_blocks<const AXES: usize>(&self, lists: &[(&str, &List, usize)], end: u64) -> Result<()> {
+    pub fn check_blocks(&self, lists: &[(&str, &List, usize)], end: u64) -> Result<()> {
         let mut sum = 0u64;
         for (name, list, most) in lists {
             for index in 0..list.len() {
-                let entry: BlockEntry<AXES> = self.entry(list, index);
+                let entry = BlockPlace::from_bytes(self.entry(list, index));
                 let last = entry.offset.checked_add(entry.length.into());
                 let is_inside = last.is_some_and(|last| entry.offset >= HEADER_SIZE as u64 && last <= end);
                 if !is_inside || !(1..=*most as u32).contains(&entry.count) {
@@ -182,9 +182,9 @@ impl BlockFile {
         Ok(())
     }
 
-    /// An entry of a list of blocks.
-    pub fn entry<const AXES: usize>(&self, list: &List, index: usize) -> BlockEntry<AXES> {
-        BlockEntry::from_bytes(list.get(self.backend(), index).unwrap_or_default())
+    /// The bytes of an entry of a list; none if a mapped file was cut short since.
+    pub fn entry<'f>(&'f self, list: &'f List, index: usize) -> &'f [u8] {
+        list.get(self.backend(), index).unwrap_or_default()
     }
 
     /// The blocks of a node.
@@ -214,7 +214,7 @@ impl BlockFile {
     ///
     /// # Errors
     /// If they cannot be read, or have another one.
-    pub fn block<const AXES: usize>(&self, place: &str, entry: &BlockEntry<AXES>) -> Result<FileBytes<'_>> {
+    pub fn block(&self, place: &str, entry: &BlockPlace) -> Result<FileBytes<'_>> {
         if entry.offset + u64::from(entry.length) > self.backend.len() {
             return Err(self.corrupt(place, "no bytes", "a file that nobody cuts short"));
         }

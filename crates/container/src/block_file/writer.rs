@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::{BlockEntry, METADATA};
+use super::{BlockPlace, METADATA};
 use crate::{FileHeader, Metadata, SectionWriter, Trailer, TreeFormat, check_tree_name};
 use spinney_base::io::{Output, Sorter};
 use spinney_base::{Error, Result};
@@ -44,16 +44,11 @@ impl BlockWriter {
         Ok(())
     }
 
-    /// Writes a block of so many things within bounds. Returns its entry, for a list.
+    /// Writes a block of so many things. Returns its place, for a list.
     ///
     /// # Errors
     /// If it has 4 GiB or more, or cannot be written.
-    pub fn block<const AXES: usize>(
-        &mut self,
-        key: u64,
-        bytes: &[u8],
-        (count, bounds): (u32, [[i32; AXES]; 2]),
-    ) -> Result<BlockEntry<AXES>> {
+    pub fn block(&mut self, key: u64, bytes: &[u8], count: u32) -> Result<BlockPlace> {
         let offset = self.position;
         let length = u32::try_from(bytes.len()).map_err(|_| Error::TooLarge {
             path: self.path.clone(),
@@ -63,7 +58,7 @@ impl BlockWriter {
             advice: "leave out what is largest with --where".into(),
         })?;
         self.write(bytes, "write a block")?;
-        Ok(BlockEntry { key, offset, length, checksum: crc32c::crc32c(bytes), count, bounds })
+        Ok(BlockPlace { key, offset, length, checksum: crc32c::crc32c(bytes), count })
     }
 
     /// Writes lists and the other sections, metadata and trailer behind the blocks, and puts the file in its place.

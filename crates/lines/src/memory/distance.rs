@@ -8,7 +8,7 @@ use super::edge_tree::Edge;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Square {
     whole: u128,
-    /// What is above and below the line of the fraction.
+    /// Numerator and denominator.
     above: u128,
     below: u128,
 }

@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, BinaryHeap};
 
 use super::clip::passes;
 use super::distance::{Square, of_box, of_edge};
-use super::rule::EdgeRule;
+use super::rule::PmRule;
 
 /// Two vertices.
 pub(super) type Edge<const N: usize> = [[i32; N]; 2];
@@ -12,8 +12,8 @@ pub(super) type Edge<const N: usize> = [[i32; N]; 2];
 /// A quadtree (`N` is 2) or an octree (3) of edges between vertices of whole numbers from 0 to 2^depth, that excluded.
 ///
 /// ```
-/// use spinney_lines::memory::{EdgeRule, EdgeTree};
-/// let mut tree = EdgeTree::new(EdgeRule::Pm1, 3);
+/// use spinney_lines::memory::{PmRule, EdgeTree};
+/// let mut tree = EdgeTree::new(PmRule::Pm1, 3);
 /// assert!(tree.insert([[1, 1], [6, 1]]) && tree.insert([[6, 1], [6, 6]]));
 /// assert!(!tree.insert([[6, 1], [1, 1]]), "it is there");
 /// assert_eq!(tree.window([5, 3], [7, 7]), [[[6, 1], [6, 6]]]);
@@ -21,7 +21,7 @@ pub(super) type Edge<const N: usize> = [[i32; N]; 2];
 /// ```
 #[derive(Clone, Debug)]
 pub struct EdgeTree<const N: usize> {
-    rule: EdgeRule,
+    rule: PmRule,
     depth: u8,
     root: Node<N>,
     /// All edges, each with its lesser vertex first.
@@ -86,7 +86,7 @@ impl<const N: usize> EdgeTree<N> {
     ///
     /// # Panics
     /// If the depth is above 29.
-    pub fn new(rule: EdgeRule, depth: u8) -> EdgeTree<N> {
+    pub fn new(rule: PmRule, depth: u8) -> EdgeTree<N> {
         let () = Self::AXES;
         assert!(depth <= 29);
         EdgeTree { rule, depth, root: Node::Leaf(Vec::new()), edges: BTreeSet::new() }
@@ -96,7 +96,7 @@ impl<const N: usize> EdgeTree<N> {
     ///
     /// # Panics
     /// If the depth is above 29.
-    pub fn of(rule: EdgeRule, depth: u8, edges: impl IntoIterator<Item = [[i32; N]; 2]>) -> EdgeTree<N> {
+    pub fn of(rule: PmRule, depth: u8, edges: impl IntoIterator<Item = [[i32; N]; 2]>) -> EdgeTree<N> {
         let mut tree = EdgeTree::new(rule, depth);
         let block = tree.block();
         tree.edges =
@@ -253,7 +253,7 @@ impl<const N: usize> EdgeTree<N> {
 
 // (Blocks go no deeper than 29 levels, so that recursion is bounded.)
 impl<const N: usize> Node<N> {
-    fn of(edges: Vec<Edge<N>>, block: Block<N>, rule: EdgeRule) -> Node<N> {
+    fn of(edges: Vec<Edge<N>>, block: Block<N>, rule: PmRule) -> Node<N> {
         if block.levels == 0 || rule.holds(&edges, |vertex| block.has(vertex)) {
             return Node::Leaf(edges);
         }
@@ -265,7 +265,7 @@ impl<const N: usize> Node<N> {
         Node::Inner(children.collect())
     }
 
-    fn insert(&mut self, edge: Edge<N>, block: Block<N>, rule: EdgeRule) {
+    fn insert(&mut self, edge: Edge<N>, block: Block<N>, rule: PmRule) {
         if !block.is_passed(edge) {
             return;
         }
@@ -283,7 +283,7 @@ impl<const N: usize> Node<N> {
         }
     }
 
-    fn remove(&mut self, edge: Edge<N>, block: Block<N>, rule: EdgeRule) {
+    fn remove(&mut self, edge: Edge<N>, block: Block<N>, rule: PmRule) {
         if !block.is_passed(edge) {
             return;
         }

@@ -14,4 +14,4 @@ mod rule;
 mod tests;
 
 pub use edge_tree::{EdgeLeaf, EdgeTree};
-pub use rule::EdgeRule;
+pub use rule::PmRule;

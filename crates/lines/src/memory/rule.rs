@@ -2,9 +2,9 @@
 
 use super::edge_tree::Edge;
 
-/// What edges a leaf may have, if it can be divided.
+/// Rule for the edges that a leaf may have, if it can be divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EdgeRule {
+pub enum PmRule {
     /// One vertex with its edges, or a part of one edge: the PM1 quadtree, and the octree of edges.
     Pm1,
     /// One vertex with its edges, or parts of edges that all have one vertex, which is elsewhere.
@@ -17,7 +17,7 @@ pub enum EdgeRule {
     Pixels,
 }
 
-impl EdgeRule {
+impl PmRule {
     /// Whether a leaf may have these edges, all of which pass through it; `is_inside` tells which vertices it has.
     pub(super) fn holds<const N: usize>(
         self,
@@ -31,13 +31,13 @@ impl EdgeRule {
         let has_others = inside.any(|other| Some(other) != vertex);
         let all_have = |vertex: &[i32; N]| edges.iter().all(|edge| edge.contains(vertex));
         match (self, vertex) {
-            (EdgeRule::Pixels, _) => false,
-            (EdgeRule::Bucket(most), _) if edges.len() <= most => true,
-            (EdgeRule::Bucket(_), vertex) => !has_others && vertex.is_some_and(all_have),
-            (EdgeRule::Pm3, _) => !has_others,
-            (EdgeRule::Pm1 | EdgeRule::Pm2, Some(vertex)) => !has_others && all_have(vertex),
-            (EdgeRule::Pm1, None) => edges.len() == 1,
-            (EdgeRule::Pm2, None) => edges.len() == 1 || first.iter().any(all_have),
+            (PmRule::Pixels, _) => false,
+            (PmRule::Bucket(most), _) if edges.len() <= most => true,
+            (PmRule::Bucket(_), vertex) => !has_others && vertex.is_some_and(all_have),
+            (PmRule::Pm3, _) => !has_others,
+            (PmRule::Pm1 | PmRule::Pm2, Some(vertex)) => !has_others && all_have(vertex),
+            (PmRule::Pm1, None) => edges.len() == 1,
+            (PmRule::Pm2, None) => edges.len() == 1 || first.iter().any(all_have),
         }
     }
 }

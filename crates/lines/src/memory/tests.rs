@@ -4,11 +4,11 @@ use std::collections::BTreeSet;
 
 use super::clip::passes;
 use super::edge_tree::Edge;
-use super::{EdgeLeaf, EdgeRule, EdgeTree};
+use super::{EdgeLeaf, EdgeTree, PmRule};
 use crate::tests::random;
 
-const RULES: [EdgeRule; 6] =
-    [EdgeRule::Pm1, EdgeRule::Pm2, EdgeRule::Pm3, EdgeRule::Bucket(1), EdgeRule::Bucket(4), EdgeRule::Pixels];
+const RULES: [PmRule; 6] =
+    [PmRule::Pm1, PmRule::Pm2, PmRule::Pm3, PmRule::Bucket(1), PmRule::Bucket(4), PmRule::Pixels];
 
 /// Edges of all kinds: long, short, of one vertex, along dividing lines, on each other, many at one vertex.
 fn edges<const N: usize>(count: usize, depth: u8, seed: u64) -> Vec<Edge<N>> {
@@ -87,7 +87,7 @@ fn edges_pass_through_blocks_that_have_a_place_of_theirs() {
 /// The leaves by the letter of the rules: a block is divided if one of them is broken.
 fn leaves_slowly<const N: usize>(
     edges: &[Edge<N>],
-    rule: EdgeRule,
+    rule: PmRule,
     corner: [i32; N],
     levels: u8,
     leaves: &mut Vec<EdgeLeaf<N>>,
@@ -109,14 +109,14 @@ fn leaves_slowly<const N: usize>(
     let is_star = vertices.len() == 1 && vertices.iter().all(|vertex| degree(vertex) == own.len());
     let is_leaf = levels == 0
         || match rule {
-            EdgeRule::Pm1 => is_star || vertices.is_empty() && own.len() == 1,
-            EdgeRule::Pm2 => {
+            PmRule::Pm1 => is_star || vertices.is_empty() && own.len() == 1,
+            PmRule::Pm2 => {
                 let outside = own.iter().flatten().any(|vertex| degree(vertex) == own.len());
                 is_star || vertices.is_empty() && outside
             }
-            EdgeRule::Pm3 => vertices.len() <= 1,
-            EdgeRule::Bucket(most) => own.len() <= most || is_star,
-            EdgeRule::Pixels => false,
+            PmRule::Pm3 => vertices.len() <= 1,
+            PmRule::Bucket(most) => own.len() <= most || is_star,
+            PmRule::Pixels => false,
         };
     if is_leaf {
         let mut edges = own;
@@ -186,18 +186,18 @@ fn octrees_follow_from_their_edges() {
 
 #[test]
 fn edges_beyond_the_space_are_refused() {
-    let mut tree = EdgeTree::new(EdgeRule::Pm1, 4);
+    let mut tree = EdgeTree::new(PmRule::Pm1, 4);
     assert!(!tree.insert([[0, 0], [16, 0]]) && !tree.insert([[-1, 0], [3, 0]]));
     assert!(tree.is_empty() && !tree.remove([[0, 0], [1, 1]]));
     assert_eq!((tree.nearest([3, 3]), tree.window([0, 0], [15, 15])), (None, vec![]));
-    assert_eq!(EdgeTree::of(EdgeRule::Pm3, 4, [[[0, 0], [16, 0]]]).len(), 0);
+    assert_eq!(EdgeTree::of(PmRule::Pm3, 4, [[[0, 0], [16, 0]]]).len(), 0);
 }
 
 #[test]
 fn distances_are_compared_exactly() {
     // Two edges whose distances from a place differ in the 20th digit.
     let far = (1 << 29) - 1;
-    let mut tree = EdgeTree::new(EdgeRule::Bucket(8), 29);
+    let mut tree = EdgeTree::new(PmRule::Bucket(8), 29);
     assert!(tree.insert([[0, 1], [far, far]]) && tree.insert([[0, 0], [far, far - 1]]));
     let (edge, distance) = tree.nearest([far - 1, far - 1]).unwrap();
     assert_eq!(edge, [[0, 1], [far, far]]);

@@ -130,7 +130,7 @@ impl BlockIndex {
     }
 }
 
-/// What a box is around, of so many.
+/// Contents of a box, of so many.
 fn below(index: usize, count: usize) -> Range<usize> {
     index * TOGETHER..((index + 1) * TOGETHER).min(count)
 }

@@ -8,7 +8,7 @@ use spinney_base::{Error, Progress, Result, parallel, sort};
 
 /// A piece of a line that crosses a piece of another one, or touches it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Crossing {
+pub struct LineCrossing {
     /// Number of its feature.
     pub feature: u64,
     /// The place of its first vertex among all of its feature.
@@ -35,7 +35,7 @@ impl LineTree {
     ///
     /// # Errors
     /// If a coordinate is no number, there are 2^32 pieces or more of other lines, the file is damaged or cannot be read.
-    pub fn crossings(&self, lines: &[Vec<[f64; 2]>], progress: &dyn Progress) -> Result<Vec<Crossing>> {
+    pub fn crossings(&self, lines: &[Vec<[f64; 2]>], progress: &dyn Progress) -> Result<Vec<LineCrossing>> {
         let grid = self.grid();
         let mut pieces: Vec<[Place; 2]> = Vec::new();
         // The number of each line's first piece.
@@ -64,7 +64,7 @@ impl LineTree {
         let crossing = |met: Meeting| {
             let line = firsts.partition_point(|first| *first <= met.piece) - 1;
             let Meeting { feature, vertex, place, .. } = met;
-            Crossing { feature, vertex, line, piece: (met.piece - firsts[line]) as usize, place }
+            LineCrossing { feature, vertex, line, piece: (met.piece - firsts[line]) as usize, place }
         };
         Ok(found.into_iter().map(crossing).collect())
     }

@@ -6,6 +6,6 @@ mod crossing;
 mod nearest;
 mod select;
 
-pub use crossing::Crossing;
+pub use crossing::LineCrossing;
 pub use nearest::{NearLine, NearestLines};
 pub use select::LevelTotals;

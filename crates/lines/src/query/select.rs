@@ -7,7 +7,7 @@ use crate::geometry::{Place, box_of, boxes_meet, ends, fixed_box, meets_box};
 use crate::store::{LineNode, LineTree};
 use spinney_base::{Error, Progress, Result, parallel};
 
-/// What the nodes of a level have.
+/// Totals of the nodes of a level.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LevelTotals {
     /// Number of nodes.
@@ -95,7 +95,7 @@ impl LineTree {
         Ok(self.root()?.map_or(0.0, |root| root.length))
     }
 
-    /// What the nodes of each level have, from the root down; nothing of lines is read.
+    /// Totals of the nodes of each level, from the root down; nothing of lines is read.
     ///
     /// # Errors
     /// If the file is damaged.

@@ -79,7 +79,7 @@ impl LineTree {
         file.check_nodes(&nodes, (Dimension::Quad, grid.deepest()))?;
         file.check_keys(&blocks, &nodes)?;
         let lists = [("block", &blocks, MOST_SEGMENTS), ("block of features", &features, MOST_FEATURES)];
-        file.check_blocks::<2>(&lists, file.end(BLOCKS))?;
+        file.check_blocks(&lists, file.end(BLOCKS))?;
         let tree = LineTree { file, summary, grid, attributes, blocks, nodes, features };
         tree.check_feature_numbers()?;
         Ok(tree)
@@ -90,11 +90,12 @@ impl LineTree {
         let mut next = 0u64;
         for index in 0..self.features.len() {
             let entry = self.feature_entry(index);
-            if entry.key != next {
-                let (place, found) = (format!("block of features {index}"), format!("feature {}", entry.key));
+            if entry.block.key != next {
+                let (place, found) =
+                    (format!("block of features {index}"), format!("feature {}", entry.block.key));
                 return Err(self.file.corrupt(place, found, "numbers that follow each other"));
             }
-            next += u64::from(entry.count);
+            next += u64::from(entry.block.count);
         }
         if next != self.summary.features {
             let expected = self.summary.features.to_string();
@@ -195,12 +196,12 @@ impl LineTree {
 
     /// The entry of a block of pieces.
     pub(crate) fn block_entry(&self, index: usize) -> Entry {
-        self.file.entry(&self.blocks, index)
+        Entry::from_bytes(self.file.entry(&self.blocks, index))
     }
 
     /// The entry of a block of features.
     pub(crate) fn feature_entry(&self, index: usize) -> Entry {
-        self.file.entry(&self.features, index)
+        Entry::from_bytes(self.file.entry(&self.features, index))
     }
 
     /// The block of features that has one.
@@ -217,8 +218,8 @@ impl LineTree {
     pub(crate) fn block(&self, index: usize) -> Result<Vec<Piece>> {
         let entry = self.block_entry(index);
         let place = format!("block {index}");
-        let bytes = self.file.block(&place, &entry)?;
-        decode_segments(&bytes, entry.count as usize)
+        let bytes = self.file.block(&place, &entry.block)?;
+        decode_segments(&bytes, entry.block.count as usize)
             .ok_or_else(|| self.file.corrupt(place, "bytes that no pieces have", "pieces of lines"))
     }
 
@@ -226,8 +227,8 @@ impl LineTree {
     pub(crate) fn feature_block(&self, index: usize) -> Result<Vec<LineFeature>> {
         let entry = self.feature_entry(index);
         let place = format!("block of features {index}");
-        let bytes = self.file.block(&place, &entry)?;
-        decode_features(&bytes, entry.count as usize, self.attributes.len())
+        let bytes = self.file.block(&place, &entry.block)?;
+        decode_features(&bytes, entry.block.count as usize, self.attributes.len())
             .ok_or_else(|| self.file.corrupt(place, "bytes that no features have", "features"))
     }
 
@@ -244,7 +245,7 @@ impl LineTree {
         for number in numbers.take_while(|number| *number < self.len()) {
             let block = self.feature_block_of(number);
             if held.as_ref().is_none_or(|(own, ..)| *own != block) {
-                held = Some((block, self.feature_entry(block).key, self.feature_block(block)?));
+                held = Some((block, self.feature_entry(block).block.key, self.feature_block(block)?));
             }
             let found = held.as_ref().and_then(|(_, first, features)| {
                 features.get(usize::try_from(number.checked_sub(*first)?).ok()?)

@@ -16,7 +16,7 @@ const VERSION: u32 = 1;
 /// Attributes of features at most.
 const MOST_ATTRIBUTES: usize = 4096;
 
-/// What the lines of a file are.
+/// Description of the lines of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Summary {
     /// Number of features, and of pieces of their lines.

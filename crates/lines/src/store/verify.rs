@@ -20,7 +20,7 @@ fn row_of(piece: &Piece) -> Vec<u8> {
     row
 }
 
-/// What is wrong, told up to a limit.
+/// Findings, up to a limit.
 #[derive(Default)]
 struct Findings(Vec<Finding>);
 
@@ -64,7 +64,7 @@ impl LineTree {
             let read = parallel::map(&batch, |block| self.block(*block));
             for (block, pieces) in batch.iter().zip(read) {
                 let entry = self.block_entry(*block);
-                while node + 1 < nodes && self.node(node)?.code.bits() < entry.key {
+                while node + 1 < nodes && self.node(node)?.code.bits() < entry.block.key {
                     node += 1;
                 }
                 let Some(pieces) = findings.damage(pieces)? else { continue };
@@ -74,7 +74,7 @@ impl LineTree {
                     let problem = format!("bounds {:?}, expected {:?}", entry.bounds, statistics.bounds);
                     findings.tell(place(), problem);
                 }
-                let code = Code::from_bits(Dimension::Quad, entry.key);
+                let code = Code::from_bits(Dimension::Quad, entry.block.key);
                 let is_here = |piece: &Piece| {
                     self.grid().code(piece.ends).zip(code).is_some_and(|(own, code)| code.contains(own))
                 };
@@ -141,7 +141,7 @@ impl LineTree {
         let mut next = |findings: &mut Findings| -> Result<Option<Vec<u8>>> {
             while wanted.is_empty() && block < blocks {
                 progress.check()?;
-                let first = self.feature_entry(block).key;
+                let first = self.feature_entry(block).block.key;
                 if let Some(features) = findings.damage(self.feature_block(block))? {
                     for (number, feature) in (first..).zip(&features) {
                         let mut values = self.attributes().iter().zip(&feature.values);

@@ -44,15 +44,14 @@ impl LineWriter {
 
     /// Writes a block of pieces of a node. Those of one node come in order.
     pub(crate) fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()> {
-        let what = (statistics.segments as u32, statistics.bounds);
-        let entry = self.file.block(code.bits(), bytes, what)?;
-        self.blocks.push(entry.key, entry.to_bytes())
+        let block = self.file.block(code.bits(), bytes, statistics.segments as u32)?;
+        self.blocks.push(block.key, Entry { block, bounds: statistics.bounds }.to_bytes())
     }
 
     /// Writes a block of features, of which the first has a number.
     pub(crate) fn features(&mut self, first: u64, bytes: &[u8], count: usize) -> Result<()> {
-        let entry: Entry = self.file.block(first, bytes, (count as u32, [[0; 2]; 2]))?;
-        self.features.push(first, entry.to_bytes())
+        let block = self.file.block(first, bytes, count as u32)?;
+        self.features.push(first, Entry { block, bounds: [[0; 2]; 2] }.to_bytes())
     }
 
     /// Notes a node, with what is known of all pieces in it and below.

@@ -7,7 +7,7 @@ use spinney_brep::geometry::Triangulator;
 use spinney_brep::{ExactPlane, MOST_BITS};
 
 use super::facet::{Facet, sides};
-use super::{Bsp, Division, Piece};
+use super::{Bsp, BspPiece, Division};
 use crate::preorder::Growing;
 
 /// Most pieces that segments or faces may be cut into.
@@ -82,7 +82,7 @@ impl Bsp {
                 // (One without an area bounds nothing.)
                 if normal != [0; 3] {
                     let plane = ExactPlane::through(corners[0], normal);
-                    pieces.push(Piece { source, facet: Facet::of_triangle(plane, &corners) });
+                    pieces.push(BspPiece { source, facet: Facet::of_triangle(plane, &corners) });
                 }
             }
         }
@@ -101,7 +101,7 @@ impl Bsp {
             let normal = triangle_normal(corners);
             if normal != [0; 3] {
                 let plane = ExactPlane::through(corners[0], normal);
-                pieces.push(Piece { source, facet: Facet::of_triangle(plane, corners) });
+                pieces.push(BspPiece { source, facet: Facet::of_triangle(plane, corners) });
             }
         }
         grow(Dimension::Oct, pieces, false)
@@ -124,7 +124,7 @@ fn check(source: usize, corner: [i32; 3]) -> Result<()> {
 }
 
 /// The wall over a segment.
-fn piece_of_segment(source: usize, [[px, py], [qx, qy]]: [[i32; 2]; 2]) -> Result<Piece> {
+fn piece_of_segment(source: usize, [[px, py], [qx, qy]]: [[i32; 2]; 2]) -> Result<BspPiece> {
     let at = |z: i32| ([px, py, z], [qx, qy, z]);
     let ((p, q), (above_p, above_q)) = (at(0), at(1));
     check(source, p)?;
@@ -141,11 +141,11 @@ fn piece_of_segment(source: usize, [[px, py], [qx, qy]]: [[i32; 2]; 2]) -> Resul
         (above_q, wall(above_q, [0, 0, 1])),
         (above_p, wall(p, across)),
     ];
-    Ok(Piece { source, facet: Facet::of_grid(wall(p, [dy, -dx, 0]), &edges) })
+    Ok(BspPiece { source, facet: Facet::of_grid(wall(p, [dy, -dx, 0]), &edges) })
 }
 
 /// The tree of pieces; of solid ones, what is behind their planes is inside.
-fn grow(dimension: Dimension, pieces: Vec<Piece>, is_solid: bool) -> Result<Bsp> {
+fn grow(dimension: Dimension, pieces: Vec<BspPiece>, is_solid: bool) -> Result<Bsp> {
     let mut made = Growing::new(|by: &Division| !by.pieces.is_empty());
     let mut count = pieces.len();
     // Pieces in cells that are to come, with what a cell without any is.
@@ -170,13 +170,13 @@ fn grow(dimension: Dimension, pieces: Vec<Piece>, is_solid: bool) -> Result<Bsp>
                 [true, true] => {
                     count += 1;
                     for (part, facet) in parts.iter_mut().zip(piece.facet.cut(&plane, &signs)) {
-                        part.push(Piece { source: piece.source, facet });
+                        part.push(BspPiece { source: piece.source, facet });
                     }
                 }
             }
         }
         // Where nothing else is, the pieces in the plane tell what is on both of their sides.
-        let is_behind = within.first().is_some_and(|piece: &Piece| piece.facet.plane.is_turned_as(&plane));
+        let is_behind = within.first().is_some_and(|piece: &BspPiece| piece.facet.plane.is_turned_as(&plane));
         made.divide(Division { plane, pieces: within });
         let [behind, before] = parts;
         pending.extend([(before, is_solid && !is_behind), (behind, is_solid && is_behind)]);
@@ -189,7 +189,7 @@ fn grow(dimension: Dimension, pieces: Vec<Piece>, is_solid: bool) -> Result<Bsp>
 }
 
 /// The plane of a few that cuts few pieces, and has about as many on both sides.
-fn choose(pieces: &[Piece]) -> ExactPlane {
+fn choose(pieces: &[BspPiece]) -> ExactPlane {
     let tried =
         (0..TRIED.min(pieces.len())).map(|i| pieces[i * pieces.len() / TRIED.min(pieces.len())].facet.plane);
     let weight = |plane: &ExactPlane| {

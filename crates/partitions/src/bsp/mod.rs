@@ -25,13 +25,13 @@ use crate::preorder::BinaryNode;
 
 /// A piece of a segment or face in the line or plane of a node.
 #[derive(Clone, Debug)]
-pub struct Piece {
+pub struct BspPiece {
     /// Number of the segment, polygon, face or triangle that it is of.
     pub source: usize,
     facet: Facet,
 }
 
-impl Piece {
+impl BspPiece {
     /// Of pieces of triangles: the side of the triangle, 0 to 2 from that corner on, that each edge is a part of. Those that cuts made are of none.
     pub fn sides(&self) -> impl Iterator<Item = Option<u8>> {
         self.facet.edges.iter().map(|edge| edge.side)
@@ -43,7 +43,7 @@ impl Piece {
 pub struct Division {
     plane: ExactPlane,
     /// The pieces in the line or plane, of what the tree was made of; a merged tree has none.
-    pub pieces: Vec<Piece>,
+    pub pieces: Vec<BspPiece>,
 }
 
 impl Division {
@@ -60,7 +60,7 @@ pub type BspNode = BinaryNode<Division, bool>;
 #[derive(Clone, Copy, Debug)]
 pub enum Seen<'a> {
     /// A piece in the line or plane of a node.
-    Piece(&'a Piece),
+    Piece(&'a BspPiece),
     /// A cell, by the number of its node, and whether it is inside.
     Cell(usize, bool),
 }
@@ -90,7 +90,7 @@ impl Bsp {
     }
 
     /// The corners of a piece, of trees of the plane its ends.
-    pub fn corners(&self, piece: &Piece) -> Vec<[f64; 3]> {
+    pub fn corners(&self, piece: &BspPiece) -> Vec<[f64; 3]> {
         let is_flat = self.dimension == Dimension::Quad;
         let corners = piece.facet.edges.iter().map(|edge| edge.start.near);
         corners.filter(|corner| !is_flat || corner[2] == 0.0).collect()
@@ -122,7 +122,7 @@ impl Bsp {
         self.in_order(&|plane| height(plane, eye) >= 0, take);
     }
 
-    /// As [`Bsp::back_to_front`], seen from far away in a direction.
+    /// Hands out the pieces and regions from back to front, as they are seen from far away in a direction.
     pub fn back_to_front_from_afar<'a>(&'a self, direction: [i32; 3], take: &mut dyn FnMut(Seen<'a>)) {
         let rises = |plane: &ExactPlane| {
             let along =

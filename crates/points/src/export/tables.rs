@@ -10,7 +10,7 @@ use crate::store::PointTree;
 use spinney_base::io::Output;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
-use spinney_records::npy::{Field, Header, Items, descr_of};
+use spinney_records::npy::{Items, NpyField, NpyHeader, descr_of};
 
 /// Writes rows of x, y and z as doubles, then attributes, little-endian.
 pub(super) struct TableSink {
@@ -75,11 +75,11 @@ impl TableSink {
     /// An NPY file of so many points: a structured array.
     pub(super) fn npy(tree: &PointTree, chosen: Vec<usize>, count: u64, out: Output) -> Result<TableSink> {
         TableSink::new(tree, chosen, out, |attributes| {
-            let field = |name: &str, sample| Field { name: name.into(), descr: descr_of(sample).into() };
+            let field = |name: &str, sample| NpyField { name: name.into(), descr: descr_of(sample).into() };
             let places = ["x", "y", "z"].map(|axis| field(axis, SampleType::F64));
             let others = attributes.iter().map(|attribute| field(&attribute.name, written_as(attribute)));
             let items = Items::Records(places.into_iter().chain(others).collect());
-            Ok(Header { items, fortran_order: false, shape: vec![count] }.bytes())
+            Ok(NpyHeader { items, fortran_order: false, shape: vec![count] }.bytes())
         })
     }
 }

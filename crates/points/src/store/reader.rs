@@ -72,7 +72,7 @@ impl PointTree {
         let nodes = file.list(NODES, "list of nodes", 8 + statistics_bytes(block.columns))?;
         file.check_nodes(&nodes, (grid.dimension, grid.deepest()))?;
         file.check_keys(&blocks, &nodes)?;
-        file.check_blocks::<3>(&[("block", &blocks, MOST_POINTS)], file.end(BLOCKS))?;
+        file.check_blocks(&[("block", &blocks, MOST_POINTS)], file.end(BLOCKS))?;
         Ok(PointTree { file, summary, grid, layout, block, blocks, nodes })
     }
 
@@ -170,7 +170,7 @@ impl PointTree {
 
     /// The entry of a block.
     pub(crate) fn entry(&self, index: usize) -> Entry {
-        self.file.entry(&self.blocks, index)
+        Entry::from_bytes(self.file.entry(&self.blocks, index))
     }
 
     /// The blocks of a node.
@@ -182,8 +182,8 @@ impl PointTree {
     pub(crate) fn block(&self, index: usize, wanted: &[bool]) -> Result<Vec<Vec<i64>>> {
         let entry = self.entry(index);
         let place = format!("block {index}");
-        let bytes = self.file.block(&place, &entry)?;
-        decode(&bytes, entry.count as usize, &self.block, wanted)
+        let bytes = self.file.block(&place, &entry.block)?;
+        decode(&bytes, entry.block.count as usize, &self.block, wanted)
             .ok_or_else(|| self.file.corrupt(place, "bytes that no columns have", "columns that were packed"))
     }
 

@@ -29,7 +29,7 @@ impl PointTree {
             next += batch.len();
             let checked = parallel::map(&batch, |block| self.check_block(*block));
             for (block, checked) in batch.iter().zip(checked) {
-                let code = self.entry(*block).key;
+                let code = self.entry(*block).block.key;
                 while node + 1 < nodes && self.node(node)?.code.bits() < code {
                     node += 1;
                 }
@@ -87,7 +87,7 @@ impl PointTree {
         if statistics.bounds() != entry.bounds {
             problems.push(format!("bounds {:?}, expected {:?}", entry.bounds, statistics.bounds()));
         }
-        let code = Code::from_bits(self.dimension(), entry.key);
+        let code = Code::from_bits(self.dimension(), entry.block.key);
         let lies_in = |point: usize| {
             let place = std::array::from_fn(|axis| columns[axis][point] as i32);
             let is_place = (0..3).all(|axis| columns[axis][point] == i64::from(columns[axis][point] as i32));

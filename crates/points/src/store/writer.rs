@@ -39,9 +39,8 @@ impl PointWriter {
 
     /// Writes a block of a node. Those of one node come in order.
     pub(crate) fn block(&mut self, code: Code, bytes: &[u8], statistics: &Statistics) -> Result<()> {
-        let what = (statistics.points as u32, statistics.bounds());
-        let entry = self.file.block(code.bits(), bytes, what)?;
-        self.blocks.push(entry.key, entry.to_bytes())
+        let block = self.file.block(code.bits(), bytes, statistics.points as u32)?;
+        self.blocks.push(block.key, Entry { block, bounds: statistics.bounds() }.to_bytes())
     }
 
     /// Notes a node, with what is known of all points in it and below.

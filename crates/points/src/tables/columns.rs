@@ -7,7 +7,7 @@ use spinney_base::space::Dimension;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 
-/// What a column is to points.
+/// Role of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Role {
     /// A coordinate, by its axis.
@@ -18,7 +18,7 @@ pub(super) enum Role {
 
 /// The columns of a table.
 pub(super) struct Columns {
-    /// What each is, in the table's order.
+    /// Role of each, in the table's order.
     pub(super) roles: Vec<Role>,
     pub(super) attributes: Vec<PointAttribute>,
     pub(super) dimension: Dimension,

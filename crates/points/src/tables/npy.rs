@@ -13,7 +13,7 @@ use spinney_base::space::Dimension;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
-use spinney_records::npy::{Field, Header, Items};
+use spinney_records::npy::{Items, NpyField, NpyHeader};
 
 /// Where a number stands in a record, and what it is.
 struct Number {
@@ -71,12 +71,12 @@ fn sample_of(descr: &str) -> Option<(SampleType, bool)> {
 }
 
 /// Bytes that a field without a name and type has: those between fields of structs.
-fn padding(field: &Field) -> Option<usize> {
+fn padding(field: &NpyField) -> Option<usize> {
     field.descr.strip_prefix("|V").filter(|_| field.name.is_empty())?.parse().ok()
 }
 
 /// The fields of records; those of rows of numbers are x, y, z, and the columns' numbers from 0 on.
-fn fields(header: &Header, path: &Path) -> Result<Vec<Field>> {
+fn fields(header: &NpyHeader, path: &Path) -> Result<Vec<NpyField>> {
     let unsupported = |found: String| {
         let advice = "points are records with fields x, y and perhaps z, or rows of 2 numbers or more";
         Err(Error::unsupported(path, found, advice))
@@ -95,7 +95,7 @@ fn fields(header: &Header, path: &Path) -> Result<Vec<Field>> {
                 2 => "z".into(),
                 _ => format!("column_{column}"),
             };
-            Ok((0..*columns).map(|column| Field { name: name(column), descr: descr.clone() }).collect())
+            Ok((0..*columns).map(|column| NpyField { name: name(column), descr: descr.clone() }).collect())
         }
         _ => unsupported(format!("an array of shape {}", header.shape_text())),
     }
@@ -103,7 +103,7 @@ fn fields(header: &Header, path: &Path) -> Result<Vec<Field>> {
 
 pub(super) fn open(path: &Path) -> Result<Table> {
     let mut file = File::open(path).map_err(Error::io(path, "open"))?;
-    let header = Header::read(&mut file, path)?;
+    let header = NpyHeader::read(&mut file, path)?;
     let start = file.stream_position().map_err(Error::io(path, "read"))?;
     let (mut stride, mut found) = (0usize, Vec::new());
     let fields = fields(&header, path)?;

@@ -25,7 +25,7 @@ struct PlyPoints {
     map: Mapped,
     encoding: Encoding,
     vertices: Element,
-    /// What each property is; `None` for lists, which are passed over.
+    /// Role of each property; `None` for lists, which are passed over.
     roles: Vec<Option<Role>>,
     attributes: Vec<PointAttribute>,
     dimension: Dimension,

@@ -7,7 +7,7 @@ use spinney_base::{Error, Result};
 /// Attributes, points (places and numbers of attributes), remarks.
 type Found = (Vec<PointAttribute>, Vec<([f64; 3], Vec<i64>)>, Vec<String>);
 
-/// What a file of some bytes is read as, twice.
+/// Reads a file of some bytes, twice.
 fn read(name: &str, bytes: &[u8]) -> Result<Found> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);

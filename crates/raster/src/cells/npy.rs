@@ -7,7 +7,7 @@ use super::coordinate;
 use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_engine::ops::CellValue;
-use spinney_records::npy::Header;
+use spinney_records::npy::NpyHeader;
 
 /// Decoder of one number of a type.
 type Decode = fn(&[u8]) -> Number;
@@ -34,7 +34,7 @@ pub(super) fn rows<R: Read>(
         let advice = format!("give rows of {} numbers, in C order, little-endian", axes + channels);
         Error::unsupported(path, found, advice)
     };
-    let header = Header::read(&mut input, path)?;
+    let header = NpyHeader::read(&mut input, path)?;
     let descr = header.samples(path)?;
     let Some((_, size, decode)) = TYPES.iter().find(|(known, _, _)| *known == descr) else {
         return Err(unsupported(format!("an array of type `{descr}`")));

@@ -6,7 +6,7 @@ use super::{ImageSpec, RowWriter, raw};
 use spinney_base::io::Output;
 use spinney_base::value::ValueType;
 use spinney_base::{Error, Result};
-use spinney_records::npy::{Header, Items, descr_of};
+use spinney_records::npy::{Items, NpyHeader, descr_of};
 
 pub(super) fn create(mut output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
     let header = array_header(spec.value, &[spec.height, spec.width]);
@@ -19,5 +19,5 @@ pub(crate) fn array_header(value: ValueType, shape: &[u64]) -> Vec<u8> {
     let channels = (value.channels > 1).then_some(u64::from(value.channels));
     let shape = shape.iter().copied().chain(channels).collect();
     let items = Items::Samples(descr_of(value.sample).into());
-    Header { items, fortran_order: false, shape }.bytes()
+    NpyHeader { items, fortran_order: false, shape }.bytes()
 }

@@ -9,7 +9,7 @@ use super::{Samples, Told};
 use crate::import::SampleFormat;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
-use spinney_records::npy::Header;
+use spinney_records::npy::NpyHeader;
 
 /// The samples that a type's name means, and whether they are big-endian.
 fn sample_format(descr: &str) -> Option<(SampleFormat, bool)> {
@@ -38,7 +38,7 @@ fn sample_format(descr: &str) -> Option<(SampleFormat, bool)> {
 /// If it cannot be read, is no array of three dimensions, or has another length.
 pub(super) fn open(path: &Path) -> Result<Told> {
     let mut file = File::open(path).map_err(Error::io(path, "open"))?;
-    let header = Header::read(&mut file, path)?;
+    let header = NpyHeader::read(&mut file, path)?;
     let descr = header.samples(path)?;
     let start = file.stream_position().map_err(Error::io(path, "read"))?;
     let unsupported = |found: String, advice: &str| Err(Error::unsupported(path, found, advice));

@@ -69,7 +69,7 @@ pub fn plan_views(path: &Path, options: &SolidOptions) -> Result<ReconstructionI
     Ok(ReconstructionImport::new(solid, cells, options, (None, provenance, told)))
 }
 
-/// What is left of a box.
+/// Part of a box that no view shows to be empty.
 struct Carved {
     limits: Limits,
     views: Vec<View>,

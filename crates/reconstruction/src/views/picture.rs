@@ -14,7 +14,7 @@ const ANYTHING: f32 = f32::NEG_INFINITY;
 
 /// A flag of a node: a pixel in it is inside of a silhouette.
 const INSIDE: u8 = 1;
-/// The same of a pixel outside.
+/// Summary of a pixel outside.
 const OUTSIDE: u8 = 2;
 
 /// A picture. Depths are in samples: see [`View`](super::view::View).

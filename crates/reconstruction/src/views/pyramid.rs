@@ -1,4 +1,4 @@
-//! What lies in rectangles of a picture, by nodes of 2 x 2, 4 x 4 and so on pixels.
+//! Summaries of rectangles of a picture, by nodes of 2 x 2, 4 x 4 and so on pixels.
 
 /// Nodes along a side of a rectangle that are looked at, at most.
 const MOST_ALONG: u64 = 4;
@@ -60,7 +60,7 @@ impl<N: Copy> Pyramid<N> {
         Pyramid { size, levels }
     }
 
-    /// What a rectangle has, from its first column and row to its last; or what a larger one has.
+    /// Summary of a rectangle, from its first column and row to its last, or of a larger one.
     pub(super) fn within(
         &self,
         [first, last]: [[u64; 2]; 2],

@@ -11,6 +11,10 @@ use spinney_base::{Error, Result};
 /// Most bytes of a text.
 const MOST_BYTES: u64 = 8 << 20;
 
+/// Sine of the least angle between the direction of a view and what is up in its picture. Vectors of length one are right to about 2^-51: at this sine the picture is turned by
+/// 4e-7 (radians) at most, half a pixel of 2^20.
+const LEAST_SINE: f64 = 1e-9;
+
 /// Units that lengths may have.
 const UNITS: [&str; 6] = ["mm", "cm", "m", "km", "in", "ft"];
 
@@ -38,7 +42,7 @@ struct RawView {
     nodata: Option<f64>,
 }
 
-/// What the samples of a picture are.
+/// Kind of a picture's samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum PictureKind {
@@ -173,8 +177,7 @@ fn axes_along(direction: [f64; 3], up: [f64; 3], name: &str) -> Result<[[f64; 3]
         return wrong("direction", direction, "a vector towards the viewer that has a length");
     };
     let Some(sky) = unit(up) else { return wrong("up", up, "a vector that has a length") };
-    // (With less between them, rounding decides what is right.)
-    let right = Some(cross(sky, towards)).filter(|right| length(*right) > 1e-9).and_then(unit);
+    let right = Some(cross(sky, towards)).filter(|right| length(*right) > LEAST_SINE).and_then(unit);
     let Some(right) = right else {
         return wrong(
             "up",

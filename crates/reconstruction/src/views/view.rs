@@ -44,7 +44,7 @@ impl View {
         self.picture.is_silhouette()
     }
 
-    /// What the view tells of a block: that it is empty (`Void`), or that nothing in it is (`Full`).
+    /// Verdict of the view on a block: that it is empty (`Void`), or that nothing in it is (`Full`).
     pub(super) fn place(&self, block: Block) -> Place {
         let (mut first, mut last) = ([0; 2], [0; 2]);
         let mut is_within = true;

@@ -85,7 +85,7 @@ pub struct Element {
     pub name: String,
     /// Number of the records.
     pub count: u64,
-    /// What each record has.
+    /// Properties of each record.
     pub properties: Vec<Property>,
 }
 

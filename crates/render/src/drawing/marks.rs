@@ -1,6 +1,6 @@
 //! Polygons and lines of a drawing, from back to front.
 
-/// What a mark leaves on the paper.
+/// Trace of a mark on the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ink {
     /// The inside of a convex polygon.

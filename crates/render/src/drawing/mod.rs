@@ -1,6 +1,6 @@
 //! Line drawings of solids: all edges, edges without what is hidden, and the blocks of octrees.
 //!
-//! What is drawn is a list of flat polygons and lines from back to front (`marks.rs`), each over those before it: the painter's algorithm. `edges.rs` finds the edges of exact
+//! A drawing is a list of flat polygons and lines from back to front (`marks.rs`), each over those before it: the painter's algorithm. `edges.rs` finds the edges of exact
 //! models, `faces.rs` orders their faces by a BSP tree, `octants.rs` the blocks of octrees by their nodes; `svg.rs` writes the list,
 //! `painter.rs` paints it.
 
@@ -89,7 +89,7 @@ pub fn draw_exact(
 /// [`render`](super::render); of those at the level, trees of occupancy show the ones that are at least half full, and all others what is not VOID.
 ///
 /// # Errors
-/// As [`draw_exact`]; and if the tree is a quadtree.
+/// Those of [`draw_exact`]; and if the tree is a quadtree.
 pub fn draw_cells(
     tree: &Dataset,
     request: &RenderRequest,

@@ -25,7 +25,7 @@ const MOST_BLOCKS: usize = 1 << 18;
 /// Blocks along the longest side of a solid, at least, where no level is asked for.
 const ALONG: f64 = 32.0;
 
-/// Shares of a cell that rounding makes of nothing, and lacks of all.
+/// Shares of a cell that rounding makes of nothing, and lacks of all: more than 2^20 roundings of 2^-52, and less than the share of a step of the grid, 2^-26.
 const ROUNDING: f64 = 1e-9;
 
 /// Least occupancy of what is drawn at the deepest level.

@@ -10,7 +10,7 @@ use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result, Uncounted};
 use spinney_lines::LineTree;
 
-/// What crosses lines.
+/// Crossings of lines.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CrossingSummary {
     /// Number of features whose lines were asked for.
@@ -64,7 +64,7 @@ pub fn join_crossing_lines(
         let found = tree.crossings(&all, &Uncounted(progress))?;
         summary.crossings += found.len() as u64;
         crossed.extend(found.iter().map(|crossing| crossing.feature));
-        let point = |crossing: &spinney_lines::Crossing| JoinedPoint {
+        let point = |crossing: &spinney_lines::LineCrossing| JoinedPoint {
             // (Several points may come of one feature.)
             id: None,
             feature: &features[owners[crossing.line]],

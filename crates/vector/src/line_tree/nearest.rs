@@ -9,7 +9,7 @@ use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result, Uncounted};
 use spinney_lines::{LineTree, NearLine, NearestLines};
 
-/// What came of joining points with lines.
+/// Outcome of joining points with lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JoinSummary {
     /// Number of points.

@@ -16,7 +16,7 @@ pub struct SurfaceFiles {
     pub points: PathBuf,
     /// Names of the attributes that are heights, one for each surface.
     pub heights: Vec<String>,
-    /// What is asked for of the points.
+    /// Choice of the points and their heights.
     pub options: FeatureOptions,
     /// Lines that become edges, with the attribute `z` as their height if they have one.
     pub breaklines: Option<PathBuf>,
@@ -24,7 +24,7 @@ pub struct SurfaceFiles {
     pub outline: Option<PathBuf>,
 }
 
-/// What surfaces are made of.
+/// Points and lines that surfaces are made of.
 #[derive(Clone, Debug, Default)]
 pub struct SurfacePoints {
     /// The points of each surface.
