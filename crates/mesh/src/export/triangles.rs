@@ -1,20 +1,25 @@
 //! Triangles of others as mesh files.
 
+use super::losses::Losses;
 use super::sink::{Sink, Vertex};
 use super::{FaceAttribute, MeshFormat, MeshSummary, SurfaceMesh, obj, off, ply};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
+use spinney_container::Metadata;
 
-/// Writes a surface of triangles, open or closed, in double precision: PLY, OBJ or OFF.
+/// Writes a surface of triangles, open or closed, in double precision: PLY, OBJ or OFF. These have no room for the coordinate system and the unit of what the surface was made
+/// of, of which a [warning](Progress::warn) tells.
 ///
 /// # Errors
 /// If the format has another precision or needs bodies, a number of a vertex is none, the output cannot be written, or on interruption.
 pub fn export_triangles(
-    mesh: &SurfaceMesh,
+    (mesh, made_of): (&SurfaceMesh, &Metadata),
     output: Output,
     format: MeshFormat,
     progress: &dyn Progress,
 ) -> Result<MeshSummary> {
+    let mut losses = Losses::of(&output);
+    losses.add_place(made_of);
     let mut sink: Box<dyn Sink> = match format {
         MeshFormat::Ply => Box::new(ply::Ply::new(output, FaceAttribute::None, true)?),
         MeshFormat::Obj => Box::new(obj::Obj::new(output)?),
@@ -41,5 +46,6 @@ pub fn export_triangles(
     }
     progress.check()?;
     sink.finish()?;
+    losses.tell(progress);
     Ok(MeshSummary { vertices: mesh.vertices.len() as u64, faces: mesh.triangles.len() as u64 })
 }
