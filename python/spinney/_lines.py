@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _native
 from ._arrays import points_of
-from ._elsewhere import elsewhere_of, kept_name
+from ._block_trees import BlockTree
+from ._elsewhere import elsewhere_of
 from ._features import features_over
 from ._files import MEMORY
 from ._progress import memory_of, working
@@ -91,11 +92,7 @@ def open_lines(path: Path, *, positioned: bool = False, storage_options: Mapping
     return LineTree(name, positioned, elsewhere)
 
 
-def _reopen(path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None) -> LineTree:
-    return LineTree(path, positioned, elsewhere_of(file or path, dict(storage or []))[1])
-
-
-class LineTree(_native.Lines):
+class LineTree(BlockTree, _native.Lines):
     """A tree of lines in a file, as `open_lines` opens it; a context manager. Features have numbers from 0, in the order in which they came::
 
         with spinney.open_lines("roads.goblin") as roads:
@@ -104,22 +101,6 @@ class LineTree(_native.Lines):
             roads.crossings([(301000, 3193500), (304000, 3193500)]).places
     """
 
-    def __fspath__(self) -> str:
-        return os.fspath(self.path)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        storage, file = self._elsewhere
-        return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2])
-
-    def __bool__(self) -> bool:
-        return True
-
     def __repr__(self) -> str:
         return f"<spinney.LineTree {self.path!s}: {'closed' if self.closed else f'{len(self)} features'}>"
 
@@ -127,12 +108,6 @@ class LineTree(_native.Lines):
     def attributes(self) -> list[str]:
         """Names of the attributes."""
         return list(self._facts()["attributes"])
-
-    @property
-    def crs(self) -> str | None:
-        """The coordinate system, where known."""
-        crs: str | None = self._facts()["crs"]
-        return crs
 
     @property
     def bounds(self) -> tuple[float, float, float, float] | None:
@@ -149,11 +124,6 @@ class LineTree(_native.Lines):
     def length(self) -> float:
         """Length of all lines, in units of the coordinates."""
         return float(self._facts()["length"])
-
-    @property
-    def tags(self) -> dict[str, str]:
-        """What else was said of the lines."""
-        return dict(self._facts()["tags"])
 
     def levels(self) -> list[LineLevel]:
         """Counts and lengths level by level, from the root down, without reading lines."""

@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _native
 from ._arrays import points_of
-from ._elsewhere import elsewhere_of, kept_name
+from ._block_trees import BlockTree
+from ._elsewhere import elsewhere_of
 from ._files import MEMORY
 from ._progress import memory_of, working
 from ._sources import paths_of
@@ -108,11 +109,7 @@ def open_points(path: Path, *, positioned: bool = False, storage_options: Mappin
     return PointTree(name, positioned, elsewhere)
 
 
-def _reopen(path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None) -> PointTree:
-    return PointTree(path, positioned, elsewhere_of(file or path, dict(storage or []))[1])
-
-
-class PointTree(_native.Points):
+class PointTree(BlockTree, _native.Points):
     """A tree of points in a file, as `open_points` opens it; a context manager.
 
     Questions are about all points, or those in a `window` (least and greatest coordinates, of two or three axes), in `polygons`, or in a
@@ -123,22 +120,6 @@ class PointTree(_native.Points):
             points.read(level=2)                    # a sketch of all of it
             points.nearest(places, k=3)
     """
-
-    def __fspath__(self) -> str:
-        return os.fspath(self.path)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        storage, file = self._elsewhere
-        return _reopen, (kept_name(self.path, file), self.positioned, storage, file and file[2])
-
-    def __bool__(self) -> bool:
-        return True
 
     def __repr__(self) -> str:
         return f"<spinney.PointTree {self.path!s}: {'closed' if self.closed else f'{len(self)} points'}>"
@@ -154,12 +135,6 @@ class PointTree(_native.Points):
         return self._dtype(None)
 
     @property
-    def crs(self) -> str | None:
-        """The coordinate system, where known."""
-        crs: str | None = self._facts()["crs"]
-        return crs
-
-    @property
     def depth(self) -> int:
         """The deepest level that nodes have."""
         return int(self._facts()["depth"])
@@ -168,11 +143,6 @@ class PointTree(_native.Points):
     def duplicates(self) -> int:
         """Number of points at the place of another one: for each place, all but one."""
         return int(self._facts()["duplicates"])
-
-    @property
-    def tags(self) -> dict[str, str]:
-        """What else was said of the points."""
-        return dict(self._facts()["tags"])
 
     def read(
         self,

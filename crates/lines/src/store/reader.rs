@@ -11,7 +11,7 @@ use crate::source::LineFeature;
 use spinney_base::Result;
 use spinney_base::io::ReadBackend;
 use spinney_base::space::{Code, Dimension};
-use spinney_container::{BlockFile, Content, List, Metadata, OpenOptions};
+use spinney_container::{BlockFile, BlockPlace, Content, List, Metadata, OpenOptions};
 
 /// A tree of lines in a file.
 pub struct LineTree {
@@ -89,13 +89,12 @@ impl LineTree {
     fn check_feature_numbers(&self) -> Result<()> {
         let mut next = 0u64;
         for index in 0..self.features.len() {
-            let entry = self.feature_entry(index);
-            if entry.block.key != next {
-                let (place, found) =
-                    (format!("block of features {index}"), format!("feature {}", entry.block.key));
+            let BlockPlace { key, count, .. } = self.feature_entry(index).block;
+            if key != next {
+                let (place, found) = (format!("block of features {index}"), format!("feature {key}"));
                 return Err(self.file.corrupt(place, found, "numbers that follow each other"));
             }
-            next += u64::from(entry.block.count);
+            next += u64::from(count);
         }
         if next != self.summary.features {
             let expected = self.summary.features.to_string();

@@ -1,0 +1,45 @@
+"""What trees of points and trees of lines have in common as open files."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Self
+
+from ._elsewhere import elsewhere_of, kept_name
+
+
+def _reopen(
+    kind: type, path: str, positioned: bool, storage: list[tuple[str, str]] | None = None, file: Any = None
+) -> Any:
+    return kind(path, positioned, elsewhere_of(file or path, dict(storage or []))[1])
+
+
+class BlockTree:
+    """An open file of blocks: a context manager that is pickled by its path. The native class beside it knows path, `_facts` and the rest."""
+
+    def __fspath__(self: Any) -> str:
+        return os.fspath(self.path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self: Any, *_: object) -> None:
+        self.close()
+
+    def __reduce__(self: Any) -> tuple[Any, ...]:
+        storage, file = self._elsewhere
+        return _reopen, (type(self), kept_name(self.path, file), self.positioned, storage, file and file[2])
+
+    def __bool__(self) -> bool:
+        return True
+
+    @property
+    def crs(self: Any) -> str | None:
+        """The coordinate system, where known."""
+        crs: str | None = self._facts()["crs"]
+        return crs
+
+    @property
+    def tags(self: Any) -> dict[str, str]:
+        """What else was said of what is in the file."""
+        return dict(self._facts()["tags"])
