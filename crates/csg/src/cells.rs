@@ -6,10 +6,9 @@ use crate::placed::Placed;
 use crate::source::CsgTree;
 use spinney_base::io::Output;
 use spinney_base::space::{EdgeRule, Up};
-use spinney_base::value::{Kind, Rule};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Metadata, Tag};
-use spinney_engine::store::{BuildOptions, build_with};
+use spinney_container::Tag;
+use spinney_engine::store::build_with;
 use spinney_mesh::import::{Attribute, FittedCells, SolidOptions, fit_cells};
 
 /// A solid and the cells that it will have, ready to be built: see [`CsgImport::build`].
@@ -88,22 +87,8 @@ impl CsgImport {
     /// If the output cannot be written, or on interruption; nothing is left behind then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<u64> {
         let CsgImport { csg, cells, options, .. } = &self;
-        let crs = options.crs.clone().or_else(|| cells.frame.crs.clone());
-        let mut metadata = Metadata { frame: cells.frame.clone(), ..Metadata::default() };
-        metadata.frame.crs = crs;
-        metadata.provenance = vec![format!("primitives {}", csg.path.display())];
-        metadata.set_tag(Tag::Csg, csg.text());
-        metadata.set_tag(Tag::SolidBoundary, options.edge.name());
-        if let Some(unit) = &options.unit {
-            metadata.set_tag(Tag::Unit, unit);
-        }
-        let build = BuildOptions::new(Kind::Continuous, cells.depth)
-            .rule(Rule::Occupancy)
-            .memory(options.memory / 4)
-            .metadata(metadata)
-            .share(options.share)
-            .time(options.time)
-            .packing(options.packing);
+        let provenance = format!("primitives {}", csg.path.display());
+        let build = cells.build_options(options, provenance, &[(Tag::Csg, csg.text())]);
         let tree = self.tree(progress);
         Ok(build_with(&tree, cells.extent, &build, output, progress, &mut |_| {})?.cells)
     }

@@ -243,6 +243,11 @@ struct Open {
     is_divided: bool,
 }
 
+/// Makes nodes of pieces that come in the order of their codes, which have a code before all those below it.
+///
+/// Invariants: open nodes are the way from the root down to the last piece's node, one at each level. `waiting` is the number of pieces in `pending`. Above a divided node all are
+/// divided, and nothing is pending in these: a node or block goes out as soon as it is closed, after all that come before it and before the node that it is in, so that what
+/// goes out is in postorder, blocks of a node in the order in which their pieces came.
 struct Assembler {
     leaf_size: usize,
     open: Vec<Open>,

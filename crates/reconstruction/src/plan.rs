@@ -5,11 +5,9 @@ use std::path::Path;
 use crate::source::{Solid, SolidTree};
 use spinney_base::io::Output;
 use spinney_base::space::{EdgeRule, Up};
-use spinney_base::value::{Kind, Rule};
 use spinney_base::{Error, Progress, Result};
-use spinney_container::{Metadata, Tag};
 use spinney_crs::Crs;
-use spinney_engine::store::{BuildOptions, build_with};
+use spinney_engine::store::build_with;
 use spinney_mesh::import::{Attribute, FittedCells, SolidOptions};
 
 /// A solid and the cells that it will have, ready to be built: see [`ReconstructionImport::build`].
@@ -64,20 +62,7 @@ impl ReconstructionImport {
     /// If the output cannot be written, or on interruption; nothing is left behind then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<u64> {
         let ReconstructionImport { solid, cells, options, provenance, .. } = self;
-        let mut metadata = Metadata { frame: cells.frame, ..Metadata::default() };
-        metadata.frame.crs = options.crs;
-        metadata.provenance = vec![provenance];
-        metadata.set_tag(Tag::SolidBoundary, options.edge.name());
-        if let Some(unit) = &options.unit {
-            metadata.set_tag(Tag::Unit, unit);
-        }
-        let build = BuildOptions::new(Kind::Continuous, cells.depth)
-            .rule(Rule::Occupancy)
-            .memory(options.memory / 4)
-            .metadata(metadata)
-            .share(options.share)
-            .time(options.time)
-            .packing(options.packing);
+        let build = cells.build_options(&options, provenance, &[]);
         let tree = SolidTree { solid: &*solid, depth: cells.depth, progress };
         Ok(build_with(&tree, cells.extent, &build, output, progress, &mut |_| {})?.cells)
     }

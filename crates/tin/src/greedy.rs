@@ -77,6 +77,8 @@ pub fn approximate(grid: &HeightGrid, max_error: f64, progress: &dyn Progress) -
         let [column, row] = next.cell;
         let height = grid.heights[row as usize * grid.columns + column as usize];
         let vertex = greedy.insert(next.cell, height)?;
+        // Invariant: inserting changes no face but those around the new vertex (flips of edges end there), and faces keep their numbers: candidates of all others are true as they stand,
+        // and those of the faces that were changed have an old stamp.
         let around: Vec<_> = greedy
             .delaunay
             .vertex(vertex)
@@ -210,7 +212,7 @@ fn each_cell([a, b, c]: [[i64; 2]; 3], each: &mut dyn FnMut(usize, usize)) {
     for row in first..=last {
         let (mut low, mut high) = (a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]));
         for [[ax, ay], [bx, by]] in [[a, b], [b, c], [c, a]] {
-            // Left of the edge or on it: (bx - ax)(row - ay) >= (by - ay)(x - ax).
+            // In whole numbers, so that a cell on an edge is in both triangles beside it, and none is in neither. Left of the edge or on it: (bx - ax)(row - ay) >= (by - ay)(x - ax).
             let (rise, value) = (by - ay, (bx - ax) * (row - ay));
             if rise > 0 {
                 high = high.min(ax + value.div_euclid(rise));

@@ -19,7 +19,8 @@ pub(super) struct BlockIndex {
     pieces: Vec<Piece>,
     /// Where each run of equal pieces begins, which are by feature and place, and behind the last the number of all.
     runs: Vec<u32>,
-    /// Boxes around pieces first, then those around boxes; the last level has few.
+    /// Boxes around pieces first, then those around boxes; the last level has few. Box `i` of the first level is around the runs from `8 i` on, of another one around the boxes
+    /// from `8 i` on of the level before.
     levels: Vec<Vec<Bounds>>,
 }
 

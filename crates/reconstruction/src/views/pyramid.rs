@@ -60,13 +60,14 @@ impl<N: Copy> Pyramid<N> {
         Pyramid { size, levels }
     }
 
-    /// Summary of a rectangle, from its first column and row to its last, or of a larger one.
+    /// Summary of a rectangle, from its first column and row to its last, or of a larger one. To join something twice, or in another order, must change nothing.
     pub(super) fn within(
         &self,
         [first, last]: [[u64; 2]; 2],
         pixel: &dyn Fn(u64, u64) -> N,
         join: &dyn Fn(N, N) -> N,
     ) -> N {
+        // (The finest level of which few nodes reach over the rectangle: nodes at its border reach beyond it, which makes the answer less sharp, and never wrong.)
         let is_small =
             |level: &usize| (0..2).all(|axis| (last[axis] >> level) - (first[axis] >> level) < MOST_ALONG);
         let level = (0..=self.levels.len()).find(is_small).unwrap_or(self.levels.len());

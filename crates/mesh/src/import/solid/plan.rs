@@ -7,10 +7,12 @@ use super::inside::Attribute;
 use crate::import::Model;
 use spinney_base::space::EdgeRule;
 use spinney_base::space::{Dimension, Up};
+use spinney_base::value::{Kind, Rule};
 use spinney_base::{Error, Result};
 use spinney_brep::exact::lattice::Lattice;
+use spinney_container::{Metadata, Tag};
 use spinney_crs::{Crs, Frame};
-use spinney_engine::store::{Packing, depth_for};
+use spinney_engine::store::{BuildOptions, Packing, depth_for};
 
 /// Bytes of memory used if nothing is said.
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
@@ -218,6 +220,32 @@ pub struct FittedCells {
     pub depth: u8,
     /// Cells along each axis that can be other than VOID.
     pub extent: [u64; 3],
+}
+
+impl FittedCells {
+    /// Options of building a tree of these cells of a solid whose coverage is known, with what is told of it: its provenance, and tags beside those that the options say.
+    pub fn build_options(
+        &self,
+        options: &SolidOptions,
+        provenance: String,
+        tags: &[(Tag, &str)],
+    ) -> BuildOptions {
+        let mut metadata = Metadata { frame: self.frame.clone(), ..Metadata::default() };
+        metadata.frame.crs = options.crs.clone().or_else(|| self.frame.crs.clone());
+        metadata.provenance = vec![provenance];
+        metadata.set_tag(Tag::SolidBoundary, options.edge.name());
+        tags.iter().for_each(|(tag, text)| metadata.set_tag(*tag, *text));
+        if let Some(unit) = &options.unit {
+            metadata.set_tag(Tag::Unit, unit);
+        }
+        BuildOptions::new(Kind::Continuous, self.depth)
+            .rule(Rule::Occupancy)
+            .memory(options.memory / 4)
+            .metadata(metadata)
+            .share(options.share)
+            .time(options.time)
+            .packing(options.packing)
+    }
 }
 
 /// Lays cells over a box.
