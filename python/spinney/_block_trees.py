@@ -18,7 +18,8 @@ class BlockTree:
     """An open file of blocks: a context manager that is pickled by its path. The native class beside it knows path, `_facts` and the rest."""
 
     def __fspath__(self: Any) -> str:
-        return os.fspath(self.path)
+        path: str = os.fspath(self.path)
+        return path
 
     def __enter__(self) -> Self:
         return self
