@@ -7,13 +7,13 @@ use std::sync::Mutex;
 
 use super::directory::{self, DirectoryEntry, gunzip};
 use super::header::{ByteRange, HEADER, Header};
-use crate::tiles::encode::TileFormat;
-use crate::tiles::making::{Digest, Own};
-use crate::tiles::place::{MAX_ZOOM, TileId, first_number};
+use crate::tile_archives::encode::TileFormat;
+use crate::tile_archives::making::{Digest, Own};
 use spinney_base::io::open_input;
 use spinney_base::io::platform::read_exact_at;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
+use spinney_tiles::{MAX_ZOOM, TileId, first_number};
 
 /// An open archive.
 pub struct Pmtiles {
@@ -152,7 +152,7 @@ impl Pmtiles {
     }
 
     /// Description of how the archive was made, if it is one of ours.
-    pub(in crate::tiles) fn own(&self) -> Option<Own> {
+    pub(in crate::tile_archives) fn own(&self) -> Option<Own> {
         serde_json::from_value(self.metadata.get("spinney")?.clone()).ok()
     }
 

@@ -8,22 +8,22 @@ use super::folder::FolderEdit;
 use super::making::{Making, Own, SourceState};
 #[cfg(feature = "mbtiles")]
 use super::mbtiles::MbtilesEdit;
-use super::paint::TilePainter;
-use super::place::TileId;
 use super::pmtiles::Pmtiles;
 use super::sink::{Stored, TileEdit};
-use super::source::{TileContent, TileSource};
 use super::target::TileTarget;
 use super::touched::{TouchedBlocks, TouchedTiles};
 use super::walk::{TileExtent, TileRun, TileWalk, settled};
 use super::{Made, TileRequest, export_tiles, plan, write};
-use crate::style::Style;
 use spinney_base::parallel;
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::OpenOptions;
 use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::{TreeFile, diff_nodes};
+use spinney_style::Style;
+use spinney_tiles::TileId;
+use spinney_tiles::TilePainter;
+use spinney_tiles::{TileContent, TileSource};
 
 /// Hands out the nodes of a level, or larger blocks, in which a tree differs from the state that an archive was made of: that is an older commit of the same
 /// file, or the file `since`.

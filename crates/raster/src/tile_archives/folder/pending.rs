@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::{DOCUMENT, TileFolder};
-use crate::tiles::making::SourceState;
-use crate::tiles::place::TileId;
+use crate::tile_archives::making::SourceState;
 use spinney_base::io::{ClosedFolder, open_regular, platform, sync_folder};
 use spinney_base::{Error, Progress, Result};
+use spinney_tiles::TileId;
 
 /// The folder of what waits, below that of the tiles. It has `tiles/` with the new ones, the new `tiles.json`, `changes`, and in the end
 /// `journal`.

@@ -4,15 +4,15 @@ use std::fs;
 
 use super::pending::{Changes, Pending, UPDATE};
 use super::{LOCK, MOST_TILE, TileFolder};
-use crate::tiles::encode::Encoded;
-use crate::tiles::making::{About, Digest, Own};
-use crate::tiles::place::TileId;
-use crate::tiles::sink::{Stored, TileEdit};
+use crate::tile_archives::encode::Encoded;
+use crate::tile_archives::making::{About, Digest, Own};
+use crate::tile_archives::sink::{Stored, TileEdit};
 use spinney_base::io::{ClosedFolder, LockFile, Unfinished};
 use spinney_base::{Error, Progress, Result};
+use spinney_tiles::TileId;
 
 /// Tiles that are in their folder already and get replaced: all of them, or, if this is dropped before it is finished, none.
-pub(in crate::tiles) struct FolderEdit {
+pub(in crate::tile_archives) struct FolderEdit {
     folder: TileFolder,
     own: Own,
     digest: Digest,
@@ -27,7 +27,7 @@ pub(in crate::tiles) struct FolderEdit {
 
 impl FolderEdit {
     /// Opens the folder and keeps others from changing it; finishes an update that was interrupted, or removes what it has left.
-    pub(in crate::tiles) fn open(target: &TileFolder, progress: &dyn Progress) -> Result<FolderEdit> {
+    pub(in crate::tile_archives) fn open(target: &TileFolder, progress: &dyn Progress) -> Result<FolderEdit> {
         let base = target.base();
         // (Nothing is made in a folder of something else.)
         TileFolder::open(base)?;

@@ -17,7 +17,7 @@ const CELLS: u64 = 1 << 20;
 
 /// Numbers that percentiles of a tree's channels are, as texts that are read as the same numbers; null where a tree has no values.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct PercentileNumbers(BTreeMap<String, Option<String>>);
+pub struct PercentileNumbers(BTreeMap<String, Option<String>>);
 
 impl PercentileNumbers {
     fn name(channel: usize, percent: f64) -> String {
@@ -36,7 +36,7 @@ impl PercentileNumbers {
     }
 
     /// What is another number in other ones, in words: "band 1: 98 % is 7 (there: 9)".
-    pub(crate) fn differences(&self, other: &PercentileNumbers, there: &str) -> Vec<String> {
+    pub fn differences(&self, other: &PercentileNumbers, there: &str) -> Vec<String> {
         let text =
             |number: Option<&Option<String>>| number.cloned().flatten().unwrap_or_else(|| "none".into());
         let differing = self.0.iter().filter(|(name, number)| other.0.get(*name) != Some(number));

@@ -4,15 +4,13 @@ use std::collections::HashMap;
 use std::str::FromStr;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::paint::{TilePainter, TilePixels};
-use super::place::TileId;
 use super::png::{PngEncoder, PngPixels};
-use super::source::{TileSamples, TileSource};
 use super::walk::TileRun;
 use crate::image::array_header;
 use spinney_base::parallel::Pool;
 use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Error, Result};
+use spinney_tiles::{TileContent, TileId, TilePainter, TilePixels, TileSamples, TileSource};
 
 /// The kind of file that each tile is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -197,7 +195,7 @@ impl<'a> TileEncoder<'a> {
                 _ => super::tiff::tile(value, side, tile, self.void, &samples.values),
             }));
         }
-        self.painter.paint(tile, samples, pixels)?;
+        self.painter.paint(self.source, tile, samples, pixels)?;
         let mut bytes = Vec::new();
         match (self.encoding.format, self.painter.palette()) {
             (TileFormat::Png, Some(colours)) => {
@@ -219,6 +217,25 @@ impl<'a> TileEncoder<'a> {
         }
         Ok(Encoded::new(bytes))
     }
+}
+
+/// The file of one tile of `side` pixels a side, in which VOID cells of samples have a number; `None` where nothing is there.
+///
+/// # Errors
+/// If the source cannot be read, or the tile cannot be encoded as asked.
+pub fn encode_tile(
+    source: &dyn TileSource,
+    painter: &TilePainter,
+    encoding: TileEncoding,
+    side: usize,
+    void: Number,
+    tile: TileId,
+) -> Result<Option<Vec<u8>>> {
+    if source.content(tile)? == TileContent::Empty {
+        return Ok(None);
+    }
+    let encoder = TileEncoder::new(source, painter, encoding, side, void)?;
+    Ok(encoder.with_scratch(|scratch| encoder.drawn(tile, scratch))?.map(|made| made.bytes))
 }
 
 /// A JPEG file; what is transparent is seen before white.

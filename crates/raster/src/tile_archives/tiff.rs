@@ -1,9 +1,9 @@
 //! A tile's samples as a small GeoTIFF file: one strip, not compressed, in web mercator.
 
-use super::place::TileId;
 use spinney_base::sort;
 use spinney_base::value::{SampleType, Value, ValueType};
 use spinney_crs::{WEB_MERCATOR, WEB_MERCATOR_HALF};
+use spinney_tiles::TileId;
 
 /// Types of TIFF fields.
 const ASCII: u16 = 2;

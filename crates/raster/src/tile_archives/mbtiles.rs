@@ -8,12 +8,12 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
 use super::encode::Encoded;
 use super::journal::{not_ours, other_export};
 use super::making::{About, Digest, Own};
-use super::place::{MAX_ZOOM, TileId};
 use super::sink::{Stored, TileEdit, TileSink};
 use super::walk::TileRun;
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
+use spinney_tiles::{MAX_ZOOM, TileId};
 
 /// The tables. The number of the application is that which `MBTiles` has ("MPBX").
 const SCHEMA: &str = "

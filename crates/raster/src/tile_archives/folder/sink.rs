@@ -5,20 +5,20 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use super::{DOCUMENT, TileFolder};
-use crate::tiles::encode::Encoded;
-use crate::tiles::journal::{Checkpoint, Entry, Journal, not_ours};
-use crate::tiles::making::{About, Digest};
-use crate::tiles::place::TileId;
-use crate::tiles::sink::{Stored, TileSink};
-use crate::tiles::walk::TileRun;
+use crate::tile_archives::encode::Encoded;
+use crate::tile_archives::journal::{Checkpoint, Entry, Journal, not_ours};
+use crate::tile_archives::making::{About, Digest};
+use crate::tile_archives::sink::{Stored, TileSink};
+use crate::tile_archives::walk::TileRun;
 use spinney_base::io::{ClosedFolder, LockFile, Unfinished, folder, partial_of, sync_folder};
 use spinney_base::{Error, Result};
+use spinney_tiles::TileId;
 
 /// What was written so far, in a folder that an export can go on with.
 const JOURNAL: &str = ".journal";
 
 /// Tiles that are being written, below a folder with another name.
-pub(in crate::tiles) struct FolderSink {
+pub(in crate::tile_archives) struct FolderSink {
     folder: TileFolder,
     /// The folder until it is finished.
     place: ClosedFolder,
@@ -33,7 +33,7 @@ pub(in crate::tiles) struct FolderSink {
 
 impl FolderSink {
     /// Starts a folder; with `making`, which describes the export, goes on with one that was interrupted.
-    pub(in crate::tiles) fn create(target: &TileFolder, making: Option<&str>) -> Result<FolderSink> {
+    pub(in crate::tile_archives) fn create(target: &TileFolder, making: Option<&str>) -> Result<FolderSink> {
         let base = target.base();
         check_free(base)?;
         let above = folder(base);

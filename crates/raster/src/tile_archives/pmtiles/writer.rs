@@ -6,16 +6,16 @@ use std::path::Path;
 
 use super::directory::{self, DirectoryEntry};
 use super::header::{ByteRange, HEADER, Header, START, tile_type};
-use crate::tiles::encode::Encoded;
-use crate::tiles::journal::{Checkpoint, Entry, Journal, not_ours, other_export};
-use crate::tiles::making::{About, Digest};
-use crate::tiles::sink::{Stored, TileSink};
-use crate::tiles::walk::TileRun;
+use crate::tile_archives::encode::Encoded;
+use crate::tile_archives::journal::{Checkpoint, Entry, Journal, not_ours, other_export};
+use crate::tile_archives::making::{About, Digest};
+use crate::tile_archives::sink::{Stored, TileSink};
+use crate::tile_archives::walk::TileRun;
 use spinney_base::io::{Output, folder, partial_of};
 use spinney_base::{Error, Result};
 
 /// An archive that is being written.
-pub(in crate::tiles) struct PmtilesSink {
+pub(in crate::tile_archives) struct PmtilesSink {
     output: Output,
     journal: Journal,
     at: Checkpoint,
@@ -31,7 +31,7 @@ const LEAF: usize = 4096;
 
 impl PmtilesSink {
     /// Starts an archive; with `making`, which describes the export, goes on with one that was interrupted.
-    pub(in crate::tiles) fn create(output: Output, making: Option<&str>) -> Result<PmtilesSink> {
+    pub(in crate::tile_archives) fn create(output: Output, making: Option<&str>) -> Result<PmtilesSink> {
         let path = output.path().to_path_buf();
         if !output.is_file() {
             let advice = "give the name of a file: the start of an archive is written last";

@@ -2,9 +2,9 @@
 
 use super::encode::Encoded;
 use super::making::{About, Own};
-use super::place::TileId;
 use super::walk::TileRun;
 use spinney_base::{Progress, Result};
+use spinney_tiles::TileId;
 
 /// Takes tiles in the order of their numbers.
 pub(super) trait TileSink: Send {

@@ -42,7 +42,7 @@ use std::io::Read as _;
 use std::path::Path;
 
 pub use self::colour::{CLAY, distinct, to_linear, to_srgb};
-pub(crate) use self::domain::PercentileNumbers;
+pub use self::domain::PercentileNumbers;
 pub use self::ground::Ground;
 use self::layer::Layer;
 pub use self::legend::{Key, Legend, LegendImage, LegendSection, Tick};

@@ -1,4 +1,4 @@
-//! Tiles: pictures or arrays of squares of the world, zoom by zoom, as web maps ask for them; in archives and in folders.
+//! Archives and folders of tiles: pictures or arrays of squares of the world, zoom by zoom, as web maps ask for them.
 //!
 //! [`export_tiles`] walks down from the root (`walk.rs`): what is empty is skipped, and of what is uniform one tile is drawn,
 //! however many there are. All others are drawn from a [`TileSource`], painted by a [`TilePainter`] and encoded, on all threads,
@@ -30,18 +30,14 @@ mod journal;
 mod making;
 #[cfg(feature = "mbtiles")]
 mod mbtiles;
-mod paint;
-mod place;
 mod pmtiles;
 mod png;
 mod sink;
-mod source;
 mod target;
 mod tiff;
 mod touched;
 mod update;
 mod walk;
-mod warped;
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -50,17 +46,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-pub use encode::{TileEncoding, TileFormat};
+pub use encode::{TileEncoding, TileFormat, encode_tile};
 pub use folder::{TileFolder, is_tile_folder};
 pub use making::{Making, SourceState};
-pub use paint::TilePainter;
-pub use place::{MAX_ZOOM, TileId, TileRange};
 pub use pmtiles::Pmtiles;
 pub use sink::Stored;
-pub use source::{DataPlace, TileContent, TileSamples, TileSource, XyzTiles};
 pub use target::TileTarget;
 pub use update::{TileUpdate, UpdateOptions, draw_tiles};
-pub use warped::{WarpedTiles, degrees_of, tile_source};
 
 use self::encode::{Encoded, TileEncoder};
 use self::making::About;
@@ -73,6 +65,7 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
 use spinney_engine::dataset::Dataset;
+use spinney_tiles::{DataPlace, MAX_ZOOM, TilePainter, TileSource, check_degrees};
 
 /// Request for an export: its extent, and the metadata.
 #[derive(Clone, Debug)]
@@ -93,7 +86,7 @@ pub struct TileRequest {
     pub attribution: String,
     /// Meaning of its colours.
     pub legend: String,
-    /// More about how tiles are made that must be the same for an export to go on: views, methods of resampling.
+    /// More about how tiles are made that must be the same for an export to go on: views.
     pub options: String,
     /// The tree's state.
     pub source: SourceState,
@@ -223,7 +216,7 @@ fn plan<'a>(
     let degrees = match request.degrees {
         None => own,
         Some(asked) => {
-            place::check_degrees(asked)?;
+            check_degrees(asked)?;
             // West and south are the greater of both, east and north the less.
             std::array::from_fn(|at| if at < 2 { asked[at].max(own[at]) } else { asked[at].min(own[at]) })
         }
@@ -255,8 +248,9 @@ fn plan<'a>(
         ("quality".into(), number(quality)),
         ("void".into(), request.void.to_string()),
     ]);
-    if !request.options.is_empty() {
-        options.insert("grid".into(), request.options.clone());
+    let grid = request.options.clone() + &source.signature();
+    if !grid.is_empty() {
+        options.insert("grid".into(), grid);
     }
     let colours = (!format.is_array()).then(|| painter.colours().clone());
     let about = About {

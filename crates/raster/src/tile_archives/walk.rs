@@ -3,10 +3,10 @@
 
 use std::ops::RangeInclusive;
 
-use super::place::{TileId, TileRange, first_number};
-use super::source::{TileContent, TileSource};
 use spinney_base::value::Value;
 use spinney_base::{Progress, Result};
+use spinney_tiles::{TileContent, TileSource};
+use spinney_tiles::{TileId, TileRange, first_number};
 
 /// Tiles that follow each other: one that must be drawn, or many that are equal.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,20 +1,41 @@
 //! Colours of tiles: a style, painted tile by tile.
 
-use super::making::Colours;
+use serde::{Deserialize, Serialize};
+
 use super::place::TileId;
-use super::source::TileSamples;
-use crate::style::{Ground, PercentileNumbers, SampleBlock, Style, StylePainter};
+use super::source::{TileContent, TileSamples, TileSource};
 use spinney_base::{Progress, Result};
-use spinney_crs::web_mercator;
 use spinney_engine::dataset::Dataset;
+use spinney_style::{Ground, PercentileNumbers, SampleBlock, Style, StylePainter};
+
+/// How values of a tree become colours.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TileColours {
+    /// The style's document.
+    pub style: String,
+    /// The numbers that its percentiles are.
+    pub percentiles: PercentileNumbers,
+    /// Hash of what is made of these with the tree's palette and units: another one whenever tiles look different.
+    pub look: String,
+}
 
 /// Pixels of a tile; its rows follow each other without a margin.
 #[derive(Clone, Debug, Default)]
-pub(super) struct TilePixels {
+pub struct TilePixels {
     /// Numbers of colours, if the painter has a palette.
-    pub(super) indices: Vec<u8>,
+    pub indices: Vec<u8>,
     /// Else red, green, blue and opacity of each pixel.
-    pub(super) colours: Vec<[u8; 4]>,
+    pub colours: Vec<[u8; 4]>,
+}
+
+impl TilePixels {
+    /// Red, green, blue and opacity of each pixel, where numbers are those of a palette.
+    pub fn into_colours(self, palette: Option<&[[u8; 4]; 256]>) -> Vec<[u8; 4]> {
+        match palette {
+            Some(colours) => self.indices.iter().map(|index| colours[usize::from(*index)]).collect(),
+            None => self.colours,
+        }
+    }
 }
 
 /// A style made ready for the tiles of a tree.
@@ -24,7 +45,7 @@ pub(super) struct TilePixels {
 pub struct TilePainter {
     painter: StylePainter,
     palette: Option<Box<[[u8; 4]; 256]>>,
-    colours: Colours,
+    colours: TileColours,
 }
 
 impl TilePainter {
@@ -36,8 +57,11 @@ impl TilePainter {
         TilePainter::with_numbers(style, tree, None, progress)
     }
 
-    /// Makes a style ready, with numbers that its percentiles are.
-    pub(super) fn with_numbers(
+    /// Makes a style ready, with numbers that its percentiles are, where they are given.
+    ///
+    /// # Errors
+    /// Those of [`StylePainter::new`].
+    pub fn with_numbers(
         style: &Style,
         tree: &Dataset,
         given: Option<&PercentileNumbers>,
@@ -50,7 +74,7 @@ impl TilePainter {
             all
         });
         let look = format!("{:016x}", xxhash_rust::xxh3::xxh3_64(format!("{painter:?}").as_bytes()));
-        let colours = Colours { style: style.json().to_owned(), percentiles, look };
+        let colours = TileColours { style: style.json().to_owned(), percentiles, look };
         Ok(TilePainter { painter, palette, colours })
     }
 
@@ -60,22 +84,31 @@ impl TilePainter {
     }
 
     /// Cells around a tile that its pixels depend on.
-    pub(super) fn margin(&self) -> usize {
+    pub fn margin(&self) -> usize {
         self.painter.margin() as usize
     }
 
     /// The colours whose numbers it paints; `None` if it paints colours.
-    pub(super) fn palette(&self) -> Option<&[[u8; 4]; 256]> {
+    pub fn palette(&self) -> Option<&[[u8; 4]; 256]> {
         self.palette.as_deref()
     }
 
     /// What an archive says of the colours.
-    pub(super) fn colours(&self) -> &Colours {
+    pub fn colours(&self) -> &TileColours {
         &self.colours
     }
 
-    /// Paints a tile, of which there are the samples with the margin's cells around it.
-    pub(super) fn paint(&self, tile: TileId, samples: &TileSamples, pixels: &mut TilePixels) -> Result<()> {
+    /// Paints a tile of a source, of which there are the samples with the margin's cells around it.
+    ///
+    /// # Errors
+    /// If the samples are not of the type that the style was made ready for.
+    pub fn paint(
+        &self,
+        source: &dyn TileSource,
+        tile: TileId,
+        samples: &TileSamples,
+        pixels: &mut TilePixels,
+    ) -> Result<()> {
         let margin = self.margin();
         let side = samples.side - 2 * margin;
         let ground = if margin == 0 {
@@ -83,7 +116,7 @@ impl TilePainter {
         } else {
             let depth = tile.zoom + side.trailing_zeros() as u8;
             let first = f64::from(tile.row) * side as f64;
-            Ground::new(&web_mercator(depth), 1 << depth).rows(first, side)
+            Ground::new(&source.frame(depth), 1 << depth).rows(first, side)
         };
         let block = SampleBlock {
             width: side,
@@ -101,4 +134,26 @@ impl TilePainter {
             self.painter.paint(&block, pixels.colours.as_flattened_mut())
         }
     }
+}
+
+/// Pixels of a tile of `side` cells a side: red, green, blue and opacity, row by row; `None` where nothing is there.
+///
+/// # Errors
+/// If the source cannot be read.
+pub fn draw_tile(
+    source: &dyn TileSource,
+    painter: &TilePainter,
+    tile: TileId,
+    side: usize,
+) -> Result<Option<Vec<[u8; 4]>>> {
+    if source.content(tile)? == TileContent::Empty {
+        return Ok(None);
+    }
+    let (mut samples, mut pixels) = (TileSamples::default(), TilePixels::default());
+    source.tile(tile, side, painter.margin(), &mut samples)?;
+    if !samples.valid.contains(&true) {
+        return Ok(None);
+    }
+    painter.paint(source, tile, &samples, &mut pixels)?;
+    Ok(Some(pixels.into_colours(painter.palette())))
 }

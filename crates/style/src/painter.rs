@@ -73,7 +73,7 @@ impl StylePainter {
     ///
     /// # Errors
     /// Those of [`StylePainter::new`].
-    pub(crate) fn with_numbers(
+    pub fn with_numbers(
         style: &Style,
         tree: &Dataset,
         given: Option<&PercentileNumbers>,
@@ -167,7 +167,7 @@ impl StylePainter {
     }
 
     /// Whether all pixels are grey, for sure, that of VOID included unless it is transparent.
-    pub(crate) fn is_grey(&self) -> bool {
+    pub fn is_grey(&self) -> bool {
         let [red, green, blue, alpha] = self.void;
         (alpha == 0 || red == green && green == blue) && self.coats.iter().all(Coat::is_grey)
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::pending::{Pending, UPDATE};
 use super::{DOCUMENT, LOCK, TileFolder};
-use crate::tiles::making::Digest;
+use crate::tile_archives::making::Digest;
 use spinney_base::io::LockFile;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
@@ -14,7 +14,7 @@ use spinney_container::Finding;
 ///
 /// # Errors
 /// If it cannot be read, is no folder of ours, or on interruption.
-pub(in crate::tiles) fn verify(base: &Path, progress: &dyn Progress) -> Result<Vec<Finding>> {
+pub(in crate::tile_archives) fn verify(base: &Path, progress: &dyn Progress) -> Result<Vec<Finding>> {
     let lock = base.join(LOCK);
     let check_lock = || match LockFile::holder(&lock) {
         Some(holder) => Err(Error::Locked { path: base.to_path_buf(), holder }),

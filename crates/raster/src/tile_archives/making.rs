@@ -7,11 +7,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
 
 use super::encode::TileFormat;
-use super::source::DataPlace;
-use crate::style::PercentileNumbers;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
 use spinney_engine::dataset::Dataset;
+use spinney_tiles::{DataPlace, TileColours};
 
 /// The tree from which an archive was made, in one state.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -68,7 +67,7 @@ pub struct Making {
     /// The options, in words, by their names.
     pub options: BTreeMap<String, String>,
     /// How values became colours; `None` if tiles have samples.
-    pub(super) colours: Option<Colours>,
+    pub(super) colours: Option<TileColours>,
 }
 
 impl Making {
@@ -88,17 +87,6 @@ impl Making {
         let expected = format!("those that the tiles were made with: {}", listed(&self.options));
         Err(Error::invalid("options of the update", listed(&now.options), expected))
     }
-}
-
-/// How values of a tree became colours.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Colours {
-    /// The style's document.
-    pub(super) style: String,
-    /// The numbers that its percentiles were: updates keep them, so that all tiles have the same colours.
-    pub(super) percentiles: PercentileNumbers,
-    /// Hash of what was made of these with the tree's palette and units: another one whenever tiles look different.
-    pub(super) look: String,
 }
 
 /// Hash of all tiles of an archive, whatever its kind: a sum over tiles, from which one that is replaced can be taken away.

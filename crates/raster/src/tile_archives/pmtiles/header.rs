@@ -1,6 +1,6 @@
 //! The first 127 bytes of a `PMTiles` archive, version 3.
 
-use crate::tiles::TileFormat;
+use crate::tile_archives::TileFormat;
 
 /// Bytes of the header.
 pub(super) const HEADER: usize = 127;

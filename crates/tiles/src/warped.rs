@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use super::TileRequest;
 use super::place::{MAX_ZOOM, TileId, TileRange};
-use super::source::{DataPlace, TileContent, TileSamples, TileSource, XyzTiles};
+use super::source::{DataPlace, TileContent, TileSamples, TileSource};
+use super::tree::TreeTiles;
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::ValueType;
 use spinney_base::{Error, Progress, Result};
@@ -78,17 +78,17 @@ impl WarpedTiles {
     pub fn remarks(&self) -> Vec<String> {
         self.warped.first().map(Warped::remarks).unwrap_or_default()
     }
-
-    /// The ways in which the zooms get their values, as a text.
-    pub fn signature(&self) -> String {
-        let ways: Vec<&str> = self.warped.iter().map(|warped| warped.resampling().name()).collect();
-        format!("warped {}", ways.join(","))
-    }
 }
 
 impl TileSource for WarpedTiles {
     fn value_type(&self) -> ValueType {
         self.warped[0].form().value
+    }
+
+    /// The ways in which the zooms get their values.
+    fn signature(&self) -> String {
+        let ways: Vec<&str> = self.warped.iter().map(|warped| warped.resampling().name()).collect();
+        format!("warped {}", ways.join(","))
     }
 
     fn max_zoom(&self, _: usize) -> u8 {
@@ -119,7 +119,7 @@ impl TileSource for WarpedTiles {
 
     fn tile(&self, tile: TileId, side: usize, margin: usize, samples: &mut TileSamples) -> Result<()> {
         let warped = self.at(tile.zoom)?;
-        samples.draw(tile, (side, margin), self.value_type().size(), |cells, values, valid| {
+        samples.draw(tile, (side, margin), self.value_type().size(), true, &|cells, values, valid| {
             // (It draws any box.)
             warped.draw(cells, values, valid).map(|_| ())
         })
@@ -149,19 +149,20 @@ impl TileSource for WarpedTiles {
     }
 }
 
-/// The tiles of a tree: its nodes, or, where it lies on another grid, those that it is warped to; what makes these other ones is
-/// added to the request's options.
+/// The world's tiles of a tree, of so many cells a side: its nodes, or, where it lies on another grid, those that it is warped to, down to a
+/// zoom ([`WarpedTiles::new`]).
 ///
 /// # Errors
 /// If a way of resampling is given for a tree that needs none, the tree is a view on another grid, or it has no place in the world.
 pub fn tile_source<'a>(
     tree: &'a Dataset,
-    request: &mut TileRequest,
+    side: usize,
+    max_zoom: Option<u8>,
     options: &WarpOptions,
     progress: &dyn Progress,
 ) -> Result<Box<dyn TileSource + 'a>> {
     let path = tree.name();
-    if let Some(tiles) = XyzTiles::new(tree) {
+    if let Some(tiles) = TreeTiles::world(tree) {
         return match options.resampling {
             None => Ok(Box::new(tiles)),
             Some(way) => {
@@ -179,10 +180,8 @@ pub fn tile_source<'a>(
             expected,
         ));
     };
-    let last = request.zooms.as_ref().map(|zooms| *zooms.end());
-    let tiles = WarpedTiles::new(source, &tree.metadata().frame, request.side, last, options)?;
+    let tiles = WarpedTiles::new(source, &tree.metadata().frame, side, max_zoom, options)?;
     tiles.remarks().iter().for_each(|remark| progress.warn(path, remark));
-    request.options.push_str(&tiles.signature());
     Ok(Box::new(tiles))
 }
 

@@ -2,9 +2,9 @@
 
 use std::ops::RangeInclusive;
 
-use super::place::{TileId, TileRange};
-use super::source::TileSource;
 use spinney_base::space::Code;
+use spinney_tiles::TileSource;
+use spinney_tiles::{TileId, TileRange};
 
 /// Tiles of some zooms.
 pub(super) struct TouchedTiles {
@@ -230,8 +230,8 @@ impl<'a> TouchedBlocks<'a> {
 mod tests {
     use std::collections::BTreeSet;
 
-    use super::super::place::first_number;
     use super::*;
+    use spinney_tiles::first_number;
 
     #[test]
     fn tiles_are_those_of_a_plain_set_and_come_in_order() {

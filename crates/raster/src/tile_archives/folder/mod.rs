@@ -12,9 +12,9 @@ pub(super) use self::edit::FolderEdit;
 pub(super) use self::sink::FolderSink;
 pub(super) use self::verify::verify;
 use super::making::Own;
-use super::place::TileId;
 use spinney_base::io::ClosedFolder;
 use spinney_base::{Error, Result};
+use spinney_tiles::TileId;
 
 /// The document about all tiles.
 const DOCUMENT: &str = "tiles.json";
@@ -106,7 +106,7 @@ impl TileFolder {
             found[field] = name_left[..digits].parse::<u32>().ok();
             name_left = &name_left[digits..];
         }
-        let zoom = u8::try_from(found[0]?).ok().filter(|zoom| *zoom <= super::place::MAX_ZOOM)?;
+        let zoom = u8::try_from(found[0]?).ok().filter(|zoom| *zoom <= spinney_tiles::MAX_ZOOM)?;
         let (column, row) = (found[1]?, found[2]?);
         let tile = TileId { zoom, column, row };
         let is_tile = column >> zoom == 0 && row >> zoom == 0 && self.name(tile) == name;

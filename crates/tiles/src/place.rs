@@ -39,7 +39,7 @@ impl TileId {
 
     /// Steps along the Hilbert curve from the first tile of the zoom. Those of a tile's children are the four from four times
     /// its own on.
-    pub(super) fn along_curve(self) -> u64 {
+    pub fn along_curve(self) -> u64 {
         let (mut x, mut y, mut along) = (self.column, self.row, 0);
         for bit in (0..self.zoom).rev() {
             let (right, down) = (x >> bit & 1, y >> bit & 1);
@@ -56,7 +56,7 @@ impl TileId {
     }
 
     /// The tile so many steps along the curve.
-    pub(super) fn on_curve(zoom: u8, along: u64) -> TileId {
+    pub fn on_curve(zoom: u8, along: u64) -> TileId {
         let (mut x, mut y) = (0, 0);
         for bit in 0..zoom {
             let digit = (along >> (2 * bit)) as u32;
@@ -77,7 +77,7 @@ impl TileId {
 }
 
 /// Number of a zoom's first tile: that of all tiles above it.
-pub(super) fn first_number(zoom: u8) -> u64 {
+pub fn first_number(zoom: u8) -> u64 {
     ((1 << (2 * zoom)) - 1) / 3
 }
 
@@ -126,12 +126,12 @@ impl TileRange {
     }
 
     /// Whether all of another are among them.
-    pub(super) fn contains(&self, other: &TileRange) -> bool {
+    pub fn contains(&self, other: &TileRange) -> bool {
         (0..2).all(|axis| self.min[axis] <= other.min[axis] && other.max[axis] <= self.max[axis])
     }
 
     /// The tiles of a deeper zoom, or of its own, below a tile.
-    pub(super) fn below(tile: TileId, zoom: u8) -> TileRange {
+    pub fn below(tile: TileId, zoom: u8) -> TileRange {
         let shift = zoom - tile.zoom;
         let min = [tile.column, tile.row];
         TileRange { min: min.map(|at| at << shift), max: min.map(|at| (at + 1) << shift) }
@@ -146,8 +146,11 @@ impl TileRange {
     }
 }
 
-/// Fails unless a box in degrees is west, south, east, north, and has some width and height on the globe.
-pub(super) fn check_degrees(degrees: [f64; 4]) -> Result<()> {
+/// Checks that a box in degrees is west, south, east, north, and has some width and height on the globe.
+///
+/// # Errors
+/// If it does not.
+pub fn check_degrees(degrees: [f64; 4]) -> Result<()> {
     let [west, south, east, north] = degrees;
     let is_good =
         -180.0 <= west && west < east && east <= 180.0 && -90.0 <= south && south < north && north <= 90.0;
