@@ -30,7 +30,7 @@ pub struct TilePixels {
 
 impl TilePixels {
     /// Red, green, blue and opacity of each pixel, where numbers are those of a palette.
-    pub fn into_colours(self, palette: Option<&[[u8; 4]; 256]>) -> Vec<[u8; 4]> {
+    fn into_colours(self, palette: Option<&[[u8; 4]; 256]>) -> Vec<[u8; 4]> {
         match palette {
             Some(colours) => self.indices.iter().map(|index| colours[usize::from(*index)]).collect(),
             None => self.colours,
