@@ -8,6 +8,11 @@ const CACHE = 64 * 2 ** 20;
 /** Bytes that a single question may need at the same time. */
 const MOST = 2 ** 30;
 
+/** Rounds behind which single ranges are fetched with what is behind them, and the bytes of that, at first and at most. */
+const ALONE = 6;
+const FIRST_AHEAD = 2 ** 18;
+const MOST_AHEAD = 2 ** 23;
+
 const isNode = typeof process !== "undefined" && Boolean(process.versions?.node) && typeof document === "undefined";
 
 let compiled;
@@ -105,6 +110,17 @@ function attempt(text, places) {
   });
 }
 
+/** Writes JSON with BigInts as the whole numbers that they are. */
+function write(question) {
+  let hasBig = false;
+  const text = JSON.stringify(question, (_, value) => {
+    if (typeof value !== "bigint") return value;
+    hasBig = true;
+    return `\u0000${value}`;
+  });
+  return hasBig ? text.replace(/"\\u0000(-?\d+)"/g, "$1") : text;
+}
+
 /** Reads JSON in which whole numbers may be BigInts. */
 export function parse(text) {
   if (!text.includes('{"$')) return JSON.parse(text);
@@ -127,11 +143,12 @@ export class Replaced extends Error {}
  * @param source where the bytes come from: `fetch(ranges, signal)` supplies them.
  */
 export async function ask(source, question, { places = NONE, signal, progress, buffers = 0 } = {}) {
-  const text = JSON.stringify(question, (_, value) => (typeof value === "bigint" ? Number(value) : value));
+  const text = write(question);
   const fetched = new Set();
   const total = { rounds: 0, requests: 0, bytes: 0 };
   const own = generation;
   let needed = 0;
+  let ahead = 0;
   let hasGrown = false;
   try {
     for (;;) {
@@ -157,6 +174,14 @@ export async function ask(source, question, { places = NONE, signal, progress, b
         fetched.add(key);
         ranges.push([start, end]);
         needed += end - start;
+      }
+      // (What asks for one range after the other goes through the file: what is behind it comes with it, ever more.)
+      if (ranges.length === 1 && total.rounds >= ALONE) {
+        ahead = Math.min(Math.max(2 * ahead, FIRST_AHEAD), MOST_AHEAD);
+        const [range] = ranges;
+        const end = Math.min(range[1] + ahead, source.length);
+        needed += Math.max(end - range[1], 0);
+        range[1] = Math.max(end, range[1]);
       }
       // (All that a question has read must be there when it is asked for the last time.)
       if (needed > cache / 2 || isAgain) {

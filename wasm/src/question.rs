@@ -164,7 +164,7 @@ fn answer(question: &Question, places: &[f64]) -> Result<Outcome> {
             }
         }
         Question::Slice { of, slice } => solid::slice(cells(of)?.cells()?, slice)?.into(),
-        Question::Mesh { of, request } => solid::mesh(&*cells(of)?, request)?.into(),
+        Question::Mesh { of, request } => solid::mesh(cells(of)?.cells()?, request)?.into(),
         Question::Measures { of } => model::measures(cells(of)?.model()?)?.into(),
         Question::Section { of, plane } => model::section(cells(of)?.model()?, plane)?.into(),
         Question::Triangles { of } => model::triangles(cells(of)?.model()?)?.into(),

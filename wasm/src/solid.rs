@@ -5,13 +5,14 @@ use serde_json::{Value, json};
 use spinney_base::value::Rule;
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
+use spinney_engine::ops::Step;
 use spinney_engine::query::PointSamples;
+use spinney_mesh::export::{MeshRequest as SurfaceRequest, SurfaceMesh, surface_mesh};
 
-use crate::answer::Found;
-use crate::files::Opened;
+use crate::answer::{Found, bytes_of};
 use crate::part::Part;
 use crate::points::cells_at;
-use crate::windows::{Detail, samples};
+use crate::windows::{Detail, at_level, samples};
 
 /// A slice across an axis.
 #[derive(Deserialize)]
@@ -101,10 +102,47 @@ pub(crate) fn contains(tree: &Dataset, level: Option<u8>, numbers: &[f64]) -> Re
     Ok(Value::from((0..cells.len()).map(is_in).collect::<Vec<bool>>()).into())
 }
 
-/// The surface of a level.
-pub(crate) fn mesh(opened: &Opened, request: &MeshRequest) -> Result<Found> {
-    let tree = opened.cells()?;
+/// The surface of a level, as triangles: corners from an origin on, and three numbers of corners each.
+pub(crate) fn mesh(tree: &Dataset, request: &MeshRequest) -> Result<Found> {
     check_octree(tree)?;
-    let _ = (request.level, request.smooth, &request.part);
-    Err(Error::unsupported(tree.name(), "a mesh", "it is to come"))
+    let depth = tree.depth();
+    let level = request.level.unwrap_or(depth);
+    if level > depth {
+        return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
+    }
+    let part = match request.part.boxes(tree)? {
+        None => None,
+        Some(_) => Some(request.part.one_box(tree)?),
+    };
+    let mut wanted = SurfaceRequest::new();
+    wanted.smooth = request.smooth.unwrap_or(false);
+    let surface = match part {
+        None => {
+            wanted.level = Some(level);
+            surface_mesh(tree, &wanted, &())?
+        }
+        Some(part) => {
+            // (Whole cells of the level, so that parts beside each other meet.)
+            let shift = depth - level;
+            let cells = at_level(&part, shift);
+            let min = cells.min.map(|cell| (cell << shift) as i64);
+            let size = cells.size().map(|cells| cells << shift);
+            let view = tree.layer(&tree.layer_number().to_string())?.view(&[Step::Window(min, size)])?;
+            // (The window's space may be smaller: its levels are counted from the cells, too.)
+            wanted.level = Some(view.depth().saturating_sub(shift));
+            surface_mesh(&view, &wanted, &())?
+        }
+    };
+    let SurfaceMesh { vertices, triangles } = surface;
+    let origin: [f64; 3] = match vertices.is_empty() {
+        true => [0.0; 3],
+        false => std::array::from_fn(|axis| vertices.iter().map(|at| at[axis]).fold(f64::INFINITY, f64::min)),
+    };
+    let corner = |at: &[f64; 3]| std::array::from_fn(|axis| (at[axis] - origin[axis]) as f32);
+    let positions: Vec<[f32; 3]> = vertices.iter().map(corner).collect();
+    let buffers = vec![
+        bytes_of(positions.as_flattened(), f32::to_le_bytes),
+        bytes_of(triangles.as_flattened(), u32::to_le_bytes),
+    ];
+    Ok(Found { json: json!({ "origin": origin, "level": level }), buffers })
 }
