@@ -326,7 +326,7 @@ pub mod tin {
 /// How values become colours, whatever is drawn.
 #[cfg(feature = "raster")]
 pub mod style {
-    pub use spinney_raster::style::{
+    pub use spinney_style::{
         Ground, Key, Legend, LegendImage, LegendSection, SampleBlock, Style, StylePainter, Tick,
     };
 }
@@ -426,11 +426,14 @@ pub mod export {
     /// Tiles of maps.
     #[cfg(feature = "raster")]
     pub mod tiles {
-        pub use spinney_raster::tiles::{
-            DataPlace, MAX_ZOOM, Making, Pmtiles, SourceState, Stored, TileContent, TileEncoding, TileFolder,
-            TileFormat, TileId, TilePainter, TileRange, TileRequest, TileSamples, TileSource, TileTarget,
-            TileUpdate, UpdateOptions, WarpedTiles, XyzTiles, degrees_of, draw_tiles, export_pmtiles,
-            export_tiles, is_tile_archive, is_tile_folder, tile_source, verify_tiles,
+        pub use spinney_raster::tile_archives::{
+            Making, Pmtiles, SourceState, Stored, TileEncoding, TileFolder, TileFormat, TileRequest,
+            TileTarget, TileUpdate, UpdateOptions, draw_tiles, encode_tile, export_pmtiles, export_tiles,
+            is_tile_archive, is_tile_folder, verify_tiles,
+        };
+        pub use spinney_tiles::{
+            DataPlace, MAX_ZOOM, TileContent, TileId, TilePainter, TileRange, TileSamples, TileSource,
+            TreeTiles, WarpedTiles, degrees_of, draw_tile, tile_source,
         };
     }
 

@@ -172,7 +172,8 @@ impl Tree {
             None => Style::default_for(tree),
         };
         let stored = jobs::run(py, terms, |work| {
-            let tiles = tile_source(tree, &mut request, &warp, work)?;
+            let last = request.zooms.as_ref().map(|zooms| *zooms.end());
+            let tiles = tile_source(tree, request.side, last, &warp, work)?;
             draw_tiles(tree, &*tiles, &style, &mut request, &target, update.as_ref(), work)
         })?;
         Ok(stored.tiles)

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use spinney::dataset::{Dataset, open};
 use spinney::export::tiles::{
     DataPlace, Pmtiles, Stored, TileContent, TileId, TilePainter, TileRange, TileRequest, TileSamples,
-    TileSource, TileTarget, TileUpdate, UpdateOptions, XyzTiles, export_tiles, verify_tiles,
+    TileSource, TileTarget, TileUpdate, TreeTiles, UpdateOptions, export_tiles, verify_tiles,
 };
 use spinney::io::Output;
 use spinney::ops::{CellValue, Edit, FillRegion, convert, edit};
@@ -101,7 +101,7 @@ impl Place {
     fn export(&self, name: &str) -> Stored {
         let map = self.map();
         let painter = TilePainter::new(&self.style(), &map, &()).unwrap();
-        let source = XyzTiles::new(&map).unwrap();
+        let source = TreeTiles::world(&map).unwrap();
         let request = TileRequest::new(&map).unwrap();
         export_tiles(&source, &painter, &request, &self.target(name), &()).unwrap()
     }
@@ -110,7 +110,7 @@ impl Place {
         let map = self.map();
         let update = TileUpdate::open(&self.target(name), None, progress)?;
         let painter = update.painter(&self.style(), &map, progress)?;
-        let source = XyzTiles::new(&map).unwrap();
+        let source = TreeTiles::world(&map).unwrap();
         update.run(&map, &source, &painter, &TileRequest::new(&map)?, &UpdateOptions::default(), progress)
     }
 
@@ -118,7 +118,7 @@ impl Place {
         let map = self.map();
         let update = TileUpdate::open(&self.target(name), None, &()).unwrap();
         let painter = TilePainter::new(&self.style(), &map, &()).unwrap();
-        let (source, request) = (XyzTiles::new(&map).unwrap(), TileRequest::new(&map).unwrap());
+        let (source, request) = (TreeTiles::world(&map).unwrap(), TileRequest::new(&map).unwrap());
         let options = with(UpdateOptions::default(), |options| options.restyle = true);
         update.run(&map, &source, &painter, &request, &options, &()).unwrap()
     }
@@ -327,7 +327,7 @@ fn links_do_not_lead_an_update_out_of_the_folder() {
 fn an_export_goes_on_only_with_what_it_has_left_itself() {
     let place = Place::new(QUAD, Kind::Categorical);
     let map = place.map();
-    let (source, mut request) = (XyzTiles::new(&map).unwrap(), TileRequest::new(&map).unwrap());
+    let (source, mut request) = (TreeTiles::world(&map).unwrap(), TileRequest::new(&map).unwrap());
     let painter = TilePainter::new(&place.style(), &map, &()).unwrap();
     request.resume = true;
     let mut names = vec!["r", "r.pmtiles"];
@@ -425,7 +425,7 @@ fn colours_stay_when_percentiles_move_until_all_is_drawn_anew() {
         let map = place.map();
         let update = TileUpdate::open(&target, None, &()).unwrap();
         let painter = TilePainter::new(&place.style(), &map, &()).unwrap();
-        let (source, request) = (XyzTiles::new(&map).unwrap(), TileRequest::new(&map).unwrap());
+        let (source, request) = (TreeTiles::world(&map).unwrap(), TileRequest::new(&map).unwrap());
         let mixed = update.run(&map, &source, &painter, &request, &UpdateOptions::default(), &());
         let Err(Error::Unsupported { found, .. }) = mixed else { panic!("{name}: {mixed:?}") };
         assert!(found.contains("other numbers for percentiles: band 1: 98 % is"), "{found}");
@@ -453,7 +453,7 @@ fn colours_stay_when_percentiles_move_until_all_is_drawn_anew() {
 
 /// Counts what a source is asked.
 struct Counted<'a> {
-    source: XyzTiles<'a>,
+    source: TreeTiles<'a>,
     drawn: AtomicU64,
     blocks: AtomicU64,
 }
@@ -513,7 +513,7 @@ fn an_update_draws_what_was_touched_and_asks_once_for_each_tile() {
         let painter = TilePainter::new(&place.style(), &map, &()).unwrap();
         let request = TileRequest::new(&map).unwrap();
         for name in ["a", "a.pmtiles"] {
-            let source = XyzTiles::new(&map).unwrap();
+            let source = TreeTiles::world(&map).unwrap();
             let counted = Counted { source, drawn: AtomicU64::new(0), blocks: AtomicU64::new(0) };
             let update = TileUpdate::open(&place.target(name), None, &()).unwrap();
             update.run(&map, &counted, &painter, &request, &UpdateOptions::default(), &()).unwrap();

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use spinney::dataset::{Dataset, open};
 use spinney::export::image::Format;
 use spinney::export::tiles::{
-    Pmtiles, TileEncoding, TileFormat, TileId, TilePainter, TileRequest, TileTarget, TileUpdate, XyzTiles,
+    Pmtiles, TileEncoding, TileFormat, TileId, TilePainter, TileRequest, TileTarget, TileUpdate, TreeTiles,
     export_pmtiles, export_tiles, verify_tiles,
 };
 use spinney::export::{Detail, WindowRequest, export_window};
@@ -54,7 +54,7 @@ fn painter(map: &Dataset) -> TilePainter {
 
 fn export(map: &Dataset, request: &TileRequest, target: &str) -> Result<spinney::export::tiles::Stored> {
     let target = TileTarget::of(target.as_ref())?.unwrap();
-    export_tiles(&XyzTiles::new(map).unwrap(), &painter(map), request, &target, &())
+    export_tiles(&TreeTiles::world(map).unwrap(), &painter(map), request, &target, &())
 }
 
 /// Values and flags of a tile as the tree has them.
@@ -223,7 +223,7 @@ fn many(path: &Path, depth: u8) -> Dataset {
 fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let map = many(&folder.path().join("w.goblin"), 9);
-    let source = XyzTiles::new(&map).unwrap();
+    let source = TreeTiles::world(&map).unwrap();
     let painter = painter(&map);
     let mut request = TileRequest::new(&map).unwrap();
     // Deeper than its cells: thousands of tiles of few bytes.
@@ -316,7 +316,7 @@ fn an_update_is_like_doing_it_again() {
             .unwrap();
     }
     let map = open(&path, &Default::default()).unwrap();
-    let source = XyzTiles::new(&map).unwrap();
+    let source = TreeTiles::world(&map).unwrap();
     let painter = painter(&map);
     let request = TileRequest::new(&map).unwrap();
     for (target, again) in targets("a").into_iter().zip(targets("b")) {
@@ -374,7 +374,7 @@ impl Faults for Full {
 fn a_full_disk_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let map = world(&folder.path().join("w.goblin"), 10);
-    let (source, painter) = (XyzTiles::new(&map).unwrap(), painter(&map));
+    let (source, painter) = (TreeTiles::world(&map).unwrap(), painter(&map));
     let request = TileRequest::new(&map).unwrap();
     let path = folder.path().join("t.pmtiles");
     let length =
@@ -465,7 +465,7 @@ fn files(folder: &Path) -> BTreeMap<std::path::PathBuf, Vec<u8>> {
 fn an_interrupted_folder_goes_on_to_the_same_files() {
     let folder = tempfile::tempdir().unwrap();
     let map = many(&folder.path().join("w.goblin"), 9);
-    let (source, painter) = (XyzTiles::new(&map).unwrap(), painter(&map));
+    let (source, painter) = (TreeTiles::world(&map).unwrap(), painter(&map));
     let mut request = TileRequest::new(&map).unwrap();
     request.zooms = Some(0..=6);
     let target = |name: &str| {
@@ -497,7 +497,7 @@ fn light_on_a_relief_has_no_seams_between_tiles() {
     let target = TileTarget::of(&folder.path().join("tiles/{z}/{x}/{y}.png")).unwrap().unwrap();
     let mut request = TileRequest::new(&map).unwrap();
     request.zooms = Some(2..=2);
-    export_tiles(&XyzTiles::new(&map).unwrap(), &painter, &request, &target, &()).unwrap();
+    export_tiles(&TreeTiles::world(&map).unwrap(), &painter, &request, &target, &()).unwrap();
     let whole = folder.path().join("whole.png");
     let mut window = WindowRequest::new(map.header().picture(), Detail::Level(10));
     window.style = Some(style);

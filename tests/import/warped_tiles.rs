@@ -4,7 +4,7 @@ use std::path::Path;
 
 use spinney::dataset::Dataset;
 use spinney::export::tiles::{
-    TileContent, TileId, TileRange, TileSamples, TileSource, WarpedTiles, XyzTiles,
+    TileContent, TileId, TileRange, TileSamples, TileSource, TreeTiles, WarpedTiles,
 };
 use spinney::import::raster;
 use spinney::io::Output;
@@ -42,7 +42,7 @@ fn tiles_of_other_grids_are_those_of_the_warped_tree() {
         let frame = &native.metadata().frame;
         let ours =
             WarpedTiles::new(native.whole_source().unwrap(), frame, 256, Some(zoom), &options).unwrap();
-        let expected = XyzTiles::new(&warped).unwrap();
+        let expected = TreeTiles::world(&warped).unwrap();
         let range = TileRange::of_degrees(zoom, ours.degrees());
         let (mut drawn, mut detailed) = (0, 0);
         for row in range.min[1] - 1..=range.max[1] {
@@ -104,7 +104,7 @@ fn archives_say_where_data_lie() {
     };
     // Of the world's square: in one place; on both sides of the 180th meridian; all round.
     let all = [512, 512, 1];
-    let place_of = |map: &Dataset| XyzTiles::new(map).unwrap().data_place().unwrap();
+    let place_of = |map: &Dataset| TreeTiles::world(map).unwrap().data_place().unwrap();
     let east = write("east.goblin", web_mercator(9), all, &|[x, y, _]| {
         (384..400).contains(&x) && (256..272).contains(&y)
     });

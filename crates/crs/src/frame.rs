@@ -154,7 +154,15 @@ impl Frame {
     /// The frame of the same world seen in cells `2^shift` times as large along every axis: that of level
     /// `depth - shift`.
     pub fn coarser(&self, shift: u8) -> Frame {
-        let scale = (1u64 << shift) as f64;
+        self.scaled((1u64 << shift) as f64)
+    }
+
+    /// The frame of the same world seen in cells of which `2^shift` are as large as one along every axis.
+    pub fn finer(&self, shift: u8) -> Frame {
+        self.scaled(1.0 / (1u64 << shift) as f64)
+    }
+
+    fn scaled(&self, scale: f64) -> Frame {
         let matrix = self.matrix.map(|[x, y, z, o]| [x * scale, y * scale, z * scale, o]);
         Frame { matrix, ..self.clone() }
     }

@@ -3,11 +3,11 @@
 use std::io::Write as _;
 
 use super::image::{Format, ImageSpec, create};
-use crate::style::Legend;
 use spinney_base::io::Output;
 use spinney_base::value::{SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
+use spinney_style::Legend;
 
 /// A file that a legend is written to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! Pictures, volumes, chain codes and lists of cells in; pictures, arrays, chain codes, tiles and cloud-optimized GeoTIFF out; styles.
+//! Pictures, volumes, chain codes and lists of cells in; pictures, arrays, chain codes, archives of tiles and cloud-optimized GeoTIFF out.
 
 mod array;
 pub mod cells;
@@ -7,8 +7,7 @@ mod cog;
 pub mod image;
 pub mod import;
 mod legend;
-pub mod style;
-pub mod tiles;
+pub mod tile_archives;
 pub mod volume;
 mod window;
 

@@ -3,7 +3,7 @@
 use spinney_base::Result;
 use spinney_base::value::{Kind, Palette, Rule, SampleType};
 use spinney_engine::dataset::Dataset;
-use spinney_raster::style::{CLAY, distinct, to_linear, viridis};
+use spinney_style::{CLAY, distinct, to_linear, viridis};
 
 /// Map from values to colours: linear red, green and blue, 0 to 1.
 pub(super) enum Paint {

@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use super::RenderRequest;
 use crate::camera::Camera;
 use spinney_base::{Progress, Result};
-use spinney_raster::style::{to_linear, to_srgb};
+use spinney_style::{to_linear, to_srgb};
 
 /// Something that rays meet. Each thread has its own.
 pub(super) trait Surface: Send {

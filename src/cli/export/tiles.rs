@@ -132,7 +132,8 @@ pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<(
     let work = Work::start(global, "tiles")?;
     let mut warp = WarpOptions::default();
     (warp.resampling, warp.allow_ballpark) = (options.resampling, options.allow_ballpark);
-    let tiles = tile_source(&tree, &mut request, &warp, &work)?;
+    let last = request.zooms.as_ref().map(|zooms| *zooms.end());
+    let tiles = tile_source(&tree, request.side, last, &warp, &work)?;
     let update = match &options.update {
         None => None,
         Some(_) if args.tree.is_viewed() => bail!("--update: of a view, make the archive anew"),

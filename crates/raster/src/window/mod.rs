@@ -13,7 +13,6 @@ pub use self::layers::export_layers;
 use self::painted::Painted;
 use self::sampler::Sampler;
 use super::image::{Format, ImageSpec, create, write_sidecar};
-use crate::style::{Style, StylePainter};
 use spinney_base::io::Output;
 use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Rule, SampleType};
@@ -21,6 +20,7 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 use spinney_crs::Frame;
 use spinney_engine::dataset::Dataset;
+use spinney_style::{Style, StylePainter};
 
 /// A window of a tree, and its level of detail.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,12 +5,12 @@ use super::WindowRequest;
 use super::grid::OutputGrid;
 use super::rows_at_a_time;
 use super::sampler::{Sampler, flip_rows};
-use crate::style::{Ground, SampleBlock, StylePainter};
 use spinney_base::io::Output;
 use spinney_base::value::{Number, Palette, SampleType, ValueType};
 use spinney_base::{Progress, Result};
 use spinney_container::Metadata;
 use spinney_engine::dataset::Dataset;
+use spinney_style::{Ground, SampleBlock, StylePainter};
 
 /// A window to be painted.
 pub(super) struct Painted<'a> {

@@ -17,7 +17,7 @@ use spinney_brep::{ExactModel, Faces as _, ModelNode, ModelNodeState};
 use spinney_crs::Frame;
 use spinney_engine::dataset::Dataset;
 use spinney_engine::tree::Child;
-use spinney_raster::style::to_srgb;
+use spinney_style::to_srgb;
 
 /// Blocks that a drawing may have.
 const MOST_BLOCKS: usize = 1 << 18;

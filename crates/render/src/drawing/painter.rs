@@ -5,7 +5,7 @@ use crate::{RenderRequest, colours_of};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
 use spinney_raster::image::{Format, create};
-use spinney_raster::style::{to_linear, to_srgb};
+use spinney_style::{to_linear, to_srgb};
 
 /// Samples that are in memory at once, unless a row has more.
 const SAMPLES: u64 = 1 << 22;

@@ -1,0 +1,99 @@
+//! Updates of a folder of tiles: new tiles wait beside the old ones until all of them are there.
+
+use std::fs;
+
+use super::pending::{Changes, Pending, UPDATE};
+use super::{LOCK, MOST_TILE, TileFolder};
+use crate::tile_archives::encode::Encoded;
+use crate::tile_archives::making::{About, Digest, Own};
+use crate::tile_archives::sink::{Stored, TileEdit};
+use spinney_base::io::{ClosedFolder, LockFile, Unfinished};
+use spinney_base::{Error, Progress, Result};
+use spinney_tiles::TileId;
+
+/// Tiles that are in their folder already and get replaced: all of them, or, if this is dropped before it is finished, none.
+pub(in crate::tile_archives) struct FolderEdit {
+    folder: TileFolder,
+    own: Own,
+    digest: Digest,
+    tiles: ClosedFolder,
+    /// What is to be changed, from the first such tile on.
+    changes: Option<Changes>,
+    /// The folder of the new tiles, as long as nothing else leads to it.
+    unfinished: Option<Unfinished>,
+    /// (Last, so that it goes after all else.)
+    _lock: LockFile,
+}
+
+impl FolderEdit {
+    /// Opens the folder and keeps others from changing it; finishes an update that was interrupted, or removes what it has left.
+    pub(in crate::tile_archives) fn open(target: &TileFolder, progress: &dyn Progress) -> Result<FolderEdit> {
+        let base = target.base();
+        // (Nothing is made in a folder of something else.)
+        TileFolder::open(base)?;
+        let lock = LockFile::take(&base.join(LOCK), base)?;
+        Pending::finish_interrupted(base, progress)?;
+        let (folder, own, _) = TileFolder::open(base)?;
+        if folder != *target {
+            let expected = format!("those of the folder, {}", folder.pattern);
+            return Err(Error::invalid("names of tiles", target.pattern.as_str(), expected));
+        }
+        let digest = Digest::parse(&own.digest);
+        let digest =
+            digest.ok_or_else(|| Error::corrupt(base, "document", "no hash", "that of all tiles"))?;
+        let tiles = ClosedFolder::new(base);
+        Ok(FolderEdit { folder, own, digest, tiles, changes: None, unfinished: None, _lock: lock })
+    }
+
+    /// The changes; begins with them.
+    fn changes(&mut self) -> Result<&mut Changes> {
+        if self.changes.is_none() {
+            self.unfinished = Some(Unfinished::new(&self.folder.base.join(UPDATE)));
+            self.changes = Some(Changes::start(&self.folder)?);
+        }
+        Ok(self.changes.as_mut().expect("they have begun"))
+    }
+}
+
+impl TileEdit for FolderEdit {
+    fn own(&self) -> &Own {
+        &self.own
+    }
+
+    fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()> {
+        let old = self.tiles.read(&self.folder.name(tile), MOST_TILE)?;
+        let old = old.map(|bytes| xxhash_rust::xxh3::xxh3_128(&bytes));
+        if old == made.map(|made| made.hash) {
+            return Ok(());
+        }
+        if let Some(old) = old {
+            self.digest.remove(tile.number(), 1, old);
+            self.own.tiles = self.own.tiles.saturating_sub(1);
+        }
+        if let Some(made) = made {
+            self.digest.add(tile.number(), 1, made.hash);
+            self.own.tiles += 1;
+        }
+        self.changes()?.push(tile, made.map(|made| made.bytes.as_slice()))
+    }
+
+    fn finish(mut self: Box<Self>, about: &About, progress: &dyn Progress) -> Result<Stored> {
+        let stored = Stored { tiles: self.own.tiles, contents: self.own.tiles, ..Stored::default() };
+        let document = about.tile_json(&self.folder.pattern, self.own.tiles, self.digest);
+        let from = self.own.making.source.clone();
+        self.changes()?;
+        let changes = self.changes.take().expect("they have begun");
+        // From here on, what is beside the tiles stays until it is in its place, or was taken back in order.
+        self.unfinished = None;
+        changes.seal(&from, &about.making.source, &document, progress)?.apply(progress)?;
+        Ok(stored)
+    }
+}
+
+impl Drop for FolderEdit {
+    fn drop(&mut self) {
+        if self.unfinished.is_some() {
+            let _ = fs::remove_dir_all(self.folder.base.join(UPDATE));
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! A folder with a file for each tile, and `tiles.json` about all of them.
+
+mod edit;
+mod pending;
+mod sink;
+mod verify;
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+pub(super) use self::edit::FolderEdit;
+pub(super) use self::sink::FolderSink;
+pub(super) use self::verify::verify;
+use super::making::Own;
+use spinney_base::io::ClosedFolder;
+use spinney_base::{Error, Result};
+use spinney_tiles::TileId;
+
+/// The document about all tiles.
+const DOCUMENT: &str = "tiles.json";
+/// Bytes that the document may have.
+const MOST_DOCUMENT: u64 = 16 << 20;
+/// Bytes that a tile may have.
+const MOST_TILE: u64 = 256 << 20;
+/// The lock of whoever updates the folder.
+const LOCK: &str = ".lock";
+
+/// Names of tiles below a folder: a pattern with `{z}`, `{x}` and `{y}`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TileFolder {
+    base: PathBuf,
+    pattern: String,
+}
+
+impl TileFolder {
+    /// The folder of a pattern such as `map/{z}/{x}/{y}.png`: that before the first component with a field.
+    ///
+    /// # Errors
+    /// If a field is missing or comes twice, there is nothing before the first, or the way leads up.
+    pub fn parse(text: &str) -> Result<TileFolder> {
+        let wrong = || {
+            let expected =
+                "a folder, and below it names with {z}, {x} and {y}, each once: map/{z}/{x}/{y}.png";
+            Error::invalid("names of tiles", text, expected)
+        };
+        if ["{z}", "{x}", "{y}"].iter().any(|field| text.matches(field).count() != 1) {
+            return Err(wrong());
+        }
+        let field = text.find('{').unwrap_or_default();
+        let start = text[..field].rfind('/').ok_or_else(wrong)?;
+        let (base, pattern) = (&text[..start], &text[start + 1..]);
+        let leads_up = pattern.split('/').any(|part| matches!(part, "" | "." | ".."));
+        if base.is_empty() || leads_up || pattern == DOCUMENT {
+            return Err(wrong());
+        }
+        Ok(TileFolder { base: base.into(), pattern: pattern.to_owned() })
+    }
+
+    /// The folder.
+    pub fn base(&self) -> &Path {
+        &self.base
+    }
+
+    /// The end of the tiles' names.
+    pub fn extension(&self) -> Option<&str> {
+        Path::new(&self.pattern).extension()?.to_str()
+    }
+
+    fn name(&self, tile: TileId) -> String {
+        let TileId { zoom, column, row } = tile;
+        let name = self.pattern.replace("{z}", &zoom.to_string()).replace("{x}", &column.to_string());
+        name.replace("{y}", &row.to_string())
+    }
+
+    /// The folder that [`TileFolder::parse`] made of a pattern, as its document says; that is returned, too.
+    fn open(base: &Path) -> Result<(TileFolder, Own, Vec<u8>)> {
+        let path = base.join(DOCUMENT);
+        let corrupt = |found: &str| {
+            Error::corrupt(path.as_path(), "document", found, "the TileJSON of an export of this version")
+        };
+        let text = ClosedFolder::new(base).read(DOCUMENT, MOST_DOCUMENT)?;
+        let text = text.ok_or_else(|| Error::io(&path, "read")(ErrorKind::NotFound.into()))?;
+        let json: serde_json::Value = serde_json::from_slice(&text).map_err(|_| corrupt("no JSON"))?;
+        let own = json.get("spinney").and_then(|own| serde_json::from_value(own.clone()).ok());
+        let pattern = json.pointer("/tiles/0").and_then(serde_json::Value::as_str);
+        let (Some(own), Some(pattern)) = (own, pattern) else { return Err(corrupt("another document")) };
+        let folder = TileFolder::below(base, pattern).ok_or_else(|| corrupt("no pattern of names"))?;
+        Ok((folder, own, text))
+    }
+
+    /// Tiles with names of a pattern below a folder.
+    fn below(base: &Path, pattern: &str) -> Option<TileFolder> {
+        let folder = TileFolder::parse(&format!("./{pattern}")).ok()?;
+        (folder.base == Path::new(".")).then(|| TileFolder { base: base.into(), ..folder })
+    }
+
+    /// The tile with a name.
+    fn tile_of(&self, name: &str) -> Option<TileId> {
+        let (mut pattern, mut name_left) = (self.pattern.as_str(), name);
+        let mut found = [None; 3];
+        while let Some(at) = pattern.find('{') {
+            name_left = name_left.strip_prefix(&pattern[..at])?;
+            let field = "zxy".find(pattern[at + 1..].chars().next()?)?;
+            pattern = &pattern[at + 3..];
+            let digits = name_left.find(|letter: char| !letter.is_ascii_digit()).unwrap_or(name_left.len());
+            found[field] = name_left[..digits].parse::<u32>().ok();
+            name_left = &name_left[digits..];
+        }
+        let zoom = u8::try_from(found[0]?).ok().filter(|zoom| *zoom <= spinney_tiles::MAX_ZOOM)?;
+        let (column, row) = (found[1]?, found[2]?);
+        let tile = TileId { zoom, column, row };
+        let is_tile = column >> zoom == 0 && row >> zoom == 0 && self.name(tile) == name;
+        (is_tile && pattern == name_left).then_some(tile)
+    }
+}
+
+/// Whether a folder has the document of an export.
+pub fn is_tile_folder(path: &Path) -> bool {
+    path.is_dir() && path.join(DOCUMENT).is_file()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_need_a_folder_and_each_field_once() {
+        let folder = TileFolder::parse("a/b/{z}/{x}/{y}.png").expect("a good pattern");
+        assert_eq!((folder.base(), folder.extension()), (Path::new("a/b"), Some("png")));
+        assert_eq!(folder.name(TileId { zoom: 3, column: 4, row: 5 }), "3/4/5.png");
+        let flat = TileFolder::parse("/t/{z}-{y}-{x}.webp").expect("a good pattern");
+        assert_eq!(flat.name(TileId { zoom: 3, column: 4, row: 5 }), "3-5-4.webp");
+        for bad in [
+            "{z}/{x}/{y}.png",
+            "a/{z}/{x}.png",
+            "a/{z}/{x}/{y}{y}.png",
+            "/{z}/{x}/{y}.png",
+            "a/{z}/../{x}{y}",
+        ] {
+            assert!(TileFolder::parse(bad).is_err(), "{bad}");
+        }
+    }
+}

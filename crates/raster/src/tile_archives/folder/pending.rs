@@ -1,0 +1,252 @@
+//! Changes of a folder of tiles that wait for their place: new tiles in a folder of their own, the list of what changes, and a
+//! journal that names the states before and after. The journal is there when all else is on the disk; from then on the changes are
+//! made, by whoever comes next, as often as that takes.
+
+use std::fs::{self, File};
+use std::io::{BufReader, BufWriter, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::{DOCUMENT, TileFolder};
+use crate::tile_archives::making::SourceState;
+use spinney_base::io::{ClosedFolder, open_regular, platform, sync_folder};
+use spinney_base::{Error, Progress, Result};
+use spinney_tiles::TileId;
+
+/// The folder of what waits, below that of the tiles. It has `tiles/` with the new ones, the new `tiles.json`, `changes`, and in the end
+/// `journal`.
+pub(super) const UPDATE: &str = ".update";
+const TILES: &str = "tiles";
+const CHANGES: &str = "changes";
+const JOURNAL: &str = "journal";
+/// The journal as long as it is being written.
+const NEW_JOURNAL: &str = "journal.new";
+/// Bytes that the journal may have.
+const MOST_JOURNAL: u64 = 1 << 20;
+
+/// Marks the number of a tile that is removed.
+const REMOVED: u64 = 1 << 63;
+
+/// The journal's text.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Journal {
+    from: SourceState,
+    to: SourceState,
+    /// Names of tiles.
+    pattern: String,
+    /// Tiles that change, and the hash of their list.
+    changes: u64,
+    hash: String,
+}
+
+/// Changes that are being written.
+pub(super) struct Changes {
+    folder: TileFolder,
+    /// The folder of what waits.
+    waiting: ClosedFolder,
+    list: BufWriter<File>,
+    hash: xxhash_rust::xxh3::Xxh3,
+    count: u64,
+}
+
+impl Changes {
+    /// Begins with changes, where none wait.
+    pub(super) fn start(folder: &TileFolder) -> Result<Changes> {
+        let path = folder.base.join(UPDATE);
+        fs::create_dir(&path).map_err(Error::io(&path, "make the folder"))?;
+        let list = path.join(CHANGES);
+        let file = open_regular(File::options().write(true).create_new(true), &list)?;
+        Ok(Changes {
+            folder: folder.clone(),
+            waiting: ClosedFolder::new(&path),
+            list: BufWriter::new(file),
+            hash: xxhash_rust::xxh3::Xxh3::new(),
+            count: 0,
+        })
+    }
+
+    /// Adds a tile that is replaced, or removed if there are no bytes.
+    pub(super) fn push(&mut self, tile: TileId, bytes: Option<&[u8]>) -> Result<()> {
+        let mut number = tile.number();
+        match bytes {
+            Some(bytes) => self.waiting.write(&format!("{TILES}/{}", self.folder.name(tile)), bytes)?,
+            None => number |= REMOVED,
+        }
+        self.hash.update(&number.to_le_bytes());
+        self.count += 1;
+        self.list
+            .write_all(&number.to_le_bytes())
+            .map_err(Error::io(self.waiting.base(), "write the changes"))
+    }
+
+    /// Makes all of it durable, and then the journal: after that the changes are made whatever happens. Where that fails, nothing is
+    /// left.
+    pub(super) fn seal(
+        self,
+        from: &SourceState,
+        to: &SourceState,
+        document: &str,
+        progress: &dyn Progress,
+    ) -> Result<Pending> {
+        let waiting = self.waiting.base().to_path_buf();
+        self.sealed(from, to, document, progress).inspect_err(|_| {
+            // (Without its tiles the journal must not be found.)
+            let journal = fs::remove_file(waiting.join(JOURNAL));
+            if journal.is_ok() || journal.is_err_and(|cause| cause.kind() == ErrorKind::NotFound) {
+                let _ = sync_folder(&waiting).and_then(|()| fs::remove_dir_all(&waiting));
+            }
+        })
+    }
+
+    fn sealed(
+        mut self,
+        from: &SourceState,
+        to: &SourceState,
+        document: &str,
+        progress: &dyn Progress,
+    ) -> Result<Pending> {
+        let waiting = self.waiting.base().to_path_buf();
+        let failed = || Error::io(&waiting, "write the journal");
+        self.list.flush().and_then(|()| self.list.get_ref().sync_all()).map_err(failed())?;
+        self.waiting.write(DOCUMENT, document.as_bytes())?;
+        progress.check()?;
+        platform::sync_all_below(&waiting).map_err(Error::io(&waiting, "sync"))?;
+        sync_folder(&self.folder.base).map_err(Error::io(&self.folder.base, "sync"))?;
+        progress.check()?;
+        let journal = Journal {
+            from: from.clone(),
+            to: to.clone(),
+            pattern: self.folder.pattern.clone(),
+            changes: self.count,
+            hash: format!("{:032x}", self.hash.digest128()),
+        };
+        let text = serde_json::to_vec_pretty(&journal).map_err(|error| failed()(error.into()))?;
+        self.waiting.write(NEW_JOURNAL, &text)?;
+        let new = waiting.join(NEW_JOURNAL);
+        File::options().write(true).open(&new).and_then(|file| file.sync_all()).map_err(failed())?;
+        progress.check()?;
+        fs::rename(&new, waiting.join(JOURNAL)).map_err(failed())?;
+        sync_folder(&waiting).map_err(failed())?;
+        Ok(Pending { folder: self.folder, journal })
+    }
+}
+
+/// Changes that must be made.
+pub(super) struct Pending {
+    folder: TileFolder,
+    journal: Journal,
+}
+
+impl Pending {
+    /// The changes of a folder that an update has left unfinished.
+    pub(super) fn of(base: &Path) -> Result<Option<Pending>> {
+        let name = format!("{UPDATE}/{JOURNAL}");
+        let Some(text) = ClosedFolder::new(base).read(&name, MOST_JOURNAL)? else { return Ok(None) };
+        let wrong = || Error::corrupt(base.join(&name), "journal", "another text", "that of an update");
+        let journal: Journal = serde_json::from_slice(&text).map_err(|_| wrong())?;
+        let folder = TileFolder::below(base, &journal.pattern).ok_or_else(wrong)?;
+        Ok(Some(Pending { folder, journal }))
+    }
+
+    /// The states before and after, in words.
+    pub(super) fn states(&self) -> String {
+        format!("from {} to {}", self.journal.from, self.journal.to)
+    }
+
+    /// Makes the changes that wait in a folder, with a warning; removes what an update has left that had not come as far.
+    pub(super) fn finish_interrupted(base: &Path, progress: &dyn Progress) -> Result<()> {
+        if let Some(pending) = Pending::of(base)? {
+            let states = pending.states();
+            progress.warn(base, &format!("an update {states} was interrupted: it is finished now"));
+            return pending.apply(progress);
+        }
+        remove_all(&base.join(UPDATE))
+    }
+
+    /// Puts everything in its place; what is there already, stays.
+    ///
+    /// # Errors
+    /// If that fails, or on interruption, with a warning: the changes wait on.
+    pub(super) fn apply(self, progress: &dyn Progress) -> Result<()> {
+        let base = self.folder.base.clone();
+        self.apply_all(progress).inspect_err(|_| {
+            let text = "the update has begun to change tiles; the next `spinney export --update` finishes it";
+            progress.warn(&base, text);
+        })
+    }
+
+    fn apply_all(self, progress: &dyn Progress) -> Result<()> {
+        let base = self.folder.base.as_path();
+        let waiting = base.join(UPDATE);
+        let list = waiting.join(CHANGES);
+        let mut hash = xxhash_rust::xxh3::Xxh3::new();
+        let count = each_number(&list, |number| {
+            hash.update(&number.to_le_bytes());
+            Ok(())
+        })?;
+        if (count, format!("{:032x}", hash.digest128())) != (self.journal.changes, self.journal.hash) {
+            return Err(Error::corrupt(list, "changes", "another list", "that which the journal speaks of"));
+        }
+        let mut places = ClosedFolder::new(base);
+        let mut new_tiles = ClosedFolder::new(&waiting);
+        each_number(&list, |number| {
+            progress.check()?;
+            let tile = TileId::from_number(number & !REMOVED);
+            let tile =
+                tile.ok_or_else(|| Error::corrupt(&list, "changes", "no tile", "the number of one"))?;
+            let name = self.folder.name(tile);
+            if number & REMOVED != 0 {
+                places.remove(&name)?;
+            } else {
+                let new = new_tiles.place(&format!("{TILES}/{name}"))?;
+                put(&new, &places.new_place(&name)?)?;
+            }
+            progress.advance(1, count);
+            Ok(())
+        })?;
+        progress.check()?;
+        platform::sync_all_below(base).map_err(Error::io(base, "sync"))?;
+        put(&waiting.join(DOCUMENT), &base.join(DOCUMENT))?;
+        sync_folder(base).map_err(Error::io(base, "sync"))?;
+        progress.check()?;
+        let journal = waiting.join(JOURNAL);
+        fs::remove_file(&journal).map_err(Error::io(&journal, "remove"))?;
+        sync_folder(&waiting).map_err(Error::io(&waiting, "sync"))?;
+        // (All is done: what is left is only in the way.)
+        progress.advance(0, count);
+        remove_all(&waiting)
+    }
+}
+
+/// Hands out the numbers in a list; returns how many there are.
+fn each_number(list: &Path, mut each: impl FnMut(u64) -> Result<()>) -> Result<u64> {
+    let file = open_regular(File::options().read(true), list)?;
+    let length = file.metadata().map_err(Error::io(list, "read"))?.len();
+    let mut input = BufReader::new(file);
+    for _ in 0..length / 8 {
+        let mut number = [0; 8];
+        input.read_exact(&mut number).map_err(Error::io(list, "read"))?;
+        each(u64::from_le_bytes(number))?;
+    }
+    Ok(length / 8)
+}
+
+/// Renames a file, unless that was done before.
+fn put(from: &Path, to: &PathBuf) -> Result<()> {
+    match fs::rename(from, to) {
+        Err(cause) if cause.kind() == ErrorKind::NotFound => {
+            let is_there = fs::symlink_metadata(to).is_ok_and(|there| there.is_file());
+            if is_there { Ok(()) } else { Err(Error::io(from, "put in place")(cause)) }
+        }
+        other => other.map_err(Error::io(to, "put in place")),
+    }
+}
+
+/// Removes a folder with all that is in it, if it is there; of a link the link alone.
+fn remove_all(path: &Path) -> Result<()> {
+    match fs::remove_dir_all(path) {
+        Err(cause) if cause.kind() != ErrorKind::NotFound => Err(Error::io(path, "remove")(cause)),
+        _ => Ok(()),
+    }
+}

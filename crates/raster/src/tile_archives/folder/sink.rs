@@ -1,0 +1,161 @@
+//! Folders of tiles that are being written, under another name until they are whole.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::Path;
+
+use super::{DOCUMENT, TileFolder};
+use crate::tile_archives::encode::Encoded;
+use crate::tile_archives::journal::{Checkpoint, Entry, Journal, not_ours};
+use crate::tile_archives::making::{About, Digest};
+use crate::tile_archives::sink::{Stored, TileSink};
+use crate::tile_archives::walk::TileRun;
+use spinney_base::io::{ClosedFolder, LockFile, Unfinished, folder, partial_of, sync_folder};
+use spinney_base::{Error, Result};
+use spinney_tiles::TileId;
+
+/// What was written so far, in a folder that an export can go on with.
+const JOURNAL: &str = ".journal";
+
+/// Tiles that are being written, below a folder with another name.
+pub(in crate::tile_archives) struct FolderSink {
+    folder: TileFolder,
+    /// The folder until it is finished.
+    place: ClosedFolder,
+    journal: Journal,
+    at: Checkpoint,
+    /// Whether it stays if the export is interrupted.
+    is_kept: bool,
+    unfinished: Option<Unfinished>,
+    /// The lock of one that stays. (Last, so that it goes after all else.)
+    _lock: Option<LockFile>,
+}
+
+impl FolderSink {
+    /// Starts a folder; with `making`, which describes the export, goes on with one that was interrupted.
+    pub(in crate::tile_archives) fn create(target: &TileFolder, making: Option<&str>) -> Result<FolderSink> {
+        let base = target.base();
+        check_free(base)?;
+        let above = folder(base);
+        fs::create_dir_all(above).map_err(Error::io(above, "make the folder"))?;
+        let prefix = format!(".{}.", base.file_name().unwrap_or_default().to_string_lossy());
+        let mut lock = None;
+        let (place, journal, at) = match making {
+            Some(making) => {
+                lock = Some(LockFile::take(&above.join(format!("{prefix}lock")), base)?);
+                // (Whoever had the lock may have finished it.)
+                check_free(base)?;
+                let place = partial_of(base);
+                check_own(&place)?;
+                let (journal, at) = Journal::resumable(&place.join(JOURNAL), making, false, &mut |_| {})?;
+                (place, journal, at)
+            }
+            None => {
+                let mut names = tempfile::Builder::new();
+                let made =
+                    names.prefix(&prefix).suffix(".partial").make_in(above, |path| fs::create_dir(path));
+                let failed = || Error::io(base, "make a temporary folder beside");
+                let place = made.map_err(failed())?.into_temp_path().keep();
+                let place = place.map_err(|error| failed()(error.error))?;
+                (place, Journal::temporary(above)?, Checkpoint::default())
+            }
+        };
+        let is_kept = making.is_some();
+        let unfinished = (!is_kept).then(|| Unfinished::new(&place));
+        Ok(FolderSink {
+            folder: target.clone(),
+            place: ClosedFolder::new(&place),
+            journal,
+            at,
+            is_kept,
+            unfinished,
+            _lock: lock,
+        })
+    }
+
+    /// Makes all files durable.
+    fn sync(&self) -> Result<()> {
+        spinney_base::io::platform::sync_all_below(self.place.base())
+            .map_err(Error::io(self.place.base(), "sync"))
+    }
+}
+
+impl TileSink for FolderSink {
+    fn done(&self) -> u64 {
+        self.at.runs
+    }
+
+    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()> {
+        self.at.runs += 1;
+        let Some(tile) = tile else { return Ok(()) };
+        for number in run.first..run.first + run.count {
+            let place = TileId::from_number(number).expect("a run of tiles");
+            let name = self.folder.name(place);
+            self.place.write(&name, &tile.bytes)?;
+        }
+        let (offset, length) = (self.at.bytes, tile.bytes.len() as u32);
+        self.at.bytes += u64::from(length) * run.count;
+        self.journal.push(&Entry { first: run.first, count: run.count, offset, length, hash: tile.hash })
+    }
+
+    fn checkpoint(&mut self) -> Result<()> {
+        if !self.is_kept {
+            return Ok(());
+        }
+        self.sync()?;
+        self.journal.checkpoint(self.at)
+    }
+
+    fn finish(mut self: Box<Self>, about: &About) -> Result<Stored> {
+        let (mut stored, mut digest) = (Stored::default(), Digest::default());
+        self.journal.entries(|entry| {
+            stored.tiles += entry.count;
+            (entry.first..entry.first + entry.count).for_each(|number| digest.add(number, 1, entry.hash));
+            Ok(())
+        })?;
+        (stored.contents, stored.bytes) = (stored.tiles, self.at.bytes);
+        let document = about.tile_json(&self.folder.pattern, stored.tiles, digest);
+        self.place.write(DOCUMENT, document.as_bytes())?;
+        self.sync()?;
+        let base = self.folder.base().to_path_buf();
+        if self.is_kept {
+            let journal = self.place.base().join(JOURNAL);
+            fs::remove_file(&journal).map_err(Error::io(&journal, "remove"))?;
+        }
+        // (An empty folder may be in its place.)
+        let _ = fs::remove_dir(&base);
+        fs::rename(self.place.base(), &base).map_err(Error::io(&base, "put in place"))?;
+        self.unfinished = None;
+        sync_folder(folder(&base)).map_err(Error::io(&base, "sync the folder"))?;
+        Ok(stored)
+    }
+}
+
+impl Drop for FolderSink {
+    fn drop(&mut self) {
+        if self.unfinished.is_some() {
+            let _ = fs::remove_dir_all(self.place.base());
+        }
+    }
+}
+
+/// Fails if something is where a folder is to be, other than an empty one.
+fn check_free(base: &Path) -> Result<()> {
+    let is_taken = fs::read_dir(base).is_ok_and(|mut entries| entries.next().is_some()) || base.is_file();
+    if is_taken {
+        let advice = "choose another folder, remove it, or see --update";
+        return Err(Error::unsupported(base, "writing tiles where something is", advice));
+    }
+    Ok(())
+}
+
+/// Makes a folder to be gone on with later, or takes over what is there if it is empty or has a journal.
+fn check_own(place: &Path) -> Result<()> {
+    match fs::create_dir(place) {
+        Err(cause) if cause.kind() == ErrorKind::AlreadyExists => {}
+        other => return other.map_err(Error::io(place, "make the folder")),
+    }
+    let is_folder = fs::symlink_metadata(place).is_ok_and(|there| there.is_dir());
+    let is_empty = || fs::read_dir(place).is_ok_and(|mut entries| entries.next().is_none());
+    if is_folder && (place.join(JOURNAL).is_file() || is_empty()) { Ok(()) } else { Err(not_ours(place)) }
+}

@@ -1,0 +1,387 @@
+//! `MBTiles`, version 1.3: an archive of tiles as an `SQLite` database. Contents stand in `images` once, by their hash, and `map` says
+//! which tiles have them; `tiles` is a view of both. Rows count from the south, as TMS has it.
+
+use std::path::{Path, PathBuf};
+
+use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
+
+use super::encode::Encoded;
+use super::journal::{not_ours, other_export};
+use super::making::{About, Digest, Own};
+use super::sink::{Stored, TileEdit, TileSink};
+use super::walk::TileRun;
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Finding;
+use spinney_tiles::{MAX_ZOOM, TileId};
+
+/// The tables. The number of the application is that which `MBTiles` has ("MPBX").
+const SCHEMA: &str = "
+PRAGMA application_id = 0x4d504258;
+CREATE TABLE metadata (name TEXT NOT NULL PRIMARY KEY, value TEXT) WITHOUT ROWID;
+CREATE TABLE images (tile_id TEXT NOT NULL PRIMARY KEY, tile_data BLOB NOT NULL);
+CREATE TABLE map (zoom_level INTEGER NOT NULL, tile_column INTEGER NOT NULL, tile_row INTEGER NOT NULL, tile_id TEXT NOT NULL,
+  PRIMARY KEY (zoom_level, tile_column, tile_row)) WITHOUT ROWID;
+CREATE VIEW tiles AS SELECT map.zoom_level AS zoom_level, map.tile_column AS tile_column, map.tile_row AS tile_row,
+  images.tile_data AS tile_data FROM map JOIN images ON images.tile_id = map.tile_id;
+";
+
+/// The row of `metadata` that describes an export which is not finished.
+const PARTIAL: &str = "spinney_partial";
+
+/// Places of the counter of changes in a database's header (file format of `SQLite`, 1.3.7).
+const CHANGE_COUNTERS: [u64; 2] = [24, 92];
+
+/// An archive that is being written.
+pub(super) struct MbtilesSink {
+    output: Output,
+    path: PathBuf,
+    connection: Connection,
+    runs: u64,
+    /// Whether it stays if the export is interrupted.
+    is_kept: bool,
+}
+
+fn failed(path: &Path, doing: &'static str) -> impl FnOnce(rusqlite::Error) -> Error {
+    let path = path.to_path_buf();
+    move |error| match error.sqlite_error_code() {
+        Some(rusqlite::ErrorCode::DiskFull) => {
+            Error::Io { path, doing, cause: std::io::Error::new(std::io::ErrorKind::StorageFull, error) }
+        }
+        Some(rusqlite::ErrorCode::DatabaseBusy | rusqlite::ErrorCode::DatabaseLocked) => {
+            Error::Locked { path, holder: "another process".into() }
+        }
+        Some(rusqlite::ErrorCode::DatabaseCorrupt | rusqlite::ErrorCode::NotADatabase) => {
+            Error::corrupt(path.as_path(), "database", error.to_string(), "an SQLite database")
+        }
+        _ => Error::Io { path, doing, cause: std::io::Error::other(error) },
+    }
+}
+
+impl MbtilesSink {
+    /// Starts an archive of an export that `making` describes, or goes on with one that was interrupted.
+    pub(super) fn create(path: &Path, making: &str, resume: bool) -> Result<MbtilesSink> {
+        let output = if resume { Output::resumable(path)?.0 } else { Output::create(path)? };
+        let Some(place) = output.unfinished_path().map(Path::to_path_buf) else {
+            let advice = "give the name of a file: it is a database";
+            return Err(Error::unsupported(path, "writing MBTiles to a stream", advice));
+        };
+        let connection = Connection::open(&place).map_err(failed(&place, "open"))?;
+        if resume {
+            check_own(&connection, &place)?;
+        }
+        // A file that nobody sees yet needs no journal of the database's own, unless it is to survive interruptions.
+        let safety = if resume { "NORMAL" } else { "OFF" };
+        let settings = format!(
+            "PRAGMA page_size = 4096; PRAGMA journal_mode = {}; PRAGMA synchronous = {safety}; \
+             PRAGMA secure_delete = ON; PRAGMA cache_size = -32768; PRAGMA temp_store = MEMORY;",
+            if resume { "DELETE" } else { "OFF" }
+        );
+        let set = connection.execute_batch(&settings);
+        set.map_err(failed(&place, "start"))?;
+        let mut sink = MbtilesSink { output, path: place, connection, runs: 0, is_kept: resume };
+        let tables: i64 = sink.ask("SELECT count(*) FROM sqlite_master")?;
+        if tables == 0 {
+            sink.run(&format!("BEGIN; {SCHEMA}"))?;
+            sink.insert_metadata(PARTIAL, making)?;
+            sink.run("COMMIT")?;
+        } else {
+            let found: Option<String> = sink
+                .connection
+                .query_row("SELECT value FROM metadata WHERE name = ?1", [PARTIAL], |row| row.get(0))
+                .optional()
+                .map_err(failed(&sink.path, "read"))?;
+            if found.as_deref() != Some(making) {
+                return Err(other_export(&sink.path));
+            }
+            sink.runs = sink.ask::<i64>("PRAGMA user_version")?.max(0) as u64;
+        }
+        sink.run("BEGIN")?;
+        Ok(sink)
+    }
+
+    fn run(&self, statements: &str) -> Result<()> {
+        self.connection.execute_batch(statements).map_err(failed(&self.path, "write"))
+    }
+
+    fn ask<T: rusqlite::types::FromSql>(&self, question: &str) -> Result<T> {
+        self.connection.query_row(question, [], |row| row.get(0)).map_err(failed(&self.path, "read"))
+    }
+
+    fn insert_metadata(&self, name: &str, value: &str) -> Result<()> {
+        let inserted = self.connection.execute("INSERT INTO metadata VALUES (?1, ?2)", [name, value]);
+        inserted.map(drop).map_err(failed(&self.path, "write"))
+    }
+}
+
+/// Fails, without changing anything, unless a database is empty or of an export that was interrupted.
+fn check_own(connection: &Connection, path: &Path) -> Result<()> {
+    let ask = |question: &str| connection.query_row(question, [], |row| row.get::<_, i64>(0));
+    let is_empty = ask("PRAGMA page_count") == Ok(0);
+    let rows = format!("SELECT count(*) FROM metadata WHERE name = '{PARTIAL}'");
+    if is_empty || ask(&rows) == Ok(1) { Ok(()) } else { Err(not_ours(path)) }
+}
+
+/// The name of a content in `images`.
+fn name_of(hash: u128) -> String {
+    format!("{hash:032x}")
+}
+
+/// The row of a tile from the south.
+fn tms_row(tile: TileId) -> u32 {
+    (1 << tile.zoom) - 1 - tile.row
+}
+
+/// Writes a content unless it is there, and the tiles that have it.
+fn insert(
+    connection: &Connection,
+    tiles: impl Iterator<Item = TileId>,
+    made: &Encoded,
+) -> rusqlite::Result<()> {
+    let name = name_of(made.hash);
+    connection
+        .prepare_cached("INSERT OR IGNORE INTO images VALUES (?1, ?2)")?
+        .execute(params![name, made.bytes])?;
+    let mut statement = connection.prepare_cached("INSERT INTO map VALUES (?1, ?2, ?3, ?4)")?;
+    for tile in tiles {
+        statement.execute(params![tile.zoom, tile.column, tms_row(tile), name])?;
+    }
+    Ok(())
+}
+
+/// Hands out number and hash of every tile of an archive, and counts contents that no tile has.
+fn each_tile(
+    connection: &Connection,
+    mut each: impl FnMut(u64, u128) -> Result<()>,
+    path: &Path,
+) -> Result<()> {
+    let mut statement = connection
+        .prepare("SELECT zoom_level, tile_column, tile_row, tile_id FROM map")
+        .map_err(failed(path, "read"))?;
+    let mut rows = statement.query([]).map_err(failed(path, "read"))?;
+    while let Some(row) = rows.next().map_err(failed(path, "read"))? {
+        let number = |at: usize| row.get::<_, i64>(at).map_err(failed(path, "read"));
+        let (zoom, column, row_number) = (number(0)?, number(1)?, number(2)?);
+        let name: String = row.get(3).map_err(failed(path, "read"))?;
+        let place = || format!("tile {zoom}/{column}/{row_number}");
+        let is_tile = (0..=i64::from(MAX_ZOOM)).contains(&zoom)
+            && [column, row_number].iter().all(|at| (0..1 << zoom).contains(at));
+        let hash = u128::from_str_radix(&name, 16).ok().filter(|hash| name == name_of(*hash));
+        let (true, Some(hash)) = (is_tile, hash) else {
+            return Err(Error::corrupt(path, place(), format!("content {name:.40}"), "a tile and a hash"));
+        };
+        let row = ((1 << zoom) - 1 - row_number) as u32;
+        each(TileId { zoom: zoom as u8, column: column as u32, row }.number(), hash)?;
+    }
+    Ok(())
+}
+
+impl TileSink for MbtilesSink {
+    fn done(&self) -> u64 {
+        self.runs
+    }
+
+    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()> {
+        self.runs += 1;
+        let Some(tile) = tile else { return Ok(()) };
+        let tiles = (run.first..run.first + run.count)
+            .map(|number| TileId::from_number(number).expect("a run of tiles"));
+        insert(&self.connection, tiles, tile).map_err(failed(&self.path, "write"))
+    }
+
+    fn checkpoint(&mut self) -> Result<()> {
+        // (The version is a number of 32 bits; an export of more runs goes on from an earlier one.)
+        let runs = i32::try_from(self.runs).unwrap_or(i32::MAX);
+        if !self.is_kept || runs == i32::MAX {
+            return Ok(());
+        }
+        self.run(&format!("PRAGMA user_version = {runs}; COMMIT; BEGIN"))
+    }
+
+    fn finish(self: Box<Self>, about: &About) -> Result<Stored> {
+        let (mut stored, mut digest) = (Stored::default(), Digest::default());
+        each_tile(
+            &self.connection,
+            |number, hash| {
+                digest.add(number, 1, hash);
+                stored.tiles += 1;
+                Ok(())
+            },
+            &self.path,
+        )?;
+        stored.contents = self.ask::<i64>("SELECT count(*) FROM images")?.max(0) as u64;
+        self.run(&format!("DELETE FROM metadata WHERE name = '{PARTIAL}'"))?;
+        for (name, value) in about.mbtiles_rows(stored.tiles, digest) {
+            self.insert_metadata(&name, &value)?;
+        }
+        self.run("PRAGMA user_version = 0; COMMIT")?;
+        let MbtilesSink { output, path, connection, .. } = *self;
+        connection.close().map_err(|(_, error)| failed(&path, "close")(error))?;
+        stored.bytes = std::fs::metadata(&path).map_err(Error::io(&path, "read"))?.len();
+        // The same bytes however often the export was interrupted: the file's counter of changes, and for which of them the size in
+        // the header counts.
+        let (mut output, counter) = (output, 1u32.to_be_bytes());
+        for place in CHANGE_COUNTERS {
+            output.overwrite(place, &counter).map_err(Error::io(output.path(), "write"))?;
+        }
+        output.commit()?;
+        Ok(stored)
+    }
+}
+
+/// An archive in which tiles get replaced: all at once, or none.
+pub(super) struct MbtilesEdit {
+    path: PathBuf,
+    connection: Connection,
+    own: Own,
+    digest: Digest,
+}
+
+impl MbtilesEdit {
+    pub(super) fn open(path: &Path) -> Result<MbtilesEdit> {
+        let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = Connection::open_with_flags(path, flags).map_err(failed(path, "open"))?;
+        // (Whoever comes second does not wait: what it has read of the tree may be older by then.)
+        connection.busy_timeout(std::time::Duration::ZERO).map_err(failed(path, "open"))?;
+        connection.execute_batch("BEGIN IMMEDIATE").map_err(failed(path, "lock"))?;
+        let own = own(&connection, path)?;
+        let digest = Digest::parse(&own.digest);
+        let digest =
+            digest.ok_or_else(|| Error::corrupt(path, "metadata", "no hash", "that of all tiles"))?;
+        Ok(MbtilesEdit { path: path.to_path_buf(), connection, own, digest })
+    }
+}
+
+impl TileEdit for MbtilesEdit {
+    fn own(&self) -> &Own {
+        &self.own
+    }
+
+    fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()> {
+        let number = tile.number();
+        let at = params![tile.zoom, tile.column, tms_row(tile)];
+        let found: Option<String> = self
+            .connection
+            .prepare_cached(
+                "DELETE FROM map WHERE zoom_level = ?1 AND tile_column = ?2 AND tile_row = ?3 RETURNING tile_id",
+            )
+            .and_then(|mut statement| statement.query_row(at, |row| row.get(0)).optional())
+            .map_err(failed(&self.path, "write"))?;
+        if let Some(hash) = found.and_then(|name| u128::from_str_radix(&name, 16).ok()) {
+            self.digest.remove(number, 1, hash);
+            self.own.tiles = self.own.tiles.saturating_sub(1);
+        }
+        if let Some(made) = made {
+            insert(&self.connection, std::iter::once(tile), made).map_err(failed(&self.path, "write"))?;
+            self.digest.add(number, 1, made.hash);
+            self.own.tiles += 1;
+        }
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>, about: &About, _: &dyn Progress) -> Result<Stored> {
+        let wrong = || failed(&self.path, "write");
+        let run = |statements: &str| self.connection.execute_batch(statements).map_err(wrong());
+        // (Contents that no tile has any more.)
+        run("DELETE FROM images WHERE tile_id NOT IN (SELECT tile_id FROM map); DELETE FROM metadata")?;
+        for (name, value) in about.mbtiles_rows(self.own.tiles, self.digest) {
+            let inserted = self.connection.execute("INSERT INTO metadata VALUES (?1, ?2)", [name, value]);
+            inserted.map_err(wrong())?;
+        }
+        run("COMMIT")?;
+        let contents: i64 = self
+            .connection
+            .query_row("SELECT count(*) FROM images", [], |row| row.get(0))
+            .map_err(failed(&self.path, "read"))?;
+        let bytes = std::fs::metadata(&self.path).map_err(Error::io(&self.path, "read"))?.len();
+        Ok(Stored { tiles: self.own.tiles, contents: contents.max(0) as u64, bytes, copied: 0 })
+    }
+}
+
+/// Description of how an archive was made.
+fn own(connection: &Connection, path: &Path) -> Result<Own> {
+    let text: Option<String> = connection
+        .query_row("SELECT value FROM metadata WHERE name = 'spinney'", [], |row| row.get(0))
+        .optional()
+        .map_err(failed(path, "read"))?;
+    let own = text.and_then(|text| serde_json::from_str(&text).ok());
+    own.ok_or_else(|| {
+        let advice = "only archives that `spinney export` wrote say how they were made";
+        Error::unsupported(path, "an archive of another program", advice)
+    })
+}
+
+/// Findings that are listed at most.
+const MOST_FINDINGS: usize = 100;
+
+/// Checks the database, that all tiles are there, and that contents have the hashes that are their names.
+///
+/// # Errors
+/// If it cannot be read, is no archive of ours, or on interruption.
+pub(super) fn verify(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding>> {
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(path, flags).map_err(failed(path, "open"))?;
+    // A schema of somebody else must not run anything.
+    let set = connection
+        .execute_batch("PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0");
+    set.map_err(failed(path, "read"))?;
+    let own = own(&connection, path)?;
+    let mut findings = Vec::new();
+    let mut tell = |place: String, problem: String| {
+        if findings.len() < MOST_FINDINGS {
+            findings.push(Finding { place, problem });
+        }
+    };
+    let sound: String =
+        connection.query_row("PRAGMA quick_check(1)", [], |row| row.get(0)).map_err(failed(path, "read"))?;
+    if sound != "ok" {
+        tell("database".into(), sound);
+    }
+    let mut statement =
+        connection.prepare("SELECT tile_id, tile_data FROM images").map_err(failed(path, "read"))?;
+    let mut rows = statement.query([]).map_err(failed(path, "read"))?;
+    while let Some(row) = rows.next().map_err(failed(path, "read"))? {
+        progress.check()?;
+        let name: String = row.get(0).map_err(failed(path, "read"))?;
+        let bytes = row.get_ref(1).map_err(failed(path, "read"))?;
+        let hash = bytes.as_blob().ok().map(xxhash_rust::xxh3::xxh3_128);
+        if hash.is_none_or(|hash| name != name_of(hash)) {
+            tell(
+                format!("image {name:.40}"),
+                "not the bytes that were written: their hash is another one".into(),
+            );
+        }
+    }
+    let (mut tiles, mut digest) = (0, Digest::default());
+    let walked = each_tile(
+        &connection,
+        |number, hash| {
+            progress.check()?;
+            progress.advance(1, own.tiles);
+            digest.add(number, 1, hash);
+            tiles += 1;
+            Ok(())
+        },
+        path,
+    );
+    match walked {
+        Ok(()) => {}
+        Err(Error::Corrupt { place, found, .. }) => tell(place, found),
+        Err(error) => return Err(error),
+    }
+    if (tiles, Some(digest)) != (own.tiles, Digest::parse(&own.digest)) {
+        tell(
+            "tiles".into(),
+            format!("not those that were written: {tiles}, there were {}, or others", own.tiles),
+        );
+    }
+    let lost: i64 = connection
+        .query_row("SELECT count(*) FROM map WHERE tile_id NOT IN (SELECT tile_id FROM images)", [], |row| {
+            row.get(0)
+        })
+        .map_err(failed(path, "read"))?;
+    if lost > 0 {
+        tell("tiles".into(), format!("{lost} of them have no content"));
+    }
+    Ok(findings)
+}

@@ -1,0 +1,334 @@
+//! Archives and folders of tiles: pictures or arrays of squares of the world, zoom by zoom, as web maps ask for them.
+//!
+//! [`export_tiles`] walks down from the root (`walk.rs`): what is empty is skipped, and of what is uniform one tile is drawn,
+//! however many there are. All others are drawn from a [`TileSource`], painted by a [`TilePainter`] and encoded, on all threads,
+//! and handed to the archive in the order of their numbers, so that the bytes do not depend on threads.
+//!
+//! ```
+//! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+//! use spinney::export::tiles::{Pmtiles, TileId, TilePainter, TileRequest, TileTarget, WarpedTiles, export_tiles};
+//! use spinney::import::raster::{ImportOptions, plan};
+//! use spinney::io::Output;
+//! use spinney::style::Style;
+//!
+//! # let folder = tempfile::tempdir().unwrap();
+//! # let path = folder.path().join("island.goblin");
+//! plan(&["fixtures/island_classes.tif".into()], &ImportOptions::default())?.build(Output::create(&path)?, &())?;
+//! let map = spinney::open(&path)?;
+//! let source = map.whole_source().expect("it is no view");
+//! let tiles = WarpedTiles::new(source, &map.metadata().frame, 256, Some(9), &Default::default())?;
+//! let painter = TilePainter::new(&Style::default_for(&map), &map, &())?;
+//! let archive = folder.path().join("island.pmtiles");
+//! export_tiles(&tiles, &painter, &TileRequest::new(&map)?, &TileTarget::Pmtiles(archive.clone()), &())?;
+//! assert!(Pmtiles::open(&archive)?.tile(TileId { zoom: 0, column: 0, row: 0 })?.is_some());
+//! # Ok::<(), spinney::Error>(())
+//! ```
+
+mod encode;
+mod folder;
+mod journal;
+mod making;
+#[cfg(feature = "mbtiles")]
+mod mbtiles;
+mod pmtiles;
+mod png;
+mod sink;
+mod target;
+mod tiff;
+mod touched;
+mod update;
+mod walk;
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::ops::RangeInclusive;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+pub use encode::{TileEncoding, TileFormat, encode_tile};
+pub use folder::{TileFolder, is_tile_folder};
+pub use making::{Making, SourceState};
+pub use pmtiles::Pmtiles;
+pub use sink::Stored;
+pub use target::TileTarget;
+pub use update::{TileUpdate, UpdateOptions, draw_tiles};
+
+use self::encode::{Encoded, TileEncoder};
+use self::making::About;
+use self::pmtiles::PmtilesSink;
+use self::sink::TileSink;
+use self::walk::{TileExtent, TileRun, TileWalk};
+use spinney_base::io::Output;
+use spinney_base::parallel;
+use spinney_base::value::Number;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Finding;
+use spinney_engine::dataset::Dataset;
+use spinney_tiles::{DataPlace, MAX_ZOOM, TilePainter, TileSource, check_degrees};
+
+/// Request for an export: its extent, and the metadata.
+#[derive(Clone, Debug)]
+pub struct TileRequest {
+    /// Zooms; from 0 to that with about the source's own cells if nothing is said.
+    pub zooms: Option<RangeInclusive<u8>>,
+    /// West, south, east, north in degrees: tiles that have nothing of it are left out. All of the source if nothing is said.
+    pub degrees: Option<[f64; 4]>,
+    /// Pixels along each side of a tile: 256 or 512.
+    pub side: usize,
+    /// The kind of file that each tile is.
+    pub encoding: TileEncoding,
+    /// Name of the map.
+    pub name: String,
+    /// More about it.
+    pub description: String,
+    /// Whose data it has.
+    pub attribution: String,
+    /// Meaning of its colours.
+    pub legend: String,
+    /// More about how tiles are made that must be the same for an export to go on: views.
+    pub options: String,
+    /// The tree's state.
+    pub source: SourceState,
+    /// Whether an export that is interrupted can be gone on with, and this one goes on with one.
+    pub resume: bool,
+    /// The number that VOID cells of arrays have.
+    pub void: Number,
+}
+
+impl TileRequest {
+    /// PNG tiles of 256 pixels of all of a tree.
+    ///
+    /// # Errors
+    /// If the tree's file cannot be read.
+    pub fn new(tree: &Dataset) -> Result<TileRequest> {
+        let value = tree.header().form.value;
+        Ok(TileRequest {
+            zooms: None,
+            degrees: None,
+            side: 256,
+            encoding: TileEncoding::default(),
+            name: tree.name().file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            description: String::new(),
+            attribution: String::new(),
+            legend: String::new(),
+            options: String::new(),
+            source: SourceState::of(tree)?,
+            resume: false,
+            void: encode::void_number(value, tree.metadata().nodata),
+        })
+    }
+}
+
+/// Whether a path leads to an archive of tiles, by its first bytes, or to a folder of them.
+pub fn is_tile_archive(path: &Path) -> bool {
+    let mut start = [0; 16];
+    let read = |file: File| spinney_base::io::platform::read_exact_at(&file, &mut start, 0);
+    let is_archive = path.is_file()
+        && File::open(path).and_then(read).is_ok()
+        && (start.starts_with(b"PMTiles") || start == *b"SQLite format 3\0");
+    is_archive || is_tile_folder(path)
+}
+
+/// Checks an archive or a folder of tiles that was exported: that all tiles are there, in order, with the bytes that were written.
+///
+/// # Errors
+/// If it cannot be read, is none, or on interruption.
+pub fn verify_tiles(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding>> {
+    if is_tile_folder(path) {
+        return folder::verify(path, progress);
+    }
+    let extension = path.extension().and_then(|end| end.to_str()).unwrap_or_default();
+    #[cfg(feature = "mbtiles")]
+    if extension.eq_ignore_ascii_case("mbtiles") {
+        return mbtiles::verify(path, progress);
+    }
+    let _ = extension;
+    Pmtiles::open(path)?.verify(progress)
+}
+
+/// Runs between two points from which an export can go on.
+const CHECKPOINT: u64 = 1 << 12;
+/// Bytes of samples that are drawn at a time.
+const BATCH: usize = 32 << 20;
+
+/// Writes tiles of a source to an archive or a folder.
+///
+/// Memory does not grow with the number of tiles. An interrupted export leaves nothing, or, with [`TileRequest::resume`], what the
+/// next one of the same source with the same options goes on with, to the same bytes as if it had not been interrupted.
+///
+/// # Errors
+/// If the request makes no sense, the source cannot be read or was changed meanwhile, the target cannot be written or has the
+/// beginning of another export, or on interruption.
+pub fn export_tiles(
+    source: &dyn TileSource,
+    painter: &TilePainter,
+    request: &TileRequest,
+    target: &TileTarget,
+    progress: &dyn Progress,
+) -> Result<Stored> {
+    let (extent, about, encoder) = plan(source, painter, request)?;
+    let total = TileWalk::new(source, &extent).count(progress)?;
+    let sink = target.sink(&about, request.resume)?;
+    write(source, &extent, &encoder, None, sink, &about, total, progress)
+}
+
+/// Writes tiles as [`export_tiles`] does, to a `PMTiles` archive at an output.
+///
+/// # Errors
+/// Those of [`export_tiles`]; [`TileRequest::resume`] needs a target.
+pub fn export_pmtiles(
+    source: &dyn TileSource,
+    painter: &TilePainter,
+    request: &TileRequest,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<Stored> {
+    if request.resume {
+        return Err(Error::invalid("resume", "an output", "a target, which has a name"));
+    }
+    let (extent, about, encoder) = plan(source, painter, request)?;
+    let total = TileWalk::new(source, &extent).count(progress)?;
+    let sink = Box::new(PmtilesSink::create(output, None)?);
+    write(source, &extent, &encoder, None, sink, &about, total, progress)
+}
+
+/// The extent of an export, what is said of it, and its encoder.
+fn plan<'a>(
+    source: &'a dyn TileSource,
+    painter: &'a TilePainter,
+    request: &TileRequest,
+) -> Result<(TileExtent, About, TileEncoder<'a>)> {
+    let side = request.side;
+    if !matches!(side, 256 | 512) {
+        return Err(Error::invalid("size of tiles", side.to_string(), "256 or 512"));
+    }
+    let zooms = request.zooms.clone().unwrap_or(0..=source.max_zoom(side));
+    if zooms.is_empty() || *zooms.end() > MAX_ZOOM {
+        let found = format!("{} to {}", zooms.start(), zooms.end());
+        return Err(Error::invalid(
+            "zooms",
+            found,
+            format!("the least and the greatest, at most {MAX_ZOOM}"),
+        ));
+    }
+    let own = source.degrees();
+    let degrees = match request.degrees {
+        None => own,
+        Some(asked) => {
+            check_degrees(asked)?;
+            // West and south are the greater of both, east and north the less.
+            std::array::from_fn(|at| if at < 2 { asked[at].max(own[at]) } else { asked[at].min(own[at]) })
+        }
+    };
+    if degrees[0] >= degrees[2] || degrees[1] >= degrees[3] {
+        let found = format!("{:?}", request.degrees.unwrap_or(own));
+        return Err(Error::invalid("box of tiles", found, format!("one that has a part of {own:?} degrees")));
+    }
+    let data = source.data_place()?;
+    let place = match request.degrees {
+        None => data,
+        Some(_) => {
+            let [w, s, e, n] = data.bounds;
+            let [west, south, east, north] = degrees;
+            let common = [west.max(w), south.max(s), east.min(e), north.min(n)];
+            let is_some = common[0] < common[2] && common[1] < common[3];
+            DataPlace::of_bounds(if is_some { common } else { degrees })
+        }
+    };
+    let encoder = TileEncoder::new(source, painter, request.encoding, side, request.void)?;
+    let TileEncoding { format, png_effort, quality } = request.encoding;
+    let number = |number: Option<u8>| number.map_or("none".into(), |number| number.to_string());
+    let mut options = BTreeMap::from([
+        ("zooms".into(), format!("{}-{}", zooms.start(), zooms.end())),
+        ("degrees".into(), degrees.map(|degrees| degrees.to_string()).join(",")),
+        ("side".into(), side.to_string()),
+        ("format".into(), format.extension().into()),
+        ("png-effort".into(), number(png_effort)),
+        ("quality".into(), number(quality)),
+        ("void".into(), request.void.to_string()),
+    ]);
+    let grid = request.options.clone() + &source.signature();
+    if !grid.is_empty() {
+        options.insert("grid".into(), grid);
+    }
+    let colours = (!format.is_array()).then(|| painter.colours().clone());
+    let about = About {
+        format,
+        zooms: [*zooms.start(), *zooms.end()],
+        place,
+        side,
+        name: request.name.clone(),
+        description: request.description.clone(),
+        attribution: request.attribution.clone(),
+        legend: request.legend.clone(),
+        making: Making { source: request.source.clone(), options, colours },
+    };
+    let has_places = format == TileFormat::Tiff;
+    Ok((TileExtent { zooms, degrees, margin: encoder.margin(), has_places }, about, encoder))
+}
+
+/// A tile of a run, or that nothing is in it.
+type Made = Result<Option<Arc<Encoded>>>;
+
+/// Takes a run from elsewhere; `None` if it must be drawn.
+type Copied<'a> = dyn Fn(&TileRun) -> Result<Option<Made>> + Sync + 'a;
+
+/// Draws all runs that the sink does not have yet and hands them to it, a batch being written while the next one is drawn.
+#[allow(clippy::too_many_arguments)] // the parts of one piece of work
+fn write(
+    source: &dyn TileSource,
+    extent: &TileExtent,
+    encoder: &TileEncoder<'_>,
+    copied: Option<&Copied<'_>>,
+    mut sink: Box<dyn TileSink>,
+    about: &About,
+    total: u64,
+    progress: &dyn Progress,
+) -> Result<Stored> {
+    let mut walk = TileWalk::new(source, extent);
+    let mut runs = sink.done();
+    for _ in 0..runs {
+        progress.advance(walk.next_run()?.map_or(0, |run| run.count), total);
+    }
+    let bytes = (about.side + 2 * extent.margin).pow(2) * (source.value_type().size() + 4);
+    let batch = (BATCH / bytes).clamp(8, 256);
+    let copies = AtomicU64::new(0);
+    let draw_one = |run: &TileRun| -> Made {
+        progress.check()?;
+        if let Some(copied) = copied
+            && let Some(made) = copied(run)?
+        {
+            copies.fetch_add(1, Ordering::Relaxed);
+            return made;
+        }
+        encoder.encode(run)
+    };
+    let draw = |runs: &[TileRun]| -> Vec<Made> { parallel::map(runs, draw_one) };
+    let mut drawn: (Vec<TileRun>, Vec<Made>) = (Vec::new(), Vec::new());
+    loop {
+        let next = walk.next_runs(batch)?;
+        if next.is_empty() && drawn.0.is_empty() {
+            break;
+        }
+        let sink = &mut sink;
+        let take = || -> Result<()> {
+            for (run, made) in drawn.0.iter().zip(drawn.1) {
+                sink.push(run, made?.as_deref())?;
+                progress.advance(run.count, total);
+                runs += 1;
+                if runs.is_multiple_of(CHECKPOINT) {
+                    sink.checkpoint()?;
+                }
+            }
+            Ok(())
+        };
+        let (made, taken) = parallel::join(|| draw(&next), take);
+        taken?;
+        drawn = (next, made);
+    }
+    source.check_unchanged()?;
+    progress.check()?;
+    let stored = sink.finish(about)?;
+    Ok(Stored { copied: copies.into_inner(), ..stored })
+}

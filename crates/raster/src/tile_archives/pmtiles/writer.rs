@@ -1,0 +1,237 @@
+//! Writing of an archive.
+
+use std::collections::HashMap;
+use std::io::Write;
+use std::path::Path;
+
+use super::directory::{self, DirectoryEntry};
+use super::header::{ByteRange, HEADER, Header, START, tile_type};
+use crate::tile_archives::encode::Encoded;
+use crate::tile_archives::journal::{Checkpoint, Entry, Journal, not_ours, other_export};
+use crate::tile_archives::making::{About, Digest};
+use crate::tile_archives::sink::{Stored, TileSink};
+use crate::tile_archives::walk::TileRun;
+use spinney_base::io::{Output, folder, partial_of};
+use spinney_base::{Error, Result};
+
+/// An archive that is being written.
+pub(in crate::tile_archives) struct PmtilesSink {
+    output: Output,
+    journal: Journal,
+    at: Checkpoint,
+    /// Offset and length of contents, by their hash: the first so many that differ.
+    known: HashMap<u128, (u64, u32)>,
+}
+
+/// Contents that are remembered, of which those that come again are stored once.
+const MOST_KNOWN: usize = 1 << 19;
+
+/// Entries of the first leaf directories that are tried.
+const LEAF: usize = 4096;
+
+impl PmtilesSink {
+    /// Starts an archive; with `making`, which describes the export, goes on with one that was interrupted.
+    pub(in crate::tile_archives) fn create(output: Output, making: Option<&str>) -> Result<PmtilesSink> {
+        let path = output.path().to_path_buf();
+        if !output.is_file() {
+            let advice = "give the name of a file: the start of an archive is written last";
+            return Err(Error::unsupported(path, "writing an archive of tiles to a stream", advice));
+        }
+        let mut known = HashMap::new();
+        let Some(making) = making else {
+            let journal = Journal::temporary(folder(&path))?;
+            let mut sink = PmtilesSink { output, journal, at: Checkpoint::default(), known };
+            sink.start()?;
+            return Ok(sink);
+        };
+        drop(output);
+        let (output, there) = Output::resumable(&path)?;
+        let partial = partial_of(&path);
+        let mut name = partial.clone().into_os_string();
+        name.push(".journal");
+        let mut remember = |entry: Entry| {
+            if known.len() < MOST_KNOWN {
+                known.entry(entry.hash).or_insert((entry.offset, entry.length));
+            }
+        };
+        let name = Path::new(&name);
+        if there > 0 && !name.exists() {
+            return Err(not_ours(&partial));
+        }
+        // (A journal without an archive is of one that was finished, or removed.)
+        let (journal, at) = Journal::resumable(name, making, there == 0, &mut remember)?;
+        let needed = if at.runs == 0 { 0 } else { START as u64 + at.bytes };
+        if there < needed {
+            return Err(other_export(&partial));
+        }
+        let mut sink = PmtilesSink { output, journal, at, known };
+        sink.output.truncate(needed).map_err(Error::io(&path, "write"))?;
+        if at.runs == 0 {
+            sink.start()?;
+        }
+        Ok(sink)
+    }
+
+    /// Room for the header and the root directory.
+    fn start(&mut self) -> Result<()> {
+        self.write(&[0; START])
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.output.write_all(bytes).map_err(Error::io(self.output.path(), "write"))
+    }
+
+    /// Entries as directories have them: neighbours that are equal are one, as long as their number has 32 bits.
+    fn merged(&mut self, mut each: impl FnMut(DirectoryEntry, u128) -> Result<()>) -> Result<()> {
+        let mut last: Option<Entry> = None;
+        let mut emit = |entry: Entry| {
+            let mut at = entry.first;
+            let end = entry.first + entry.count;
+            while at < end {
+                let run = (end - at).min(u32::MAX.into()) as u32;
+                each(
+                    DirectoryEntry { first: at, offset: entry.offset, length: entry.length, run },
+                    entry.hash,
+                )?;
+                at += u64::from(run);
+            }
+            Ok(())
+        };
+        self.journal.entries(|entry| {
+            if let Some(last) = &mut last
+                && last.first + last.count == entry.first
+                && last.offset == entry.offset
+            {
+                last.count += entry.count;
+                return Ok(());
+            }
+            last.replace(entry).map_or(Ok(()), &mut emit)
+        })?;
+        last.map_or(Ok(()), emit)
+    }
+
+    /// Writes the leaf directories, of so many entries each, if the root directory of them fits where it must; returns that.
+    fn leaves(&mut self, size: usize) -> Result<Option<(Vec<u8>, u64)>> {
+        let (mut root, mut leaf, mut written) = (Vec::new(), Vec::new(), 0);
+        let output_path = self.output.path().to_path_buf();
+        let mut pending = Vec::new();
+        let mut file = tempfile::tempfile_in(folder(&output_path))
+            .map_err(Error::io(&output_path, "make a temporary file"))?;
+        let mut flush = |leaf: &mut Vec<DirectoryEntry>| -> Result<()> {
+            let Some(first) = leaf.first().map(|entry| entry.first) else { return Ok(()) };
+            let bytes = directory::to_bytes(leaf);
+            root.push(DirectoryEntry { first, offset: written, length: bytes.len() as u32, run: 0 });
+            written += bytes.len() as u64;
+            file.write_all(&bytes).map_err(Error::io(&output_path, "use a temporary file"))?;
+            leaf.clear();
+            Ok(())
+        };
+        self.merged(|entry, _| {
+            leaf.push(entry);
+            if leaf.len() == size { flush(&mut leaf) } else { Ok(()) }
+        })?;
+        flush(&mut leaf)?;
+        let root = directory::to_bytes(&root);
+        if HEADER + root.len() > START {
+            return Ok(None);
+        }
+        let failed = || Error::io(&output_path, "use a temporary file");
+        std::io::Seek::rewind(&mut file).map_err(failed())?;
+        pending.resize(1 << 16, 0);
+        loop {
+            let count = std::io::Read::read(&mut file, &mut pending).map_err(failed())?;
+            if count == 0 {
+                return Ok(Some((root, written)));
+            }
+            self.write(&pending[..count])?;
+        }
+    }
+}
+
+impl TileSink for PmtilesSink {
+    fn done(&self) -> u64 {
+        self.at.runs
+    }
+
+    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()> {
+        self.at.runs += 1;
+        let Some(tile) = tile else { return Ok(()) };
+        let (offset, length) = match self.known.get(&tile.hash) {
+            Some(known) => *known,
+            None => {
+                let place = (self.at.bytes, tile.bytes.len() as u32);
+                self.write(&tile.bytes)?;
+                self.at.bytes += tile.bytes.len() as u64;
+                if self.known.len() < MOST_KNOWN {
+                    self.known.insert(tile.hash, place);
+                }
+                place
+            }
+        };
+        self.journal.push(&Entry { first: run.first, count: run.count, offset, length, hash: tile.hash })
+    }
+
+    fn checkpoint(&mut self) -> Result<()> {
+        self.output.sync().map_err(Error::io(self.output.path(), "sync"))?;
+        self.journal.checkpoint(self.at)
+    }
+
+    fn finish(mut self: Box<Self>, about: &About) -> Result<Stored> {
+        let mut stored = Stored::default();
+        let mut digest = Digest::default();
+        let (mut entries, mut few, mut next) = (0u64, Vec::new(), 0);
+        self.merged(|entry, hash| {
+            entries += 1;
+            stored.tiles += u64::from(entry.run);
+            // A content that was not stored before is behind all others.
+            if entry.offset == next {
+                next += u64::from(entry.length);
+                stored.contents += 1;
+            }
+            digest.add(entry.first, entry.run.into(), hash);
+            // More do not fit into a root directory: each takes at least two bytes.
+            if few.len() < START / 2 {
+                few.push(entry);
+            }
+            Ok(())
+        })?;
+        let start = START as u64;
+        let tiles = ByteRange { offset: start, length: self.at.bytes };
+        let mut root = directory::to_bytes(&few);
+        let mut leaves = ByteRange { offset: start + self.at.bytes, length: 0 };
+        if entries > few.len() as u64 || HEADER + root.len() > START {
+            let mut size = LEAF;
+            (root, leaves.length) = loop {
+                if let Some(done) = self.leaves(size)? {
+                    break done;
+                }
+                size += size / 4;
+            };
+        }
+        let text = directory::gzip(about.pmtiles_json(stored.tiles, digest).as_bytes());
+        let metadata = ByteRange { offset: leaves.offset + leaves.length, length: text.len() as u64 };
+        self.write(&text)?;
+        let header = Header {
+            root: ByteRange { offset: HEADER as u64, length: root.len() as u64 },
+            metadata,
+            leaves,
+            tiles,
+            counts: [stored.tiles, entries, stored.contents],
+            is_clustered: true,
+            compression: 2,
+            tile_compression: 1,
+            tile_type: tile_type(about.format),
+            zooms: about.zooms,
+            degrees: about.place.bounds,
+            centre_zoom: about.centre_zoom(),
+            centre: about.place.centre,
+        };
+        let head = [header.to_bytes(), root].concat();
+        let path = self.output.path().to_path_buf();
+        self.output.overwrite(0, &head).map_err(Error::io(&path, "write"))?;
+        stored.bytes = metadata.offset + metadata.length;
+        self.output.commit()?;
+        self.journal.remove().map_err(Error::io(&path, "remove the journal of"))?;
+        Ok(stored)
+    }
+}

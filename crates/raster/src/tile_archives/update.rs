@@ -1,0 +1,361 @@
+//! Updates: only tiles that an edit touches are drawn anew, up to the parents; all others are copied, or stay where they are.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::encode::{Encoded, TileEncoder};
+use super::folder::FolderEdit;
+use super::making::{Making, Own, SourceState};
+#[cfg(feature = "mbtiles")]
+use super::mbtiles::MbtilesEdit;
+use super::pmtiles::Pmtiles;
+use super::sink::{Stored, TileEdit};
+use super::target::TileTarget;
+use super::touched::{TouchedBlocks, TouchedTiles};
+use super::walk::{TileExtent, TileRun, TileWalk, settled};
+use super::{Made, TileRequest, export_tiles, plan, write};
+use spinney_base::parallel;
+use spinney_base::space::Code;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::OpenOptions;
+use spinney_engine::dataset::Dataset;
+use spinney_engine::ops::{TreeFile, diff_nodes};
+use spinney_style::Style;
+use spinney_tiles::TileId;
+use spinney_tiles::TilePainter;
+use spinney_tiles::{TileContent, TileSource};
+
+/// Hands out the nodes of a level, or larger blocks, in which a tree differs from the state that an archive was made of: that is an older commit of the same
+/// file, or the file `since`.
+fn changes(
+    tree: &Dataset,
+    state: &SourceState,
+    since: Option<&Path>,
+    level: u8,
+    progress: &dyn Progress,
+    block: &mut dyn FnMut(Code),
+) -> Result<()> {
+    if SourceState::of(tree)?.state == state.state {
+        return Ok(());
+    }
+    let path = tree.name();
+    let name = match (since, tree.commit(), state.commit) {
+        (Some(since), _, _) => since.to_path_buf(),
+        (None, Some(_), Some(number)) => {
+            let mut name = path.as_os_str().to_owned();
+            name.push(format!("@{number}"));
+            name.into()
+        }
+        _ => {
+            let advice = "give the file that it was made of with --since, or make it anew";
+            return Err(Error::unsupported(
+                path,
+                "an update of an archive of another file, or of one without commits",
+                advice,
+            ));
+        }
+    };
+    let options = OpenOptions::default();
+    let before = TreeFile::open(&name, &options)?;
+    let old = spinney_engine::dataset::open(&name, &options)?;
+    if SourceState::of(&old)?.state != state.state {
+        let advice = "give the file that it was made of with --since, or make it anew";
+        return Err(Error::unsupported(
+            &name,
+            "an update of an archive that was made of something else",
+            advice,
+        ));
+    }
+    let mut now = path.as_os_str().to_owned();
+    if let Some(commit) = tree.commit() {
+        now.push(format!("@{}", commit.number));
+    }
+    let after = TreeFile::open(now.as_ref(), &options)?;
+    let mut nodes = 0u64;
+    diff_nodes(&before, &after, level, &mut |found| {
+        block(found);
+        nodes += 1;
+        if nodes.is_multiple_of(1 << 8) { progress.check() } else { Ok(()) }
+    })
+}
+
+/// Tiles that are updated: an archive that is written anew, or what is changed in place.
+enum Old {
+    Pmtiles(Box<Pmtiles>),
+    InPlace(Box<dyn TileEdit>),
+}
+
+/// Options of an update.
+#[derive(Clone, Debug, Default)]
+pub struct UpdateOptions {
+    /// The archive of `PMTiles` that a new one starts from, where that is not the target itself.
+    pub old: Option<PathBuf>,
+    /// The tree that the tiles were made of, where that is no commit of the same file.
+    pub since: Option<PathBuf>,
+    /// Whether all tiles are drawn, with whatever style.
+    pub restyle: bool,
+}
+
+/// Tiles that were exported from an older state of a tree and are about to be brought up to date: those that the differences touch
+/// are drawn, the others copied from an archive of `PMTiles`, that may be the target itself; `MBTiles` and folders are changed in
+/// place. A `PMTiles` archive and a folder have the bytes that a new export with the same numbers for percentiles would have.
+///
+/// `MBTiles` are changed all at once. A folder is changed when all new tiles are beside it: an update that is interrupted before leaves
+/// it as it was, and one that is interrupted later is finished by the next one, whatever that is to do itself; until then
+/// [`verify_tiles`](super::verify_tiles) says so.
+pub struct TileUpdate {
+    /// The old tiles.
+    place: PathBuf,
+    target: TileTarget,
+    old: Old,
+    own: Own,
+}
+
+impl TileUpdate {
+    /// Opens the tiles of a target, or, for a target of `PMTiles`, another archive that the new one starts from. What is changed in place
+    /// is nobody else's until this is dropped; an update of a folder that was interrupted is finished first, with a warning.
+    ///
+    /// # Errors
+    /// If they cannot be read, were made by another program, or are being updated by somebody else; on interruption.
+    pub fn open(target: &TileTarget, old: Option<&Path>, progress: &dyn Progress) -> Result<TileUpdate> {
+        let place = old.unwrap_or(target.path());
+        let opened = match target {
+            TileTarget::Pmtiles(_) => Old::Pmtiles(Box::new(Pmtiles::open(place)?)),
+            _ if place != target.path() => {
+                let advice = "copy it first, and update the copy";
+                return Err(Error::unsupported(place, "an update of one of these from another", advice));
+            }
+            #[cfg(feature = "mbtiles")]
+            TileTarget::Mbtiles(path) => Old::InPlace(Box::new(MbtilesEdit::open(path)?)),
+            TileTarget::Folder(folder) => Old::InPlace(Box::new(FolderEdit::open(folder, progress)?)),
+        };
+        let own = match &opened {
+            Old::Pmtiles(archive) => archive.own(),
+            Old::InPlace(edit) => Some(edit.own().clone()),
+        };
+        let own: Own = own.ok_or_else(|| {
+            let advice =
+                "only what `spinney export` of this version wrote says how it was made; make it anew";
+            Error::unsupported(place, "an update of an archive of another program", advice)
+        })?;
+        Ok(TileUpdate { place: place.to_path_buf(), target: target.clone(), old: opened, own })
+    }
+
+    /// A style with the numbers for its percentiles that the tiles were made with. Warns if those of the tree are others by now.
+    ///
+    /// # Errors
+    /// Those of [`TilePainter::new`]; if the tiles were made with another style, or the tree's palette or units have changed.
+    pub fn painter(&self, style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<TilePainter> {
+        let now = TilePainter::new(style, tree, progress)?;
+        let Some(old) = &self.own.making.colours else { return Ok(now) };
+        let redraw = "or --restyle, which draws all tiles anew";
+        if old.style != style.json() {
+            let expected = format!("that which the tiles were made with, {}, {redraw}", old.style);
+            return Err(Error::invalid("style", style.json(), expected));
+        }
+        let differing = old.percentiles.differences(&now.colours().percentiles, "now");
+        if differing.is_empty() {
+            return Ok(now);
+        }
+        let kept = TilePainter::with_numbers(style, tree, Some(&old.percentiles), progress)?;
+        let text = format!(
+            "colours keep the numbers that tiles were made with, {}; --restyle draws all with those of now",
+            differing.join(", ")
+        );
+        progress.warn(&self.place, &text);
+        Ok(kept)
+    }
+
+    /// Draws and writes what must be, with a painter of [`TileUpdate::painter`]; with [`UpdateOptions::restyle`] everything, with any.
+    ///
+    /// # Errors
+    /// Those of [`export_tiles`](super::export_tiles); if the tiles were made with other options or colours, or of another file.
+    pub fn run(
+        self,
+        tree: &Dataset,
+        source: &dyn TileSource,
+        painter: &TilePainter,
+        request: &TileRequest,
+        options: &UpdateOptions,
+        progress: &dyn Progress,
+    ) -> Result<Stored> {
+        let (extent, about, encoder) = plan(source, painter, request)?;
+        let making = &self.own.making;
+        making.check_options(&about.making)?;
+        let mut touched = TouchedBlocks::new(source, extent.zooms.clone(), extent.degrees, extent.margin);
+        let since = options.since.as_deref();
+        let level = extent.zooms.clone().map(|zoom| source.block_level(zoom)).max().unwrap_or(0);
+        let level = level.min(tree.depth());
+        if !options.restyle {
+            self.check_colours(&about.making)?;
+            changes(tree, &making.source, since, level, progress, &mut |code| touched.add(code))?;
+        } else if let Old::Pmtiles(_) = self.old {
+            touched.add_all();
+        } else {
+            // (What is no longer there must be removed: where nobody knows what that is, every tile is looked for.)
+            match changes(tree, &making.source, since, level, progress, &mut |code| touched.add(code)) {
+                Err(Error::Unsupported { .. }) => touched.add_all(),
+                other => other?,
+            }
+        }
+        let touched = touched.tiles;
+        progress.check()?;
+        match self.old {
+            Old::Pmtiles(archive) => {
+                let total = TileWalk::new(source, &extent).count(progress)?;
+                let sink = self.target.sink(&about, request.resume)?;
+                let copied = |run: &TileRun| -> Result<Option<Made>> {
+                    let tile = TileId::from_number(run.first).expect("a run of tiles");
+                    if run.uniform.is_some() || touched.contains(tile) {
+                        return Ok(None);
+                    }
+                    Ok(Some(Ok(archive.tile(tile)?.map(|bytes| Arc::new(Encoded::new(bytes))))))
+                };
+                write(source, &extent, &encoder, Some(&copied), sink, &about, total, progress)
+            }
+            Old::InPlace(mut edit) => {
+                let drawer = Drawer { source, encoder: &encoder, extent: &extent, progress };
+                if options.restyle {
+                    drawer.redraw_all(&touched, edit.as_mut())?;
+                }
+                drawer.redraw(&touched, edit.as_mut())?;
+                source.check_unchanged()?;
+                edit.finish(&about, progress)
+            }
+        }
+    }
+
+    /// Fails if the colours of the tiles are others now.
+    fn check_colours(&self, now: &Making) -> Result<()> {
+        let (Some(old), Some(new)) = (&self.own.making.colours, &now.colours) else { return Ok(()) };
+        if old == new {
+            return Ok(());
+        }
+        let what = if old.style != new.style {
+            format!("tiles with the style {}, which were made with {}", new.style, old.style)
+        } else if old.percentiles != new.percentiles {
+            let differing = old.percentiles.differences(&new.percentiles, "now");
+            format!("tiles with other numbers for percentiles: {}", differing.join(", "))
+        } else {
+            "an update after the tree's palette, units or meaning of channels have changed".into()
+        };
+        let advice = "--restyle draws all tiles anew";
+        Err(Error::unsupported(&self.place, what, advice))
+    }
+}
+
+/// Draws tiles of a tree in a style and writes them to a target, or brings those that are there up to date: those that are pictures with
+/// the style's legend.
+///
+/// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
+/// use spinney::export::tiles::{TileRequest, TileTarget, UpdateOptions, draw_tiles, tile_source};
+/// use spinney::style::Style;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("map.pmtiles");
+/// let map = spinney::open("fixtures/v1/classes.goblin")?;
+/// let Some(target) = TileTarget::of(&path)? else { unreachable!("it is named so") };
+/// let mut request = TileRequest::new(&map)?;
+/// let tiles = tile_source(&map, &mut request, &Default::default(), &())?;
+/// let style = Style::default_for(&map);
+/// let made = draw_tiles(&map, &*tiles, &style, &mut request, &target, None, &())?;
+/// // Of the same tree, all of them are copied.
+/// let update = UpdateOptions::default();
+/// let again = draw_tiles(&map, &*tiles, &style, &mut request, &target, Some(&update), &())?;
+/// assert_eq!((again.tiles, again.copied > 0), (made.tiles, true));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// Those of [`TilePainter::new`] and of [`export_tiles`](super::export_tiles), or of [`TileUpdate::open`], [`TileUpdate::painter`] and
+/// [`TileUpdate::run`].
+pub fn draw_tiles(
+    tree: &Dataset,
+    tiles: &dyn TileSource,
+    style: &Style,
+    request: &mut TileRequest,
+    target: &TileTarget,
+    update: Option<&UpdateOptions>,
+    progress: &dyn Progress,
+) -> Result<Stored> {
+    let opened = match update {
+        None => None,
+        Some(how) => Some((TileUpdate::open(target, how.old.as_deref(), progress)?, how)),
+    };
+    let painter = match &opened {
+        Some((opened, how)) if !how.restyle => opened.painter(style, tree, progress)?,
+        _ => TilePainter::new(style, tree, progress)?,
+    };
+    if !request.encoding.format.is_array() {
+        request.legend = painter.painter().legend(tree)?.svg();
+    }
+    match opened {
+        None => export_tiles(tiles, &painter, request, target, progress),
+        Some((opened, how)) => opened.run(tree, tiles, &painter, request, how, progress),
+    }
+}
+
+/// Draws tiles, and replaces old ones.
+struct Drawer<'a> {
+    source: &'a dyn TileSource,
+    encoder: &'a TileEncoder<'a>,
+    extent: &'a TileExtent,
+    progress: &'a dyn Progress,
+}
+
+/// Tiles, or runs of them, that are drawn at a time.
+const BATCH: usize = 256;
+
+impl Drawer<'_> {
+    /// Replaces the tiles that are touched, also those that have nothing any more.
+    fn redraw(&self, touched: &TouchedTiles, edit: &mut dyn TileEdit) -> Result<()> {
+        let total = touched.count();
+        let mut all = touched.iter();
+        loop {
+            let tiles: Vec<TileId> = all.by_ref().take(BATCH).collect();
+            if tiles.is_empty() {
+                return Ok(());
+            }
+            let made: Vec<Made> = parallel::map(&tiles, |tile| {
+                self.progress.check()?;
+                let content = self.source.content(*tile)?;
+                if content == TileContent::Empty {
+                    return Ok(None);
+                }
+                let uniform = settled(self.source, self.extent, *tile, content)?;
+                self.encoder.encode(&TileRun { first: tile.number(), count: 1, uniform })
+            });
+            for (tile, made) in tiles.iter().zip(made) {
+                edit.replace(*tile, made?.as_deref())?;
+                self.progress.advance(1, total);
+            }
+        }
+    }
+
+    /// Replaces all tiles that have something, except those that are touched.
+    fn redraw_all(&self, touched: &TouchedTiles, edit: &mut dyn TileEdit) -> Result<()> {
+        let total = TileWalk::new(self.source, self.extent).count(self.progress)?;
+        let mut walk = TileWalk::new(self.source, self.extent);
+        loop {
+            let runs = walk.next_runs(BATCH)?;
+            if runs.is_empty() {
+                return Ok(());
+            }
+            let made: Vec<Made> = parallel::map(&runs, |run| {
+                self.progress.check()?;
+                self.encoder.encode(run)
+            });
+            for (run, made) in runs.iter().zip(made) {
+                let made = made?;
+                for number in run.first..run.first + run.count {
+                    let tile = TileId::from_number(number).expect("a run of tiles");
+                    if !touched.contains(tile) {
+                        edit.replace(tile, made.as_deref())?;
+                    }
+                }
+                self.progress.advance(run.count, total);
+            }
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! The walk over all tiles of some zooms, in the order of their numbers, down from the root: what is empty or uniform is settled
+//! without going on below it.
+
+use std::ops::RangeInclusive;
+
+use spinney_base::value::Value;
+use spinney_base::{Progress, Result};
+use spinney_tiles::{TileContent, TileSource};
+use spinney_tiles::{TileId, TileRange, first_number};
+
+/// Tiles that follow each other: one that must be drawn, or many that are equal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TileRun {
+    /// Number of the first: [`TileId::number`].
+    pub(super) first: u64,
+    pub(super) count: u64,
+    /// The value of all their cells; `None` if it is one tile that must be drawn.
+    pub(super) uniform: Option<Value>,
+}
+
+/// The extent of a walk.
+#[derive(Clone, Debug)]
+pub(super) struct TileExtent {
+    pub(super) zooms: RangeInclusive<u8>,
+    /// West, south, east, north; tiles that have nothing of it are left out.
+    pub(super) degrees: [f64; 4],
+    /// Cells around a tile that its picture depends on: if there are any, a tile is settled only with its neighbours.
+    pub(super) margin: usize,
+    /// Whether tiles say where they lie, so that no two are equal: none is settled.
+    pub(super) has_places: bool,
+}
+
+/// A walk that is under way.
+pub(super) struct TileWalk<'a> {
+    source: &'a dyn TileSource,
+    extent: TileExtent,
+    zoom: u8,
+    range: TileRange,
+    /// Nodes that are to be visited, the next one last.
+    pending: Vec<TileId>,
+}
+
+impl<'a> TileWalk<'a> {
+    pub(super) fn new(source: &'a dyn TileSource, extent: &TileExtent) -> TileWalk<'a> {
+        let mut walk = TileWalk {
+            source,
+            extent: extent.clone(),
+            zoom: *extent.zooms.start(),
+            range: TileRange::world(0),
+            pending: Vec::new(),
+        };
+        walk.start_zoom();
+        walk
+    }
+
+    fn start_zoom(&mut self) {
+        self.range = TileRange::of_degrees(self.zoom, self.extent.degrees);
+        self.pending.push(TileId { zoom: 0, column: 0, row: 0 });
+    }
+
+    /// The next tiles that are not empty.
+    pub(super) fn next_run(&mut self) -> Result<Option<TileRun>> {
+        loop {
+            while let Some(node) = self.pending.pop() {
+                if let Some(run) = self.visit(node)? {
+                    return Ok(Some(run));
+                }
+            }
+            if self.zoom >= *self.extent.zooms.end() {
+                return Ok(None);
+            }
+            self.zoom += 1;
+            self.start_zoom();
+        }
+    }
+
+    /// The next so many runs, or those that are left.
+    pub(super) fn next_runs(&mut self, most: usize) -> Result<Vec<TileRun>> {
+        let mut runs = Vec::with_capacity(most);
+        while runs.len() < most
+            && let Some(run) = self.next_run()?
+        {
+            runs.push(run);
+        }
+        Ok(runs)
+    }
+
+    fn visit(&mut self, node: TileId) -> Result<Option<TileRun>> {
+        let below = TileRange::below(node, self.zoom);
+        if self.range.intersect(&below).is_empty() {
+            return Ok(None);
+        }
+        let content = self.source.content(node)?;
+        // (Beside something, a margin of nothing does not matter: what is VOID stays so.)
+        if content == TileContent::Empty {
+            return Ok(None);
+        }
+        if node.zoom == self.zoom {
+            let uniform = settled(self.source, &self.extent, node, content)?;
+            return Ok(Some(TileRun { first: node.number(), count: 1, uniform }));
+        }
+        let along = node.along_curve();
+        if self.range.contains(&below)
+            && let Some(value) = settled(self.source, &self.extent, node, content)?
+        {
+            let shift = 2 * (self.zoom - node.zoom);
+            let first = first_number(self.zoom) + (along << shift);
+            return Ok(Some(TileRun { first, count: 1 << shift, uniform: Some(value) }));
+        }
+        // The children's part of the curve, in its order.
+        let children = (0..4).rev().map(|step| TileId::on_curve(node.zoom + 1, along << 2 | step));
+        self.pending.extend(children);
+        Ok(None)
+    }
+
+    /// Number of all tiles that are not empty, without drawing any.
+    pub(super) fn count(mut self, progress: &dyn Progress) -> Result<u64> {
+        let (mut tiles, mut runs) = (0, 0u64);
+        while let Some(run) = self.next_run()? {
+            tiles += run.count;
+            runs += 1;
+            if runs.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+        }
+        Ok(tiles)
+    }
+}
+
+/// The value of all cells of a tile, of which a source knows the content, and of those around it that matter.
+pub(super) fn settled(
+    source: &dyn TileSource,
+    extent: &TileExtent,
+    tile: TileId,
+    content: TileContent,
+) -> Result<Option<Value>> {
+    let TileContent::Uniform(value) = content else { return Ok(None) };
+    if extent.has_places {
+        return Ok(None);
+    }
+    if extent.margin == 0 {
+        return Ok(Some(value));
+    }
+    let side = 1u32 << tile.zoom;
+    for step in 0..9u32 {
+        // One column and row back, none, and one on.
+        let column = (tile.column + side + step % 3 - 1) % side;
+        let Some(row) = (tile.row + step / 3).checked_sub(1).filter(|row| *row < side) else {
+            return Ok(None);
+        };
+        if source.content(TileId { column, row, ..tile })? != content {
+            return Ok(None);
+        }
+    }
+    Ok(Some(value))
+}

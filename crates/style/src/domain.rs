@@ -1,0 +1,153 @@
+//! Percentiles of a tree's values, for domains that are given by them.
+
+use std::cell::{OnceCell, RefCell};
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::layer::Bound;
+use spinney_base::space::Bounds;
+use spinney_base::{Progress, Result, sort};
+use spinney_engine::dataset::Dataset;
+
+/// Cells that percentiles are made of, at most: those of the finest level that has no more of them.
+const MOST_CELLS: u64 = 1 << 22;
+/// Cells that are read at a time.
+const CELLS: u64 = 1 << 20;
+
+/// Numbers that percentiles of a tree's channels are, as texts that are read as the same numbers; null where a tree has no values.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PercentileNumbers(BTreeMap<String, Option<String>>);
+
+impl PercentileNumbers {
+    fn name(channel: usize, percent: f64) -> String {
+        format!("band {}: {percent} %", channel + 1)
+    }
+
+    fn get(&self, channel: usize, percent: f64) -> Option<Option<f64>> {
+        let number = self.0.get(&PercentileNumbers::name(channel, percent))?;
+        // (What is no number counts as not there.)
+        number.as_ref().map_or(Some(None), |text| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Some))
+    }
+
+    fn set(&mut self, channel: usize, percent: f64, number: Option<f64>) {
+        let number = number.map(|number| number.to_string());
+        self.0.insert(PercentileNumbers::name(channel, percent), number);
+    }
+
+    /// What is another number in other ones, in words: "band 1: 98 % is 7 (there: 9)".
+    pub fn differences(&self, other: &PercentileNumbers, there: &str) -> Vec<String> {
+        let text =
+            |number: Option<&Option<String>>| number.cloned().flatten().unwrap_or_else(|| "none".into());
+        let differing = self.0.iter().filter(|(name, number)| other.0.get(*name) != Some(number));
+        differing
+            .map(|(name, number)| {
+                format!("{name} is {} ({there}: {})", text(Some(number)), text(other.0.get(name)))
+            })
+            .collect()
+    }
+}
+
+/// The values of a tree in order, read when they are needed first.
+///
+/// They are those of a level with at most 4 Mi cells: all of a small tree, representatives of a large one, so that the time
+/// does not grow with it. The least and the greatest are those of all cells.
+pub(super) struct Percentiles<'a> {
+    tree: &'a Dataset,
+    progress: &'a dyn Progress,
+    /// Ascending finite numbers of each channel.
+    channels: OnceCell<Vec<Vec<f64>>>,
+    extremes: RefCell<Option<Vec<(f64, f64)>>>,
+    /// Answers that are given whatever the tree has.
+    given: Option<&'a PercentileNumbers>,
+    answers: RefCell<PercentileNumbers>,
+}
+
+impl<'a> Percentiles<'a> {
+    /// Those of a tree; `given` are known already, from another state of it.
+    pub(super) fn new(
+        tree: &'a Dataset,
+        given: Option<&'a PercentileNumbers>,
+        progress: &'a dyn Progress,
+    ) -> Percentiles<'a> {
+        let (channels, extremes, answers) = (OnceCell::new(), RefCell::default(), RefCell::default());
+        Percentiles { tree, progress, channels, extremes, given, answers }
+    }
+
+    /// All that was answered.
+    pub(super) fn into_answers(self) -> PercentileNumbers {
+        self.answers.into_inner()
+    }
+
+    /// The number that a bound of a channel is; `None` if it is a percentile and the tree has no values.
+    ///
+    /// # Errors
+    /// If the tree is damaged, or on interruption.
+    pub(super) fn number(&self, channel: usize, bound: Bound) -> Result<Option<f64>> {
+        let percent = match bound {
+            Bound::Number(number) => return Ok(Some(number)),
+            Bound::Percent(percent) => percent,
+        };
+        let number = match self.given.and_then(|given| given.get(channel, percent)) {
+            Some(number) => number,
+            None => self.percentile(channel, percent)?,
+        };
+        self.answers.borrow_mut().set(channel, percent, number);
+        Ok(number)
+    }
+
+    fn percentile(&self, channel: usize, percent: f64) -> Result<Option<f64>> {
+        if let (true, Some((least, most))) = (percent == 0.0 || percent == 100.0, self.extremes(channel)?) {
+            return Ok(Some(if percent == 0.0 { least } else { most }));
+        }
+        let numbers = match self.channels.get() {
+            Some(channels) => channels,
+            None => {
+                let read = self.read()?;
+                self.channels.get_or_init(|| read)
+            }
+        };
+        let numbers = &numbers[channel];
+        let last = numbers.len().saturating_sub(1);
+        Ok(numbers.get((percent / 100.0 * last as f64).round() as usize).copied())
+    }
+
+    /// The least and the greatest value of a channel, if both are finite.
+    fn extremes(&self, channel: usize) -> Result<Option<(f64, f64)>> {
+        let mut extremes = self.extremes.borrow_mut();
+        if extremes.is_none() {
+            *extremes = Some(self.tree.value_bounds()?);
+        }
+        let extremes = extremes.as_ref().and_then(|extremes| extremes.get(channel)).copied();
+        Ok(extremes.filter(|(least, most)| least.is_finite() && most.is_finite()))
+    }
+
+    fn read(&self) -> Result<Vec<Vec<f64>>> {
+        let tree = self.tree;
+        let value = tree.header().form.value;
+        let fits = |level: &u8| tree.extent_at(*level).volume() <= MOST_CELLS;
+        let level = (0..=tree.depth()).rev().find(fits).unwrap_or(0);
+        let extent = tree.extent_at(level);
+        let mut channels = vec![Vec::new(); usize::from(value.channels)];
+        let [width, height, layers] = extent.size();
+        let rows = (CELLS / width.max(1)).max(1);
+        for z in 0..layers {
+            for y in (0..height).step_by(rows as usize) {
+                self.progress.check()?;
+                let band = Bounds { min: [0, y, z], max: [width, height.min(y + rows), z + 1] };
+                let cells = band.volume() as usize;
+                let (mut bytes, mut valid) = (vec![0; cells * value.size()], vec![true; cells]);
+                tree.window(level, &band, 0.0, &mut bytes, Some(&mut valid))?;
+                for (channel, numbers) in channels.iter_mut().enumerate() {
+                    let mut band = Vec::with_capacity(cells);
+                    value.push_numbers(channel, &bytes, &mut band);
+                    let there =
+                        band.iter().zip(&valid).filter(|(number, valid)| **valid && number.is_finite());
+                    numbers.extend(there.map(|(number, _)| *number));
+                }
+            }
+        }
+        channels.iter_mut().for_each(|numbers| sort::floats(numbers));
+        Ok(channels)
+    }
+}

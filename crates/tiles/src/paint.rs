@@ -1,0 +1,159 @@
+//! Colours of tiles: a style, painted tile by tile.
+
+use serde::{Deserialize, Serialize};
+
+use super::place::TileId;
+use super::source::{TileContent, TileSamples, TileSource};
+use spinney_base::{Progress, Result};
+use spinney_engine::dataset::Dataset;
+use spinney_style::{Ground, PercentileNumbers, SampleBlock, Style, StylePainter};
+
+/// How values of a tree become colours.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TileColours {
+    /// The style's document.
+    pub style: String,
+    /// The numbers that its percentiles are.
+    pub percentiles: PercentileNumbers,
+    /// Hash of what is made of these with the tree's palette and units: another one whenever tiles look different.
+    pub look: String,
+}
+
+/// Pixels of a tile; its rows follow each other without a margin.
+#[derive(Clone, Debug, Default)]
+pub struct TilePixels {
+    /// Numbers of colours, if the painter has a palette.
+    pub indices: Vec<u8>,
+    /// Else red, green, blue and opacity of each pixel.
+    pub colours: Vec<[u8; 4]>,
+}
+
+impl TilePixels {
+    /// Red, green, blue and opacity of each pixel, where numbers are those of a palette.
+    fn into_colours(self, palette: Option<&[[u8; 4]; 256]>) -> Vec<[u8; 4]> {
+        match palette {
+            Some(colours) => self.indices.iter().map(|index| colours[usize::from(*index)]).collect(),
+            None => self.colours,
+        }
+    }
+}
+
+/// A style made ready for the tiles of a tree.
+///
+/// Tiles without any value are left out, also if the style has a colour for VOID.
+#[derive(Debug)]
+pub struct TilePainter {
+    painter: StylePainter,
+    palette: Option<Box<[[u8; 4]; 256]>>,
+    colours: TileColours,
+}
+
+impl TilePainter {
+    /// Makes a style ready.
+    ///
+    /// # Errors
+    /// Those of [`StylePainter::new`].
+    pub fn new(style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<TilePainter> {
+        TilePainter::with_numbers(style, tree, None, progress)
+    }
+
+    /// Makes a style ready, with numbers that its percentiles are, where they are given.
+    ///
+    /// # Errors
+    /// Those of [`StylePainter::new`].
+    pub fn with_numbers(
+        style: &Style,
+        tree: &Dataset,
+        given: Option<&PercentileNumbers>,
+        progress: &dyn Progress,
+    ) -> Result<TilePainter> {
+        let (painter, percentiles) = StylePainter::with_numbers(style, tree, given, progress)?;
+        let palette = painter.palette().map(|colours| {
+            let mut all = Box::new([[0; 4]; 256]);
+            all.iter_mut().zip(colours).for_each(|(to, from)| *to = *from);
+            all
+        });
+        let look = format!("{:016x}", xxhash_rust::xxh3::xxh3_64(format!("{painter:?}").as_bytes()));
+        let colours = TileColours { style: style.json().to_owned(), percentiles, look };
+        Ok(TilePainter { painter, palette, colours })
+    }
+
+    /// The painter.
+    pub fn painter(&self) -> &StylePainter {
+        &self.painter
+    }
+
+    /// Cells around a tile that its pixels depend on.
+    pub fn margin(&self) -> usize {
+        self.painter.margin() as usize
+    }
+
+    /// The colours whose numbers it paints; `None` if it paints colours.
+    pub fn palette(&self) -> Option<&[[u8; 4]; 256]> {
+        self.palette.as_deref()
+    }
+
+    /// What an archive says of the colours.
+    pub fn colours(&self) -> &TileColours {
+        &self.colours
+    }
+
+    /// Paints a tile of a source, of which there are the samples with the margin's cells around it.
+    ///
+    /// # Errors
+    /// If the samples are not of the type that the style was made ready for.
+    pub fn paint(
+        &self,
+        source: &dyn TileSource,
+        tile: TileId,
+        samples: &TileSamples,
+        pixels: &mut TilePixels,
+    ) -> Result<()> {
+        let margin = self.margin();
+        let side = samples.side - 2 * margin;
+        let ground = if margin == 0 {
+            vec![[1.0; 2]]
+        } else {
+            let depth = tile.zoom + side.trailing_zeros() as u8;
+            let first = f64::from(tile.row) * side as f64;
+            Ground::new(&source.frame(depth), 1 << depth).rows(first, side)
+        };
+        let block = SampleBlock {
+            width: side,
+            height: side,
+            margin,
+            bytes: &samples.values,
+            valid: &samples.valid,
+            ground: &ground,
+        };
+        if self.palette.is_some() {
+            pixels.indices.resize(side * side, 0);
+            self.painter.paint_indices(&block, &mut pixels.indices)
+        } else {
+            pixels.colours.resize(side * side, [0; 4]);
+            self.painter.paint(&block, pixels.colours.as_flattened_mut())
+        }
+    }
+}
+
+/// Pixels of a tile of `side` cells a side: red, green, blue and opacity, row by row; `None` where nothing is there.
+///
+/// # Errors
+/// If the source cannot be read.
+pub fn draw_tile(
+    source: &dyn TileSource,
+    painter: &TilePainter,
+    tile: TileId,
+    side: usize,
+) -> Result<Option<Vec<[u8; 4]>>> {
+    if source.content(tile)? == TileContent::Empty {
+        return Ok(None);
+    }
+    let (mut samples, mut pixels) = (TileSamples::default(), TilePixels::default());
+    source.tile(tile, side, painter.margin(), &mut samples)?;
+    if !samples.valid.contains(&true) {
+        return Ok(None);
+    }
+    painter.paint(source, tile, &samples, &mut pixels)?;
+    Ok(Some(pixels.into_colours(painter.palette())))
+}
