@@ -311,6 +311,28 @@ export interface Mesh {
   level: number;
 }
 
+/** A style: its name ("viridis", "terrain", "hillshade", ...), or its document (docs/styles.md of the project). */
+export type Style = string | object;
+
+/** Where there is no `ImageData`, as under Node. */
+export interface Pixels {
+  width: number;
+  height: number;
+  data: Uint8ClampedArray;
+}
+
+/** Pixels, and where they lie. */
+export type Picture = (ImageData | Pixels) & { level: number; cells: number[]; bounds: number[] };
+
+export interface Legend {
+  title: string;
+  sections: {
+    title: string;
+    classes?: { label: string; colour: Colour }[];
+    ramp?: { stops: Colour[]; ticks: { at: number; label: string }[] };
+  }[];
+}
+
 interface Opened<H> {
   readonly header: H;
   /** What should be known of the file and its host: that it was read whole, say. */
@@ -335,6 +357,12 @@ export interface Dataset extends Opened<Header> {
   histogram(request?: Part & { bins?: number; low?: number; high?: number } & AskOptions): Promise<{ low: number | null; high: number | null; bins: Bin[] }>;
   /** Blocks all of whose cells meet a condition on the first channel. */
   find(request: FindRequest): Promise<{ blocks: FoundBlock[]; isAll: boolean }>;
+  /** A picture of a part in a style. Its pixels are the cells of the level. */
+  image(request?: Part & Detail & { style?: Style } & AskOptions): Promise<Picture>;
+  /** A tile of web maps, or of the file's own square; null where nothing is there. */
+  tile(request: { x: number; y: number; z: number; grid?: "web-mercator" | "native"; size?: number; style?: Style } & AskOptions): Promise<ImageData | Pixels | null>;
+  /** What the colours of a style mean. */
+  legend(request?: { style?: Style } & AskOptions): Promise<Legend>;
   openLayer(layer: string | number, options?: AskOptions): Promise<Dataset>;
   openCommit(commit: number, options?: AskOptions): Promise<Dataset>;
   /** The commits of an `.autumn` file, the newest first. */

@@ -2,6 +2,7 @@
 
 import * as engine from "./engine.js";
 import { SpinneyError } from "./errors.js";
+import { picture } from "./pictures.js";
 import { sourceOf } from "./sources.js";
 
 /** Typed arrays by types of samples. */
@@ -182,6 +183,11 @@ function samples({ json, buffers }) {
   return { ...found, data, mask: hasMask ? mask : undefined };
 }
 
+/** A style, as text: its name, or its document. */
+function styleText(style) {
+  return style === undefined || typeof style === "string" ? style : JSON.stringify(style);
+}
+
 /** GeoJSON, as text. */
 function geoJson(zones) {
   return typeof zones === "string" ? zones : JSON.stringify(zones);
@@ -218,6 +224,20 @@ export class Dataset extends Opened {
 
   async find({ where, ...request } = {}) {
     return (await this.ask("find", { ...request, ...where }, request)).json;
+  }
+
+  async image({ style, ...request } = {}) {
+    const { json, buffers } = await this.ask("image", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
+    return picture(buffers[0], json.width, json.height, json);
+  }
+
+  async tile({ style, ...request }) {
+    const { json, buffers } = await this.ask("tile", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
+    return json.isEmpty ? null : picture(buffers[0], json.side, json.side);
+  }
+
+  async legend({ style, ...request } = {}) {
+    return (await this.ask("legend", { style: styleText(style) }, request)).json;
   }
 
   async openLayer(layer, options = {}) {

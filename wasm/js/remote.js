@@ -1,6 +1,7 @@
 // Datasets that are open in a worker, behind the same methods.
 
 import { fromParts } from "./errors.js";
+import { picture } from "./pictures.js";
 
 let start = () => new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "spinney" });
 let worker;
@@ -105,8 +106,9 @@ class RemoteOpened {
   }
 }
 
-/** An answer: what was opened is behind methods. */
+/** An answer: what was opened is behind methods, pictures are those of the platform. */
 function found(answer) {
+  if (answer?.isPicture) return picture(answer.data, answer.width, answer.height, answer);
   return answer?.isOpened ? new RemoteOpened(answer) : answer;
 }
 

@@ -130,6 +130,9 @@ class BlobSource extends Source {
   }
 }
 
+/** Closes files of datasets that nobody has closed, and nobody has any more. */
+const forgotten = new FinalizationRegistry((handle) => handle.close().catch(() => {}));
+
 /** A file of this machine, under Node. */
 class DiskSource extends Source {
   constructor(path) {
@@ -138,9 +141,9 @@ class DiskSource extends Source {
   }
 
   async start() {
-    const { open } = await import("node:fs/promises");
+    this.files = (await import("node:fs")).promises;
     try {
-      this.handle = await open(this.path, "r");
+      this.handle = await this.files.open(this.path, "r");
       this.stamp = await this.look();
     } catch (error) {
       await this.handle?.close();
@@ -150,6 +153,7 @@ class DiskSource extends Source {
       await this.handle.close();
       throw new SpinneyError({ code: "io", message: `${this.name}: cannot open: it is no file`, file: this.name });
     }
+    forgotten.register(this, this.handle, this);
     this.add(this.stamp.size);
   }
 
@@ -179,8 +183,7 @@ class DiskSource extends Source {
   }
 
   async hasChanged() {
-    const { stat } = await import("node:fs/promises");
-    const now = await stat(this.path, { bigint: true }).catch(() => undefined);
+    const now = await this.files.stat(this.path, { bigint: true }).catch(() => undefined);
     return !now || Number(now.size) !== this.stamp.size || now.mtimeNs !== this.stamp.modified;
   }
 
@@ -188,6 +191,7 @@ class DiskSource extends Source {
     super.close();
     const { handle } = this;
     this.handle = undefined;
+    forgotten.unregister(this);
     handle?.close().catch(() => {});
   }
 }

@@ -2,6 +2,7 @@
 
 import { Dataset, Model, open } from "./dataset.js";
 import { toParts } from "./errors.js";
+import { packed } from "./pictures.js";
 
 const isNode = typeof self === "undefined";
 const port = isNode ? (await import("node:worker_threads")).parentPort : self;
@@ -10,7 +11,7 @@ const port = isNode ? (await import("node:worker_threads")).parentPort : self;
 const METHODS = {
   Dataset: {
     window: 0, point: 1, points: 1, stats: 0, zonal: 1, histogram: 0, find: 0, openLayer: 1, openCommit: 1, commits: 0,
-    diff: 2, slice: 0, mesh: 0, contains: 1,
+    diff: 2, image: 0, tile: 0, legend: 0, slice: 0, mesh: 0, contains: 1,
   },
   Model: { measures: 0, locate: 1, contains: 1, section: 0, triangles: 0 },
 };
@@ -45,7 +46,7 @@ async function answer({ of, method, list, options }) {
   const place = methodsOf(dataset)[method];
   list[place] = { ...list[place], ...options };
   const found = await dataset[method](...list);
-  return found instanceof Dataset || found instanceof Model ? keep(found) : found;
+  return found instanceof Dataset || found instanceof Model ? keep(found) : packed(found);
 }
 
 /** Arrays that are handed over instead of being copied. */

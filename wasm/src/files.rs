@@ -14,6 +14,8 @@ use spinney_brep::ModelView;
 use spinney_container::{ByteSource, OpenOptions};
 use spinney_engine::dataset::Dataset;
 
+use crate::pictures::Prepared;
+
 /// Bytes of ranges that are held if nobody says otherwise.
 const CACHE: u64 = 64 << 20;
 
@@ -61,6 +63,8 @@ impl Fetch for Elsewhere {
 pub(crate) struct Opened {
     pub(crate) file: File,
     pub(crate) content: Content,
+    /// What is made ready once for many pictures.
+    pub(crate) prepared: Prepared,
 }
 
 /// A tree of cells, or an exact model.
@@ -164,6 +168,10 @@ pub(crate) fn opened(number: u32) -> Result<Rc<Opened>> {
 }
 
 impl Opened {
+    pub(crate) fn new(file: File, content: Content) -> Opened {
+        Opened { file, content, prepared: Prepared::default() }
+    }
+
     /// The tree of cells.
     ///
     /// # Errors

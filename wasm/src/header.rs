@@ -1,6 +1,7 @@
 //! What is in a file, as JavaScript is told when it is opened.
 
 use serde_json::{Value, json};
+use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_base::value::Number;
 use spinney_brep::{Faces, ModelView};
@@ -13,14 +14,17 @@ use crate::files::{Content, Opened};
 use crate::history::commit_json;
 
 /// The header of what is open.
-pub(crate) fn of(opened: &Opened) -> Value {
+///
+/// # Errors
+/// If a layer is damaged.
+pub(crate) fn of(opened: &Opened) -> Result<Value> {
     match &opened.content {
         Content::Cells(tree) => of_cells(tree),
         Content::Model(model) => of_model(model),
     }
 }
 
-fn of_cells(tree: &Dataset) -> Value {
+fn of_cells(tree: &Dataset) -> Result<Value> {
     let (header, metadata) = (tree.header(), tree.metadata());
     let (axes, value) = (header.form.axes(), header.form.value);
     let frame = &metadata.frame;
@@ -33,7 +37,7 @@ fn of_cells(tree: &Dataset) -> Value {
     if let (Some(palette), true) = (&metadata.palette, classes.is_empty()) {
         classes = (0..palette.colours.len()).map(|value| class(&Number::from(value as u64))).collect();
     }
-    let layers = tree.layers().unwrap_or_default();
+    let layers = tree.layers()?;
     let layers: Vec<Value> = layers
         .iter()
         .map(|layer| {
@@ -46,7 +50,7 @@ fn of_cells(tree: &Dataset) -> Value {
         })
         .collect();
     let bounds: Vec<f64> = low[..axes].iter().chain(&high[..axes]).copied().collect();
-    json!({
+    Ok(json!({
         "kind": if axes == 2 { "raster" } else { "volume" },
         "format": tree.format().name().to_lowercase(),
         "codec": header.codec.name(),
@@ -78,14 +82,15 @@ fn of_cells(tree: &Dataset) -> Value {
         "commit": tree.commit().map(commit_json),
         "bytes": tree.file_size(),
         "remark": tree.remark(),
-    })
+    }))
 }
 
-fn of_model(view: &ModelView) -> Value {
+fn of_model(view: &ModelView) -> Result<Value> {
     let model = view.file();
     let metadata = model.metadata();
-    let bounds = view.bounds().ok();
-    json!({
+    // (What is everywhere but in a part of space has none.)
+    let bounds = if model.is_unbounded() { None } else { Some(view.bounds()?) };
+    Ok(json!({
         "kind": "model",
         "format": "goblin",
         "codec": model.codec().name(),
@@ -99,7 +104,7 @@ fn of_model(view: &ModelView) -> Value {
         "tags": metadata.tags,
         "provenance": metadata.provenance,
         "bytes": model.file_size(),
-    })
+    }))
 }
 
 fn colour(metadata: &Metadata, value: &Number) -> Option<[u8; 4]> {

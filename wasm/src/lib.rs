@@ -10,6 +10,7 @@ mod header;
 mod history;
 mod model;
 mod part;
+mod pictures;
 mod points;
 mod question;
 mod search;

@@ -11,7 +11,7 @@ use spinney_engine::ops::TreeFile;
 
 use crate::answer::{Answer, Found};
 use crate::files::{self, Content, File, Opened};
-use crate::{failure, header, history, model, points, search, solid, statistics, windows, zones};
+use crate::{failure, header, history, model, pictures, points, search, solid, statistics, windows, zones};
 
 /// A question about a file, or about what is open of it (`of`).
 #[derive(Deserialize)]
@@ -90,6 +90,20 @@ enum Question {
     Triangles {
         of: u32,
     },
+    Image {
+        of: u32,
+        #[serde(flatten)]
+        image: pictures::Image,
+    },
+    Tile {
+        of: u32,
+        #[serde(flatten)]
+        tile: pictures::Tile,
+    },
+    Legend {
+        of: u32,
+        style: Option<String>,
+    },
     /// Panics, for tests of what comes of that.
     Panic {
         message: String,
@@ -99,7 +113,8 @@ enum Question {
 /// What a pass over a question leads to.
 enum Outcome {
     Found(Found),
-    Opened(Opened),
+    /// With its header.
+    Opened(Opened, serde_json::Value),
 }
 
 impl From<Found> for Outcome {
@@ -130,10 +145,8 @@ pub(crate) fn ask(text: &str, places: &[f64]) -> Answer {
     match (result, outcome) {
         (Err(error), _) => Answer::failed(&failure::as_json(&error)),
         (Ok(()), Some(Outcome::Found(found))) => found.into(),
-        (Ok(()), Some(Outcome::Opened(opened))) => {
-            let json = header::of(&opened);
-            let number = files::keep(opened);
-            Found::from(json!({ "opened": number, "header": json })).into()
+        (Ok(()), Some(Outcome::Opened(opened, header))) => {
+            Found::from(json!({ "opened": files::keep(opened), "header": header })).into()
         }
         (Ok(()), None) => Found::default().into(),
     }
@@ -142,11 +155,11 @@ pub(crate) fn ask(text: &str, places: &[f64]) -> Answer {
 fn answer(question: &Question, places: &[f64]) -> Result<Outcome> {
     let cells = |of: &u32| files::opened(*of);
     Ok(match question {
-        Question::Open { file, commit, layer } => Outcome::Opened(open(files::file(*file)?, *commit, layer)?),
+        Question::Open { file, commit, layer } => with_header(open(files::file(*file)?, *commit, layer)?)?,
         Question::Layer { of, name } => {
             let opened = cells(of)?;
             let tree = opened.cells()?.layer(name)?;
-            Outcome::Opened(Opened { file: opened.file.clone(), content: Content::Cells(Box::new(tree)) })
+            with_header(Opened::new(opened.file.clone(), Content::Cells(Box::new(tree))))?
         }
         Question::Window { of, window } => windows::window(cells(of)?.cells()?, window)?.into(),
         Question::Points { of, request } => points::values(cells(of)?.cells()?, request, places)?.into(),
@@ -168,8 +181,25 @@ fn answer(question: &Question, places: &[f64]) -> Result<Outcome> {
         Question::Measures { of } => model::measures(cells(of)?.model()?)?.into(),
         Question::Section { of, plane } => model::section(cells(of)?.model()?, plane)?.into(),
         Question::Triangles { of } => model::triangles(cells(of)?.model()?)?.into(),
+        Question::Image { of, image } => {
+            let opened = cells(of)?;
+            pictures::image(opened.cells()?, &opened.prepared, image)?.into()
+        }
+        Question::Tile { of, tile } => {
+            let opened = cells(of)?;
+            pictures::tile(opened.cells()?, &opened.prepared, tile)?.into()
+        }
+        Question::Legend { of, style } => {
+            let opened = cells(of)?;
+            pictures::legend(opened.cells()?, &opened.prepared, style.as_ref())?.into()
+        }
         Question::Panic { message } => panic!("{message}"),
     })
+}
+
+fn with_header(opened: Opened) -> Result<Outcome> {
+    let header = header::of(&opened)?;
+    Ok(Outcome::Opened(opened, header))
 }
 
 fn open(file: File, commit: Option<u64>, layer: &Option<String>) -> Result<Opened> {
@@ -181,5 +211,5 @@ fn open(file: File, commit: Option<u64>, layer: &Option<String>) -> Result<Opene
         let place = FilePlace { file: file.name.as_path().into(), commit, layer: layer.clone() };
         Content::Cells(Box::new(Dataset::of(TreeFile::at(&place, &options)?.into())?))
     };
-    Ok(Opened { file, content })
+    Ok(Opened::new(file, content))
 }

@@ -125,11 +125,11 @@ test("statistics of polygons are those of the program", async () => {
     if (crs?.epsg !== 32628 || dimension !== 2) return;
     count += 1;
     for (const edge of ["area", "centre", "touch"]) {
-      const list = ["stats", "--json", path, "--zones", districts, "--edge", edge];
+      const list = ["stats", "--threads", 1, "--json", path, "--zones", districts, "--edge", edge];
       same(await dataset.zonal(zones, { edge }), told(...list), `${path}, ${edge}`);
     }
     const more = { measures: ["majority", "median"], quantiles: [0.1, 0.9] };
-    const list = ["stats", "--json", path, "--zones", districts, "--edge", "area", "--measure", "majority,median", "--quantiles", "0.1,0.9"];
+    const list = ["stats", "--threads", 1, "--json", path, "--zones", districts, "--edge", "area", "--measure", "majority,median", "--quantiles", "0.1,0.9"];
     same(await dataset.zonal(zones, more), told(...list), path);
     const [first] = (await dataset.zonal(zones)).zones;
     const { id, ...alone } = await dataset.stats({ geometry: zones.features[0].geometry, crs: "EPSG:32628" });
@@ -137,7 +137,7 @@ test("statistics of polygons are those of the program", async () => {
   });
   assert.ok(count >= 4, "files are asked");
   const stack = await open(join(root, "fixtures/v1/stack.goblin"));
-  const list = ["stats", "--json", join(root, "fixtures/v1/stack.goblin"), "--zones", districts, "--edge", "area"];
+  const list = ["stats", "--threads", 1, "--json", join(root, "fixtures/v1/stack.goblin"), "--zones", districts, "--edge", "area"];
   same(await stack.zonal(zones, { layers: layersOf(stack.header) }), told(...list));
 });
 

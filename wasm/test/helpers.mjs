@@ -49,6 +49,7 @@ export function files() {
 }
 
 function makeFiles(made) {
+  rmSync(made, { recursive: true, force: true });
   mkdirSync(made, { recursive: true });
   const fixtures = join(root, "fixtures");
   const at = (name) => join(made, name);
@@ -56,7 +57,7 @@ function makeFiles(made) {
     spinney("build", "-q", join(fixtures, `${name}.tif`), "-o", at(`${name}.goblin`));
     spinney("build", "-q", join(fixtures, `${name}.tif`), "-o", at(`${name}.autumn`));
     spinney("convert", "-q", at(`${name}.goblin`), "-o", at(`${name}_packed.goblin`), "--codec", "packed");
-    spinney("convert", "-q", at(`${name}.goblin`), "-o", at(`${name}_packed.autumn`), "--codec", "packed");
+    spinney("compact", "-q", at(`${name}.autumn`), "-o", at(`${name}_packed.autumn`), "--pack");
   }
   for (const name of ["ball", "stack", "rgba", "segments"]) {
     spinney("convert", "-q", join(frozen, `${name}.goblin`), "-o", at(`${name}_packed.goblin`), "--codec", "packed");
