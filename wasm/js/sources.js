@@ -235,7 +235,7 @@ class HttpSource extends Source {
       const response = await this.request(`bytes=0-${FIRST - 1}`, signal);
       this.check(response);
       const isCompressed = Boolean(response.headers.get("content-encoding"));
-      const place = contentRange(response);
+      const place = contentRange(response) ?? (response.status === 206 ? await this.unseenRange(signal) : undefined);
       if (response.status !== 206 || isCompressed || !place) {
         later.abort();
         await this.whole(response, isCompressed, signal);
@@ -256,6 +256,14 @@ class HttpSource extends Source {
       later.abort();
       throw error;
     }
+  }
+
+  /** The first range and the file's length, where the host does not let other origins see them. */
+  async unseenRange(signal) {
+    const response = await fetch(this.url, { method: "HEAD", headers: this.headers, signal, cache: "no-store" }).catch(() => undefined);
+    signal?.throwIfAborted();
+    const length = response?.ok ? Number(response.headers.get("content-length")) : 0;
+    return length > 0 ? { start: 0, end: Math.min(FIRST, length), length } : undefined;
   }
 
   /** Takes the end of the file, if the host has understood. */

@@ -12,7 +12,7 @@ use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::WarpOptions;
 use spinney_style::{Ground, Key, SampleBlock, Style};
-use spinney_tiles::{MAX_ZOOM, TileId, TilePainter, TileSource, TreeTiles, WarpedTiles, draw_tile};
+use spinney_tiles::{MAX_ZOOM, TileId, TilePainter, TreeTiles, WarpedTiles, draw_tile};
 
 use crate::answer::Found;
 use crate::failure::too_large;
@@ -119,7 +119,9 @@ pub(crate) fn image(tree: &Dataset, prepared: &Prepared, image: &Image) -> Resul
     let margin = painter.margin() as usize;
     let [width, height] = [0, 1].map(|axis| cells.size()[axis] as usize);
     let (bytes, valid) = with_margin(tree, level, &cells, margin)?;
-    let frame = tree.metadata().frame.coarser(shift);
+    // (What has no place in the world has cells of one unit at all levels, as pictures of it have.)
+    let frame = &tree.metadata().frame;
+    let frame = if frame.is_identity() { frame.clone() } else { frame.coarser(shift) };
     let columns = tree.extent_at(level).size()[0];
     let ground = Ground::new(&frame, columns).rows(cells.min[1] as f64, height);
     let block = SampleBlock { width, height, margin, bytes: &bytes, valid: &valid, ground: &ground };
@@ -189,24 +191,15 @@ pub(crate) fn tile(tree: &Dataset, prepared: &Prepared, tile: &Tile) -> Result<F
     }
     let painter = prepared.painter(tree, tile.style.as_ref())?;
     let pixels = match tile.grid.as_deref() {
-        Some("native") => drawn(&TreeTiles::native(tree), &painter, id, side)?,
+        Some("native") => draw_tile(&TreeTiles::native(tree), &painter, id, side)?,
         None | Some("web-mercator") => match TreeTiles::world(tree) {
-            Some(tiles) => drawn(&tiles, &painter, id, side)?,
-            None => drawn(&*prepared.warped(tree, side)?, &painter, id, side)?,
+            Some(tiles) => draw_tile(&tiles, &painter, id, side)?,
+            None => draw_tile(&*prepared.warped(tree, side)?, &painter, id, side)?,
         },
         Some(other) => return Err(Error::invalid("grid", other, "web-mercator or native")),
     };
     let buffers: Vec<Vec<u8>> = pixels.into_iter().map(|pixels| pixels.into_flattened()).collect();
     Ok(Found { json: json!({ "side": side, "isEmpty": buffers.is_empty() }), buffers })
-}
-
-fn drawn(
-    source: &dyn TileSource,
-    painter: &TilePainter,
-    id: TileId,
-    side: usize,
-) -> Result<Option<Vec<[u8; 4]>>> {
-    draw_tile(source, painter, id, side)
 }
 
 /// What the colours of a style mean, section by section.

@@ -30,7 +30,7 @@ async function serve(bytes, how = {}) {
         response.writeHead(416, headers).end();
         return;
       }
-      response.writeHead(206, { ...headers, "Content-Range": `bytes ${start}-${end - 1}/${length}`, "Content-Length": end - start });
+      response.writeHead(206, { ...headers, ...(state.hidesRange ? {} : { "Content-Range": `bytes ${start}-${end - 1}/${length}` }), "Content-Length": end - start });
       response.end(state.bytes.subarray(start, end));
       return;
     }
@@ -86,6 +86,13 @@ test("a host without ranges is told of, and small files are read whole", async (
     assert.match(found.warnings[0], how.compresses ? /compresses/ : /does not serve ranges/);
     same((await found.stats()).cells, (await (await open(map)).stats()).cells);
   }
+});
+
+test("a host that hides the range is asked for the length", async () => {
+  const { url } = await serve(map, { hidesRange: true });
+  const found = await open(url);
+  assert.deepEqual(found.warnings, []);
+  same(await found.stats(), await (await open(map)).stats());
 });
 
 test("large files of such hosts are refused", async () => {

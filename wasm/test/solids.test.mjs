@@ -116,7 +116,9 @@ for (const path of models) {
     assert.ok(objects.every((object) => object < names.length || names.length === 0));
     const at = (corner) => [0, 1, 2].map((axis) => positions[3 * corner + axis]);
     const volume = volumeOf(at, Array.from({ length: triangles }, (_, number) => [3 * number, 3 * number + 1, 3 * number + 2]));
-    assert.ok(Math.abs(volume - expected.volume) <= 1e-5 * expected.volume, `${volume}, ${expected.volume}; ${origin}`);
+    // (For faces with corners beside the grid stand others.)
+    const most = info.exact_faces > 0 ? 1e-2 : 1e-5;
+    assert.ok(Math.abs(volume - expected.volume) <= most * expected.volume, `${volume}, ${expected.volume}; ${origin}`);
     await assert.rejects(model.ask("window", {}), { code: "unsupported", message: /exact model/ });
     await assert.rejects(model.section({ at: 3 }), { code: "invalid" });
   });
