@@ -370,6 +370,8 @@ export interface Dataset extends Opened<Header> {
   diff(from: number, to?: number, options?: Part & { limit?: number } & AskOptions): Promise<Difference>;
   /** A slice of a volume: columns and rows are the other two axes, in their order. */
   slice(request: SliceRequest): Promise<Window>;
+  /** Its colours in a style, with the highest cells at the top where it is seen from the side. */
+  slice(request: SliceRequest & { style: Style }): Promise<ImageData | Pixels>;
   /** The surface of a volume's level as triangles. */
   mesh(request?: MeshRequest): Promise<Mesh>;
   /** Whether a place is in the solid. */

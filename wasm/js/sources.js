@@ -24,6 +24,8 @@ class Source {
     this.warnings = [];
     this.file = undefined;
     this.instance = -1;
+    /** Whether more may come behind what there is, as commits do. */
+    this.grows = false;
   }
 
   /** Takes the file up in the module's present instance. */
@@ -166,6 +168,7 @@ class DiskSource extends Source {
     const found = await super.fetch(ranges, signal);
     // (Behind the reads, so that what they brought is of the state that was opened.)
     const now = await this.look();
+    if (now.size > this.stamp.size && this.grows) return found;
     if (now.size !== this.stamp.size) throw this.changed(now.size < this.stamp.size ? "was cut short" : "has grown");
     if (now.modified !== this.stamp.modified) throw this.changed("was overwritten");
     return found;
@@ -347,13 +350,14 @@ class HttpSource extends Source {
     for (let time = 0; ; time += 1) {
       const response = await this.request(`bytes=${start}-${end - 1}`, signal);
       const place = contentRange(response);
-      if (response.status === 416 || (place && place.length !== this.length)) {
+      const hasGrown = this.grows && place?.length > this.length;
+      if (response.status === 416 || (place && place.length !== this.length && !hasGrown)) {
         await response.body?.cancel().catch(() => {});
         throw this.changed("has another length");
       }
       if (response.status === 404) throw this.changed("was removed");
       this.check(response);
-      if (!this.isSame(response)) {
+      if (!this.isSame(response) && !hasGrown) {
         await response.body?.cancel().catch(() => {});
         throw this.changed("was replaced");
       }
@@ -417,8 +421,14 @@ function pause(milliseconds, signal) {
   });
 }
 
-/** The source that a user means. */
-export function sourceOf(source, { headers } = {}) {
+/** The source that a user means; it knows how to be opened again. */
+export function sourceOf(source, options = {}) {
+  const found = meant(source, options);
+  found.again = () => sourceOf(source, options);
+  return found;
+}
+
+function meant(source, { headers }) {
   if (source instanceof ArrayBuffer) return new MemorySource(new Uint8Array(source), "(memory)");
   if (ArrayBuffer.isView(source)) return new MemorySource(new Uint8Array(source.buffer, source.byteOffset, source.byteLength), "(memory)");
   if (typeof Blob !== "undefined" && source instanceof Blob) return new BlobSource(source);

@@ -16,19 +16,17 @@ use spinney_tiles::{MAX_ZOOM, TileId, TilePainter, TreeTiles, WarpedTiles, draw_
 
 use crate::answer::Found;
 use crate::failure::too_large;
+use crate::files::Opened;
 use crate::part::Part;
-use crate::windows::{Detail, at_level};
+use crate::solid::IN_SLICE;
+use crate::windows::{Detail, at_level, read};
 
 /// Bytes that a picture may have.
 const MOST_BYTES: u64 = 1 << 28;
 
-/// A part in a style.
+/// How a part is painted.
 #[derive(Deserialize)]
 pub(crate) struct Image {
-    #[serde(flatten)]
-    part: Part,
-    #[serde(flatten)]
-    detail: Detail,
     style: Option<String>,
 }
 
@@ -104,10 +102,11 @@ fn check_quadtree(tree: &Dataset) -> Result<()> {
 }
 
 /// A picture of a part: red, green, blue and opacity of each pixel, which are the cells of a level.
-pub(crate) fn image(tree: &Dataset, prepared: &Prepared, image: &Image) -> Result<Found> {
+pub(crate) fn image(opened: &Opened, (part, detail): (&Part, &Detail), image: &Image) -> Result<Found> {
+    let (tree, prepared) = (opened.cells()?, &opened.prepared);
     check_quadtree(tree)?;
-    let bounds = image.part.one_box(tree)?;
-    let level = image.detail.level(tree, &bounds)?;
+    let bounds = part.one_box(tree)?;
+    let level = detail.level(tree, &bounds)?;
     let shift = tree.depth() - level;
     let cells = at_level(&bounds, shift);
     let needed = cells.volume().saturating_mul(4);
@@ -151,29 +150,61 @@ fn with_margin(tree: &Dataset, level: u8, cells: &Bounds, margin: usize) -> Resu
         min: [cells.min[0].saturating_sub(margin), cells.min[1].saturating_sub(margin), 0],
         max: [cells.max[0] + margin, cells.max[1] + margin, 1],
     };
-    let count = inside.volume() as usize;
-    let (mut bytes, mut valid) = (vec![0; count * width], vec![false; count]);
-    tree.window(level, &inside, Number::default(), &mut bytes, Some(&mut valid))?;
-    if inside.size()[..2] == all[..2] {
-        return Ok((bytes, valid));
-    }
-    let [columns, rows] = [0, 1].map(|axis| all[axis] as usize);
-    let (mut around, mut has_value) = (vec![0; columns * rows * width], vec![false; columns * rows]);
+    let (bytes, valid) = read(tree, level, &inside, Number::default())?;
     // (Cells that would have negative numbers are missing.)
-    let [left, above] = [0, 1].map(|axis| (margin - (cells.min[axis] - inside.min[axis])) as usize);
-    let row_cells = inside.size()[0] as usize;
-    for (row, (from, known)) in
-        bytes.chunks_exact(row_cells * width).zip(valid.chunks_exact(row_cells)).enumerate()
-    {
-        let to = (above + row) * columns + left;
-        around[to * width..][..from.len()].copy_from_slice(from);
-        has_value[to..][..known.len()].copy_from_slice(known);
+    let before = [0, 1].map(|axis| (margin - (cells.min[axis] - inside.min[axis])) as usize);
+    let [from, to] = [inside.size(), all].map(|size| [size[0] as usize, size[1] as usize]);
+    Ok((framed(bytes, width, (from, to, before)), framed(valid, 1, (from, to, before))))
+}
+
+/// Cells of so many items each amid others that are nothing: columns and rows that there are, that there will be, and that there will be before
+/// them.
+fn framed<T: Copy + Default>(
+    cells: Vec<T>,
+    items: usize,
+    ([columns, _], to, before): ([usize; 2], [usize; 2], [usize; 2]),
+) -> Vec<T> {
+    if cells.len() == to[0] * to[1] * items {
+        return cells;
     }
-    Ok((around, has_value))
+    let mut all = vec![T::default(); to[0] * to[1] * items];
+    for (row, from) in cells.chunks_exact(columns * items).enumerate() {
+        let first = ((before[1] + row) * to[0] + before[0]) * items;
+        all[first..][..from.len()].copy_from_slice(from);
+    }
+    all
+}
+
+/// A picture of a slice of an octree across an axis, with the highest cells at the top where one sees them from the side.
+pub(crate) fn slice_image(
+    tree: &Dataset,
+    prepared: &Prepared,
+    style: Option<&String>,
+    (bounds, level, across): (&Bounds, u8, usize),
+) -> Result<Found> {
+    let cells = at_level(bounds, tree.depth() - level);
+    let painter = prepared.painter(tree, style)?;
+    let painter = painter.painter();
+    let margin = painter.margin() as usize;
+    let [width, height] = IN_SLICE[across].map(|axis| cells.size()[axis] as usize);
+    let (bytes, valid) = read(tree, level, &cells, Number::default())?;
+    let sides = ([width, height], [width + 2 * margin, height + 2 * margin], [margin; 2]);
+    let bytes = framed(bytes, tree.header().form.width(), sides);
+    let valid = framed(valid, 1, sides);
+    // (Slices are no maps.)
+    let ground = vec![[1.0; 2]; height];
+    let block = SampleBlock { width, height, margin, bytes: &bytes, valid: &valid, ground: &ground };
+    let mut rgba = vec![0; width * height * 4];
+    painter.paint(&block, &mut rgba)?;
+    if across != 2 {
+        rgba = rgba.chunks_exact(width * 4).rev().flatten().copied().collect();
+    }
+    Ok(Found { json: json!({ "width": width, "height": height, "level": level }), buffers: vec![rgba] })
 }
 
 /// A tile: red, green, blue and opacity of each pixel, or nothing where nothing is there.
-pub(crate) fn tile(tree: &Dataset, prepared: &Prepared, tile: &Tile) -> Result<Found> {
+pub(crate) fn tile(opened: &Opened, tile: &Tile) -> Result<Found> {
+    let (tree, prepared) = (opened.cells()?, &opened.prepared);
     check_quadtree(tree)?;
     let side = tile.size.unwrap_or(256);
     if !(side.is_power_of_two() && (16..=4096).contains(&side)) {
@@ -203,8 +234,9 @@ pub(crate) fn tile(tree: &Dataset, prepared: &Prepared, tile: &Tile) -> Result<F
 }
 
 /// What the colours of a style mean, section by section.
-pub(crate) fn legend(tree: &Dataset, prepared: &Prepared, style: Option<&String>) -> Result<Found> {
-    let painter = prepared.painter(tree, style)?;
+pub(crate) fn legend(opened: &Opened, image: &Image) -> Result<Found> {
+    let tree = opened.cells()?;
+    let painter = opened.prepared.painter(tree, image.style.as_ref())?;
     let legend = painter.painter().legend(tree)?;
     let section = |section: &spinney_style::LegendSection| match &section.key {
         Key::Classes(classes) => {

@@ -194,7 +194,7 @@ test("what makes no sense is an error with a kind", async () => {
   await fails(map.zonal("{"), "invalid", /GeoJSON/i);
   await fails(map.find({}), "invalid", /above, below or equal/);
   await fails(map.slice({ axis: "z", index: 0 }), "unsupported", /octree/);
-  await fails(map.commits(), "corrupt", /Goblin|Autumnal/);
+  await fails(map.commits(), "unsupported", /without commits/);
   await fails(map.openLayer("nothing"), "invalid", /layer/);
   await fails(open(join(root, "fixtures/v1/classes.goblin"), { layer: "nothing" }), "invalid", /layer/);
   await fails(open(join(root, "README.md")), "no-tree", /./);

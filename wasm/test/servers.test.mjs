@@ -149,6 +149,16 @@ test("a file that changes in between is an error that says so, and refresh opens
   }
 });
 
+test("commits that are appended meanwhile leave readers alone", async () => {
+  const bytes = bytesOf(join(made, "island_elevation.autumn"));
+  const { url, state } = await serve(bytes);
+  const found = await open(url);
+  state.bytes = Buffer.concat([bytes, Buffer.alloc(4096)]);
+  state.etag = '"2"';
+  same(await found.stats(), await (await open(bytes)).stats());
+  same(await found.window(), await (await open(bytes)).window());
+});
+
 test("hosts that are busy are asked again; others are errors", async () => {
   let failures = 2;
   const { url } = await serve(map, { answer: (_, response) => { if (failures-- <= 0) return false; response.writeHead(503).end(); return true; } });

@@ -7,6 +7,7 @@ import test from "node:test";
 
 import { open } from "../dist/index.js";
 import { bytesOf, files, folder, random, same, spinney, told } from "./helpers.mjs";
+import { alike, readPng } from "./png.mjs";
 
 const { cells, models } = files();
 const work = folder();
@@ -43,6 +44,9 @@ for (const path of cells) {
         spinney("get", "-q", path, raw, "--slice", `${name}=${index}`, "--level", level);
         assert.equal(Buffer.from(found.data.buffer).compare(Buffer.from(bytesOf(raw))), 0, `${name}=${index}, level ${level}`);
         assert.equal(found.data.length, found.width * found.height * found.channels);
+        const png = join(work, "slice.png");
+        spinney("get", "-q", path, png, "--slice", `${name}=${index}`, "--level", level, "--style", "viridis");
+        alike(await solid.slice({ axis: name, index, level, style: "viridis" }), readPng(png), `${name}=${index}, level ${level}`);
       }
     }
     const [low, high] = [header.bounds.slice(0, 3), header.bounds.slice(3)];
