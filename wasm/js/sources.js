@@ -143,7 +143,7 @@ class DiskSource extends Source {
   }
 
   async start() {
-    this.files = (await import("node:fs")).promises;
+    this.files = (await import(/* webpackIgnore: true */ /* @vite-ignore */ "node:fs")).promises;
     try {
       this.handle = await this.files.open(this.path, "r");
       this.stamp = await this.look();

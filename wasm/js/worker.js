@@ -5,7 +5,7 @@ import { toParts } from "./errors.js";
 import { packed } from "./pictures.js";
 
 const isNode = typeof self === "undefined";
-const port = isNode ? (await import("node:worker_threads")).parentPort : self;
+const port = isNode ? (await import(/* webpackIgnore: true */ /* @vite-ignore */ "node:worker_threads")).parentPort : self;
 
 /** What can be asked from the other side, and which argument has the options. */
 const METHODS = {

@@ -197,7 +197,8 @@ test("what makes no sense is an error with a kind", async () => {
   await fails(map.commits(), "unsupported", /without commits/);
   await fails(map.openLayer("nothing"), "invalid", /layer/);
   await fails(open(join(root, "fixtures/v1/classes.goblin"), { layer: "nothing" }), "invalid", /layer/);
-  await fails(open(join(root, "README.md")), "no-tree", /./);
+  await fails(open(join(root, "README.md")), "corrupt", /first bytes of a tree/);
+  await fails(open(join(root, "fixtures/island_classes.tif")), "no-tree", /TIFF/i);
   await fails(open(join(root, "nowhere.goblin")), "io", /cannot open/);
   await assert.rejects(open(12), TypeError);
   map.close();
