@@ -37,7 +37,7 @@ pub struct WindowRequest {
     /// The number for VOID cells where the format needs one; chosen if not given: see [`fill_for`].
     pub nodata: Option<Number>,
     /// Colours of the values. Without a style outputs have the values themselves; but PNG, which only has those of `u8` and
-    /// `u16`, of channels that are grey or red, green and blue, and opacity, has others in the tree's default style.
+    /// `u16`, of channels that are grey or red, green and blue, and opacity, has others in the tree's default style, and WebP all.
     pub style: Option<Style>,
     /// Bytes to hold at a time; what one row of the output needs must fit.
     pub memory: u64,
@@ -141,7 +141,7 @@ fn style_of(tree: &Dataset, request: &WindowRequest, format: Format) -> Option<S
         matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16) && has_png_channels(tree);
     match &request.style {
         Some(style) => Some(style.clone()),
-        None if format == Format::Png && !fits => Some(Style::default_for(tree)),
+        None if format == Format::Webp || format == Format::Png && !fits => Some(Style::default_for(tree)),
         None => None,
     }
 }
