@@ -86,6 +86,7 @@
 //! | `mbtiles` | MBTiles archives and GeoPackages: SQLite, which needs a C compiler (with `raster` and `vector`) |
 //! | `meshopt` | compressed glTF (with `mesh`) |
 //! | `flatgeobuf` | features in FlatGeobuf (with `vector`) |
+//! | `site` | pages that show files in a browser |
 //! | `remote` | files on web servers and in buckets: read in ranges, written by upload |
 //! | `report` | answers as JSON (with `vector`) |
 //! | `serve` | a server of files and answers (with `raster` and `report`) |
@@ -424,6 +425,12 @@ pub mod export {
             MeshSummary, SurfaceMesh, TilesetSummary, export_blocks, export_exact, export_glb,
             export_isosurfaces, export_mesh, export_tileset, export_triangles, isosurface_mesh, surface_mesh,
         };
+    }
+
+    /// Pages that show files in a browser.
+    #[cfg(feature = "site")]
+    pub mod page {
+        pub use spinney_site::{PageFile, PageRequest, PageStart, PageSummary, export_page};
     }
 
     /// Tiles of maps.

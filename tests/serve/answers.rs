@@ -20,7 +20,15 @@ fn what_is_served_is_told() {
     assert_eq!(server.get("/healthz").json()["status"], "ok");
     let page = server.get("/");
     assert_eq!(page.header("content-type"), Some("text/html; charset=utf-8"));
-    assert!(page.text().contains("<!doctype html>") && page.text().contains("classes.goblin"));
+    assert!(page.text().to_lowercase().contains("<!doctype html>") && page.text().contains("classes.goblin"));
+    let style = server.get("/assets/page.css");
+    assert_eq!(style.header("content-type"), Some("text/css; charset=utf-8"));
+    let tag = style.header("etag").unwrap().to_owned();
+    assert!(!style.good().is_empty());
+    assert_eq!(server.get_with("/assets/page.css", &[("If-None-Match", &tag)]).status, 304);
+    for name in ["nothing.js", "../Cargo.toml", "..%2fCargo.toml", "%2fetc%2fpasswd", "js", ""] {
+        server.get(&format!("/assets/{name}")).complaint(404);
+    }
     let files = server.get("/files.json").json();
     let first = &files["files"][2];
     assert_eq!((first["name"].as_str(), first["file"].as_str()), (Some("classes"), Some("classes.goblin")));

@@ -9,24 +9,29 @@ use axum::response::{IntoResponse, Response};
 pub(crate) struct Answer {
     pub(crate) status: StatusCode,
     pub(crate) content_type: &'static str,
-    /// A strong one: equal tags are equal bytes.
-    pub(crate) tag: String,
+    /// A strong one: equal tags are equal bytes. None where what was asked is not all in the address.
+    pub(crate) tag: Option<String>,
     pub(crate) bytes: Vec<u8>,
 }
 
 impl Answer {
     pub(crate) fn new(content_type: &'static str, tag: String, bytes: Vec<u8>) -> Answer {
-        Answer { status: StatusCode::OK, content_type, tag, bytes }
+        Answer { status: StatusCode::OK, content_type, tag: Some(tag), bytes }
+    }
+
+    /// An answer to what came in a body.
+    pub(crate) fn untagged(content_type: &'static str, bytes: Vec<u8>) -> Answer {
+        Answer { status: StatusCode::OK, content_type, tag: None, bytes }
     }
 
     /// The answer that a client has already what it asks for.
     pub(crate) fn not_modified(tag: String) -> Answer {
-        Answer { status: StatusCode::NOT_MODIFIED, content_type: "", tag, bytes: Vec::new() }
+        Answer { status: StatusCode::NOT_MODIFIED, content_type: "", tag: Some(tag), bytes: Vec::new() }
     }
 
     /// The answer that nothing is there, such as the tile of a place without data.
     pub(crate) fn nothing(tag: String) -> Answer {
-        Answer { status: StatusCode::NO_CONTENT, content_type: "", tag, bytes: Vec::new() }
+        Answer { status: StatusCode::NO_CONTENT, content_type: "", tag: Some(tag), bytes: Vec::new() }
     }
 }
 
@@ -38,7 +43,12 @@ impl IntoResponse for Answer {
         if !self.content_type.is_empty() {
             headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(self.content_type));
         }
-        tell_tag(headers, &self.tag);
+        match &self.tag {
+            Some(tag) => tell_tag(headers, tag),
+            None => {
+                headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+            }
+        }
         response
     }
 }

@@ -19,8 +19,6 @@ pub struct ServeOptions {
     pub max_body: u64,
     /// Most connections at the same time.
     pub connections: usize,
-    /// The page at `/`, as HTML; a list of what is served if there is none.
-    pub page: Option<Vec<u8>>,
 }
 
 impl Default for ServeOptions {
@@ -32,7 +30,6 @@ impl Default for ServeOptions {
             max_cells: 4 << 20,
             max_body: 8 << 20,
             connections: 256,
-            page: None,
         }
     }
 }

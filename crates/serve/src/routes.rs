@@ -95,6 +95,7 @@ pub(crate) fn routes(app: Arc<App>) -> Router {
         .route("/", get(root))
         .route("/healthz", get(health))
         .route("/files.json", get(list))
+        .route("/assets/{*name}", get(asset))
         .route("/tiles/{file}", get(tiles_of))
         .route("/tiles/{name}/{zoom}/{column}/{row}", get(tile_of))
         .route("/point/{name}", get(point_of))
@@ -148,11 +149,8 @@ async fn health() -> Response {
 }
 
 async fn root(State(app): State<Arc<App>>) -> Result<Response, Failure> {
-    if let Some(page) = &app.options.page {
-        return Ok(text("text/html; charset=utf-8", page.clone()));
-    }
     let shared = app.clone();
-    let made = app.reading.run(move |_| Ok(page::as_html(&shared.catalog.list()?)));
+    let made = app.reading.run(move |_| Ok(page::index(&shared.catalog.list()?)));
     Ok(text("text/html; charset=utf-8", made.await.map_err(|failure| failure.without(app.catalog.folder()))?))
 }
 
@@ -160,6 +158,12 @@ async fn list(State(app): State<Arc<App>>) -> Result<Response, Failure> {
     let shared = app.clone();
     let made = app.reading.run(move |_| Ok(page::as_json(&shared.catalog.list()?)));
     Ok(text("application/json", made.await.map_err(|failure| failure.without(app.catalog.folder()))?))
+}
+
+async fn asset(names: Names<String>, request: Request) -> Result<Answer, Failure> {
+    let (tag, asset) = page::asset(&read(names)?)?;
+    let has_it = has_tag(request.headers(), header::IF_NONE_MATCH, &tag, true);
+    Ok(if has_it { Answer::not_modified(tag) } else { asset })
 }
 
 async fn file_of(
@@ -254,8 +258,7 @@ async fn zonal_of(
     let head = Asked::of(&request);
     let name = read(names)?;
     let body = body_of(&app.options, request).await?;
-    app.ask(Ok(name), asked, head, |_, tree, asked, tag, watch| zonal::answer(tree, asked, body, tag, watch))
-        .await
+    app.ask(Ok(name), asked, head, |_, tree, asked, _, watch| zonal::answer(tree, asked, body, watch)).await
 }
 
 /// The names in an address.

@@ -2,7 +2,7 @@
 
 use std::str::FromStr as _;
 
-use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
+use percent_encoding::utf8_percent_encode;
 use serde_json::json;
 use spinney_base::Progress;
 use spinney_raster::tile_archives::{TileEncoding, TileFormat, encode_tile};
@@ -14,6 +14,7 @@ use crate::answer::Answer;
 use crate::drawn::SIDE;
 use crate::failure::Failure;
 use crate::opened::OpenTree;
+use crate::page::ESCAPED;
 use crate::parameters::Parameters;
 
 /// Parameters of a tile.
@@ -21,9 +22,6 @@ pub(crate) const PARAMETERS: [&str; 4] = ["grid", "style", "layer", "commit"];
 
 /// Parameters of what is said of tiles.
 pub(crate) const JSON_PARAMETERS: [&str; 5] = ["grid", "style", "layer", "commit", "format"];
-
-/// Characters of names that are escaped in addresses.
-const ESCAPED: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~');
 
 /// A tile as its address names it.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -13,7 +13,7 @@ use spinney_base::{Error, Progress};
 use spinney_crs::{Coordinates, Places};
 use spinney_engine::dataset::Dataset;
 use spinney_raster::image::Format;
-use spinney_raster::{Detail, WindowRequest, export_window, window_rows};
+use spinney_raster::{Detail, WindowRequest, export_painted_window, export_window, window_rows};
 use spinney_report::{printable_json, write_number};
 use spinney_style::Style;
 
@@ -80,7 +80,13 @@ pub(crate) fn answer(
     };
     let bytes = Memory::default();
     let output = Output::to_writer(Path::new("window"), Box::new(bytes.clone()));
-    export_window(tree, &request, output, format, progress)?;
+    match request.painted_style(tree, format) {
+        Some(style) => {
+            let painter = drawn.painter(Some(&style), progress)?;
+            export_painted_window(tree, &request, painter.painter(), output, format, progress)?;
+        }
+        None => export_window(tree, &request, output, format, progress)?,
+    }
     Ok(Answer::new(content_type, tag, bytes.take()))
 }
 

@@ -25,7 +25,6 @@ pub(crate) fn answer(
     tree: &OpenTree,
     asked: &Parameters,
     geojson: Vec<u8>,
-    tag: String,
     progress: &dyn Progress,
 ) -> Result<Answer, Failure> {
     let trees = tree.layers(asked.text("layer"))?;
@@ -59,7 +58,7 @@ pub(crate) fn answer(
     }
     zones.finish()?;
     report.finish();
-    Ok(Answer::new("application/json", tag, report.take().into_bytes()))
+    Ok(Answer::untagged("application/json", report.take().into_bytes()))
 }
 
 /// A failure of the polygons, which came with the request: it is the client's.

@@ -31,6 +31,11 @@ impl ViewedTree {
         !self.steps.is_empty()
     }
 
+    /// The layers that are named, as they were written.
+    pub(crate) fn layer_text(&self) -> Option<&str> {
+        self.layer.text()
+    }
+
     /// Opens the file if it is an exact model, with or without steps.
     pub(crate) fn open_model(&self, global: &Global) -> anyhow::Result<Option<ModelView>> {
         exact::open_viewed(&self.file, &self.steps, global)

@@ -6,6 +6,15 @@
 use std::fs::{File, Metadata};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Waits for a while, in which others may do something; not at all where there are no threads.
+pub fn pause(time: Duration) {
+    #[cfg(not(target_family = "wasm"))]
+    std::thread::sleep(time);
+    #[cfg(target_family = "wasm")]
+    let _ = time;
+}
 
 /// Reads bytes at an offset of a file, whatever its cursor.
 #[cfg(unix)]

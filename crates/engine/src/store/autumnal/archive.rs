@@ -14,6 +14,7 @@ use super::meta::Meta;
 use super::newest::{Look, Newest, find_newest, whole};
 use super::packed::PackedExtents;
 use super::pages::{FIRST_EXTENT, PAGE};
+use spinney_base::io::platform::pause;
 use spinney_base::io::{FileId, ReadBackend};
 use spinney_base::{Error, Result};
 use spinney_container::{FileHeader, TreeFormat};
@@ -138,7 +139,7 @@ impl Archive {
             if let Some(archive) = Archive::read(path, open()?, check, attempt)? {
                 return Ok(archive);
             }
-            std::thread::sleep(Duration::from_micros(u64::from(attempt) * 10));
+            pause(Duration::from_micros(u64::from(attempt) * 10));
         }
         Err(no_meta(path))
     }

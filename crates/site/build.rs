@@ -1,0 +1,6 @@
+//! Says that the crate is compiled anew when the package for browsers was built: its files become part of the program.
+
+fn main() {
+    println!("cargo::rerun-if-changed=page");
+    println!("cargo::rerun-if-changed=../../wasm/dist");
+}

@@ -1,0 +1,168 @@
+// Rasters as a map: tiles from the package, values under the cursor, styles, legends, polygons, and history.
+
+import { button, choice, element, fail, fill, field, latest, slider, table, text, toggle, working } from "./interface.js";
+import { changePlace, readPlace } from "./place.js";
+import { colour, ground } from "./ground.js";
+import { TILE, mercator, mercatorTiles, nativePlane, nativeTiles } from "./plane.js";
+import { hiddenClasses, showLegend } from "./legend.js";
+import { PolygonTool } from "./polygon.js";
+import { showHistory } from "./history.js";
+
+/** Names of styles that people choose from, by what the values are. */
+const STYLES = {
+  amounts: ["default", "grey", "viridis", "magma", "inferno", "plasma", "cividis", "turbo", "terrain", "hillshade", "relief", "slope", "aspect", "contours"],
+  classes: ["default"],
+  colours: ["default", "rgb"],
+};
+
+/** The style as the package takes it: a name or a document, with classes that are hidden. */
+function styleWith(style, hidden) {
+  if (hidden.size === 0) return style === "default" ? undefined : style;
+  const own = style.startsWith("{") ? JSON.parse(style) : { draw: "palette" };
+  return JSON.stringify({ ...own, hide: [...hidden] });
+}
+
+let protocols = 0;
+
+export async function showMap({ dataset, place, assetUrl, reopen }) {
+  const { header } = dataset;
+  const maplibre = await import(assetUrl("vendor/maplibre-gl.js"));
+  maplibre.setWorkerUrl(assetUrl("vendor/maplibre-gl-worker.js"));
+  const world = mercatorTiles(header);
+  const isWorld = world !== null && place.grid !== "native";
+  const plane = isWorld ? mercator : nativePlane(header);
+  const grid = isWorld ? world : nativeTiles(header);
+  const state = { style: place.style ?? "default", hidden: hiddenClasses(place.hide) };
+
+  // Tiles are asked for by address: `spinney1://3/1/2`.
+  const protocol = `spinney${++protocols}`;
+  maplibre.addProtocol(protocol, async ({ url }, { signal }) => {
+    const [z, x, y] = url.slice(protocol.length + 3).split("?")[0].split("/").map(Number);
+    const style = styleWith(state.style, state.hidden);
+    const tile = await dataset.tile({ z, x, y, grid: plane.grid, style, signal, progress: working });
+    working();
+    return { data: await createImageBitmap(tile ?? new ImageData(1, 1)) };
+  });
+  const below = isWorld ? await ground(assetUrl) : { sources: {}, layers: [] };
+  // (Another address for another look, so that no tile of the old one is shown.)
+  const tiles = () => [`${protocol}://{z}/{x}/{y}?${encodeURIComponent(styleWith(state.style, state.hidden) ?? "")}`];
+  const map = new maplibre.Map({
+    container: "view",
+    style: {
+      version: 8,
+      sources: {
+        ...below.sources,
+        raster: { type: "raster", tiles: tiles(), tileSize: TILE, maxzoom: grid.maxZoom, bounds: grid.bounds },
+      },
+      layers: [
+        { id: "sea", type: "background", paint: { "background-color": colour(isWorld ? "--sea" : "--ground") } },
+        ...below.layers,
+        { id: "raster", type: "raster", source: "raster", paint: { "raster-resampling": "nearest", "raster-fade-duration": 0 } },
+      ],
+    },
+    maxZoom: Math.min(grid.maxZoom + 6, 24),
+    renderWorldCopies: isWorld,
+    attributionControl: false,
+    dragRotate: false,
+    pitchWithRotate: false,
+  });
+  map.touchZoomRotate.disableRotation();
+  map.keyboard.disableRotation();
+  map.addControl(new maplibre.NavigationControl({ showCompass: false }), "top-right");
+  if (isWorld) map.addControl(new maplibre.ScaleControl(), "bottom-left");
+  map.getCanvas().setAttribute("aria-label", "Map: arrows move it, plus and minus zoom");
+  map.on("error", ({ error }) => error?.name !== "AbortError" && fail(error));
+  if (place.at) {
+    const [zoom, ...rest] = place.at.split("/").map(Number);
+    map.jumpTo({ zoom, center: plane.degreesOf(rest) });
+  } else {
+    map.fitBounds(grid.bounds, { padding: 24, animate: false });
+  }
+  map.on("moveend", () => {
+    const middle = plane.placeOf(map.getCenter());
+    changePlace({ at: [map.getZoom().toFixed(2), ...middle.map((at) => Number(at.toPrecision(10)))].join("/") });
+  });
+  await new Promise((done) => map.once("load", done));
+
+  const redraw = () => map.getSource("raster")?.setTiles(tiles());
+  const legend = latest(async (signal) => {
+    const made = await dataset.legend({ style: styleWith(state.style, new Set()), signal });
+    showLegend(made, state.hidden, () => {
+      changePlace({ hide: [...state.hidden].join(",") || undefined });
+      redraw();
+    });
+  });
+
+  const names = STYLES[header.channels >= 3 ? "colours" : header.classes.length > 0 ? "classes" : "amounts"];
+  if (names.length > 1) {
+    const all = names.includes(state.style) ? names : [state.style, ...names];
+    field("Style", choice(all.map((name) => [name, name.startsWith("{") ? "the page's" : name]), state.style, (name) => {
+      state.style = name;
+      state.hidden.clear();
+      changePlace({ style: name === "default" ? undefined : name, hide: undefined });
+      redraw();
+      legend();
+    }));
+  }
+  field("Opacity", slider(0, 1, 1, 0.05, (value) => map.setPaintProperty("raster", "raster-opacity", value)));
+  if (world !== null) {
+    const grids = [["web-mercator", "web mercator"], ["native", "the file's own"]];
+    field("Grid", choice(grids, plane.grid, (chosen) => reopen({ grid: chosen === "native" ? chosen : undefined, at: undefined })));
+  }
+  legend();
+  await showHistory({ dataset, map, plane, reopen });
+
+  // Values: under the cursor in the line below, and of a place that is clicked in the panel.
+  const read = (signal, place) => dataset.point(place, { crs: plane.crs, signal, progress: working });
+  const line = latest(async (signal, lngLat) => {
+    const place = plane.placeOf(lngLat);
+    const found = await read(signal, place);
+    element("value").textContent = `${plane.text(place)}: ${describe(found, header)}`;
+  });
+  const tell = latest(async (signal, lngLat) => {
+    const place = plane.placeOf(lngLat);
+    const found = await read(signal, place);
+    const name = (at) => header.channelNames[at] || (found.values.length > 1 ? `band ${at + 1}` : "value");
+    const rows = found.values === null ? [["value", "none"]] : found.values.map((value, at) => [name(at), text(value)]);
+    if (found.className) rows.push(["class", found.className]);
+    if (found.cell) rows.push(["cell", found.cell.join(", ")]);
+    fill("answer", plane.text(place), table([], rows));
+  });
+  const polygon = new PolygonTool({ map, maplibre, dataset, plane, header });
+  map.on("mousemove", ({ lngLat }) => line(lngLat));
+  map.on("click", ({ lngLat }) => (polygon.isDrawing ? polygon.add(lngLat) : tell(lngLat)));
+  map.getCanvas().addEventListener("keydown", (event) => {
+    if (event.key === "Enter") polygon.isDrawing ? polygon.add(map.getCenter()) : tell(map.getCenter());
+  });
+  const draw = toggle("Draw a polygon", "Click its corners (or move the map and press Enter); double click or Finish ends it", (isOn) => (isOn ? polygon.start() : polygon.stop()));
+  polygon.onEnd = () => draw.setAttribute("aria-pressed", "false");
+  const row = Object.assign(document.createElement("div"), { className: "row" });
+  row.append(draw, button("Finish", "Close the polygon and read its statistics", () => polygon.finish()), button("Clear", "Remove the polygon", () => polygon.clear()));
+  fill("tools", "Statistics of a part", row);
+
+  const onTheme = () => {
+    map.setPaintProperty("sea", "background-color", colour(isWorld ? "--sea" : "--ground"));
+    if (!isWorld) return;
+    map.setPaintProperty("graticule", "line-color", colour("--line"));
+    map.setPaintProperty("coast", "line-color", colour("--coast"));
+  };
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
+  scheme.addEventListener("change", onTheme);
+  return {
+    map,
+    close() {
+      scheme.removeEventListener("change", onTheme);
+      maplibre.removeProtocol(protocol);
+      map.remove();
+      element("view").replaceChildren();
+    },
+  };
+}
+
+/** A value in a few words. */
+function describe(found, header) {
+  if (found.values === null) return "nothing";
+  const values = found.values.map(text).join(", ");
+  const unit = header.units?.[0] ? ` ${header.units[0]}` : "";
+  return found.className ? `${found.className} (${values})` : values + unit;
+}

@@ -1,0 +1,105 @@
+// A polygon that is drawn on the map, and the exact statistics of what lies in it.
+
+import { colour } from "./ground.js";
+import { fill, latest, paragraph, table, text, working } from "./interface.js";
+
+const NOTHING = { type: "FeatureCollection", features: [] };
+
+export class PolygonTool {
+  /** Whether clicks are corners. */
+  isDrawing = false;
+  /** Called when drawing ends. */
+  onEnd = () => {};
+  #corners = [];
+
+  constructor({ map, maplibre, dataset, plane, header }) {
+    Object.assign(this, { map, dataset, plane, header });
+    map.addSource("polygon", { type: "geojson", data: NOTHING });
+    map.addLayer({ id: "polygon", type: "fill", source: "polygon", paint: { "fill-color": colour("--accent"), "fill-opacity": 0.15 } });
+    map.addLayer({ id: "outline", type: "line", source: "polygon", paint: { "line-color": colour("--accent"), "line-width": 2 } });
+    map.addLayer({ id: "corners", type: "circle", source: "polygon", filter: ["==", "$type", "Point"], paint: { "circle-radius": 4, "circle-color": colour("--accent") } });
+    map.on("dblclick", (event) => {
+      if (!this.isDrawing) return;
+      event.preventDefault();
+      this.finish();
+    });
+    map.getCanvas().addEventListener("keydown", ({ key }) => {
+      if (!this.isDrawing) return;
+      if (key === "Escape") this.clear();
+      if (key === "Backspace") {
+        this.#corners.pop();
+        this.#show();
+      }
+    });
+    this.ask = latest(async (signal, geometry) => {
+      fill("answer", "Statistics of the polygon", paragraph("…", "faint"));
+      const feature = { type: "Feature", properties: {}, geometry };
+      const { zones } = await dataset.zonal(feature, { crs: plane.crs, signal, progress: working });
+      const [zone] = zones;
+      fill("answer", "Statistics of the polygon", ...this.#report(zone));
+      document.dispatchEvent(new CustomEvent("spinney-polygon", { detail: { geometry, crs: plane.crs, zone } }));
+    });
+  }
+
+  start() {
+    this.#corners = [];
+    this.isDrawing = true;
+    this.map.doubleClickZoom.disable();
+    this.map.getCanvas().style.cursor = "crosshair";
+    this.#show();
+  }
+
+  stop() {
+    this.isDrawing = false;
+    this.map.doubleClickZoom.enable();
+    this.map.getCanvas().style.cursor = "";
+    this.onEnd();
+  }
+
+  clear() {
+    this.#corners = [];
+    this.stop();
+    this.#show();
+  }
+
+  add({ lng, lat }) {
+    const last = this.#corners.at(-1);
+    // (A double click is two clicks at one place.)
+    if (last && last[0] === lng && last[1] === lat) return;
+    this.#corners.push([lng, lat]);
+    this.#show();
+  }
+
+  finish() {
+    if (this.#corners.length < 3) return this.clear();
+    this.stop();
+    const ring = [...this.#corners, this.#corners[0]].map(([lng, lat]) => this.plane.placeOf({ lng, lat }));
+    this.ask({ type: "Polygon", coordinates: [ring] });
+  }
+
+  #show() {
+    const corners = this.#corners;
+    const feature = (type, coordinates) => ({ type: "Feature", properties: {}, geometry: { type, coordinates } });
+    const features = corners.map((corner) => feature("Point", corner));
+    if (corners.length > 2) features.push(feature("Polygon", [[...corners, corners[0]]]));
+    else if (corners.length === 2) features.push(feature("LineString", corners));
+    this.map.getSource("polygon")?.setData({ type: "FeatureCollection", features });
+  }
+
+  #report(zone) {
+    const made = [];
+    const { cells, void_cells, area_m2, channels, classes } = zone;
+    if (classes.length) {
+      const rows = classes.map((found) => [found.name || text(found.value), text(found.area_m2 ?? found.cells), `${((100 * found.cells) / cells).toFixed(2)} %`]);
+      made.push(table(["class", area_m2 === null ? "cells" : "m²", ""], rows));
+    } else {
+      channels.forEach((channel, at) => {
+        const rows = ["mean", "min", "max", "sum", "standard_deviation"].map((name) => [name.replace("_", " "), text(channel[name])]);
+        made.push(table([this.header.channelNames[at] || `band ${at + 1}`, ""], rows));
+      });
+    }
+    const area = area_m2 === null ? "" : `, ${text(area_m2)} m²`;
+    made.push(paragraph(`${text(cells)} cells${area}${void_cells ? `, ${text(void_cells)} without a value` : ""}`, "faint"));
+    return made;
+  }
+}

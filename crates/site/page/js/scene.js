@@ -1,0 +1,174 @@
+// A scene of three.js: camera, light, controls, a section plane, and what is clicked.
+
+import { choice, element, field, slider } from "./interface.js";
+import { colour } from "./ground.js";
+import { changePlace } from "./place.js";
+
+export class Scene {
+  /** Called before a frame is drawn if the camera has moved. */
+  onMove = () => {};
+  /** Called with what a ray from the click hits first, or `undefined`. */
+  onClick = () => {};
+
+  /** A scene for what lies in a box: its least and greatest corner. */
+  constructor(three, [min, max]) {
+    this.three = three;
+    const container = element("view");
+    this.renderer = new three.WebGLRenderer({ antialias: true });
+    this.renderer.localClippingEnabled = true;
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    const canvas = this.renderer.domElement;
+    canvas.tabIndex = 0;
+    canvas.setAttribute("aria-label", "Solid: drag or arrows turn it, plus and minus come nearer");
+    container.replaceChildren(canvas);
+    this.scene = new three.Scene();
+    this.body = new three.Group();
+    this.scene.add(this.body);
+    this.box = new three.Box3(new three.Vector3(...min), new three.Vector3(...max));
+    const size = this.box.getSize(new three.Vector3()).length() || 1;
+    this.camera = new three.PerspectiveCamera(45, 1, size / 5000, size * 20);
+    this.camera.up.set(0, 0, 1);
+    this.controls = new three.OrbitControls(this.camera, canvas);
+    this.controls.enableDamping = false;
+    this.scene.add(new three.HemisphereLight(0xffffff, 0x8a8f98, 1.6));
+    const sun = new three.DirectionalLight(0xffffff, 1.8);
+    this.camera.add(sun);
+    sun.position.set(-0.4, 0.8, 1);
+    this.scene.add(this.camera);
+    /** What lies behind it is not drawn; it does nothing until it is put somewhere. */
+    this.plane = new three.Plane(new three.Vector3(0, 0, -1), 1e30);
+    const middle = this.box.getCenter(new three.Vector3());
+    this.camera.position.copy(middle).addScaledVector(new three.Vector3(0.55, -0.75, 0.5).normalize(), size * 1.25);
+    this.controls.target.copy(middle);
+    this.controls.addEventListener("change", () => {
+      this.onMove();
+      this.draw();
+      const numbers = [...this.camera.position.toArray(), ...this.controls.target.toArray()];
+      changePlace({ view: numbers.map((number) => Number(number.toPrecision(6))).join(",") });
+    });
+    this.#listen(canvas);
+    this.resized = new ResizeObserver(() => this.#resize(container));
+    this.resized.observe(container);
+    this.#resize(container);
+    this.scheme = matchMedia("(prefers-color-scheme: dark)");
+    this.onTheme = () => this.draw();
+    this.scheme.addEventListener("change", this.onTheme);
+    this.controls.update();
+  }
+
+  /** Looks from where a link says. */
+  lookFrom(view) {
+    const numbers = (view ?? "").split(",").map(Number);
+    if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return;
+    this.camera.position.set(...numbers.slice(0, 3));
+    this.controls.target.set(...numbers.slice(3));
+    this.controls.update();
+  }
+
+  #listen(canvas) {
+    let pressed;
+    canvas.addEventListener("pointerdown", ({ clientX, clientY }) => (pressed = [clientX, clientY]));
+    canvas.addEventListener("pointerup", (event) => {
+      const isClick = pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4;
+      if (isClick) this.onClick(this.hit(event));
+    });
+    canvas.addEventListener("keydown", (event) => {
+      const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
+      const factors = { "+": 0.85, "=": 0.85, "-": 1 / 0.85 };
+      const offset = this.camera.position.clone().sub(this.controls.target);
+      if (turns[event.key]) {
+        const spherical = new this.three.Spherical().setFromVector3(new this.three.Vector3(offset.x, offset.z, -offset.y));
+        spherical.theta += turns[event.key][0];
+        spherical.phi = Math.min(Math.max(spherical.phi + turns[event.key][1], 0.02), Math.PI - 0.02);
+        const turned = new this.three.Vector3().setFromSpherical(spherical);
+        offset.set(turned.x, -turned.z, turned.y);
+      } else if (factors[event.key]) {
+        offset.multiplyScalar(factors[event.key]);
+      } else if (event.key === "Enter") {
+        return this.onClick(this.hitAt(0, 0));
+      } else return;
+      event.preventDefault();
+      this.camera.position.copy(this.controls.target).add(offset);
+      this.controls.update();
+    });
+  }
+
+  /** What lies under a pointer: not what the section has taken away. */
+  hit({ clientX, clientY }) {
+    const { left, top, width, height } = this.renderer.domElement.getBoundingClientRect();
+    return this.hitAt((2 * (clientX - left)) / width - 1, 1 - (2 * (clientY - top)) / height);
+  }
+
+  hitAt(x, y) {
+    const ray = new this.three.Raycaster();
+    ray.setFromCamera(new this.three.Vector2(x, y), this.camera);
+    return ray.intersectObject(this.scene, true).find(({ point, object }) => object.isMesh && this.plane.distanceToPoint(point) >= -1e-9 * this.camera.far);
+  }
+
+  #resize({ clientWidth, clientHeight }) {
+    this.renderer.setSize(clientWidth, clientHeight, false);
+    this.renderer.domElement.style.cssText = "width: 100%; height: 100%";
+    this.camera.aspect = clientWidth / Math.max(clientHeight, 1);
+    this.camera.updateProjectionMatrix();
+    this.draw();
+  }
+
+  /** Draws once, soon: nothing is drawn while nothing changes. */
+  draw() {
+    this.frame ??= requestAnimationFrame(() => {
+      this.frame = undefined;
+      this.renderer.setClearColor(colour("--ground") || "#fff");
+      this.renderer.render(this.scene, this.camera);
+    });
+  }
+
+  /**
+   * Adds the controls of a section along an axis. `onCut(axis, at)` is called with the axis and the place on it; without arguments where
+   * there is no section.
+   */
+  addSection(onCut) {
+    const axes = ["x", "y", "z"];
+    let axis = "";
+    const at = slider(0, 1, 0.5, 0.001, () => cut());
+    const cut = () => {
+      at.disabled = axis === "";
+      if (axis === "") {
+        this.plane.constant = 1e30;
+        onCut();
+      } else {
+        const number = axes.indexOf(axis);
+        const [low, high] = [this.box.min.getComponent(number), this.box.max.getComponent(number)];
+        const place = low + (high - low) * Number(at.value);
+        this.plane.normal.set(0, 0, 0).setComponent(number, -1);
+        this.plane.constant = place;
+        onCut(axis, place);
+      }
+      this.draw();
+    };
+    field("Section", choice([["", "none"], ...axes.map((name) => [name, `across ${name}`])], "", (chosen) => {
+      axis = chosen;
+      cut();
+    }));
+    field("at", at);
+    at.disabled = true;
+  }
+
+  close() {
+    cancelAnimationFrame(this.frame);
+    this.resized.disconnect();
+    this.scheme.removeEventListener("change", this.onTheme);
+    this.controls.dispose();
+    this.scene.traverse((object) => {
+      object.geometry?.dispose();
+      object.material?.map?.dispose();
+      object.material?.dispose();
+    });
+    this.renderer.dispose();
+    element("view").replaceChildren();
+  }
+}
+
+/** A colour for each number, no two alike that follow each other. */
+export function distinct(three, number) {
+  return new three.Color().setHSL((number * 0.618034) % 1, 0.45, 0.62);
+}

@@ -1,0 +1,2 @@
+export { BackSide, Box3, BufferAttribute, BufferGeometry, Color, DataTexture, DirectionalLight, DoubleSide, Float32BufferAttribute, FrontSide, Frustum, Group, HemisphereLight, Matrix4, Mesh, MeshBasicMaterial, MeshStandardMaterial, Path, PerspectiveCamera, Plane, Raycaster, Scene, Shape, ShapeGeometry, Spherical, SRGBColorSpace, Vector2, Vector3, WebGLRenderer } from "three";
+export { OrbitControls } from "three/addons/controls/OrbitControls.js";

@@ -1,0 +1,100 @@
+//! The page's HTML, with what it is told: which files there are.
+
+use serde_json::{Value, json};
+
+use super::asset::needed_text;
+use spinney_base::Result;
+
+/// A file that the page shows.
+#[derive(Clone, Debug)]
+pub struct PageSource {
+    /// Name by which links choose it; no other file has it.
+    pub name: String,
+    /// Title that people see.
+    pub title: String,
+    /// Address from the page's own, already with `%` where names need it.
+    pub url: String,
+    /// What is seen of it at the beginning.
+    pub start: PageStart,
+}
+
+/// Part and look of a file that a page begins with.
+#[derive(Clone, Debug, Default)]
+pub struct PageStart {
+    /// The layer's name; the first if none is named.
+    pub layer: Option<String>,
+    /// The commit's number; the newest if none is named.
+    pub commit: Option<u64>,
+    /// The style's document or name; the file's own if none is named.
+    pub style: Option<String>,
+}
+
+/// Knowledge of the page about its place: the files that it shows, and where its own are.
+#[derive(Clone, Debug)]
+pub struct PageConfiguration {
+    /// Title of the page.
+    pub title: String,
+    /// Files that are shown, the first one at the beginning.
+    pub sources: Vec<PageSource>,
+    /// Folder of the page's own files from the page, with a `/` behind it.
+    pub assets: String,
+}
+
+impl PageConfiguration {
+    /// The configuration as the page reads it.
+    fn json(&self) -> Value {
+        let source = |PageSource { name, title, url, start }: &PageSource| {
+            let PageStart { layer, commit, style } = start;
+            json!({"name": name, "title": title, "url": url, "layer": layer, "commit": commit, "style": style})
+        };
+        json!({
+            "assets": self.assets,
+            "sources": self.sources.iter().map(source).collect::<Vec<_>>(),
+        })
+    }
+
+    /// The configuration as an element of HTML. (`<` could end it.)
+    pub(crate) fn element(&self) -> String {
+        let text = self.json().to_string().replace('<', "\\u003c");
+        format!("<script type=\"application/json\" id=\"configuration\">{text}</script>")
+    }
+}
+
+/// The page's HTML, for one whose files are beside it.
+///
+/// # Errors
+/// If the program has no page.
+pub fn index(configuration: &PageConfiguration) -> Result<String> {
+    let assets = &configuration.assets;
+    let styles = ["page.css", "vendor/maplibre-gl.css"]
+        .map(|name| format!("<link rel=\"stylesheet\" href=\"{}\">", escaped(&format!("{assets}{name}"))));
+    let program =
+        format!("<script type=\"module\" src=\"{}\"></script>", escaped(&format!("{assets}js/main.js")));
+    page_of(configuration, &styles.join("\n"), &program)
+}
+
+/// The page's HTML around styles and a program.
+pub(crate) fn page_of(configuration: &PageConfiguration, styles: &str, program: &str) -> Result<String> {
+    let title = format!("<title>{}</title>", escaped(&configuration.title));
+    let parts = [
+        ("<title>Spinney</title>", title.as_str()),
+        ("<!-- styles -->", styles),
+        ("<!-- configuration -->", &configuration.element()),
+        ("<!-- program -->", program),
+    ];
+    let mut page = String::new();
+    let mut rest = needed_text("index.html")?;
+    // (Piece by piece, so that nothing is put into what was put in before.)
+    for (mark, text) in parts {
+        let (before, behind) = rest.split_once(mark).expect("the page has places for its parts");
+        page.push_str(before);
+        page.push_str(text);
+        rest = behind.to_owned();
+    }
+    Ok(page + &rest)
+}
+
+/// A text as HTML has it.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;")
+}

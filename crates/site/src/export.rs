@@ -1,0 +1,220 @@
+//! A page for somebody's files: a folder that any static host serves, or one file.
+
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+
+use base64::prelude::BASE64_STANDARD;
+use base64::write::EncoderWriter;
+
+use super::asset::{PACKAGE, names, needed};
+use super::configuration::{PageConfiguration, PageSource, PageStart, index, page_of};
+use super::inline;
+use spinney_base::io::{Output, split_query, url_of};
+use spinney_base::{Error, Progress, Result};
+
+/// Folder of the page's own files.
+const ASSETS: &str = "assets/";
+/// Bytes of data inside one page at most: a browser holds all of them.
+const MOST_INSIDE: u64 = 64 << 20;
+/// Bytes that are copied at a time.
+const PIECE: usize = 1 << 20;
+
+/// Request for a page.
+#[derive(Clone, Debug)]
+pub struct PageRequest {
+    /// Title of the page.
+    pub title: String,
+    /// Tree files that it shows, the first one at the beginning.
+    pub files: Vec<PageFile>,
+    /// Whether everything is inside the page, the data too.
+    pub is_self_contained: bool,
+}
+
+/// A file that a page shows.
+#[derive(Clone, Debug)]
+pub struct PageFile {
+    /// The file, or its URL, which the page then reads it from.
+    pub path: PathBuf,
+    /// What is seen of it at the beginning.
+    pub start: PageStart,
+}
+
+/// Size of what was written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PageSummary {
+    /// Files.
+    pub files: u64,
+    /// Bytes of all of them.
+    pub bytes: u64,
+}
+
+/// Writes a page, with its own files in a folder `assets` beside it and copies of the data beside it, or as one file. Folders are made; what
+/// is there of the same names is replaced, the page itself last.
+///
+/// # Errors
+/// If a file cannot be read or written, two of them have one name, one is too large for a page that is one file, the program has no page, or
+/// on interruption.
+pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) -> Result<PageSummary> {
+    // (Before anything is written.)
+    needed(&format!("{PACKAGE}module_bg.wasm"))?;
+    let sources = sources(&request.files)?;
+    // (What is elsewhere stays there.)
+    let local = request.files.iter().zip(&sources).filter(|(file, _)| url_of(&file.path).is_none());
+    let mut local: Vec<(&Path, &PageSource, u64)> =
+        local.map(|(file, source)| (file.path.as_path(), source, 0)).collect();
+    for (file, _, size) in &mut local {
+        *size = fs::metadata(&*file).map_err(Error::io(&*file, "look at"))?.len();
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(folder).map_err(Error::io(folder, "make the folder"))?;
+    let total = local.iter().map(|(_, _, size)| size).sum();
+    let mut done = Done { bytes: 0, total, progress };
+    let configuration =
+        PageConfiguration { title: request.title.clone(), sources: sources.clone(), assets: ASSETS.into() };
+    let mut summary = PageSummary::default();
+    if request.is_self_contained {
+        if let Some((file, _, size)) = local.iter().find(|(_, _, size)| *size > MOST_INSIDE) {
+            let found = format!("{size} bytes inside a page");
+            let advice = format!(
+                "at most {MOST_INSIDE} go into one: leave out --self-contained, or make a smaller file with `spinney transform`"
+            );
+            return Err(Error::unsupported(*file, found, advice));
+        }
+        return write_one_file(&local, &configuration, path, &mut done);
+    }
+    for (file, source, size) in local {
+        let target = folder.join(&source.name);
+        // (A page beside its data needs no copy.)
+        if is_same_file(file, &target) {
+            continue;
+        }
+        let mut output = Output::create(&target)?;
+        copy(file, &mut output, &target, &mut done)?;
+        output.commit()?;
+        summary.files += 1;
+        summary.bytes += size;
+    }
+    for name in names() {
+        let target = folder.join(ASSETS).join(&name);
+        let own = target.parent().unwrap_or(folder);
+        fs::create_dir_all(own).map_err(Error::io(own, "make the folder"))?;
+        summary.add(&target, &needed(&name)?)?;
+        progress.check()?;
+    }
+    summary.add(path, index(&configuration)?.as_bytes())?;
+    Ok(summary)
+}
+
+/// Writes a page with everything inside.
+fn write_one_file(
+    local: &[(&Path, &PageSource, u64)],
+    configuration: &PageConfiguration,
+    path: &Path,
+    done: &mut Done<'_>,
+) -> Result<PageSummary> {
+    const PROGRAM: &str = "<!-- program -->";
+    let page = page_of(configuration, &inline::styles()?, PROGRAM)?;
+    let (before, behind) = page.rsplit_once(PROGRAM).expect("it was just put there");
+    let mut output = Output::create(path)?;
+    let put =
+        |output: &mut Output, text: &str| output.write_all(text.as_bytes()).map_err(Error::io(path, "write"));
+    put(&mut output, before)?;
+    for (file, source, _) in local {
+        put(&mut output, &format!("<script type=\"text/plain\" data-name=\"{}\">", source.url))?;
+        let mut encoder = EncoderWriter::new(&mut output, &BASE64_STANDARD);
+        copy(file, &mut encoder, path, done)?;
+        encoder.finish().map_err(Error::io(path, "write"))?;
+        drop(encoder);
+        put(&mut output, "</script>\n")?;
+    }
+    put(&mut output, &inline::program()?)?;
+    put(&mut output, behind)?;
+    output.commit()?;
+    let bytes = fs::metadata(path).map_err(Error::io(path, "look at"))?.len();
+    Ok(PageSummary { files: 1, bytes })
+}
+
+impl PageSummary {
+    /// Writes a file and counts it.
+    fn add(&mut self, path: &Path, bytes: &[u8]) -> Result<()> {
+        let mut output = Output::create(path)?;
+        output.write_all(bytes).map_err(Error::io(path, "write"))?;
+        output.commit()?;
+        self.files += 1;
+        self.bytes += bytes.len() as u64;
+        Ok(())
+    }
+}
+
+/// The files as the page names them.
+fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
+    let mut made: Vec<PageSource> = Vec::new();
+    for PageFile { path, start } in files {
+        let url = url_of(path);
+        let place = Path::new(url.map_or("", |url| split_query(url).0));
+        let name_of = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let name = name_of(if url.is_some() { place } else { path });
+        if made.iter().any(|other| other.name == name) {
+            let found = format!("two that are called {name}");
+            return Err(Error::invalid("files of a page", found, "files of different names"));
+        }
+        let title = Path::new(&name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let url = url.map_or_else(|| percent_encoded(&name), str::to_owned);
+        if !url.starts_with("http") && url.contains("://") {
+            let advice = "give its address as browsers have it: https://...";
+            return Err(Error::unsupported(path, "a file in a bucket, which no browser reads,", advice));
+        }
+        made.push(PageSource { name, title, url, start: start.clone() });
+    }
+    Ok(made)
+}
+
+/// A name as addresses have it (RFC 3986).
+fn percent_encoded(name: &str) -> String {
+    let letter = |byte: u8| match byte {
+        b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'.' | b'_' | b'~' => char::from(byte).to_string(),
+        _ => format!("%{byte:02X}"),
+    };
+    name.bytes().map(letter).collect()
+}
+
+fn is_same_file(one: &Path, other: &Path) -> bool {
+    matches!((one.canonicalize(), other.canonicalize()), (Ok(one), Ok(other)) if one == other)
+}
+
+/// Bytes that were copied.
+struct Done<'a> {
+    bytes: u64,
+    total: u64,
+    progress: &'a dyn Progress,
+}
+
+/// Copies a file, piece by piece.
+fn copy(from: &Path, to: &mut dyn Write, target: &Path, done: &mut Done<'_>) -> Result<()> {
+    let mut input = File::open(from).map_err(Error::io(from, "open"))?;
+    let mut piece = vec![0; PIECE];
+    loop {
+        done.progress.check()?;
+        let count = input.read(&mut piece).map_err(Error::io(from, "read"))?;
+        if count == 0 {
+            return Ok(());
+        }
+        to.write_all(&piece[..count]).map_err(Error::io(target, "write"))?;
+        done.bytes += count as u64;
+        done.progress.advance(count as u64, done.total);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_become_addresses() {
+        assert_eq!(percent_encoded("a b#1.goblin"), "a%20b%231.goblin");
+        let files = ["x/a.goblin", "y/a.goblin"];
+        let files = files.map(|path| PageFile { path: path.into(), start: PageStart::default() });
+        assert!(sources(&files).unwrap_err().to_string().contains("two that are called a.goblin"));
+    }
+}

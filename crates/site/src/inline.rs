@@ -1,0 +1,103 @@
+//! The page as one file: modules and libraries inside it, so that it opens from a disk, where a browser loads no file beside it.
+//!
+//! Modules of the page name each other by an import map whose addresses have the modules' bytes (`data:`). A worker knows no
+//! import map: those that it needs are put into each other.
+
+use std::collections::BTreeMap;
+
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use serde_json::json;
+
+use super::asset::{PACKAGE, names, needed, needed_text};
+use spinney_base::Result;
+
+/// Depth to which modules of a worker may import each other.
+const MOST_STEPS: usize = 16;
+
+/// An address that has a module's text.
+fn module_url(text: &str) -> String {
+    format!("data:text/javascript;base64,{}", BASE64_STANDARD.encode(text))
+}
+
+/// Gives each module that a text imports from its own folder another name.
+fn renamed(text: &str, name: &mut dyn FnMut(&str) -> Result<String>) -> Result<String> {
+    const MARK: &str = "from \"./";
+    let mut made = String::new();
+    let mut rest = text;
+    while let Some((before, behind)) = rest.split_once(MARK) {
+        let (module, after) = behind.split_once('"').unwrap_or((behind, ""));
+        made = made + before + "from \"" + &name(module)? + "\"";
+        rest = after;
+    }
+    Ok(made + rest)
+}
+
+/// The address of a module with all that it imports inside.
+fn nested(folder: &str, module: &str, known: &mut BTreeMap<String, String>, steps: usize) -> Result<String> {
+    if let Some(url) = known.get(module) {
+        return Ok(url.clone());
+    }
+    assert!(steps < MOST_STEPS, "modules of the package import each other in circles");
+    let text = needed_text(&format!("{folder}{module}"))?;
+    let url = module_url(&renamed(&text, &mut |other| nested(folder, other, known, steps + 1))?);
+    known.insert(module.to_owned(), url.clone());
+    Ok(url)
+}
+
+/// A file inside the page, in base64.
+fn element(name: &str, base64: &str) -> String {
+    format!("<script type=\"text/plain\" data-name=\"{name}\">{base64}</script>\n")
+}
+
+/// Styles inside the page.
+pub(crate) fn styles() -> Result<String> {
+    let texts = ["page.css", "vendor/maplibre-gl.css"].map(needed_text);
+    let mut made = String::new();
+    for text in texts {
+        made = made + "<style>" + &text? + "</style>\n";
+    }
+    Ok(made)
+}
+
+/// The program inside the page.
+pub(crate) fn program() -> Result<String> {
+    let mut imports = BTreeMap::new();
+    let mut files = String::new();
+    for name in names() {
+        let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder);
+        match folder {
+            "js" | "spinney" if name.ends_with(".js") => {
+                let own = renamed(&needed_text(&name)?, &mut |module| Ok(format!("{folder}/{module}")))?;
+                imports.insert(name, module_url(&own));
+            }
+            "vendor" if name.ends_with(".js") || name.ends_with("coastlines.txt") => {
+                files += &element(&name, &BASE64_STANDARD.encode(needed(&name)?));
+            }
+            _ => (),
+        }
+    }
+    let module = format!("{PACKAGE}module_bg.wasm");
+    files += &element(&module, &BASE64_STANDARD.encode(needed(&module)?));
+    let worker = nested(PACKAGE, "worker.js", &mut BTreeMap::new(), 0)?;
+    files += &format!("<script type=\"text/plain\" data-name=\"worker\">{worker}</script>\n");
+    let map = json!({ "imports": imports });
+    Ok(format!(
+        "<script type=\"importmap\">{map}</script>\n{files}<script type=\"module\">import \"js/main.js\";</script>"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn imports_get_other_names() {
+        let text = "import { a } from \"./a.js\";\nexport { b } from \"./b.js\";\nconst c = \"./c.js\";\n";
+        let made = renamed(text, &mut |name| Ok(format!("x/{name}"))).unwrap();
+        assert_eq!(
+            made,
+            "import { a } from \"x/a.js\";\nexport { b } from \"x/b.js\";\nconst c = \"./c.js\";\n"
+        );
+    }
+}

@@ -1,0 +1,33 @@
+//! Writes the JavaScript around a module, and the module as that needs it:
+//!
+//!     spinney-bindgen MODULE.wasm FOLDER
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use wasm_bindgen_cli_support::Bindgen;
+
+fn main() -> ExitCode {
+    let arguments: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
+    let [module, folder] = &arguments[..] else {
+        eprintln!("usage: spinney-bindgen MODULE.wasm FOLDER");
+        return ExitCode::from(2);
+    };
+    let made = Bindgen::new()
+        .input_path(module)
+        .out_name("module")
+        .typescript(false)
+        .remove_name_section(true)
+        .remove_producers_section(true)
+        // (After a panic there is a new instance.)
+        .reset_state_function(true)
+        .web(true)
+        .and_then(|bindgen| bindgen.generate(folder));
+    match made {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("spinney-bindgen: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# Builds the JavaScript package, as npm takes it, into wasm/dist:
+#
+#     wasm/build.sh
+#
+# What it needs is `rustup target add wasm32-unknown-unknown`; Cargo gets the rest.
+set -euo pipefail
+cd "$(dirname "$0")"
+target=${CARGO_TARGET_DIR:-target}
+cargo build --quiet --locked --release --target wasm32-unknown-unknown -p spinney-wasm
+cargo run --quiet --locked -p spinney-bindgen -- "$target/wasm32-unknown-unknown/release/spinney_wasm.wasm" "$target/glue"
+rm -rf dist
+mkdir dist
+cp js/*.js index.d.ts package.json README.md ../LICENSE-APACHE ../LICENSE-MIT "$target"/glue/module.js "$target"/glue/module_bg.wasm dist/

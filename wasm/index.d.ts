@@ -1,0 +1,430 @@
+// Types of the package `spinney`.
+
+/** Where a file is: a URL, a path (under Node), a file that a user has chosen, or its bytes. */
+export type Source = string | URL | Blob | ArrayBuffer | Uint8Array;
+
+/** Work of a question so far: times that something was waited for, requests, bytes that came. */
+export interface Traffic {
+  rounds: number;
+  requests: number;
+  bytes: number;
+}
+
+/** How a question is asked. */
+export interface AskOptions {
+  /** Gives the question up, between two rounds or while one is fetched. */
+  signal?: AbortSignal;
+  /** Called after each round. */
+  progress?: (traffic: Traffic) => void;
+}
+
+export interface OpenOptions extends AskOptions {
+  /** Headers of requests, such as one with a token. */
+  headers?: HeadersInit;
+  /** Bytes of files elsewhere that are held, of all together: 64 MiB if nobody says otherwise. */
+  cacheBytes?: number;
+  /** The layer, by its name or its number: the first if none is named. */
+  layer?: string | number;
+  /** The commit of an `.autumn` file: the newest if none is named. */
+  commit?: number;
+}
+
+export type SampleType = "u8" | "i8" | "u16" | "i16" | "u32" | "i32" | "u64" | "i64" | "f32" | "f64";
+export type Samples =
+  | Uint8Array | Int8Array | Uint16Array | Int16Array | Uint32Array | Int32Array
+  | BigUint64Array | BigInt64Array | Float32Array | Float64Array;
+/** A sample: of types of 64 bits a BigInt. */
+export type Sample = number | bigint;
+/** A number of cells: a BigInt where it is larger than 2^53. */
+export type Count = number | bigint;
+export type Colour = [red: number, green: number, blue: number, alpha: number];
+
+export interface Class {
+  value: Sample;
+  name: string | null;
+  colour: Colour | null;
+}
+
+export interface CrsInfo {
+  name: string | null;
+  /** Number in the EPSG registry, where it has one. */
+  epsg: number | null;
+  /** As it was defined. */
+  definition: string;
+}
+
+export interface Commit {
+  number: number;
+  /** Seconds since the beginning of 1970. */
+  time: number | null;
+  author: string;
+  message: string;
+  cells: Count;
+  records: Count;
+  written_records: number;
+  written_bytes: number;
+  shared_records: number;
+  spared_bytes: number;
+}
+
+export interface LayerInfo {
+  name: string;
+  sampleType: SampleType;
+  channels: number;
+  meaning: string;
+  size: Count[];
+  levels: number;
+}
+
+/** What is in a file of cells. */
+export interface Header {
+  kind: "raster" | "volume";
+  format: "goblin" | "autumnal";
+  codec: "plain" | "packed";
+  dimension: 2 | 3;
+  /** Cells along x, y, of volumes z. */
+  size: number[];
+  /** The deepest level, whose cells are the file's. */
+  depth: number;
+  /** Levels: 0 is one cell for everything. */
+  levels: number;
+  sampleType: SampleType;
+  channels: number;
+  /** What values mean: "categorical", "continuous", ... */
+  meaning: string;
+  /** How values of coarser levels are made. */
+  rule: string;
+  noData: Sample | null;
+  crs: CrsInfo | null;
+  unit: string | null;
+  /** Least and greatest coordinates, in the file's own system. */
+  bounds: number[];
+  /** West, south, east and north in degrees, where they are known. */
+  geographicBounds: [number, number, number, number] | null;
+  /** GDAL's order is another: x = a column + b row + c, y = d column + e row + f. Of rasters. */
+  transform: [number, number, number, number, number, number] | null;
+  matrix: number[][];
+  channelNames: string[];
+  scaleOffset: [factor: number, summand: number][];
+  units: string[];
+  classes: Class[];
+  tags: Record<string, string>;
+  provenance: string[];
+  /** The layer that is open, and its number. */
+  layer: string;
+  layerNumber: number;
+  time: string | null;
+  layers: LayerInfo[];
+  commit: Commit | null;
+  /** Bytes of the file. */
+  bytes: number;
+  remark: string | null;
+}
+
+/** What is in a file of an exact model. */
+export interface ModelHeader {
+  kind: "model";
+  format: "goblin";
+  codec: "plain" | "packed";
+  dimension: 3;
+  faces: Count;
+  depth: number;
+  bounds: number[] | null;
+  crs: CrsInfo | null;
+  unit: string | null;
+  /** Names of the objects. */
+  objects: string[];
+  tags: Record<string, string>;
+  provenance: string[];
+  bytes: number;
+}
+
+/** A part: cells of the deepest level (first ones, and those behind the last), or least and greatest coordinates. All if neither is given. */
+export interface Part {
+  cells?: number[];
+  bounds?: number[];
+  /** The coordinates of `bounds`: "world" (the file's own, the default), "lonlat", "EPSG:NUMBER", or another definition. */
+  crs?: string;
+}
+
+/** A level, or a number of cells along the longer axis: the coarsest level that has so many. The deepest level if neither is given. */
+export interface Detail {
+  level?: number;
+  size?: number;
+}
+
+export interface WindowRequest extends Part, Detail, AskOptions {
+  /** Channels that are wanted, from 0; all if none are named. */
+  channels?: number[];
+  /** The number that cells without a value get: `noData`, or 0, or NaN. */
+  fill?: number;
+}
+
+export interface Window {
+  /** Columns, rows, and (of volumes) layers. */
+  width: number;
+  height: number;
+  layers: number;
+  channels: number;
+  sampleType: SampleType;
+  /** Samples: row by row, those of a cell together. */
+  data: Samples;
+  /** 1 for each cell that has a value, 0 for those that have none. Missing if all have one. */
+  mask?: Uint8Array;
+  level: number;
+  /** Cells of the deepest level that are covered: first ones, and those behind the last. */
+  cells: number[];
+  /** Their least and greatest coordinates. */
+  bounds: number[];
+}
+
+export interface PointValue {
+  /** The first channel's sample; null where there is no value. */
+  value: Sample | null;
+  values: Sample[] | null;
+  className: string | null;
+  cell: number[] | null;
+  level: number;
+  /** Whether the place is outside of the picture. */
+  isOutside: boolean;
+}
+
+export interface ClassCount {
+  value: Sample;
+  name: string | null;
+  cells: Count;
+  area_m2: number | null;
+}
+
+export interface Bin {
+  from: number;
+  cells: Count;
+}
+
+/** What `spinney stats --json` prints. */
+export interface Statistics {
+  layer: string;
+  cells: Count;
+  void_cells: Count;
+  void_share: number | null;
+  area_m2: number | null;
+  channels: { cells: Count; min: Sample; max: Sample; mean: number; standard_deviation: number }[];
+  classes: ClassCount[];
+  histogram: Bin[];
+  segments_read: number;
+}
+
+export interface ZoneChannel {
+  cells: number;
+  min: Sample | null;
+  max: Sample | null;
+  sum: number;
+  mean: number | null;
+  standard_deviation: number | null;
+  majority?: Sample;
+  minority?: Sample;
+  variety?: number;
+  median?: number;
+  quantiles?: Record<string, number>;
+}
+
+export interface ZoneStatistics {
+  cells: number;
+  void_cells: number;
+  void_share: number | null;
+  outside_cells: number;
+  area_m2: number | null;
+  channels: ZoneChannel[];
+  classes: { value: Sample; name: string | null; cells: number; area_m2: number | null }[];
+}
+
+export interface Zone extends Partial<ZoneStatistics> {
+  id: unknown;
+  name: string | null;
+  properties: Record<string, unknown>;
+  /** Of several layers, if these were asked for. */
+  layers?: (ZoneStatistics & { layer: string; time: string | null })[];
+}
+
+export interface ZonalRequest extends AskOptions {
+  /** Coordinates of the corners, if they are not what the GeoJSON says: longitude and latitude, or its member `crs`. */
+  crs?: string;
+  /** Which cells at an edge count: each by the part that is inside ("area", the default), those whose centre is, or all. */
+  edge?: "area" | "centre" | "touch";
+  /** Measures for which all values are read: "majority", "minority", "variety", "median". */
+  measures?: string[];
+  /** Quantiles from 0 to 1. */
+  quantiles?: number[];
+  /** Layers that are asked. */
+  layers?: string[];
+}
+
+export interface FoundBlock {
+  code: string;
+  level: number;
+  min: Count[];
+  size: Count[];
+  world: [number[], number[]];
+  /** Missing (null) where the block has several values. */
+  value: Sample | null;
+}
+
+export interface FindRequest extends Part, AskOptions {
+  where: { above: number } | { below: number } | { equal: number };
+  /** Blocks at most: 10,000 if nobody says otherwise. */
+  limit?: number;
+  /** The largest blocks, instead of the first. */
+  largest?: number;
+}
+
+export interface Difference {
+  from: number;
+  to: number;
+  added: Count;
+  removed: Count;
+  changed: Count;
+  /** All three. */
+  changedCells: Count;
+  blockCount: Count;
+  /** Blocks in which the commits differ, uniform in both: as many as were asked for. */
+  blocks: { min: number[]; size: number[]; world: [number[], number[]]; before: Sample | null; after: Sample | null }[];
+}
+
+export interface SliceRequest extends Part, Detail, AskOptions {
+  axis: "x" | "y" | "z";
+  /** The coordinate along the axis, in the file's system, or the cell of the deepest level. */
+  at?: number;
+  index?: number;
+}
+
+export interface MeshRequest extends Part, AskOptions {
+  level?: number;
+  /** The smooth surface, instead of the cells' faces. */
+  smooth?: boolean;
+}
+
+export interface Mesh {
+  /** What is to be added to all positions. */
+  origin: [number, number, number];
+  positions: Float32Array;
+  indices: Uint32Array;
+  level: number;
+}
+
+/** A style: its name ("viridis", "terrain", "hillshade", ...), or its document (docs/styles.md of the project). */
+export type Style = string | object;
+
+/** Where there is no `ImageData`, as under Node. */
+export interface Pixels {
+  width: number;
+  height: number;
+  data: Uint8ClampedArray;
+}
+
+/** Pixels, and where they lie. */
+export type Picture = (ImageData | Pixels) & { level: number; cells: number[]; bounds: number[] };
+
+export interface Legend {
+  title: string;
+  sections: {
+    title: string;
+    classes?: { label: string; colour: Colour }[];
+    ramp?: { stops: Colour[]; ticks: { at: number; label: string }[] };
+  }[];
+}
+
+interface Opened<H> {
+  readonly header: H;
+  /** What should be known of the file and its host: that it was read whole, say. */
+  readonly warnings: string[];
+  /** Opens the file anew if it is another one by now, as when there are new commits; says whether it was. */
+  refresh(options?: AskOptions): Promise<boolean>;
+  /** Gives the memory back. */
+  close(): void;
+}
+
+/** A raster, or a volume. */
+export interface Dataset extends Opened<Header> {
+  window(request?: WindowRequest): Promise<Window>;
+  point(place: ArrayLike<number>, options?: { crs?: string; level?: number } & AskOptions): Promise<PointValue>;
+  points(places: ArrayLike<number>[], options?: { crs?: string; level?: number } & AskOptions): Promise<PointValue[]>;
+  /** Exact statistics of a part. */
+  stats(request?: Part & { bins?: number } & AskOptions): Promise<Statistics>;
+  /** Exact statistics of a polygon, each cell by the part that is inside. */
+  stats(request: { geometry: object | string } & ZonalRequest): Promise<Zone>;
+  /** Exact statistics of each polygon of a GeoJSON. */
+  zonal(zones: object | string, request?: ZonalRequest): Promise<{ zones: Zone[] }>;
+  histogram(request?: Part & { bins?: number; low?: number; high?: number } & AskOptions): Promise<{ low: number | null; high: number | null; bins: Bin[] }>;
+  /** Blocks all of whose cells meet a condition on the first channel. */
+  find(request: FindRequest): Promise<{ blocks: FoundBlock[]; isAll: boolean }>;
+  /** A picture of a part in a style. Its pixels are the cells of the level. */
+  image(request?: Part & Detail & { style?: Style } & AskOptions): Promise<Picture>;
+  /** A tile of web maps, or of the file's own square; null where nothing is there. */
+  tile(request: { x: number; y: number; z: number; grid?: "web-mercator" | "native"; size?: number; style?: Style } & AskOptions): Promise<ImageData | Pixels | null>;
+  /** What the colours of a style mean. */
+  legend(request?: { style?: Style } & AskOptions): Promise<Legend>;
+  openLayer(layer: string | number, options?: AskOptions): Promise<Dataset>;
+  openCommit(commit: number, options?: AskOptions): Promise<Dataset>;
+  /** The commits of an `.autumn` file, the newest first. */
+  commits(options?: { limit?: number } & AskOptions): Promise<Commit[]>;
+  diff(from: number, to?: number, options?: Part & { limit?: number } & AskOptions): Promise<Difference>;
+  /** A slice of a volume: columns and rows are the other two axes, in their order. */
+  slice(request: SliceRequest): Promise<Window>;
+  /** The surface of a volume's level as triangles. */
+  mesh(request?: MeshRequest): Promise<Mesh>;
+  /** Whether a place is in the solid. */
+  contains(place: ArrayLike<number>, options?: { level?: number } & AskOptions): Promise<boolean>;
+}
+
+export interface Measures {
+  unit: string | null;
+  volume: number;
+  surface: number;
+  faces: Count;
+  centre: [number, number, number] | null;
+  second_moments: number[][];
+  inertia: number[][];
+  bounds: [number[], number[]] | null;
+}
+
+export interface Section {
+  type: "FeatureCollection";
+  area: number;
+  /** Two unit vectors in the plane. */
+  axes: [[number, number, number], [number, number, number]];
+  features: { type: "Feature"; properties: { area: number }; geometry: { type: "Polygon"; coordinates: [number, number, number][][] } }[];
+}
+
+/** An exact model. */
+export interface Model extends Opened<ModelHeader> {
+  measures(options?: AskOptions): Promise<Measures>;
+  /** Whether a place is in the body or on its surface. */
+  contains(place: ArrayLike<number>, options?: AskOptions): Promise<boolean>;
+  locate(place: ArrayLike<number>, options?: AskOptions): Promise<"inside" | "outside" | "boundary">;
+  /** Where a plane cuts the model: across an axis at a coordinate, or the points whose product with a normal is `at`. */
+  section(request: ({ axis: "x" | "y" | "z" } | { normal: [number, number, number] }) & { at: number } & AskOptions): Promise<Section>;
+  /** All faces as triangles: nine numbers each, from an origin on, and the number of the object (in `names`) of each. */
+  triangles(options?: AskOptions): Promise<{ origin: [number, number, number]; triangles: number; names: string[]; positions: Float32Array; objects: Uint32Array }>;
+}
+
+/** Opens a file in this thread: under Node, or in a worker. */
+export function open(source: Source, options?: OpenOptions): Promise<Dataset | Model>;
+/** Opens a file in a worker, which is started with the first: answers are handed over, not copied. */
+export function openInWorker(source: Source, options?: OpenOptions): Promise<Dataset | Model>;
+/** Says where the module is: a URL, its bytes, a response, or a compiled one. To be called before the first file is opened. */
+export function setModule(source: string | URL | BufferSource | Response | WebAssembly.Module): void;
+/** Says how the worker of `openInWorker` is started. */
+export function setWorker(start: () => Worker): void;
+
+/** A failure: its kind, which file, what was found there, what was expected, what to do. */
+export class SpinneyError extends Error {
+  readonly code:
+    | "corrupt" | "unsupported" | "no-tree" | "invalid" | "io" | "not-found" | "changed" | "too-large" | "no-body" | "panic" | "other";
+  readonly file?: string;
+  readonly place?: string;
+  readonly found?: string;
+  readonly expected?: string;
+  readonly advice?: string;
+}
+/** The module came to an end in a way that it should not. It has been replaced: the next question works. */
+export class PanicError extends SpinneyError {}

@@ -1,0 +1,295 @@
+// Datasets and models: what is open, and what can be asked of it.
+
+import * as engine from "./engine.js";
+import { SpinneyError } from "./errors.js";
+import { picture } from "./pictures.js";
+import { sourceOf } from "./sources.js";
+
+/** Typed arrays by types of samples. */
+const ARRAYS = {
+  u8: Uint8Array,
+  i8: Int8Array,
+  u16: Uint16Array,
+  i16: Int16Array,
+  u32: Uint32Array,
+  i32: Int32Array,
+  u64: BigUint64Array,
+  i64: BigInt64Array,
+  f32: Float32Array,
+  f64: Float64Array,
+};
+
+/** Times that a question is asked anew if others end the module meanwhile. */
+const TRIES = 4;
+
+/** A source that several datasets read. */
+class Shared {
+  constructor(source) {
+    this.source = source;
+    this.users = 0;
+    this.resuming = undefined;
+  }
+
+  /** Makes sure that the module's instance knows the file. */
+  async ready(signal) {
+    if (this.source.instance === engine.instance()) return;
+    this.resuming ??= this.source.resume(signal).finally(() => {
+      this.resuming = undefined;
+    });
+    await this.resuming;
+  }
+
+  leave() {
+    this.users -= 1;
+    if (this.users === 0) this.source.close();
+  }
+}
+
+/** What is open of a file. */
+class Opened {
+  #shared;
+  #place;
+  #number;
+  #instance = -1;
+  #isClosed = false;
+
+  constructor(shared, place, { opened, header }) {
+    this.#shared = shared;
+    this.#place = place;
+    this.#number = opened;
+    this.#instance = engine.instance();
+    shared.users += 1;
+    this.header = header;
+  }
+
+  /** What users should know about the file and its host. */
+  get warnings() {
+    return [...this.#shared.source.warnings, ...(this.header.remark ? [this.header.remark] : [])];
+  }
+
+  /** Asks a question of the module. */
+  async ask(ask, request, { signal, progress, places, buffers } = {}) {
+    return attempts(async () => {
+      if (this.#isClosed) throw new SpinneyError({ code: "invalid", message: `${this.#shared.source.name}: the dataset is closed` });
+      signal?.throwIfAborted();
+      await this.#shared.ready(signal);
+      if (this.#instance !== engine.instance()) {
+        const { json } = await openIn(this.#shared, this.#place, { signal });
+        [this.#number, this.#instance] = [json.opened, engine.instance()];
+      }
+      return engine.ask(this.#shared.source, { ...plain(request), ask, of: this.#number }, { places, signal, progress, buffers });
+    });
+  }
+
+  /** Opens something else of the same file. */
+  async other(place, { signal, progress } = {}) {
+    if (this.#isClosed) throw new SpinneyError({ code: "invalid", message: `${this.#shared.source.name}: the dataset is closed` });
+    return openShared(this.#shared, { ...this.#place, ...place }, { signal, progress });
+  }
+
+  /** Whether the file is another one by now; if so, it is opened anew. */
+  async refresh({ signal, progress } = {}) {
+    const old = this.#shared;
+    if (!(await old.source.hasChanged(signal))) return false;
+    const shared = new Shared(old.source.again());
+    await shared.source.start(signal);
+    let json;
+    try {
+      ({ json } = await attempts(() => openIn(shared, this.#place, { signal, progress })));
+    } catch (error) {
+      shared.source.close();
+      throw error;
+    }
+    this.#release();
+    [this.#shared, this.#number, this.#instance] = [shared, json.opened, engine.instance()];
+    shared.users += 1;
+    old.leave();
+    this.header = json.header;
+    return true;
+  }
+
+  #release() {
+    if (this.#instance === engine.instance()) engine.close(this.#number);
+  }
+
+  /** Gives back the memory. */
+  close() {
+    if (this.#isClosed) return;
+    this.#isClosed = true;
+    this.#release();
+    this.#shared.leave();
+  }
+}
+
+/** A request without what is for the way it is asked. */
+function plain({ signal, progress, ...request } = {}) {
+  return request;
+}
+
+/** Does something again if another question has ended the module meanwhile. */
+async function attempts(work) {
+  for (let time = 1; ; time += 1) {
+    try {
+      return await work();
+    } catch (error) {
+      if (!(error instanceof engine.Replaced)) throw error;
+      if (time === TRIES) throw new SpinneyError({ code: "panic", message: "the module was replaced again and again while the question was asked" });
+    }
+  }
+}
+
+async function openIn(shared, { commit, layer }, { signal, progress } = {}) {
+  await shared.ready(signal);
+  return engine.ask(shared.source, { ask: "open", file: shared.source.file, commit, layer }, { signal, progress });
+}
+
+async function openShared(shared, place, options) {
+  const { json } = await attempts(() => openIn(shared, place, options));
+  return json.header.kind === "model" ? new Model(shared, place, json) : new Dataset(shared, place, json);
+}
+
+/** Opens a file. */
+export async function open(source, { signal, progress, headers, cacheBytes, layer, commit } = {}) {
+  await engine.load();
+  signal?.throwIfAborted();
+  if (cacheBytes !== undefined) engine.setCacheBytes(cacheBytes);
+  const shared = new Shared(sourceOf(source, { headers }));
+  shared.source.again = () => sourceOf(source, { headers });
+  try {
+    await shared.source.start(signal);
+    const place = { commit: commit === undefined ? undefined : Number(commit), layer: layer === undefined ? undefined : String(layer) };
+    return await openShared(shared, place, { signal, progress });
+  } catch (error) {
+    shared.source.close();
+    throw error;
+  }
+}
+
+/** Coordinates, one behind the other. */
+function flat(places, axes) {
+  const numbers = new Float64Array(places.length * axes);
+  places.forEach((place, index) => {
+    if (place.length < axes) throw new SpinneyError({ code: "invalid", message: `point ${index}: ${place.length} coordinates where ${axes} are expected` });
+    for (let axis = 0; axis < axes; axis += 1) numbers[index * axes + axis] = Number(place[axis]);
+  });
+  return numbers;
+}
+
+/** Samples of a window, as a typed array. */
+function samples({ json, buffers }) {
+  const { hasMask, ...found } = json;
+  const [bytes, mask] = buffers;
+  const data = new ARRAYS[found.sampleType](bytes.buffer, bytes.byteOffset, bytes.byteLength / ARRAYS[found.sampleType].BYTES_PER_ELEMENT);
+  return { ...found, data, mask: hasMask ? mask : undefined };
+}
+
+/** A style, as text: its name, or its document. */
+function styleText(style) {
+  return style === undefined || typeof style === "string" ? style : JSON.stringify(style);
+}
+
+/** GeoJSON, as text. */
+function geoJson(zones) {
+  return typeof zones === "string" ? zones : JSON.stringify(zones);
+}
+
+/** A file of cells: a raster, or a volume. */
+export class Dataset extends Opened {
+  async window(request = {}) {
+    return samples(await this.ask("window", request, { ...request, buffers: 2 }));
+  }
+
+  async point(place, options = {}) {
+    return (await this.points([place], options))[0];
+  }
+
+  async points(places, options = {}) {
+    const numbers = flat(places, this.header.dimension);
+    return (await this.ask("points", options, { ...options, places: numbers })).json;
+  }
+
+  async stats({ geometry, ...request } = {}) {
+    if (geometry === undefined) return (await this.ask("stats", request, request)).json;
+    const { zones } = await this.zonal(geometry, request);
+    return zones[0];
+  }
+
+  async zonal(zones, request = {}) {
+    return (await this.ask("zonal", { ...request, zones: geoJson(zones) }, request)).json;
+  }
+
+  async histogram(request = {}) {
+    return (await this.ask("histogram", request, request)).json;
+  }
+
+  async find({ where, ...request } = {}) {
+    return (await this.ask("find", { ...request, ...where }, request)).json;
+  }
+
+  async image({ style, ...request } = {}) {
+    const { json, buffers } = await this.ask("image", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
+    return picture(buffers[0], json.width, json.height, json);
+  }
+
+  async tile({ style, ...request }) {
+    const { json, buffers } = await this.ask("tile", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
+    return json.isEmpty ? null : picture(buffers[0], json.side, json.side);
+  }
+
+  async legend({ style, ...request } = {}) {
+    return (await this.ask("legend", { style: styleText(style) }, request)).json;
+  }
+
+  async openLayer(layer, options = {}) {
+    return this.other({ layer: String(layer) }, options);
+  }
+
+  async openCommit(commit, options = {}) {
+    return this.other({ commit: Number(commit) }, options);
+  }
+
+  async commits(options = {}) {
+    return (await this.ask("commits", options, options)).json;
+  }
+
+  async diff(from, to, options = {}) {
+    return (await this.ask("diff", { ...options, from: Number(from), to: to === undefined ? undefined : Number(to) }, options)).json;
+  }
+
+  async slice(request) {
+    return samples(await this.ask("slice", request, { ...request, buffers: 2 }));
+  }
+
+  async mesh(request = {}) {
+    const { json, buffers } = await this.ask("mesh", request, { ...request, buffers: 2 });
+    return { ...json, positions: new Float32Array(buffers[0].buffer), indices: new Uint32Array(buffers[1].buffer) };
+  }
+
+  async contains(place, options = {}) {
+    return (await this.ask("contains", options, { ...options, places: flat([place], 3) })).json[0];
+  }
+}
+
+/** An exact model. */
+export class Model extends Opened {
+  async measures(options = {}) {
+    return (await this.ask("measures", options, options)).json;
+  }
+
+  async locate(place, options = {}) {
+    return (await this.ask("contains", options, { ...options, places: flat([place], 3) })).json[0];
+  }
+
+  async contains(place, options = {}) {
+    return (await this.locate(place, options)) !== "outside";
+  }
+
+  async section(request) {
+    return (await this.ask("section", request, request)).json;
+  }
+
+  async triangles(options = {}) {
+    const { json, buffers } = await this.ask("triangles", options, { ...options, buffers: 2 });
+    return { ...json, positions: new Float32Array(buffers[0].buffer), objects: new Uint32Array(buffers[1].buffer) };
+  }
+}

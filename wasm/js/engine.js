@@ -1,0 +1,216 @@
+// The module: one instance at a time, with the files and trees that are open in it.
+
+import * as glue from "./module.js";
+import { PanicError, SpinneyError } from "./errors.js";
+
+/** Bytes of ranges that are held for all files. */
+const CACHE = 64 * 2 ** 20;
+/** Bytes that a single question may need at the same time. */
+const MOST = 2 ** 30;
+
+/** Rounds behind which single ranges are fetched with what is behind them, and the bytes of that, at first and at most. */
+const ALONE = 6;
+const FIRST_AHEAD = 2 ** 18;
+const MOST_AHEAD = 2 ** 23;
+
+const isNode = typeof process !== "undefined" && Boolean(process.versions?.node) && typeof document === "undefined";
+
+let compiled;
+let ready = false;
+/** Counts instances: what was opened in an older one is not there any more. */
+let generation = 0;
+let cache = CACHE;
+
+/** Says where the module's bytes come from: a URL, bytes, a response, or a compiled module. Without it, they are beside this file. */
+export function setModule(source) {
+  if (ready || compiled) throw new SpinneyError({ code: "invalid", message: "the module is loaded already: say where it is before the first file is opened" });
+  compiled = compile(source);
+  // (Who awaits it is told.)
+  compiled.catch(() => {});
+}
+
+async function compile(source) {
+  if (source instanceof WebAssembly.Module) return source;
+  if (source instanceof ArrayBuffer || ArrayBuffer.isView(source)) return WebAssembly.compile(source);
+  const url = source ?? new URL("./module_bg.wasm", import.meta.url);
+  if (isNode && new URL(url, "file:///").protocol === "file:") {
+    const { readFile } = await import("node:fs/promises");
+    return WebAssembly.compile(await readFile(new URL(url, "file:///")));
+  }
+  const response = url instanceof Response ? url : await fetch(url);
+  if (!response.ok) throw new SpinneyError({ code: "io", message: `${response.url}: the module is not to be had: ${response.status}`, file: response.url });
+  return WebAssembly.compile(await response.arrayBuffer());
+}
+
+/** Loads the module, once. */
+export async function load() {
+  compiled ??= compile();
+  let module;
+  try {
+    module = await compiled;
+  } catch (error) {
+    // (Perhaps it is to be had the next time.)
+    compiled = undefined;
+    throw error;
+  }
+  if (!ready) {
+    glue.initSync({ module });
+    glue.setCache(cache);
+    ready = true;
+    generation += 1;
+  }
+}
+
+/** The number of the instance. */
+export function instance() {
+  return generation;
+}
+
+/** Bytes of ranges that are held for all files. */
+export function setCacheBytes(bytes) {
+  cache = Math.min(Math.max(bytes, 2 ** 20), MOST);
+  if (ready) glue.setCache(cache);
+}
+
+/** Calls the module. A panic ends the instance, not the page: a new one takes its place. */
+export function call(work) {
+  try {
+    return work(glue);
+  } catch (error) {
+    if (error instanceof SpinneyError) throw error;
+    let message;
+    try {
+      message = glue.lastPanic();
+    } catch {
+      // (Not even that is left.)
+    }
+    ready = false;
+    glue.__wbg_reset_state();
+    glue.setCache(cache);
+    ready = true;
+    generation += 1;
+    throw new PanicError({ message: `the module panicked: ${message ?? error}` }, { cause: error });
+  }
+}
+
+/** Answers a question once: `{missing}`, or `{json, buffers}`. */
+function attempt(text, places) {
+  return call((glue) => {
+    const answer = glue.ask(text, places);
+    try {
+      const missing = answer.missing;
+      if (missing.length > 0) return { missing };
+      const json = parse(answer.text);
+      if (answer.isFailure) return { failure: json };
+      return { json, take: (number) => answer.take(number), answer };
+    } catch (error) {
+      answer.free();
+      throw error;
+    }
+  });
+}
+
+/** Writes JSON with BigInts as the whole numbers that they are. */
+function write(question) {
+  let hasBig = false;
+  const text = JSON.stringify(question, (_, value) => {
+    if (typeof value !== "bigint") return value;
+    hasBig = true;
+    return `\u0000${value}`;
+  });
+  return hasBig ? text.replace(/"\\u0000(-?\d+)"/g, "$1") : text;
+}
+
+/** Reads JSON in which whole numbers may be BigInts. */
+export function parse(text) {
+  if (!text.includes('{"$')) return JSON.parse(text);
+  return JSON.parse(text, (_, value) => {
+    if (value === null || typeof value !== "object") return value;
+    if (typeof value.$big === "string") return BigInt(value.$big);
+    if (typeof value.$float === "string") return value.$float === "inf" ? Infinity : -Infinity;
+    return value;
+  });
+}
+
+const NONE = new Float64Array(0);
+
+/** Another question has ended the instance: this one is to be asked again in the new one. */
+export class Replaced extends Error {}
+
+/**
+ * Asks a question in rounds: what it lacks is fetched, many ranges at once, and it is asked again. Between two rounds it can be given up.
+ *
+ * @param source where the bytes come from: `fetch(ranges, signal)` supplies them.
+ */
+export async function ask(source, question, { places = NONE, signal, progress, buffers = 0 } = {}) {
+  const text = write(question);
+  const fetched = new Set();
+  const total = { rounds: 0, requests: 0, bytes: 0 };
+  const own = generation;
+  let needed = 0;
+  let ahead = 0;
+  let hasGrown = false;
+  try {
+    for (;;) {
+      signal?.throwIfAborted();
+      if (own !== generation) throw new Replaced();
+      const { missing, failure, json, take, answer } = attempt(text, places);
+      if (failure) throw new SpinneyError(failure);
+      if (!missing) {
+        try {
+          const found = [];
+          for (let number = 0; number < buffers; number += 1) found.push(call(() => take(number)));
+          return { json, buffers: found };
+        } finally {
+          if (own === generation) answer.free();
+        }
+      }
+      const ranges = [];
+      let isAgain = false;
+      for (let at = 0; at < missing.length; at += 3) {
+        const [file, start, end] = missing.subarray(at, at + 3);
+        const key = `${file}:${start}:${end}`;
+        isAgain ||= fetched.has(key);
+        fetched.add(key);
+        ranges.push([start, end]);
+        needed += end - start;
+      }
+      // (What asks for one range after the other goes through the file: what is behind it comes with it, ever more.)
+      if (ranges.length === 1 && total.rounds >= ALONE) {
+        ahead = Math.min(Math.max(2 * ahead, FIRST_AHEAD), MOST_AHEAD);
+        const [range] = ranges;
+        const end = Math.min(range[1] + ahead, source.length);
+        needed += Math.max(end - range[1], 0);
+        range[1] = Math.max(end, range[1]);
+      }
+      // (All that a question has read must be there when it is asked for the last time.)
+      if (needed > cache / 2 || isAgain) {
+        const room = Math.min(Math.max(4 * needed, 2 * cache), 2 * MOST);
+        if (needed > MOST) {
+          throw new SpinneyError({
+            code: "too-large",
+            message: `${source.name}: the question needs more than ${MOST} bytes of the file at the same time; ask for a smaller part, or for a coarser level`,
+            file: source.name,
+            advice: "ask for a smaller part, or for a coarser level",
+          });
+        }
+        glue.setCache(room);
+        hasGrown = true;
+      }
+      const { requests, bytes } = await source.fetch(ranges, signal);
+      total.rounds += 1;
+      total.requests += requests;
+      total.bytes += bytes;
+      progress?.({ ...total });
+    }
+  } finally {
+    if (hasGrown && own === generation) glue.setCache(cache);
+  }
+}
+
+/** Takes up a file that comes in ranges, or all of whose bytes are there. */
+export const addFile = (name, length) => call((glue) => glue.addFile(name, length));
+export const addBytes = (name, bytes) => call((glue) => glue.addBytes(name, bytes));
+export const removeFile = (file) => call((glue) => glue.removeFile(file));
+export const supply = (file, offset, bytes) => call((glue) => glue.supply(file, offset, bytes));
+export const close = (opened) => call((glue) => glue.close(opened));

@@ -1,0 +1,120 @@
+// Datasets that are open in a worker, behind the same methods.
+
+import { fromParts } from "./errors.js";
+import { picture } from "./pictures.js";
+
+let start = () => new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "spinney" });
+let worker;
+let next = 0;
+const waiting = new Map();
+
+/** Says how the worker is started, where it is not beside this file. */
+export function setWorker(make) {
+  start = make;
+}
+
+function theWorker() {
+  if (worker) return worker;
+  worker = start();
+  const listen = (name, handle) => (worker.addEventListener ? worker.addEventListener(name, handle) : worker.on(name, (data) => handle({ data, message: data?.message })));
+  listen("message", ({ data }) => {
+    const question = waiting.get(data.id);
+    if (!question) return;
+    if (data.progress) {
+      question.progress?.(data.progress);
+      return;
+    }
+    waiting.delete(data.id);
+    question.done();
+    if (data.error) question.reject(fromParts(data.error));
+    else question.resolve(data.found);
+  });
+  listen("error", ({ message }) => {
+    // (It cannot go on: whoever waits is told, and the next question starts another one.)
+    worker = undefined;
+    for (const question of waiting.values()) {
+      question.done();
+      question.reject(fromParts({ name: "PanicError", message: `the worker failed: ${message}` }));
+    }
+    waiting.clear();
+  });
+  return worker;
+}
+
+/** Calls a method in the worker. */
+function call(of, method, list, { signal, progress } = {}) {
+  return new Promise((resolve, reject) => {
+    if (signal?.aborted) {
+      reject(signal.reason);
+      return;
+    }
+    next += 1;
+    const id = next;
+    const to = theWorker();
+    const abort = () => {
+      waiting.delete(id);
+      to.postMessage({ abort: id });
+      reject(signal.reason);
+    };
+    signal?.addEventListener("abort", abort, { once: true });
+    const done = () => signal?.removeEventListener("abort", abort);
+    waiting.set(id, { resolve, reject, progress, done });
+    try {
+      to.postMessage({ id, of, method, list: list.map(sendable), wantsProgress: Boolean(progress) });
+    } catch (error) {
+      waiting.delete(id);
+      done();
+      reject(error);
+    }
+  });
+}
+
+/** An argument without what cannot be sent. */
+function sendable(value) {
+  if (value instanceof URL) return value.href;
+  if (value === null || typeof value !== "object" || Object.getPrototypeOf(value) !== Object.prototype) return value;
+  const { signal, progress, ...rest } = value;
+  return rest;
+}
+
+/** Options among arguments: the last one, if it has any. */
+function optionsOf(list) {
+  const last = list.at(-1);
+  return last !== null && typeof last === "object" ? { signal: last.signal, progress: last.progress } : {};
+}
+
+class RemoteOpened {
+  #number;
+
+  constructor({ number, header, warnings, methods }) {
+    this.#number = number;
+    this.header = header;
+    this.warnings = warnings;
+    for (const method of methods) {
+      this[method] = async (...list) => found(await call(this.#number, method, list, optionsOf(list)));
+    }
+  }
+
+  async refresh(options = {}) {
+    const { has, header, warnings } = await call(this.#number, "refresh", [options], options);
+    if (has) Object.assign(this, { header, warnings });
+    return has;
+  }
+
+  close() {
+    call(this.#number, "close", []).catch(() => {});
+  }
+}
+
+/** An answer: what was opened is behind methods, pictures are those of the platform. */
+function found(answer) {
+  if (answer?.isPicture) return picture(answer.data, answer.width, answer.height, answer);
+  return answer?.isOpened ? new RemoteOpened(answer) : answer;
+}
+
+/** Opens a file in a worker, which is started with the first. */
+export async function openInWorker(source, options = {}) {
+  const base = globalThis.location?.href;
+  const place = typeof source === "string" && base && !/^[a-z][a-z0-9+.-]+:/i.test(source) ? new URL(source, base).href : source;
+  return found(await call(undefined, "open", [place, options], options));
+}

@@ -1,0 +1,427 @@
+// Where bytes come from: servers, files, memory.
+
+import { SpinneyError } from "./errors.js";
+import * as engine from "./engine.js";
+import { each, join } from "./ranges.js";
+
+/** Requests at the same time. */
+const PARALLEL = 8;
+/** Bytes of a file that is read whole where its host does not serve ranges. */
+const MOST_WHOLE = 64 * 2 ** 20;
+/** Bytes of the beginning and of the end that are fetched when a file is opened. */
+const FIRST = 4096;
+const LAST = 65536;
+/** Times that a request is repeated if the host is busy or the connection breaks. */
+const REPEATS = 3;
+
+const isNode = typeof process !== "undefined" && Boolean(process.versions?.node) && typeof document === "undefined";
+
+/** A file's bytes. `start` takes it up in the module; `fetch` supplies ranges of it. */
+class Source {
+  constructor(name) {
+    this.name = name;
+    /** What users should know. */
+    this.warnings = [];
+    this.file = undefined;
+    this.instance = -1;
+  }
+
+  /** Takes the file up in the module's present instance. */
+  add(length) {
+    this.file = engine.addFile(this.name, length);
+    this.instance = engine.instance();
+    this.length = length;
+  }
+
+  addWhole(bytes) {
+    this.file = engine.addBytes(this.name, bytes);
+    this.instance = engine.instance();
+    this.length = bytes.length;
+  }
+
+  /** Takes the file up once more, in another instance of the module. */
+  async resume() {
+    this.add(this.length);
+  }
+
+  supply(offset, bytes) {
+    // (If the instance was replaced meanwhile, nobody waits for them.)
+    if (this.instance === engine.instance()) engine.supply(this.file, offset, bytes);
+  }
+
+  /** Gets ranges. */
+  async fetch(ranges, signal) {
+    const joined = join(ranges);
+    let bytes = 0;
+    await each(joined, PARALLEL, async ([start, end]) => {
+      signal?.throwIfAborted();
+      const part = await this.read(start, end, signal);
+      if (part.length !== end - start) {
+        throw new SpinneyError({ code: "changed", message: `${this.name}: ${part.length} bytes came where ${end - start} were asked for: the file was cut short; open it again`, file: this.name });
+      }
+      bytes += part.length;
+      this.supply(start, part);
+    });
+    return { requests: joined.length, bytes };
+  }
+
+  close() {
+    if (this.file !== undefined && this.instance === engine.instance()) engine.removeFile(this.file);
+    this.file = undefined;
+  }
+
+  changed(what) {
+    return new SpinneyError({
+      code: "changed",
+      message: `${this.name}: ${what} while it was read; open it again, or call refresh()`,
+      file: this.name,
+      found: what,
+      advice: "open it again, or call refresh()",
+    });
+  }
+}
+
+/** Bytes in memory. */
+class MemorySource extends Source {
+  constructor(bytes, name) {
+    super(name);
+    this.bytes = bytes;
+  }
+
+  async start() {
+    this.addWhole(this.bytes);
+  }
+
+  async resume() {
+    await this.start();
+  }
+
+  async read(start, end) {
+    return this.bytes.subarray(start, end);
+  }
+
+  async hasChanged() {
+    return false;
+  }
+}
+
+/** A Blob, or a File that a user has chosen. */
+class BlobSource extends Source {
+  constructor(blob) {
+    super(blob.name || "(blob)");
+    this.blob = blob;
+  }
+
+  async start() {
+    this.add(this.blob.size);
+  }
+
+  async read(start, end) {
+    try {
+      return new Uint8Array(await this.blob.slice(start, end).arrayBuffer());
+    } catch (error) {
+      if (error?.name === "NotReadableError" || error?.name === "NotFoundError") throw this.changed("was changed or removed");
+      throw new SpinneyError({ code: "io", message: `${this.name}: cannot read: ${error?.message ?? error}`, file: this.name }, { cause: error });
+    }
+  }
+
+  async hasChanged() {
+    return false;
+  }
+}
+
+/** Closes files of datasets that nobody has closed, and nobody has any more. */
+const forgotten = new FinalizationRegistry((handle) => handle.close().catch(() => {}));
+
+/** A file of this machine, under Node. */
+class DiskSource extends Source {
+  constructor(path) {
+    super(path);
+    this.path = path;
+  }
+
+  async start() {
+    this.files = (await import("node:fs")).promises;
+    try {
+      this.handle = await this.files.open(this.path, "r");
+      this.stamp = await this.look();
+    } catch (error) {
+      await this.handle?.close();
+      throw new SpinneyError({ code: "io", message: `${this.name}: cannot open: ${error.message}`, file: this.name }, { cause: error });
+    }
+    if (!this.stamp.isFile) {
+      await this.handle.close();
+      throw new SpinneyError({ code: "io", message: `${this.name}: cannot open: it is no file`, file: this.name });
+    }
+    forgotten.register(this, this.handle, this);
+    this.add(this.stamp.size);
+  }
+
+  async look() {
+    const found = await this.handle.stat({ bigint: true });
+    return { size: Number(found.size), modified: found.mtimeNs, isFile: found.isFile() };
+  }
+
+  async fetch(ranges, signal) {
+    const found = await super.fetch(ranges, signal);
+    // (Behind the reads, so that what they brought is of the state that was opened.)
+    const now = await this.look();
+    if (now.size !== this.stamp.size) throw this.changed(now.size < this.stamp.size ? "was cut short" : "has grown");
+    if (now.modified !== this.stamp.modified) throw this.changed("was overwritten");
+    return found;
+  }
+
+  async read(start, end) {
+    const bytes = new Uint8Array(end - start);
+    let filled = 0;
+    while (filled < bytes.length) {
+      const { bytesRead } = await this.handle.read(bytes, filled, bytes.length - filled, start + filled);
+      if (bytesRead === 0) break;
+      filled += bytesRead;
+    }
+    return bytes.subarray(0, filled);
+  }
+
+  async hasChanged() {
+    const now = await this.files.stat(this.path, { bigint: true }).catch(() => undefined);
+    return !now || Number(now.size) !== this.stamp.size || now.mtimeNs !== this.stamp.modified;
+  }
+
+  close() {
+    super.close();
+    const { handle } = this;
+    this.handle = undefined;
+    forgotten.unregister(this);
+    handle?.close().catch(() => {});
+  }
+}
+
+/** A file on a server. */
+class HttpSource extends Source {
+  constructor(url, headers) {
+    super(url);
+    this.url = url;
+    this.headers = headers;
+  }
+
+  /** Asks for a range, or for all. */
+  async request(range, signal) {
+    const headers = new Headers(this.headers);
+    if (range) headers.set("Range", range);
+    for (let time = 0; ; time += 1) {
+      let response;
+      try {
+        // (What a cache has may be of an older state, and parts of two states make no file.)
+        response = await fetch(this.url, { headers, signal, cache: "no-store" });
+      } catch (error) {
+        signal?.throwIfAborted();
+        if (time === REPEATS) throw new SpinneyError({ code: "io", message: `${this.name}: cannot be reached: ${error.cause?.message ?? error.message}`, file: this.name }, { cause: error });
+      }
+      const isBusy = response && (response.status === 429 || response.status >= 500);
+      if (response && (!isBusy || time === REPEATS)) return response;
+      await response?.body?.cancel().catch(() => {});
+      await pause(100 * 4 ** time, signal);
+    }
+  }
+
+  async start(signal) {
+    // (A suffix needs no length, but asks other hosts for permission first.)
+    const isNear = typeof location === "undefined" || new URL(this.url).origin === location.origin;
+    const wantsTail = isNear && !new URL(this.url).pathname.endsWith(".autumn");
+    const later = new AbortController();
+    const tail = wantsTail ? this.request(`bytes=-${LAST}`, any(signal, later.signal)) : undefined;
+    tail?.catch(() => {});
+    try {
+      const response = await this.request(`bytes=0-${FIRST - 1}`, signal);
+      this.check(response);
+      const isCompressed = Boolean(response.headers.get("content-encoding"));
+      const place = contentRange(response);
+      if (response.status !== 206 || isCompressed || !place) {
+        later.abort();
+        await this.whole(response, isCompressed, signal);
+        return;
+      }
+      const first = new Uint8Array(await response.arrayBuffer());
+      if (first.length !== place.end - place.start) {
+        // The host packs what it sends, and does not tell.
+        later.abort();
+        await this.whole(undefined, true, signal);
+        return;
+      }
+      this.state = stateOf(response);
+      this.add(place.length);
+      this.supply(0, first);
+      if (tail) await this.startTail(await tail, place.length);
+    } catch (error) {
+      later.abort();
+      throw error;
+    }
+  }
+
+  /** Takes the end of the file, if the host has understood. */
+  async startTail(response, length) {
+    const place = contentRange(response);
+    if (response.status !== 206 || place?.length !== length) {
+      await response.body?.cancel().catch(() => {});
+      return;
+    }
+    const bytes = new Uint8Array(await response.arrayBuffer());
+    if (bytes.length === place.end - place.start && this.isSame(response)) this.supply(place.start, bytes);
+  }
+
+  /** Reads all of a file whose host does not serve ranges of it. */
+  async whole(response, isCompressed, signal) {
+    const why = isCompressed ? "the host compresses it" : "the host does not serve ranges of it";
+    let found = response;
+    if (!found || found.status === 206) {
+      await found?.body?.cancel().catch(() => {});
+      found = await this.request(undefined, signal);
+      this.check(found);
+    }
+    const refuse = (bytes) => {
+      const advice = "put it on a host that serves ranges and does not compress it";
+      return new SpinneyError({
+        code: "unsupported",
+        message: `${this.name}: ${why}, and ${bytes} bytes are too many to read all of it (at most ${MOST_WHOLE}); ${advice}`,
+        file: this.name,
+        found: why,
+        advice,
+      });
+    };
+    const told = Number(found.headers.get("content-length"));
+    if (told > MOST_WHOLE) {
+      await found.body?.cancel().catch(() => {});
+      throw refuse(told);
+    }
+    const parts = [];
+    let length = 0;
+    for (const reader = found.body.getReader(); ; ) {
+      signal?.throwIfAborted();
+      const { done, value } = await reader.read();
+      if (done) break;
+      length += value.length;
+      if (length > MOST_WHOLE) {
+        await reader.cancel().catch(() => {});
+        throw refuse(`more than ${MOST_WHOLE}`);
+      }
+      parts.push(value);
+    }
+    const bytes = new Uint8Array(length);
+    let at = 0;
+    for (const part of parts) {
+      bytes.set(part, at);
+      at += part.length;
+    }
+    this.warnings.push(`${this.name}: ${why}: all of its ${length} bytes were read`);
+    this.isWhole = true;
+    this.addWhole(bytes);
+  }
+
+  async resume(signal) {
+    if (this.isWhole) await this.start(signal);
+    else this.add(this.length);
+  }
+
+  /** Fails if there is no such file. */
+  check(response) {
+    if (response.ok) return;
+    const why = response.status === 404 ? "there is no such file" : `the host answers ${response.status} ${response.statusText}`;
+    throw new SpinneyError({ code: response.status === 404 ? "not-found" : "io", message: `${this.name}: ${why}`, file: this.name });
+  }
+
+  /** Whether an answer is of the state that was opened, as far as the host tells. */
+  isSame(response) {
+    const now = stateOf(response);
+    return !Object.keys(now).some((name) => this.state[name] && now[name] && this.state[name] !== now[name]);
+  }
+
+  async read(start, end, signal) {
+    for (let time = 0; ; time += 1) {
+      const response = await this.request(`bytes=${start}-${end - 1}`, signal);
+      const place = contentRange(response);
+      if (response.status === 416 || (place && place.length !== this.length)) {
+        await response.body?.cancel().catch(() => {});
+        throw this.changed("has another length");
+      }
+      if (response.status === 404) throw this.changed("was removed");
+      this.check(response);
+      if (!this.isSame(response)) {
+        await response.body?.cancel().catch(() => {});
+        throw this.changed("was replaced");
+      }
+      if (response.status !== 206) {
+        await response.body?.cancel().catch(() => {});
+        throw new SpinneyError({ code: "unsupported", message: `${this.name}: the host has stopped serving ranges of it`, file: this.name });
+      }
+      try {
+        const bytes = new Uint8Array(await response.arrayBuffer());
+        if (bytes.length === end - start || time === REPEATS) return bytes;
+      } catch (error) {
+        signal?.throwIfAborted();
+        if (time === REPEATS) throw new SpinneyError({ code: "io", message: `${this.name}: the connection broke: ${error.message}`, file: this.name }, { cause: error });
+      }
+      await pause(100 * 4 ** time, signal);
+    }
+  }
+
+  async hasChanged(signal) {
+    const response = await this.request(`bytes=0-0`, signal);
+    await response.body?.cancel().catch(() => {});
+    this.check(response);
+    if (!this.state) return true;
+    const place = contentRange(response);
+    return !this.isSame(response) || (place && place.length !== this.length);
+  }
+}
+
+/** What tells states of a file apart, of what the host lets be seen. */
+function stateOf(response) {
+  const state = {};
+  for (const name of ["etag", "last-modified"]) {
+    const value = response.headers.get(name);
+    if (value) state[name] = value;
+  }
+  return state;
+}
+
+/** The range that an answer has, and the file's length. */
+function contentRange(response) {
+  const found = /^bytes (\d+)-(\d+)\/(\d+)$/.exec(response.headers.get("content-range") ?? "");
+  return found ? { start: Number(found[1]), end: Number(found[2]) + 1, length: Number(found[3]) } : undefined;
+}
+
+/** A signal that is given if one of two is. */
+function any(first, second) {
+  return first ? AbortSignal.any([first, second]) : second;
+}
+
+function pause(milliseconds, signal) {
+  return new Promise((resolve, reject) => {
+    const stop = () => {
+      clearTimeout(timer);
+      reject(signal.reason);
+    };
+    const timer = setTimeout(() => {
+      signal?.removeEventListener("abort", stop);
+      resolve();
+    }, milliseconds);
+    signal?.addEventListener("abort", stop, { once: true });
+  });
+}
+
+/** The source that a user means. */
+export function sourceOf(source, { headers } = {}) {
+  if (source instanceof ArrayBuffer) return new MemorySource(new Uint8Array(source), "(memory)");
+  if (ArrayBuffer.isView(source)) return new MemorySource(new Uint8Array(source.buffer, source.byteOffset, source.byteLength), "(memory)");
+  if (typeof Blob !== "undefined" && source instanceof Blob) return new BlobSource(source);
+  if (typeof source !== "string" && !(source instanceof URL)) {
+    throw new TypeError("a source is a URL, a path (under Node), a Blob, an ArrayBuffer or a typed array");
+  }
+  const text = String(source);
+  const scheme = /^([a-z][a-z0-9+.-]+):/i.exec(text)?.[1].toLowerCase();
+  if (scheme === "http" || scheme === "https" || scheme === "blob" || scheme === "data") return new HttpSource(text, headers);
+  if (isNode) {
+    return new DiskSource(scheme === "file" ? decodeURIComponent(new URL(text).pathname) : text);
+  }
+  return new HttpSource(new URL(text, globalThis.location?.href).href, headers);
+}

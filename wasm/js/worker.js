@@ -1,0 +1,81 @@
+// The worker of `openInWorker`: datasets that are open here are asked by messages.
+
+import { Dataset, Model, open } from "./dataset.js";
+import { toParts } from "./errors.js";
+import { packed } from "./pictures.js";
+
+const isNode = typeof self === "undefined";
+const port = isNode ? (await import("node:worker_threads")).parentPort : self;
+
+/** What can be asked from the other side, and which argument has the options. */
+const METHODS = {
+  Dataset: {
+    window: 0, point: 1, points: 1, stats: 0, zonal: 1, histogram: 0, find: 0, openLayer: 1, openCommit: 1, commits: 0,
+    diff: 2, image: 0, tile: 0, legend: 0, slice: 0, mesh: 0, contains: 1,
+  },
+  Model: { measures: 0, locate: 1, contains: 1, section: 0, triangles: 0 },
+};
+
+/** The methods of something that is open. */
+const methodsOf = (dataset) => METHODS[dataset instanceof Model ? "Model" : "Dataset"];
+
+const opened = new Map();
+const running = new Map();
+let next = 0;
+
+/** What was opened, for the other side. */
+function keep(dataset) {
+  next += 1;
+  opened.set(next, dataset);
+  return { isOpened: true, number: next, header: dataset.header, warnings: dataset.warnings, methods: Object.keys(methodsOf(dataset)) };
+}
+
+async function answer({ of, method, list, options }) {
+  if (method === "open") return keep(await open(list[0], { ...list[1], ...options }));
+  const dataset = opened.get(of);
+  if (!dataset) throw new TypeError("the dataset is closed");
+  if (method === "close") {
+    opened.delete(of);
+    dataset.close();
+    return undefined;
+  }
+  if (method === "refresh") {
+    const has = await dataset.refresh(options);
+    return { has, header: dataset.header, warnings: dataset.warnings };
+  }
+  const place = methodsOf(dataset)[method];
+  list[place] = { ...list[place], ...options };
+  const found = await dataset[method](...list);
+  return found instanceof Dataset || found instanceof Model ? keep(found) : packed(found);
+}
+
+/** Arrays that are handed over instead of being copied. */
+function transferred(found) {
+  const buffers = new Set();
+  for (const value of Object.values(found ?? {})) {
+    if (ArrayBuffer.isView(value)) buffers.add(value.buffer);
+  }
+  return [...buffers];
+}
+
+async function take(message) {
+  if (message.abort) {
+    running.get(message.abort)?.abort();
+    return;
+  }
+  const { id, wantsProgress } = message;
+  const control = new AbortController();
+  running.set(id, control);
+  const progress = wantsProgress ? (told) => port.postMessage({ id, progress: told }) : undefined;
+  try {
+    const found = await answer({ ...message, options: { signal: control.signal, progress } });
+    port.postMessage({ id, found }, transferred(found));
+  } catch (error) {
+    port.postMessage({ id, error: toParts(error) });
+  } finally {
+    running.delete(id);
+  }
+}
+
+if (isNode) port.on("message", take);
+else port.addEventListener("message", ({ data }) => take(data));

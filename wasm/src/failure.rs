@@ -1,0 +1,63 @@
+//! Errors and panics, as JavaScript is told of them.
+
+use std::error::Error as _;
+use std::sync::Mutex;
+
+use serde_json::{Value, json};
+use spinney_base::Error;
+
+static LAST: Mutex<Option<String>> = Mutex::new(None);
+
+/// Keeps the message of a panic, behind which there is nothing more to be run.
+pub(crate) fn keep_panics() {
+    std::panic::set_hook(Box::new(|panic| {
+        if let Ok(mut last) = LAST.try_lock() {
+            *last = Some(panic.to_string());
+        }
+    }));
+}
+
+/// The message of the panic that was.
+pub(crate) fn last_panic() -> Option<String> {
+    LAST.try_lock().ok().and_then(|mut last| last.take())
+}
+
+/// An error: its kind, its message, and the parts of that.
+pub(crate) fn as_json(error: &Error) -> Value {
+    let mut message = error.to_string();
+    if let Some(cause) = error.source() {
+        message.push_str(&format!(": {cause}"));
+    }
+    let mut json = match error {
+        Error::Io { path, doing, .. } => json!({ "code": "io", "file": path, "doing": doing }),
+        Error::Corrupt { path, place, found, expected } => {
+            json!({ "code": "corrupt", "file": path, "place": place, "found": found, "expected": expected })
+        }
+        Error::Unsupported { path, found, advice } => {
+            json!({ "code": "unsupported", "file": path, "found": found, "advice": advice })
+        }
+        Error::NoTree { path, found, advice } => {
+            json!({ "code": "no-tree", "file": path, "found": found, "advice": advice })
+        }
+        Error::NoBody { path, what, advice, .. } => {
+            json!({ "code": "no-body", "file": path, "found": what, "advice": advice })
+        }
+        Error::TooLarge { path, what, needed, limit, advice } => {
+            let (found, expected) = (format!("{what}: {needed} bytes"), format!("at most {limit} bytes"));
+            json!({ "code": "too-large", "file": path, "found": found, "expected": expected, "advice": advice })
+        }
+        Error::Changed { path, what } => json!({ "code": "changed", "file": path, "found": what }),
+        Error::Invalid { what, found, expected } => {
+            json!({ "code": "invalid", "place": what, "found": found, "expected": expected })
+        }
+        _ => json!({ "code": "other" }),
+    };
+    json["message"] = message.into();
+    json
+}
+
+/// The error that an answer would have too many bytes.
+pub(crate) fn too_large(path: &std::path::Path, what: &str, needed: u64, limit: u64) -> Error {
+    let advice = "ask for a smaller part, or for a coarser level".into();
+    Error::TooLarge { path: path.into(), what: what.into(), needed, limit, advice }
+}

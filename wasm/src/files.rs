@@ -1,0 +1,204 @@
+//! Files, and what of them is open.
+
+use std::borrow::Cow;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::sync::Arc;
+
+use spinney_base::io::{Fetch, RangeCache, RangeFile, ReadBackend};
+use spinney_base::{Error, Result};
+use spinney_brep::ModelView;
+use spinney_container::{ByteSource, OpenOptions};
+use spinney_engine::dataset::Dataset;
+
+use crate::pictures::Prepared;
+
+/// Bytes of ranges that are held if nobody says otherwise.
+const CACHE: u64 = 64 << 20;
+
+/// A file: its name for messages, and its bytes.
+#[derive(Clone)]
+pub(crate) struct File {
+    pub(crate) name: PathBuf,
+    bytes: Bytes,
+}
+
+#[derive(Clone)]
+enum Bytes {
+    Ranges(RangeFile),
+    Whole(WholeFile),
+}
+
+/// The bytes of a file that is all there.
+#[derive(Clone)]
+struct WholeFile(Arc<Vec<u8>>);
+
+impl ReadBackend for WholeFile {
+    fn len(&self) -> u64 {
+        self.0.len() as u64
+    }
+
+    fn bytes(&self) -> Option<&[u8]> {
+        Some(&self.0)
+    }
+
+    fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
+        Ok(Cow::Borrowed(&self.0[offset as usize..][..length]))
+    }
+}
+
+/// The way to bytes that nobody in here can fetch.
+struct Elsewhere;
+
+impl Fetch for Elsewhere {
+    fn fetch(&self, _: &[Range<u64>]) -> Result<Vec<Vec<u8>>> {
+        Err(Error::Unread)
+    }
+}
+
+/// What is open of a file.
+pub(crate) struct Opened {
+    pub(crate) file: File,
+    pub(crate) content: Content,
+    /// What is made ready once for many pictures.
+    pub(crate) prepared: Prepared,
+}
+
+/// A tree of cells, or an exact model.
+pub(crate) enum Content {
+    Cells(Box<Dataset>),
+    Model(Box<ModelView>),
+}
+
+struct State {
+    cache: Arc<RangeCache>,
+    files: BTreeMap<u64, File>,
+    opened: BTreeMap<u32, Rc<Opened>>,
+    next: u32,
+}
+
+thread_local! {
+    static STATE: RefCell<State> = RefCell::new(State {
+        cache: Arc::new(RangeCache::new(CACHE)),
+        files: BTreeMap::new(),
+        opened: BTreeMap::new(),
+        next: 0,
+    });
+}
+
+impl File {
+    /// Options by which the file is opened, whatever its name.
+    pub(crate) fn options(&self) -> OpenOptions {
+        let bytes = self.bytes.clone();
+        OpenOptions::new().source(ByteSource::new(move |_: &Path| {
+            Ok(match &bytes {
+                Bytes::Ranges(file) => Box::new(file.clone()) as Box<dyn ReadBackend>,
+                Bytes::Whole(file) => Box::new(file.clone()),
+            })
+        }))
+    }
+}
+
+fn add(number: u64, name: &str, bytes: Bytes) -> u64 {
+    STATE.with_borrow_mut(|state| state.files.insert(number, File { name: name.into(), bytes }));
+    number
+}
+
+pub(crate) fn add_ranges(name: &str, length: u64) -> u64 {
+    let number = RangeCache::file_number();
+    let cache = STATE.with_borrow(|state| state.cache.clone());
+    // (Who fetches joins ranges.)
+    let file = RangeFile::new(Path::new(name), length, Box::new(Elsewhere), (cache, number), 0);
+    add(number, name, Bytes::Ranges(file))
+}
+
+pub(crate) fn add_bytes(name: &str, bytes: Vec<u8>) -> u64 {
+    add(RangeCache::file_number(), name, Bytes::Whole(WholeFile(Arc::new(bytes))))
+}
+
+pub(crate) fn remove(number: u64) {
+    STATE.with_borrow_mut(|state| state.files.remove(&number));
+}
+
+pub(crate) fn supply(number: u64, offset: u64, bytes: Vec<u8>) {
+    let file = STATE.with_borrow(|state| state.files.get(&number).map(|file| file.bytes.clone()));
+    // (Of one that was forgotten meanwhile, nobody needs any.)
+    if let Some(Bytes::Ranges(file)) = file {
+        file.supply(offset, bytes);
+    }
+}
+
+pub(crate) fn set_cache(bytes: u64) {
+    STATE.with_borrow(|state| state.cache.set_limit(bytes));
+}
+
+pub(crate) fn close(opened: u32) {
+    let closed = STATE.with_borrow_mut(|state| state.opened.remove(&opened));
+    drop(closed);
+}
+
+/// The file with a number.
+///
+/// # Errors
+/// If there is none.
+pub(crate) fn file(number: u64) -> Result<File> {
+    let found = STATE.with_borrow(|state| state.files.get(&number).cloned());
+    found.ok_or_else(|| Error::invalid("file", number.to_string(), "one that was added"))
+}
+
+/// Keeps what was opened; returns its number.
+pub(crate) fn keep(opened: Opened) -> u32 {
+    STATE.with_borrow_mut(|state| {
+        state.next += 1;
+        state.opened.insert(state.next, Rc::new(opened));
+        state.next
+    })
+}
+
+/// What is open by a number.
+///
+/// # Errors
+/// If there is nothing.
+pub(crate) fn opened(number: u32) -> Result<Rc<Opened>> {
+    let found = STATE.with_borrow(|state| state.opened.get(&number).cloned());
+    found.ok_or_else(|| Error::invalid("dataset", "a closed one", "an open one"))
+}
+
+impl Opened {
+    pub(crate) fn new(file: File, content: Content) -> Opened {
+        Opened { file, content, prepared: Prepared::default() }
+    }
+
+    /// The tree of cells.
+    ///
+    /// # Errors
+    /// If it is an exact model.
+    pub(crate) fn cells(&self) -> Result<&Dataset> {
+        match &self.content {
+            Content::Cells(tree) => Ok(tree),
+            Content::Model(_) => Err(Error::unsupported(
+                &self.file.name,
+                "an exact model, where cells are asked for,",
+                "ask for what models have: measures, sections, triangles",
+            )),
+        }
+    }
+
+    /// The exact model.
+    ///
+    /// # Errors
+    /// If it is a tree of cells.
+    pub(crate) fn model(&self) -> Result<&ModelView> {
+        match &self.content {
+            Content::Model(model) => Ok(model),
+            Content::Cells(_) => Err(Error::unsupported(
+                &self.file.name,
+                "a tree of cells, where an exact model is asked for,",
+                "ask for windows, points and statistics",
+            )),
+        }
+    }
+}

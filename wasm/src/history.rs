@@ -1,0 +1,122 @@
+//! Commits of Autumnal files, and how they differ.
+
+use serde::Deserialize;
+use serde_json::{Value, json};
+use spinney_base::space::Bounds;
+use spinney_base::{Error, Result};
+use spinney_container::FilePlace;
+use spinney_engine::dataset::Dataset;
+use spinney_engine::ops::{TreeFile, diff as differences};
+use spinney_engine::store::autumnal::{Commit, History};
+
+use crate::answer::{Found, count, sample};
+use crate::files::{File, Opened};
+use crate::part::Part;
+
+/// Two commits, and where.
+#[derive(Deserialize)]
+pub(crate) struct Request {
+    from: u64,
+    to: Option<u64>,
+    #[serde(flatten)]
+    part: Part,
+    /// Blocks that are handed out at most; all are counted.
+    limit: Option<usize>,
+}
+
+/// Blocks that are handed out if nobody says how many.
+const BLOCKS: usize = 10_000;
+
+/// A commit, as the program prints it.
+pub(crate) fn commit_json(commit: &Commit) -> Value {
+    let (note, written) = (&commit.note, &commit.written);
+    json!({
+        "number": commit.number,
+        "time": note.time,
+        "author": note.author,
+        "message": note.message,
+        "cells": count(commit.cells),
+        "records": count(commit.records),
+        "written_records": written.records,
+        "written_bytes": written.bytes,
+        "shared_records": written.shared,
+        "spared_bytes": written.spared,
+    })
+}
+
+/// The commits of a file, the newest first.
+pub(crate) fn commits(file: &File, limit: Option<usize>) -> Result<Found> {
+    let history = History::open(&file.name, &file.options())?;
+    let commits = history.commits().take(limit.unwrap_or(usize::MAX));
+    let commits = commits.map(|commit| Ok(commit_json(&commit?))).collect::<Result<Vec<_>>>()?;
+    history.check_newest()?;
+    Ok(Value::from(commits).into())
+}
+
+/// Where two commits differ.
+pub(crate) fn diff(opened: &Opened, request: &Request) -> Result<Found> {
+    let tree = opened.cells()?;
+    if tree.commit().is_none() {
+        return Err(Error::unsupported(
+            tree.name(),
+            "a file without commits",
+            "differences are those of `.autumn` files",
+        ));
+    }
+    let within = match request.part.boxes(tree)? {
+        None => vec![tree.header().picture()],
+        Some(boxes) => boxes,
+    };
+    let at = |commit: Option<u64>| {
+        let layer = Some(tree.layer_number().to_string());
+        let place = FilePlace { file: opened.file.name.as_path().into(), commit, layer };
+        TreeFile::at(&place, &opened.file.options())
+    };
+    let [first, second] = [at(Some(request.from))?, at(request.to)?];
+    let limit = request.limit.unwrap_or(BLOCKS);
+    let (mut added, mut removed, mut changed, mut number) = (0u64, 0u64, 0u64, 0u64);
+    let mut blocks = Vec::new();
+    let (depth, value) = (tree.depth(), tree.header().form.value);
+    differences(&first, &second, &(), &mut |block| {
+        let all = block.code.bounds(depth);
+        let cells: u64 = within.iter().map(|part| part.intersect(&all).volume()).sum();
+        if cells == 0 {
+            return Ok(());
+        }
+        match (block.before, block.after) {
+            (None, _) => added += cells,
+            (_, None) => removed += cells,
+            _ => changed += cells,
+        }
+        number += 1;
+        if blocks.len() < limit {
+            let first = |found: Option<_>| found.map(|found| sample(value.first_number(found), value.sample));
+            let (before, after) = (first(block.before), first(block.after));
+            blocks.push(block_json(tree, &all, (before, after)));
+        }
+        Ok(())
+    })?;
+    Ok(json!({
+        "from": request.from,
+        "to": request.to.or(tree.commit().map(|commit| commit.number)),
+        "added": count(added),
+        "removed": count(removed),
+        "changed": count(changed),
+        "changedCells": count(added + removed + changed),
+        "blockCount": count(number),
+        "blocks": blocks,
+    })
+    .into())
+}
+
+fn block_json(tree: &Dataset, cells: &Bounds, (before, after): (Option<Value>, Option<Value>)) -> Value {
+    let axes = tree.header().form.axes();
+    let [low, high] = tree.metadata().frame.world_box(cells);
+    json!({
+        "min": cells.min[..axes],
+        "size": cells.size()[..axes],
+        "world": [&low[..axes], &high[..axes]],
+        "before": before,
+        "after": after,
+    })
+}

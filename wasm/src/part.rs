@@ -1,0 +1,104 @@
+//! Parts of trees: boxes of cells, or in coordinates.
+
+use serde::Deserialize;
+use spinney_base::space::Bounds;
+use spinney_base::{Error, Result};
+use spinney_crs::{Coordinates, Places};
+use spinney_engine::dataset::Dataset;
+
+/// A part of a tree; all of it if none is given.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub(crate) struct Part {
+    /// Cells of the deepest level: first ones, and those behind the last.
+    pub(crate) cells: Option<Vec<f64>>,
+    /// Least and greatest coordinates.
+    pub(crate) bounds: Option<Vec<f64>>,
+    /// The coordinates that these are in: those of the tree's own system if none are named.
+    pub(crate) crs: Option<String>,
+}
+
+/// The coordinates that a text names, or the tree's own.
+pub(crate) fn coordinates(text: Option<&str>) -> Result<Coordinates> {
+    text.map_or(Ok(Coordinates::World), str::parse)
+}
+
+/// The way from coordinates to a tree's cells.
+pub(crate) fn places(tree: &Dataset, crs: Option<&str>) -> Result<Places> {
+    Places::new(&coordinates(crs)?, &tree.metadata().frame, tree.header().extent)
+}
+
+impl Part {
+    /// The boxes of cells that are meant: one, or two on both sides of the tree's seam; `None` is all of the picture.
+    ///
+    /// # Errors
+    /// If the numbers are none of a box, or it lies outside of the tree.
+    pub(crate) fn boxes(&self, tree: &Dataset) -> Result<Option<Vec<Bounds>>> {
+        let axes = tree.header().form.axes();
+        match (&self.cells, &self.bounds) {
+            (None, None) => Ok(None),
+            (Some(cells), None) => cell_box(cells, axes, tree.header().extent).map(|found| Some(vec![found])),
+            (None, Some(bounds)) => {
+                let [low, high] = corners(bounds, axes)?;
+                let places = places(tree, self.crs.as_deref())?;
+                let boxes = places.boxes(low, high)?;
+                if boxes.is_empty() {
+                    let expected = format!("a box that meets the tree, which is {} there", places.picture());
+                    return Err(Error::invalid("bounds", format!("{bounds:?}"), expected));
+                }
+                Ok(Some(boxes))
+            }
+            (Some(_), Some(_)) => Err(Error::invalid("part", "both cells and bounds", "one of the two")),
+        }
+    }
+
+    /// The box of cells that is meant, all of the picture if none is given.
+    ///
+    /// # Errors
+    /// Those of [`Part::boxes`]; also if there are two.
+    pub(crate) fn one_box(&self, tree: &Dataset) -> Result<Bounds> {
+        match self.boxes(tree)?.as_deref() {
+            None => Ok(tree.header().picture()),
+            Some([one]) => Ok(*one),
+            Some(_) => {
+                let expected = "a part on one side of it: ask for the two one by one";
+                Err(Error::invalid("bounds", "a part across the tree's seam", expected))
+            }
+        }
+    }
+}
+
+/// Least and greatest coordinates of a box along two axes, or three.
+fn corners(numbers: &[f64], axes: usize) -> Result<[[f64; 3]; 2]> {
+    match *numbers {
+        [a, b, c, d] => Ok([[a, b, f64::NEG_INFINITY], [c, d, f64::INFINITY]]),
+        [a, b, c, d, e, f] if axes == 3 => Ok([[a, b, c], [d, e, f]]),
+        _ => Err(Error::invalid("bounds", format!("{} numbers", numbers.len()), numbers_of(axes))),
+    }
+}
+
+fn numbers_of(axes: usize) -> &'static str {
+    if axes == 3 { "least and greatest x, y, z, or x, y" } else { "least and greatest x, y" }
+}
+
+/// A box of cells, which may reach out of the picture.
+fn cell_box(numbers: &[f64], axes: usize, extent: [u64; 3]) -> Result<Bounds> {
+    /// Cells along an axis of the largest space, and somewhat more.
+    const MOST: f64 = (1u64 << 32) as f64;
+    let wrong = |found: String, expected: &str| Err(Error::invalid("cells", found, expected));
+    if !(numbers.len() == 4 || numbers.len() == 6 && axes == 3) {
+        return wrong(format!("{} numbers", numbers.len()), numbers_of(axes));
+    }
+    if !numbers.iter().all(|number| number.fract() == 0.0 && (0.0..MOST).contains(number)) {
+        return wrong(format!("{numbers:?}"), "whole numbers, and none is negative");
+    }
+    let along = numbers.len() / 2;
+    let mut bounds = Bounds::picture(extent);
+    for axis in 0..along {
+        (bounds.min[axis], bounds.max[axis]) = (numbers[axis] as u64, numbers[along + axis] as u64);
+    }
+    if bounds.is_empty() {
+        return wrong(format!("{numbers:?}"), "first cells that are less than those behind the last");
+    }
+    Ok(bounds)
+}

@@ -1,0 +1,67 @@
+//! Values at points.
+
+use serde::Deserialize;
+use serde_json::{Value, json};
+use spinney_base::{Error, Result};
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::PointSamples;
+
+use crate::answer::{Found, sample};
+use crate::part::places;
+
+/// How points are asked for, whose coordinates stand beside.
+#[derive(Deserialize)]
+pub(crate) struct Request {
+    crs: Option<String>,
+    level: Option<u8>,
+}
+
+/// The cell that stands for places outside of the picture.
+const OUTSIDE: [u64; 3] = [u64::MAX; 3];
+
+/// The cells of a level in which places are, each of as many numbers as the tree has axes.
+pub(crate) fn cells_at(
+    tree: &Dataset,
+    (crs, level): (Option<&str>, Option<u8>),
+    numbers: &[f64],
+) -> Result<(Vec<[u64; 3]>, u8)> {
+    let (axes, depth) = (tree.header().form.axes(), tree.depth());
+    let level = level.unwrap_or(depth);
+    if level > depth {
+        return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
+    }
+    let places = places(tree, crs)?;
+    let cell = |place: &[f64]| {
+        let mut point = [0.0; 3];
+        point[..axes].copy_from_slice(place);
+        let cell = places.cell(point).map(|[x, y, z]| if axes == 3 { [x, y, z] } else { [x, y, 0.0] });
+        let cell = cell.filter(|cell| places.is_inside(*cell));
+        cell.map_or(OUTSIDE, |cell| cell.map(|at| at.floor() as u64 >> (depth - level)))
+    };
+    Ok((numbers.chunks_exact(axes).map(cell).collect(), level))
+}
+
+/// The values at places.
+pub(crate) fn values(tree: &Dataset, request: &Request, numbers: &[f64]) -> Result<Found> {
+    let (axes, of) = (tree.header().form.axes(), tree.header().form.value.sample);
+    let (cells, level) = cells_at(tree, (request.crs.as_deref(), request.level), numbers)?;
+    let mut samples = PointSamples::default();
+    tree.points(&cells, level, &mut samples)?;
+    let names = &tree.metadata().class_names;
+    let point = |(index, cell): (usize, &[u64; 3])| {
+        let values = samples.get(index);
+        let list: Option<Vec<Value>> =
+            values.as_ref().map(|values| values.iter().map(|number| sample(*number, of)).collect());
+        let first = values.as_ref().and_then(|values| values.first().copied());
+        let is_outside = *cell == OUTSIDE;
+        json!({
+            "value": list.as_ref().and_then(|list| list.first()),
+            "values": list,
+            "className": first.and_then(|value| names.get(&value)),
+            "cell": if is_outside { Value::Null } else { json!(cell[..axes]) },
+            "level": level,
+            "isOutside": is_outside,
+        })
+    };
+    Ok(Value::from(cells.iter().enumerate().map(point).collect::<Vec<_>>()).into())
+}

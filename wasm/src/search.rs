@@ -1,0 +1,79 @@
+//! Searches for blocks by value.
+
+use serde::Deserialize;
+use serde_json::{Value, json};
+use spinney_base::value::Number;
+use spinney_base::{Error, Result};
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::{Condition, FoundBlock};
+
+use crate::answer::{Found, count};
+use crate::part::Part;
+use crate::statistics::class;
+
+/// A condition on the first channel, where, and how many blocks are wanted.
+#[derive(Deserialize)]
+pub(crate) struct Request {
+    #[serde(flatten)]
+    part: Part,
+    above: Option<Number>,
+    below: Option<Number>,
+    equal: Option<Number>,
+    limit: Option<usize>,
+    /// The largest blocks, instead of the first ones.
+    largest: Option<usize>,
+}
+
+/// Blocks that are handed out if nobody says how many, and at most.
+const BLOCKS: usize = 10_000;
+const MOST_BLOCKS: usize = 1_000_000;
+
+pub(crate) fn find(tree: &Dataset, request: &Request) -> Result<Found> {
+    let condition = match (request.above, request.below, request.equal) {
+        (Some(bound), None, None) => Condition::Above(bound),
+        (None, Some(bound), None) => Condition::Below(bound),
+        (None, None, Some(number)) => Condition::Equal(number),
+        _ => return Err(Error::invalid("where", "none or several conditions", "above, below or equal")),
+    };
+    let parts = request.part.boxes(tree)?.map_or(vec![None], |boxes| boxes.into_iter().map(Some).collect());
+    let limit = request.limit.unwrap_or(BLOCKS).min(MOST_BLOCKS);
+    let largest = request.largest.map(|most| most.min(MOST_BLOCKS));
+    let (mut found, mut is_all): (Vec<FoundBlock>, bool) = (Vec::new(), true);
+    let order = |block: &FoundBlock| (block.level, block.code.clone());
+    for bounds in parts {
+        tree.find(condition, bounds, &(), &mut |block| {
+            if largest.is_none() && found.len() >= limit {
+                is_all = false;
+                return Ok(false);
+            }
+            found.push(block);
+            // (Now and then those that are too many are dropped.)
+            if let Some(most) = largest.filter(|most| found.len() >= 2 * most + 1024) {
+                found.sort_by_cached_key(order);
+                found.truncate(most);
+            }
+            Ok(true)
+        })?;
+    }
+    if let Some(most) = largest {
+        found.sort_by_cached_key(order);
+        is_all = found.len() <= most;
+        found.truncate(most);
+    }
+    let blocks: Vec<Value> = found.iter().map(|block| block_json(tree, block)).collect();
+    Ok(json!({ "blocks": blocks, "isAll": is_all }).into())
+}
+
+fn block_json(tree: &Dataset, block: &FoundBlock) -> Value {
+    let (axes, of) = (tree.header().form.axes(), tree.header().form.value.sample);
+    let [low, high] = tree.metadata().frame.world_box(&block.bounds);
+    let counts = |numbers: [u64; 3]| numbers[..axes].iter().map(|number| count(*number)).collect::<Vec<_>>();
+    json!({
+        "code": block.code,
+        "level": block.level,
+        "min": counts(block.bounds.min),
+        "size": counts(block.bounds.size()),
+        "world": [&low[..axes], &high[..axes]],
+        "value": block.value.map(|value| class(value, of)),
+    })
+}

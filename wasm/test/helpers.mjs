@@ -1,0 +1,96 @@
+// What the tests have in common: the program, whose answers the module's are to be, and files of all kinds.
+
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { existsSync, mkdirSync, mkdtempSync, readdirSync, readFileSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { basename, join } from "node:path";
+import { fileURLToPath } from "node:url";
+
+export const root = fileURLToPath(new URL("../..", import.meta.url));
+export const frozen = join(root, "fixtures/v1");
+const program = process.env.SPINNEY ?? join(root, "target/debug/spinney");
+
+/** Runs the program; returns what it prints. */
+export function spinney(...list) {
+  return execFileSync(program, list.map(String), { encoding: "utf8", maxBuffer: 2 ** 28, stdio: ["ignore", "pipe", "pipe"] });
+}
+
+/** Runs the program; reads the JSON that it prints, with numbers beyond doubles as BigInts. */
+export function told(...list) {
+  return read(spinney(...list));
+}
+
+/** Runs the program, which prints JSON line by line. */
+export function toldLines(...list) {
+  return spinney(...list).split("\n").filter(Boolean).map(read);
+}
+
+function read(text) {
+  const marked = text.replace(/([[:,]\s*)(-?\d{16,})(?=\s*[,\]}])/g, '$1{"$big":"$2"}');
+  return JSON.parse(marked, (_, value) => (value?.$big === undefined ? value : BigInt(value.$big)));
+}
+
+/** A folder for a test file, which is gone afterwards. */
+export function folder() {
+  const path = mkdtempSync(join(tmpdir(), "spinney-wasm-"));
+  process.on("exit", () => rmSync(path, { recursive: true, force: true }));
+  return path;
+}
+
+/** Files of all kinds: the frozen ones, those that are made of the fixtures, and all of them in other formats and packings. */
+export function files() {
+  const made = process.env.SPINNEY_FILES ?? folder();
+  if (!existsSync(join(made, "done"))) makeFiles(made);
+  const of = (path) => readdirSync(path).filter((name) => /\.(goblin|autumn)$/.test(name)).map((name) => join(path, name));
+  const isModel = (path) => /^(chapel|crossing|cube)/.test(basename(path));
+  const all = [...of(frozen), ...of(made)];
+  return { cells: all.filter((path) => !isModel(path)), models: all.filter(isModel), made };
+}
+
+function makeFiles(made) {
+  rmSync(made, { recursive: true, force: true });
+  mkdirSync(made, { recursive: true });
+  const fixtures = join(root, "fixtures");
+  const at = (name) => join(made, name);
+  for (const name of ["island_classes", "island_elevation"]) {
+    spinney("build", "-q", join(fixtures, `${name}.tif`), "-o", at(`${name}.goblin`));
+    spinney("build", "-q", join(fixtures, `${name}.tif`), "-o", at(`${name}.autumn`));
+    spinney("convert", "-q", at(`${name}.goblin`), "-o", at(`${name}_packed.goblin`), "--codec", "packed");
+    spinney("compact", "-q", at(`${name}.autumn`), "-o", at(`${name}_packed.autumn`), "--pack");
+  }
+  for (const name of ["ball", "stack", "rgba", "segments"]) {
+    spinney("convert", "-q", join(frozen, `${name}.goblin`), "-o", at(`${name}_packed.goblin`), "--codec", "packed");
+    spinney("convert", "-q", join(frozen, `${name}.goblin`), "-o", at(`${name}.autumn`));
+  }
+  execFileSync("touch", [at("done")]);
+}
+
+/** Whether two answers are the same: BigInts count as the numbers that they are. */
+export function same(found, expected, message) {
+  assert.deepEqual(plain(found), plain(expected), message);
+}
+
+function plain(value) {
+  if (typeof value === "bigint") return value >= -(2n ** 53n) && value <= 2n ** 53n ? Number(value) : String(value);
+  if (Array.isArray(value)) return value.map(plain);
+  if (value && typeof value === "object") {
+    return Object.fromEntries(Object.entries(value).filter(([, each]) => each !== undefined).map(([name, each]) => [name, plain(each)]));
+  }
+  return value;
+}
+
+/** Pseudo-random numbers from 0 to 1, the same every time. */
+export function random(seed = 1) {
+  let state = seed;
+  return () => {
+    state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
+    return state / 2 ** 32;
+  };
+}
+
+/** The bytes of a file. */
+export const bytesOf = (path) => new Uint8Array(readFileSync(path));
+
+/** Layers of a file, as the program names them. */
+export const layersOf = (header) => header.layers.map((layer) => layer.name);

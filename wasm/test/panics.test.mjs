@@ -1,0 +1,29 @@
+// Panics: an error of the call, and the next one works.
+
+import assert from "node:assert/strict";
+import { join } from "node:path";
+import test from "node:test";
+
+import { open, PanicError } from "../dist/index.js";
+import { frozen, same } from "./helpers.mjs";
+
+test("a panic is an error of its call alone", async () => {
+  const path = join(frozen, "classes.goblin");
+  const [first, second] = [await open(path), await open(join(frozen, "history.autumn"))];
+  const expected = [await first.stats(), await second.stats()];
+  for (let time = 0; time < 3; time += 1) {
+    // (One that is waited for meanwhile is asked again.)
+    const meanwhile = second.window();
+    await assert.rejects(first.ask("panic", { message: "on purpose" }), (error) => {
+      assert.ok(error instanceof PanicError);
+      assert.equal(error.code, "panic");
+      assert.match(error.message, /on purpose/);
+      return true;
+    });
+    same((await meanwhile).width, (await second.window()).width);
+    same([await first.stats(), await second.stats()], expected);
+  }
+  same((await (await open(path)).stats()).cells, expected[0].cells);
+  first.close();
+  second.close();
+});

@@ -1,0 +1,193 @@
+// Files on servers of all kinds: with ranges and without, that compress, change files, fail, or are slow.
+
+import assert from "node:assert/strict";
+import { createServer } from "node:http";
+import { join } from "node:path";
+import test, { after } from "node:test";
+import { gzipSync } from "node:zlib";
+
+import { open } from "../dist/index.js";
+import { bytesOf, files, frozen, same } from "./helpers.mjs";
+
+const servers = [];
+after(() => servers.forEach((server) => { server.close(); server.closeAllConnections(); }));
+
+/** A server of some bytes. `how` says how it behaves. */
+async function serve(bytes, how = {}) {
+  const state = { bytes, etag: '"1"', requests: [], ...how };
+  const server = createServer(async (request, response) => {
+    state.requests.push(request.headers.range ?? "");
+    if (state.delay) await new Promise((resolve) => setTimeout(resolve, state.delay));
+    if (state.answer?.(request, response, state)) return;
+    const { length } = state.bytes;
+    const asked = /^bytes=(\d*)-(\d*)$/.exec(request.headers.range ?? "");
+    const headers = {};
+    if (state.etag) headers.ETag = state.etag;
+    if (asked && !state.hasNoRanges) {
+      const start = asked[1] ? Number(asked[1]) : Math.max(0, length - Number(asked[2]));
+      const end = asked[1] && asked[2] ? Math.min(Number(asked[2]) + 1, length) : length;
+      if (start >= length) {
+        response.writeHead(416, headers).end();
+        return;
+      }
+      response.writeHead(206, { ...headers, "Content-Range": `bytes ${start}-${end - 1}/${length}`, "Content-Length": end - start });
+      response.end(state.bytes.subarray(start, end));
+      return;
+    }
+    if (state.compresses) {
+      response.writeHead(200, { ...headers, "Content-Encoding": "gzip" });
+      response.end(gzipSync(state.bytes));
+      return;
+    }
+    response.writeHead(200, { ...headers, ...(state.hidesLength ? {} : { "Content-Length": length }) });
+    response.end(state.bytes);
+  });
+  servers.push(server);
+  await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
+  return { url: `http://127.0.0.1:${server.address().port}/file.goblin`, state };
+}
+
+const map = bytesOf(join(frozen, "classes.goblin"));
+const { made } = files();
+
+test("answers from a server, from memory and from a Blob are those from a disk", async () => {
+  for (const name of ["classes.goblin", "stack.goblin", "history.autumn", "ball.goblin"]) {
+    const path = join(frozen, name);
+    const expected = await open(path);
+    const { url } = await serve(bytesOf(path));
+    for (const source of [url, new URL(url), new Blob([bytesOf(path)]), bytesOf(path), bytesOf(path).buffer, new URL(`file://${path}`)]) {
+      const found = await open(source);
+      same(found.header, expected.header);
+      same(await found.stats(), await expected.stats());
+      same(await found.window({ level: 3 }), await expected.window({ level: 3 }));
+      assert.deepEqual(found.warnings, []);
+      found.close();
+    }
+  }
+});
+
+test("few rounds lead to an answer", async () => {
+  const bytes = bytesOf(join(made, "island_classes_packed.goblin"));
+  const { url, state } = await serve(bytes);
+  const found = await open(url);
+  let traffic = { rounds: 0 };
+  await found.window({ level: 6, progress: (told) => { traffic = told; } });
+  assert.ok(traffic.rounds <= 2, `${traffic.rounds} rounds`);
+  const count = state.requests.length;
+  await found.window({ level: 6 });
+  assert.equal(state.requests.length, count, "what is held is not fetched again");
+});
+
+test("a host without ranges is told of, and small files are read whole", async () => {
+  for (const how of [{ hasNoRanges: true }, { hasNoRanges: true, hidesLength: true }, { hasNoRanges: true, compresses: true }]) {
+    const { url } = await serve(map, how);
+    const found = await open(url);
+    assert.equal(found.warnings.length, 1);
+    assert.match(found.warnings[0], how.compresses ? /compresses/ : /does not serve ranges/);
+    same((await found.stats()).cells, (await (await open(map)).stats()).cells);
+  }
+});
+
+test("large files of such hosts are refused", async () => {
+  const huge = { length: 65 * 2 ** 20 };
+  const { url } = await serve(map, {
+    answer: (_, response) => {
+      response.writeHead(200, { "Content-Length": huge.length });
+      response.write(map);
+      return true;
+    },
+  });
+  await assert.rejects(open(url), { code: "unsupported", message: /too many to read all of it/ });
+  const { url: endless } = await serve(map, {
+    answer: (_, response) => {
+      response.writeHead(200);
+      const more = () => { while (!response.destroyed && response.write(Buffer.alloc(2 ** 20)));  };
+      response.on("drain", more);
+      more();
+      return true;
+    },
+  });
+  await assert.rejects(open(endless), { code: "unsupported", message: /too many to read all of it/ });
+});
+
+test("a file that changes in between is an error that says so, and refresh opens it anew", async () => {
+  const elevation = bytesOf(join(frozen, "elevation.goblin"));
+  for (const change of [
+    (state) => { state.etag = '"2"'; },
+    (state) => { state.bytes = elevation; state.etag = undefined; },
+    (state) => { state.bytes = map.subarray(0, 3000); state.etag = undefined; },
+  ]) {
+    const { url, state } = await serve(map, { answer: undefined });
+    const found = await open(url, { cacheBytes: 2 ** 20 });
+    change(state);
+    // (The small file is all there since it was opened: its records are asked for anew by another dataset.)
+    const { url: slow, state: later } = await serve(map);
+    const other = await open(slow);
+    assert.equal(await other.refresh(), false);
+    later.etag = '"3"';
+    assert.equal(await other.refresh(), true);
+    same((await other.stats()).cells, (await (await open(map)).stats()).cells);
+    found.close();
+  }
+  const large = bytesOf(join(made, "island_elevation.goblin"));
+  for (const [change, pattern] of [
+    [(state) => { state.etag = '"2"'; }, /was replaced/],
+    [(state) => { state.bytes = large.subarray(0, large.length - 7); }, /another length/],
+    [(state) => { state.answer = (_, response) => { response.writeHead(404).end(); return true; }; }, /was removed/],
+  ]) {
+    const { url, state } = await serve(large);
+    const found = await open(url);
+    change(state);
+    await assert.rejects(found.window(), { code: "changed", message: pattern });
+  }
+});
+
+test("hosts that are busy are asked again; others are errors", async () => {
+  let failures = 2;
+  const { url } = await serve(map, { answer: (_, response) => { if (failures-- <= 0) return false; response.writeHead(503).end(); return true; } });
+  await open(url);
+  const { url: missing } = await serve(map, { answer: (_, response) => { response.writeHead(404).end(); return true; } });
+  await assert.rejects(open(missing), { code: "not-found", message: /no such file/ });
+  const { url: refused } = await serve(map, { answer: (_, response) => { response.writeHead(403).end(); return true; } });
+  await assert.rejects(open(refused), { code: "io", message: /403/ });
+  const { url: page } = await serve(Buffer.from("<!doctype html><title>not found</title>"));
+  await assert.rejects(open(page), (error) => error.name === "SpinneyError");
+});
+
+test("a question is given up between rounds and meanwhile", async () => {
+  const large = bytesOf(join(made, "island_elevation.goblin"));
+  const { url, state } = await serve(large);
+  const found = await open(url);
+  const before = new AbortController();
+  before.abort();
+  await assert.rejects(found.window({ signal: before.signal }), { name: "AbortError" });
+  state.delay = 2000;
+  const control = new AbortController();
+  const start = Date.now();
+  const asked = found.window({ signal: control.signal });
+  setTimeout(() => control.abort(), 50);
+  await assert.rejects(asked, { name: "AbortError" });
+  assert.ok(Date.now() - start < 1500, "at once");
+  state.delay = 0;
+  same((await found.stats()).cells, (await (await open(large)).stats()).cells);
+  await assert.rejects(open(url, { signal: before.signal }), { name: "AbortError" });
+});
+
+test("what needs more than is held is answered all the same", async () => {
+  const path = join(made, "island_elevation.goblin");
+  const { url } = await serve(bytesOf(path));
+  const found = await open(url, { cacheBytes: 1 });
+  same(await found.window(), await (await open(path)).window());
+});
+
+test("headers of users are sent", async () => {
+  const { url } = await serve(map, {
+    answer: (request, response) => {
+      if (request.headers.authorization === "Bearer secret") return false;
+      response.writeHead(401).end();
+      return true;
+    },
+  });
+  await assert.rejects(open(url), { message: /401/ });
+  await open(url, { headers: { Authorization: "Bearer secret" } });
+});

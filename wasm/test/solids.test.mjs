@@ -1,0 +1,123 @@
+// Octrees and exact models, against the program.
+
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { basename, join } from "node:path";
+import test from "node:test";
+
+import { open } from "../dist/index.js";
+import { bytesOf, files, folder, random, same, spinney, told } from "./helpers.mjs";
+
+const { cells, models } = files();
+const work = folder();
+
+/** Corners and triangles of an OBJ. */
+function readObj(path) {
+  const lines = readFileSync(path, "utf8").split("\n");
+  const numbers = (letter) => lines.filter((line) => line.startsWith(`${letter} `)).map((line) => line.slice(2).trim().split(/\s+/).map((word) => Number(word.split("/")[0])));
+  return { vertices: numbers("v"), faces: numbers("f").map((face) => face.map((corner) => corner - 1)) };
+}
+
+/** Six times the volume that triangles enclose. */
+function volumeOf(corner, triangles) {
+  let sum = 0;
+  for (const [a, b, c] of triangles) {
+    const [[x, y, z], [u, v, w], [r, s, t]] = [corner(a), corner(b), corner(c)];
+    sum += x * (v * t - w * s) - y * (u * t - w * r) + z * (u * s - v * r);
+  }
+  return sum / 6;
+}
+
+const trianglesOf = ({ indices }) => Array.from({ length: indices.length / 3 }, (_, at) => [...indices.subarray(3 * at, 3 * at + 3)]);
+
+for (const path of cells) {
+  test(`octrees: ${basename(path)}`, async () => {
+    const solid = await open(path);
+    const { header } = solid;
+    if (header.dimension !== 3) return;
+    const raw = join(work, "slice.raw");
+    for (const [axis, name] of ["x", "y", "z"].entries()) {
+      for (const level of [header.depth, header.depth - 2]) {
+        const index = Math.floor(header.size[axis] / 3);
+        const found = await solid.slice({ axis: name, index, level });
+        spinney("get", "-q", path, raw, "--slice", `${name}=${index}`, "--level", level);
+        assert.equal(Buffer.from(found.data.buffer).compare(Buffer.from(bytesOf(raw))), 0, `${name}=${index}, level ${level}`);
+        assert.equal(found.data.length, found.width * found.height * found.channels);
+      }
+    }
+    const [low, high] = [header.bounds.slice(0, 3), header.bounds.slice(3)];
+    same((await solid.slice({ axis: "z", at: (low[2] + high[2]) / 2 })).data, (await solid.slice({ axis: "z", index: Math.floor(header.size[2] / 2) })).data);
+    await assert.rejects(solid.slice({ axis: "z", at: high[2] + 1 }), { code: "invalid" });
+    await assert.rejects(solid.slice({ axis: "z", index: 1e6 }), { code: "invalid" });
+    for (const smooth of [false, true]) {
+      for (const level of [header.depth, header.depth - 1]) {
+        const obj = join(work, "mesh.obj");
+        spinney("export", "-q", path, obj, "--triangles", "--level", level, ...(smooth ? ["--smooth"] : []));
+        const expected = readObj(obj);
+        const mesh = await solid.mesh({ level, smooth });
+        assert.equal(mesh.positions.length / 3, expected.vertices.length);
+        assert.equal(mesh.indices.length / 3, expected.faces.length);
+        const at = (corner) => [0, 1, 2].map((axis) => mesh.positions[3 * corner + axis] + mesh.origin[axis]);
+        const volumes = [volumeOf(at, trianglesOf(mesh)), volumeOf((corner) => expected.vertices[corner], expected.faces)];
+        assert.ok(Math.abs(volumes[0] - volumes[1]) <= 1e-5 * Math.abs(volumes[1]), `${volumes}`);
+      }
+    }
+    // Parts have the volume of all together.
+    const half = Math.floor(header.size[0] / 2);
+    const [width, height, depth] = header.size;
+    const volume = async (cells) => {
+      const mesh = await solid.mesh({ cells });
+      return volumeOf((corner) => [0, 1, 2].map((axis) => mesh.positions[3 * corner + axis] + mesh.origin[axis]), trianglesOf(mesh));
+    };
+    const whole = await volume([0, 0, 0, width, height, depth]);
+    const parts = (await volume([0, 0, 0, half, height, depth])) + (await volume([half, 0, 0, width, height, depth]));
+    assert.ok(Math.abs(whole - parts) <= 1e-5 * Math.abs(whole), `${whole}, ${parts}`);
+    const next = random(3);
+    for (let time = 0; time < 20; time += 1) {
+      const place = low.map((from, axis) => from + next() * (high[axis] - from));
+      const { value } = await solid.point(place);
+      assert.equal(await solid.contains(place), header.rule === "occupancy" ? (value ?? 0) >= 128 : value !== null);
+    }
+  });
+}
+
+for (const path of models) {
+  test(`exact models: ${basename(path)}`, async () => {
+    const model = await open(path);
+    const { header } = model;
+    assert.equal(header.kind, "model");
+    const info = told("info", "--json", path);
+    same([header.faces, header.objects, header.codec, header.depth], [info.faces, info.parts, info.codec, info.depth]);
+    const expected = told("stats", "--json", path);
+    const measures = await model.measures();
+    for (const name of ["volume", "surface", "centre", "second_moments", "inertia", "bounds", "unit"]) same(measures[name], expected[name], name);
+    same(header.bounds, expected.bounds.flat());
+    const [low, high] = expected.bounds;
+    const next = random(5);
+    const places = Array.from({ length: 50 }, () => low.map((from, axis) => from + (next() * 1.1 - 0.05) * (high[axis] - from)));
+    const answers = spinney("point", path, "--", ...places.map((place) => place.join(","))).trim().split("\n");
+    for (const [index, place] of places.entries()) {
+      assert.equal(await model.locate(place), answers[index]);
+      assert.equal(await model.contains(place), answers[index] !== "outside");
+    }
+    for (const [axis, name] of ["x", "y", "z"].entries()) {
+      const at = low[axis] + 0.37 * (high[axis] - low[axis]);
+      const file = join(work, "section.geojson");
+      spinney("section", "-q", path, `${name}=${at}`, "-o", file);
+      const { features } = JSON.parse(readFileSync(file, "utf8"));
+      const section = await model.section({ axis: name, at });
+      const areas = (list) => list.map(({ properties }) => properties.area).sort((a, b) => a - b);
+      assert.deepEqual(areas(section.features), areas(features));
+      for (const { geometry } of section.features) for (const ring of geometry.coordinates) assert.deepEqual(ring[0], ring.at(-1));
+    }
+    const { positions, objects, names, origin, triangles } = await model.triangles();
+    assert.equal(positions.length, 9 * triangles);
+    assert.equal(objects.length, triangles);
+    assert.ok(objects.every((object) => object < names.length || names.length === 0));
+    const at = (corner) => [0, 1, 2].map((axis) => positions[3 * corner + axis]);
+    const volume = volumeOf(at, Array.from({ length: triangles }, (_, number) => [3 * number, 3 * number + 1, 3 * number + 2]));
+    assert.ok(Math.abs(volume - expected.volume) <= 1e-5 * expected.volume, `${volume}, ${expected.volume}; ${origin}`);
+    await assert.rejects(model.ask("window", {}), { code: "unsupported", message: /exact model/ });
+    await assert.rejects(model.section({ at: 3 }), { code: "invalid" });
+  });
+}
