@@ -128,6 +128,12 @@ fn windows_are_those_of_the_program() {
             &["--in", "lonlat", "--window=-17,28.85,-16.98,28.88", "--size", "32x32"],
         ),
         ("stack?layer=0&format=npy", "stack.goblin", "npy", &["--layer", "0"]),
+        (
+            "stack?layer=cover,cover&size=40",
+            "stack.goblin",
+            "png",
+            &["--layer", "cover,cover", "--size", "40"],
+        ),
         ("ball?z=7&format=npy", "ball.goblin", "npy", &["--slice", "z=7"]),
         ("history?commit=1&format=npy", "history.autumn@1", "npy", &[]),
     ] {
@@ -175,6 +181,8 @@ fn windows_are_those_of_the_program() {
         ("heights?z=1", 400, "z"),
         ("ball?z=99999", 400, "z"),
         ("stack", 400, "layer"),
+        ("stack?layer=0,1&format=npy", 400, "layer"),
+        ("stack?layer=0,1,0,1,0,1", 400, ""),
     ] {
         let told = server.get(&format!("/window/{target}")).complaint(status);
         assert!(told.contains(what), "{target}: {told}");

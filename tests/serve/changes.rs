@@ -138,6 +138,39 @@ fn removed_files_are_gone_and_come_again() {
 }
 
 #[test]
+fn files_that_are_cut_short_end_nothing() {
+    let folder = island();
+    let server = Server::start(folder.path(), &[]);
+    let path = folder.path().join("heights.goblin");
+    let bytes = std::fs::read(&path).unwrap();
+    let is_over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for target in ["/window/heights?size=200", "/tiles/heights/0/0/0.png?grid=native", "/heights.goblin"]
+        {
+            let (server, is_over) = (&server, &is_over);
+            scope.spawn(move || {
+                while !is_over.load(Ordering::Relaxed) {
+                    // (A file whose bytes are gone is an answer that ends before its time.)
+                    if let Ok(answer) = server.connect().get(target) {
+                        assert!(matches!(answer.status, 200 | 500 | 503), "{target}: {answer:?}");
+                    }
+                }
+            });
+        }
+        for part in [1000, bytes.len() / 2, 0, bytes.len() - 1] {
+            // In its place, as `cp` does.
+            std::fs::write(&path, &bytes[..part]).unwrap();
+            std::thread::sleep(Duration::from_millis(30));
+            std::fs::write(&path, &bytes).unwrap();
+            std::thread::sleep(Duration::from_millis(60));
+        }
+        is_over.store(true, Ordering::Relaxed);
+    });
+    server.get("/window/heights?size=200").good();
+    assert!(server.get("/heights.goblin").good() == bytes);
+}
+
+#[test]
 fn a_server_ends_in_good_order() {
     let program = env!("CARGO_BIN_EXE_spinney");
     let folder = island();

@@ -7,7 +7,7 @@ use spinney_base::value::Value;
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_style::Style;
-use spinney_tiles::{TilePainter, TileSource, TreeTiles, WarpedTiles};
+use spinney_tiles::{TileContent, TileId, TilePainter, TileSource, TreeTiles, WarpedTiles};
 
 /// Pixels along each side of a tile.
 pub(crate) const SIDE: usize = 256;
@@ -15,19 +15,40 @@ pub(crate) const SIDE: usize = 256;
 /// A tree that is drawn.
 pub(crate) struct Drawn {
     pub(crate) tree: Arc<Dataset>,
+    /// Whether its channels are layers of the file.
+    pub(crate) is_composite: bool,
     /// The tiles that it is warped to, once they were asked for.
     warped: Mutex<Option<Arc<WarpedTiles>>>,
     /// Styles made ready, by their documents.
     painters: Mutex<HashMap<String, Arc<TilePainter>>>,
-    /// Pictures of tiles of one value.
-    uniform: Mutex<HashMap<UniformTile, Vec<u8>>>,
+    kept: Mutex<KeptPictures>,
 }
 
-/// What the picture of a tile of one value depends on: the look of its style, the ending of its format, and the value.
-pub(crate) type UniformTile = (String, &'static str, Value);
+/// Pictures of tiles that are asked for over and over, or take long to make.
+#[derive(Default)]
+struct KeptPictures {
+    pictures: HashMap<PictureKey, Vec<u8>>,
+    /// Bytes of all of them.
+    bytes: usize,
+}
 
-/// Pictures of tiles of one value that are kept: each has some hundred bytes.
-const MOST_UNIFORM: usize = 1024;
+/// What is seen on a picture that is kept.
+#[derive(PartialEq, Eq, Hash)]
+pub(crate) enum Seen {
+    /// One value all over.
+    Uniform(Value),
+    /// A tile, all of which may be made of very many cells.
+    Tile(TileId),
+}
+
+/// What the bytes of a picture depend on: the look of its style, the ending of its format, and what is seen.
+pub(crate) type PictureKey = (String, &'static str, Seen);
+
+/// Bytes of pictures that are kept of a tree.
+const MOST_BYTES: usize = 8 << 20;
+
+/// The last zoom whose warped tiles are kept: all that there are to it are 85, and each is made of the cells that are fine enough for the highest latitudes.
+const LAST_KEPT: u8 = 3;
 
 /// Styles that are kept ready for a tree.
 const MOST_PAINTERS: usize = 16;
@@ -39,6 +60,19 @@ pub(crate) enum Tiles<'a> {
 }
 
 impl Tiles<'_> {
+    /// What is seen on a tile, if a picture of it is worth being kept. Where pixels depend on `margin` cells around them, what is around a tile
+    /// of one value matters, too.
+    ///
+    /// # Errors
+    /// If the tree cannot be read.
+    pub(crate) fn seen(&self, tile: TileId, margin: usize) -> Result<Option<Seen>> {
+        Ok(match (self, self.source().content(tile)?) {
+            (_, TileContent::Uniform(value)) if margin == 0 => Some(Seen::Uniform(value)),
+            (Tiles::Warped(_), _) if tile.zoom <= LAST_KEPT => Some(Seen::Tile(tile)),
+            _ => None,
+        })
+    }
+
     pub(crate) fn source(&self) -> &dyn TileSource {
         match self {
             Tiles::Own(tiles) => tiles,
@@ -48,8 +82,14 @@ impl Tiles<'_> {
 }
 
 impl Drawn {
-    pub(crate) fn new(tree: Arc<Dataset>) -> Drawn {
-        Drawn { tree, warped: Mutex::default(), painters: Mutex::default(), uniform: Mutex::default() }
+    pub(crate) fn new(tree: Arc<Dataset>, is_composite: bool) -> Drawn {
+        Drawn {
+            tree,
+            is_composite,
+            warped: Mutex::default(),
+            painters: Mutex::default(),
+            kept: Mutex::default(),
+        }
     }
 
     /// The tiles of the tree's own square, or of the world in web mercator.
@@ -84,23 +124,29 @@ impl Drawn {
         Ok(Tiles::Warped(warped.insert(Arc::new(tiles)).clone()))
     }
 
-    /// The picture of a tile of one value, which `make` makes if it is not there yet.
+    /// A picture that is kept; `make` makes it if it is not there yet.
     ///
     /// # Errors
     /// Those of `make`.
-    pub(crate) fn uniform_tile(
+    pub(crate) fn picture(
         &self,
-        tile: UniformTile,
+        key: PictureKey,
         make: impl FnOnce() -> Result<Option<Vec<u8>>>,
     ) -> Result<Option<Vec<u8>>> {
-        let kept = || self.uniform.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(bytes) = kept().get(&tile) {
-            return Ok(Some(bytes.clone()));
+        let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = kept().pictures.get(&key).cloned();
+        if known.is_some() {
+            return Ok(known);
         }
         let made = make()?;
-        let mut kept = kept();
-        if let Some(bytes) = made.as_ref().filter(|_| kept.len() < MOST_UNIFORM) {
-            kept.insert(tile, bytes.clone());
+        if let Some(picture) = made.as_ref().filter(|picture| picture.len() < MOST_BYTES / 4) {
+            let mut kept = kept();
+            if kept.bytes + picture.len() > MOST_BYTES {
+                *kept = KeptPictures::default();
+            }
+            if kept.pictures.insert(key, picture.clone()).is_none() {
+                kept.bytes += picture.len();
+            }
         }
         Ok(made)
     }

@@ -28,7 +28,7 @@ const MOST_DRAWN: usize = 16;
 
 impl OpenTree {
     fn open(path: &Path, version: FileVersion) -> Result<OpenTree> {
-        let first = Arc::new(dataset::open(path, &OpenOptions::default())?);
+        let first = Arc::new(dataset::open(path, &OpenOptions::new().positioned(CACHE))?);
         let names = first.layers()?.into_iter().map(|layer| layer.name).collect();
         Ok(OpenTree { version, first, names, layers: OnceLock::new(), drawn: Mutex::default() })
     }
@@ -78,8 +78,8 @@ impl OpenTree {
         if let Some(drawn) = self.kept().get(key) {
             return Ok(drawn.clone());
         }
-        let tree = match &self.shared(named)?[..] {
-            [one] => (*one).clone(),
+        let (tree, is_composite) = match &self.shared(named)?[..] {
+            [one] => ((*one).clone(), false),
             _ if named.is_none() => {
                 let expected = format!("one of {}, or some with commas between", self.names.join(", "));
                 return Err(Error::invalid("layer", "none of several", expected));
@@ -90,10 +90,10 @@ impl OpenTree {
                 let finest = several.iter().max_by_key(|layer| layer.depth());
                 let finest = finest.map_or("", |layer| layer.metadata().name.as_str());
                 let composite = Step::Calculation(Box::new(Calculation::composite(&names)?));
-                Arc::new(self.first.layer(finest)?.view(&[composite])?)
+                (Arc::new(self.first.layer(finest)?.view(&[composite])?), true)
             }
         };
-        let drawn = Arc::new(Drawn::new(tree));
+        let drawn = Arc::new(Drawn::new(tree, is_composite));
         let mut kept = self.kept();
         if kept.len() >= MOST_DRAWN {
             kept.clear();
@@ -119,7 +119,10 @@ pub(crate) struct OpenTrees {
 }
 
 /// Files that are kept open at most.
-const MOST: usize = 256;
+const MOST: usize = 64;
+
+/// Bytes that are kept in memory of each. (Files are not mapped: who cuts one short would end the server.)
+const CACHE: u64 = 1 << 20;
 
 /// Times that a file is opened which is changed meanwhile.
 const TIMES: usize = 20;

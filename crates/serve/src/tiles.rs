@@ -8,7 +8,7 @@ use spinney_base::Progress;
 use spinney_raster::tile_archives::{TileEncoding, TileFormat, encode_tile};
 use spinney_raster::void_number;
 use spinney_style::Style;
-use spinney_tiles::{TileContent, TileId};
+use spinney_tiles::TileId;
 
 use crate::answer::Answer;
 use crate::drawn::SIDE;
@@ -79,6 +79,11 @@ pub(crate) fn answer(
         return Err(Failure::bad("style: is for pictures, png and webp; arrays have the values"));
     }
     let drawn = tree.drawn(asked.text("layer"))?;
+    if drawn.is_composite && format.is_array() {
+        return Err(Failure::bad(
+            "layer: several are the colours of pictures, png and webp; arrays are of one",
+        ));
+    }
     let tiles = drawn.tiles(is_native(asked)?)?;
     let source = tiles.source();
     let last = source.max_zoom(SIDE);
@@ -95,12 +100,10 @@ pub(crate) fn answer(
         _ => "application/octet-stream",
     };
     let make = || encode_tile(source, &painter, encoding, SIDE, void, tile);
-    let made = match source.content(tile)? {
-        // (Where pixels depend on cells around them, what is around the tile matters, too.)
-        TileContent::Uniform(value) if !format.is_array() && painter.margin() == 0 => {
-            drawn.uniform_tile((painter.colours().look.clone(), format.extension(), value), make)?
-        }
-        _ => make()?,
+    let seen = if format.is_array() { None } else { tiles.seen(tile, painter.margin())? };
+    let made = match seen {
+        Some(seen) => drawn.picture((painter.colours().look.clone(), format.extension(), seen), make)?,
+        None => make()?,
     };
     Ok(match made {
         Some(bytes) => Answer::new(content_type, tag, bytes),

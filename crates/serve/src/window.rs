@@ -57,10 +57,16 @@ pub(crate) fn answer(
 ) -> Result<Answer, Failure> {
     let format = asked.value("format")?.unwrap_or(WindowFormat::Picture(Format::Png, "image/png"));
     let style = asked.text("style").map(Style::parse).transpose()?;
-    if style.is_some() && matches!(format, WindowFormat::Json | WindowFormat::Picture(Format::Npy, _)) {
+    let is_array = matches!(format, WindowFormat::Json | WindowFormat::Picture(Format::Npy, _));
+    if style.is_some() && is_array {
         return Err(Failure::bad("style: is for pictures, png and webp; arrays and JSON have the values"));
     }
     let drawn = tree.drawn(asked.text("layer"))?;
+    if drawn.is_composite && is_array {
+        return Err(Failure::bad(
+            "layer: several are the colours of pictures, png and webp; arrays are of one",
+        ));
+    }
     let tree = &*drawn.tree;
     let bounds = bounds(tree, asked)?;
     let (detail, [columns, rows]) = detail(tree, asked, &bounds)?;
@@ -70,7 +76,7 @@ pub(crate) fn answer(
         )));
     }
     let mut request = WindowRequest::new(bounds, detail);
-    request.style = style;
+    request.style = style.or_else(|| drawn.is_composite.then(|| Style::default_for(tree)));
     let (format, content_type) = match format {
         WindowFormat::Json => {
             let text = values(tree, &request, [columns, rows], progress)?;
