@@ -331,7 +331,7 @@ pub mod tin {
 #[cfg(feature = "raster")]
 pub mod style {
     pub use spinney_style::{
-        Ground, Key, Legend, LegendImage, LegendSection, SampleBlock, Style, StylePainter, Tick,
+        Ground, Key, Legend, LegendClass, LegendImage, LegendSection, SampleBlock, Style, StylePainter, Tick,
     };
 }
 

@@ -370,6 +370,10 @@ export interface Dataset extends Opened<Header> {
   diff(from: number, to?: number, options?: Part & { limit?: number } & AskOptions): Promise<Difference>;
   /** A slice of a volume: columns and rows are the other two axes, in their order. */
   slice(request: SliceRequest): Promise<Window>;
+  /** A slice of a volume in a style that paints cells by their own values. */
+  sliceImage(request: SliceRequest & { style?: string | object }): Promise<Picture>;
+  /** Longitudes and latitudes of places in the file's own system; null where there are none. */
+  geographic(places: ArrayLike<number>[], options?: AskOptions): Promise<([number, number] | null)[]>;
   /** The surface of a volume's level as triangles. */
   mesh(request?: MeshRequest): Promise<Mesh>;
   /** Whether a place is in the solid. */

@@ -260,6 +260,15 @@ export class Dataset extends Opened {
     return samples(await this.ask("slice", request, { ...request, buffers: 2 }));
   }
 
+  async sliceImage({ style, ...request }) {
+    const { json, buffers } = await this.ask("sliceImage", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
+    return picture(buffers[0], json.width, json.height, json);
+  }
+
+  async geographic(places, options = {}) {
+    return (await this.ask("geographic", options, { ...options, places: flat(places, 2) })).json;
+  }
+
   async mesh(request = {}) {
     const { json, buffers } = await this.ask("mesh", request, { ...request, buffers: 2 });
     return { ...json, positions: new Float32Array(buffers[0].buffer), indices: new Uint32Array(buffers[1].buffer) };

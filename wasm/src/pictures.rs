@@ -11,12 +11,13 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::WarpOptions;
-use spinney_style::{Ground, Key, SampleBlock, Style};
+use spinney_style::{Ground, Key, LegendClass, SampleBlock, Style};
 use spinney_tiles::{MAX_ZOOM, TileId, TilePainter, TileSource, TreeTiles, WarpedTiles, draw_tile};
 
 use crate::answer::Found;
 use crate::failure::too_large;
 use crate::part::Part;
+use crate::solid::{self, Slice};
 use crate::windows::{Detail, at_level};
 
 /// Bytes that a picture may have.
@@ -170,6 +171,35 @@ fn with_margin(tree: &Dataset, level: u8, cells: &Bounds, margin: usize) -> Resu
     Ok((around, has_value))
 }
 
+/// A slice of an octree in a style: red, green, blue and opacity of each pixel.
+pub(crate) fn slice_image(
+    tree: &Dataset,
+    prepared: &Prepared,
+    slice: &Slice,
+    style: Option<&String>,
+) -> Result<Found> {
+    let painter = prepared.painter(tree, style)?;
+    let painter = painter.painter();
+    if painter.margin() > 0 {
+        let expected = "one that paints cells by their own values: slopes and light are those of maps";
+        return Err(Error::invalid("style", "one of heights", expected));
+    }
+    let Found { mut json, buffers } = solid::slice(tree, slice)?;
+    let [width, height] = ["width", "height"].map(|name| json[name].as_u64().unwrap_or(0) as usize);
+    let valid: Vec<bool> = match buffers.get(1) {
+        Some(mask) if json["hasMask"] == true => mask.iter().map(|is_there| *is_there != 0).collect(),
+        _ => vec![true; width * height],
+    };
+    let ground = vec![[1.0; 2]; height];
+    let block = SampleBlock { width, height, margin: 0, bytes: &buffers[0], valid: &valid, ground: &ground };
+    let mut rgba = vec![0; width * height * 4];
+    painter.paint(&block, &mut rgba)?;
+    if let Some(members) = json.as_object_mut() {
+        members.retain(|name, _| ["width", "height", "level", "cells", "bounds"].contains(&name.as_str()));
+    }
+    Ok(Found { json, buffers: vec![rgba] })
+}
+
 /// A tile: red, green, blue and opacity of each pixel, or nothing where nothing is there.
 pub(crate) fn tile(tree: &Dataset, prepared: &Prepared, tile: &Tile) -> Result<Found> {
     check_quadtree(tree)?;
@@ -215,7 +245,8 @@ pub(crate) fn legend(tree: &Dataset, prepared: &Prepared, style: Option<&String>
     let legend = painter.painter().legend(tree)?;
     let section = |section: &spinney_style::LegendSection| match &section.key {
         Key::Classes(classes) => {
-            let classes = classes.iter().map(|(colour, label)| json!({ "label": label, "colour": colour }));
+            let class = |class: &LegendClass| json!({ "value": class.value, "label": class.name, "colour": class.colour });
+            let classes = classes.iter().map(class);
             json!({ "title": section.title, "classes": classes.collect::<Vec<Value>>() })
         }
         Key::Ramp { colours, ticks } => {

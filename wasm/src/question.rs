@@ -74,6 +74,16 @@ enum Question {
         #[serde(flatten)]
         slice: solid::Slice,
     },
+    SliceImage {
+        of: u32,
+        #[serde(flatten)]
+        slice: solid::Slice,
+        style: Option<String>,
+    },
+    /// Of places in the file's own system, which stand beside.
+    Geographic {
+        of: u32,
+    },
     Mesh {
         of: u32,
         #[serde(flatten)]
@@ -177,6 +187,11 @@ fn answer(question: &Question, places: &[f64]) -> Result<Outcome> {
             }
         }
         Question::Slice { of, slice } => solid::slice(cells(of)?.cells()?, slice)?.into(),
+        Question::SliceImage { of, slice, style } => {
+            let opened = cells(of)?;
+            pictures::slice_image(opened.cells()?, &opened.prepared, slice, style.as_ref())?.into()
+        }
+        Question::Geographic { of } => points::geographic(cells(of)?.cells()?, places)?.into(),
         Question::Mesh { of, request } => solid::mesh(cells(of)?.cells()?, request)?.into(),
         Question::Measures { of } => model::measures(cells(of)?.model()?)?.into(),
         Question::Section { of, plane } => model::section(cells(of)?.model()?, plane)?.into(),

@@ -60,6 +60,12 @@ impl ViewedTree {
         self.through(open(&path)?)
     }
 
+    /// Opens the first of the layers that are meant, of however many.
+    pub(crate) fn open_any_layer(&self) -> anyhow::Result<Dataset> {
+        let layers = self.layer.paths(&self.file)?;
+        self.through(open(layers.first().unwrap_or(&self.file))?)
+    }
+
     /// Whether several layers are named, which pictures have as channels.
     pub(crate) fn is_composite(&self) -> spinney::Result<bool> {
         Ok(self.layer.is_given() && self.layer.paths(&self.file)?.len() > 1)

@@ -37,7 +37,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([file.as_path()], path)?;
     // (So that what is no tree is told of here, and not by the page.)
     if args.tree.open_model(global)?.is_none() {
-        args.tree.open()?;
+        args.tree.open_any_layer()?;
     }
     let place = FilePlace::of(file);
     let layer = args.tree.layer_text().map(str::to_owned).or(place.layer);

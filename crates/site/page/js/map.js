@@ -62,6 +62,8 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
     },
     maxZoom: Math.min(grid.maxZoom + 6, 24),
     renderWorldCopies: isWorld,
+    // (A file's own plane may be seen whole, with room around it.)
+    ...(!isWorld && { minZoom: -2, transformConstrain: (center, zoom) => ({ center, zoom: Math.max(zoom, -2) }) }),
     attributionControl: false,
     dragRotate: false,
     pitchWithRotate: false,
@@ -76,7 +78,7 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
     const [zoom, ...rest] = place.at.split("/").map(Number);
     map.jumpTo({ zoom, center: plane.degreesOf(rest) });
   } else {
-    map.fitBounds(grid.bounds, { padding: 24, animate: false });
+    map.fitBounds(grid.bounds, { padding: free(), animate: false });
   }
   map.on("moveend", () => {
     const middle = plane.placeOf(map.getCenter());
@@ -93,7 +95,7 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
     });
   });
 
-  const names = STYLES[header.channels >= 3 ? "colours" : header.classes.length > 0 ? "classes" : "amounts"];
+  const names = STYLES[header.channels >= 3 ? "colours" : header.meaning === "categorical" ? "classes" : "amounts"];
   if (names.length > 1) {
     const all = names.includes(state.style) ? names : [state.style, ...names];
     field("Style", choice(all.map((name) => [name, name.startsWith("{") ? "the page's" : name]), state.style, (name) => {
@@ -157,6 +159,15 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
       element("view").replaceChildren();
     },
   };
+}
+
+/** Room around what is to be seen, which the panel does not cover. */
+function free() {
+  const { width, height } = element("view").getBoundingClientRect();
+  const panel = element("panel").getBoundingClientRect();
+  const isBelow = panel.width > width / 2;
+  const most = isBelow ? height / 2 : width / 2;
+  return { top: 24, right: 24, bottom: isBelow ? Math.min(panel.height + 24, most) : 48, left: isBelow ? 24 : Math.min(panel.right + 24, most) };
 }
 
 /** A value in a few words. */

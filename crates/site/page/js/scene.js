@@ -102,7 +102,12 @@ export class Scene {
   hitAt(x, y) {
     const ray = new this.three.Raycaster();
     ray.setFromCamera(new this.three.Vector2(x, y), this.camera);
-    return ray.intersectObject(this.scene, true).find(({ point, object }) => object.isMesh && this.plane.distanceToPoint(point) >= -1e-9 * this.camera.far);
+    return ray.intersectObject(this.scene, true).find((hit) => {
+      const { point, object } = hit;
+      // (A plane is seen only where it has a colour.)
+      const isSeen = object.userData.isSeen?.(hit) ?? true;
+      return object.isMesh && isSeen && this.plane.distanceToPoint(point) >= -1e-6 * this.camera.far;
+    });
   }
 
   #resize({ clientWidth, clientHeight }) {

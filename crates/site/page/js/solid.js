@@ -153,6 +153,10 @@ export async function showSolid({ dataset, place, assetUrl }) {
     quad?.material.map.dispose();
     quad?.removeFromParent();
     quad = new three.Mesh(geometry, new three.MeshBasicMaterial({ map: texture, transparent: true, alphaTest: 0.02, side: three.DoubleSide }));
+    quad.userData.isSeen = ({ uv }) => {
+      const [column, row] = [uv.x * image.width, (1 - uv.y) * image.height].map(Math.floor);
+      return image.data[4 * (row * image.width + column) + 3] > 0;
+    };
     view.scene.add(quad);
     view.draw();
   });
