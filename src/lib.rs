@@ -430,7 +430,10 @@ pub mod export {
     /// Pages that show files in a browser.
     #[cfg(feature = "site")]
     pub mod page {
-        pub use spinney_site::{PageFile, PageRequest, PageStart, PageSummary, export_page};
+        pub use spinney_site::{
+            PageConfiguration, PageFile, PageRequest, PageSource, PageStart, PageSummary, export_page,
+            inline_page,
+        };
     }
 
     /// Tiles of maps.

@@ -1,7 +1,14 @@
 // Types of the package `spinney`.
 
-/** Where a file is: a URL, a path (under Node), a file that a user has chosen, or its bytes. */
-export type Source = string | URL | Blob | ArrayBuffer | Uint8Array;
+/** Where a file is: a URL, a path (under Node), a file that a user has chosen, its bytes, or somebody who reads it. */
+export type Source = string | URL | Blob | ArrayBuffer | Uint8Array | Reader;
+
+/** Somebody who reads ranges of a file: bytes from `start` to before `end`. */
+export interface Reader {
+  name: string;
+  size: number;
+  read(start: number, end: number, signal?: AbortSignal): Promise<Uint8Array>;
+}
 
 /** Work of a question so far: times that something was waited for, requests, bytes that came. */
 export interface Traffic {

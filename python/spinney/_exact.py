@@ -20,6 +20,7 @@ from ._files import MEMORY
 from ._meshes import mesh_columns, meshes_of, unit_of
 from ._options import packing_of, refuse
 from ._progress import memory_of, working
+from ._show import shown
 from ._surfaces import RayCrossings, Shells, SurfaceHits
 from ._types import (
     BBox,
@@ -427,6 +428,11 @@ class ExactModel(_native.Model):
         with working(progress, threads) as terms:
             vertices, faces, _ = self._export(os.fspath(path), terms)
         return vertices, faces
+
+    def show(self, *, height: int = 500) -> Any:
+        """The model in a notebook: a page that turns and cuts it, whose bytes the kernel reads (with the package anywidget)."""
+        path = os.fspath(self)
+        return shown(path, {"layer": None, "commit": None, "style": None}, height)
 
     @overload
     def section(

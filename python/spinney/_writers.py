@@ -7,14 +7,16 @@ import os
 import tempfile
 from collections.abc import Mapping, Sequence
 from operator import index
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from . import _native
 from ._options import refuse
 from ._progress import memory_of, working
 from ._properties import Properties
+from ._show import shown, title_of
 from ._types import Coordinates, Mesh, Path, Progress, Resampling, Style, Window
 
 
@@ -79,6 +81,7 @@ class Writers(Properties):
         update: Path | bool = False,
         since: Path | None = None,
         restyle: bool = False,
+        self_contained: bool = False,
         threads: int | None = None,
         progress: Progress = None,
     ) -> tuple[int, int] | int | None:
@@ -93,6 +96,8 @@ class Writers(Properties):
           returns their number.
         - .chain: the same regions as Freeman chain codes, of 4 `directions` (the default), along the sides of cells, or 8, from cell to cell; returns the
           number of regions.
+        - .html: a page that shows the file in a browser, in a `style` and with a `name`, beside a folder of its own files and a copy of the data, or
+          with `self_contained` as one file; returns the number of files.
         - .pmtiles, .mbtiles (in packages built with it) and patterns such as "map/{z}/{x}/{y}.png": tiles of web maps, of some zooms
           (`zoom=(0, 6)`), a part, in a `style` (see `save`); returns their number. An interrupted export leaves nothing or, with
           `resume`, what the next one goes on with. With `update` tiles that were exported from an older commit of the file are brought up
@@ -133,6 +138,11 @@ class Writers(Properties):
                 return self._write_chain_code(to, None if classes is None else list(classes), connect, directions or 4, level, terms)
             refuse("polygons", of_polygons)
             refuse("chain codes", {"directions": directions})
+            if to.lower().endswith((".html", ".htm")):
+                refuse("other files than pages", of_others | of_cog | only_tiles | {"style": None, "name": None})
+                path, start = self._page_start(style)
+                return _native.write_page(path, to, name or title_of(path), start, self_contained, terms)
+            refuse("pages", {"self_contained": self_contained or None})
             if self._is_tiles(to):
                 refuse("solids and GeoTIFF", of_surfaces | of_cog)
                 if not update and (since is not None or restyle):
@@ -153,6 +163,22 @@ class Writers(Properties):
                 refuse("meshes; it has triangles anyway", {"triangles": triangles or None})
                 return self._write_gltf(to, level, smooth, terms)
             return self._write_mesh(to, level, smooth, triangles, terms)
+
+    def show(self, *, style: Style | None = None, height: int = 500) -> Any:
+        """The file in a notebook: the page that `export` writes, whose bytes the kernel reads (with the package anywidget).
+
+        A polygon that is drawn comes back: `page.polygon` is GeoJSON in `page.coordinates`, `page.statistics` what the page tells of it;
+        `ds.zonal([page.polygon], coordinates=page.coordinates)` tells the same.
+        """
+        path, start = self._page_start(style)
+        return shown(path, start, height)
+
+    def _page_start(self, style: Style | None) -> tuple[str, dict[str, Any]]:
+        """The file, and what a page begins with."""
+        if self.view:
+            raise ValueError("a page shows a file as it is: write this view to a file first, with transform")
+        start = {"layer": self.layer or None, "commit": self.commit, "style": _style_text(style)}
+        return os.fspath(self.path), start
 
     def contours(
         self,

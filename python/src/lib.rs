@@ -26,6 +26,7 @@ mod model_shells;
 mod numbers;
 mod overlay;
 mod packing;
+mod page;
 mod part;
 mod points;
 mod questions;
@@ -65,6 +66,8 @@ mod _native {
     use super::overlay::combine_polygons;
     #[pymodule_export]
     use super::packing::set_cache_memory;
+    #[pymodule_export]
+    use super::page::{page_html, write_page};
     #[pymodule_export]
     use super::points::{Points, build_point_array, build_point_files, is_points};
     #[pymodule_export]

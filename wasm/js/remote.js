@@ -41,8 +41,22 @@ function theWorker() {
   return worker;
 }
 
+/** Lets a worker read what this side reads, through a port. */
+function portOf(reader) {
+  const { port1, port2 } = new MessageChannel();
+  port1.onmessage = async ({ data: { id, start, end } }) => {
+    try {
+      const bytes = await reader.read(start, end);
+      port1.postMessage({ id, bytes });
+    } catch (error) {
+      port1.postMessage({ id, failure: String(error?.message ?? error) });
+    }
+  };
+  return port2;
+}
+
 /** Calls a method in the worker. */
-function call(of, method, list, { signal, progress } = {}) {
+function call(of, method, list, { signal, progress } = {}, transferred = []) {
   return new Promise((resolve, reject) => {
     if (signal?.aborted) {
       reject(signal.reason);
@@ -60,7 +74,7 @@ function call(of, method, list, { signal, progress } = {}) {
     const done = () => signal?.removeEventListener("abort", abort);
     waiting.set(id, { resolve, reject, progress, done });
     try {
-      to.postMessage({ id, of, method, list: list.map(sendable), wantsProgress: Boolean(progress) });
+      to.postMessage({ id, of, method, list: list.map(sendable), wantsProgress: Boolean(progress) }, transferred);
     } catch (error) {
       waiting.delete(id);
       done();
@@ -116,5 +130,7 @@ function found(answer) {
 export async function openInWorker(source, options = {}) {
   const base = globalThis.location?.href;
   const place = typeof source === "string" && base && !/^[a-z][a-z0-9+.-]+:/i.test(source) ? new URL(source, base).href : source;
-  return found(await call(undefined, "open", [place, options], options));
+  if (typeof source?.read !== "function") return found(await call(undefined, "open", [place, options], options));
+  const port = portOf(source);
+  return found(await call(undefined, "open", [{ name: source.name, size: source.size, port }, options], options, [port]));
 }

@@ -132,6 +132,31 @@ class BlobSource extends Source {
   }
 }
 
+/** Ranges that somebody else reads: `{ name, size, read(start, end, signal) }`. */
+class ReaderSource extends Source {
+  constructor(reader) {
+    super(String(reader.name ?? "(reader)"));
+    this.reader = reader;
+  }
+
+  async start() {
+    this.add(Number(this.reader.size));
+  }
+
+  async read(start, end, signal) {
+    try {
+      return await this.reader.read(start, end, signal);
+    } catch (error) {
+      signal?.throwIfAborted();
+      throw new SpinneyError({ code: "io", message: `${this.name}: cannot read: ${error?.message ?? error}`, file: this.name }, { cause: error });
+    }
+  }
+
+  async hasChanged() {
+    return false;
+  }
+}
+
 /** Closes files of datasets that nobody has closed, and nobody has any more. */
 const forgotten = new FinalizationRegistry((handle) => handle.close().catch(() => {}));
 
@@ -432,8 +457,9 @@ function meant(source, { headers }) {
   if (source instanceof ArrayBuffer) return new MemorySource(new Uint8Array(source), "(memory)");
   if (ArrayBuffer.isView(source)) return new MemorySource(new Uint8Array(source.buffer, source.byteOffset, source.byteLength), "(memory)");
   if (typeof Blob !== "undefined" && source instanceof Blob) return new BlobSource(source);
+  if (typeof source?.read === "function") return new ReaderSource(source);
   if (typeof source !== "string" && !(source instanceof URL)) {
-    throw new TypeError("a source is a URL, a path (under Node), a Blob, an ArrayBuffer or a typed array");
+    throw new TypeError("a source is a URL, a path (under Node), a Blob, an ArrayBuffer, a typed array, or has a method `read`");
   }
   const text = String(source);
   const scheme = /^([a-z][a-z0-9+.-]+):/i.exec(text)?.[1].toLowerCase();

@@ -31,8 +31,27 @@ function keep(dataset) {
   return { isOpened: true, number: next, header: dataset.header, warnings: dataset.warnings, methods: Object.keys(methodsOf(dataset)) };
 }
 
+/** A source whose ranges come through a port. */
+function readerOf({ name, size, port: from }) {
+  const asked = new Map();
+  let next = 0;
+  from.onmessage = ({ data: { id, bytes, failure } }) => {
+    const { resolve, reject } = asked.get(id);
+    asked.delete(id);
+    if (failure === undefined) resolve(bytes);
+    else reject(new Error(failure));
+  };
+  const read = (start, end) =>
+    new Promise((resolve, reject) => {
+      next += 1;
+      asked.set(next, { resolve, reject });
+      from.postMessage({ id: next, start, end });
+    });
+  return { name, size, read };
+}
+
 async function answer({ of, method, list, options }) {
-  if (method === "open") return keep(await open(list[0], { ...list[1], ...options }));
+  if (method === "open") return keep(await open(list[0].port ? readerOf(list[0]) : list[0], { ...list[1], ...options }));
   const dataset = opened.get(of);
   if (!dataset) throw new TypeError("the dataset is closed");
   if (method === "close") {

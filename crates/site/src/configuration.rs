@@ -14,6 +14,8 @@ pub struct PageSource {
     pub title: String,
     /// Address from the page's own, already with `%` where names need it.
     pub url: String,
+    /// Bytes of the file, where whoever shows the page inside another one reads it: its address is then `parent:`.
+    pub size: Option<u64>,
     /// What is seen of it at the beginning.
     pub start: PageStart,
 }
@@ -43,9 +45,9 @@ pub struct PageConfiguration {
 impl PageConfiguration {
     /// The configuration as the page reads it.
     fn json(&self) -> Value {
-        let source = |PageSource { name, title, url, start }: &PageSource| {
+        let source = |PageSource { name, title, url, size, start }: &PageSource| {
             let PageStart { layer, commit, style } = start;
-            json!({"name": name, "title": title, "url": url, "layer": layer, "commit": commit, "style": style})
+            json!({"name": name, "title": title, "url": url, "size": size, "layer": layer, "commit": commit, "style": style})
         };
         json!({
             "assets": self.assets,

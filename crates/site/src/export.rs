@@ -106,6 +106,14 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
     Ok(summary)
 }
 
+/// The page's HTML with everything inside but the data, for one that is shown inside another page.
+///
+/// # Errors
+/// If the program has no page.
+pub fn inline_page(configuration: &PageConfiguration) -> Result<String> {
+    page_of(configuration, &inline::styles()?, &inline::program()?)
+}
+
 /// Writes a page with everything inside.
 fn write_one_file(
     local: &[(&Path, &PageSource, u64)],
@@ -165,7 +173,7 @@ fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
             let advice = "give its address as browsers have it: https://...";
             return Err(Error::unsupported(path, "a file in a bucket, which no browser reads,", advice));
         }
-        made.push(PageSource { name, title, url, start: start.clone() });
+        made.push(PageSource { name, title, url, size: None, start: start.clone() });
     }
     Ok(made)
 }

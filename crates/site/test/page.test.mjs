@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
+import { copyFileSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
@@ -249,6 +249,43 @@ test("a file that somebody chooses is shown", () =>
     await page.waitForFunction(() => document.title === "heights.goblin");
     await eventually(async () => (await page.locator("#legend").textContent()).length > 0, "its legend");
   }));
+
+test("in a notebook the kernel reads, and a polygon comes back", async () => {
+  const size = statSync(at("island.goblin")).size;
+  const html = readFileSync(at("island.html"), "utf8").replace('"url":"island.goblin"', '"url":"parent:"').replace('"size":null', `"size":${size}`);
+  copyFileSync(join(root, "python/spinney/show.js"), at("island/show.js"));
+  writeFileSync(at("island/inline.html"), html);
+  // (A model as a notebook has it: what is sent goes to the kernel, which answers by a message with bytes.)
+  writeFileSync(at("island/notebook.html"), `<!doctype html><div id="cell"></div><script type="module">
+    import widget from "./show.js";
+    let heard;
+    window.state = { _html: await (await fetch("inline.html")).text(), height: 600 };
+    const model = {
+      get: (name) => state[name], set: (name, value) => (state[name] = value), save_changes() {}, off() {},
+      on: (name, hear) => (heard = hear),
+      async send({ range, start, end }) {
+        const answer = await fetch("island.goblin", { headers: { range: \`bytes=\${start}-\${end - 1}\` } });
+        heard({ range }, [new DataView(await answer.arrayBuffer())]);
+      },
+    };
+    widget.render({ model, el: document.getElementById("cell") });
+  </script>`);
+  const server = await serve(at("island"));
+  const page = await browser.newPage({ viewport: DESKTOP });
+  await page.goto(`${server.url}notebook.html`);
+  const frame = page.frameLocator("iframe");
+  await frame.locator("#legend button").first().waitFor({ timeout: 60_000 });
+  await frame.locator("text=Draw a polygon").click();
+  for (const [x, y] of [[500, 200], [800, 250], [700, 400]]) await page.mouse.click(x, y, { delay: 10 });
+  await frame.locator("text=Finish").click();
+  await page.waitForFunction(() => window.state._drawn, undefined, { timeout: 30_000 });
+  const { geometry, crs, zone } = JSON.parse(await page.evaluate(() => window.state._drawn));
+  assert.equal(geometry.type, "Polygon");
+  assert.equal(crs, "lonlat");
+  assert.ok(zone.cells > 0);
+  await page.close();
+  await server.close();
+});
 
 test("a file that is damaged is told of", async () => {
   writeFileSync(at("island/broken.goblin"), "no tree at all");

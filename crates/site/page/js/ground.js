@@ -15,9 +15,18 @@ function coastlines(text) {
   });
 }
 
-/** Meridians and parallels, every so many degrees. */
-function graticule(step) {
-  const lines = [];
+/** Distances of meridians and parallels, in degrees. */
+const STEPS = [30, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001];
+
+/** Meridians and parallels in a part of the world that is so many degrees wide. */
+function graticule([west, south, east, north]) {
+  const step = STEPS.find((step) => (east - west) / step >= 4) ?? STEPS.at(-1);
+  const between = (low, high) => Array.from({ length: Math.max(Math.floor(high / step) - Math.ceil(low / step) + 1, 0) }, (_, at) => (Math.ceil(low / step) + at) * step);
+  const [bottom, top] = [Math.max(south, -85), Math.min(north, 85)];
+  return [...between(west, east).map((x) => [[x, bottom], [x, top]]), ...between(bottom, top).map((y) => [[west, y], [east, y]])];
+}
+
+const lines = [];
   for (let at = -180; at <= 180; at += step) {
     lines.push([[at, -85], [at, 85]]);
     if (Math.abs(at) < 86) lines.push([[-180, at], [180, at]]);
@@ -33,13 +42,19 @@ export async function ground(assetUrl) {
   return {
     sources: {
       coast: { type: "geojson", data: lines(coastlines(text)) },
-      graticule: { type: "geojson", data: lines(graticule(10)) },
+      graticule: { type: "geojson", data: lines([]) },
     },
     layers: [
       { id: "graticule", type: "line", source: "graticule", paint: { "line-color": colour("--line"), "line-width": 0.5 } },
       { id: "coast", type: "line", source: "coast", paint: { "line-color": colour("--coast"), "line-width": 0.8 } },
     ],
   };
+}
+
+/** Draws meridians and parallels of what a map shows. */
+export function showGraticule(map) {
+  const bounds = map.getBounds();
+  map.getSource("graticule")?.setData(lines(graticule([bounds.getWest(), bounds.getSouth(), bounds.getEast(), bounds.getNorth()])));
 }
 
 /** A colour of the page as it is now, light or dark. */

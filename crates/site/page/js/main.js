@@ -5,6 +5,7 @@ import { readPlace, writePlace } from "./place.js";
 import { showMap } from "./map.js";
 import { showSolid } from "./solid.js";
 import { showModel } from "./model.js";
+import { readFromParent, tellParent } from "./notebook.js";
 
 const configuration = JSON.parse(document.getElementById("configuration").textContent);
 
@@ -69,6 +70,7 @@ async function show(spinney, source, name, place) {
 }
 
 async function start() {
+  document.addEventListener("spinney-polygon", ({ detail }) => tellParent({ polygon: detail }));
   const theme = new URLSearchParams(location.search).get("theme");
   if (theme === "dark" || theme === "light") document.documentElement.dataset.theme = theme;
   const panel = element("panel");
@@ -86,7 +88,9 @@ async function start() {
   const place = readPlace();
   const chosen = sources.find((source) => source.name === place.file) ?? sources[0];
   if (!chosen) return;
-  const sourceOf = ({ url }) => {
+  const sourceOf = ({ name, url, size }) => {
+    // (In a notebook whoever shows the page reads the file.)
+    if (url === "parent:") return { name, size, read: readFromParent };
     const data = embedded(url);
     return data === undefined ? new URL(url, document.baseURI) : bytesOf(data);
   };

@@ -2,7 +2,7 @@
 
 import { button, choice, element, fail, fill, field, latest, slider, table, text, toggle, working } from "./interface.js";
 import { changePlace, readPlace } from "./place.js";
-import { colour, ground } from "./ground.js";
+import { colour, ground, showGraticule } from "./ground.js";
 import { TILE, mercator, mercatorTiles, nativePlane, nativeTiles } from "./plane.js";
 import { hiddenClasses, showLegend } from "./legend.js";
 import { PolygonTool } from "./polygon.js";
@@ -85,6 +85,10 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
     changePlace({ at: [map.getZoom().toFixed(2), ...middle.map((at) => Number(at.toPrecision(10)))].join("/") });
   });
   await new Promise((done) => map.once("load", done));
+  if (isWorld) {
+    showGraticule(map);
+    map.on("moveend", () => showGraticule(map));
+  }
 
   const redraw = () => map.getSource("raster")?.setTiles(tiles());
   const legend = latest(async (signal) => {

@@ -1,0 +1,74 @@
+"""The page that shows a file, in a notebook."""
+
+from __future__ import annotations
+
+import builtins
+import json
+import os
+import pathlib
+from typing import Any
+
+from . import _native
+
+# Bytes that one message to the page has at most: its reader asks for less.
+_MOST = 64 << 20
+
+
+def title_of(path: str) -> str:
+    """The title of a file's page: its name without folder and end."""
+    return os.path.splitext(os.path.basename(path))[0]
+
+
+def shown(path: str, start: dict[str, Any], height: int) -> Any:
+    """A widget with the page of a file, which the kernel reads for it."""
+    try:
+        import anywidget
+        import traitlets
+    except ImportError as error:
+        raise ImportError("show() is for notebooks, and needs the package anywidget: pip install 'spinney[notebook]'") from error
+    if not os.path.isfile(path):
+        raise ValueError(f"{path}: show() reads files of this machine; for one that is elsewhere, write a page with export('index.html')")
+    size = os.path.getsize(path)
+    html = _native.page_html(os.path.basename(path), title_of(path), size, start)
+
+    class Page(anywidget.AnyWidget):
+        """The page of a file; `polygon` is what was drawn last, as GeoJSON, and `statistics` those of what lies in it."""
+
+        _esm = pathlib.Path(__file__).with_name("show.js")
+        _html = traitlets.Unicode(html).tag(sync=True)
+        _drawn = traitlets.Unicode("").tag(sync=True)
+        height = traitlets.Int(height).tag(sync=True)
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.on_msg(self._answer)
+
+        @property
+        def polygon(self) -> dict[str, Any] | None:
+            """The geometry that was drawn last: in longitude and latitude, or in the file's own coordinates where it is shown in these."""
+            return json.loads(self._drawn)["geometry"] if self._drawn else None
+
+        @property
+        def coordinates(self) -> str | None:
+            """The coordinates of the polygon, as `zonal` takes them: "lonlat" or "world"."""
+            return json.loads(self._drawn)["crs"] if self._drawn else None
+
+        @property
+        def statistics(self) -> dict[str, Any] | None:
+            """The statistics that the page shows of it: cells by their parts inside."""
+            return json.loads(self._drawn)["zone"] if self._drawn else None
+
+        def _answer(self, _widget: Any, message: Any, _buffers: Any) -> None:
+            number = message["range"]
+            try:
+                start, end = int(message["start"]), int(message["end"])
+                if not 0 <= start <= end <= size or end - start > _MOST:
+                    raise ValueError(f"bytes {start} to {end} of {size} in {path}")
+                with builtins.open(path, "rb") as file:
+                    file.seek(start)
+                    data = file.read(end - start)
+                self.send({"range": number}, buffers=[data])
+            except (OSError, ValueError) as error:
+                self.send({"range": number, "failure": str(error)})
+
+    return Page()

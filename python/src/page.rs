@@ -1,0 +1,57 @@
+//! Pages that show files in a browser, and in notebooks.
+
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use spinney::export::page::{
+    PageConfiguration, PageFile, PageRequest, PageSource, PageStart, PageSummary, export_page, inline_page,
+};
+use spinney::style::Style;
+
+use crate::error::OrRaise;
+use crate::files::check_output;
+use crate::jobs::{self, Terms};
+
+/// What a page begins with: layer, commit, and style.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Start {
+    layer: Option<String>,
+    commit: Option<u64>,
+    style: Option<String>,
+}
+
+impl Start {
+    fn page_start(self) -> PyResult<PageStart> {
+        let style = self.style.map(|text| Style::given(&text)).transpose().or_raise()?;
+        let style = style.map(|style| style.json().to_owned());
+        Ok(PageStart { layer: self.layer, commit: self.commit, style })
+    }
+}
+
+/// Writes a page for a file; returns how many files that are.
+#[pyfunction]
+pub(crate) fn write_page(
+    py: Python<'_>,
+    file: PathBuf,
+    path: PathBuf,
+    title: String,
+    start: Start,
+    self_contained: bool,
+    terms: Terms,
+) -> PyResult<u64> {
+    check_output(&[file.clone()], &path)?;
+    let files = vec![PageFile { path: file, start: start.page_start()? }];
+    let request = PageRequest { title, files, is_self_contained: self_contained };
+    let made: PageSummary = jobs::run(py, terms, |work| export_page(&request, &path, work))?;
+    Ok(made.files)
+}
+
+/// The HTML of a page inside another one, which asks that for the file's bytes.
+#[pyfunction]
+pub(crate) fn page_html(name: String, title: String, size: u64, start: Start) -> PyResult<String> {
+    let start = start.page_start()?;
+    let source = PageSource { name, title: title.clone(), url: "parent:".into(), size: Some(size), start };
+    let configuration = PageConfiguration { title, sources: vec![source], assets: String::new() };
+    inline_page(&configuration).or_raise()
+}

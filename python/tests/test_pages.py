@@ -1,0 +1,65 @@
+"""Pages: in a folder, as one file, and in a notebook."""
+
+import json
+import pathlib
+
+import pytest
+
+import spinney
+
+FIXTURES = pathlib.Path(__file__).parents[2] / "fixtures"
+# (Without it programs are built without the page.)
+HAS_PAGE = (FIXTURES.parent / "wasm/dist/module_bg.wasm").exists()
+
+
+@pytest.fixture
+def island(tmp_path):
+    path = tmp_path / "island.goblin"
+    spinney.build(FIXTURES / "island_classes.tif", path)
+    with spinney.open(path) as ds:
+        yield ds
+
+
+@pytest.mark.skipif(HAS_PAGE, reason="the page is there")
+def test_a_program_without_the_page_says_so(island, tmp_path):
+    with pytest.raises(ValueError, match="wasm/build.sh"):
+        island.export(tmp_path / "site/index.html")
+
+
+@pytest.mark.skipif(not HAS_PAGE, reason="wasm/build.sh was not run")
+def test_pages_are_written(island, tmp_path):
+    assert island.export(tmp_path / "site/index.html", style="viridis", name="An island") > 10
+    page = (tmp_path / "site/index.html").read_text()
+    configuration = json.loads(page.split('id="configuration">')[1].split("</script>")[0])
+    assert configuration["sources"][0]["url"] == "island.goblin"
+    assert json.loads(configuration["sources"][0]["style"])["ramp"] == "viridis"
+    assert "<title>An island</title>" in page
+    assert (tmp_path / "site/island.goblin").read_bytes() == pathlib.Path(island.path).read_bytes()
+    assert island.export(tmp_path / "one.html", self_contained=True) == 1
+    assert (tmp_path / "one.html").stat().st_size > 1_000_000
+    with pytest.raises(TypeError, match="zoom"):
+        island.export(tmp_path / "site/index.html", zoom=3)
+
+
+@pytest.mark.skipif(not HAS_PAGE, reason="wasm/build.sh was not run")
+def test_the_kernel_reads_for_the_page_and_gets_its_polygon(island):
+    pytest.importorskip("anywidget")
+    page = island.show(height=300)
+    sent = []
+    page.send = lambda content, buffers=None: sent.append((content, buffers))
+    data = pathlib.Path(island.path).read_bytes()
+    page._answer(page, {"range": 1, "start": 8, "end": 40}, [])
+    page._answer(page, {"range": 2, "start": 8, "end": len(data) + 1}, [])
+    assert sent[0] == ({"range": 1}, [data[8:40]])
+    assert sent[1][0]["range"] == 2 and "failure" in sent[1][0]
+    assert page.polygon is None and page.statistics is None
+    polygon = {"type": "Polygon", "coordinates": [[[-17.0, 28.86], [-16.99, 28.86], [-16.99, 28.87], [-17.0, 28.86]]]}
+    page._drawn = json.dumps({"geometry": polygon, "crs": "lonlat", "zone": {"cells": 7}})
+    assert page.polygon == polygon and page.coordinates == "lonlat" and page.statistics == {"cells": 7}
+    assert island.zonal([page.polygon], coordinates=page.coordinates)
+
+
+def test_views_are_not_shown(island):
+    turned = spinney.open(island.path, view="rotate=90")
+    with pytest.raises(ValueError, match="transform"):
+        turned.show()
