@@ -26,14 +26,6 @@ function graticule([west, south, east, north]) {
   return [...between(west, east).map((x) => [[x, bottom], [x, top]]), ...between(bottom, top).map((y) => [[west, y], [east, y]])];
 }
 
-const lines = [];
-  for (let at = -180; at <= 180; at += step) {
-    lines.push([[at, -85], [at, 85]]);
-    if (Math.abs(at) < 86) lines.push([[-180, at], [180, at]]);
-  }
-  return lines;
-}
-
 const lines = (coordinates) => ({ type: "Feature", properties: {}, geometry: { type: "MultiLineString", coordinates } });
 
 /** Sources and layers of the ground, for the style of a MapLibre map; colours are those of the page. */

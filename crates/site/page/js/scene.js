@@ -148,8 +148,10 @@ export class Scene {
         const number = axes.indexOf(axis);
         const [low, high] = [this.box.min.getComponent(number), this.box.max.getComponent(number)];
         const place = low + (high - low) * Number(at.value);
-        this.plane.normal.set(0, 0, 0).setComponent(number, -1);
-        this.plane.constant = place;
+        // (What is before the plane goes, as one looks at it.)
+        const side = this.camera.position.getComponent(number) < place ? 1 : -1;
+        this.plane.normal.set(0, 0, 0).setComponent(number, side);
+        this.plane.constant = -side * place;
         onCut(axis, place);
       }
       this.draw();

@@ -1,0 +1,49 @@
+// Pictures of the page for the documents: `SPINNEY_ROOT=. node pictures.mjs`, beside playwright-core (see ../test.sh).
+
+import { execFileSync } from "node:child_process";
+import { mkdtempSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { chromium } from "playwright-core";
+import { serve } from "./server.mjs";
+
+const root = process.env.SPINNEY_ROOT;
+const folder = mkdtempSync(join(tmpdir(), "spinney-pictures-"));
+const spinney = (...list) => execFileSync(join(root, "target/debug/spinney"), list);
+const fixture = (name) => join(root, "fixtures", name);
+const size = { width: 760, height: 480 };
+
+spinney("build", "-q", fixture("island_classes.tif"), "-o", join(folder, "island.goblin"));
+spinney("export", "-q", join(folder, "island.goblin"), join(folder, "page_map/index.html"));
+spinney("export", "-q", fixture("v1/ball.goblin"), join(folder, "page_solid/index.html"));
+spinney("export", "-q", fixture("v1/chapel.goblin"), join(folder, "page_model/index.html"));
+const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"] });
+
+async function take(name, work) {
+  const server = await serve(join(folder, name));
+  const page = await browser.newPage({ viewport: size });
+  await page.goto(`${server.url}index.html`);
+  await page.waitForSelector("html[data-ready]");
+  // (There is less room than on anybody's screen.)
+  await page.addStyleTag({ content: "#open, #tools { display: none } #panel { width: 250px; font-size: 12px; max-height: 96% } #answer { max-height: none } .classes button { min-height: 20px } footer { display: none !important }" });
+  await page.waitForTimeout(1000);
+  await work(page);
+  await page.waitForTimeout(1500);
+  await page.screenshot({ path: join(root, "docs/pictures", `${name}.png`) });
+  await page.close();
+  await server.close();
+}
+
+await take("page_map", async (page) => {
+  await page.click("text=Draw a polygon");
+  for (const [x, y] of [[420, 130], [600, 170], [560, 330], [450, 300]]) await page.mouse.click(x, y);
+  await page.click("text=Finish");
+});
+const cut = (axis, at) => async (page) => {
+  await page.selectOption("label:has-text('Section') select", axis);
+  await page.locator("input[type=range]").last().fill(String(at));
+};
+await take("page_solid", cut("x", 0.6));
+await take("page_model", cut("y", 0.45));
+await browser.close();
+rmSync(folder, { recursive: true });
