@@ -63,6 +63,7 @@
 //! | `geometry` | polygons with holes on an integer grid: triangles, bridges, sections with octants |
 //! | `partitions` | trees that divide in two: bintrees, and BSP trees of the plane and of space |
 //! | `reconstruction` | solids of pictures from known directions, and of outlines at heights |
+//! | `report`, `serve` | answers as JSON; a server of files and answers |
 //! | [`store`] | the formats, and building |
 //! | [`tree`] | sources: everything that can be walked from the root down |
 //! | [`space`], [`value`] | codes and boxes of nodes, coordinate systems; types of values and how they are averaged |
@@ -85,7 +86,10 @@
 //! | `mbtiles` | MBTiles archives and GeoPackages: SQLite, which needs a C compiler (with `raster` and `vector`) |
 //! | `meshopt` | compressed glTF (with `mesh`) |
 //! | `flatgeobuf` | features in FlatGeobuf (with `vector`) |
+//! | `site` | pages that show files in a browser |
 //! | `remote` | files on web servers and in buckets: read in ranges, written by upload |
+//! | `report` | answers as JSON (with `vector`) |
+//! | `serve` | a server of files and answers (with `raster` and `report`) |
 //! | `libwebp` | lossy WebP tiles: libwebp, which needs a C compiler (with `raster`) |
 //! | `cli` | the program `spinney`, with all of these but `libwebp`; the default |
 
@@ -327,7 +331,7 @@ pub mod tin {
 #[cfg(feature = "raster")]
 pub mod style {
     pub use spinney_style::{
-        Ground, Key, Legend, LegendImage, LegendSection, SampleBlock, Style, StylePainter, Tick,
+        Ground, Key, Legend, LegendClass, LegendImage, LegendSection, SampleBlock, Style, StylePainter, Tick,
     };
 }
 
@@ -423,6 +427,12 @@ pub mod export {
         };
     }
 
+    /// Pages that show files in a browser.
+    #[cfg(feature = "site")]
+    pub mod page {
+        pub use spinney_site::{PageFile, PageRequest, PageStart, PageSummary, export_page};
+    }
+
     /// Tiles of maps.
     #[cfg(feature = "raster")]
     pub mod tiles {
@@ -447,6 +457,21 @@ pub mod export {
             export_section, export_zones, quantile_name,
         };
     }
+}
+
+/// Answers as JSON, as the program prints them and the server sends them.
+#[cfg(feature = "report")]
+pub mod report {
+    pub use spinney_report::{
+        OUTSIDE, PointLayers, PointReport, ZoneReport, cell_area, channels_as_json, class_as_json,
+        class_name, printable_json,
+    };
+}
+
+/// A server of files and answers.
+#[cfg(feature = "serve")]
+pub mod serve {
+    pub use spinney_serve::{ServeOptions, Server};
 }
 
 /// Set operations of polygons.

@@ -328,7 +328,8 @@ export interface Legend {
   title: string;
   sections: {
     title: string;
-    classes?: { label: string; colour: Colour }[];
+    /** `value` is null where a colour is not that of a class. */
+    classes?: { value: number | null; label: string; colour: Colour }[];
     ramp?: { stops: Colour[]; ticks: { at: number; label: string }[] };
   }[];
 }
@@ -371,7 +372,9 @@ export interface Dataset extends Opened<Header> {
   /** A slice of a volume: columns and rows are the other two axes, in their order. */
   slice(request: SliceRequest): Promise<Window>;
   /** Its colours in a style, with the highest cells at the top where it is seen from the side. */
-  slice(request: SliceRequest & { style: Style }): Promise<ImageData | Pixels>;
+  slice(request: SliceRequest & { style: Style }): Promise<Picture>;
+  /** Longitudes and latitudes of places in the file's own system; null where there are none. */
+  geographic(places: ArrayLike<number>[], options?: AskOptions): Promise<([number, number] | null)[]>;
   /** The surface of a volume's level as triangles. */
   mesh(request?: MeshRequest): Promise<Mesh>;
   /** Whether a place is in the solid. */

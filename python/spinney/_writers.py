@@ -36,7 +36,7 @@ class Writers(Properties):
         threads: int | None = None,
         progress: Progress = None,
     ) -> None:
-        """Writes a part as a picture or array file (.png, .tif, .exr, .npy, .raw, of octrees .nrrd), as `spinney get` does.
+        """Writes a part as a picture or array file (.png, .webp, .tif, .exr, .npy, .raw, of octrees .nrrd), as `spinney get` does.
 
         `shape` are rows and columns of the result, `range` the numbers that become black and white in pictures, `style` a style's
         name ("viridis", "terrain", "hillshade", "relief" ...), its document as a dictionary or JSON, or a file with it.

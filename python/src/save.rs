@@ -40,7 +40,7 @@ impl Tree {
         let tree = &opened.tree;
         check_output(&[tree.name().to_path_buf()], &path)?;
         let format = format_of(&path);
-        let known = "use .png, .tif, .exr, .npy, .nrrd or .raw";
+        let known = "use .png, .webp, .tif, .exr, .npy, .nrrd or .raw";
         let format = format.ok_or_else(|| invalid(format!("{}: unknown format; {known}", path.display())))?;
         let part = part_of(tree, window, coordinates)?.unwrap_or(tree.header().picture());
         if opened.axes() == 3 && matches!(format, Format::Npy | Format::Nrrd | Format::Raw) && shape.is_none()

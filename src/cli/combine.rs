@@ -7,12 +7,12 @@ use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
 use spinney::import::feature::is_feature_file;
 use spinney::ops::{self, Prefer, Universe};
+use spinney::report::class_as_json;
 use spinney::value::Number;
 
 use super::args::{Memory, OperationName, OutputLimit, Packing, check_output, numbers, parse_operation};
 use super::features::{FeatureOperands, are_mixed};
 use super::overlay::{self, Question, Region};
-use super::report::statistics::class_as_json;
 use super::report::{Work, print_json, print_text, report_output};
 use super::{Global, exact};
 

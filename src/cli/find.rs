@@ -8,13 +8,13 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::ops::ViewSource;
 use spinney::query::{Condition, FoundBlock};
+use spinney::report::class_as_json;
 use spinney::value::Number;
 
 use super::Global;
 use super::args::{Memory, PartOptions, ViewedTree};
 use super::exact::{self, LeafKind};
 use super::features::{FeatureCells, FeatureTerms, check_features};
-use super::report::statistics::class_as_json;
 use super::report::{Found, Work};
 
 const EXAMPLES: &str = "Examples:

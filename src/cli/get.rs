@@ -38,9 +38,9 @@ const EXAMPLES: &str = "Examples:
   spinney get scan.goblin street.laz --window 500100,5200100,500300,5200250 --where classification=2
   spinney get roads.goblin bridges.gpkg --crossing rivers.gpkg
 
-The output is a picture or an array, by its name: .png, .tif, .exr, .npy, .nrrd or .raw. Several layers are bands
+The output is a picture or an array, by its name: .png, .webp (without loss), .tif, .exr, .npy, .nrrd or .raw. Several layers are bands
 of a .tif, .npy or .raw file, on the grid of the one with the smallest cells; two to four that are named are
-the colours of a .png, or of whatever has a --style.
+the colours of a .png or .webp, or of whatever has a --style.
 
 A slice across x or y has columns along y or x, and rows along z: pictures have the highest at the
 top, arrays the lowest first. Its --window counts so, too. An octree without --slice is an array of
@@ -86,13 +86,13 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME,...")]
     attribute: Option<String>,
     /// Format where the output's name does not say; points have las, laz, csv, ply and npy, lines geojson, csv, svg, gpkg, fgb, shp, obj and ply
-    #[arg(long, value_parser = ["png", "tif", "exr", "npy", "nrrd", "raw", "las", "laz", "csv", "ply", "geojson", "svg", "gpkg", "fgb", "shp", "obj"])]
+    #[arg(long, value_parser = ["png", "webp", "tif", "exr", "npy", "nrrd", "raw", "las", "laz", "csv", "ply", "geojson", "svg", "gpkg", "fgb", "shp", "obj"])]
     format: Option<String>,
     /// Number that means VOID
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<Number>,
     /// Colours: a style's name (viridis, terrain, hillshade, relief, terrain-rgb ...), its JSON or a file with it; see
-    /// docs/styles.md [default: the values themselves; .png of others than u8 and u16: the style "default"]
+    /// docs/styles.md [default: the values themselves; .webp, and .png of others than u8 and u16: the style "default"]
     #[arg(long, value_name = "STYLE", value_parser = parse_style, conflicts_with = "nodata")]
     style: Option<Style>,
     /// Grey between two numbers, which become black and white: short for a style
@@ -152,10 +152,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if let Some(option) = of_points {
         bail!("{option}: is for trees of points and of lines");
     }
-    let format = picture_format(path, args.format.as_deref(), ".png, .tif, .exr, .npy, .nrrd or .raw");
+    let format = picture_format(path, args.format.as_deref(), ".png, .webp, .tif, .exr, .npy, .nrrd or .raw");
     // What is drawn has layers as colours; what has values has them as bands.
     let is_drawn = args.style.is_some() || args.range.is_some() || args.slice.is_some();
-    let is_drawn = is_drawn || matches!(format, Ok(Format::Png | Format::Exr));
+    let is_drawn = is_drawn || matches!(format, Ok(Format::Png | Format::Webp | Format::Exr));
     let is_composite = is_drawn && args.tree.is_composite()?;
     let trees = if is_composite { vec![args.tree.open_drawn()?] } else { args.tree.open_all()? };
     let format = format?;
@@ -213,8 +213,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     (request.across, request.nodata) = (across, args.nodata);
     let progress = Work::start(global, "pixels")?;
     let fits = matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16);
-    let is_usual = format == Format::Png && style.is_none();
-    let default = (is_usual && (is_composite || !fits)).then(|| Style::default_for(&tree));
+    let is_usual = matches!(format, Format::Png | Format::Webp) && style.is_none();
+    let default =
+        (is_usual && (is_composite || !fits || format == Format::Webp)).then(|| Style::default_for(&tree));
     if let Some(default) = &default {
         global.report("style", format_args!("{}; see --style and --range", default.json()));
     }
@@ -235,8 +236,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, start: Instant) -> Result<()> {
     let path = args.output.path();
     ensure!(
-        args.style.is_none() && args.range.is_none() && format != Format::Png,
-        "--style, --range and .png are for one layer (--layer NAME), or two to four as colours (--layer A,B,C); all are written to .tif, .npy and .raw"
+        args.style.is_none() && args.range.is_none() && !matches!(format, Format::Png | Format::Webp),
+        "--style, --range, .png and .webp are for one layer (--layer NAME), or two to four as colours (--layer A,B,C); all are written to .tif, .npy and .raw"
     );
     ensure!(args.slice.is_none(), "--slice: is for one layer (--layer NAME)");
     // All on the grid of the one with the smallest cells.

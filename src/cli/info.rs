@@ -10,12 +10,12 @@ use spinney::io::rounds::traffic;
 use spinney::io::url_of;
 use spinney::ops::LayerInfo;
 use spinney::query::ChannelStatistics;
+use spinney::report::{channels_as_json, class_as_json};
 use spinney::space::{Crs, Frame};
 use spinney::store::goblin::LevelBytes;
 use spinney::store::{Codec, FilePlace, LevelCounts, Metadata, TagScope};
 
 use super::args::LayerOption;
-use super::report::statistics::{channels_as_json, class_as_json};
 use super::report::unit::{behind_number, unit};
 use super::report::{commit, print_json, print_text, shortened};
 use super::{exact, lines, open, points};

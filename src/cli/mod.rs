@@ -28,6 +28,7 @@ mod render;
 mod report;
 mod revert;
 mod section;
+mod serve;
 mod show;
 mod signals;
 mod stats;
@@ -100,6 +101,7 @@ enum Command {
     Compact(compact::Args),
     Convert(convert::Args),
     Verify(verify::Args),
+    Serve(serve::Args),
     Completions(completions::Args),
 }
 
@@ -129,6 +131,7 @@ impl Command {
             Command::Recover(args) => recover::run(&args, global),
             Command::Compact(args) => compact::run(&args, global),
             Command::Convert(args) => convert::run(&args, global),
+            Command::Serve(args) => serve::run(&args, global),
             Command::Verify(args) => return verify::run(&args, global),
             Command::Completions(args) => completions::run(args),
         }

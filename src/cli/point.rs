@@ -5,16 +5,14 @@ use std::sync::Mutex;
 
 use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
-use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::io::url_of;
-use spinney::query::PointSamples;
-use spinney::space::{Coordinates, Places};
-use spinney::value::{Number, SampleType};
+use spinney::report::{OUTSIDE, PointLayers};
+use spinney::space::Coordinates;
 
 use super::args::{CoordinatesOption, ViewedTree, level_of};
 use super::exact::PointQuestion;
-use super::report::{printable_json, warn};
+use super::report::warn;
 use super::{Global, exact, lines, points};
 
 const EXAMPLES: &str = "Examples:
@@ -130,17 +128,16 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let level = level_of(finest, args.level)?;
     global.report_approximate(finest, level);
     let from = if args.points.is_empty() { "standard input, line" } else { "point" };
-    let places = args.coordinates.places(finest, Coordinates::World)?;
+    let coordinates = args.coordinates.given().unwrap_or(&Coordinates::World);
+    let layers: Vec<&Dataset> = trees.iter().collect();
+    let layers = PointLayers::new(&layers, coordinates, Some(level))?;
+    layers.places().remarks().iter().for_each(|remark| warn(remark));
     let points = Points {
-        trees: &trees,
-        depth: finest.depth(),
-        axes: finest.header().form.axes(),
-        level,
-        places,
+        headings: args.json.then(|| layers.headings()),
+        layers,
         from,
         is_elsewhere: trees.iter().any(|tree| url_of(tree.name()).is_some()),
         outside: Mutex::default(),
-        headings: args.json.then(|| trees.iter().map(heading).collect()),
     };
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     if !args.points.is_empty() {
@@ -157,13 +154,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 
 /// Questions for points.
 struct Points<'a> {
-    /// Layers, each of which answers.
-    trees: &'a [Dataset],
-    /// Levels of the one with the smallest cells, whose places these are.
-    depth: u8,
-    axes: usize,
-    level: u8,
-    places: Places,
+    layers: PointLayers<'a>,
     /// Whether the file is read from elsewhere.
     is_elsewhere: bool,
     /// Points outside of the picture so far.
@@ -172,12 +163,6 @@ struct Points<'a> {
     from: &'static str,
     /// Of JSON the beginning of what each layer answers.
     headings: Option<Vec<String>>,
-}
-
-/// The beginning of a layer's answer in JSON: its name and its time.
-fn heading(tree: &Dataset) -> String {
-    let (layer, time) = (json!(tree.metadata().name), json!(tree.metadata().time));
-    printable_json(&format!("{{\"layer\":{layer},\"time\":{time},\"samples\":")).into_owned()
 }
 
 /// Points that lie outside of the picture.
@@ -244,48 +229,20 @@ impl Points<'_> {
                 cells.push(self.cell(line, number)?);
             }
         }
-        let of_layers = self.trees.iter().map(|tree| {
-            // A layer of larger cells has the same levels, but for the deepest.
-            let shift = self.level.saturating_sub(tree.depth());
-            let (level, mut samples) = (self.level - shift, PointSamples::default());
-            let coarser =
-                |cell: &[u64; 3]| if *cell == OUTSIDE { OUTSIDE } else { cell.map(|at| at >> shift) };
-            let cells: Vec<[u64; 3]> = cells.iter().map(coarser).collect();
-            tree.points(&cells, level, &mut samples)?;
-            Ok((samples, tree.header().form.value.sample == SampleType::F64))
-        });
-        let of_layers = of_layers.collect::<Result<Vec<_>>>()?;
+        let report = self.layers.ask(&cells)?;
         let mut answers = Vec::with_capacity(lines.len());
-        for (index, cell) in cells.iter().enumerate() {
-            if let Some(headings) = &self.headings {
-                write_json(headings, (*cell, index), &of_layers, &mut answers);
-                continue;
+        for index in 0..cells.len() {
+            match &self.headings {
+                Some(headings) => report.write_json(headings, index, &mut answers),
+                None => report.write_text(index, &mut answers),
             }
-            for (layer, (samples, is_double)) in of_layers.iter().enumerate() {
-                if layer > 0 {
-                    answers.push(b',');
-                }
-                match samples.get(index) {
-                    Some(numbers) => {
-                        for (channel, number) in numbers.iter().enumerate() {
-                            if channel > 0 {
-                                answers.push(b',');
-                            }
-                            write_number(*number, *is_double, &mut answers);
-                        }
-                    }
-                    None if *cell == OUTSIDE => answers.extend(b"outside"),
-                    None => answers.extend(b"void"),
-                }
-            }
-            answers.push(b'\n');
         }
         Ok(answers)
     }
 
     /// The cell of the level in which the point of a line lies.
     fn cell(&self, line: &str, number: u64) -> Result<[u64; 3]> {
-        let axes = self.axes;
+        let axes = self.layers.axes();
         let wrong = || {
             let wanted = if axes == 3 { "X,Y,Z" } else { "X,Y" };
             anyhow!("{} {number}: `{line}` is not {wanted}", self.from)
@@ -298,17 +255,14 @@ impl Points<'_> {
             given += 1;
         }
         ensure!(given >= axes, wrong());
-        // (Quadtrees have one layer, wherever that is.)
-        let cell = self.places.cell(point).map(|[x, y, z]| if axes == 3 { [x, y, z] } else { [x, y, 0.0] });
-        let Some(cell) = cell.filter(|cell| self.places.is_inside(*cell)) else {
-            let swapped = self.places.cell([point[1], point[0], point[2]]);
+        let cell = self.layers.cell(point);
+        if cell == OUTSIDE {
+            let swapped = self.layers.cell([point[1], point[0], point[2]]);
             let mut outside = self.outside.lock().expect("no thread has panicked");
             outside.count += 1;
-            outside.swapped += u64::from(swapped.is_some_and(|cell| self.places.is_inside(cell)));
-            return Ok(OUTSIDE);
-        };
-        let shift = self.depth - self.level;
-        Ok(cell.map(|coordinate| coordinate.floor() as u64 >> shift))
+            outside.swapped += u64::from(swapped != OUTSIDE);
+        }
+        Ok(cell)
     }
 
     /// Says how many points lie outside of the picture, if any do.
@@ -323,54 +277,11 @@ impl Points<'_> {
             _ => "; with x and y swapped they would be inside: longitude comes before latitude",
         };
         let points = if count == 1 { "1 point is".into() } else { format!("{count} points are") };
-        warn(&format!("{points} outside of the picture, which is {}{advice}", self.places.picture()));
+        warn(&format!(
+            "{points} outside of the picture, which is {}{advice}",
+            self.layers.places().picture()
+        ));
     }
-}
-
-/// The cell of points that are outside of the picture.
-const OUTSIDE: [u64; 3] = [u64::MAX; 3];
-
-/// Writes a point's answer as a line of JSON.
-fn write_json(
-    headings: &[String],
-    (cell, index): ([u64; 3], usize),
-    of_layers: &[(PointSamples, bool)],
-    text: &mut Vec<u8>,
-) {
-    let is_outside = if cell == OUTSIDE { "true" } else { "false" };
-    text.extend(format!("{{\"outside\":{is_outside},\"layers\":[").bytes());
-    for (layer, (heading, (samples, is_double))) in headings.iter().zip(of_layers).enumerate() {
-        if layer > 0 {
-            text.push(b',');
-        }
-        text.extend(heading.bytes());
-        match samples.get(index) {
-            Some(numbers) => {
-                for (channel, number) in numbers.iter().enumerate() {
-                    text.push(if channel > 0 { b',' } else { b'[' });
-                    // (JSON has no word for what is not finite.)
-                    if number.is_finite() {
-                        write_number(*number, *is_double, text);
-                    } else {
-                        text.extend(b"null");
-                    }
-                }
-                text.extend(b"]}");
-            }
-            None => text.extend(b"null}"),
-        }
-    }
-    text.extend(b"]}\n");
-}
-
-/// Writes a number; a whole one, as most are, without the detour over floating-point printing.
-fn write_number(number: Number, is_double: bool, text: &mut Vec<u8>) {
-    let written = match number {
-        Number::Float(number) if number as i64 as f64 == number => write!(text, "{}", number as i64),
-        Number::Float(number) if !is_double => write!(text, "{}", number as f32),
-        number => write!(text, "{number}"),
-    };
-    debug_assert!(written.is_ok(), "writing to memory");
 }
 
 /// Cuts text into about so many parts at ends of lines.

@@ -11,7 +11,7 @@ const TASKS: [(&str, &[&str]); 6] = [
     ("Ask", &["point", "stats", "find"]),
     ("Change, and look back", &["edit", "log", "diff", "blame", "revert", "compact"]),
     ("Check", &["verify", "recover"]),
-    ("Other", &["completions", "help"]),
+    ("Other", &["serve", "completions", "help"]),
 ];
 
 /// The program's arguments, with the list of its subcommands by tasks.

@@ -108,7 +108,7 @@ fn what_a_format_cannot_hold_names_one_that_can() {
     }
     for other in ["x.jpg", "x.gif", "x", "x.ply"] {
         let said = complaint(&["get", &tree, &name(other)], 1);
-        assert!(said.contains(".png, .tif, .exr, .npy, .nrrd or .raw"), "{said}");
+        assert!(said.contains(".png, .webp, .tif, .exr, .npy, .nrrd or .raw"), "{said}");
     }
 }
 

@@ -14,8 +14,16 @@ use crate::common::command::command;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// Pages that have no commands of their own.
-const WITHOUT: [&str; 7] =
-    ["c.md", "how-it-works.md", "javascript.md", "literature.md", "options.md", "python.md", "remote.md"];
+const WITHOUT: [&str; 8] = [
+    "c.md",
+    "how-it-works.md",
+    "javascript.md",
+    "literature.md",
+    "options.md",
+    "python.md",
+    "remote.md",
+    "serve.md",
+];
 
 /// A block of commands.
 struct Block {

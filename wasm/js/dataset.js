@@ -263,9 +263,13 @@ export class Dataset extends Opened {
   async slice({ style, ...request }) {
     if (style !== undefined) {
       const { json, buffers } = await this.ask("slice", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
-      return picture(buffers[0], json.width, json.height);
+      return picture(buffers[0], json.width, json.height, json);
     }
     return samples(await this.ask("slice", request, { ...request, buffers: 2 }));
+  }
+
+  async geographic(places, options = {}) {
+    return (await this.ask("geographic", options, { ...options, places: flat(places, 2) })).json;
   }
 
   async mesh(request = {}) {

@@ -1,6 +1,7 @@
 // The worker of `openInWorker`: datasets that are open here are asked by messages.
 
 import { Dataset, Model, open } from "./dataset.js";
+import { setModule } from "./engine.js";
 import { toParts } from "./errors.js";
 import { packed } from "./pictures.js";
 
@@ -11,7 +12,7 @@ const port = isNode ? (await import(/* webpackIgnore: true */ /* @vite-ignore */
 const METHODS = {
   Dataset: {
     window: 0, point: 1, points: 1, stats: 0, zonal: 1, histogram: 0, find: 0, openLayer: 1, openCommit: 1, commits: 0,
-    diff: 2, image: 0, tile: 0, legend: 0, slice: 0, mesh: 0, contains: 1,
+    diff: 2, image: 0, tile: 0, legend: 0, slice: 0, geographic: 1, mesh: 0, contains: 1,
   },
   Model: { measures: 0, locate: 1, contains: 1, section: 0, triangles: 0 },
 };
@@ -59,6 +60,11 @@ function transferred(found) {
 }
 
 async function take(message) {
+  if (message.module) {
+    // (It is nowhere that the worker could find it: the first message brings it.)
+    setModule(message.module);
+    return;
+  }
   if (message.abort) {
     running.get(message.abort)?.abort();
     return;

@@ -11,7 +11,7 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::WarpOptions;
-use spinney_style::{Ground, Key, SampleBlock, Style};
+use spinney_style::{Ground, Key, LegendClass, SampleBlock, Style};
 use spinney_tiles::{MAX_ZOOM, TileId, TilePainter, TreeTiles, WarpedTiles, draw_tile};
 
 use crate::answer::Found;
@@ -126,19 +126,24 @@ pub(crate) fn image(opened: &Opened, (part, detail): (&Part, &Detail), image: &I
     let block = SampleBlock { width, height, margin, bytes: &bytes, valid: &valid, ground: &ground };
     let mut rgba = vec![0; width * height * 4];
     painter.paint(&block, &mut rgba)?;
-    let covered = Bounds {
-        min: [cells.min[0] << shift, cells.min[1] << shift, 0],
-        max: [cells.max[0] << shift, cells.max[1] << shift, 1],
-    };
+    Ok(Found { json: picture_json(tree, [width, height], level, &cells), buffers: vec![rgba] })
+}
+
+/// Size and place of a picture of a level's cells: cells of the deepest level, and coordinates.
+fn picture_json(tree: &Dataset, [width, height]: [usize; 2], level: u8, cells: &Bounds) -> Value {
+    let (axes, shift) = (tree.header().form.axes(), tree.depth() - level);
+    let mut covered = Bounds { min: cells.min.map(|at| at << shift), max: cells.max.map(|at| at << shift) };
+    if axes == 2 {
+        (covered.min[2], covered.max[2]) = (0, 1);
+    }
     let [low, high] = tree.metadata().frame.world_box(&covered);
-    let json = json!({
+    json!({
         "width": width,
         "height": height,
         "level": level,
-        "cells": [covered.min[0], covered.min[1], covered.max[0], covered.max[1]],
-        "bounds": [low[0], low[1], high[0], high[1]],
-    });
-    Ok(Found { json, buffers: vec![rgba] })
+        "cells": [&covered.min[..axes], &covered.max[..axes]].concat(),
+        "bounds": [&low[..axes], &high[..axes]].concat(),
+    })
 }
 
 /// The samples of a box of a level's cells and of those around it, VOID where the tree has none.
@@ -199,7 +204,7 @@ pub(crate) fn slice_image(
     if across != 2 {
         rgba = rgba.chunks_exact(width * 4).rev().flatten().copied().collect();
     }
-    Ok(Found { json: json!({ "width": width, "height": height, "level": level }), buffers: vec![rgba] })
+    Ok(Found { json: picture_json(tree, [width, height], level, &cells), buffers: vec![rgba] })
 }
 
 /// A tile: red, green, blue and opacity of each pixel, or nothing where nothing is there.
@@ -240,7 +245,8 @@ pub(crate) fn legend(opened: &Opened, image: &Image) -> Result<Found> {
     let legend = painter.painter().legend(tree)?;
     let section = |section: &spinney_style::LegendSection| match &section.key {
         Key::Classes(classes) => {
-            let classes = classes.iter().map(|(colour, label)| json!({ "label": label, "colour": colour }));
+            let class = |class: &LegendClass| json!({ "value": class.value, "label": class.name, "colour": class.colour });
+            let classes = classes.iter().map(class);
             json!({ "title": section.title, "classes": classes.collect::<Vec<Value>>() })
         }
         Key::Ramp { colours, ticks } => {

@@ -3,6 +3,7 @@
 use serde::Deserialize;
 use serde_json::{Value, json};
 use spinney_base::{Error, Result};
+use spinney_crs::{Crs, Transformation};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::PointSamples;
 
@@ -64,4 +65,18 @@ pub(crate) fn values(tree: &Dataset, request: &Request, numbers: &[f64]) -> Resu
         })
     };
     Ok(Value::from(cells.iter().enumerate().map(point).collect::<Vec<_>>()).into())
+}
+
+/// Longitudes and latitudes of places in the tree's own system, of two numbers each; null where there are none.
+pub(crate) fn geographic(tree: &Dataset, numbers: &[f64]) -> Result<Found> {
+    let Some(crs) = &tree.metadata().frame.crs else {
+        return Err(Error::unsupported(
+            tree.name(),
+            "a place on the globe of a file without a coordinate system",
+            "give it one with `spinney edit --crs`",
+        ));
+    };
+    let way = Transformation::new(crs, &Crs::epsg(4326), true)?;
+    let places = numbers.chunks_exact(2).map(|place| json!(way.forward([place[0], place[1]])));
+    Ok(Value::from(places.collect::<Vec<_>>()).into())
 }

@@ -116,6 +116,7 @@ fn answer(question: &Value, places: &[f64]) -> Result<Outcome> {
             Content::Model(model) => model::contains(model, places)?,
         },
         "slice" => solid::slice(opened, (&part()?, &detail()?), &members(question)?)?,
+        "geographic" => points::geographic(opened.cells()?, places)?,
         "mesh" => solid::mesh(opened.cells()?, &part()?, &members(question)?)?,
         "measures" => model::measures(opened.model()?)?,
         "section" => model::section(opened.model()?, &members(question)?)?,

@@ -14,6 +14,19 @@ pub struct PageSource {
     pub title: String,
     /// Address from the page's own, already with `%` where names need it.
     pub url: String,
+    /// What is seen of it at the beginning.
+    pub start: PageStart,
+}
+
+/// Part and look of a file that a page begins with.
+#[derive(Clone, Debug, Default)]
+pub struct PageStart {
+    /// The layer's name; the first if none is named.
+    pub layer: Option<String>,
+    /// The commit's number; the newest if none is named.
+    pub commit: Option<u64>,
+    /// The style's document or name; the file's own if none is named.
+    pub style: Option<String>,
 }
 
 /// Knowledge of the page about its place: the files that it shows, and where its own are.
@@ -30,8 +43,10 @@ pub struct PageConfiguration {
 impl PageConfiguration {
     /// The configuration as the page reads it.
     fn json(&self) -> Value {
-        let source =
-            |PageSource { name, title, url }: &PageSource| json!({"name": name, "title": title, "url": url});
+        let source = |PageSource { name, title, url, start }: &PageSource| {
+            let PageStart { layer, commit, style } = start;
+            json!({"name": name, "title": title, "url": url, "layer": layer, "commit": commit, "style": style})
+        };
         json!({
             "assets": self.assets,
             "sources": self.sources.iter().map(source).collect::<Vec<_>>(),

@@ -8,9 +8,9 @@ use base64::prelude::BASE64_STANDARD;
 use base64::write::EncoderWriter;
 
 use super::asset::{PACKAGE, names, needed};
-use super::configuration::{PageConfiguration, PageSource, index, page_of};
+use super::configuration::{PageConfiguration, PageSource, PageStart, index, page_of};
 use super::inline;
-use spinney_base::io::Output;
+use spinney_base::io::{Output, split_query, url_of};
 use spinney_base::{Error, Progress, Result};
 
 /// Folder of the page's own files.
@@ -26,9 +26,18 @@ pub struct PageRequest {
     /// Title of the page.
     pub title: String,
     /// Tree files that it shows, the first one at the beginning.
-    pub files: Vec<PathBuf>,
+    pub files: Vec<PageFile>,
     /// Whether everything is inside the page, the data too.
     pub is_self_contained: bool,
+}
+
+/// A file that a page shows.
+#[derive(Clone, Debug)]
+pub struct PageFile {
+    /// The file, or its URL, which the page then reads it from.
+    pub path: PathBuf,
+    /// What is seen of it at the beginning.
+    pub start: PageStart,
 }
 
 /// Size of what was written.
@@ -50,24 +59,31 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
     // (Before anything is written.)
     needed(&format!("{PACKAGE}module_bg.wasm"))?;
     let sources = sources(&request.files)?;
-    let configuration = PageConfiguration { title: request.title.clone(), sources, assets: ASSETS.into() };
-    let sizes = request.files.iter().map(|file| fs::metadata(file).map_err(Error::io(file, "look at")));
-    let sizes: Vec<u64> = sizes.map(|found| found.map(|found| found.len())).collect::<Result<_>>()?;
+    // (What is elsewhere stays there.)
+    let local = request.files.iter().zip(&sources).filter(|(file, _)| url_of(&file.path).is_none());
+    let mut local: Vec<(&Path, &PageSource, u64)> =
+        local.map(|(file, source)| (file.path.as_path(), source, 0)).collect();
+    for (file, _, size) in &mut local {
+        *size = fs::metadata(&*file).map_err(Error::io(&*file, "look at"))?.len();
+    }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(Error::io(folder, "make the folder"))?;
-    let mut done = Done { bytes: 0, total: sizes.iter().sum(), progress };
+    let total = local.iter().map(|(_, _, size)| size).sum();
+    let mut done = Done { bytes: 0, total, progress };
+    let configuration =
+        PageConfiguration { title: request.title.clone(), sources: sources.clone(), assets: ASSETS.into() };
     let mut summary = PageSummary::default();
     if request.is_self_contained {
-        if let Some((file, size)) = request.files.iter().zip(&sizes).find(|(_, size)| **size > MOST_INSIDE) {
+        if let Some((file, _, size)) = local.iter().find(|(_, _, size)| *size > MOST_INSIDE) {
             let found = format!("{size} bytes inside a page");
             let advice = format!(
                 "at most {MOST_INSIDE} go into one: leave out --self-contained, or make a smaller file with `spinney transform`"
             );
-            return Err(Error::unsupported(file, found, advice));
+            return Err(Error::unsupported(*file, found, advice));
         }
-        return write_one_file(request, &configuration, path, &mut done);
+        return write_one_file(&local, &configuration, path, &mut done);
     }
-    for (file, source) in request.files.iter().zip(&configuration.sources) {
+    for (file, source, size) in local {
         let target = folder.join(&source.name);
         // (A page beside its data needs no copy.)
         if is_same_file(file, &target) {
@@ -76,9 +92,9 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
         let mut output = Output::create(&target)?;
         copy(file, &mut output, &target, &mut done)?;
         output.commit()?;
+        summary.files += 1;
+        summary.bytes += size;
     }
-    summary.files += sizes.len() as u64;
-    summary.bytes += sizes.iter().sum::<u64>();
     for name in names() {
         let target = folder.join(ASSETS).join(&name);
         let own = target.parent().unwrap_or(folder);
@@ -92,7 +108,7 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
 
 /// Writes a page with everything inside.
 fn write_one_file(
-    request: &PageRequest,
+    local: &[(&Path, &PageSource, u64)],
     configuration: &PageConfiguration,
     path: &Path,
     done: &mut Done<'_>,
@@ -104,7 +120,7 @@ fn write_one_file(
     let put =
         |output: &mut Output, text: &str| output.write_all(text.as_bytes()).map_err(Error::io(path, "write"));
     put(&mut output, before)?;
-    for (file, source) in request.files.iter().zip(&configuration.sources) {
+    for (file, source, _) in local {
         put(&mut output, &format!("<script type=\"text/plain\" data-name=\"{}\">", source.url))?;
         let mut encoder = EncoderWriter::new(&mut output, &BASE64_STANDARD);
         copy(file, &mut encoder, path, done)?;
@@ -132,19 +148,24 @@ impl PageSummary {
 }
 
 /// The files as the page names them.
-fn sources(files: &[PathBuf]) -> Result<Vec<PageSource>> {
+fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
     let mut made: Vec<PageSource> = Vec::new();
-    for file in files {
-        let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    for PageFile { path, start } in files {
+        let url = url_of(path);
+        let place = Path::new(url.map_or("", |url| split_query(url).0));
+        let name_of = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let name = name_of(if url.is_some() { place } else { path });
         if made.iter().any(|other| other.name == name) {
-            return Err(Error::invalid(
-                "files of a page",
-                format!("two that are called {name}"),
-                "files of different names",
-            ));
+            let found = format!("two that are called {name}");
+            return Err(Error::invalid("files of a page", found, "files of different names"));
         }
-        let title = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        made.push(PageSource { url: percent_encoded(&name), title, name });
+        let title = Path::new(&name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let url = url.map_or_else(|| percent_encoded(&name), str::to_owned);
+        if !url.starts_with("http") && url.contains("://") {
+            let advice = "give its address as browsers have it: https://...";
+            return Err(Error::unsupported(path, "a file in a bucket, which no browser reads,", advice));
+        }
+        made.push(PageSource { name, title, url, start: start.clone() });
     }
     Ok(made)
 }
@@ -192,7 +213,8 @@ mod tests {
     #[test]
     fn names_become_addresses() {
         assert_eq!(percent_encoded("a b#1.goblin"), "a%20b%231.goblin");
-        let files = ["x/a.goblin", "y/a.goblin"].map(PathBuf::from);
+        let files = ["x/a.goblin", "y/a.goblin"];
+        let files = files.map(|path| PageFile { path: path.into(), start: PageStart::default() });
         assert!(sources(&files).unwrap_err().to_string().contains("two that are called a.goblin"));
     }
 }

@@ -10,5 +10,5 @@ mod export;
 mod inline;
 
 pub use asset::{Asset, asset};
-pub use configuration::{PageConfiguration, PageSource, index};
-pub use export::{PageRequest, PageSummary, export_page};
+pub use configuration::{PageConfiguration, PageSource, PageStart, index};
+pub use export::{PageFile, PageRequest, PageSummary, export_page};

@@ -45,7 +45,7 @@ pub use self::colour::{CLAY, distinct, to_linear, to_srgb};
 pub use self::domain::PercentileNumbers;
 pub use self::ground::Ground;
 use self::layer::Layer;
-pub use self::legend::{Key, Legend, LegendImage, LegendSection, Tick};
+pub use self::legend::{Key, Legend, LegendClass, LegendImage, LegendSection, Tick};
 pub use self::painter::{SampleBlock, StylePainter};
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;

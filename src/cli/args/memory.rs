@@ -12,7 +12,7 @@ pub(crate) struct Memory {
 pub(crate) const DEFAULT_MEMORY: u64 = 256 << 20;
 
 /// Reads a number of bytes: `256M`, `1G`, `1GiB`, `1000000`. Units are powers of 1024.
-pub(super) fn parse_bytes(text: &str) -> Result<u64, String> {
+pub(crate) fn parse_bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let digits = text.len() - text.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.').len();
     let (number, unit) = text.split_at(digits);

@@ -30,7 +30,7 @@ pub(crate) use crs::parse_crs;
 pub(crate) use global::Global;
 pub(crate) use layer::LayerOption;
 pub(crate) use list::expand_lists;
-pub(crate) use memory::{DEFAULT_MEMORY, Memory};
+pub(crate) use memory::{DEFAULT_MEMORY, Memory, parse_bytes};
 pub(crate) use operation::{OperationName, parse_operation};
 pub(crate) use output::{
     OutputFile, OutputLimit, VECTOR_FORMATS, check_output, picture_format, same_file, vector_format,

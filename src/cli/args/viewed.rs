@@ -31,6 +31,11 @@ impl ViewedTree {
         !self.steps.is_empty()
     }
 
+    /// The layers that are named, as they were written.
+    pub(crate) fn layer_text(&self) -> Option<&str> {
+        self.layer.text()
+    }
+
     /// Opens the file if it is an exact model, with or without steps.
     pub(crate) fn open_model(&self, global: &Global) -> anyhow::Result<Option<ModelView>> {
         exact::open_viewed(&self.file, &self.steps, global)
@@ -53,6 +58,12 @@ impl ViewedTree {
     pub(crate) fn open(&self) -> anyhow::Result<Dataset> {
         let path = if self.is_calculated() { self.file.clone() } else { self.layer.path(&self.file)? };
         self.through(open(&path)?)
+    }
+
+    /// Opens the first of the layers that are meant, of however many.
+    pub(crate) fn open_any_layer(&self) -> anyhow::Result<Dataset> {
+        let layers = self.layer.paths(&self.file)?;
+        self.through(open(layers.first().unwrap_or(&self.file))?)
     }
 
     /// Whether several layers are named, which pictures have as channels.

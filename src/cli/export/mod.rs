@@ -6,6 +6,7 @@ mod cog;
 mod csg;
 mod gltf;
 mod mesh;
+mod page;
 mod polygons;
 mod tiles;
 mod tin;
@@ -24,7 +25,7 @@ use super::args::{OutputFile, PartOptions, ViewedTree};
 ///
 /// The output's name says what is written, or else --format: .tif, .pmtiles, .mbtiles or a pattern such as 'map/{z}/{x}/{y}.png' of
 /// pictures; .ply, .obj, .stl, .off, .glb or 'x/tileset.json' (3D Tiles) of solids, of exact models .city.json, too; .csg is the text of
-/// primitives that a solid was built of.
+/// primitives that a solid was built of; .html is a page that shows any of them.
 ///
 /// A cloud-optimized GeoTIFF (.tif) has the tree's own levels as its overviews, in tiles, with the tree's statistics, palette,
 /// names and coordinate system.
@@ -52,6 +53,10 @@ use super::args::{OutputFile, PartOptions, ViewedTree};
 ///
 /// Of an exact model the faces are written as they are, polygons with holes too, and as CityJSON (.city.json) as well.
 ///
+/// A page (.html) shows the file in a browser: maps with legends, styles and the exact statistics of polygons, solids and exact models in three
+/// dimensions. It needs no server but a host of files that answers ranges: the page, a folder `assets` and a copy of the file stand beside each
+/// other. With --self-contained it is one file.
+///
 /// PLY is binary and has colours and classes as properties of faces; OBJ is text; OFF is text and has colours of
 /// faces; STL is binary, in single precision.
 #[derive(clap::Args)]
@@ -61,7 +66,7 @@ pub(crate) struct Args {
     tree: ViewedTree,
     #[command(flatten)]
     output: OutputFile,
-    /// Format where the output's name does not say: tif, chain, ply, obj, stl, off, glb, city.json or csg
+    /// Format where the output's name does not say: tif, chain, ply, obj, stl, off, glb, city.json, csg or html
     #[arg(long)]
     format: Option<Target>,
     #[command(flatten)]
@@ -82,6 +87,8 @@ pub(crate) struct Args {
     chain: chain::ChainOptions,
     #[command(flatten)]
     tin: tin::TinOptions,
+    #[command(flatten)]
+    page: page::PageOptions,
 }
 
 /// Options of all pictures in tiles.
@@ -119,6 +126,8 @@ const EXAMPLES: &str = "Examples:
   spinney export landcover.goblin woods.geojson --polygons --class 3,4 --simplify 20
   spinney export landcover.goblin woods.chain --class 3 --directions 8
   spinney export dem.goblin relief.ply --tin 2
+  spinney export landcover.goblin site/index.html
+  spinney export bunny.goblin bunny.html --self-contained
   spinney export bunny.goblin bunny.ply
   spinney export bunny.goblin small.obj --level 6
   spinney export bunny.goblin print.stl --smooth
@@ -140,6 +149,8 @@ enum Target {
     Glb,
     /// The text of primitives that it was made of.
     Csg,
+    /// A page that shows it in a browser.
+    Page,
 }
 
 impl Target {
@@ -161,6 +172,7 @@ impl FromStr for Target {
             "chain" => Ok(Target::Chain),
             "glb" => Ok(Target::Glb),
             "csg" => Ok(Target::Csg),
+            "html" | "htm" => Ok(Target::Page),
             _ => name.parse().map(Target::Mesh),
         }
     }
@@ -189,18 +201,24 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     if tiles.is_none() && target.is_none() {
         bail!(
             "{}: unknown format; use .tif, .chain, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl, \
-             .off, .glb, x/tileset.json or .csg, or --format",
+             .off, .glb, x/tileset.json, .csg or .html, or --format",
             args.output.path().display()
         );
     }
     let target = target.filter(|_| tiles.is_none());
     let is_solid = matches!(target, Some(Target::Mesh(_) | Target::Tileset | Target::Glb));
     let is_chain = target == Some(Target::Chain);
+    let is_page = target == Some(Target::Page);
     let of_mesh = args.mesh.given().filter(|option| !(is_chain && *option == "--level"));
     let misplaced = [
         (is_chain, args.polygons.given().or(args.chain.given()), "regions: --polygons, or .chain"),
         (tiles.is_some() || target == Some(Target::Cog), args.tiles.given(), "pictures in tiles"),
-        (tiles.is_some(), args.archive.given(), "tiles of web maps"),
+        (
+            tiles.is_some(),
+            args.archive.given().filter(|option| !(is_page && ["--style", "--name"].contains(option))),
+            "tiles of web maps",
+        ),
+        (is_page, args.page.given(), "pages"),
         (
             tiles.is_some(),
             args.part.is_given().then_some("--window"),
@@ -229,6 +247,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         (None, Some(Target::Tileset)) => gltf::write_tileset(args, global),
         (None, Some(Target::Glb)) => gltf::write_glb(args, global),
         (None, Some(Target::Csg)) => csg::run(args, global),
+        (None, Some(Target::Page)) => page::run(args, global),
         (None, _) => cog::run(args, global),
     }
 }

@@ -76,6 +76,16 @@ fn parse_zooms(text: &str) -> Result<RangeInclusive<u8>, String> {
 }
 
 impl ArchiveOptions {
+    /// The style, if one was given.
+    pub(super) fn style(&self) -> Option<&Style> {
+        self.style.as_ref()
+    }
+
+    /// The name of the map, if one was given.
+    pub(super) fn name(&self) -> Option<&str> {
+        self.name.as_deref()
+    }
+
     /// The first option that was given.
     pub(super) fn given(&self) -> Option<&'static str> {
         let all = [

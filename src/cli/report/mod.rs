@@ -8,7 +8,6 @@ mod printable;
 mod progress;
 pub(crate) mod quantity;
 pub(crate) mod solid;
-pub(crate) mod statistics;
 pub(crate) mod unit;
 
 use std::fmt::Display;
@@ -17,11 +16,11 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use spinney::dataset::Dataset;
+use spinney::report::printable_json;
 
 pub(crate) use found::Found;
 pub(crate) use output::{report_built, report_output};
 use printable::printable;
-pub(crate) use printable::printable_json;
 pub(crate) use progress::Work;
 
 use super::Global;

@@ -16,30 +16,13 @@ pub(crate) fn printable(text: &str) -> Cow<'_, str> {
     clean.into()
 }
 
-/// JSON without control characters other than line ends: its strings have escapes of their own for those that
-/// are left in them, which are delete and the second set of control characters.
-pub(crate) fn printable_json(text: &str) -> Cow<'_, str> {
-    if !text.chars().any(|c| c.is_control() && c != '\n') {
-        return text.into();
-    }
-    let escape = |c: char| match c {
-        c if c.is_control() && c != '\n' => format!("\\u{:04x}", u32::from(c)),
-        c => c.to_string(),
-    };
-    text.chars().map(escape).collect::<String>().into()
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{printable, printable_json};
+    use super::printable;
 
     #[test]
     fn escape_sequences_are_shown_and_not_done() {
         assert_eq!(printable("a\u{1b}[31mb\n\tc\u{9b}2J\u{7f}é"), "a\\u{1b}[31mb\n\tc\\u{9b}2J\\u{7f}é");
         assert_eq!(printable("nothing\n"), "nothing\n");
-        let json = serde_json::json!({ "name": "a\u{1b}\u{9b}\u{7f}" }).to_string();
-        let clean = printable_json(&json);
-        assert!(clean.chars().all(|c| !c.is_control()), "{clean}");
-        assert_eq!(serde_json::from_str::<serde_json::Value>(&clean).unwrap()["name"], "a\u{1b}\u{9b}\u{7f}");
     }
 }

@@ -11,13 +11,13 @@ use spinney::dataset::Dataset;
 use spinney::io::Output;
 use spinney::ops::Connectivity;
 use spinney::query::{Label, LabelRequest};
+use spinney::report::{cell_area, class_as_json, class_name, printable_json};
 use spinney::value::Number;
 
 use super::super::args::check_output;
-use super::super::report::statistics::class_as_json;
-use super::super::report::{Work, print_text, printable_json, report_output};
+use super::super::report::{Work, print_text, report_output};
 use super::super::{Global, open};
-use super::{Args, cell_area, class_name, row_of};
+use super::{Args, row_of};
 
 /// Options for tables of labels.
 #[derive(clap::Args)]

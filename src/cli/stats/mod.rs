@@ -10,13 +10,13 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::import::feature::FeatureFilter;
 use spinney::query::Statistics;
+use spinney::report::{cell_area, channels_as_json, class_as_json, class_name};
 use spinney::space::Bounds;
 use spinney::value::{Number, Rule};
 
 use super::args::{PartOptions, ViewedTree, level_of};
 use super::lines;
 use super::points::{self, PointPlaces};
-use super::report::statistics::{channels_as_json, class_as_json};
 use super::report::{Work, print_json, print_text, solid};
 use super::{Global, exact};
 
@@ -290,11 +290,6 @@ fn histogram(tree: &Dataset, boxes: &[Bounds], stats: &Statistics, bins: u32) ->
     }
 }
 
-/// Square metres of a cell, or the reason why they are not known.
-fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
-    tree.metadata().frame.cell_square_metres()
-}
-
 /// A row of a table, quoted where that is needed (RFC 4180, with plain ends of lines).
 fn row_of(fields: &[&str]) -> String {
     let quoted = |field: &&str| match field.contains([',', '"', '\n', '\r']) {
@@ -308,11 +303,6 @@ fn row_of(fields: &[&str]) -> String {
 fn void_share(stats: &Statistics) -> Option<f64> {
     let all = stats.cells + stats.void_cells;
     (all > 0).then(|| stats.void_cells as f64 / all as f64)
-}
-
-/// The name of a class; nothing if it has none.
-fn class_name(tree: &Dataset, value: Number) -> Option<&str> {
-    tree.metadata().class_names.get(&value).map(String::as_str)
 }
 
 fn as_json(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> serde_json::Value {

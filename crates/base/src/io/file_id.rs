@@ -28,7 +28,8 @@ impl FileId {
         Ok(FileId::from_metadata(&std::fs::metadata(path)?))
     }
 
-    fn from_metadata(metadata: &std::fs::Metadata) -> FileId {
+    /// The identity of the file that the system tells this of.
+    pub fn from_metadata(metadata: &std::fs::Metadata) -> FileId {
         device_and_inode(metadata).map_or_else(FileId::unique, |(device, inode)| FileId(device, inode))
     }
 

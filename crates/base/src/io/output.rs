@@ -100,6 +100,12 @@ impl Output {
         Ok(Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX })
     }
 
+    /// Output to whatever takes bytes, such as memory; the name is for messages, and for formats that are told by it.
+    pub fn to_writer(name: &Path, writer: Box<dyn Write + Send>) -> Output {
+        let sink = Sink::Stream(BufWriter::with_capacity(BUFFER, writer));
+        Output { path: name.to_path_buf(), sink, written: 0, most: u64::MAX }
+    }
+
     /// Starts a file at `path`, or goes on with one that was not finished: what is written stays as `path` with `.partial`
     /// behind it until [`Output::commit`], also if it is dropped. Returns how many bytes there are already.
     ///

@@ -10,6 +10,7 @@ mod sidecar;
 pub(super) mod tiff;
 pub(super) mod tiff_coding;
 pub(super) mod tiff_tags;
+mod webp;
 
 use std::path::Path;
 
@@ -45,6 +46,8 @@ pub struct ImageSpec {
 #[allow(missing_docs)] // the names say it
 pub enum Format {
     Png,
+    /// Without loss. What is not painted is painted in the tree's default style.
+    Webp,
     Tiff,
     Exr,
     Npy,
@@ -84,6 +87,7 @@ pub fn create(output: Output, format: Format, spec: &ImageSpec) -> Result<Box<dy
     }
     match format {
         Format::Png => png::create(output, spec),
+        Format::Webp => webp::create(output, spec),
         Format::Tiff => tiff::create(output, spec),
         Format::Exr => exr::create(output, spec),
         Format::Npy => npy::create(output, spec),
@@ -130,6 +134,7 @@ pub fn format_of(path: &Path) -> Option<Format> {
     let extension = path.extension()?.to_str()?.to_ascii_lowercase();
     Some(match extension.as_str() {
         "png" => Format::Png,
+        "webp" => Format::Webp,
         "tif" | "tiff" => Format::Tiff,
         "exr" => Format::Exr,
         "npy" => Format::Npy,

@@ -37,7 +37,7 @@ pub struct WindowRequest {
     /// The number for VOID cells where the format needs one; chosen if not given: see [`fill_for`].
     pub nodata: Option<Number>,
     /// Colours of the values. Without a style outputs have the values themselves; but PNG, which only has those of `u8` and
-    /// `u16`, of channels that are grey or red, green and blue, and opacity, has others in the tree's default style.
+    /// `u16`, of channels that are grey or red, green and blue, and opacity, has others in the tree's default style, and WebP all.
     pub style: Option<Style>,
     /// Bytes to hold at a time; what one row of the output needs must fit.
     pub memory: u64,
@@ -58,6 +58,19 @@ impl WindowRequest {
     /// If the window is empty or outside of the tree, or there is no such level or size.
     pub fn level(&self, tree: &Dataset) -> Result<u8> {
         OutputGrid::of(tree, self).map(|grid| grid.level)
+    }
+
+    /// The style that an output of this format is painted in, if it has not the values themselves.
+    pub fn painted_style(&self, tree: &Dataset, format: Format) -> Option<Style> {
+        let sample = tree.header().form.value.sample;
+        let fits = matches!(sample, SampleType::U8 | SampleType::U16) && has_png_channels(tree);
+        match &self.style {
+            Some(style) => Some(style.clone()),
+            None if format == Format::Webp || format == Format::Png && !fits => {
+                Some(Style::default_for(tree))
+            }
+            None => None,
+        }
     }
 }
 
@@ -108,17 +121,14 @@ pub fn export_window(
     format: Format,
     progress: &dyn Progress,
 ) -> Result<()> {
+    if let Some(style) = request.painted_style(tree, format) {
+        let painter = StylePainter::new(&style, tree, progress)?;
+        return export_painted_window(tree, request, &painter, output, format, progress);
+    }
     let grid = OutputGrid::of(tree, request)?;
     let void = VoidCells::of(tree, request)?;
     let spec = image_spec(tree, &grid, &void);
     let path = output.path().to_path_buf();
-    if let Some(style) = style_of(tree, request, format) {
-        let painter = StylePainter::new(&style, tree, progress)?;
-        let painted = Painted::new(tree, &grid, &painter, spec, format);
-        painted.export(request, output, format, progress)?;
-        tree.check_unchanged()?;
-        return write_sidecar(&path, format, painted.metadata(), progress);
-    }
     let rows = rows_at_a_time(tree, request, &grid)?;
     let mut writer = create(output, format, &spec)?;
     // Pictures of upright slices begin with the highest row, which is the last along the axis.
@@ -135,15 +145,25 @@ pub fn export_window(
     write_sidecar(&path, format, &spec.metadata, progress)
 }
 
-/// The style that an output is painted in, if it has not the values themselves.
-fn style_of(tree: &Dataset, request: &WindowRequest, format: Format) -> Option<Style> {
-    let fits =
-        matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16) && has_png_channels(tree);
-    match &request.style {
-        Some(style) => Some(style.clone()),
-        None if format == Format::Png && !fits => Some(Style::default_for(tree)),
-        None => None,
-    }
+/// Writes a window as [`export_window`] does, in a style that was made ready for the tree before; [`WindowRequest::style`] does not matter.
+///
+/// # Errors
+/// Those of [`export_window`].
+pub fn export_painted_window(
+    tree: &Dataset,
+    request: &WindowRequest,
+    painter: &StylePainter,
+    output: Output,
+    format: Format,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let grid = OutputGrid::of(tree, request)?;
+    let spec = image_spec(tree, &grid, &VoidCells::of(tree, request)?);
+    let path = output.path().to_path_buf();
+    let painted = Painted::new(tree, &grid, painter, spec, format);
+    painted.export(request, output, format, progress)?;
+    tree.check_unchanged()?;
+    write_sidecar(&path, format, painted.metadata(), progress)
 }
 
 /// Whether a tree's channels are those of PNG: grey, or red, green and blue, each also with opacity.

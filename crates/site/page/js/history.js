@@ -2,16 +2,16 @@
 
 import { choice, field, latest, text, working } from "./interface.js";
 
-const label = ({ id, time, message }) => `${id}${message ? `: ${message}` : ""}${time ? ` (${new Date(time).toISOString().slice(0, 10)})` : ""}`;
+const label = ({ number, time, message }) => `${number}${message ? `: ${message}` : ""}${time ? ` (${String(time).slice(0, 10)})` : ""}`;
 
 /** Adds the lists of commits, if the file has a history. */
 export async function showHistory({ dataset, map, plane, reopen }) {
   if (dataset.header.format !== "autumnal") return;
   const commits = await dataset.commits();
   if (commits.length < 2) return;
-  const shown = dataset.header.commit ?? commits[0].id;
-  const pairs = commits.map((commit) => [String(commit.id), label(commit)]);
-  field("Commit", choice(pairs, String(shown), (commit) => reopen({ commit: commit === String(commits[0].id) ? undefined : commit })));
+  const shown = dataset.header.commit.number;
+  const pairs = commits.map((commit) => [String(commit.number), label(commit)]);
+  field("Commit", choice(pairs, String(shown), (commit) => reopen({ commit: commit === String(commits[0].number) ? undefined : commit })));
   map.addSource("changes", { type: "geojson", data: { type: "FeatureCollection", features: [] } });
   map.addLayer({ id: "changes", type: "fill", source: "changes", paint: { "fill-color": "#e02f8a", "fill-opacity": 0.45, "fill-outline-color": "#e02f8a" } });
   const note = Object.assign(document.createElement("span"), { className: "faint" });
@@ -20,14 +20,15 @@ export async function showHistory({ dataset, map, plane, reopen }) {
       note.textContent = "";
       return map.getSource("changes").setData({ type: "FeatureCollection", features: [] });
     }
-    const found = await dataset.diff(Number(other), Number(shown), {}, { signal, progress: working });
+    const found = await dataset.diff(Number(other), Number(shown), { signal, progress: working });
     note.textContent = `${text(found.changedCells)} cells differ`;
-    const corners = found.boxes.flatMap(({ cells: [x0, y0, x1, y1] }) => [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]);
-    const places = await plane.degreesOfCells(dataset, corners);
-    const features = found.boxes
+    const corners = found.blocks.flatMap(({ world: [[west, south], [east, north]] }) => [[west, south], [east, south], [east, north], [west, north], [west, south]]);
+    const places = await plane.degreesOfWorld(dataset, corners);
+    const features = found.blocks
       .map((_, at) => places.slice(5 * at, 5 * at + 5))
       .filter((ring) => ring.every(Boolean))
       .map((ring) => ({ type: "Feature", properties: {}, geometry: { type: "Polygon", coordinates: [ring] } }));
+    if (found.blocks.length < found.blockCount) note.textContent += ` (${text(found.blocks.length)} of ${text(found.blockCount)} blocks are shown)`;
     map.getSource("changes").setData({ type: "FeatureCollection", features });
   });
   field("Changes since", choice([["", "–"], ...pairs.filter(([id]) => id !== String(shown))], "", compare)).append(note);

@@ -1,6 +1,6 @@
 // The legend: colours of classes, which a click hides, and of amounts.
 
-import { fill, text } from "./interface.js";
+import { fill } from "./interface.js";
 
 /** Classes that the address says are hidden. */
 export function hiddenClasses(list) {
@@ -16,14 +16,14 @@ function swatch(colour) {
 }
 
 /** Shows a legend; `onHide` is called when classes were hidden or shown again. */
-export function showLegend(sections, hidden, onHide) {
-  const parts = sections.map((section) => (section.keys ? keys(section, hidden, onHide) : ramp(section)));
-  if (parts.length) fill("legend", sections[0].title || "Legend", ...parts);
+export function showLegend({ title, sections }, hidden, onHide) {
+  const parts = sections.map((section) => (section.classes ? classes(section, hidden, onHide) : ramp(section.ramp)));
+  if (parts.length) fill("legend", title || sections[0].title || "Legend", ...parts);
 }
 
-function keys({ keys }, hidden, onHide) {
+function classes({ classes }, hidden, onHide) {
   const list = Object.assign(document.createElement("ul"), { className: "classes" });
-  for (const { value, label, colour } of keys) {
+  for (const { value, label, colour } of classes) {
     const item = document.createElement("li");
     if (value === undefined || value === null) {
       item.append(swatch(colour), ` ${label}`);
@@ -43,12 +43,12 @@ function keys({ keys }, hidden, onHide) {
   return list;
 }
 
-function ramp({ colours, ticks }) {
+function ramp({ stops, ticks }) {
   const made = document.createElement("div");
   const bar = Object.assign(document.createElement("div"), { className: "ramp" });
-  bar.style.background = `linear-gradient(to right, ${colours.map(css).join(", ")})`;
+  bar.style.background = `linear-gradient(to right, ${stops.map(css).join(", ")})`;
   const labels = Object.assign(document.createElement("div"), { className: "ticks" });
-  labels.append(...(ticks ?? []).map(({ label }) => Object.assign(document.createElement("span"), { textContent: typeof label === "string" ? label : text(label) })));
+  labels.append(...ticks.map(({ label }) => Object.assign(document.createElement("span"), { textContent: label })));
   made.append(bar, labels);
   return made;
 }

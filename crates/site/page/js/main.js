@@ -55,14 +55,14 @@ async function show(spinney, source, name, place) {
   const { header } = dataset;
   if (header.layers?.length > 1) {
     const names = header.layers.map((layer) => [layer.name, layer.name]);
-    field("Layer", choice(names, header.layer ?? names[0][0], (layer) => reopen({ layer, style: undefined, hide: undefined })));
+    field("Layer", choice(names, header.layer, (layer) => reopen({ layer, style: undefined, hide: undefined })));
   }
   const shared = { dataset, place, assetUrl, reopen };
   view = await (header.kind === "model" ? showModel : header.dimension === 3 ? showSolid : showMap)(shared);
   working();
 
   function reopen(changes) {
-    const next = { ...readPlace(), ...changes };
+    const next = { ...place, ...readPlace(), ...changes };
     writePlace(next);
     return show(spinney, source, name, next).catch(fail);
   }
@@ -90,9 +90,11 @@ async function start() {
     const data = embedded(url);
     return data === undefined ? new URL(url, document.baseURI) : bytesOf(data);
   };
-  const open = (source, at) => show(spinney, sourceOf(source), source.title ?? source.name, at);
+  // (Where the address says nothing, the page begins as whoever made it wanted.)
+  const started = ({ layer, commit, style }) => Object.fromEntries(Object.entries({ layer, commit, style }).filter(([, value]) => value !== null));
+  const open = (source, at) => show(spinney, sourceOf(source), source.title, { ...started(source), ...at });
   if (sources.length > 1) {
-    const names = sources.map((source) => [source.name, source.title ?? source.name]);
+    const names = sources.map((source) => [source.name, source.title]);
     const select = choice(names, chosen.name, (name) => {
       writePlace({ file: name });
       open(sources.find((source) => source.name === name), { file: name }).catch(fail);

@@ -3,7 +3,7 @@
 import { button, choice, element, fail, fill, field, latest, slider, table, text, toggle, working } from "./interface.js";
 import { changePlace, readPlace } from "./place.js";
 import { colour, ground } from "./ground.js";
-import { mercator, nativePlane } from "./plane.js";
+import { TILE, mercator, mercatorTiles, nativePlane, nativeTiles } from "./plane.js";
 import { hiddenClasses, showLegend } from "./legend.js";
 import { PolygonTool } from "./polygon.js";
 import { showHistory } from "./history.js";
@@ -16,9 +16,10 @@ const STYLES = {
 };
 
 /** The style as the package takes it: a name or a document, with classes that are hidden. */
-function styleWith(name, hidden) {
-  if (hidden.size === 0) return name === "default" ? undefined : name;
-  return { draw: "palette", hide: [...hidden] };
+function styleWith(style, hidden) {
+  if (hidden.size === 0) return style === "default" ? undefined : style;
+  const own = style.startsWith("{") ? JSON.parse(style) : { draw: "palette" };
+  return JSON.stringify({ ...own, hide: [...hidden] });
 }
 
 let protocols = 0;
@@ -27,30 +28,31 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
   const { header } = dataset;
   const maplibre = await import(assetUrl("vendor/maplibre-gl.js"));
   maplibre.setWorkerUrl(assetUrl("vendor/maplibre-gl-worker.js"));
-  const world = await dataset.tileGrid({ grid: "web-mercator" });
+  const world = mercatorTiles(header);
   const isWorld = world !== null && place.grid !== "native";
   const plane = isWorld ? mercator : nativePlane(header);
-  const grid = isWorld ? world : await dataset.tileGrid({ grid: "native" });
-  const state = { style: place.style ?? "default", hidden: hiddenClasses(place.hide), compared: null };
+  const grid = isWorld ? world : nativeTiles(header);
+  const state = { style: place.style ?? "default", hidden: hiddenClasses(place.hide) };
 
   // Tiles are asked for by address: `spinney1://3/1/2`.
   const protocol = `spinney${++protocols}`;
   maplibre.addProtocol(protocol, async ({ url }, { signal }) => {
     const [z, x, y] = url.slice(protocol.length + 3).split("?")[0].split("/").map(Number);
     const style = styleWith(state.style, state.hidden);
-    const tile = await dataset.tile({ z, x, y, grid: plane.grid, style, bitmap: true }, { signal, progress: working });
+    const tile = await dataset.tile({ z, x, y, grid: plane.grid, style, signal, progress: working });
     working();
-    return { data: tile ?? (await emptyTile()) };
+    return { data: await createImageBitmap(tile ?? new ImageData(1, 1)) };
   });
   const below = isWorld ? await ground(assetUrl) : { sources: {}, layers: [] };
-  const tiles = () => [`${protocol}://{z}/{x}/{y}?${encodeURIComponent(JSON.stringify(styleWith(state.style, state.hidden) ?? ""))}`];
+  // (Another address for another look, so that no tile of the old one is shown.)
+  const tiles = () => [`${protocol}://{z}/{x}/{y}?${encodeURIComponent(styleWith(state.style, state.hidden) ?? "")}`];
   const map = new maplibre.Map({
     container: "view",
     style: {
       version: 8,
       sources: {
         ...below.sources,
-        raster: { type: "raster", tiles: tiles(), tileSize: 256, maxzoom: grid.maxZoom, bounds: grid.bounds },
+        raster: { type: "raster", tiles: tiles(), tileSize: TILE, maxzoom: grid.maxZoom, bounds: grid.bounds },
       },
       layers: [
         { id: "sea", type: "background", paint: { "background-color": colour(isWorld ? "--sea" : "--ground") } },
@@ -60,6 +62,8 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
     },
     maxZoom: Math.min(grid.maxZoom + 6, 24),
     renderWorldCopies: isWorld,
+    // (A file's own plane may be seen whole, with room around it.)
+    ...(!isWorld && { minZoom: -2, transformConstrain: (center, zoom) => ({ center, zoom: Math.max(zoom, -2) }) }),
     attributionControl: false,
     dragRotate: false,
     pitchWithRotate: false,
@@ -74,7 +78,7 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
     const [zoom, ...rest] = place.at.split("/").map(Number);
     map.jumpTo({ zoom, center: plane.degreesOf(rest) });
   } else {
-    map.fitBounds(grid.bounds, { padding: 24, animate: false });
+    map.fitBounds(grid.bounds, { padding: free(), animate: false });
   }
   map.on("moveend", () => {
     const middle = plane.placeOf(map.getCenter());
@@ -84,17 +88,17 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
 
   const redraw = () => map.getSource("raster")?.setTiles(tiles());
   const legend = latest(async (signal) => {
-    const made = await dataset.legend({ style: styleWith(state.style, new Set()) }, { signal });
+    const made = await dataset.legend({ style: styleWith(state.style, new Set()), signal });
     showLegend(made, state.hidden, () => {
       changePlace({ hide: [...state.hidden].join(",") || undefined });
       redraw();
     });
   });
 
-  const names = STYLES[header.channels >= 3 ? "colours" : header.meaning === "category" ? "classes" : "amounts"];
+  const names = STYLES[header.channels >= 3 ? "colours" : header.meaning === "categorical" ? "classes" : "amounts"];
   if (names.length > 1) {
     const all = names.includes(state.style) ? names : [state.style, ...names];
-    field("Style", choice(all.map((name) => [name, name]), state.style, (name) => {
+    field("Style", choice(all.map((name) => [name, name.startsWith("{") ? "the page's" : name]), state.style, (name) => {
       state.style = name;
       state.hidden.clear();
       changePlace({ style: name === "default" ? undefined : name, hide: undefined });
@@ -111,7 +115,7 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
   await showHistory({ dataset, map, plane, reopen });
 
   // Values: under the cursor in the line below, and of a place that is clicked in the panel.
-  const read = (signal, place) => dataset.point(place, { crs: plane.crs, signal });
+  const read = (signal, place) => dataset.point(place, { crs: plane.crs, signal, progress: working });
   const line = latest(async (signal, lngLat) => {
     const place = plane.placeOf(lngLat);
     const found = await read(signal, place);
@@ -120,7 +124,8 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
   const tell = latest(async (signal, lngLat) => {
     const place = plane.placeOf(lngLat);
     const found = await read(signal, place);
-    const rows = found.value === null ? [["value", "none"]] : found.values.map((value, at) => [header.channelNames?.[at] ?? (found.values.length > 1 ? `band ${at + 1}` : "value"), text(value)]);
+    const name = (at) => header.channelNames[at] || (found.values.length > 1 ? `band ${at + 1}` : "value");
+    const rows = found.values === null ? [["value", "none"]] : found.values.map((value, at) => [name(at), text(value)]);
     if (found.className) rows.push(["class", found.className]);
     if (found.cell) rows.push(["cell", found.cell.join(", ")]);
     fill("answer", plane.text(place), table([], rows));
@@ -156,13 +161,18 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
   };
 }
 
-function emptyTile() {
-  return createImageBitmap(new ImageData(1, 1));
+/** Room around what is to be seen, which the panel does not cover. */
+function free() {
+  const { width, height } = element("view").getBoundingClientRect();
+  const panel = element("panel").getBoundingClientRect();
+  const isBelow = panel.width > width / 2;
+  const most = isBelow ? height / 2 : width / 2;
+  return { top: 24, right: 24, bottom: isBelow ? Math.min(panel.height + 24, most) : 48, left: isBelow ? 24 : Math.min(panel.right + 24, most) };
 }
 
 /** A value in a few words. */
 function describe(found, header) {
-  if (found.value === null) return "nothing";
+  if (found.values === null) return "nothing";
   const values = found.values.map(text).join(", ");
   const unit = header.units?.[0] ? ` ${header.units[0]}` : "";
   return found.className ? `${found.className} (${values})` : values + unit;

@@ -1,27 +1,21 @@
 // Exact models: their objects, their measures, and exact sections.
 
-import { element, fill, latest, paragraph, table, text, working } from "./interface.js";
+import { element, fill, latest, table, text, working } from "./interface.js";
 import { Scene, distinct } from "./scene.js";
-
-/** Objects that the table of measures lists. */
-const MOST_ROWS = 200;
 
 export async function showModel({ dataset, place, assetUrl }) {
   const three = await import(assetUrl("vendor/three.js"));
-  const objects = await dataset.triangles({}, { progress: working });
-  const [min, max] = dataset.header.bounds;
-  const origin = new three.Vector3(...min).add(new three.Vector3(...max)).multiplyScalar(0.5);
-  const view = new Scene(three, [min, max].map((corner) => new three.Vector3(...corner).sub(origin).toArray()));
-  objects.forEach(({ name, positions, indices, origin: own }, number) => {
-    const geometry = new three.BufferGeometry();
-    geometry.setAttribute("position", new three.BufferAttribute(positions, 3));
-    geometry.setIndex(new three.BufferAttribute(indices, 1));
-    const material = new three.MeshStandardMaterial({ color: distinct(three, number), flatShading: true, roughness: 0.9, side: three.DoubleSide, clippingPlanes: [view.plane] });
-    const mesh = new three.Mesh(geometry, material);
-    mesh.position.set(...own).sub(origin);
-    mesh.name = name ?? "";
-    view.body.add(mesh);
-  });
+  const { positions, objects, names, origin: own } = await dataset.triangles({ progress: working });
+  const { bounds } = dataset.header;
+  const origin = new three.Vector3(...bounds.slice(0, 3)).add(new three.Vector3(...bounds.slice(3))).multiplyScalar(0.5);
+  const view = new Scene(three, [0, 3].map((at) => new three.Vector3(...bounds.slice(at, at + 3)).sub(origin).toArray()));
+  const geometry = new three.BufferGeometry();
+  geometry.setAttribute("position", new three.BufferAttribute(positions, 3));
+  geometry.setAttribute("color", new three.BufferAttribute(coloursOf(three, objects), 3, true));
+  const material = new three.MeshStandardMaterial({ vertexColors: true, flatShading: true, roughness: 0.9, side: three.DoubleSide, clippingPlanes: [view.plane] });
+  const body = new three.Mesh(geometry, material);
+  body.position.set(...own).sub(origin);
+  view.body.add(body);
   view.lookFrom(place.view);
   view.draw();
 
@@ -33,10 +27,10 @@ export async function showModel({ dataset, place, assetUrl }) {
     if (axis === undefined) return view.draw();
     const number = ["x", "y", "z"].indexOf(axis);
     const world = at + origin.getComponent(number);
-    const { polygons, area } = await dataset.section({ axis, at: world }, { signal, progress: working });
+    const { features, area } = await dataset.section({ axis, at: world, signal, progress: working });
     const [u, v] = [0, 1, 2].filter((other) => other !== number);
-    for (const { rings } of polygons) {
-      const flat = rings.map((ring) => ring.map((corner) => new three.Vector2(corner[u] - origin.getComponent(u), corner[v] - origin.getComponent(v))));
+    for (const { geometry: { coordinates } } of features) {
+      const flat = coordinates.map((ring) => ring.map((corner) => new three.Vector2(corner[u] - origin.getComponent(u), corner[v] - origin.getComponent(v))));
       const shape = new three.Shape(flat[0]);
       shape.holes = flat.slice(1).map((ring) => new three.Path(ring));
       const geometry = new three.ShapeGeometry(shape);
@@ -47,24 +41,32 @@ export async function showModel({ dataset, place, assetUrl }) {
       }
       outlines.add(new three.Mesh(geometry, new three.MeshBasicMaterial({ color: 0xd9572b, side: three.DoubleSide, polygonOffset: true, polygonOffsetFactor: -1 })));
     }
-    fill("answer", `Section across ${axis}`, table([], [["at", text(world)], ["area", text(area)], ["polygons", text(polygons.length)]]));
+    fill("answer", `Section across ${axis}`, table([], [["at", text(world)], ["area", text(area)], ["polygons", text(features.length)]]));
     view.draw();
   });
   view.addSection(cut);
 
-  const measures = await dataset.measures({}, { progress: working });
-  const rows = [["volume", text(measures.volume)], ["area", text(measures.area)], ["centroid", measures.centroid.map(text).join(", ")]];
-  const parts = [table([], rows)];
-  if (measures.objects?.length > 1) {
-    parts.push(table(["object", "volume", "area"], measures.objects.slice(0, MOST_ROWS).map(({ name, volume, area }) => [name, text(volume), text(area)])));
-    if (measures.objects.length > MOST_ROWS) parts.push(paragraph(`${text(measures.objects.length - MOST_ROWS)} more`, "faint"));
-  }
-  fill("tools", "Measures", ...parts);
+  const measures = await dataset.measures({ progress: working });
+  const unit = measures.unit ?? "";
+  const rows = [["volume", `${text(measures.volume)} ${unit}³`], ["surface", `${text(measures.surface)} ${unit}²`], ["centre", measures.centre.map(text).join(", ")], ["faces", text(measures.faces)], ["objects", text(names.length)]];
+  fill("tools", "Measures", table([], rows.map(([name, value]) => [name, unit ? value : value.replace(/ [²³]$/, "")])));
   view.onClick = (hit) => {
     if (!hit) return (element("answer").hidden = true);
-    const object = measures.objects?.find(({ name }) => name === hit.object.name);
+    const name = hit.object === body ? names[objects[hit.faceIndex]] : undefined;
     const place = hit.point.clone().add(origin);
-    fill("answer", hit.object.name || "Object", table([], [["at", place.toArray().map(text).join(", ")], ...(object ? [["volume", text(object.volume)]] : [])]));
+    fill("answer", name || "Surface", table([], [["at", place.toArray().map(text).join(", ")]]));
   };
   return view;
+}
+
+/** A colour for each corner, by its object. */
+function coloursOf(three, objects) {
+  const colours = new Uint8Array(objects.length * 9);
+  const known = new Map();
+  objects.forEach((object, triangle) => {
+    if (!known.has(object)) known.set(object, distinct(three, object).toArray().map((part) => Math.round(255 * part)));
+    const colour = known.get(object);
+    for (let at = 0; at < 9; at += 3) colours.set(colour, triangle * 9 + at);
+  });
+  return colours;
 }

@@ -16,30 +16,51 @@ function degrees([x, y]) {
 /** The plane of web mercator: places are longitudes and latitudes. */
 export const mercator = {
   grid: "web-mercator",
-  crs: "EPSG:4326",
+  crs: "lonlat",
   placeOf: ({ lng, lat }) => [((((lng + 180) % 360) + 360) % 360) - 180, lat],
   degreesOf: (place) => place,
-  degreesOfCells: (dataset, cells) => dataset.geographic(cells),
+  degreesOfWorld: (dataset, places) => dataset.geographic(places),
   text: ([longitude, latitude]) => `${latitude.toFixed(5)}°, ${longitude.toFixed(5)}°`,
 };
 
 /** The plane of a file's own grid: places are in the file's system, or cells where it has none. */
-export function nativePlane({ transform, levels }) {
-  const side = 2 ** levels;
-  const [a, b, c, d, e, f] = transform ?? [1, 0, 0, 0, 1, 0];
+export function nativePlane({ transform, depth }) {
+  const side = 2 ** depth;
+  const [a, b, c, d, e, f] = transform;
   const determinant = a * e - b * d;
+  const degreesOf = ([east, north]) => {
+    const [u, v] = [east - c, north - f];
+    return degrees([(e * u - b * v) / determinant / side, (a * v - d * u) / determinant / side]);
+  };
   return {
     grid: "native",
-    crs: "file",
+    degreesOf,
+    crs: "world",
     placeOf(lngLat) {
       const [x, y] = fractions(lngLat).map((fraction) => fraction * side);
       return [a * x + b * y + c, d * x + e * y + f];
     },
-    degreesOf([east, north]) {
-      const [u, v] = [east - c, north - f];
-      return degrees([(e * u - b * v) / determinant / side, (a * v - d * u) / determinant / side]);
-    },
-    degreesOfCells: async (_, cells) => cells.map((cell) => degrees(cell.map((at) => at / side))),
+    degreesOfWorld: async (_, places) => places.map(degreesOf),
     text: (place) => place.map((number) => Number(number.toPrecision(9))).join(", "),
   };
+}
+
+/** Pixels along a side of a tile. */
+export const TILE = 256;
+
+/** The tiles of a file's own grid: the deepest zoom, and the picture's place as degrees of its plane. */
+export function nativeTiles({ size, depth }) {
+  const side = 2 ** depth;
+  const [west, north] = degrees([0, 0]);
+  const [east, south] = degrees(size.map((cells) => cells / side));
+  return { maxZoom: Math.max(depth - Math.log2(TILE), 0), bounds: [west, south, east, north] };
+}
+
+/** The tiles of web mercator: the deepest zoom has about the file's own cells; nothing where its place on the globe is not known. */
+export function mercatorTiles({ size, geographicBounds }) {
+  if (!geographicBounds) return null;
+  const [west, south, east, north] = geographicBounds;
+  const columns = (size[0] * 360) / Math.max(east - west, 1e-9);
+  const maxZoom = Math.min(Math.max(Math.ceil(Math.log2(columns / TILE)), 0), 22);
+  return { maxZoom, bounds: [west, Math.max(south, -85), east, Math.min(north, 85)] };
 }

@@ -34,7 +34,8 @@ export class PolygonTool {
     this.ask = latest(async (signal, geometry) => {
       fill("answer", "Statistics of the polygon", paragraph("…", "faint"));
       const feature = { type: "Feature", properties: {}, geometry };
-      const [zone] = await dataset.zonal(feature, { crs: plane.crs }, { signal, progress: working });
+      const { zones } = await dataset.zonal(feature, { crs: plane.crs, signal, progress: working });
+      const [zone] = zones;
       fill("answer", "Statistics of the polygon", ...this.#report(zone));
       document.dispatchEvent(new CustomEvent("spinney-polygon", { detail: { geometry, crs: plane.crs, zone } }));
     });
@@ -87,16 +88,18 @@ export class PolygonTool {
 
   #report(zone) {
     const made = [];
-    const classes = zone.classes ?? [];
+    const { cells, void_cells, area_m2, channels, classes } = zone;
     if (classes.length) {
-      const rows = classes.map(({ value, name, area, cells, share }) => [name || text(value), text(area ?? cells), share === undefined ? "" : `${(100 * share).toFixed(2)} %`]);
-      made.push(table(["class", zone.areaUnit ?? "cells", ""], rows));
+      const rows = classes.map((found) => [found.name || text(found.value), text(found.area_m2 ?? found.cells), `${((100 * found.cells) / cells).toFixed(2)} %`]);
+      made.push(table(["class", area_m2 === null ? "cells" : "m²", ""], rows));
+    } else {
+      channels.forEach((channel, at) => {
+        const rows = ["mean", "min", "max", "sum", "standard_deviation"].map((name) => [name.replace("_", " "), text(channel[name])]);
+        made.push(table([this.header.channelNames[at] || `band ${at + 1}`, ""], rows));
+      });
     }
-    (zone.channels ?? []).forEach((channel, at) => {
-      const rows = ["mean", "min", "max", "sum", "std"].filter((name) => channel[name] !== undefined && channel[name] !== null).map((name) => [name, text(channel[name])]);
-      if (rows.length && !classes.length) made.push(table([this.header.channelNames?.[at] || `band ${at + 1}`, ""], rows));
-    });
-    made.push(paragraph(`${text(zone.cells)} cells`, "faint"));
+    const area = area_m2 === null ? "" : `, ${text(area_m2)} m²`;
+    made.push(paragraph(`${text(cells)} cells${area}${void_cells ? `, ${text(void_cells)} without a value` : ""}`, "faint"));
     return made;
   }
 }

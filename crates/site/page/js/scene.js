@@ -102,13 +102,22 @@ export class Scene {
   hitAt(x, y) {
     const ray = new this.three.Raycaster();
     ray.setFromCamera(new this.three.Vector2(x, y), this.camera);
-    return ray.intersectObject(this.scene, true).find(({ point, object }) => object.isMesh && this.plane.distanceToPoint(point) >= -1e-9 * this.camera.far);
+    return ray.intersectObject(this.scene, true).find((hit) => {
+      const { point, object } = hit;
+      // (A plane is seen only where it has a colour.)
+      const isSeen = object.userData.isSeen?.(hit) ?? true;
+      return object.isMesh && isSeen && this.plane.distanceToPoint(point) >= -1e-6 * this.camera.far;
+    });
   }
 
   #resize({ clientWidth, clientHeight }) {
     this.renderer.setSize(clientWidth, clientHeight, false);
     this.renderer.domElement.style.cssText = "width: 100%; height: 100%";
     this.camera.aspect = clientWidth / Math.max(clientHeight, 1);
+    // (What the panel covers is not the middle of the picture.)
+    const { right, width } = element("panel").getBoundingClientRect();
+    if (width < clientWidth / 2) this.camera.setViewOffset(clientWidth, clientHeight, -right / 2, 0, clientWidth, clientHeight);
+    else this.camera.clearViewOffset();
     this.camera.updateProjectionMatrix();
     this.draw();
   }

@@ -14,36 +14,33 @@ const MOST_PARTS = 160;
 export async function showSolid({ dataset, place, assetUrl }) {
   const { header } = dataset;
   const three = await import(assetUrl("vendor/three.js"));
-  const matrix = new three.Matrix4().set(...(header.transform ?? [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]), 0, 0, 0, 1);
+  const matrix = new three.Matrix4().set(...header.matrix.flat(), 0, 0, 0, 1);
   const toCells = matrix.clone().invert();
   // (World coordinates are large numbers: the scene is around the middle.)
   const origin = new three.Vector3(...header.size).multiplyScalar(0.5).applyMatrix4(matrix);
   const local = new three.Matrix4().makeTranslation(-origin.x, -origin.y, -origin.z).multiply(matrix);
   const corners = new three.Box3(new three.Vector3(), new three.Vector3(...header.size)).applyMatrix4(local);
+  const smallest = Math.min(...[0, 1, 2].map((axis) => new three.Vector3().setFromMatrixColumn(matrix, axis).length()));
   const view = new Scene(three, [corners.min.toArray(), corners.max.toArray()]);
-  const isMirrored = local.determinant() < 0;
   const material = new three.MeshStandardMaterial({
     color: 0xb9a68c,
     flatShading: true,
     roughness: 0.95,
     clippingPlanes: [view.plane],
-    side: isMirrored ? three.BackSide : three.FrontSide,
+    side: three.DoubleSide,
   });
-  const coloured = material.clone();
-  coloured.vertexColors = true;
-  coloured.color.set(0xffffff);
 
   /** A part: the octant with a corner (in octants of its own size) at a level. */
   class Part {
     constructor(level, corner) {
       Object.assign(this, { level, corner, mesh: undefined, state: "new", parts: undefined });
-      const size = 2 ** (header.levels - level);
+      const size = 2 ** (header.depth - level);
       this.cells = [...corner.map((at) => at * size), ...corner.map((at, axis) => Math.min((at + 1) * size, header.size[axis]))];
       this.box = new three.Box3(new three.Vector3(...this.cells.slice(0, 3)), new three.Vector3(...this.cells.slice(3))).applyMatrix4(local);
     }
 
     get drawn() {
-      return Math.min(this.level + LEVELS_BELOW, header.levels);
+      return Math.min(this.level + LEVELS_BELOW, header.depth);
     }
 
     divide() {
@@ -55,10 +52,9 @@ export async function showSolid({ dataset, place, assetUrl }) {
     async load(signal) {
       this.state = "loading";
       try {
-        const made = await dataset.mesh({ level: this.drawn, window: this.cells }, { signal, progress: working });
-        this.mesh = new three.Mesh(geometryOf(made), made.colours ? coloured : material);
-        this.mesh.matrixAutoUpdate = false;
-        this.mesh.matrix.copy(local);
+        const made = await dataset.mesh({ level: this.drawn, cells: this.cells, signal, progress: working });
+        this.mesh = new three.Mesh(geometryOf(made), material);
+        this.mesh.position.set(...made.origin).sub(origin);
         this.mesh.visible = false;
         view.body.add(this.mesh);
         this.state = "ready";
@@ -74,11 +70,10 @@ export async function showSolid({ dataset, place, assetUrl }) {
     }
   }
 
-  function geometryOf({ positions, indices, colours }) {
+  function geometryOf({ positions, indices }) {
     const geometry = new three.BufferGeometry();
     geometry.setAttribute("position", new three.BufferAttribute(positions, 3));
     geometry.setIndex(new three.BufferAttribute(indices, 1));
-    if (colours) geometry.setAttribute("color", new three.BufferAttribute(colours, 4, true));
     geometry.computeBoundingSphere();
     return geometry;
   }
@@ -97,7 +92,7 @@ export async function showSolid({ dataset, place, assetUrl }) {
       const distance = Math.max(part.box.distanceToPoint(view.camera.position), size / 100);
       const share = size / distance / (2 * Math.tan((view.camera.fov * Math.PI) / 360));
       if (part.state === "new") wanted.push([share, part]);
-      const isDivided = part.drawn < header.levels && share > SHARE * 2 && count < MOST_PARTS;
+      const isDivided = part.drawn < header.depth && share > SHARE * 2 && count < MOST_PARTS;
       if (isDivided) {
         const parts = part.divide();
         const isReady = parts.every(({ state, box }) => state === "ready" || !frustum.intersectsBox(box));
@@ -139,23 +134,31 @@ export async function showSolid({ dataset, place, assetUrl }) {
     // (Frames of solids are along the axes: the place is a cell's number along the axis.)
     const point = new three.Vector3().copy(origin).setComponent(number, at + origin.getComponent(number)).applyMatrix4(toCells);
     const cell = Math.min(Math.max(Math.floor(point.getComponent(number)), 0), header.size[number] - 1);
-    const { image, cells } = await dataset.slice({ axis, at: cell, size: 512 }, { signal, progress: working });
+    const image = await dataset.slice({ axis, index: cell, size: 512, style: "default", signal, progress: working });
+    const { cells } = image;
     const [u, v] = [0, 1, 2].filter((other) => other !== number);
+    // (Cells of the picture: the first ones, and those behind the last.)
     const corner = (along, up) => {
       const made = new three.Vector3();
       return made.setComponent(number, cell + 0.5).setComponent(u, along).setComponent(v, up).applyMatrix4(local).toArray();
     };
     const geometry = new three.BufferGeometry();
-    geometry.setAttribute("position", new three.Float32BufferAttribute([corner(cells[0], cells[1]), corner(cells[2], cells[1]), corner(cells[2], cells[3]), corner(cells[0], cells[3])].flat(), 3));
-    geometry.setAttribute("uv", new three.Float32BufferAttribute([0, 1, 1, 1, 1, 0, 0, 0], 2));
+    geometry.setAttribute("position", new three.Float32BufferAttribute([corner(cells[u], cells[v]), corner(cells[3 + u], cells[v]), corner(cells[3 + u], cells[3 + v]), corner(cells[u], cells[3 + v])].flat(), 3));
+    geometry.setAttribute("uv", new three.Float32BufferAttribute([0, 0, 1, 0, 1, 1, 0, 1], 2));
     geometry.setIndex([0, 1, 2, 0, 2, 3]);
-    const texture = new three.DataTexture(flipped(image), image.width, image.height);
+    // (Rows of textures go up. Pictures across z have the lowest row first, too; others are upright as people see them.)
+    const pixels = axis === "z" ? new Uint8Array(image.data.buffer) : flipped(image);
+    const texture = new three.DataTexture(pixels, image.width, image.height);
     texture.colorSpace = three.SRGBColorSpace;
     texture.needsUpdate = true;
     quad?.geometry.dispose();
     quad?.material.map.dispose();
     quad?.removeFromParent();
     quad = new three.Mesh(geometry, new three.MeshBasicMaterial({ map: texture, transparent: true, alphaTest: 0.02, side: three.DoubleSide }));
+    quad.userData.isSeen = ({ uv }) => {
+      const [column, row] = [uv.x * image.width, uv.y * image.height].map(Math.floor);
+      return pixels[4 * (row * image.width + column) + 3] > 0;
+    };
     view.scene.add(quad);
     view.draw();
   });
@@ -163,23 +166,19 @@ export async function showSolid({ dataset, place, assetUrl }) {
 
   const tell = latest(async (signal, hit) => {
     if (!hit) return (element("answer").hidden = true);
-    // (Half a cell behind the face is the cell that has it.)
-    const inside = hit.point.clone().add(origin).applyMatrix4(toCells);
-    if (hit.object !== quad) {
-      const normal = hit.face.normal.clone();
-      inside.addScaledVector(normal, -0.25);
-    }
+    // (The cell that has the face is behind it: a quarter of a cell on.)
+    const step = hit.object === quad ? 0 : -0.25 * smallest;
+    const inside = hit.point.clone().addScaledVector(hit.face.normal, step).add(origin).applyMatrix4(toCells);
     const cell = inside.toArray().map((at, axis) => Math.min(Math.max(Math.floor(at), 0), header.size[axis] - 1));
     const world = new three.Vector3(...cell).addScalar(0.5).applyMatrix4(matrix).toArray();
-    const found = await dataset.point(world, { crs: "file", signal });
-    const rows = [["value", found.value === null ? "none" : found.values.map(text).join(", ")]];
+    const found = await dataset.point(world, { crs: "world", signal });
+    const rows = [["value", found.values === null ? "none" : found.values.map(text).join(", ")]];
     if (found.className) rows.push(["class", found.className]);
     rows.push(["cell", cell.join(", ")], ["at", world.map(text).join(", ")]);
     fill("answer", "Cell", table([], rows));
   });
   view.onClick = tell;
-  const legend = await dataset.legend({}).catch(() => []);
-  if (legend.length) showLegend(legend, new Set(), () => {});
+  showLegend(await dataset.legend({}), new Set(), () => {});
   return view;
 }
 

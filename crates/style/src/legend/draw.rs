@@ -2,7 +2,7 @@
 
 use super::super::blend::Blend;
 use super::text::Letters;
-use super::{Key, Legend};
+use super::{Key, Legend, LegendClass};
 
 /// A picture: red, green, blue and straight opacity of each pixel, rows from the top.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,7 +53,7 @@ fn content(legend: &Legend, canvas: &mut Canvas<'_>) {
         }
         match &section.key {
             Key::Classes(classes) => {
-                for (code, name) in classes {
+                for LegendClass { colour: code, name, .. } in classes {
                     canvas.framed(PADDING, y, BOX, &[*code]);
                     canvas.text((PADDING + BOX + GAP) * scale, y - RAISED, name);
                     y += LINE;

@@ -38,7 +38,7 @@ pub struct LegendSection {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Key {
     /// Some colours, each with its name.
-    Classes(Vec<([u8; 4], String)>),
+    Classes(Vec<LegendClass>),
     /// A band of colours, evenly from one end to the other.
     Ramp {
         /// The colours.
@@ -46,6 +46,28 @@ pub enum Key {
         /// Places that are told, in ascending order.
         ticks: Vec<Tick>,
     },
+}
+
+/// A colour that stands for something of its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LegendClass {
+    /// The colour.
+    pub colour: [u8; 4],
+    /// Its meaning.
+    pub name: String,
+    /// The value that has it, if it is that of a class.
+    pub value: Option<f64>,
+}
+
+impl LegendClass {
+    fn of_value(value: f64, colour: [u8; 4], name: &str) -> LegendClass {
+        let name = if name.is_empty() { value.to_string() } else { name.to_owned() };
+        LegendClass { colour, name, value: Some(value) }
+    }
+
+    fn of_name((colour, name): ([u8; 4], String)) -> LegendClass {
+        LegendClass { colour, name, value: None }
+    }
 }
 
 /// A place on a band of colours.
@@ -77,8 +99,9 @@ impl Legend {
     pub fn json(&self) -> String {
         let sections = self.sections.iter().map(|section| match &section.key {
             Key::Classes(classes) => {
-                let classes =
-                    classes.iter().map(|(code, name)| json!({ "color": colour::text(*code), "name": name }));
+                let classes = classes
+                    .iter()
+                    .map(|class| json!({ "color": colour::text(class.colour), "name": class.name }));
                 json!({ "title": section.title, "classes": classes.collect::<Vec<_>>() })
             }
             Key::Ramp { colours, ticks } => {
@@ -141,7 +164,7 @@ fn section(coat: &Coat, tree: &Dataset) -> Result<LegendSection> {
             let every = ticks::number(lines.interval * factor.abs());
             let label =
                 if unit.is_empty() { format!("every {every}") } else { format!("every {every} {unit}") };
-            ("Contours".into(), Key::Classes(vec![(lines.colour, label)]))
+            ("Contours".into(), Key::Classes(vec![LegendClass::of_name((lines.colour, label))]))
         }
         Ink::Channels { bands, .. } => {
             let colours = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255]];
@@ -149,7 +172,8 @@ fn section(coat: &Coat, tree: &Dataset) -> Result<LegendSection> {
                 Some(name) => name.clone(),
                 None => format!("Channel {}", band + 1),
             };
-            (String::new(), Key::Classes(colours.into_iter().zip(bands.map(label)).collect()))
+            let classes = colours.into_iter().zip(bands.map(label)).map(LegendClass::of_name);
+            (String::new(), Key::Classes(classes.collect()))
         }
         Ink::Heights { encoding, .. } => {
             let name = if *encoding == Encoding::Mapbox { "Mapbox" } else { "Terrarium" };
@@ -170,7 +194,8 @@ fn scale_key(scale: &Scale, told: &dyn Fn(f64) -> f64) -> Key {
             (_, Some(next)) => format!("{} to {}", number(stops[i].0), number(next.0)),
             (_, None) => format!("{} and more", number(stops[i].0)),
         };
-        return Key::Classes(stops.iter().enumerate().map(|(i, stop)| (stop.1, label(i))).collect());
+        let classes = stops.iter().enumerate().map(|(i, stop)| LegendClass::of_name((stop.1, label(i))));
+        return Key::Classes(classes.collect());
     }
     let at = |i: usize| {
         let share = i as f64 / (BAND - 1) as f64;
@@ -180,23 +205,23 @@ fn scale_key(scale: &Scale, told: &dyn Fn(f64) -> f64) -> Key {
 }
 
 /// The colours and names of classes: those given, those that have names, or else those that occur.
-fn named(classes: &Classes, tree: &Dataset) -> Result<Vec<([u8; 4], String)>> {
+fn named(classes: &Classes, tree: &Dataset) -> Result<Vec<LegendClass>> {
     let names = &tree.metadata().class_names;
     if !classes.names.is_empty() {
-        let told = classes.sparse.iter().zip(&classes.names);
-        let label = |value: f64, name: &str| if name.is_empty() { value.to_string() } else { name.into() };
-        return Ok(told.take(MOST_CLASSES).map(|(class, name)| (class.1, label(class.0, name))).collect());
+        let told = classes.sparse.iter().zip(&classes.names).take(MOST_CLASSES);
+        return Ok(told.map(|(class, name)| LegendClass::of_value(class.0, class.1, name)).collect());
     }
+    let of_tree = |value: f64, name: &str| LegendClass::of_value(value, classes.colour(value), name);
     if !names.is_empty() {
         let told = names.iter().filter(|(_, name)| !name.is_empty()).take(MOST_CLASSES);
-        return Ok(told.map(|(value, name)| (classes.colour(value.to_f64()), name.clone())).collect());
+        return Ok(told.map(|(value, name)| of_tree(value.to_f64(), name)).collect());
     }
     let header = tree.header();
     if header.counts_classes() && header.form.value.channels == 1 {
         let occurring = tree.statistics(None, &())?.classes;
         let told = occurring.iter().take(MOST_CLASSES);
-        return Ok(told.map(|(value, _)| (classes.colour(value.to_f64()), value.to_string())).collect());
+        return Ok(told.map(|(value, _)| of_tree(value.to_f64(), &value.to_string())).collect());
     }
     let told = classes.dense.iter().enumerate().take(MOST_CLASSES);
-    Ok(told.map(|(value, code)| (*code, value.to_string())).collect())
+    Ok(told.map(|(value, code)| LegendClass::of_value(value as f64, *code, "")).collect())
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::super::colour;
-use super::{Key, Legend};
+use super::{Key, Legend, LegendClass};
 
 /// Height of a line, and side of a colour's box.
 const LINE: usize = 20;
@@ -37,7 +37,7 @@ pub(super) fn document(legend: &Legend) -> String {
         line(&mut body, &mut y, &section.title, "normal");
         match &section.key {
             Key::Classes(classes) => {
-                for (code, name) in classes {
+                for LegendClass { colour: code, name, .. } in classes {
                     let _ = writeln!(
                         body,
                         "<rect x=\"{PADDING}\" y=\"{y}\" width=\"{BOX}\" height=\"{BOX}\" {} stroke=\"#000000\" \

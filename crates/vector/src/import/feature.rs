@@ -19,6 +19,7 @@
 //! ```
 
 use std::collections::BTreeSet;
+use std::io::Cursor;
 use std::path::Path;
 
 use serde_json::Value;
@@ -26,6 +27,7 @@ use serde_json::Value;
 use super::filter::FeatureFilter;
 use super::formats;
 pub use super::formats::is_feature_file;
+use super::geojson::GeoJson;
 pub use super::heights::Heights;
 pub use crate::export::AttributeType;
 use crate::export::GeometryKind;
@@ -246,6 +248,18 @@ pub(super) fn open_with(
     let mut wanted = Wanted::new(options, more);
     let reader = formats::open(path, options, &mut wanted)?;
     Selected::of(reader, options, &wanted, more)
+}
+
+/// Reads a GeoJSON text as files are read; the path is for messages.
+pub(super) fn open_geojson(
+    text: Vec<u8>,
+    path: &Path,
+    options: &FeatureOptions,
+    more: Option<&str>,
+) -> Result<Box<dyn FeatureReader>> {
+    let mut wanted = Wanted::new(options, more);
+    let reader = GeoJson::open(Box::new(Cursor::new(text)), path, options, &mut wanted)?;
+    Selected::of(Box::new(reader), options, &wanted, more)
 }
 
 /// The names of attributes that are read, and those that there are.

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::feature::{
     AttributeType, Feature, FeatureAttribute, FeatureGeometry, FeatureOptions, FeatureReader, FeatureSchema,
-    Wanted, open_with, unknown_attribute,
+    Wanted, open_geojson, open_with, unknown_attribute,
 };
 use super::filter::FeatureFilter;
 use super::geojson::GeoJson;
@@ -266,6 +266,16 @@ impl PolygonReader {
     /// Those of [`open_features`](super::feature::open_features).
     pub fn open(path: &Path, options: &FeatureOptions) -> Result<PolygonReader> {
         let reader = open_with(path, options, Some("name"))?;
+        Ok(PolygonReader::of(reader, path, options))
+    }
+
+    /// Reads a GeoJSON text as [`PolygonReader::open`] reads a file.
+    ///
+    /// # Errors
+    /// If it is no GeoJSON, or has no attribute that is asked for.
+    pub fn of_geojson(text: Vec<u8>, options: &FeatureOptions) -> Result<PolygonReader> {
+        let path = Path::new("GeoJSON");
+        let reader = open_geojson(text, path, options, Some("name"))?;
         Ok(PolygonReader::of(reader, path, options))
     }
 

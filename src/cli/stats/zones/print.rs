@@ -3,17 +3,16 @@
 use std::fmt::Write;
 
 use anyhow::Result;
-use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::export::vector::quantile_name;
-use spinney::import::feature::{Feature, PolygonLayer};
+use spinney::import::feature::PolygonLayer;
 use spinney::query::{ZoneChannel, ZoneMeasure, ZoneStatistics};
+use spinney::report::{ZoneReport, cell_area, class_name};
 use spinney::store::Metadata;
 use spinney::value::Number;
 
-use super::super::super::report::statistics::class_as_json;
-use super::super::super::report::{print_text, printable_json};
-use super::super::{cell_area, class_name, row_of};
+use super::super::super::report::print_text;
+use super::super::row_of;
 use super::ZoneOptions;
 
 /// How statistics are printed.
@@ -31,8 +30,9 @@ pub(super) struct Report<'a> {
     format: Format,
     /// Number of the next feature.
     next: usize,
-    /// Text that is not printed yet. (Of JSON, too, as text, which takes a tenth of what values would.)
+    /// Text that is not printed yet.
     text: String,
+    json: ZoneReport<'a>,
 }
 
 /// Bytes of text that are held: more is printed before the end, so that memory does not grow with polygons times layers.
@@ -42,24 +42,24 @@ impl<'a> Report<'a> {
     /// The text before all features.
     pub(super) fn begin(trees: &'a [&'a Dataset], options: &'a ZoneOptions, format: Format) -> Report<'a> {
         let text = match format {
-            Format::Json => "{\n  \"zones\": [".into(),
             Format::Csv => csv_heading(options),
-            Format::Text => String::new(),
+            Format::Json | Format::Text => String::new(),
         };
-        Report { trees, options, format, next: 0, text }
+        let json = ZoneReport::begin(trees, &options.quantiles, options.attribute.as_deref());
+        Report { trees, options, format, next: 0, text, json }
     }
 
     /// Prints the rest.
     pub(super) fn finish(&mut self) -> Result<()> {
         if matches!(self.format, Format::Json) {
-            self.text.push_str(if self.next > 0 { "\n  ]\n}\n" } else { "]\n}\n" });
+            self.json.finish();
         }
         self.print()
     }
 
     fn print(&mut self) -> Result<()> {
         match self.format {
-            Format::Json => print_text(&printable_json(&self.text))?,
+            Format::Json => print_text(&self.json.take())?,
             Format::Text | Format::Csv => print_text(&self.text)?,
         }
         self.text.clear();
@@ -78,27 +78,7 @@ impl<'a> Report<'a> {
         let name = layer.name(feature).unwrap_or_else(|| format!("#{}", self.next));
         let layers = || self.trees.iter().copied().zip(zones);
         match self.format {
-            Format::Json => {
-                let mut json = feature_json(layer, feature, self.options);
-                match zones {
-                    [zone] => json.extend(zone_json(self.trees[0], zone, self.options)),
-                    _ => {
-                        let rows = layers().map(|(tree, zone)| {
-                            let mut row = serde_json::Map::new();
-                            row.insert("layer".into(), json!(tree.metadata().name));
-                            row.insert("time".into(), json!(tree.metadata().time));
-                            row.extend(zone_json(tree, zone, self.options));
-                            serde_json::Value::from(row)
-                        });
-                        json.insert("layers".into(), rows.collect());
-                    }
-                }
-                let separator = if self.next > 1 { ",\n" } else { "\n" };
-                let json = format!("{:#}", serde_json::Value::from(json));
-                // (Strings in JSON have no ends of lines.)
-                let lines: Vec<String> = json.lines().map(|line| format!("    {line}")).collect();
-                self.text.extend([separator, &lines.join("\n")]);
-            }
+            Format::Json => self.json.add(layer, number, zones),
             Format::Text => {
                 for (tree, zone) in layers() {
                     let Metadata { name: own, time, .. } = tree.metadata();
@@ -118,7 +98,7 @@ impl<'a> Report<'a> {
                 }
             }
         }
-        if self.text.len() > MOST_TEXT { self.print() } else { Ok(()) }
+        if self.text.len().max(self.json.held()) > MOST_TEXT { self.print() } else { Ok(()) }
     }
 }
 
@@ -217,62 +197,6 @@ fn write_rows(
 /// An id as text.
 fn text_of(value: &serde_json::Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
-}
-
-/// Members of a JSON object.
-type Members = serde_json::Map<String, serde_json::Value>;
-
-/// Id, name and attributes of a feature.
-fn feature_json(layer: &PolygonLayer, feature: &Feature, options: &ZoneOptions) -> Members {
-    let is_wanted = |name: &String| options.attribute.as_ref().is_none_or(|wanted| wanted.contains(name));
-    let values = layer.attributes.iter().zip(&feature.attributes).filter(|((name, _), _)| is_wanted(name));
-    let properties: Members = values.map(|((name, _), value)| (name.clone(), value.to_json())).collect();
-    let members =
-        [("id", json!(feature.id)), ("name", json!(layer.name(feature))), ("properties", properties.into())];
-    members.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
-}
-
-/// Statistics of a zone's cells.
-fn zone_json(tree: &Dataset, zone: &ZoneStatistics, options: &ZoneOptions) -> Members {
-    let area = cell_area(tree).ok();
-    let channel = |channel: &ZoneChannel| {
-        let ZoneChannel { cells, min, max, sum, mean, standard_deviation, values } = channel;
-        let mut json = json!({
-            "cells": cells,
-            "min": min,
-            "max": max,
-            "sum": sum,
-            "mean": mean,
-            "standard_deviation": standard_deviation,
-        });
-        if let Some(values) = values {
-            json["majority"] = class_as_json(values.majority);
-            json["minority"] = class_as_json(values.minority);
-            json["variety"] = json!(values.variety);
-            json["median"] = json!(values.median);
-            let quantiles = options.quantiles.iter().zip(&values.quantiles);
-            json["quantiles"] = quantiles.map(|(at, value)| (at.to_string(), json!(value))).collect();
-        }
-        json
-    };
-    let class = |(value, cells): &(Number, f64)| {
-        json!({
-            "value": class_as_json(*value),
-            "name": class_name(tree, *value),
-            "cells": cells,
-            "area_m2": area.map(|area| area * cells),
-        })
-    };
-    let members = [
-        ("cells", json!(zone.cells)),
-        ("void_cells", json!(zone.void_cells)),
-        ("void_share", json!(zone.void_share())),
-        ("outside_cells", json!(zone.outside_cells)),
-        ("area_m2", json!(area.map(|area| area * zone.cells))),
-        ("channels", zone.channels.iter().map(channel).collect()),
-        ("classes", zone.classes.iter().map(class).collect()),
-    ];
-    members.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
 }
 
 fn write_zone(

@@ -1,0 +1,247 @@
+#!/usr/bin/env python3
+"""The server: tiles in a second, at 32 connections, and memory over mixed requests.
+
+Tiles of 256 pixels of the trees' own grids: random ones of the deepest zooms, by clients in two processes. Beside them stand titiler's tiles of the
+same maps as COG, on the grid of degrees (WorldCRS84Quad), on which they lie, so that it warps nothing. Then 10,000 mixed requests: windows,
+tiles of both grids, points, statistics of polygons, and ranges of files; memory is what the process has for itself (RssAnon) after each tenth of them.
+
+Needs titiler.core and uvicorn in the Python that PEERS_PYTHON names (this one if it is not set); without them that part is left out.
+SECONDS is the time of each measurement (5), REQUESTS the number of mixed ones (10000).
+"""
+
+import json
+import multiprocessing
+import os
+import random
+import selectors
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from common import RELIEF, SHORELINE, SPINNEY, WORK, start, table, tree, verdict
+
+SECONDS = float(os.environ.get("SECONDS", 5))
+REQUESTS = int(os.environ.get("REQUESTS", 10_000))
+PYTHON = Path(os.environ.get("PEERS_PYTHON", sys.executable))
+CONNECTIONS = 32
+PROCESSES = 2
+
+TITILER = """
+import sys, uvicorn
+from fastapi import FastAPI
+from titiler.core.errors import DEFAULT_STATUS_CODES, add_exception_handlers
+from titiler.core.factory import TilerFactory
+app = FastAPI()
+app.include_router(TilerFactory().router)
+add_exception_handlers(app, DEFAULT_STATUS_CODES)
+uvicorn.run(app, port=int(sys.argv[1]), log_level='error', access_log=False)
+"""
+
+
+COG = """
+import sys
+from rasterio.shutil import copy
+copy(*sys.argv[1:3], driver='COG', COMPRESS='ZSTD', BLOCKSIZE=256, OVERVIEW_RESAMPLING=sys.argv[3])
+"""
+
+
+class Client:
+    """A connection on which one request follows the other."""
+
+    def __init__(self, port):
+        self.socket = socket.create_connection(("127.0.0.1", port))
+        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.buffer = b""
+
+    def send(self, request):
+        self.socket.sendall(request)
+        self.buffer = b""
+        self.wanted = None
+
+    def receive(self):
+        """Reads what is there; returns status and bytes once the answer is whole."""
+        piece = self.socket.recv(1 << 18)
+        if not piece:
+            raise ConnectionError("the server closed the connection")
+        self.buffer += piece
+        if self.wanted is None:
+            end = self.buffer.find(b"\r\n\r\n")
+            if end < 0:
+                return None
+            head = self.buffer[:end].lower()
+            at = head.find(b"content-length:")
+            length = int(head[at + 15:].split(b"\r\n")[0]) if at >= 0 else 0
+            self.status = int(self.buffer[9:12])
+            self.wanted = end + 4 + length
+        return (self.status, len(self.buffer)) if len(self.buffer) >= self.wanted else None
+
+
+def get(target, more=""):
+    return f"GET {target} HTTP/1.1\r\nHost: 127.0.0.1\r\n{more}\r\n".encode()
+
+
+def work(port, requests, connections, seconds, answers):
+    """Sends requests in turn for some seconds, on some connections; puts the number of answers, and their bytes."""
+    selector, turn = selectors.DefaultSelector(), 0
+    for _ in range(connections):
+        client = Client(port)
+        client.send(requests[turn % len(requests)])
+        turn += 1
+        selector.register(client.socket, selectors.EVENT_READ, client)
+    began, count, total, bad = time.perf_counter(), 0, 0, 0
+    while (now := time.perf_counter()) - began < seconds:
+        for key, _ in selector.select(1):
+            answer = key.data.receive()
+            if answer:
+                count, total, bad = count + 1, total + answer[1], bad + (answer[0] >= 400)
+                key.data.send(requests[turn % len(requests)])
+                turn += 1
+    answers.put((count / (now - began), total, bad))
+
+
+def rate(port, requests):
+    """Answers in a second, and bytes of one in the mean."""
+    answers = multiprocessing.Queue()
+    def start(part):
+        process = multiprocessing.Process(target=work, args=(port, part, CONNECTIONS // PROCESSES, SECONDS, answers))
+        process.start()
+        return process
+    processes = [start(requests[number::PROCESSES]) for number in range(PROCESSES)]
+    found = [answers.get() for _ in processes]
+    for process in processes:
+        process.join()
+    if any(bad for _, _, bad in found):
+        sys.exit(f"requests failed: {found}")
+    per_second = sum(count for count, _, _ in found)
+    return per_second, sum(total for _, total, _ in found) / max(1, per_second * SECONDS)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def wait_for(port):
+    for _ in range(600):
+        try:
+            socket.create_connection(("127.0.0.1", port)).close()
+            return
+        except OSError:
+            time.sleep(0.1)
+    sys.exit("the server does not listen")
+
+
+def private(pid):
+    """MiB that a process has for itself."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1024
+
+
+def ask(client, request):
+    client.send(request)
+    while not (answer := client.receive()):
+        pass
+    if answer[0] >= 400:
+        sys.exit(f"{answer[0]}: {request[:200]}: {client.buffer[-300:]}")
+
+
+def ours(name, count=2000):
+    """Tiles of a tree's own grid: random ones of its two deepest zooms."""
+    generator, (columns, rows), depth = random.Random(7), SIZES[name], DEPTHS[name]
+    def tile():
+        zoom = depth - 8 - generator.randrange(2)
+        side = 256 << (depth - 8 - zoom)
+        x, y = generator.randrange(columns // side), generator.randrange(rows // side)
+        return get(f"/tiles/{name}/{zoom}/{x}/{y}.png?grid=native")
+    return [tile() for _ in range(count)]
+
+
+def theirs(name, path, count=2000):
+    """As many tiles of about the same size of the grid of degrees."""
+    generator, (columns, _) = random.Random(7), SIZES[name]
+    deepest = max(zoom for zoom in range(20) if 512 << zoom <= columns * 1.5)
+    def tile():
+        zoom = deepest - generator.randrange(2)
+        x, y = generator.randrange(2 << zoom), generator.randrange(1 << zoom)
+        scale = "&rescale=-8000,6000" if name == "relief" else ""
+        return get(f"/tiles/WorldCRS84Quad/{zoom}/{x}/{y}.png?url={path}{scale}")
+    return [tile() for _ in range(count)]
+
+
+SIZES = {"shoreline": (43200, 21600), "relief": (4320, 2160)}
+DEPTHS = {"shoreline": 16, "relief": 13}
+
+
+def mixed(generator):
+    """One of all kinds of requests."""
+    name = generator.choice(["shoreline", "relief"])
+    lon, lat = generator.uniform(-170, 160), generator.uniform(-80, 75)
+    kind = generator.randrange(6)
+    if kind == 0:
+        return get(f"/point/{name}?x={lon}&y={lat}&crs=lonlat")
+    if kind == 1:
+        size = generator.choice([64, 200, 512])
+        style = generator.choice(["", "&style=viridis"]) if name == "relief" else ""
+        return get(f"/window/{name}?bounds={lon},{lat},{lon + 10},{lat + 5}&crs=lonlat&size={size}{style}")
+    if kind == 2:
+        return generator.choice(ours(name, 1))
+    if kind == 3:
+        zoom = generator.randrange(5)
+        return get(f"/tiles/{name}/{zoom}/{generator.randrange(1 << zoom)}/{generator.randrange(1 << zoom)}.png")
+    if kind == 4:
+        first = generator.randrange(1 << 20)
+        return get(f"/{name}.goblin", f"Range: bytes={first}-{first + generator.randrange(1 << 17)}\r\n")
+    ring = [[lon, lat], [lon + 4, lat], [lon + 3, lat + 4], [lon, lat]]
+    body = json.dumps({"type": "Polygon", "coordinates": [ring]})
+    return f"POST /zonal/{name}?edge=area HTTP/1.1\r\nHost: x\r\nContent-Length: {len(body)}\r\n\r\n{body}".encode()
+
+
+def main():
+    start(peer="python3")
+    folder = WORK / "served"
+    folder.mkdir(exist_ok=True)
+    for name, source in [("shoreline", SHORELINE), ("relief", RELIEF)]:
+        tree(source, folder / f"{name}.goblin")
+    server = subprocess.Popen([SPINNEY, "serve", "-q", "--port", "0", folder], stdout=subprocess.PIPE, text=True)
+    port = int(server.stdout.readline().rstrip("/\n").rsplit(":", 1)[1])
+    found = {name: rate(port, ours(name)) for name in SIZES}
+    rows = [[f"tiles of {name}, 32 connections", f"{per_second:,.0f} /s", f"{size:,.0f} B", ""] for name, (per_second, size) in found.items()]
+
+    generator, client, memory = random.Random(3), Client(port), []
+    began = time.perf_counter()
+    for number in range(REQUESTS):
+        ask(client, mixed(generator))
+        if (number + 1) % (REQUESTS // 10) == 0:
+            memory.append(private(server.pid))
+    took = time.perf_counter() - began
+    rows.append([f"{REQUESTS:,} mixed requests, one connection", f"{REQUESTS / took:,.0f} /s", "", ""])
+    flat = max(memory[4:]) / memory[4]
+    rows.append(["private memory after each tenth of these, MiB", " ".join(f"{mib:.0f}" for mib in memory), f"{flat:.3g} of that after half", verdict(max(memory), 150, False)])
+    server.terminate()
+    server.wait()
+
+    has_titiler = subprocess.run([PYTHON, "-c", "import titiler.core, uvicorn"], stderr=subprocess.DEVNULL).returncode == 0
+    if has_titiler:
+        other_port = free_port()
+        environment = {**os.environ, "GDAL_CACHEMAX": "512", "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR"}
+        other = subprocess.Popen([PYTHON, "-c", TITILER, str(other_port)], env=environment)
+        wait_for(other_port)
+        for name, source in [("shoreline", SHORELINE), ("relief", RELIEF)]:
+            path = WORK / f"served_{name}_cog.tif"
+            if not path.exists():
+                averaged = "MODE" if name == "shoreline" else "AVERAGE"
+                subprocess.run([PYTHON, "-c", COG, source, path, averaged], check=True)
+            per_second, size = rate(other_port, theirs(name, path))
+            rows.append([f"titiler, tiles of {name}", f"{per_second:,.0f} /s", f"{size:,.0f} B", verdict(found[name][0] / per_second, 8)])
+        other.terminate()
+        other.wait()
+    else:
+        print("skipped: titiler is not there")
+    table(["what", "figure", "bytes of one", "verdict"], rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+//! Parts of answers that several have.
+
+use std::borrow::Cow;
+
+use serde_json::{Value, json};
+use spinney_base::value::Number;
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::Statistics;
+
+/// Extremes, mean and standard deviation of each channel.
+pub fn channels_as_json(statistics: &Statistics) -> Vec<Value> {
+    let channels = statistics.channels.iter();
+    channels
+        .map(|c| json!({ "cells": c.cells, "min": c.min, "max": c.max, "mean": c.mean, "standard_deviation": c.standard_deviation }))
+        .collect()
+}
+
+/// The value of a class: an integer where it is one.
+pub fn class_as_json(value: Number) -> Value {
+    /// Floating numbers beyond are no longer all the whole ones.
+    const MOST: f64 = 9_007_199_254_740_992.0;
+    match value {
+        Number::Float(float) if float.fract() == 0.0 && float.abs() <= MOST => json!(float as i64),
+        value => json!(value),
+    }
+}
+
+/// Square metres of a cell, or the reason why they are not known.
+///
+/// # Errors
+/// If cells are not alike, or count in no known unit: the reason.
+pub fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
+    tree.metadata().frame.cell_square_metres()
+}
+
+/// The name of a class; nothing if it has none.
+pub fn class_name(tree: &Dataset, value: Number) -> Option<&str> {
+    tree.metadata().class_names.get(&value).map(String::as_str)
+}
+
+/// JSON without control characters other than line ends: its strings have escapes of their own for those that
+/// are left in them, which are delete and the second set of control characters.
+pub fn printable_json(text: &str) -> Cow<'_, str> {
+    if !text.chars().any(|c| c.is_control() && c != '\n') {
+        return text.into();
+    }
+    let escape = |c: char| match c {
+        c if c.is_control() && c != '\n' => format!("\\u{:04x}", u32::from(c)),
+        c => c.to_string(),
+    };
+    text.chars().map(escape).collect::<String>().into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::printable_json;
+
+    #[test]
+    fn escape_sequences_are_shown_and_not_done() {
+        let json = serde_json::json!({ "name": "a\u{1b}\u{9b}\u{7f}" }).to_string();
+        let clean = printable_json(&json);
+        assert!(clean.chars().all(|c| !c.is_control()), "{clean}");
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&clean).unwrap()["name"], "a\u{1b}\u{9b}\u{7f}");
+    }
+}

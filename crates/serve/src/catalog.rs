@@ -1,0 +1,197 @@
+//! Names of files, and where they are: nothing but the tree files of one folder, or a single file, is ever found.
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::fs::Metadata;
+use std::path::{Component, Path, PathBuf};
+
+use spinney_base::{Error, Result};
+
+use crate::failure::Failure;
+
+/// Endings of the names of tree files.
+const ENDINGS: [&str; 2] = ["goblin", "autumn"];
+
+/// What is served.
+pub(crate) enum Catalog {
+    /// The tree files of a folder, whose path has no symbolic links.
+    Folder(PathBuf),
+    /// One file.
+    File(PathBuf),
+}
+
+/// A file that is served.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Listed {
+    /// The name that questions have for it: its stem, or, where another one has the same, all of its name.
+    pub(crate) name: String,
+    pub(crate) file: String,
+    pub(crate) bytes: u64,
+}
+
+impl Catalog {
+    /// The tree files of a folder, or one file.
+    ///
+    /// # Errors
+    /// If there is none of the two, or its name is no text.
+    pub(crate) fn new(path: &Path) -> Result<Catalog> {
+        let metadata = std::fs::metadata(path).map_err(Error::io(path, "open"))?;
+        if metadata.is_dir() {
+            return Ok(Catalog::Folder(path.canonicalize().map_err(Error::io(path, "open"))?));
+        }
+        if path.file_name().and_then(OsStr::to_str).is_none() {
+            return Err(Error::unsupported(path, "a name that is no text", "rename the file"));
+        }
+        Ok(Catalog::File(std::path::absolute(path).map_err(Error::io(path, "open"))?))
+    }
+
+    /// The folder of all files.
+    pub(crate) fn folder(&self) -> &Path {
+        match self {
+            Catalog::Folder(folder) => folder,
+            Catalog::File(file) => file.parent().unwrap_or(file),
+        }
+    }
+
+    /// The file of a name that tells its ending.
+    pub(crate) fn file(&self, name: &str) -> Result<PathBuf, Failure> {
+        self.find(name).ok_or_else(|| missing(name))
+    }
+
+    /// The file that questions mean by a name: its stem, or all of its name.
+    pub(crate) fn tree(&self, name: &str) -> Result<PathBuf, Failure> {
+        if let Some(path) = self.find(name) {
+            return Ok(path);
+        }
+        if let Catalog::File(path) = self {
+            let is_stem = path.file_stem().and_then(OsStr::to_str) == Some(name);
+            return if is_stem && path.is_file() { Ok(path.clone()) } else { Err(missing(name)) };
+        }
+        let [goblin, autumn] = ENDINGS.map(|ending| self.find(&format!("{name}.{ending}")));
+        match (goblin, autumn) {
+            (Some(_), Some(_)) => Err(Failure::missing(format!(
+                "`{name}`: is the name of two files; ask for {name}.goblin or {name}.autumn"
+            ))),
+            (Some(path), None) | (None, Some(path)) => Ok(path),
+            (None, None) => Err(missing(name)),
+        }
+    }
+
+    /// The file of a name, if it is one that is served.
+    fn find(&self, name: &str) -> Option<PathBuf> {
+        match self {
+            Catalog::File(path) => {
+                let is_name = path.file_name().and_then(OsStr::to_str) == Some(name);
+                (is_name && path.is_file()).then(|| path.clone())
+            }
+            Catalog::Folder(folder) => {
+                let path = folder.join(served_name(name)?);
+                let metadata = path.symlink_metadata().ok()?;
+                follow(folder, path, &metadata).map(|(path, _)| path)
+            }
+        }
+    }
+
+    /// All files that are served, by their names.
+    ///
+    /// # Errors
+    /// If the folder cannot be read.
+    pub(crate) fn list(&self) -> Result<Vec<Listed>> {
+        let files: BTreeMap<String, u64> = match self {
+            Catalog::File(path) => {
+                let metadata = path.metadata().map_err(Error::io(path, "look at"))?;
+                let name = path.file_name().and_then(OsStr::to_str).unwrap_or_default();
+                let name = name.to_owned();
+                let stem = path.file_stem().and_then(OsStr::to_str).unwrap_or_default().to_owned();
+                return Ok(vec![Listed { name: stem, file: name, bytes: metadata.len() }]);
+            }
+            Catalog::Folder(folder) => {
+                let entries = std::fs::read_dir(folder).map_err(Error::io(folder, "read"))?;
+                let served = entries.flatten().filter_map(|entry| {
+                    let name = entry.file_name().into_string().ok()?;
+                    let path = folder.join(served_name(&name)?);
+                    let (_, metadata) = follow(folder, path, &entry.metadata().ok()?)?;
+                    Some((name, metadata.len()))
+                });
+                served.collect()
+            }
+        };
+        let stem = |file: &str| file.rsplit_once('.').map_or(file, |(stem, _)| stem).to_owned();
+        let mut stems: BTreeMap<String, usize> = BTreeMap::new();
+        files.keys().for_each(|file| *stems.entry(stem(file)).or_default() += 1);
+        let listed = files.iter().map(|(file, bytes)| {
+            // (A stem may be another file's name: `a.goblin.autumn`.)
+            let stem = stem(file);
+            let is_clear = stems[&stem] == 1 && !files.contains_key(&stem) && !has_odd_ending(file);
+            Listed { name: if is_clear { stem } else { file.clone() }, file: file.clone(), bytes: *bytes }
+        });
+        Ok(listed.collect())
+    }
+}
+
+fn missing(name: &str) -> Failure {
+    let name: String = name.chars().take(200).collect();
+    Failure::missing(format!("`{}`: no file of that name is served", name.escape_debug()))
+}
+
+/// A name that is one of a tree file in a folder, and of nothing elsewhere.
+fn served_name(name: &str) -> Option<&str> {
+    let path = Path::new(name);
+    let is_plain = path.components().eq([Component::Normal(OsStr::new(name))])
+        && !name.starts_with('.')
+        && !name.contains(['/', '\\', '\0']);
+    let is_tree = ENDINGS.iter().any(|ending| {
+        path.extension().and_then(OsStr::to_str).is_some_and(|own| own.eq_ignore_ascii_case(ending))
+    });
+    (is_plain && is_tree).then_some(name)
+}
+
+/// Whether a file's ending is written in another way than in lower case: it is then not found by its stem.
+fn has_odd_ending(name: &str) -> bool {
+    !ENDINGS.iter().any(|ending| name.ends_with(ending))
+}
+
+/// The regular file that a path in a folder leads to, if that is in the folder, too.
+fn follow(folder: &Path, path: PathBuf, metadata: &Metadata) -> Option<(PathBuf, Metadata)> {
+    if metadata.is_file() {
+        return Some((path, metadata.clone()));
+    }
+    if !metadata.is_symlink() {
+        return None;
+    }
+    let target = path.canonicalize().ok()?;
+    let metadata = target.metadata().ok()?;
+    (target.starts_with(folder) && metadata.is_file()).then_some((target, metadata))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_stay_in_their_folder() {
+        for name in ["a.goblin", "a b.AUTUMN", "ä.goblin", "a.b.goblin", "a@1.goblin"] {
+            assert_eq!(served_name(name), Some(name));
+        }
+        let wrong = [
+            "",
+            ".",
+            "..",
+            "../a.goblin",
+            "/a.goblin",
+            "a/b.goblin",
+            "a\\b.goblin",
+            "a\0.goblin",
+            ".a.goblin",
+            "a.goblin/",
+            "./a.goblin",
+            "a.goblin/.",
+            "a",
+            "a.tif",
+            "a.goblin.partial",
+        ];
+        for name in wrong {
+            assert_eq!(served_name(name), None, "{name:?}");
+        }
+    }
+}

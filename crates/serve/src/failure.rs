@@ -1,0 +1,90 @@
+//! Requests that have no answer, and what is said instead.
+
+use std::error::Error as _;
+use std::path::Path;
+
+use axum::body::Body;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde_json::json;
+use spinney_base::Error;
+
+/// The reason why a request has no answer.
+#[derive(Debug)]
+pub(crate) struct Failure {
+    pub(crate) status: StatusCode,
+    pub(crate) message: String,
+}
+
+impl Failure {
+    pub(crate) fn new(status: StatusCode, message: impl Into<String>) -> Failure {
+        Failure { status, message: message.into() }
+    }
+
+    pub(crate) fn bad(message: impl Into<String>) -> Failure {
+        Failure::new(StatusCode::BAD_REQUEST, message)
+    }
+
+    pub(crate) fn missing(message: impl Into<String>) -> Failure {
+        Failure::new(StatusCode::NOT_FOUND, message)
+    }
+
+    pub(crate) fn too_large(message: impl Into<String>) -> Failure {
+        Failure::new(StatusCode::PAYLOAD_TOO_LARGE, message)
+    }
+
+    pub(crate) fn busy(message: impl Into<String>) -> Failure {
+        Failure::new(StatusCode::SERVICE_UNAVAILABLE, message)
+    }
+
+    /// What is said, as JSON.
+    pub(crate) fn body(&self) -> String {
+        format!("{}\n", json!({ "error": self.message }))
+    }
+
+    /// The failure without the name of a folder, which is nobody's business elsewhere.
+    pub(crate) fn without(mut self, folder: &Path) -> Failure {
+        if let Some(folder) = folder.to_str().filter(|folder| folder.len() > 1) {
+            self.message = self.message.replace(&format!("{folder}/"), "").replace(folder, ".");
+        }
+        self
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Failure {
+        let status = match &error {
+            Error::Invalid { .. } => StatusCode::BAD_REQUEST,
+            Error::Io { cause, .. } if cause.kind() == std::io::ErrorKind::NotFound => StatusCode::NOT_FOUND,
+            Error::Unsupported { .. } | Error::NoTree { .. } | Error::NoBody { .. } => {
+                StatusCode::UNPROCESSABLE_ENTITY
+            }
+            Error::TooLarge { .. } | Error::NoRoom { .. } => StatusCode::PAYLOAD_TOO_LARGE,
+            Error::Locked { .. } | Error::Changed { .. } | Error::Interrupted => {
+                StatusCode::SERVICE_UNAVAILABLE
+            }
+            _ => StatusCode::INTERNAL_SERVER_ERROR,
+        };
+        let mut message = error.to_string();
+        let mut cause = error.source();
+        while let Some(next) = cause {
+            message += &format!(": {next}");
+            cause = next.source();
+        }
+        Failure { status, message }
+    }
+}
+
+impl IntoResponse for Failure {
+    fn into_response(self) -> Response {
+        let mut response = Response::new(Body::from(self.body()));
+        *response.status_mut() = self.status;
+        let headers = response.headers_mut();
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/json"));
+        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+        if self.status == StatusCode::SERVICE_UNAVAILABLE {
+            headers.insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+        }
+        response
+    }
+}

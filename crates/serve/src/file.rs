@@ -1,0 +1,144 @@
+//! The files themselves, whole or in ranges.
+
+use std::fs::File;
+use std::path::Path;
+use std::sync::Arc;
+
+use axum::body::{Body, Bytes};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::response::Response;
+use spinney_base::Error;
+use spinney_base::io::platform::read_exact_at;
+
+use crate::answer::{has_tag, tell_tag};
+use crate::failure::Failure;
+use crate::range::{Asked, asked};
+use crate::version::FileVersion;
+
+/// Bytes that are read, and held, at a time.
+const PIECE: u64 = 256 << 10;
+
+/// Times that the beginning of an answer is read of a file that is changed meanwhile.
+const TIMES: usize = 20;
+
+/// What is to be sent of a file: its beginning has been read.
+pub(crate) struct FileAnswer {
+    file: Arc<File>,
+    version: FileVersion,
+    status: StatusCode,
+    /// First byte, and the one behind the last.
+    part: [u64; 2],
+    start: Vec<u8>,
+}
+
+/// Opens a file, and reads what a request asks for, or its first piece: of one state of the file. What is behind the first piece of a file
+/// that is edited stays as it is, since records are appended; one that is replaced stays as it was opened.
+///
+/// # Errors
+/// If the file cannot be read, or a condition of the request does not hold.
+pub(crate) fn answer(path: &Path, method: &Method, headers: &HeaderMap) -> Result<FileAnswer, Failure> {
+    for _ in 0..TIMES {
+        let file = File::open(path).map_err(Error::io(path, "open"))?;
+        let version = FileVersion::settled(path, || file.metadata())?;
+        let (status, part) = wanted(&version, method, headers)?;
+        let mut start = Vec::new();
+        if *method == Method::GET && !status.is_redirection() {
+            start = vec![0; (part[1] - part[0]).min(PIECE) as usize];
+            let read = read_exact_at(&file, &mut start, part[0]);
+            let metadata = file.metadata().map_err(Error::io(path, "look at"))?;
+            if FileVersion::of(&metadata, path)? != version {
+                continue;
+            }
+            read.map_err(Error::io(path, "read"))?;
+        }
+        return Ok(FileAnswer { file: Arc::new(file), version, status, part, start });
+    }
+    Err(Error::Changed { path: path.to_path_buf(), what: "was changed each time" }.into())
+}
+
+/// The status of an answer, and the bytes that it has.
+fn wanted(
+    version: &FileVersion,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<(StatusCode, [u64; 2]), Failure> {
+    let (length, tag) = (version.length, version.tag(""));
+    if headers.contains_key(header::IF_MATCH) && !has_tag(headers, header::IF_MATCH, &tag, false) {
+        let message = format!("the file's tag is {tag}, another one than that of If-Match");
+        return Err(Failure::new(StatusCode::PRECONDITION_FAILED, message));
+    }
+    if has_tag(headers, header::IF_NONE_MATCH, &tag, true) {
+        return Ok((StatusCode::NOT_MODIFIED, [0, length]));
+    }
+    let range = headers.get(header::RANGE).and_then(|range| range.to_str().ok());
+    // (There are no times in answers, so that none in this header can be the right one.)
+    let is_same = headers.get(header::IF_RANGE).is_none_or(|given| given.as_bytes() == tag.as_bytes());
+    let asked = match range {
+        Some(range) if is_same && *method == Method::GET => asked(range, length),
+        _ => Asked::All,
+    };
+    match asked {
+        Asked::All => Ok((StatusCode::OK, [0, length])),
+        Asked::Part(first, last) => Ok((StatusCode::PARTIAL_CONTENT, [first, last + 1])),
+        Asked::Nothing => Err(Failure::new(
+            StatusCode::RANGE_NOT_SATISFIABLE,
+            format!("the range has none of the file's {length} bytes"),
+        )),
+        Asked::Several => Err(Failure::new(
+            StatusCode::RANGE_NOT_SATISFIABLE,
+            "several ranges; ask for them one by one, at the same time if you like",
+        )),
+    }
+}
+
+impl FileAnswer {
+    /// The answer, whose body is read piece by piece as it is sent.
+    pub(crate) fn into_response(self) -> Response {
+        let FileAnswer { file, version, status, part: [first, end], start } = self;
+        let next = first + start.len() as u64;
+        // (What is not asked for was not read.)
+        let is_whole = start.is_empty() || next == end;
+        let body = if is_whole { Body::from(start) } else { pieces(file, start, next, end) };
+        let mut response = Response::new(body);
+        *response.status_mut() = status;
+        let headers = response.headers_mut();
+        let mut tell = |name: HeaderName, value: String| {
+            HeaderValue::from_str(&value).map(|value| headers.insert(name, value)).is_ok()
+        };
+        if status != StatusCode::NOT_MODIFIED {
+            tell(header::CONTENT_LENGTH, (end - first).to_string());
+        }
+        if status == StatusCode::PARTIAL_CONTENT {
+            tell(header::CONTENT_RANGE, format!("bytes {first}-{}/{}", end - 1, version.length));
+        }
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
+        headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
+        tell_tag(headers, &version.tag(""));
+        response
+    }
+}
+
+/// A body of a first piece, and what follows it in a file.
+fn pieces(file: Arc<File>, start: Vec<u8>, next: u64, end: u64) -> Body {
+    let pieces = futures_util::stream::unfold((Some(start), next), move |(start, next)| {
+        let file = file.clone();
+        async move {
+            if let Some(start) = start {
+                return Some((Ok(Bytes::from(start)), (None, next)));
+            }
+            if next >= end {
+                return None;
+            }
+            let count = (end - next).min(PIECE);
+            let read = tokio::task::spawn_blocking(move || {
+                let mut bytes = vec![0; count as usize];
+                read_exact_at(&file, &mut bytes, next).map(|()| Bytes::from(bytes))
+            });
+            let read = read.await.unwrap_or_else(|error| Err(std::io::Error::other(error)));
+            // (After an error the connection ends before its time, by which the client knows.)
+            let next = if read.is_ok() { next + count } else { end };
+            Some((read, (None, next)))
+        }
+    });
+    Body::from_stream(pieces)
+}

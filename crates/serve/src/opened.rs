@@ -1,0 +1,180 @@
+//! Files that are kept open, as long as they are the same.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+
+use spinney_base::{Error, Result};
+use spinney_container::{FilePlace, OpenOptions};
+use spinney_engine::dataset::{self, Dataset};
+use spinney_engine::ops::{Calculation, Step};
+
+use crate::drawn::Drawn;
+use crate::version::FileVersion;
+
+/// A state of a file, or of a commit of it, open for questions. Whoever has it keeps it, whatever becomes of the file.
+pub(crate) struct OpenTree {
+    pub(crate) version: FileVersion,
+    first: Arc<Dataset>,
+    /// Names of the layers, and the layers once they were asked for.
+    names: Vec<String>,
+    layers: OnceLock<Vec<Arc<Dataset>>>,
+    /// What was drawn, by the layers that were named.
+    drawn: Mutex<HashMap<String, Arc<Drawn>>>,
+}
+
+/// Layers, and mixtures of them, of a file that are kept ready for being drawn.
+const MOST_DRAWN: usize = 16;
+
+impl OpenTree {
+    fn open(path: &Path, version: FileVersion) -> Result<OpenTree> {
+        let first = Arc::new(dataset::open(path, &OpenOptions::new().positioned(CACHE))?);
+        let names = first.layers()?.into_iter().map(|layer| layer.name).collect();
+        Ok(OpenTree { version, first, names, layers: OnceLock::new(), drawn: Mutex::default() })
+    }
+
+    /// All layers.
+    fn all(&self) -> Result<&[Arc<Dataset>]> {
+        if let Some(layers) = self.layers.get() {
+            return Ok(layers);
+        }
+        let layers = match self.names[..] {
+            [_] => vec![self.first.clone()],
+            _ => self.names.iter().map(|name| self.first.layer(name).map(Arc::new)).collect::<Result<_>>()?,
+        };
+        Ok(self.layers.get_or_init(|| layers))
+    }
+
+    /// The layers that are meant: all of them if none is named; by their names, or their numbers from 0, with commas between.
+    ///
+    /// # Errors
+    /// If there is no such layer, or one is damaged.
+    pub(crate) fn layers(&self, named: Option<&str>) -> Result<Vec<&Dataset>> {
+        Ok(self.shared(named)?.into_iter().map(|layer| &**layer).collect())
+    }
+
+    fn shared(&self, named: Option<&str>) -> Result<Vec<&Arc<Dataset>>> {
+        let all = self.all()?;
+        let Some(named) = named else { return Ok(all.iter().collect()) };
+        let number = |name: &str| {
+            let file = self.first.name().into();
+            let place = FilePlace { file, commit: None, layer: Some(name.to_owned()) };
+            place.layer_number(self.names.iter().map(String::as_str))
+        };
+        // (A name may have commas.)
+        let numbers = match self.names.iter().position(|name| name == named) {
+            Some(number) => vec![number],
+            None => named.split(',').map(|name| number(name.trim())).collect::<Result<_>>()?,
+        };
+        Ok(numbers.into_iter().map(|number| &all[number]).collect())
+    }
+
+    /// What is drawn of the file: the one layer that is meant, or two to four that are named, as colours.
+    ///
+    /// # Errors
+    /// Those of [`OpenTree::layers`]; if none is named of several, or more than can be colours.
+    pub(crate) fn drawn(&self, named: Option<&str>) -> Result<Arc<Drawn>> {
+        let key = named.unwrap_or_default();
+        if let Some(drawn) = self.kept().get(key) {
+            return Ok(drawn.clone());
+        }
+        let (tree, is_composite) = match &self.shared(named)?[..] {
+            [one] => ((*one).clone(), false),
+            _ if named.is_none() => {
+                let expected = format!("one of {}, or some with commas between", self.names.join(", "));
+                return Err(Error::invalid("layer", "none of several", expected));
+            }
+            several => {
+                let names: Vec<String> = several.iter().map(|layer| layer.metadata().name.clone()).collect();
+                // On the cells of the one that has the smallest.
+                let finest = several.iter().max_by_key(|layer| layer.depth());
+                let finest = finest.map_or("", |layer| layer.metadata().name.as_str());
+                let composite = Step::Calculation(Box::new(Calculation::composite(&names)?));
+                (Arc::new(self.first.layer(finest)?.view(&[composite])?), true)
+            }
+        };
+        let drawn = Arc::new(Drawn::new(tree, is_composite));
+        let mut kept = self.kept();
+        if kept.len() >= MOST_DRAWN {
+            kept.clear();
+        }
+        kept.insert(key.to_owned(), drawn.clone());
+        Ok(drawn)
+    }
+
+    fn kept(&self) -> MutexGuard<'_, HashMap<String, Arc<Drawn>>> {
+        self.drawn.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A file, and the number of a commit of it if one is asked for.
+type Key = (PathBuf, Option<u64>);
+
+/// Files that are open, each in the state in which it was found last.
+#[derive(Default)]
+pub(crate) struct OpenTrees {
+    trees: Mutex<HashMap<Key, Arc<OpenTree>>>,
+    /// One file is opened at a time: all who ask for the same one then have the same.
+    opening: Mutex<()>,
+}
+
+/// Files that are kept open at most.
+const MOST: usize = 64;
+
+/// Bytes that are kept in memory of each. (Files are not mapped: who cuts one short would end the server.)
+const CACHE: u64 = 1 << 20;
+
+/// Times that a file is opened which is changed meanwhile.
+const TIMES: usize = 20;
+
+impl OpenTrees {
+    /// A file, or a commit of it, in its present state.
+    ///
+    /// # Errors
+    /// If it cannot be opened, or is changed whenever it is.
+    pub(crate) fn get(&self, path: &Path, commit: Option<u64>) -> Result<Arc<OpenTree>> {
+        let look = || std::fs::metadata(path);
+        let key = (path.to_path_buf(), commit);
+        let place = FilePlace { file: path.into(), commit, layer: None }.of_commit();
+        for _ in 0..TIMES {
+            let version = match FileVersion::settled(path, look) {
+                Ok(version) => version,
+                Err(error) => {
+                    self.trees().remove(&key);
+                    return Err(error);
+                }
+            };
+            if let Some(tree) = self.known(&key, version) {
+                return Ok(tree);
+            }
+            let _one = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(tree) = self.known(&key, version) {
+                return Ok(tree);
+            }
+            let opened = OpenTree::open(&place, version);
+            // What was opened may be another file than that which was looked at.
+            let there = look().map_err(Error::io(path, "look at"))?;
+            if FileVersion::of(&there, path)? != version {
+                continue;
+            }
+            let tree = Arc::new(opened?);
+            let mut trees = self.trees();
+            if trees.len() >= MOST && !trees.contains_key(&key) {
+                // (Any other: who has it keeps it, and it is opened again when it is asked for.)
+                let other = trees.keys().next().cloned();
+                other.and_then(|other| trees.remove(&other));
+            }
+            trees.insert(key, tree.clone());
+            return Ok(tree);
+        }
+        Err(Error::Changed { path: path.to_path_buf(), what: "was changed each time" })
+    }
+
+    fn trees(&self) -> MutexGuard<'_, HashMap<Key, Arc<OpenTree>>> {
+        self.trees.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn known(&self, key: &Key, version: FileVersion) -> Option<Arc<OpenTree>> {
+        self.trees().get(key).filter(|tree| tree.version == version).cloned()
+    }
+}

@@ -1,0 +1,35 @@
+//! What is served where, and the limits of what is asked.
+
+use std::net::{IpAddr, Ipv4Addr};
+use std::time::Duration;
+
+/// Address of a server, and its limits.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct ServeOptions {
+    /// Address that the server listens at; this machine's own alone if nothing is said.
+    pub host: IpAddr,
+    /// Port that it listens at; 0 is any that is free.
+    pub port: u16,
+    /// Time that an answer may take, the waiting for other work included, and that a client may make it wait.
+    pub timeout: Duration,
+    /// Most cells of a window, or pixels of a picture.
+    pub max_cells: u64,
+    /// Most bytes of a request's body.
+    pub max_body: u64,
+    /// Most connections at the same time.
+    pub connections: usize,
+}
+
+impl Default for ServeOptions {
+    fn default() -> ServeOptions {
+        ServeOptions {
+            host: Ipv4Addr::LOCALHOST.into(),
+            port: 8000,
+            timeout: Duration::from_secs(30),
+            max_cells: 4 << 20,
+            max_body: 8 << 20,
+            connections: 256,
+        }
+    }
+}

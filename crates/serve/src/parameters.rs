@@ -1,0 +1,102 @@
+//! Parameters of a question: what stands behind `?` in its address.
+
+use std::fmt::Display;
+use std::str::FromStr;
+
+use crate::failure::Failure;
+
+/// Names and values, each name once.
+pub(crate) struct Parameters(Vec<(String, String)>);
+
+/// Most bytes that are read: styles are the longest.
+const LONGEST: usize = 32 << 10;
+
+impl Parameters {
+    /// Reads the parameters of a question that knows such names.
+    ///
+    /// # Errors
+    /// If one has another name, or stands there twice.
+    pub(crate) fn parse(query: Option<&str>, known: &[&str]) -> Result<Parameters, Failure> {
+        let query = query.unwrap_or_default();
+        if query.len() > LONGEST {
+            return Err(Failure::too_large(format!("parameters of more than {LONGEST} bytes")));
+        }
+        let mut pairs: Vec<(String, String)> = Vec::new();
+        for (name, value) in form_urlencoded::parse(query.as_bytes()) {
+            if !known.contains(&&*name) {
+                let name: String = name.chars().take(50).collect();
+                return Err(Failure::bad(format!(
+                    "parameter `{name}`: expected {}",
+                    if known.is_empty() { "none".into() } else { known.join(", ") }
+                )));
+            }
+            if pairs.iter().any(|(there, _)| *there == name) {
+                return Err(Failure::bad(format!("{name}: given twice")));
+            }
+            pairs.push((name.into_owned(), value.into_owned()));
+        }
+        Ok(Parameters(pairs))
+    }
+
+    /// The value of a parameter, if it was given.
+    pub(crate) fn text(&self, name: &str) -> Option<&str> {
+        self.0.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str())
+    }
+
+    /// What a parameter says, if it was given.
+    pub(crate) fn value<T: FromStr<Err: Display>>(&self, name: &str) -> Result<Option<T>, Failure> {
+        let parse = |text: &str| {
+            text.trim().parse().map_err(|error: T::Err| Failure::bad(format!("{name}: {error}")))
+        };
+        self.text(name).map(parse).transpose()
+    }
+
+    /// A finite number, if it was given.
+    pub(crate) fn number(&self, name: &str) -> Result<Option<f64>, Failure> {
+        match self.value::<f64>(name)? {
+            Some(number) if !number.is_finite() => {
+                Err(Failure::bad(format!("{name}: got {number}, expected a finite number")))
+            }
+            number => Ok(number),
+        }
+    }
+
+    /// Values with commas between, if there are some.
+    pub(crate) fn list<T: FromStr<Err: Display>>(&self, name: &str) -> Result<Option<Vec<T>>, Failure> {
+        let parse = |text: &str| {
+            let items = text.split(',').map(|item| item.trim().parse());
+            items
+                .collect::<Result<Vec<T>, T::Err>>()
+                .map_err(|error| Failure::bad(format!("{name}: {error}")))
+        };
+        self.text(name).map(parse).transpose()
+    }
+
+    /// So many finite numbers with commas between, if they were given.
+    pub(crate) fn numbers<const N: usize>(&self, name: &str) -> Result<Option<[f64; N]>, Failure> {
+        let Some(list) = self.list::<f64>(name)? else { return Ok(None) };
+        match <[f64; N]>::try_from(list) {
+            Ok(numbers) if numbers.iter().all(|number| number.is_finite()) => Ok(Some(numbers)),
+            _ => Err(Failure::bad(format!("{name}: expected {N} finite numbers with commas between"))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_known_and_stand_once() {
+        let parse = |query: &str| Parameters::parse(Some(query), &["x", "style"]);
+        let found = parse("x=1.5&style=%7B%22a%22%3A1%7D").unwrap();
+        assert_eq!(found.number("x").unwrap(), Some(1.5));
+        assert_eq!(found.text("style"), Some("{\"a\":1}"));
+        assert!(parse("y=1").is_err() && parse("x=1&x=2").is_err() && parse("x=1&style").is_ok());
+        for wrong in ["x=", "x=a", "x=inf", "x=NaN", "x=1,2"] {
+            assert!(parse(wrong).unwrap().number("x").is_err(), "{wrong}");
+        }
+        assert_eq!(parse("x=1,2").unwrap().numbers("x").unwrap(), Some([1.0, 2.0]));
+        assert!(parse("x=1,2").unwrap().numbers::<3>("x").is_err());
+    }
+}

@@ -1,0 +1,289 @@
+//! Addresses, and who answers at each.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use axum::Router;
+use axum::body::Body;
+use axum::extract::rejection::PathRejection;
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use http_body_util::{BodyExt as _, LengthLimitError, Limited};
+
+use crate::answer::{Answer, has_tag};
+use crate::catalog::Catalog;
+use crate::failure::Failure;
+use crate::opened::{OpenTree, OpenTrees};
+use crate::parameters::Parameters;
+use crate::tiles::{self, TileAddress};
+use crate::work::{Watch, Work};
+use crate::{ServeOptions, file, page, point, window, zonal};
+
+/// What all requests share.
+pub(crate) struct App {
+    pub(crate) catalog: Catalog,
+    pub(crate) work: Work,
+    /// Room for reading files and folders, which waits for no work.
+    pub(crate) reading: Work,
+    pub(crate) options: ServeOptions,
+    pub(crate) address: SocketAddr,
+    trees: OpenTrees,
+}
+
+/// The names in an address, if they can be read.
+type Names<T> = Result<Path<T>, PathRejection>;
+
+impl App {
+    /// Serves files, with room for so many pieces of work, and so many readings, at the same time.
+    pub(crate) fn new(
+        catalog: Catalog,
+        options: ServeOptions,
+        address: SocketAddr,
+        [work, reading]: [usize; 2],
+    ) -> Arc<App> {
+        let [work, reading] = [work, reading].map(|places| Work::new(places, options.timeout));
+        Arc::new(App { catalog, work, reading, options, address, trees: OpenTrees::default() })
+    }
+
+    /// Answers a question about a tree; whoever has the answer already is told so.
+    async fn ask(
+        self: &Arc<App>,
+        name: Result<String, Failure>,
+        (query, known): (Option<String>, &'static [&'static str]),
+        head: Asked,
+        answer: impl FnOnce(&App, &OpenTree, &Parameters, String, &Watch) -> Result<Answer, Failure>
+        + Send
+        + 'static,
+    ) -> Result<Answer, Failure> {
+        let app = self.clone();
+        let name = name?;
+        let asked = Parameters::parse(query.as_deref(), known)?;
+        let made = self.work.run(move |watch| {
+            let commit = asked.value("commit")?;
+            let tree = app.trees.get(&app.catalog.tree(&name)?, commit)?;
+            // (What a body asks for is not kept by its address.)
+            let tag = tree.version.tag(&head.target);
+            if head.method != Method::POST && has_tag(&head.headers, header::IF_NONE_MATCH, &tag, true) {
+                return Ok(Answer::not_modified(tag));
+            }
+            answer(&app, &tree, &asked, tag, watch)
+        });
+        made.await.map_err(|failure| failure.without(self.catalog.folder()))
+    }
+}
+
+/// What is asked, but for its body.
+struct Asked {
+    method: Method,
+    target: String,
+    headers: HeaderMap,
+}
+
+impl Asked {
+    fn of(request: &Request) -> Asked {
+        let target = request.uri().path_and_query().map_or("", |target| target.as_str());
+        Asked { method: request.method().clone(), target: target.into(), headers: request.headers().clone() }
+    }
+}
+
+/// All addresses.
+pub(crate) fn routes(app: Arc<App>) -> Router {
+    Router::new()
+        .route("/", get(root))
+        .route("/healthz", get(health))
+        .route("/files.json", get(list))
+        .route("/assets/{*name}", get(asset))
+        .route("/tiles/{file}", get(tiles_of))
+        .route("/tiles/{name}/{zoom}/{column}/{row}", get(tile_of))
+        .route("/point/{name}", get(point_of))
+        .route("/window/{name}", get(window_of))
+        .route("/zonal/{name}", post(zonal_of))
+        .route("/{file}", get(file_of))
+        .fallback(nothing_there)
+        .method_not_allowed_fallback(other_method)
+        .layer(middleware::from_fn(allow_all_origins))
+        .with_state(app)
+}
+
+async fn nothing_there(request: Request) -> Failure {
+    Failure::missing(format!("`{}`: nothing is there", request.uri().path().escape_debug()))
+}
+
+async fn other_method(request: Request) -> Failure {
+    Failure::new(StatusCode::METHOD_NOT_ALLOWED, format!("{}: is not for this address", request.method()))
+}
+
+/// Lets pages from anywhere ask, and answers those who ask whether they may.
+async fn allow_all_origins(request: Request, next: Next) -> Response {
+    let is_asked = request.method() == Method::OPTIONS;
+    let mut response =
+        if is_asked { StatusCode::NO_CONTENT.into_response() } else { next.run(request).await };
+    let headers = response.headers_mut();
+    let mut tell = |name: HeaderName, value| headers.insert(name, HeaderValue::from_static(value));
+    tell(header::ACCESS_CONTROL_ALLOW_ORIGIN, "*");
+    tell(header::ACCESS_CONTROL_EXPOSE_HEADERS, "Accept-Ranges, Content-Length, Content-Range, ETag");
+    tell(header::X_CONTENT_TYPE_OPTIONS, "nosniff");
+    if is_asked {
+        tell(header::ALLOW, "GET, HEAD, POST, OPTIONS");
+        tell(header::ACCESS_CONTROL_ALLOW_METHODS, "GET, HEAD, POST, OPTIONS");
+        tell(header::ACCESS_CONTROL_ALLOW_HEADERS, "Content-Type, If-Match, If-None-Match, If-Range, Range");
+        tell(header::ACCESS_CONTROL_MAX_AGE, "86400");
+    }
+    response
+}
+
+/// Text of a kind that is made anew each time.
+fn text(content_type: &'static str, text: impl Into<Body>) -> Response {
+    let mut response = Response::new(text.into());
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(content_type));
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
+    response
+}
+
+async fn health() -> Response {
+    text("application/json", "{\"status\":\"ok\"}\n")
+}
+
+async fn root(State(app): State<Arc<App>>) -> Result<Response, Failure> {
+    let shared = app.clone();
+    let made = app.reading.run(move |_| Ok(page::index(&shared.catalog.list()?)));
+    Ok(text("text/html; charset=utf-8", made.await.map_err(|failure| failure.without(app.catalog.folder()))?))
+}
+
+async fn list(State(app): State<Arc<App>>) -> Result<Response, Failure> {
+    let shared = app.clone();
+    let made = app.reading.run(move |_| Ok(page::as_json(&shared.catalog.list()?)));
+    Ok(text("application/json", made.await.map_err(|failure| failure.without(app.catalog.folder()))?))
+}
+
+async fn asset(names: Names<String>, request: Request) -> Result<Answer, Failure> {
+    let (tag, asset) = page::asset(&read(names)?)?;
+    let has_it = has_tag(request.headers(), header::IF_NONE_MATCH, &tag, true);
+    Ok(if has_it { Answer::not_modified(tag) } else { asset })
+}
+
+async fn file_of(
+    State(app): State<Arc<App>>,
+    names: Names<String>,
+    request: Request,
+) -> Result<Response, Failure> {
+    let name = read(names)?;
+    let head = Asked::of(&request);
+    let shared = app.clone();
+    let made = app.reading.run(move |_| {
+        let path = shared.catalog.file(&name)?;
+        file::answer(&path, &head.method, &head.headers)
+    });
+    Ok(made.await.map_err(|failure| failure.without(app.catalog.folder()))?.into_response())
+}
+
+async fn tiles_of(
+    State(app): State<Arc<App>>,
+    names: Names<String>,
+    request: Request,
+) -> Result<Answer, Failure> {
+    let asked = (request.uri().query().map(String::from), &tiles::JSON_PARAMETERS[..]);
+    let file = read(names)?;
+    let Some(name) = file.strip_suffix(".json").map(String::from) else {
+        return Err(Failure::missing("tiles: expected NAME.json, or NAME/ZOOM/COLUMN/ROW.png"));
+    };
+    let mut head = Asked::of(&request);
+    let server = origin(&app, &head.headers);
+    head.target += &server;
+    let named = name.clone();
+    app.ask(Ok(name), asked, head, move |_, tree, asked, tag, _| {
+        tiles::about(tree, asked, (&server, &named), tag)
+    })
+    .await
+}
+
+async fn tile_of(
+    State(app): State<Arc<App>>,
+    names: Names<[String; 4]>,
+    request: Request,
+) -> Result<Answer, Failure> {
+    let asked = (request.uri().query().map(String::from), &tiles::PARAMETERS[..]);
+    let [name, zoom, column, row] = read(names)?;
+    let tile = TileAddress::parse(&zoom, &column, &row)?;
+    app.ask(Ok(name), asked, Asked::of(&request), move |_, tree, asked, tag, watch| {
+        tiles::answer(tree, asked, tile, tag, watch)
+    })
+    .await
+}
+
+/// The address by which a client knows this server, as it is put before the paths of others.
+fn origin(app: &App, headers: &HeaderMap) -> String {
+    let told = headers.get(header::HOST).and_then(|host| host.to_str().ok());
+    let is_host = |host: &&str| {
+        let mut bytes = host.bytes();
+        (1..256).contains(&host.len())
+            && bytes.all(|byte| byte.is_ascii_alphanumeric() || b".:-[]_".contains(&byte))
+    };
+    let host = told.filter(is_host).map_or_else(|| app.address.to_string(), str::to_owned);
+    format!("http://{host}")
+}
+
+async fn point_of(
+    State(app): State<Arc<App>>,
+    names: Names<String>,
+    request: Request,
+) -> Result<Answer, Failure> {
+    let asked = (request.uri().query().map(String::from), &point::PARAMETERS[..]);
+    app.ask(read(names), asked, Asked::of(&request), |_, tree, asked, tag, _| point::answer(tree, asked, tag))
+        .await
+}
+
+async fn window_of(
+    State(app): State<Arc<App>>,
+    names: Names<String>,
+    request: Request,
+) -> Result<Answer, Failure> {
+    let asked = (request.uri().query().map(String::from), &window::PARAMETERS[..]);
+    app.ask(read(names), asked, Asked::of(&request), |app, tree, asked, tag, watch| {
+        window::answer(tree, asked, app.options.max_cells, tag, watch)
+    })
+    .await
+}
+
+async fn zonal_of(
+    State(app): State<Arc<App>>,
+    names: Names<String>,
+    request: Request,
+) -> Result<Answer, Failure> {
+    let asked = (request.uri().query().map(String::from), &zonal::PARAMETERS[..]);
+    let head = Asked::of(&request);
+    let name = read(names)?;
+    let body = body_of(&app.options, request).await?;
+    app.ask(Ok(name), asked, head, |_, tree, asked, _, watch| zonal::answer(tree, asked, body, watch)).await
+}
+
+/// The names in an address.
+fn read<T>(names: Names<T>) -> Result<T, Failure> {
+    names.map(|Path(name)| name).map_err(|error| Failure::bad(format!("address: {}", error.body_text())))
+}
+
+/// The body of a request, of at most as many bytes as are allowed, in the time that is allowed.
+async fn body_of(options: &ServeOptions, request: Request) -> Result<Vec<u8>, Failure> {
+    let most = options.max_body;
+    let too_large =
+        || Failure::too_large(format!("a body of more than {most} bytes; ask for fewer polygons at a time"));
+    let told =
+        request.headers().get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse().ok());
+    if told.is_some_and(|told: u64| told > most) {
+        return Err(too_large());
+    }
+    let body = Limited::new(request.into_body(), usize::try_from(most).unwrap_or(usize::MAX)).collect();
+    match tokio::time::timeout(options.timeout, body).await {
+        Ok(Ok(body)) => Ok(body.to_bytes().into()),
+        Ok(Err(error)) if error.is::<LengthLimitError>() => Err(too_large()),
+        Ok(Err(error)) => Err(Failure::bad(format!("body: {error}"))),
+        Err(_) => Err(Failure::new(
+            StatusCode::REQUEST_TIMEOUT,
+            format!("the body did not come within {} seconds", options.timeout.as_secs_f64()),
+        )),
+    }
+}

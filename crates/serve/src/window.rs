@@ -1,0 +1,277 @@
+//! `/window/NAME`: a part at any level or size, as a picture, an array or JSON.
+
+use std::io::{self, Write};
+use std::path::Path;
+use std::str::FromStr;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use serde_json::json;
+use spinney_base::io::Output;
+use spinney_base::space::Bounds;
+use spinney_base::value::{SampleType, Value, ValueType};
+use spinney_base::{Error, Progress};
+use spinney_crs::{Coordinates, Places};
+use spinney_engine::dataset::Dataset;
+use spinney_raster::image::Format;
+use spinney_raster::{Detail, WindowRequest, export_painted_window, export_window, window_rows};
+use spinney_report::{printable_json, write_number};
+use spinney_style::Style;
+
+use crate::answer::Answer;
+use crate::failure::Failure;
+use crate::opened::OpenTree;
+use crate::parameters::Parameters;
+
+/// Parameters of the question.
+pub(crate) const PARAMETERS: [&str; 10] =
+    ["bounds", "crs", "cells", "level", "size", "z", "format", "style", "layer", "commit"];
+
+/// What a window is sent as.
+#[derive(Clone, Copy, PartialEq)]
+enum WindowFormat {
+    Picture(Format, &'static str),
+    Json,
+}
+
+impl FromStr for WindowFormat {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<WindowFormat, Error> {
+        Ok(match name {
+            "png" => WindowFormat::Picture(Format::Png, "image/png"),
+            "webp" => WindowFormat::Picture(Format::Webp, "image/webp"),
+            "npy" => WindowFormat::Picture(Format::Npy, "application/octet-stream"),
+            "json" => WindowFormat::Json,
+            _ => return Err(Error::invalid("format of windows", name, "png, webp, npy or json")),
+        })
+    }
+}
+
+/// Answers with a window of at most so many pixels.
+pub(crate) fn answer(
+    tree: &OpenTree,
+    asked: &Parameters,
+    most: u64,
+    tag: String,
+    progress: &dyn Progress,
+) -> Result<Answer, Failure> {
+    let format = asked.value("format")?.unwrap_or(WindowFormat::Picture(Format::Png, "image/png"));
+    let style = asked.text("style").map(Style::parse).transpose()?;
+    let is_array = matches!(format, WindowFormat::Json | WindowFormat::Picture(Format::Npy, _));
+    if style.is_some() && is_array {
+        return Err(Failure::bad("style: is for pictures, png and webp; arrays and JSON have the values"));
+    }
+    let drawn = tree.drawn(asked.text("layer"))?;
+    if drawn.is_composite && is_array {
+        return Err(Failure::bad(
+            "layer: several are the colours of pictures, png and webp; arrays are of one",
+        ));
+    }
+    let tree = &*drawn.tree;
+    let bounds = bounds(tree, asked)?;
+    let (detail, [columns, rows]) = detail(tree, asked, &bounds)?;
+    if columns.checked_mul(rows).is_none_or(|pixels| pixels > most) {
+        return Err(Failure::too_large(format!(
+            "{columns} x {rows} pixels, where {most} are allowed; ask for a part, a coarser level or a size"
+        )));
+    }
+    let mut request = WindowRequest::new(bounds, detail);
+    request.style = style.or_else(|| drawn.is_composite.then(|| Style::default_for(tree)));
+    let (format, content_type) = match format {
+        WindowFormat::Json => {
+            let text = values(tree, &request, [columns, rows], progress)?;
+            return Ok(Answer::new("application/json", tag, text));
+        }
+        WindowFormat::Picture(format, content_type) => (format, content_type),
+    };
+    let bytes = Memory::default();
+    let output = Output::to_writer(Path::new("window"), Box::new(bytes.clone()));
+    match request.painted_style(tree, format) {
+        Some(style) => {
+            let painter = drawn.painter(Some(&style), progress)?;
+            export_painted_window(tree, &request, painter.painter(), output, format, progress)?;
+        }
+        None => export_window(tree, &request, output, format, progress)?,
+    }
+    Ok(Answer::new(content_type, tag, bytes.take()))
+}
+
+/// The cells of the deepest level that are asked for: all of the picture if nothing is said; of octrees one layer of cells.
+fn bounds(tree: &Dataset, asked: &Parameters) -> Result<Bounds, Failure> {
+    let picture = tree.header().picture();
+    let mut bounds = match (asked.numbers::<4>("bounds")?, asked.list::<u64>("cells")?) {
+        (Some(_), Some(_)) => {
+            return Err(Failure::bad("bounds, cells: are given both; one of them is the window"));
+        }
+        (None, None) => picture,
+        (None, Some(cells)) => {
+            let [column, row, width, height] = <[u64; 4]>::try_from(cells)
+                .map_err(|_| Failure::bad("cells: expected first column, first row, columns and rows"))?;
+            let min = [column, row, picture.min[2]];
+            let max = [column.saturating_add(width), row.saturating_add(height), picture.max[2]];
+            let extent = tree.header().extent;
+            if width == 0 || height == 0 || column >= extent[0] || row >= extent[1] {
+                let [columns, rows, _] = extent;
+                return Err(Failure::bad(format!(
+                    "cells: is empty, or outside of the tree of {columns} x {rows} cells"
+                )));
+            }
+            Bounds { min, max }
+        }
+        (Some([west, south, east, north]), None) => {
+            let coordinates = asked.value("crs")?.unwrap_or(Coordinates::World);
+            let places = Places::new(&coordinates, &tree.metadata().frame, tree.header().extent)?;
+            let low = [west, south, f64::NEG_INFINITY];
+            let boxes = places.boxes(low, [east, north, f64::INFINITY])?;
+            match boxes[..] {
+                [one] => one,
+                [] => {
+                    return Err(Failure::bad(format!(
+                        "bounds: outside of the tree, which is {}",
+                        places.picture()
+                    )));
+                }
+                _ => {
+                    return Err(Failure::bad(
+                        "bounds: lie across the tree's seam; ask for the two parts one by one",
+                    ));
+                }
+            }
+        }
+    };
+    if tree.header().form.axes() == 3 {
+        let z: u64 = asked.value("z")?.unwrap_or(0);
+        if z >= picture.max[2] {
+            return Err(Failure::bad(format!(
+                "z: got {z}, expected a layer of cells, 0 to {}",
+                picture.max[2] - 1
+            )));
+        }
+        (bounds.min[2], bounds.max[2]) = (z, z + 1);
+    } else if asked.text("z").is_some() {
+        return Err(Failure::bad("z: is for octrees; this is a quadtree"));
+    }
+    Ok(bounds)
+}
+
+/// The detail that is asked for, and the columns and rows that it makes.
+fn detail(tree: &Dataset, asked: &Parameters, bounds: &Bounds) -> Result<(Detail, [u64; 2]), Failure> {
+    let depth = tree.depth();
+    let size = |text: &str| {
+        let number = |text: &str| text.trim().parse().ok().filter(|number: &u64| *number > 0);
+        match text.split_once(['x', ',']) {
+            Some((width, height)) => number(width).zip(number(height)),
+            None => number(text).map(|longer| longer_side(longer, bounds)),
+        }
+    };
+    match (asked.value::<u8>("level")?, asked.text("size")) {
+        (Some(_), Some(_)) => Err(Failure::bad("level, size: are given both; one of them is the detail")),
+        (_, Some(text)) => {
+            let expected = || Failure::bad("size: expected WxH, as in 1024x512, or the longer side");
+            let (width, height) = size(text).ok_or_else(expected)?;
+            Ok((Detail::Size(width, height), [width, height]))
+        }
+        (level, None) => {
+            let level = level.unwrap_or(depth);
+            if level > depth {
+                return Err(Failure::bad(format!("level: got {level}, the tree's levels are 0 to {depth}")));
+            }
+            let shift = depth - level;
+            // (A block counts of which any cell is in the part.)
+            let blocks = |axis: usize| bounds.max[axis].div_ceil(1 << shift) - (bounds.min[axis] >> shift);
+            Ok((Detail::Level(level), [blocks(0), blocks(1)]))
+        }
+    }
+}
+
+/// Columns and rows of a picture whose longer side is given, and which has the window's aspect.
+fn longer_side(longer: u64, bounds: &Bounds) -> (u64, u64) {
+    let [width, height, _] = bounds.size();
+    let share = width.min(height) as f64 / width.max(height).max(1) as f64;
+    let shorter = ((longer as f64 * share).round() as u64).max(1);
+    if width >= height { (longer, shorter) } else { (shorter, longer) }
+}
+
+/// The values of a window as JSON, row by row; `null` is VOID.
+fn values(
+    tree: &Dataset,
+    request: &WindowRequest,
+    [columns, rows]: [u64; 2],
+    progress: &dyn Progress,
+) -> Result<Vec<u8>, Failure> {
+    let value = tree.header().form.value;
+    let Bounds { min, .. } = request.bounds;
+    let [width, height, _] = request.bounds.size();
+    let heading = json!({
+        "layer": tree.metadata().name,
+        "cells": [min[0], min[1], width, height],
+        "level": request.level(tree)?,
+        "columns": columns,
+        "rows": rows,
+        "channels": value.channels,
+    });
+    let heading = heading.to_string();
+    let heading = printable_json(heading.strip_suffix('}').unwrap_or(&heading));
+    let mut text = format!("{heading},\"values\":[").into_bytes();
+    let mut is_first = true;
+    window_rows(tree, request, progress, &mut |bytes, valid| {
+        progress.check()?;
+        let columns = columns as usize;
+        for (bytes, valid) in bytes.chunks_exact(columns * value.size()).zip(valid.chunks_exact(columns)) {
+            text.extend(if std::mem::take(&mut is_first) { &b"\n["[..] } else { b",\n[" });
+            for (column, (bytes, is_valid)) in bytes.chunks_exact(value.size()).zip(valid).enumerate() {
+                if column > 0 {
+                    text.push(b',');
+                }
+                if *is_valid { write_pixel(value, bytes, &mut text) } else { text.extend(b"null") }
+            }
+            text.push(b']');
+        }
+        Ok(())
+    })?;
+    text.extend(b"\n]}\n");
+    Ok(text)
+}
+
+/// Writes a pixel's sample, or the list of its samples.
+fn write_pixel(value: ValueType, bytes: &[u8], text: &mut Vec<u8>) {
+    let is_list = value.channels > 1;
+    if is_list {
+        text.push(b'[');
+    }
+    for (channel, number) in value.numbers(Value::from_bytes(bytes)).iter().enumerate() {
+        if channel > 0 {
+            text.push(b',');
+        }
+        // (JSON has no word for what is not finite.)
+        if number.is_finite() {
+            write_number(*number, value.sample == SampleType::F64, text);
+        } else {
+            text.extend(b"null");
+        }
+    }
+    if is_list {
+        text.push(b']');
+    }
+}
+
+/// Bytes that are written to memory.
+#[derive(Clone, Default)]
+struct Memory(Arc<Mutex<Vec<u8>>>);
+
+impl Memory {
+    fn take(&self) -> Vec<u8> {
+        std::mem::take(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Write for Memory {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,68 @@
+//! `/zonal/NAME`: exact statistics of the cells in polygons.
+
+use spinney_base::Progress;
+use spinney_crs::Coordinates;
+use spinney_engine::query::{ZonalRequest, ZoneMeasure};
+use spinney_report::ZoneReport;
+use spinney_vector::import::feature::FeatureOptions;
+use spinney_vector::import::zones::PolygonReader;
+use spinney_vector::zonal::FeatureZones;
+
+use crate::answer::Answer;
+use crate::failure::Failure;
+use crate::opened::OpenTree;
+use crate::parameters::Parameters;
+
+/// Parameters of the question.
+pub(crate) const PARAMETERS: [&str; 8] =
+    ["edge", "measure", "quantiles", "where", "attribute", "crs", "layer", "commit"];
+
+/// Bytes for the values of a question's zones, for its features, and for the text of its answer.
+const MEMORY: u64 = 32 << 20;
+
+/// Answers as `spinney stats --zones --json` does of a file with that text.
+pub(crate) fn answer(
+    tree: &OpenTree,
+    asked: &Parameters,
+    geojson: Vec<u8>,
+    progress: &dyn Progress,
+) -> Result<Answer, Failure> {
+    let trees = tree.layers(asked.text("layer"))?;
+    let coordinates: Option<Coordinates> = asked.value("crs")?;
+    let request = ZonalRequest {
+        edge: asked.value("edge")?.unwrap_or_default(),
+        measures: asked.list::<ZoneMeasure>("measure")?.unwrap_or_default(),
+        quantiles: asked.list("quantiles")?.unwrap_or_default(),
+        memory: MEMORY,
+    };
+    let attributes: Option<Vec<String>> = asked.list("attribute")?;
+    let mut options = FeatureOptions { memory: MEMORY, ..FeatureOptions::default() };
+    options.attributes.clone_from(&attributes);
+    options.filter = asked.value("where")?.unwrap_or_default();
+    let mut reader = PolygonReader::of_geojson(geojson, &options).map_err(of_body)?;
+    let mut zones = FeatureZones::new(&reader, coordinates.as_ref(), &trees, &request, progress)?;
+    let mut report = ZoneReport::begin(&trees, &request.quantiles, attributes.as_deref());
+    let mut is_too_long = false;
+    while let Some(layer) = reader.next_layer().map_err(of_body)? {
+        let walked = zones.each(&layer, progress, &mut |number, zone| {
+            report.add(&layer, number, zone);
+            is_too_long = report.held() as u64 > MEMORY;
+            if is_too_long { Err(spinney_base::Error::Interrupted) } else { Ok(()) }
+        });
+        if is_too_long {
+            let message =
+                format!("the answer would have more than {MEMORY} bytes; ask for fewer polygons at a time");
+            return Err(Failure::too_large(message));
+        }
+        walked?;
+    }
+    zones.finish()?;
+    report.finish();
+    Ok(Answer::untagged("application/json", report.take().into_bytes()))
+}
+
+/// A failure of the polygons, which came with the request: it is the client's.
+fn of_body(error: spinney_base::Error) -> Failure {
+    let failure = Failure::from(error);
+    if failure.status.is_server_error() { Failure::bad(failure.message) } else { failure }
+}

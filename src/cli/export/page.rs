@@ -1,0 +1,59 @@
+//! Pages that show a file in a browser.
+
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use spinney::export::page::{PageFile, PageRequest, PageStart, export_page};
+use spinney::store::FilePlace;
+
+use super::super::Global;
+use super::super::args::check_output;
+use super::super::report::{Work, report_output};
+use super::Args;
+
+/// Options of pages alone.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Pages")]
+pub(super) struct PageOptions {
+    /// Put everything into the one file, the data too (at most 64 MiB), so that it opens from a disk
+    #[arg(long)]
+    self_contained: bool,
+}
+
+impl PageOptions {
+    /// The first option that was given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        self.self_contained.then_some("--self-contained")
+    }
+}
+
+/// Writes the page.
+pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    if args.tree.is_viewed() {
+        bail!("--view: a page shows a file as it is; `spinney transform` makes one of a view");
+    }
+    let (file, path) = (&args.tree.file, args.output.path());
+    check_output([file.as_path()], path)?;
+    // (So that what is no tree is told of here, and not by the page.)
+    if args.tree.open_model(global)?.is_none() {
+        args.tree.open_any_layer()?;
+    }
+    let place = FilePlace::of(file);
+    let layer = args.tree.layer_text().map(str::to_owned).or(place.layer);
+    let style = args.archive.style().map(|style| style.json().to_owned());
+    let files = vec![PageFile {
+        path: place.file.into_owned(),
+        start: PageStart { layer, commit: place.commit, style },
+    }];
+    let title = args.archive.name().map(str::to_owned);
+    let title = title.or_else(|| Some(files[0].path.file_stem()?.to_string_lossy().into_owned()));
+    let is_self_contained = args.page.self_contained;
+    let request = PageRequest { title: title.unwrap_or_default(), files, is_self_contained };
+    let work = Work::start(global, "page")?;
+    let made = export_page(&request, path, &work)?;
+    work.finish();
+    global.report("page", format_args!("{} files, {} bytes", made.files, made.bytes));
+    report_output(global, path, start);
+    Ok(())
+}

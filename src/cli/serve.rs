@@ -1,0 +1,100 @@
+//! `spinney serve`: files and answers for browsers and other programs.
+
+use std::net::{IpAddr, Ipv4Addr};
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use anyhow::{Result, ensure};
+use spinney::io::url_of;
+use spinney::serve::{ServeOptions, Server};
+
+use super::Global;
+use super::args::parse_bytes;
+use super::report::{print_text, warn};
+use super::signals::{stop_in_good_order, stop_is_wanted};
+
+const EXAMPLES: &str = "Examples:
+  spinney serve maps
+  spinney serve relief.goblin --open
+  spinney serve maps --port 0 --timeout 10 --max-cells 1000000
+  curl 'http://127.0.0.1:8000/point/relief?x=7.66&y=45.98'
+  curl -H 'Range: bytes=0-4095' http://127.0.0.1:8000/relief.goblin -o start
+  curl --data-binary @districts.geojson 'http://127.0.0.1:8000/zonal/landcover?edge=area'
+
+The address is printed when the server listens. It answers until Ctrl-C or SIGTERM; requests that it is answering then come to their end.
+docs/serve.md tells all addresses and what they answer.
+
+Files are served to whoever can reach the address: by default programs on this machine, and pages of any origin in its browsers.";
+
+/// Serve files and answers about them over HTTP
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Folder whose .goblin and .autumn files are served, or one file
+    #[arg(value_name = "FOLDER|FILE")]
+    path: PathBuf,
+    /// Show the page in a browser
+    #[arg(long)]
+    open: bool,
+    /// Port to listen at; 0 is any that is free
+    #[arg(long, value_name = "N", default_value_t = 8000)]
+    port: u16,
+    /// Address to listen at: by default that which this machine alone reaches; 0.0.0.0 is all that it has
+    #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    host: IpAddr,
+    /// Seconds that an answer may take, and that a client may let it wait
+    #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = parse_seconds)]
+    timeout: f64,
+    /// Most pixels of a window that is asked for
+    #[arg(long, value_name = "N", default_value_t = 4 << 20, value_parser = clap::value_parser!(u64).range(1..))]
+    max_cells: u64,
+    /// Most bytes of polygons that are sent with a question
+    #[arg(long, value_name = "BYTES", default_value = "8M", value_parser = parse_bytes)]
+    max_body: u64,
+    /// Most connections at the same time
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u16).range(1..))]
+    connections: u16,
+}
+
+/// Reads a time that can be waited for.
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds: Option<f64> = text.trim().parse().ok();
+    seconds
+        .filter(|seconds| (0.001..=1e6).contains(seconds))
+        .ok_or_else(|| "expected seconds, as in 30 or 0.5".into())
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    ensure!(
+        url_of(&args.path).is_none(),
+        "{}: files elsewhere are served where they are; copy it to this machine first",
+        args.path.display()
+    );
+    let mut options = ServeOptions::default();
+    (options.host, options.port) = (args.host, args.port);
+    options.timeout = Duration::from_secs_f64(args.timeout);
+    (options.max_cells, options.max_body) = (args.max_cells, args.max_body);
+    options.connections = args.connections.into();
+    stop_in_good_order()?;
+    let server = Server::bind(&args.path, options)?;
+    server.remarks()?.iter().for_each(|remark| warn(remark));
+    let url = format!("http://{}/", server.address());
+    print_text(&format!("{url}\n"))?;
+    if args.open && !open_browser(&url) {
+        warn("no browser was found; open the address in one");
+    }
+    server.run(&stop_is_wanted)?;
+    global.report("stopped", "all requests have come to their end");
+    Ok(())
+}
+
+/// Shows an address in the browser that the system has for it.
+fn open_browser(url: &str) -> bool {
+    const LAUNCHERS: [&str; 4] = ["xdg-open", "open", "explorer", "wslview"];
+    LAUNCHERS.iter().any(|launcher| {
+        let mut command = Command::new(launcher);
+        command.arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        command.spawn().is_ok()
+    })
+}

@@ -1,0 +1,255 @@
+//! Clients that ask for too much, are slow, go away, or send anything at all.
+
+use std::io::{Read as _, Write as _};
+use std::net::{Shutdown, TcpStream};
+use std::time::{Duration, Instant};
+
+use spinney::value::{Kind, Rule, SampleType};
+
+use super::common::{Cells, Random, options, quad, write_cells};
+use super::{Server, fixture, island};
+
+/// Waits until something holds; for long on a busy machine.
+fn wait_until(what: &str, holds: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < Duration::from_secs(60), "{what}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn limits_are_told() {
+    let folder = island();
+    let server = Server::start(folder.path(), &["--max-cells", "1000", "--max-body", "2K"]);
+    server.get("/window/heights?size=31x32").good();
+    let told = server.get("/window/heights?size=32x32").complaint(413);
+    assert!(told.contains("1000") && told.contains("32 x 32"), "{told}");
+    let long = vec![b' '; 3000];
+    let told = server.post("/zonal/classes", &long).complaint(413);
+    assert!(told.contains("2048"), "{told}");
+    // Bodies that do not say how long they are are cut off, too.
+    let mut connection = server.connect();
+    let head = "POST /zonal/classes HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n";
+    connection.send(head.as_bytes()).unwrap();
+    let chunk = format!("{:x}\r\n{}\r\n", long.len(), " ".repeat(long.len()));
+    let _ = connection.send(chunk.as_bytes());
+    connection.receive(false).unwrap().complaint(413);
+    drop(connection);
+    // Heads of any length are none.
+    let answer = server.connect().ask("GET", &format!("/{}", "a".repeat(1 << 20)), &[], b"");
+    assert!(answer.is_err() || (400..500).contains(&answer.unwrap().status));
+    let many: Vec<(&str, &str)> = vec![("A", "b"); 1000];
+    let answer = server.connect().ask("GET", "/healthz", &many, b"");
+    assert!(answer.is_err() || (400..500).contains(&answer.unwrap().status));
+    let query = "x=1&".repeat(20_000);
+    let answer = server.connect().get(&format!("/point/classes?{query}"));
+    assert!(answer.is_err() || (400..500).contains(&answer.unwrap().status));
+    let server = Server::start(folder.path(), &["--connections", "3"]);
+    // (Connections of before are over in a moment.)
+    wait_until("there is room", || {
+        let mut all: Vec<_> = (0..3).map(|_| server.connect()).collect();
+        let are_open = all.iter_mut().all(|one| one.get("/healthz").is_ok_and(|answer| answer.status == 200));
+        if are_open {
+            let told = server.connect().get("/healthz").unwrap().complaint(503);
+            assert!(told.contains("3 connections"), "{told}");
+        }
+        are_open
+    });
+    wait_until("there is room again", || {
+        server.connect().get("/healthz").is_ok_and(|answer| answer.status == 200)
+    });
+}
+
+#[test]
+fn work_that_takes_too_long_is_given_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let cells = Cells::noise(quad(SampleType::U8, 1), 5, [700, 700, 1], 200);
+    write_cells(
+        &folder.path().join("noise.goblin"),
+        &cells,
+        &options(Rule::Mean, Kind::Continuous, cells.depth()),
+    );
+    let server = Server::start(folder.path(), &["--timeout", "0.05"]);
+    let told = server.get("/window/noise?size=2000x2000&style=hillshade&format=webp").complaint(503);
+    assert!(told.contains("0.05 seconds") || told.contains("interrupted"), "{told}");
+    // Its place is free again.
+    wait_until("an answer", || server.get("/point/noise?x=1&y=1").status == 200);
+}
+
+#[test]
+fn slow_clients_are_not_waited_for() {
+    let folder = island();
+    let server = Server::start(folder.path(), &["--timeout", "0.5"]);
+    // One that never ends its head, one that never sends its body, one that says nothing.
+    for begin in [
+        "GET /healthz HTTP/1.1\r\nHo",
+        "POST /zonal/classes HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\n{",
+        "",
+    ] {
+        let mut stream = TcpStream::connect(&server.address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        stream.write_all(begin.as_bytes()).unwrap();
+        let mut answer = Vec::new();
+        let ended = stream.read_to_end(&mut answer);
+        assert!(
+            ended.is_ok() || !matches!(ended.unwrap_err().kind(), std::io::ErrorKind::WouldBlock),
+            "{begin}"
+        );
+        if begin.starts_with("POST") {
+            assert!(answer.starts_with(b"HTTP/1.1 408"), "{}", String::from_utf8_lossy(&answer));
+        }
+    }
+    // One that does not read what it asked for.
+    std::fs::write(folder.path().join("long.goblin"), vec![7; 64 << 20]).unwrap();
+    let mut connection = server.connect();
+    connection.send(b"GET /long.goblin HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
+    std::thread::sleep(Duration::from_millis(3000));
+    assert!(connection.receive(false).is_err(), "the connection ends before the body does");
+    server.get("/healthz").good();
+}
+
+#[test]
+fn clients_that_go_away_leave_nothing() {
+    let folder = island();
+    let server = Server::start(folder.path(), &["--connections", "8"]);
+    std::fs::write(folder.path().join("long.goblin"), vec![7; 16 << 20]).unwrap();
+    let districts = std::fs::read_to_string(fixture("island_districts.geojson")).unwrap();
+    let zonal = format!(
+        "POST /zonal/heights?measure=median HTTP/1.1\r\nHost: x\r\nContent-Length: {}\r\n\r\n{districts}",
+        districts.len()
+    );
+    for round in 0..200 {
+        let request = match round % 5 {
+            0 => "GET /long.goblin HTTP/1.1\r\nHost: x\r\n\r\n",
+            1 => "GET /window/heights?size=1000&style=hillshade HTTP/1.1\r\nHost: x\r\n\r\n",
+            2 => &zonal,
+            3 => &zonal[..zonal.len() / 2],
+            _ => "GET /hea",
+        };
+        // (The server may have refused it while others were not over.)
+        let Ok(mut stream) = TcpStream::connect(&server.address) else { continue };
+        let _ = stream.write_all(request.as_bytes());
+        if round % 2 == 0 {
+            let _ = stream.shutdown(Shutdown::Both);
+        }
+    }
+    wait_until("all are gone", || {
+        let answer = server.connect().get("/window/heights?size=10");
+        answer.is_ok_and(|answer| answer.status == 200)
+    });
+}
+
+#[test]
+fn whatever_is_sent_is_answered_or_refused() {
+    let folder = island();
+    let server = Server::start(folder.path(), &["--timeout", "20"]);
+    let mut random = Random(41);
+    let targets = [
+        "/",
+        "/healthz",
+        "/files.json",
+        "/classes.goblin",
+        "/point/classes?x=305000&y=3196000&crs=world&level=3",
+        "/window/heights?bounds=303000,3194000,307000,3198000&size=40&format=json&style=terrain",
+        "/window/heights?cells=1,2,30,40&level=7&format=npy",
+        "/zonal/classes?edge=area&quantiles=0.5&measure=median",
+        "/point/stack?x=1&y=2&crs=cells&layer=0&commit=1",
+        "/tiles/classes.json",
+        "/tiles/classes/9/236/213.png?style=viridis",
+    ];
+    let pieces = [
+        "..",
+        "%2e",
+        "%00",
+        "/",
+        "?",
+        "&",
+        "=",
+        "-1",
+        "1e308",
+        "NaN",
+        "18446744073709551616",
+        "%",
+        "{",
+        "\"",
+        "é",
+        "\\",
+        "@",
+        ":",
+        ",",
+        "0",
+        "9",
+        "commit",
+        "[[",
+        "a",
+        "crs=EPSG:",
+        "level=255",
+        "size=9999999",
+        "\u{7f}",
+        ";",
+        "+",
+        "#",
+    ];
+    let headers = [
+        "Range: bytes=0-9",
+        "Range: bytes=-",
+        "Range: bytes=9-0,5",
+        "If-Range: \"x",
+        "If-None-Match: W/\"",
+        "Content-Length: 5",
+        "Transfer-Encoding: chunked",
+        "Expect: 100-continue",
+        "Connection: close",
+        "Host:",
+        "Upgrade: h2c",
+        "Accept-Encoding: gzip",
+    ];
+    let pick = |random: &mut Random, count: usize| random.below(count as u64) as usize;
+    for _ in 0..1500 {
+        let mut target = targets[pick(&mut random, targets.len())].to_owned();
+        for _ in 0..random.below(4) {
+            let places: Vec<usize> = target.char_indices().map(|(at, _)| at).skip(1).collect();
+            let at = places.get(pick(&mut random, places.len().max(1))).copied().unwrap_or(target.len());
+            match random.below(3) {
+                0 => target.insert_str(at, pieces[pick(&mut random, pieces.len())]),
+                1 => target.truncate(at),
+                _ => target = format!("{}{}", &target[..at], pieces[pick(&mut random, pieces.len())]),
+            }
+        }
+        let method = ["GET", "GET", "GET", "POST", "HEAD", "OPTIONS", "BREW"][pick(&mut random, 7)];
+        let mut request = format!("{method} {target} HTTP/1.1\r\nHost: x\r\n");
+        for _ in 0..random.below(3) {
+            request += headers[pick(&mut random, headers.len())];
+            request += "\r\n";
+        }
+        request += "\r\n{\"type\":\"Polygon\",\"coordinates\":[[[1,2],[3,4]]]}";
+        let mut bytes = request.into_bytes();
+        if random.below(4) == 0 {
+            let at = pick(&mut random, bytes.len());
+            bytes[at] = random.next() as u8;
+        }
+        let mut stream = TcpStream::connect(&server.address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        let _ = stream.write_all(&bytes);
+        let _ = stream.shutdown(Shutdown::Write);
+        let mut answer = Vec::new();
+        // (A connection that ends with a part of the request unread is reset.)
+        if let Err(error) = stream.read_to_end(&mut answer) {
+            assert!(
+                error.kind() == std::io::ErrorKind::ConnectionReset,
+                "{error}: {}",
+                String::from_utf8_lossy(&bytes)
+            );
+        }
+        let status: Option<u16> =
+            answer.get(9..12).and_then(|text| std::str::from_utf8(text).ok()?.parse().ok());
+        assert!(
+            status.is_none_or(|status| status < 500 || status == 503),
+            "{}\n{}",
+            String::from_utf8_lossy(&bytes),
+            String::from_utf8_lossy(&answer)
+        );
+    }
+    server.get("/healthz").good();
+}

@@ -1,0 +1,85 @@
+//! `spinney serve`: what it answers, what it refuses, and what clients and files do to it.
+
+mod answers;
+mod changes;
+mod client;
+#[path = "../common/mod.rs"]
+mod common;
+mod files;
+mod hostile;
+mod tiles;
+
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+use client::{Connection, Response};
+
+/// The program, serving something until it is dropped.
+pub(crate) struct Server {
+    child: Child,
+    /// Host and port.
+    pub(crate) address: String,
+}
+
+impl Server {
+    /// Serves a folder or a file at a port that is free.
+    pub(crate) fn start(path: &Path, options: &[&str]) -> Server {
+        Server::run(Command::new(env!("CARGO_BIN_EXE_spinney")), path, options)
+    }
+
+    pub(crate) fn run(mut program: Command, path: &Path, options: &[&str]) -> Server {
+        program.args(["serve", "--port", "0", "--quiet"]).args(options).arg(path);
+        let mut child = program.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let address = line.trim().strip_prefix("http://").and_then(|rest| rest.strip_suffix('/'));
+        let address = address.unwrap_or_else(|| panic!("no address but {line:?}")).to_owned();
+        Server { child, address }
+    }
+
+    pub(crate) fn connect(&self) -> Connection {
+        Connection::open(&self.address)
+    }
+
+    pub(crate) fn get(&self, target: &str) -> Response {
+        self.get_with(target, &[])
+    }
+
+    pub(crate) fn get_with(&self, target: &str, headers: &[(&str, &str)]) -> Response {
+        self.connect().ask("GET", target, headers, b"").unwrap()
+    }
+
+    pub(crate) fn post(&self, target: &str, body: &[u8]) -> Response {
+        self.connect().ask("POST", target, &[], body).unwrap()
+    }
+
+    /// The program, which this handle ends no more.
+    pub(crate) fn process(&mut self) -> &mut Child {
+        &mut self.child
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The path of a file in `fixtures`.
+pub(crate) fn fixture(name: &str) -> String {
+    format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A folder with trees of the island, `classes.goblin` and `heights.goblin`, and the frozen files.
+pub(crate) fn island() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    spinney::build(fixture("island_classes.tif"), path("classes.goblin")).unwrap();
+    spinney::build(fixture("island_elevation.tif"), path("heights.goblin")).unwrap();
+    for name in ["history.autumn", "stack.goblin", "ball.goblin", "chapel.goblin"] {
+        std::fs::copy(fixture(&format!("v1/{name}")), path(name)).unwrap();
+    }
+    folder
+}
