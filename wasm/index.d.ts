@@ -419,6 +419,10 @@ export interface Model extends Opened<ModelHeader> {
   triangles(options?: AskOptions): Promise<{ origin: [number, number, number]; triangles: number; names: string[]; positions: Float32Array; objects: Uint32Array }>;
 }
 
+/** What `open` gives, for `instanceof`. (What `openInWorker` gives has the same methods; `header.kind` tells the two apart everywhere.) */
+export const Dataset: abstract new (...list: never[]) => Dataset;
+export const Model: abstract new (...list: never[]) => Model;
+
 /** Opens a file in this thread: under Node, or in a worker. */
 export function open(source: Source, options?: OpenOptions): Promise<Dataset | Model>;
 /** Opens a file in a worker, which is started with the first: answers are handed over, not copied. */

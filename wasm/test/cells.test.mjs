@@ -169,6 +169,10 @@ test("coordinates of other systems are brought to the file's", async () => {
   const [line] = toldLines("point", "--json", path, "--in", "lonlat", "--", place.join(","));
   same((await map.point(place, { crs: "lonlat" })).values, line.layers[0].samples);
   same((await map.point(place, { crs: "EPSG:4326" })).values, line.layers[0].samples);
+  const [x, y, right, top] = map.header.bounds;
+  const corners = await map.geographic([[x, y], [right, top], [x, top], [right, y]]);
+  for (const [lon, lat] of corners) assert.ok(lon >= west - 1e-9 && lon <= east + 1e-9 && lat >= south - 1e-9 && lat <= north + 1e-9);
+  assert.equal(corners.length, 4);
   const bounds = [west + 0.02, south + 0.02, east - 0.02, north - 0.02];
   same(await map.stats({ bounds, crs: "lonlat" }), told("stats", "--json", path, "--in", "lonlat", "--window", bounds.join(",")));
 });

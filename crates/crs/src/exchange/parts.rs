@@ -11,7 +11,7 @@ use crate::projection::methods::Values;
 use crate::projection::shift::Shift;
 use crate::projection::system::{Base, Name, System, Unit, is_same_ellipsoid};
 use crate::projection::{geo_keys as keys_reader, proj_string, projjson, wkt, words};
-use crate::registry::{Axes, Ellipsoid, Geographic, VerticalSystem, base_of};
+use crate::registry::{Axes, Ellipsoid, Geographic, VerticalSystem, base_of, definition_of};
 
 /// A system, and that of its heights.
 #[derive(Debug)]
@@ -193,13 +193,13 @@ impl Earth {
             Axes::WestSouth => ["west", "south"],
             Axes::Other => ["", ""],
         };
-        let definition = crs_definitions::from_code(small).map(|known| known.proj4).ok_or_else(unknown)?;
-        let shiftless = words::without_shift(definition);
-        let is_web_mercator = proj_string::is_web_mercator(definition);
-        let plane = Earth::of_proj_string(if is_web_mercator { definition } else { &shiftless })?;
+        let definition = definition_of(small).ok_or_else(unknown)?;
+        let shiftless = words::without_shift(&definition);
+        let is_web_mercator = proj_string::is_web_mercator(&definition);
+        let plane = Earth::of_proj_string(if is_web_mercator { &definition } else { &shiftless })?;
         Crs::epsg(number).unit().ok_or_else(unknown)?;
         let name = Geographic::find(base).and_then(|base| {
-            let (zone, half) = proj_string::utm_zone(definition)?;
+            let (zone, half) = proj_string::utm_zone(&definition)?;
             Some(format!("{} / UTM zone {zone}{half}", base.name))
         });
         Ok(Earth {

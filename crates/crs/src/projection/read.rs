@@ -4,6 +4,7 @@ use super::datum::Datum;
 use super::definition::Definition;
 use super::{geo_keys, proj_string, projjson, wkt, words};
 use crate::Crs;
+use crate::registry::definition_of;
 
 /// The definition of a system. An error says what was found.
 pub(super) fn read(crs: &Crs) -> Result<Definition, String> {
@@ -17,14 +18,13 @@ pub(super) fn read(crs: &Crs) -> Result<Definition, String> {
         };
     }
     let text = proj_string_of(crs)?;
-    Ok(Definition { words: words::without_shift(text), datum: Datum::of(text) })
+    Ok(Definition { words: words::without_shift(&text), datum: Datum::of(&text) })
 }
 
 /// The definition of a system that has a number.
-fn proj_string_of(crs: &Crs) -> Result<&'static str, String> {
+fn proj_string_of(crs: &Crs) -> Result<String, String> {
     let number = crs.numbers().ok_or("no number")?.in_parts().horizontal;
-    let known = u16::try_from(number).ok().and_then(crs_definitions::from_code);
-    match known.map(|known| known.proj4).filter(|text| !text.is_empty()) {
+    match u16::try_from(number).ok().and_then(definition_of) {
         Some(text) if crs.unit().is_none() => Err(format!("`{text}` with a unit that is not known")),
         Some(text) => Ok(text),
         None => Err(format!("EPSG:{number}, which the list of definitions does not have")),

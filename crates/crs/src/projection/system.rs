@@ -11,6 +11,7 @@ use super::definition::Definition;
 use super::methods::{self, Values};
 use super::shift::Shift;
 use super::words;
+use crate::registry::definition_of;
 
 /// The parts of a system of longitude and latitude, or of a plane.
 #[derive(Debug)]
@@ -126,9 +127,8 @@ impl Base {
     /// Base of a geographic system of the EPSG registry.
     pub(crate) fn of_epsg(number: u16) -> Result<Base, String> {
         let missing = || format!("EPSG:{number}, which the list of definitions does not have");
-        let definition =
-            crs_definitions::from_code(number).map(|known| known.proj4).filter(|text| !text.is_empty());
-        let proj = Proj::from_proj_string(&words::without_shift(definition.ok_or_else(missing)?));
+        let definition = definition_of(number).ok_or_else(missing)?;
+        let proj = Proj::from_proj_string(&words::without_shift(&definition));
         let proj = proj.ok().filter(Proj::is_latlong).ok_or_else(missing)?;
         let (a, b) = proj.ellipse_parameters();
         let prime_meridian = proj.from_greenwich().to_degrees();
@@ -164,8 +164,8 @@ impl Base {
             is_same_ellipsoid(known.ellipsoid, self.ellipsoid)
                 && (known.prime_meridian - self.prime_meridian).abs() < 1e-7
         });
-        match crs_definitions::from_code(number) {
-            Some(known) if is_same => Datum::of(known.proj4),
+        match definition_of(number) {
+            Some(known) if is_same => Datum::of(&known),
             _ => Datum::Unlisted(format!("{named}, on another ellipsoid or from another prime meridian")),
         }
     }

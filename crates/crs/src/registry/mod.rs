@@ -1,10 +1,12 @@
-//! What the EPSG registry has of datums, axes and heights, for definitions that refer to it by number or name.
+//! What the EPSG registry has of definitions, datums, axes and heights, for definitions that refer to it by number or name.
 
+mod definitions;
 mod geodetic;
 mod geographic;
 mod projected;
 mod vertical;
 
+pub(crate) use definitions::definition_of;
 pub(crate) use geodetic::{Ellipsoid, esri_name, meridian_at, meridian_numbered};
 pub(crate) use geographic::Geographic;
 pub(crate) use projected::{Axes, base_of};

@@ -1,0 +1,37 @@
+//! Packs definitions of coordinate systems, which have few different words: a quarter of the bytes that the texts have.
+//!
+//! The file has three numbers of 32 bits: bytes of words, definitions, and words in all of these. Then come the words, each with an end of line
+//! behind it; of each definition the number, as its distance from the one before, in 16 bits; of each the number of its words, in 8; and
+//! the words of all, in 16. Numbers are little-endian.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::{env, fs};
+
+fn main() {
+    println!("cargo::rerun-if-changed=build.rs");
+    let known = (0..=u16::MAX).filter_map(crs_definitions::from_code);
+    let known: Vec<(u16, Vec<&str>)> = known
+        .filter(|known| !known.proj4.is_empty())
+        .map(|known| (known.code, known.proj4.split(' ').collect()))
+        .collect();
+    let mut words: BTreeMap<&str, u16> =
+        known.iter().flat_map(|(_, words)| words).map(|word| (*word, 0)).collect();
+    words.values_mut().zip(0..).for_each(|(number, next)| *number = next);
+    let text: String = words.keys().flat_map(|word| [word, "\n"]).collect();
+    let all: Vec<u16> = known.iter().flat_map(|(_, own)| own).map(|word| words[word]).collect();
+    let mut bytes = Vec::new();
+    for count in [text.len(), known.len(), all.len()] {
+        bytes.extend(u32::try_from(count).expect("a list of some thousands").to_le_bytes());
+    }
+    bytes.extend(text.bytes());
+    let mut before = 0;
+    for (code, _) in &known {
+        bytes.extend((code - before).to_le_bytes());
+        before = *code;
+    }
+    bytes.extend(known.iter().map(|(_, own)| u8::try_from(own.len()).expect("a definition of some words")));
+    bytes.extend(all.iter().flat_map(|word| word.to_le_bytes()));
+    let folder = env::var_os("OUT_DIR").expect("Cargo says where to write");
+    fs::write(Path::new(&folder).join("definitions"), bytes).expect("a file can be written there");
+}
