@@ -179,7 +179,7 @@ export async function ask(source, question, { places = NONE, signal, progress, b
       if (ranges.length === 1 && total.rounds >= ALONE) {
         ahead = Math.min(Math.max(2 * ahead, FIRST_AHEAD), MOST_AHEAD);
         const [range] = ranges;
-        const end = Math.min(range[1] + ahead, source.length);
+        const end = source.aheadOf(range[1], range[1] + ahead);
         needed += Math.max(end - range[1], 0);
         range[1] = Math.max(end, range[1]);
       }

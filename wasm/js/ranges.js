@@ -5,12 +5,12 @@ const GAP = 32 * 1024;
 /** Bytes that are fetched with one request, unless a single range has more. */
 const MOST_JOINED = 8 * 2 ** 20;
 
-/** Joins ranges that are near each other. */
-export function join(ranges, gap = GAP) {
+/** Joins ranges that are near each other, to no more than so many bytes. */
+export function join(ranges, gap = GAP, most = MOST_JOINED) {
   const joined = [];
   for (const [start, end] of [...ranges].sort((a, b) => a[0] - b[0] || b[1] - a[1])) {
     const last = joined.at(-1);
-    if (last && start <= last[1] + gap && (end <= last[1] || end - last[0] <= MOST_JOINED)) {
+    if (last && start <= last[1] + gap && (end <= last[1] || end - last[0] <= most)) {
       last[1] = Math.max(last[1], end);
     } else {
       joined.push([start, end]);

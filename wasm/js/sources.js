@@ -18,6 +18,11 @@ const isNode = typeof process !== "undefined" && Boolean(process.versions?.node)
 
 /** A file's bytes. `start` takes it up in the module; `fetch` supplies ranges of it. */
 class Source {
+  /** What is being fetched, by instance and range. */
+  #underWay = new Map();
+  /** Ranges that were fetched, joined. (Some may have given way to others since.) */
+  #fetched = [];
+
   constructor(name) {
     this.name = name;
     /** What users should know. */
@@ -47,24 +52,72 @@ class Source {
   }
 
   supply(offset, bytes) {
+    this.#fetched = join([...this.#fetched, [offset, offset + bytes.length]], 0, Infinity);
     // (If the instance was replaced meanwhile, nobody waits for them.)
     if (this.instance === engine.instance()) engine.supply(this.file, offset, bytes);
   }
 
-  /** Gets ranges. */
+  /** Gets ranges. Those that another question is getting already are waited for. */
   async fetch(ranges, signal) {
-    const joined = join(ranges);
-    let bytes = 0;
-    await each(joined, PARALLEL, async ([start, end]) => {
+    const came = { requests: 0, bytes: 0 };
+    await each(join(ranges), PARALLEL, async ([start, end]) => {
       signal?.throwIfAborted();
-      const part = await this.read(start, end, signal);
-      if (part.length !== end - start) {
-        throw new SpinneyError({ code: "changed", message: `${this.name}: ${part.length} bytes came where ${end - start} were asked for: the file was cut short; open it again`, file: this.name });
+      if (await this.#once(start, end, signal)) {
+        came.requests += 1;
+        came.bytes += end - start;
       }
-      bytes += part.length;
-      this.supply(start, part);
     });
-    return { requests: joined.length, bytes };
+    return came;
+  }
+
+  /** Gets a range; tells whether it was not under way already. It goes on as long as somebody waits for it. */
+  async #once(start, end, signal) {
+    const key = `${this.instance}:${start}:${end}`;
+    const known = this.#underWay.get(key);
+    const job = known ?? this.#start(key, start, end);
+    job.waiting += 1;
+    let stop;
+    const aborted = new Promise((_, reject) => {
+      stop = () => reject(signal.reason);
+      signal?.addEventListener("abort", stop, { once: true });
+    });
+    try {
+      await Promise.race([job.done, aborted]);
+    } finally {
+      signal?.removeEventListener("abort", stop);
+      job.waiting -= 1;
+      if (job.waiting === 0) {
+        this.#forget(key, job);
+        job.control.abort();
+      }
+    }
+    return known === undefined;
+  }
+
+  #start(key, start, end) {
+    const job = { control: new AbortController(), waiting: 0 };
+    job.done = this.#get(start, end, job.control.signal).finally(() => this.#forget(key, job));
+    job.done.catch(() => {});
+    this.#underWay.set(key, job);
+    return job;
+  }
+
+  #forget(key, job) {
+    if (this.#underWay.get(key) === job) this.#underWay.delete(key);
+  }
+
+  async #get(start, end, signal) {
+    const part = await this.read(start, end, signal);
+    if (part.length !== end - start) {
+      throw new SpinneyError({ code: "changed", message: `${this.name}: ${part.length} bytes came where ${end - start} were asked for: the file was cut short; open it again`, file: this.name });
+    }
+    this.supply(start, part);
+  }
+
+  /** The end of what may be read ahead behind a place, up to an offset: where something begins that was fetched before. */
+  aheadOf(place, most) {
+    if (this.#fetched.some(([start, end]) => start <= place && place < end)) return place;
+    return Math.min(most, this.length, ...this.#fetched.map(([start]) => start).filter((start) => start > place));
   }
 
   close() {

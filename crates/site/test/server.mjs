@@ -21,9 +21,11 @@ export async function serve(folder, { hasRanges = true, delay = 0 } = {}) {
       return;
     }
     const headers = { "content-type": TYPES[extname(file)] ?? "application/octet-stream", etag: `"${size}"` };
-    const range = hasRanges && /^bytes=(\d+)-(\d*)$/.exec(request.headers.range ?? "");
-    const [start, end] = range ? [Number(range[1]), range[2] ? Math.min(Number(range[2]), size - 1) : size - 1] : [0, size - 1];
-    asked.push({ path, bytes: end - start + 1 });
+    const range = hasRanges && /^bytes=(\d*)-(\d*)$/.exec(request.headers.range ?? "");
+    const last = range && range[1] !== "" && range[2] !== "" ? Math.min(Number(range[2]), size - 1) : size - 1;
+    const first = !range ? 0 : range[1] === "" ? Math.max(size - Number(range[2]), 0) : Number(range[1]);
+    const [start, end] = [first, last];
+    asked.push({ path, start, bytes: end - start + 1, method: request.method, isRange: Boolean(range) });
     if (hasRanges) headers["accept-ranges"] = "bytes";
     if (range) headers["content-range"] = `bytes ${start}-${end}/${size}`;
     response.writeHead(range ? 206 : 200, { ...headers, "content-length": end - start + 1 });
