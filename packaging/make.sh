@@ -30,6 +30,16 @@ pack() {
     echo "$out/$1.tar.gz"
 }
 
+# What is compiled has the page that shows files in a browser, if the package for browsers is there.
+browser() {
+    [ "$profile" = release ] || return 0
+    if rustup target add wasm32-unknown-unknown > /dev/null 2>&1; then
+        wasm/build.sh
+    else
+        echo "$0: without the page: the toolchain has no library for wasm32-unknown-unknown" >&2
+    fi
+}
+
 program() {
     local name=spinney-$version-$system
     cargo build --quiet --locked --profile "$profile" --features remote --bin spinney
@@ -67,6 +77,7 @@ c() {
     pack "$name"
 }
 
+browser
 for part in "$@"; do
     case $part in
     program | wheel | c) $part ;;

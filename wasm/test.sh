@@ -3,6 +3,7 @@
 #
 #     wasm/test.sh
 #
+# SPINNEY names the program, which is built if it is not said.
 # Skipped, which is said, where there is no Node of version 20 or newer, or no library for wasm32-unknown-unknown.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -22,10 +23,13 @@ trap 'rm -rf "$work"' EXIT
 
 say 'building'
 wasm/build.sh
-cargo build --quiet --locked --features remote --bin spinney
-# (Others are built in its place meanwhile.)
-cp "$target/debug/spinney" "$work/"
-export SPINNEY=$work/spinney SPINNEY_FILES=$work/files
+if [ -z "${SPINNEY:-}" ]; then
+    cargo build --quiet --locked --features remote --bin spinney
+    # (Others are built in its place meanwhile.)
+    cp "$target/debug/spinney" "$work/"
+    export SPINNEY=$work/spinney
+fi
+export SPINNEY_FILES=$work/files
 
 say 'under Node'
 # (The files are made once.)
