@@ -64,7 +64,7 @@ pub fn export_page(request: &PageRequest, path: &Path, progress: &dyn Progress) 
     let mut local: Vec<(&Path, &PageSource, u64)> =
         local.map(|(file, source)| (file.path.as_path(), source, 0)).collect();
     for (file, _, size) in &mut local {
-        *size = fs::metadata(&*file).map_err(Error::io(&*file, "look at"))?.len();
+        *size = fs::metadata(*file).map_err(Error::io(*file, "look at"))?.len();
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::create_dir_all(folder).map_err(Error::io(folder, "make the folder"))?;
