@@ -328,7 +328,8 @@ export interface Legend {
   title: string;
   sections: {
     title: string;
-    classes?: { label: string; colour: Colour }[];
+    /** `value` is null where a colour is not that of a class. */
+    classes?: { value: number | null; label: string; colour: Colour }[];
     ramp?: { stops: Colour[]; ticks: { at: number; label: string }[] };
   }[];
 }
@@ -370,8 +371,8 @@ export interface Dataset extends Opened<Header> {
   diff(from: number, to?: number, options?: Part & { limit?: number } & AskOptions): Promise<Difference>;
   /** A slice of a volume: columns and rows are the other two axes, in their order. */
   slice(request: SliceRequest): Promise<Window>;
-  /** A slice of a volume in a style that paints cells by their own values. */
-  sliceImage(request: SliceRequest & { style?: string | object }): Promise<Picture>;
+  /** Its colours in a style, with the highest cells at the top where it is seen from the side. */
+  slice(request: SliceRequest & { style: Style }): Promise<Picture>;
   /** Longitudes and latitudes of places in the file's own system; null where there are none. */
   geographic(places: ArrayLike<number>[], options?: AskOptions): Promise<([number, number] | null)[]>;
   /** The surface of a volume's level as triangles. */

@@ -100,6 +100,7 @@ class Opened {
       shared.source.close();
       throw error;
     }
+    shared.source.grows = json.header.format === "autumnal";
     this.#release();
     [this.#shared, this.#number, this.#instance] = [shared, json.opened, engine.instance()];
     shared.users += 1;
@@ -145,6 +146,7 @@ async function openIn(shared, { commit, layer }, { signal, progress } = {}) {
 
 async function openShared(shared, place, options) {
   const { json } = await attempts(() => openIn(shared, place, options));
+  shared.source.grows = json.header.format === "autumnal";
   return json.header.kind === "model" ? new Model(shared, place, json) : new Dataset(shared, place, json);
 }
 
@@ -153,15 +155,17 @@ export async function open(source, { signal, progress, headers, cacheBytes, laye
   await engine.load();
   signal?.throwIfAborted();
   if (cacheBytes !== undefined) engine.setCacheBytes(cacheBytes);
-  const shared = new Shared(sourceOf(source, { headers }));
-  shared.source.again = () => sourceOf(source, { headers });
-  try {
-    await shared.source.start(signal);
-    const place = { commit: commit === undefined ? undefined : Number(commit), layer: layer === undefined ? undefined : String(layer) };
-    return await openShared(shared, place, { signal, progress });
-  } catch (error) {
-    shared.source.close();
-    throw error;
+  const place = { commit: commit === undefined ? undefined : Number(commit), layer: layer === undefined ? undefined : String(layer) };
+  for (let time = 1; ; time += 1) {
+    const shared = new Shared(sourceOf(source, { headers }));
+    try {
+      await shared.source.start(signal);
+      return await openShared(shared, place, { signal, progress });
+    } catch (error) {
+      shared.source.close();
+      // (A file that is written meanwhile is looked at again.)
+      if (error?.code !== "changed" || time === TRIES) throw error;
+    }
   }
 }
 
@@ -256,13 +260,12 @@ export class Dataset extends Opened {
     return (await this.ask("diff", { ...options, from: Number(from), to: to === undefined ? undefined : Number(to) }, options)).json;
   }
 
-  async slice(request) {
+  async slice({ style, ...request }) {
+    if (style !== undefined) {
+      const { json, buffers } = await this.ask("slice", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
+      return picture(buffers[0], json.width, json.height, json);
+    }
     return samples(await this.ask("slice", request, { ...request, buffers: 2 }));
-  }
-
-  async sliceImage({ style, ...request }) {
-    const { json, buffers } = await this.ask("sliceImage", { ...request, style: styleText(style) }, { ...request, buffers: 1 });
-    return picture(buffers[0], json.width, json.height, json);
   }
 
   async geographic(places, options = {}) {

@@ -34,7 +34,7 @@ async function compile(source) {
   if (source instanceof ArrayBuffer || ArrayBuffer.isView(source)) return WebAssembly.compile(source);
   const url = source ?? new URL("./module_bg.wasm", import.meta.url);
   if (isNode && new URL(url, "file:///").protocol === "file:") {
-    const { readFile } = await import("node:fs/promises");
+    const { readFile } = await import(/* webpackIgnore: true */ /* @vite-ignore */ "node:fs/promises");
     return WebAssembly.compile(await readFile(new URL(url, "file:///")));
   }
   const response = url instanceof Response ? url : await fetch(url);

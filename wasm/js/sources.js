@@ -24,6 +24,8 @@ class Source {
     this.warnings = [];
     this.file = undefined;
     this.instance = -1;
+    /** Whether more may come behind what there is, as commits do. */
+    this.grows = false;
   }
 
   /** Takes the file up in the module's present instance. */
@@ -141,7 +143,7 @@ class DiskSource extends Source {
   }
 
   async start() {
-    this.files = (await import("node:fs")).promises;
+    this.files = (await import(/* webpackIgnore: true */ /* @vite-ignore */ "node:fs")).promises;
     try {
       this.handle = await this.files.open(this.path, "r");
       this.stamp = await this.look();
@@ -166,6 +168,7 @@ class DiskSource extends Source {
     const found = await super.fetch(ranges, signal);
     // (Behind the reads, so that what they brought is of the state that was opened.)
     const now = await this.look();
+    if (now.size > this.stamp.size && this.grows) return found;
     if (now.size !== this.stamp.size) throw this.changed(now.size < this.stamp.size ? "was cut short" : "has grown");
     if (now.modified !== this.stamp.modified) throw this.changed("was overwritten");
     return found;
@@ -235,7 +238,7 @@ class HttpSource extends Source {
       const response = await this.request(`bytes=0-${FIRST - 1}`, signal);
       this.check(response);
       const isCompressed = Boolean(response.headers.get("content-encoding"));
-      const place = contentRange(response);
+      const place = contentRange(response) ?? (response.status === 206 ? await this.unseenRange(signal) : undefined);
       if (response.status !== 206 || isCompressed || !place) {
         later.abort();
         await this.whole(response, isCompressed, signal);
@@ -256,6 +259,14 @@ class HttpSource extends Source {
       later.abort();
       throw error;
     }
+  }
+
+  /** The first range and the file's length, where the host does not let other origins see them. */
+  async unseenRange(signal) {
+    const response = await fetch(this.url, { method: "HEAD", headers: this.headers, signal, cache: "no-store" }).catch(() => undefined);
+    signal?.throwIfAborted();
+    const length = response?.ok ? Number(response.headers.get("content-length")) : 0;
+    return length > 0 ? { start: 0, end: Math.min(FIRST, length), length } : undefined;
   }
 
   /** Takes the end of the file, if the host has understood. */
@@ -339,13 +350,14 @@ class HttpSource extends Source {
     for (let time = 0; ; time += 1) {
       const response = await this.request(`bytes=${start}-${end - 1}`, signal);
       const place = contentRange(response);
-      if (response.status === 416 || (place && place.length !== this.length)) {
+      const hasGrown = this.grows && place?.length > this.length;
+      if (response.status === 416 || (place && place.length !== this.length && !hasGrown)) {
         await response.body?.cancel().catch(() => {});
         throw this.changed("has another length");
       }
       if (response.status === 404) throw this.changed("was removed");
       this.check(response);
-      if (!this.isSame(response)) {
+      if (!this.isSame(response) && !hasGrown) {
         await response.body?.cancel().catch(() => {});
         throw this.changed("was replaced");
       }
@@ -409,8 +421,14 @@ function pause(milliseconds, signal) {
   });
 }
 
-/** The source that a user means. */
-export function sourceOf(source, { headers } = {}) {
+/** The source that a user means; it knows how to be opened again. */
+export function sourceOf(source, options = {}) {
+  const found = meant(source, options);
+  found.again = () => sourceOf(source, options);
+  return found;
+}
+
+function meant(source, { headers }) {
   if (source instanceof ArrayBuffer) return new MemorySource(new Uint8Array(source), "(memory)");
   if (ArrayBuffer.isView(source)) return new MemorySource(new Uint8Array(source.buffer, source.byteOffset, source.byteLength), "(memory)");
   if (typeof Blob !== "undefined" && source instanceof Blob) return new BlobSource(source);

@@ -6,13 +6,13 @@ import { toParts } from "./errors.js";
 import { packed } from "./pictures.js";
 
 const isNode = typeof self === "undefined";
-const port = isNode ? (await import("node:worker_threads")).parentPort : self;
+const port = isNode ? (await import(/* webpackIgnore: true */ /* @vite-ignore */ "node:worker_threads")).parentPort : self;
 
 /** What can be asked from the other side, and which argument has the options. */
 const METHODS = {
   Dataset: {
     window: 0, point: 1, points: 1, stats: 0, zonal: 1, histogram: 0, find: 0, openLayer: 1, openCommit: 1, commits: 0,
-    diff: 2, image: 0, tile: 0, legend: 0, slice: 0, sliceImage: 0, geographic: 1, mesh: 0, contains: 1,
+    diff: 2, image: 0, tile: 0, legend: 0, slice: 0, geographic: 1, mesh: 0, contains: 1,
   },
   Model: { measures: 0, locate: 1, contains: 1, section: 0, triangles: 0 },
 };

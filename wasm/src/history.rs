@@ -10,16 +10,14 @@ use spinney_engine::ops::{TreeFile, diff as differences};
 use spinney_engine::store::autumnal::{Commit, History};
 
 use crate::answer::{Found, count, sample};
-use crate::files::{File, Opened};
+use crate::files::Opened;
 use crate::part::Part;
 
-/// Two commits, and where.
+/// Two commits.
 #[derive(Deserialize)]
 pub(crate) struct Request {
     from: u64,
     to: Option<u64>,
-    #[serde(flatten)]
-    part: Part,
     /// Blocks that are handed out at most; all are counted.
     limit: Option<usize>,
 }
@@ -44,8 +42,18 @@ pub(crate) fn commit_json(commit: &Commit) -> Value {
     })
 }
 
+/// Fails if the file has no commits.
+fn check_commits(tree: &Dataset) -> Result<()> {
+    match tree.commit() {
+        Some(_) => Ok(()),
+        None => Err(Error::unsupported(tree.name(), "a file without commits", "`.autumn` files have them")),
+    }
+}
+
 /// The commits of a file, the newest first.
-pub(crate) fn commits(file: &File, limit: Option<usize>) -> Result<Found> {
+pub(crate) fn commits(opened: &Opened, limit: Option<usize>) -> Result<Found> {
+    check_commits(opened.cells()?)?;
+    let file = &opened.file;
     let history = History::open(&file.name, &file.options())?;
     let commits = history.commits().take(limit.unwrap_or(usize::MAX));
     let commits = commits.map(|commit| Ok(commit_json(&commit?))).collect::<Result<Vec<_>>>()?;
@@ -54,16 +62,10 @@ pub(crate) fn commits(file: &File, limit: Option<usize>) -> Result<Found> {
 }
 
 /// Where two commits differ.
-pub(crate) fn diff(opened: &Opened, request: &Request) -> Result<Found> {
+pub(crate) fn diff(opened: &Opened, part: &Part, request: &Request) -> Result<Found> {
     let tree = opened.cells()?;
-    if tree.commit().is_none() {
-        return Err(Error::unsupported(
-            tree.name(),
-            "a file without commits",
-            "differences are those of `.autumn` files",
-        ));
-    }
-    let within = match request.part.boxes(tree)? {
+    check_commits(tree)?;
+    let within = match part.boxes(tree)? {
         None => vec![tree.header().picture()],
         Some(boxes) => boxes,
     };

@@ -12,24 +12,21 @@ use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::WarpOptions;
 use spinney_style::{Ground, Key, LegendClass, SampleBlock, Style};
-use spinney_tiles::{MAX_ZOOM, TileId, TilePainter, TileSource, TreeTiles, WarpedTiles, draw_tile};
+use spinney_tiles::{MAX_ZOOM, TileId, TilePainter, TreeTiles, WarpedTiles, draw_tile};
 
 use crate::answer::Found;
 use crate::failure::too_large;
+use crate::files::Opened;
 use crate::part::Part;
-use crate::solid::{self, Slice};
-use crate::windows::{Detail, at_level};
+use crate::solid::IN_SLICE;
+use crate::windows::{Detail, at_level, read};
 
 /// Bytes that a picture may have.
 const MOST_BYTES: u64 = 1 << 28;
 
-/// A part in a style.
+/// How a part is painted.
 #[derive(Deserialize)]
 pub(crate) struct Image {
-    #[serde(flatten)]
-    part: Part,
-    #[serde(flatten)]
-    detail: Detail,
     style: Option<String>,
 }
 
@@ -105,10 +102,11 @@ fn check_quadtree(tree: &Dataset) -> Result<()> {
 }
 
 /// A picture of a part: red, green, blue and opacity of each pixel, which are the cells of a level.
-pub(crate) fn image(tree: &Dataset, prepared: &Prepared, image: &Image) -> Result<Found> {
+pub(crate) fn image(opened: &Opened, (part, detail): (&Part, &Detail), image: &Image) -> Result<Found> {
+    let (tree, prepared) = (opened.cells()?, &opened.prepared);
     check_quadtree(tree)?;
-    let bounds = image.part.one_box(tree)?;
-    let level = image.detail.level(tree, &bounds)?;
+    let bounds = part.one_box(tree)?;
+    let level = detail.level(tree, &bounds)?;
     let shift = tree.depth() - level;
     let cells = at_level(&bounds, shift);
     let needed = cells.volume().saturating_mul(4);
@@ -120,25 +118,32 @@ pub(crate) fn image(tree: &Dataset, prepared: &Prepared, image: &Image) -> Resul
     let margin = painter.margin() as usize;
     let [width, height] = [0, 1].map(|axis| cells.size()[axis] as usize);
     let (bytes, valid) = with_margin(tree, level, &cells, margin)?;
-    let frame = tree.metadata().frame.coarser(shift);
+    // (What has no place in the world has cells of one unit at all levels, as pictures of it have.)
+    let frame = &tree.metadata().frame;
+    let frame = if frame.is_identity() { frame.clone() } else { frame.coarser(shift) };
     let columns = tree.extent_at(level).size()[0];
     let ground = Ground::new(&frame, columns).rows(cells.min[1] as f64, height);
     let block = SampleBlock { width, height, margin, bytes: &bytes, valid: &valid, ground: &ground };
     let mut rgba = vec![0; width * height * 4];
     painter.paint(&block, &mut rgba)?;
-    let covered = Bounds {
-        min: [cells.min[0] << shift, cells.min[1] << shift, 0],
-        max: [cells.max[0] << shift, cells.max[1] << shift, 1],
-    };
+    Ok(Found { json: picture_json(tree, [width, height], level, &cells), buffers: vec![rgba] })
+}
+
+/// Size and place of a picture of a level's cells: cells of the deepest level, and coordinates.
+fn picture_json(tree: &Dataset, [width, height]: [usize; 2], level: u8, cells: &Bounds) -> Value {
+    let (axes, shift) = (tree.header().form.axes(), tree.depth() - level);
+    let mut covered = Bounds { min: cells.min.map(|at| at << shift), max: cells.max.map(|at| at << shift) };
+    if axes == 2 {
+        (covered.min[2], covered.max[2]) = (0, 1);
+    }
     let [low, high] = tree.metadata().frame.world_box(&covered);
-    let json = json!({
+    json!({
         "width": width,
         "height": height,
         "level": level,
-        "cells": [covered.min[0], covered.min[1], covered.max[0], covered.max[1]],
-        "bounds": [low[0], low[1], high[0], high[1]],
-    });
-    Ok(Found { json, buffers: vec![rgba] })
+        "cells": [&covered.min[..axes], &covered.max[..axes]].concat(),
+        "bounds": [&low[..axes], &high[..axes]].concat(),
+    })
 }
 
 /// The samples of a box of a level's cells and of those around it, VOID where the tree has none.
@@ -150,58 +155,61 @@ fn with_margin(tree: &Dataset, level: u8, cells: &Bounds, margin: usize) -> Resu
         min: [cells.min[0].saturating_sub(margin), cells.min[1].saturating_sub(margin), 0],
         max: [cells.max[0] + margin, cells.max[1] + margin, 1],
     };
-    let count = inside.volume() as usize;
-    let (mut bytes, mut valid) = (vec![0; count * width], vec![false; count]);
-    tree.window(level, &inside, Number::default(), &mut bytes, Some(&mut valid))?;
-    if inside.size()[..2] == all[..2] {
-        return Ok((bytes, valid));
-    }
-    let [columns, rows] = [0, 1].map(|axis| all[axis] as usize);
-    let (mut around, mut has_value) = (vec![0; columns * rows * width], vec![false; columns * rows]);
+    let (bytes, valid) = read(tree, level, &inside, Number::default())?;
     // (Cells that would have negative numbers are missing.)
-    let [left, above] = [0, 1].map(|axis| (margin - (cells.min[axis] - inside.min[axis])) as usize);
-    let row_cells = inside.size()[0] as usize;
-    for (row, (from, known)) in
-        bytes.chunks_exact(row_cells * width).zip(valid.chunks_exact(row_cells)).enumerate()
-    {
-        let to = (above + row) * columns + left;
-        around[to * width..][..from.len()].copy_from_slice(from);
-        has_value[to..][..known.len()].copy_from_slice(known);
-    }
-    Ok((around, has_value))
+    let before = [0, 1].map(|axis| (margin - (cells.min[axis] - inside.min[axis])) as usize);
+    let [from, to] = [inside.size(), all].map(|size| [size[0] as usize, size[1] as usize]);
+    Ok((framed(bytes, width, (from, to, before)), framed(valid, 1, (from, to, before))))
 }
 
-/// A slice of an octree in a style: red, green, blue and opacity of each pixel.
+/// Cells of so many items each amid others that are nothing: columns and rows that there are, that there will be, and that there will be before
+/// them.
+fn framed<T: Copy + Default>(
+    cells: Vec<T>,
+    items: usize,
+    ([columns, _], to, before): ([usize; 2], [usize; 2], [usize; 2]),
+) -> Vec<T> {
+    if cells.len() == to[0] * to[1] * items {
+        return cells;
+    }
+    let mut all = vec![T::default(); to[0] * to[1] * items];
+    for (row, from) in cells.chunks_exact(columns * items).enumerate() {
+        let first = ((before[1] + row) * to[0] + before[0]) * items;
+        all[first..][..from.len()].copy_from_slice(from);
+    }
+    all
+}
+
+/// A picture of a slice of an octree across an axis, with the highest cells at the top where one sees them from the side.
 pub(crate) fn slice_image(
     tree: &Dataset,
     prepared: &Prepared,
-    slice: &Slice,
     style: Option<&String>,
+    (bounds, level, across): (&Bounds, u8, usize),
 ) -> Result<Found> {
+    let cells = at_level(bounds, tree.depth() - level);
     let painter = prepared.painter(tree, style)?;
     let painter = painter.painter();
-    if painter.margin() > 0 {
-        let expected = "one that paints cells by their own values: slopes and light are those of maps";
-        return Err(Error::invalid("style", "one of heights", expected));
-    }
-    let Found { mut json, buffers } = solid::slice(tree, slice)?;
-    let [width, height] = ["width", "height"].map(|name| json[name].as_u64().unwrap_or(0) as usize);
-    let valid: Vec<bool> = match buffers.get(1) {
-        Some(mask) if json["hasMask"] == true => mask.iter().map(|is_there| *is_there != 0).collect(),
-        _ => vec![true; width * height],
-    };
+    let margin = painter.margin() as usize;
+    let [width, height] = IN_SLICE[across].map(|axis| cells.size()[axis] as usize);
+    let (bytes, valid) = read(tree, level, &cells, Number::default())?;
+    let sides = ([width, height], [width + 2 * margin, height + 2 * margin], [margin; 2]);
+    let bytes = framed(bytes, tree.header().form.width(), sides);
+    let valid = framed(valid, 1, sides);
+    // (Slices are no maps.)
     let ground = vec![[1.0; 2]; height];
-    let block = SampleBlock { width, height, margin: 0, bytes: &buffers[0], valid: &valid, ground: &ground };
+    let block = SampleBlock { width, height, margin, bytes: &bytes, valid: &valid, ground: &ground };
     let mut rgba = vec![0; width * height * 4];
     painter.paint(&block, &mut rgba)?;
-    if let Some(members) = json.as_object_mut() {
-        members.retain(|name, _| ["width", "height", "level", "cells", "bounds"].contains(&name.as_str()));
+    if across != 2 {
+        rgba = rgba.chunks_exact(width * 4).rev().flatten().copied().collect();
     }
-    Ok(Found { json, buffers: vec![rgba] })
+    Ok(Found { json: picture_json(tree, [width, height], level, &cells), buffers: vec![rgba] })
 }
 
 /// A tile: red, green, blue and opacity of each pixel, or nothing where nothing is there.
-pub(crate) fn tile(tree: &Dataset, prepared: &Prepared, tile: &Tile) -> Result<Found> {
+pub(crate) fn tile(opened: &Opened, tile: &Tile) -> Result<Found> {
+    let (tree, prepared) = (opened.cells()?, &opened.prepared);
     check_quadtree(tree)?;
     let side = tile.size.unwrap_or(256);
     if !(side.is_power_of_two() && (16..=4096).contains(&side)) {
@@ -219,10 +227,10 @@ pub(crate) fn tile(tree: &Dataset, prepared: &Prepared, tile: &Tile) -> Result<F
     }
     let painter = prepared.painter(tree, tile.style.as_ref())?;
     let pixels = match tile.grid.as_deref() {
-        Some("native") => drawn(&TreeTiles::native(tree), &painter, id, side)?,
+        Some("native") => draw_tile(&TreeTiles::native(tree), &painter, id, side)?,
         None | Some("web-mercator") => match TreeTiles::world(tree) {
-            Some(tiles) => drawn(&tiles, &painter, id, side)?,
-            None => drawn(&*prepared.warped(tree, side)?, &painter, id, side)?,
+            Some(tiles) => draw_tile(&tiles, &painter, id, side)?,
+            None => draw_tile(&*prepared.warped(tree, side)?, &painter, id, side)?,
         },
         Some(other) => return Err(Error::invalid("grid", other, "web-mercator or native")),
     };
@@ -230,18 +238,10 @@ pub(crate) fn tile(tree: &Dataset, prepared: &Prepared, tile: &Tile) -> Result<F
     Ok(Found { json: json!({ "side": side, "isEmpty": buffers.is_empty() }), buffers })
 }
 
-fn drawn(
-    source: &dyn TileSource,
-    painter: &TilePainter,
-    id: TileId,
-    side: usize,
-) -> Result<Option<Vec<[u8; 4]>>> {
-    draw_tile(source, painter, id, side)
-}
-
 /// What the colours of a style mean, section by section.
-pub(crate) fn legend(tree: &Dataset, prepared: &Prepared, style: Option<&String>) -> Result<Found> {
-    let painter = prepared.painter(tree, style)?;
+pub(crate) fn legend(opened: &Opened, image: &Image) -> Result<Found> {
+    let tree = opened.cells()?;
+    let painter = opened.prepared.painter(tree, image.style.as_ref())?;
     let legend = painter.painter().legend(tree)?;
     let section = |section: &spinney_style::LegendSection| match &section.key {
         Key::Classes(classes) => {

@@ -11,11 +11,9 @@ use crate::answer::{Found, count};
 use crate::part::Part;
 use crate::statistics::class;
 
-/// A condition on the first channel, where, and how many blocks are wanted.
+/// A condition on the first channel, and how many blocks are wanted.
 #[derive(Deserialize)]
 pub(crate) struct Request {
-    #[serde(flatten)]
-    part: Part,
     above: Option<Number>,
     below: Option<Number>,
     equal: Option<Number>,
@@ -28,14 +26,14 @@ pub(crate) struct Request {
 const BLOCKS: usize = 10_000;
 const MOST_BLOCKS: usize = 1_000_000;
 
-pub(crate) fn find(tree: &Dataset, request: &Request) -> Result<Found> {
+pub(crate) fn find(tree: &Dataset, part: &Part, request: &Request) -> Result<Found> {
     let condition = match (request.above, request.below, request.equal) {
         (Some(bound), None, None) => Condition::Above(bound),
         (None, Some(bound), None) => Condition::Below(bound),
         (None, None, Some(number)) => Condition::Equal(number),
         _ => return Err(Error::invalid("where", "none or several conditions", "above, below or equal")),
     };
-    let parts = request.part.boxes(tree)?.map_or(vec![None], |boxes| boxes.into_iter().map(Some).collect());
+    let parts = part.boxes(tree)?.map_or(vec![None], |boxes| boxes.into_iter().map(Some).collect());
     let limit = request.limit.unwrap_or(BLOCKS).min(MOST_BLOCKS);
     let largest = request.largest.map(|most| most.min(MOST_BLOCKS));
     let (mut found, mut is_all): (Vec<FoundBlock>, bool) = (Vec::new(), true);

@@ -10,7 +10,9 @@ use spinney_engine::query::PointSamples;
 use spinney_mesh::export::{MeshRequest as SurfaceRequest, SurfaceMesh, surface_mesh};
 
 use crate::answer::{Found, bytes_of};
+use crate::files::Opened;
 use crate::part::Part;
+use crate::pictures::slice_image;
 use crate::points::cells_at;
 use crate::windows::{Detail, at_level, samples};
 
@@ -22,10 +24,8 @@ pub(crate) struct Slice {
     at: Option<f64>,
     /// Or the cell of the deepest level.
     index: Option<u64>,
-    #[serde(flatten)]
-    part: Part,
-    #[serde(flatten)]
-    detail: Detail,
+    /// A style, if colours are wanted instead of samples.
+    style: Option<String>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -36,13 +36,11 @@ pub(crate) enum Axis {
     Z,
 }
 
-/// A surface: of which level, and where.
+/// A surface: of which level, and which of the two.
 #[derive(Deserialize)]
 pub(crate) struct MeshRequest {
     level: Option<u8>,
     smooth: Option<bool>,
-    #[serde(flatten)]
-    part: Part,
 }
 
 fn check_octree(tree: &Dataset) -> Result<()> {
@@ -52,9 +50,31 @@ fn check_octree(tree: &Dataset) -> Result<()> {
     Err(Error::unsupported(tree.name(), "a quadtree, where an octree is asked for,", "ask for windows"))
 }
 
-/// The samples of a slice: columns and rows are the other two axes, in their order.
-pub(crate) fn slice(tree: &Dataset, slice: &Slice) -> Result<Found> {
+/// A slice, whose columns and rows are the other two axes, in their order: its samples, or its colours if there is a style.
+pub(crate) fn slice(opened: &Opened, (part, detail): (&Part, &Detail), slice: &Slice) -> Result<Found> {
+    let tree = opened.cells()?;
     check_octree(tree)?;
+    let axis = slice.axis as usize;
+    let mut bounds = part.one_box(tree)?;
+    let cell = cell_of(tree, slice)?;
+    (bounds.min[axis], bounds.max[axis]) = (cell, cell + 1);
+    let level = detail.level(tree, &bounds)?;
+    if slice.style.is_some() {
+        return slice_image(tree, &opened.prepared, slice.style.as_ref(), (&bounds, level, axis));
+    }
+    let mut found = samples(tree, &bounds, level, None, None)?;
+    let size = ["width", "height", "layers"].map(|name| found.json[name].clone());
+    let [columns, rows] = IN_SLICE[axis];
+    (found.json["width"], found.json["height"], found.json["layers"]) =
+        (size[columns].clone(), size[rows].clone(), json!(1));
+    Ok(found)
+}
+
+/// Axes of a slice's columns and rows, by the axis that it is across.
+pub(crate) const IN_SLICE: [[usize; 2]; 3] = [[1, 2], [0, 2], [0, 1]];
+
+/// The cell along the axis that a slice is across.
+fn cell_of(tree: &Dataset, slice: &Slice) -> Result<u64> {
     let axis = slice.axis as usize;
     let extent = tree.header().extent;
     let cell = match (slice.index, slice.at) {
@@ -77,15 +97,7 @@ pub(crate) fn slice(tree: &Dataset, slice: &Slice) -> Result<Found> {
     if cell >= extent[axis] {
         return Err(Error::invalid("index", cell.to_string(), format!("less than {}", extent[axis])));
     }
-    let mut bounds = slice.part.one_box(tree)?;
-    (bounds.min[axis], bounds.max[axis]) = (cell, cell + 1);
-    let level = slice.detail.level(tree, &bounds)?;
-    let mut found = samples(tree, &bounds, level, None, None)?;
-    let size = ["width", "height", "layers"].map(|name| found.json[name].clone());
-    let [columns, rows] = [[1, 2], [0, 2], [0, 1]][axis];
-    (found.json["width"], found.json["height"], found.json["layers"]) =
-        (size[columns].clone(), size[rows].clone(), json!(1));
-    Ok(found)
+    Ok(cell)
 }
 
 /// Whether places are in the solid.
@@ -103,16 +115,16 @@ pub(crate) fn contains(tree: &Dataset, level: Option<u8>, numbers: &[f64]) -> Re
 }
 
 /// The surface of a level, as triangles: corners from an origin on, and three numbers of corners each.
-pub(crate) fn mesh(tree: &Dataset, request: &MeshRequest) -> Result<Found> {
+pub(crate) fn mesh(tree: &Dataset, part: &Part, request: &MeshRequest) -> Result<Found> {
     check_octree(tree)?;
     let depth = tree.depth();
     let level = request.level.unwrap_or(depth);
     if level > depth {
         return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
     }
-    let part = match request.part.boxes(tree)? {
+    let part = match part.boxes(tree)? {
         None => None,
-        Some(_) => Some(request.part.one_box(tree)?),
+        Some(_) => Some(part.one_box(tree)?),
     };
     let mut wanted = SurfaceRequest::new();
     wanted.smooth = request.smooth.unwrap_or(false);

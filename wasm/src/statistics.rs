@@ -10,19 +10,9 @@ use spinney_engine::query::Statistics;
 use crate::answer::{Found, big, count, sample};
 use crate::part::Part;
 
-/// Which part is asked about, and how many bins the histogram has.
+/// How many bins the histogram has, and their range.
 #[derive(Deserialize)]
 pub(crate) struct Request {
-    #[serde(flatten)]
-    part: Part,
-    bins: Option<u32>,
-}
-
-/// Which part is asked about, and the range of the histogram's bins.
-#[derive(Deserialize)]
-pub(crate) struct HistogramRequest {
-    #[serde(flatten)]
-    part: Part,
     bins: Option<u32>,
     low: Option<f64>,
     high: Option<f64>,
@@ -52,8 +42,8 @@ fn of_part(tree: &Dataset, part: &Part) -> Result<(Statistics, Vec<spinney_base:
     }
 }
 
-pub(crate) fn statistics(tree: &Dataset, request: &Request) -> Result<Found> {
-    let (stats, boxes) = of_part(tree, &request.part)?;
+pub(crate) fn statistics(tree: &Dataset, part: &Part, request: &Request) -> Result<Found> {
+    let (stats, boxes) = of_part(tree, part)?;
     let (metadata, of) = (tree.metadata(), tree.header().form.value.sample);
     let area = metadata.frame.cell_square_metres().ok();
     let one_class = |(value, cells): &(Number, u64)| {
@@ -112,13 +102,13 @@ fn bins_of(
     Ok((0..).map(|bin| low + f64::from(bin) * width).zip(cells).collect())
 }
 
-pub(crate) fn histogram(tree: &Dataset, request: &HistogramRequest) -> Result<Found> {
-    let boxes = request.part.boxes(tree)?.unwrap_or_else(|| vec![tree.header().picture()]);
+pub(crate) fn histogram(tree: &Dataset, part: &Part, request: &Request) -> Result<Found> {
+    let boxes = part.boxes(tree)?.unwrap_or_else(|| vec![tree.header().picture()]);
     let bins = request.bins.unwrap_or(BINS).clamp(1, MOST_BINS);
     let range = match (request.low, request.high) {
         (Some(low), Some(high)) => Some((low, high)),
         (low, high) => {
-            let (stats, _) = of_part(tree, &request.part)?;
+            let (stats, _) = of_part(tree, part)?;
             stats
                 .channels
                 .first()

@@ -14,13 +14,9 @@ use crate::part::Part;
 /// Bytes that a window may have.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// A window, and how much detail is asked for.
+/// Which samples of a window are asked for.
 #[derive(Deserialize)]
 pub(crate) struct Window {
-    #[serde(flatten)]
-    pub(crate) part: Part,
-    #[serde(flatten)]
-    pub(crate) detail: Detail,
     /// Channels that are wanted, from 0, in this order; all if none are named.
     channels: Option<Vec<u8>>,
     /// The number that VOID cells get.
@@ -66,9 +62,9 @@ pub(crate) fn at_level(bounds: &Bounds, shift: u8) -> Bounds {
 }
 
 /// The samples of a window.
-pub(crate) fn window(tree: &Dataset, window: &Window) -> Result<Found> {
-    let bounds = window.part.one_box(tree)?;
-    let level = window.detail.level(tree, &bounds)?;
+pub(crate) fn window(tree: &Dataset, (part, detail): (&Part, &Detail), window: &Window) -> Result<Found> {
+    let bounds = part.one_box(tree)?;
+    let level = detail.level(tree, &bounds)?;
     samples(tree, &bounds, level, window.channels.as_deref(), window.fill)
 }
 
@@ -83,15 +79,8 @@ pub(crate) fn samples(
     let (header, metadata) = (tree.header(), tree.metadata());
     let (value, axes, shift) = (header.form.value, header.form.axes(), tree.depth() - level);
     let cells = at_level(bounds, shift);
-    let needed = cells.volume().saturating_mul(header.form.width() as u64 + 1);
-    if needed > MOST_BYTES {
-        return Err(too_large(tree.name(), "the window", needed, MOST_BYTES));
-    }
     let none = if value.sample.is_float() { Number::NAN } else { Number::default() };
-    let fill = fill.or(metadata.nodata).unwrap_or(none);
-    let mut bytes = vec![0; cells.volume() as usize * header.form.width()];
-    let mut valid = vec![false; cells.volume() as usize];
-    tree.window(level, &cells, fill, &mut bytes, Some(&mut valid))?;
+    let (bytes, valid) = read(tree, level, &cells, fill.or(metadata.nodata).unwrap_or(none))?;
     let width = header.form.width();
     let size = value.sample.size();
     let count = usize::from(value.channels);
@@ -129,6 +118,22 @@ pub(crate) fn samples(
         "hasMask": has_void,
     });
     Ok(Found { json, buffers: vec![bytes, mask] })
+}
+
+/// The values of a box of a level's cells, and whether each has one.
+///
+/// # Errors
+/// If there are too many, or the file is damaged.
+pub(crate) fn read(tree: &Dataset, level: u8, cells: &Bounds, fill: Number) -> Result<(Vec<u8>, Vec<bool>)> {
+    let width = tree.header().form.width();
+    let needed = cells.volume().saturating_mul(width as u64 + 1);
+    if needed > MOST_BYTES {
+        return Err(too_large(tree.name(), "the window", needed, MOST_BYTES));
+    }
+    let mut bytes = vec![0; cells.volume() as usize * width];
+    let mut valid = vec![false; cells.volume() as usize];
+    tree.window(level, cells, fill, &mut bytes, Some(&mut valid))?;
+    Ok((bytes, valid))
 }
 
 /// Some channels of values of so many bytes, with samples of so many.

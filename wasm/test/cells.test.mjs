@@ -6,7 +6,7 @@ import { basename, join } from "node:path";
 import test from "node:test";
 
 import { open } from "../dist/index.js";
-import { bytesOf, files, folder, layersOf, random, root, same, spinney, told, toldLines } from "./helpers.mjs";
+import { bytesOf, files, folder, layersOf, near, random, root, same, spinney, told, toldLines } from "./helpers.mjs";
 
 const { cells } = files();
 const work = folder();
@@ -124,21 +124,23 @@ test("statistics of polygons are those of the program", async () => {
     const { crs, dimension } = dataset.header;
     if (crs?.epsg !== 32628 || dimension !== 2) return;
     count += 1;
+    // (Squares of integers of 64 bits are more than doubles hold.)
+    const loose = ["u64", "i64"].includes(dataset.header.sampleType) ? ["standard_deviation"] : [];
     for (const edge of ["area", "centre", "touch"]) {
-      const list = ["stats", "--threads", 1, "--json", path, "--zones", districts, "--edge", edge];
-      same(await dataset.zonal(zones, { edge }), told(...list), `${path}, ${edge}`);
+      const list = ["stats", "--json", path, "--zones", districts, "--edge", edge];
+      near(await dataset.zonal(zones, { edge }), told(...list), `${path}, ${edge}`, loose);
     }
     const more = { measures: ["majority", "median"], quantiles: [0.1, 0.9] };
-    const list = ["stats", "--threads", 1, "--json", path, "--zones", districts, "--edge", "area", "--measure", "majority,median", "--quantiles", "0.1,0.9"];
-    same(await dataset.zonal(zones, more), told(...list), path);
+    const list = ["stats", "--json", path, "--zones", districts, "--edge", "area", "--measure", "majority,median", "--quantiles", "0.1,0.9"];
+    near(await dataset.zonal(zones, more), told(...list), path, loose);
     const [first] = (await dataset.zonal(zones)).zones;
     const { id, ...alone } = await dataset.stats({ geometry: zones.features[0].geometry, crs: "EPSG:32628" });
     assert.equal(alone.cells, first.cells);
   });
   assert.ok(count >= 4, "files are asked");
   const stack = await open(join(root, "fixtures/v1/stack.goblin"));
-  const list = ["stats", "--threads", 1, "--json", join(root, "fixtures/v1/stack.goblin"), "--zones", districts, "--edge", "area"];
-  same(await stack.zonal(zones, { layers: layersOf(stack.header) }), told(...list));
+  const list = ["stats", "--json", join(root, "fixtures/v1/stack.goblin"), "--zones", districts, "--edge", "area"];
+  near(await stack.zonal(zones, { layers: layersOf(stack.header) }), told(...list), "stack", ["standard_deviation"]);
 });
 
 test("searches find the program's blocks", async () => {
@@ -192,10 +194,11 @@ test("what makes no sense is an error with a kind", async () => {
   await fails(map.zonal("{"), "invalid", /GeoJSON/i);
   await fails(map.find({}), "invalid", /above, below or equal/);
   await fails(map.slice({ axis: "z", index: 0 }), "unsupported", /octree/);
-  await fails(map.commits(), "corrupt", /Goblin|Autumnal/);
+  await fails(map.commits(), "unsupported", /without commits/);
   await fails(map.openLayer("nothing"), "invalid", /layer/);
   await fails(open(join(root, "fixtures/v1/classes.goblin"), { layer: "nothing" }), "invalid", /layer/);
-  await fails(open(join(root, "README.md")), "no-tree", /./);
+  await fails(open(join(root, "README.md")), "corrupt", /first bytes of a tree/);
+  await fails(open(join(root, "fixtures/island_classes.tif")), "no-tree", /TIFF/i);
   await fails(open(join(root, "nowhere.goblin")), "io", /cannot open/);
   await assert.rejects(open(12), TypeError);
   map.close();

@@ -71,6 +71,23 @@ export function same(found, expected, message) {
   assert.deepEqual(plain(found), plain(expected), message);
 }
 
+/** Whether two answers are the same but for the last digits of what was added up in another order; `loose` are members that may differ more. */
+export function near(found, expected, message, loose = []) {
+  const [a, b] = [plain(found), plain(expected)];
+  const compare = (a, b, path) => {
+    if (typeof a === "number" && typeof b === "number") {
+      const most = (loose.includes(path.at(-1)) ? 0.1 : 1e-9) * Math.max(Math.abs(a), Math.abs(b), 1e-3);
+      if (!(Math.abs(a - b) <= most)) assert.fail(`${message}: ${path.join(".")} is ${a}, not ${b}`);
+    } else if (a && b && typeof a === "object" && typeof b === "object") {
+      assert.deepEqual(Object.keys(a), Object.keys(b).filter((name) => b[name] !== undefined), `${message}: ${path.join(".")}`);
+      for (const name of Object.keys(a)) compare(a[name], b[name], [...path, name]);
+    } else {
+      assert.deepEqual(a, b, `${message}: ${path.join(".")}`);
+    }
+  };
+  compare(a, b, []);
+}
+
 function plain(value) {
   if (typeof value === "bigint") return value >= -(2n ** 53n) && value <= 2n ** 53n ? Number(value) : String(value);
   if (Array.isArray(value)) return value.map(plain);

@@ -52,7 +52,10 @@ test("a commit that is made meanwhile is there after refresh", async () => {
   const file = await open(path);
   const before = file.header.commit.number;
   assert.equal(await file.refresh(), false);
+  const fresh = await open(path);
+  const expected = await file.stats();
   spinney("edit", "-q", path, "fill", "--window", "3,3,20,20", "--value", "3", "-m", "more");
+  same(await fresh.stats(), expected, "readers keep their commit");
   assert.equal(await file.refresh(), true);
   assert.ok(file.header.commit.number > before);
   assert.equal((await file.commits())[0].message, "more");

@@ -30,7 +30,7 @@ async function serve(bytes, how = {}) {
         response.writeHead(416, headers).end();
         return;
       }
-      response.writeHead(206, { ...headers, "Content-Range": `bytes ${start}-${end - 1}/${length}`, "Content-Length": end - start });
+      response.writeHead(206, { ...headers, ...(state.hidesRange ? {} : { "Content-Range": `bytes ${start}-${end - 1}/${length}` }), "Content-Length": end - start });
       response.end(state.bytes.subarray(start, end));
       return;
     }
@@ -88,6 +88,13 @@ test("a host without ranges is told of, and small files are read whole", async (
   }
 });
 
+test("a host that hides the range is asked for the length", async () => {
+  const { url } = await serve(map, { hidesRange: true });
+  const found = await open(url);
+  assert.deepEqual(found.warnings, []);
+  same(await found.stats(), await (await open(map)).stats());
+});
+
 test("large files of such hosts are refused", async () => {
   const huge = { length: 65 * 2 ** 20 };
   const { url } = await serve(map, {
@@ -140,6 +147,16 @@ test("a file that changes in between is an error that says so, and refresh opens
     change(state);
     await assert.rejects(found.window(), { code: "changed", message: pattern });
   }
+});
+
+test("commits that are appended meanwhile leave readers alone", async () => {
+  const bytes = bytesOf(join(made, "island_elevation.autumn"));
+  const { url, state } = await serve(bytes);
+  const found = await open(url);
+  state.bytes = Buffer.concat([bytes, Buffer.alloc(4096)]);
+  state.etag = '"2"';
+  same(await found.stats(), await (await open(bytes)).stats());
+  same(await found.window(), await (await open(bytes)).window());
 });
 
 test("hosts that are busy are asked again; others are errors", async () => {

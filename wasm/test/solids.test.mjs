@@ -7,6 +7,7 @@ import test from "node:test";
 
 import { open } from "../dist/index.js";
 import { bytesOf, files, folder, random, same, spinney, told } from "./helpers.mjs";
+import { alike, readPng } from "./png.mjs";
 
 const { cells, models } = files();
 const work = folder();
@@ -43,6 +44,9 @@ for (const path of cells) {
         spinney("get", "-q", path, raw, "--slice", `${name}=${index}`, "--level", level);
         assert.equal(Buffer.from(found.data.buffer).compare(Buffer.from(bytesOf(raw))), 0, `${name}=${index}, level ${level}`);
         assert.equal(found.data.length, found.width * found.height * found.channels);
+        const png = join(work, "slice.png");
+        spinney("get", "-q", path, png, "--slice", `${name}=${index}`, "--level", level, "--style", "viridis");
+        alike(await solid.slice({ axis: name, index, level, style: "viridis" }), readPng(png), `${name}=${index}, level ${level}`);
       }
     }
     const [low, high] = [header.bounds.slice(0, 3), header.bounds.slice(3)];
@@ -116,7 +120,9 @@ for (const path of models) {
     assert.ok(objects.every((object) => object < names.length || names.length === 0));
     const at = (corner) => [0, 1, 2].map((axis) => positions[3 * corner + axis]);
     const volume = volumeOf(at, Array.from({ length: triangles }, (_, number) => [3 * number, 3 * number + 1, 3 * number + 2]));
-    assert.ok(Math.abs(volume - expected.volume) <= 1e-5 * expected.volume, `${volume}, ${expected.volume}; ${origin}`);
+    // (For faces with corners beside the grid stand others.)
+    const most = info.exact_faces > 0 ? 1e-2 : 1e-5;
+    assert.ok(Math.abs(volume - expected.volume) <= most * expected.volume, `${volume}, ${expected.volume}; ${origin}`);
     await assert.rejects(model.ask("window", {}), { code: "unsupported", message: /exact model/ });
     await assert.rejects(model.section({ at: 3 }), { code: "invalid" });
   });

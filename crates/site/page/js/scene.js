@@ -114,6 +114,10 @@ export class Scene {
     this.renderer.setSize(clientWidth, clientHeight, false);
     this.renderer.domElement.style.cssText = "width: 100%; height: 100%";
     this.camera.aspect = clientWidth / Math.max(clientHeight, 1);
+    // (What the panel covers is not the middle of the picture.)
+    const { right, width } = element("panel").getBoundingClientRect();
+    if (width < clientWidth / 2) this.camera.setViewOffset(clientWidth, clientHeight, -right / 2, 0, clientWidth, clientHeight);
+    else this.camera.clearViewOffset();
     this.camera.updateProjectionMatrix();
     this.draw();
   }

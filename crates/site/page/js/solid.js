@@ -134,7 +134,7 @@ export async function showSolid({ dataset, place, assetUrl }) {
     // (Frames of solids are along the axes: the place is a cell's number along the axis.)
     const point = new three.Vector3().copy(origin).setComponent(number, at + origin.getComponent(number)).applyMatrix4(toCells);
     const cell = Math.min(Math.max(Math.floor(point.getComponent(number)), 0), header.size[number] - 1);
-    const image = await dataset.sliceImage({ axis, index: cell, size: 512, signal, progress: working });
+    const image = await dataset.slice({ axis, index: cell, size: 512, style: "default", signal, progress: working });
     const { cells } = image;
     const [u, v] = [0, 1, 2].filter((other) => other !== number);
     // (Cells of the picture: the first ones, and those behind the last.)
@@ -144,9 +144,11 @@ export async function showSolid({ dataset, place, assetUrl }) {
     };
     const geometry = new three.BufferGeometry();
     geometry.setAttribute("position", new three.Float32BufferAttribute([corner(cells[u], cells[v]), corner(cells[3 + u], cells[v]), corner(cells[3 + u], cells[3 + v]), corner(cells[u], cells[3 + v])].flat(), 3));
-    geometry.setAttribute("uv", new three.Float32BufferAttribute([0, 1, 1, 1, 1, 0, 0, 0], 2));
+    geometry.setAttribute("uv", new three.Float32BufferAttribute([0, 0, 1, 0, 1, 1, 0, 1], 2));
     geometry.setIndex([0, 1, 2, 0, 2, 3]);
-    const texture = new three.DataTexture(flipped(image), image.width, image.height);
+    // (Rows of textures go up. Pictures across z have the lowest row first, too; others are upright as people see them.)
+    const pixels = axis === "z" ? new Uint8Array(image.data.buffer) : flipped(image);
+    const texture = new three.DataTexture(pixels, image.width, image.height);
     texture.colorSpace = three.SRGBColorSpace;
     texture.needsUpdate = true;
     quad?.geometry.dispose();
@@ -154,8 +156,8 @@ export async function showSolid({ dataset, place, assetUrl }) {
     quad?.removeFromParent();
     quad = new three.Mesh(geometry, new three.MeshBasicMaterial({ map: texture, transparent: true, alphaTest: 0.02, side: three.DoubleSide }));
     quad.userData.isSeen = ({ uv }) => {
-      const [column, row] = [uv.x * image.width, (1 - uv.y) * image.height].map(Math.floor);
-      return image.data[4 * (row * image.width + column) + 3] > 0;
+      const [column, row] = [uv.x * image.width, uv.y * image.height].map(Math.floor);
+      return pixels[4 * (row * image.width + column) + 3] > 0;
     };
     view.scene.add(quad);
     view.draw();

@@ -1,0 +1,78 @@
+// Windows in the JavaScript package, beside geotiff.js, both with the file in memory:
+//
+//     npm install geotiff        (somewhere; NODE_PATH or the third argument says where)
+//     node benches/peers/browser.mjs TREE.goblin COG.tif [FOLDER/node_modules/geotiff]
+//
+// 1,000 windows of 256 x 256 cells at random places of random levels, the same for both, aligned to nothing; and what the module weighs.
+// The COG may be the one that `spinney export TREE.goblin COG.tif --tile-size 256` writes.
+
+import { readFileSync } from "node:fs";
+import { fileURLToPath, pathToFileURL } from "node:url";
+import { gzipSync } from "node:zlib";
+
+import { open } from "../../wasm/dist/index.js";
+
+const [tree, cog, peer] = process.argv.slice(2);
+const SIDE = 256;
+const COUNT = 1000;
+
+const module = readFileSync(fileURLToPath(new URL("../../wasm/dist/module_bg.wasm", import.meta.url)));
+console.log(`module: ${module.length} bytes, gzip ${gzipSync(module, { level: 9 }).length}`);
+
+let state = 3;
+const random = () => {
+  state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
+  return state / 2 ** 32;
+};
+
+const file = readFileSync(tree);
+const map = await open(file);
+const { size, depth } = map.header;
+const windows = [];
+while (windows.length < COUNT) {
+  const up = Math.floor(random() * 6);
+  const [width, height] = size.map((cells) => Math.floor(cells / 2 ** up));
+  if (width <= SIDE || height <= SIDE) continue;
+  windows.push({ up, x: Math.floor(random() * (width - SIDE)), y: Math.floor(random() * (height - SIDE)) });
+}
+
+async function time(name, work) {
+  await work(windows.slice(0, 50));
+  const start = performance.now();
+  const sum = await work(windows);
+  const seconds = (performance.now() - start) / 1000;
+  console.log(`${name}: ${seconds.toFixed(3)} s (sum of samples ${sum})`);
+  return seconds;
+}
+
+// (Some samples, to see that they are the same: going through all takes longer than reading them.)
+const add = (sum, data) => {
+  for (let at = 0; at < data.length; at += 97) sum += data[at];
+  return sum;
+};
+
+const own = await time("spinney", async (list) => {
+  let sum = 0;
+  for (const { up, x, y } of list) {
+    const { data } = await map.window({ level: depth - up, cells: [x, y, x + SIDE, y + SIDE].map((cell) => cell * 2 ** up) });
+    sum = add(sum, data);
+  }
+  return sum;
+});
+
+if (cog) {
+  const { fromArrayBuffer } = await import(peer ? pathToFileURL(`${peer}/dist-module/geotiff.js`).href : "geotiff");
+  const bytes = readFileSync(cog);
+  const tiff = await fromArrayBuffer(bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length));
+  const images = [];
+  for (let number = 0; number < (await tiff.getImageCount()); number += 1) images.push(await tiff.getImage(number));
+  const other = await time("geotiff.js", async (list) => {
+    let sum = 0;
+    for (const { up, x, y } of list) {
+      const [data] = await images[up].readRasters({ window: [x, y, x + SIDE, y + SIDE] });
+      sum = add(sum, data);
+    }
+    return sum;
+  });
+  console.log(`geotiff.js takes ${(other / own).toFixed(1)} times as long`);
+}

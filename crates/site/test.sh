@@ -1,0 +1,27 @@
+#!/usr/bin/env bash
+# Tests the page in headless Chromium, which it installs where it can (as root, by apt-get; playwright-core drives it):
+#
+#     crates/site/test.sh
+#
+# The program must be there as target/debug/spinney (or where SPINNEY points), and so must the package, as `wasm/build.sh` makes it.
+set -euo pipefail
+cd "$(dirname "$0")"
+skip() {
+    echo "skipped: tests of the page: $*"
+    exit 0
+}
+command -v npm > /dev/null || skip 'there is no npm'
+[ -f ../../wasm/dist/module_bg.wasm ] || ../../wasm/build.sh
+export CHROMIUM=${CHROMIUM:-$(command -v chromium || command -v chromium-browser || command -v google-chrome || true)}
+if [ -z "$CHROMIUM" ] && [ "$(id -u)" = 0 ] && command -v apt-get > /dev/null; then
+    { apt-get -qq update && DEBIAN_FRONTEND=noninteractive apt-get -qq install --no-install-recommends chromium; } > /dev/null 2>&1 || true
+    CHROMIUM=$(command -v chromium || true)
+fi
+[ -n "$CHROMIUM" ] || skip 'there is no Chromium'
+# (Modules are looked for above the tests: so these are beside what drives the browser.)
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cp test/*.mjs "$work"
+npm install --silent --no-audit --no-fund --prefix "$work" playwright-core@1.64.1
+export SPINNEY_ROOT=$PWD/../..
+node --test --test-reporter=spec "$work"/page.test.mjs
