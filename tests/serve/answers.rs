@@ -213,6 +213,12 @@ fn zones_are_those_of_the_program() {
         assert_eq!(answer.header("content-type"), Some("application/json"));
         assert_eq!(String::from_utf8(answer.good()).unwrap(), expected, "{file} {query}");
     }
+    // Corners may be as far away as numbers go.
+    let far = br#"{"type":"Polygon","coordinates":[[[0,0],[1e308,1e308],[-1e308,1e308],[0,0]]]}"#;
+    for edge in ["centre", "touch", "area"] {
+        let answer = server.post(&format!("/zonal/history?edge={edge}&crs=cells"), far);
+        assert!(answer.status < 500, "{answer:?}");
+    }
     let point = br#"{"type":"Point","coordinates":[1,2]}"#;
     for (query, body, what) in [
         ("", &b""[..], ""),

@@ -39,7 +39,7 @@ pub(crate) struct FileAnswer {
 pub(crate) fn answer(path: &Path, method: &Method, headers: &HeaderMap) -> Result<FileAnswer, Failure> {
     for _ in 0..TIMES {
         let file = File::open(path).map_err(Error::io(path, "open"))?;
-        let version = FileVersion::settled(path, || file.metadata())?;
+        let (version, _) = FileVersion::settled(path, || file.metadata())?;
         let (status, part) = wanted(&version, method, headers)?;
         let mut start = Vec::new();
         if *method == Method::GET && !status.is_redirection() {

@@ -33,6 +33,14 @@ impl OpenTree {
         Ok(OpenTree { version, first, names, layers: OnceLock::new(), drawn: Mutex::default() })
     }
 
+    /// Makes sure that what was read is all of this state: asked once behind an answer.
+    ///
+    /// # Errors
+    /// If the file was overwritten in its place.
+    pub(crate) fn check_unchanged(&self) -> Result<()> {
+        self.first.check_unchanged()
+    }
+
     /// All layers.
     fn all(&self) -> Result<&[Arc<Dataset>]> {
         if let Some(layers) = self.layers.get() {
@@ -137,8 +145,8 @@ impl OpenTrees {
         let key = (path.to_path_buf(), commit);
         let place = FilePlace { file: path.into(), commit, layer: None }.of_commit();
         for _ in 0..TIMES {
-            let version = match FileVersion::settled(path, look) {
-                Ok(version) => version,
+            let (version, is_settled) = match FileVersion::settled(path, look) {
+                Ok(found) => found,
                 Err(error) => {
                     self.trees().remove(&key);
                     return Err(error);
@@ -153,12 +161,17 @@ impl OpenTrees {
             }
             let opened = OpenTree::open(&place, version);
             // What was opened may be another file than that which was looked at.
-            let there = look().map_err(Error::io(path, "look at"))?;
-            if FileVersion::of(&there, path)? != version {
+            if FileVersion::at(path)? != version {
                 continue;
             }
             let tree = Arc::new(opened?);
+            if !is_settled {
+                return Ok(tree);
+            }
             let mut trees = self.trees();
+            // (Opening is the time to close what is not asked for any more: files that were replaced or removed.)
+            trees
+                .retain(|(path, _), tree| FileVersion::at(path).is_ok_and(|version| version == tree.version));
             if trees.len() >= MOST && !trees.contains_key(&key) {
                 // (Any other: who has it keeps it, and it is opened again when it is asked for.)
                 let other = trees.keys().next().cloned();

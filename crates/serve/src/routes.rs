@@ -69,7 +69,9 @@ impl App {
             if head.method != Method::POST && has_tag(&head.headers, header::IF_NONE_MATCH, &tag, true) {
                 return Ok(Answer::not_modified(tag));
             }
-            answer(&app, &tree, &asked, tag, watch)
+            let made = answer(&app, &tree, &asked, tag, watch)?;
+            tree.check_unchanged()?;
+            Ok(made)
         });
         made.await.map_err(|failure| failure.without(self.catalog.folder()))
     }

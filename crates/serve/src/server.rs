@@ -25,6 +25,7 @@ use crate::routes::{App, routes};
 /// A server of files and answers, which listens and does not answer yet.
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::serve::{ServeOptions, Server};
 ///
 /// let mut options = ServeOptions::default();

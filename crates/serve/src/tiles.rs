@@ -93,7 +93,9 @@ pub(crate) fn answer(
     let painter = drawn.painter(style.as_ref(), progress)?;
     let void =
         if format.is_array() { void_number(&drawn.tree)?.unwrap_or_default() } else { Default::default() };
-    let encoding = TileEncoding { format, ..TileEncoding::default() };
+    // (A tile that is made for one request is packed as fast as can be; colours are so anyway.)
+    let png_effort = painter.palette().is_some().then_some(1);
+    let encoding = TileEncoding { format, png_effort, ..TileEncoding::default() };
     let content_type = match format {
         TileFormat::Png => "image/png",
         TileFormat::Webp => "image/webp",

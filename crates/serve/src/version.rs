@@ -35,22 +35,36 @@ impl FileVersion {
         Ok(FileVersion { id, length: metadata.len(), modified })
     }
 
-    /// The state of a path's file, which the system tells of by `look`; waits while it may change without being seen to.
+    /// The present state of a path's file, which may change without being seen to.
     ///
     /// # Errors
     /// If there is no file, or the system cannot tell.
-    pub(crate) fn settled(path: &Path, look: impl Fn() -> std::io::Result<Metadata>) -> Result<FileVersion> {
+    pub(crate) fn at(path: &Path) -> Result<FileVersion> {
+        let metadata = std::fs::metadata(path).map_err(Error::io(path, "look at"))?;
+        FileVersion::of(&metadata, path)
+    }
+
+    /// The state of a path's file, which the system tells of by `look`; waits while it may change without being seen to. Whether that is over is told,
+    /// too: it is not where somebody writes all the time.
+    ///
+    /// # Errors
+    /// If there is no file, or the system cannot tell.
+    pub(crate) fn settled(
+        path: &Path,
+        look: impl Fn() -> std::io::Result<Metadata>,
+    ) -> Result<(FileVersion, bool)> {
         let now = || FileVersion::of(&look().map_err(Error::io(path, "look at"))?, path);
-        // (Whoever writes all the time is not waited for.)
         const TIMES: usize = 5;
         let mut version = now()?;
         for _ in 0..TIMES {
             let age = SystemTime::now().duration_since(version.modified).unwrap_or(STEP);
-            let Some(left) = STEP.checked_sub(age).filter(|left| !left.is_zero()) else { break };
+            let Some(left) = STEP.checked_sub(age).filter(|left| !left.is_zero()) else {
+                return Ok((version, true));
+            };
             std::thread::sleep(left);
             version = now()?;
         }
-        Ok(version)
+        Ok((version, false))
     }
 
     /// A strong entity tag of what a version of this program makes of the file for a question.

@@ -45,7 +45,7 @@ impl Polygon {
     /// Edges beside the box are looked at once for all rows of a band, not for each row.
     pub fn spans(&self, bounds: &Bounds, work: &mut Crossings, each: &mut dyn FnMut(u64, Range<u64>)) {
         let columns = bounds.min[0]..bounds.max[0];
-        let last = bounds.max[1].min(self.high.max(0.0) as u64 + 1);
+        let last = bounds.max[1].min((self.high.max(0.0) as u64).saturating_add(1));
         let mut row = bounds.min[1].max(self.low.max(0.0) as u64);
         // The first column whose centre is not left of a crossing. (What is negative, or too large, becomes the nearest number.)
         let column = |at: f64| {
