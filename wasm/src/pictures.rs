@@ -137,13 +137,13 @@ fn picture_json(tree: &Dataset, [width, height]: [usize; 2], level: u8, cells: &
         (covered.min[2], covered.max[2]) = (0, 1);
     }
     let [low, high] = tree.metadata().frame.world_box(&covered);
-    let covered = [&covered.min[..axes], &covered.max[..axes]].concat();
+    let cells = [&covered.min[..axes], &covered.max[..axes]].concat();
     let bounds = [&low[..axes], &high[..axes]].concat();
     json!({
         "width": width,
         "height": height,
         "level": level,
-        "cells": covered,
+        "cells": cells,
         "bounds": bounds,
     })
 }
