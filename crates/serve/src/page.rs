@@ -27,6 +27,7 @@ pub(crate) fn index(files: &[Listed]) -> String {
         name: file.clone(),
         title: name.clone(),
         url: utf8_percent_encode(file, ESCAPED).to_string(),
+        size: None,
         start: PageStart::default(),
     };
     let configuration = || PageConfiguration {
