@@ -40,7 +40,7 @@ pub(crate) fn write_page(
     self_contained: bool,
     terms: Terms,
 ) -> PyResult<u64> {
-    check_output(&[file.clone()], &path)?;
+    check_output(std::slice::from_ref(&file), &path)?;
     let files = vec![PageFile { path: file, start: start.page_start()? }];
     let request = PageRequest { title, files, is_self_contained: self_contained };
     let made: PageSummary = jobs::run(py, terms, |work| export_page(&request, &path, work))?;

@@ -26,10 +26,6 @@ impl Connection {
         Connection { address: address.into(), reader: BufReader::new(stream) }
     }
 
-    pub(crate) fn stream(&self) -> &TcpStream {
-        self.reader.get_ref()
-    }
-
     /// Sends bytes as they are.
     pub(crate) fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.reader.get_mut().write_all(bytes)
