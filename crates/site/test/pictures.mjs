@@ -25,7 +25,7 @@ async function take(name, work) {
   await page.goto(`${server.url}index.html`);
   await page.waitForSelector("html[data-ready]");
   // (There is less room than on anybody's screen.)
-  await page.addStyleTag({ content: "#open, #tools { display: none } #panel { width: 250px; font-size: 12px; max-height: 96% } #answer { max-height: none } .classes button { min-height: 20px } footer { display: none !important }" });
+  await page.addStyleTag({ content: "#open { display: none } #panel { width: 250px; font-size: 12px; max-height: 96% } #answer { max-height: none } .classes button { min-height: 20px } footer { display: none !important }" });
   await page.waitForTimeout(1000);
   await work(page);
   await page.waitForTimeout(1500);
@@ -38,6 +38,7 @@ await take("page_map", async (page) => {
   await page.click("text=Draw a polygon");
   for (const [x, y] of [[420, 130], [600, 170], [560, 330], [450, 300]]) await page.mouse.click(x, y);
   await page.click("text=Finish");
+  await page.addStyleTag({ content: "#tools { display: none }" });
 });
 const cut = (axis, at) => async (page) => {
   await page.selectOption("label:has-text('Section') select", axis);
