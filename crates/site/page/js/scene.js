@@ -126,7 +126,7 @@ export class Scene {
   draw() {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = undefined;
-      this.renderer.setClearColor(colour("--ground") || "#fff");
+      this.renderer.setClearColor(colour("--ground"));
       this.renderer.render(this.scene, this.camera);
     });
   }
