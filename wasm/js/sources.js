@@ -8,6 +8,8 @@ import { each, join } from "./ranges.js";
 const PARALLEL = 8;
 /** Bytes of a file that is read whole where its host does not serve ranges. */
 const MOST_WHOLE = 64 * 2 ** 20;
+/** Bytes of a file that is read whole at once: what a few ranges of it would have. */
+const SMALL = 2 ** 20;
 /** Bytes of the beginning and of the end that are fetched when a file is opened. */
 const FIRST = 4096;
 const LAST = 65536;
@@ -73,7 +75,8 @@ class Source {
   /** Gets a range; tells whether it was not under way already. It goes on as long as somebody waits for it. */
   async #once(start, end, signal) {
     const key = `${this.instance}:${start}:${end}`;
-    const known = this.#underWay.get(key);
+    const covers = (job) => job.instance === this.instance && job.start <= start && end <= job.end;
+    const known = [...this.#underWay.values()].find(covers);
     const job = known ?? this.#start(key, start, end);
     job.waiting += 1;
     let stop;
@@ -87,7 +90,7 @@ class Source {
       signal?.removeEventListener("abort", stop);
       job.waiting -= 1;
       if (job.waiting === 0) {
-        this.#forget(key, job);
+        this.#forget(job);
         job.control.abort();
       }
     }
@@ -95,15 +98,15 @@ class Source {
   }
 
   #start(key, start, end) {
-    const job = { control: new AbortController(), waiting: 0 };
-    job.done = this.#get(start, end, job.control.signal).finally(() => this.#forget(key, job));
+    const job = { key, start, end, instance: this.instance, control: new AbortController(), waiting: 0 };
+    job.done = this.#get(start, end, job.control.signal).finally(() => this.#forget(job));
     job.done.catch(() => {});
     this.#underWay.set(key, job);
     return job;
   }
 
-  #forget(key, job) {
-    if (this.#underWay.get(key) === job) this.#underWay.delete(key);
+  #forget(job) {
+    if (this.#underWay.get(job.key) === job) this.#underWay.delete(job.key);
   }
 
   async #get(start, end, signal) {
@@ -308,7 +311,8 @@ class HttpSource extends Source {
   async start(signal) {
     // (A suffix needs no length, but asks other hosts for permission first.)
     const isNear = typeof location === "undefined" || new URL(this.url).origin === location.origin;
-    const wantsTail = isNear && !new URL(this.url).pathname.endsWith(".autumn");
+    const isGrowing = new URL(this.url).pathname.endsWith(".autumn");
+    const wantsTail = isNear && !isGrowing;
     const later = new AbortController();
     const tail = wantsTail ? this.request(`bytes=-${LAST}`, any(signal, later.signal)) : undefined;
     tail?.catch(() => {});
@@ -331,6 +335,15 @@ class HttpSource extends Source {
       }
       this.state = stateOf(response);
       this.add(place.length);
+      if (place.length <= SMALL && !isGrowing) {
+        later.abort();
+        const rest = await this.read(first.length, place.length, signal);
+        const all = new Uint8Array(place.length);
+        all.set(first);
+        all.set(rest, first.length);
+        this.supply(0, all);
+        return;
+      }
       this.supply(0, first);
       if (tail) await this.startTail(await tail, place.length);
     } catch (error) {

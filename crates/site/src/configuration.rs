@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::asset::needed_text;
+use super::asset::{PACKAGE, names, needed_text};
 use spinney_base::Result;
 
 /// A file that the page shows.
@@ -62,6 +62,9 @@ impl PageConfiguration {
     }
 }
 
+/// Modules that not every page needs, or a worker alone.
+const LATER: [&str; 5] = ["js/map.js", "js/model.js", "js/scene.js", "js/solid.js", "spinney/worker.js"];
+
 /// The page's HTML, for one whose files are beside it.
 ///
 /// # Errors
@@ -70,8 +73,16 @@ pub fn index(configuration: &PageConfiguration) -> Result<String> {
     let assets = &configuration.assets;
     let styles = ["page.css", "vendor/maplibre-gl.css"]
         .map(|name| format!("<link rel=\"stylesheet\" href=\"{}\">", escaped(&format!("{assets}{name}"))));
-    let program =
-        format!("<script type=\"module\" src=\"{}\"></script>", escaped(&format!("{assets}js/main.js")));
+    // (So that modules do not wait for those that name them.)
+    let modules = names().into_iter().filter(|name| name.starts_with("js/") || name.starts_with(PACKAGE));
+    let modules = modules.filter(|name| name.ends_with(".js") && !LATER.contains(&name.as_str()));
+    let early: String = modules
+        .map(|name| {
+            format!("<link rel=\"modulepreload\" href=\"{}\">\n", escaped(&format!("{assets}{name}")))
+        })
+        .collect();
+    let program = early
+        + &format!("<script type=\"module\" src=\"{}\"></script>", escaped(&format!("{assets}js/main.js")));
     page_of(configuration, &styles.join("\n"), &program)
 }
 

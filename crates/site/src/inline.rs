@@ -22,15 +22,18 @@ fn module_url(text: &str) -> String {
 
 /// Gives each module that a text imports from its own folder another name.
 fn renamed(text: &str, name: &mut dyn FnMut(&str) -> Result<String>) -> Result<String> {
-    const MARK: &str = "from \"./";
-    let mut made = String::new();
-    let mut rest = text;
-    while let Some((before, behind)) = rest.split_once(MARK) {
-        let (module, after) = behind.split_once('"').unwrap_or((behind, ""));
-        made = made + before + "from \"" + &name(module)? + "\"";
-        rest = after;
+    let mut made = text.to_owned();
+    for mark in ["from \"", "import(\""] {
+        let whole = std::mem::take(&mut made);
+        let own = format!("{mark}./");
+        let mut parts = whole.split(&own);
+        made += parts.next().unwrap_or_default();
+        for part in parts {
+            let (module, after) = part.split_once('"').unwrap_or((part, ""));
+            made = made + mark + &name(module)? + "\"" + after;
+        }
     }
-    Ok(made + rest)
+    Ok(made)
 }
 
 /// The address of a module with all that it imports inside.
@@ -93,11 +96,11 @@ mod tests {
 
     #[test]
     fn imports_get_other_names() {
-        let text = "import { a } from \"./a.js\";\nexport { b } from \"./b.js\";\nconst c = \"./c.js\";\n";
+        let text =
+            "import { a } from \"./a.js\";\nconst b = await import(\"./b.js\");\nconst c = \"./c.js\";\n";
         let made = renamed(text, &mut |name| Ok(format!("x/{name}"))).unwrap();
-        assert_eq!(
-            made,
-            "import { a } from \"x/a.js\";\nexport { b } from \"x/b.js\";\nconst c = \"./c.js\";\n"
-        );
+        let expected =
+            "import { a } from \"x/a.js\";\nconst b = await import(\"x/b.js\");\nconst c = \"./c.js\";\n";
+        assert_eq!(made, expected);
     }
 }

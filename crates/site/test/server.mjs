@@ -1,13 +1,30 @@
 // A static host for tests: files of a folder with ranges, as any host of files gives them, and the faults of some hosts.
 
-import { createReadStream, statSync } from "node:fs";
+import { closeSync, openSync, readFileSync, readSync, statSync } from "node:fs";
 import { createServer } from "node:http";
 import { extname, join, normalize } from "node:path";
+import { gzipSync } from "node:zlib";
 
 const TYPES = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".wasm": "application/wasm", ".txt": "text/plain" };
 
-/** Serves a folder; `hasRanges` says whether ranges are answered, `delay` how many milliseconds each answer takes. */
-export async function serve(folder, { hasRanges = true, delay = 0 } = {}) {
+/** A part of a file. */
+function part(file, start, end) {
+  const bytes = Buffer.alloc(end - start + 1);
+  const handle = openSync(file, "r");
+  readSync(handle, bytes, 0, bytes.length, start);
+  closeSync(handle);
+  return bytes;
+}
+
+/**
+ * Serves a folder; `hasRanges` says whether ranges are answered, `delay` how many milliseconds each answer takes, `bytesPerSecond` how fast all of them come
+ * together, and `packs` whether texts and modules are compressed.
+ */
+export async function serve(folder, { hasRanges = true, delay = 0, bytesPerSecond = Infinity, packs = false } = {}) {
+  // (When the line is free.)
+  let free = 0;
+  const packed = new Map();
+  const packOnce = (file) => packed.get(file) ?? packed.set(file, gzipSync(readFileSync(file))).get(file);
   const asked = [];
   const server = createServer(async (request, response) => {
     const path = normalize(decodeURIComponent(new URL(request.url, "http://host").pathname));
@@ -20,17 +37,22 @@ export async function serve(folder, { hasRanges = true, delay = 0 } = {}) {
       response.writeHead(404).end();
       return;
     }
-    const headers = { "content-type": TYPES[extname(file)] ?? "application/octet-stream", etag: `"${size}"` };
     const range = hasRanges && /^bytes=(\d*)-(\d*)$/.exec(request.headers.range ?? "");
-    const last = range && range[1] !== "" && range[2] !== "" ? Math.min(Number(range[2]), size - 1) : size - 1;
-    const first = !range ? 0 : range[1] === "" ? Math.max(size - Number(range[2]), 0) : Number(range[1]);
-    const [start, end] = [first, last];
-    asked.push({ path, start, bytes: end - start + 1, method: request.method, isRange: Boolean(range) });
+    const end = range && range[1] !== "" && range[2] !== "" ? Math.min(Number(range[2]), size - 1) : size - 1;
+    const start = !range ? 0 : range[1] === "" ? Math.max(size - Number(range[2]), 0) : Number(range[1]);
+    const headers = { "content-type": TYPES[extname(file)] ?? "application/octet-stream", etag: `"${size}"` };
     if (hasRanges) headers["accept-ranges"] = "bytes";
     if (range) headers["content-range"] = `bytes ${start}-${end}/${size}`;
-    response.writeHead(range ? 206 : 200, { ...headers, "content-length": end - start + 1 });
-    if (request.method === "HEAD" || size === 0) response.end();
-    else createReadStream(file, { start, end }).pipe(response);
+    const isPacked = packs && !range && extname(file) in TYPES;
+    if (isPacked) headers["content-encoding"] = "gzip";
+    const body = request.method === "HEAD" || size === 0 ? Buffer.alloc(0) : isPacked ? packOnce(file) : part(file, start, end);
+    headers["content-length"] = request.method === "HEAD" ? end - start + 1 : body.length;
+    asked.push({ path, start, bytes: end - start + 1, sent: body.length });
+    if (bytesPerSecond < Infinity) {
+      free = Math.max(free, performance.now()) + (body.length / bytesPerSecond) * 1000;
+      await new Promise((done) => setTimeout(done, free - performance.now()));
+    }
+    response.writeHead(range ? 206 : 200, headers).end(body);
   });
   await new Promise((done) => server.listen(0, "127.0.0.1", done));
   return { url: `http://127.0.0.1:${server.address().port}/`, asked, close: () => new Promise((done) => { server.closeAllConnections(); server.close(done); }) };

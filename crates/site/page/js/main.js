@@ -2,9 +2,6 @@
 
 import { element, fail, field, choice, showRemarks, working } from "./interface.js";
 import { readPlace, writePlace } from "./place.js";
-import { showMap } from "./map.js";
-import { showSolid } from "./solid.js";
-import { showModel } from "./model.js";
 import { readFromParent, tellParent } from "./notebook.js";
 
 const configuration = JSON.parse(document.getElementById("configuration").textContent);
@@ -38,6 +35,12 @@ async function loadPackage() {
   return spinney;
 }
 
+/** The module that shows what a file has. */
+function viewOf({ kind, dimension }) {
+  if (kind === "model") return import("./model.js");
+  return dimension === 3 ? import("./solid.js") : import("./map.js");
+}
+
 let view;
 let dataset;
 
@@ -59,7 +62,7 @@ async function show(spinney, source, name, place) {
     field("Layer", choice(names, header.layer, (layer) => reopen({ layer, style: undefined, hide: undefined })));
   }
   const shared = { dataset, place, assetUrl, reopen };
-  view = await (header.kind === "model" ? showModel : header.dimension === 3 ? showSolid : showMap)(shared);
+  view = await (await viewOf(header)).show(shared);
   working();
 
   function reopen(changes) {

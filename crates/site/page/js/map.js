@@ -24,7 +24,7 @@ function styleWith(style, hidden) {
 
 let protocols = 0;
 
-export async function showMap({ dataset, place, assetUrl, reopen }) {
+export async function show({ dataset, place, assetUrl, reopen }) {
   const { header } = dataset;
   const maplibre = await import(assetUrl("vendor/maplibre-gl.js"));
   maplibre.setWorkerUrl(assetUrl("vendor/maplibre-gl-worker.js"));
@@ -84,6 +84,7 @@ export async function showMap({ dataset, place, assetUrl, reopen }) {
     const middle = plane.placeOf(map.getCenter());
     changePlace({ at: [map.getZoom().toFixed(2), ...middle.map((at) => Number(at.toPrecision(10)))].join("/") });
   });
+  map.once("idle", () => document.documentElement.setAttribute("data-drawn", ""));
   await new Promise((done) => map.once("load", done));
   if (isWorld) {
     showGraticule(map);

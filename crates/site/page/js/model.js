@@ -3,7 +3,7 @@
 import { element, fill, latest, table, text, working } from "./interface.js";
 import { Scene, distinct } from "./scene.js";
 
-export async function showModel({ dataset, place, assetUrl }) {
+export async function show({ dataset, place, assetUrl }) {
   const three = await import(assetUrl("vendor/three.js"));
   const { positions, objects, names, origin: own } = await dataset.triangles({ progress: working });
   const { bounds } = dataset.header;

@@ -11,7 +11,7 @@ const SHARE = 0.9;
 /** Parts that are drawn at most. */
 const MOST_PARTS = 160;
 
-export async function showSolid({ dataset, place, assetUrl }) {
+export async function show({ dataset, place, assetUrl }) {
   const { header } = dataset;
   const three = await import(assetUrl("vendor/three.js"));
   const matrix = new three.Matrix4().set(...header.matrix.flat(), 0, 0, 0, 1);

@@ -1,0 +1,104 @@
+// Pages in headless Chromium, from a static host with 50 ms of latency and 10 MB/s, beside OpenLayers with geotiff.js:
+//
+//     npm install playwright-core ol geotiff esbuild       (in a FOLDER; Chromium is /usr/bin/chromium, or CHROMIUM)
+//     node benches/peers/pages.mjs TREE.goblin COG.tif FOLDER [STYLE]
+//
+// The first map: requests, bytes and seconds until everything is drawn that one sees at first; and, of the tree, the class areas of a polygon of 400
+// corners, cold: seconds from an empty page on, rounds, requests and bytes of the file, and how far cells are from what the program tells.
+
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { copyFileSync, mkdirSync, mkdtempSync, rmSync, writeFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { fileURLToPath } from "node:url";
+
+import { serve } from "../../crates/site/test/server.mjs";
+
+const [tree, cog, peers, style] = process.argv.slice(2);
+const need = createRequire(join(peers, "/"));
+const { chromium } = need("playwright-core");
+const root = fileURLToPath(new URL("../..", import.meta.url));
+const program = process.env.SPINNEY ?? join(root, "target/release/spinney");
+const spinney = (...list) => execFileSync(program, list, { encoding: "utf8" });
+const folder = mkdtempSync(join(tmpdir(), "spinney-pages-"));
+const HOST = { delay: 50, bytesPerSecond: 10_000_000, packs: true };
+
+spinney("export", "-q", tree, join(folder, "own/index.html"), ...(style ? ["--style", style] : []));
+mkdirSync(join(folder, "peer"));
+copyFileSync(cog, join(folder, "peer/map.tif"));
+writeFileSync(join(folder, "peer.js"), `
+  import Map from "ol/Map.js";
+  import View from "ol/View.js";
+  import TileLayer from "ol/layer/WebGLTile.js";
+  import GeoTIFF from "ol/source/GeoTIFF.js";
+  const source = new GeoTIFF({ sources: [{ url: "map.tif" }] });
+  const map = new Map({ target: "map", layers: [new TileLayer({ source })], view: source.getView() });
+  map.on("rendercomplete", () => document.documentElement.setAttribute("data-drawn", ""));
+`);
+execFileSync(join(peers, "node_modules/.bin/esbuild"), [join(folder, "peer.js"), "--bundle", "--minify", "--format=esm", `--outfile=${join(folder, "peer/peer.js")}`, "--log-level=error"], { env: { ...process.env, NODE_PATH: join(peers, "node_modules") } });
+writeFileSync(join(folder, "peer/index.html"), '<!doctype html><div id="map" style="width: 1200px; height: 800px"></div><script type="module" src="peer.js"></script>');
+
+const browser = await chromium.launch({
+  executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+  args: ["--no-sandbox", "--disable-background-networking", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+});
+
+async function visit(name, address, work) {
+  const host = await serve(join(folder, name), HOST);
+  const context = await browser.newContext({ viewport: { width: 1200, height: 800 } });
+  const page = await context.newPage();
+  page.on("pageerror", (error) => console.log(`${name}: ${error}`));
+  const start = performance.now();
+  await page.goto(host.url + address);
+  const found = await work(page);
+  const seconds = (performance.now() - start) / 1000;
+  await context.close();
+  await host.close();
+  return { ...found, seconds, asked: host.asked };
+}
+
+const sum = (asked) => asked.reduce((bytes, one) => bytes + one.sent, 0);
+function tell(name, { seconds, asked }, data) {
+  const [of, code] = [asked.filter(({ path }) => path.endsWith(data)), asked.filter(({ path }) => !path.endsWith(data))];
+  console.log(`${name}: ${seconds.toFixed(2)} s; of the file ${of.length} requests, ${sum(of)} bytes; of the page ${code.length} requests, ${sum(code)} bytes`);
+  return { of: sum(of), requests: of.length, all: sum(asked) };
+}
+
+const own = tell("first map, the page", await visit("own", "index.html", (page) => page.waitForSelector("html[data-drawn]", { timeout: 60_000 }).then(() => ({}))), ".goblin");
+const peer = tell("first map, OpenLayers and geotiff.js", await visit("peer", "index.html", (page) => page.waitForSelector("html[data-drawn]", { timeout: 60_000 }).then(() => ({}))), ".tif");
+console.log(`of the file ${(own.of / peer.of).toFixed(2)} of the bytes, ${(own.requests / peer.requests).toFixed(2)} of the requests; with the code ${(own.all / peer.all).toFixed(2)} of the bytes`);
+
+// A star around the middle of Europe.
+const ring = Array.from({ length: 400 }, (_, at) => {
+  const [angle, radius] = [(2 * Math.PI * at) / 400, at % 2 ? 5 : 6];
+  return [10 + radius * Math.cos(angle), 50 + radius * Math.sin(angle)];
+});
+const zone = { type: "Feature", properties: {}, geometry: { type: "Polygon", coordinates: [[...ring, ring[0]]] } };
+writeFileSync(join(folder, "own/empty.html"), "<!doctype html><title>empty</title>");
+const name = tree.split("/").at(-1);
+const areas = await visit("own", "empty.html", (page) =>
+  page.evaluate(async ([name, zone]) => {
+    const start = performance.now();
+    const { openInWorker } = await import("./assets/spinney/index.js");
+    let rounds = 0;
+    const progress = (told) => (rounds = told.rounds);
+    const map = await openInWorker(new URL(name, document.baseURI), { progress });
+    const opening = rounds;
+    const { zones } = await map.zonal(zone, { progress });
+    return { rounds: opening + rounds, seconds: (performance.now() - start) / 1000, zone: zones[0] };
+  }, [name, zone]).then(({ seconds, ...found }) => ({ ...found, inPage: seconds })),
+);
+const of = areas.asked.filter(({ path }) => path.endsWith(".goblin"));
+console.log(`class areas, cold: ${areas.inPage.toFixed(2)} s with loading the package, ${areas.rounds} rounds and the one that opens, ${of.length} requests, ${sum(of)} bytes of the file`);
+writeFileSync(join(folder, "zone.geojson"), JSON.stringify(zone));
+const [told] = JSON.parse(spinney("stats", tree, "--zones", join(folder, "zone.geojson"), "--edge", "area", "--json")).zones;
+let worst = 0;
+for (const [index, found] of areas.zone.classes.entries()) {
+  assert.equal(found.value, told.classes[index].value);
+  worst = Math.max(worst, Math.abs(found.cells - told.classes[index].cells) / told.cells);
+}
+console.log(`${told.cells} cells, ${told.classes.length} classes; off from the program's by ${worst} of the cells at most`);
+await browser.close();
+rmSync(folder, { recursive: true });
