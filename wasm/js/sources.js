@@ -9,7 +9,9 @@ const PARALLEL = 8;
 /** Bytes of a file that is read whole where its host does not serve ranges. */
 const MOST_WHOLE = 64 * 2 ** 20;
 /** Bytes of a file that is read whole at once: what a few ranges of it would have. */
-const SMALL = 2 ** 20;
+const SMALL = 2 ** 17;
+/** Bytes of a file that is read whole when the half of it has been read. */
+const MODERATE = 2 ** 23;
 /** Bytes of the beginning and of the end that are fetched when a file is opened. */
 const FIRST = 4096;
 const LAST = 65536;
@@ -24,6 +26,8 @@ class Source {
   #underWay = new Map();
   /** Ranges that were fetched, joined. (Some may have given way to others since.) */
   #fetched = [];
+  /** Bytes that came. */
+  #came = 0;
 
   constructor(name) {
     this.name = name;
@@ -62,7 +66,8 @@ class Source {
   /** Gets ranges. Those that another question is getting already are waited for. */
   async fetch(ranges, signal) {
     const came = { requests: 0, bytes: 0 };
-    await each(join(ranges), PARALLEL, async ([start, end]) => {
+    const isMostRead = this.length <= MODERATE && 2 * this.#came > this.length;
+    await each(isMostRead ? [[0, this.length]] : join(ranges), PARALLEL, async ([start, end]) => {
       signal?.throwIfAborted();
       if (await this.#once(start, end, signal)) {
         came.requests += 1;
@@ -114,6 +119,7 @@ class Source {
     if (part.length !== end - start) {
       throw new SpinneyError({ code: "changed", message: `${this.name}: ${part.length} bytes came where ${end - start} were asked for: the file was cut short; open it again`, file: this.name });
     }
+    this.#came += part.length;
     this.supply(start, part);
   }
 

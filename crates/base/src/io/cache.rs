@@ -116,10 +116,22 @@ impl RangeCache {
     pub fn put(&self, file: u64, offset: u64, bytes: Arc<Vec<u8>>) {
         let mut state = self.state();
         let place = (file, offset);
-        // What is there and longer has these, too.
-        if state.ranges.get(&place).is_some_and(|cached| cached.bytes.len() > bytes.len()) {
+        // What is there and reaches farther has these, too.
+        let end = offset.saturating_add(bytes.len() as u64);
+        let before = state.ranges.range((file, 0)..=place).next_back();
+        let reaches = |(at, cached): (&Place, &Cached)| {
+            let reached = at.1 + cached.bytes.len() as u64;
+            reached > end || reached == end && at.1 < offset
+        };
+        if before.is_some_and(reaches) {
             return;
         }
+        // What lies within is found in the new range, which others that begin later would hide.
+        let is_within = |(place, cached): (&Place, &Cached)| {
+            (place.1 + cached.bytes.len() as u64 <= end).then_some(*place)
+        };
+        let within: Vec<Place> = state.ranges.range(place..(file, end)).filter_map(is_within).collect();
+        within.into_iter().for_each(|place| state.remove(place));
         state.remove(place);
         state.held += bytes.len() as u64;
         let last_use = state.time;
@@ -270,6 +282,10 @@ mod tests {
         for (file, range) in [(7, 100..151), (7, 99..101), (6, 110..113), (8, 110..113)] {
             assert!(cache.get(file, &range).is_none(), "{file} {range:?}");
         }
+        // Those within a new one give way to it, and none hides a longer one.
+        cache.put(7, 90, bytes(70));
+        cache.put(7, 120, bytes(5));
+        assert_eq!((cache.held(), cache.get(7, &(121..155)).unwrap()[0]), (70, 31));
         cache.put(8, 0, bytes(3));
         cache.forget(7);
         assert_eq!((cache.held(), cache.get(7, &(110..113)).is_none()), (3, true));
