@@ -8,8 +8,6 @@ import { each, join } from "./ranges.js";
 const PARALLEL = 8;
 /** Bytes of a file that is read whole where its host does not serve ranges. */
 const MOST_WHOLE = 64 * 2 ** 20;
-/** Bytes of a file that is read whole at once: what a few ranges of it would have. */
-const SMALL = 2 ** 17;
 /** Bytes of a file that is read whole when the half of it has been read. */
 const MODERATE = 2 ** 23;
 /** Bytes of the beginning and of the end that are fetched when a file is opened. */
@@ -317,8 +315,7 @@ class HttpSource extends Source {
   async start(signal) {
     // (A suffix needs no length, but asks other hosts for permission first.)
     const isNear = typeof location === "undefined" || new URL(this.url).origin === location.origin;
-    const isGrowing = new URL(this.url).pathname.endsWith(".autumn");
-    const wantsTail = isNear && !isGrowing;
+    const wantsTail = isNear && !new URL(this.url).pathname.endsWith(".autumn");
     const later = new AbortController();
     const tail = wantsTail ? this.request(`bytes=-${LAST}`, any(signal, later.signal)) : undefined;
     tail?.catch(() => {});
@@ -341,15 +338,6 @@ class HttpSource extends Source {
       }
       this.state = stateOf(response);
       this.add(place.length);
-      if (place.length <= SMALL && !isGrowing) {
-        later.abort();
-        const rest = await this.read(first.length, place.length, signal);
-        const all = new Uint8Array(place.length);
-        all.set(first);
-        all.set(rest, first.length);
-        this.supply(0, all);
-        return;
-      }
       this.supply(0, first);
       if (tail) await this.startTail(await tail, place.length);
     } catch (error) {
