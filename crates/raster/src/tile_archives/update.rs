@@ -257,7 +257,7 @@ impl TileUpdate {
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
 /// let Some(target) = TileTarget::of(&path)? else { unreachable!("it is named so") };
 /// let mut request = TileRequest::new(&map)?;
-/// let tiles = tile_source(&map, &mut request, &Default::default(), &())?;
+/// let tiles = tile_source(&map, request.side, None, &Default::default(), &())?;
 /// let style = Style::default_for(&map);
 /// let made = draw_tiles(&map, &*tiles, &style, &mut request, &target, None, &())?;
 /// // Of the same tree, all of them are copied.
