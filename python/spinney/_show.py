@@ -28,7 +28,7 @@ def shown(path: str, start: dict[str, Any], height: int) -> Any:
         raise ImportError("show() is for notebooks, and needs the package anywidget: pip install 'spinney[notebook]'") from error
     if not os.path.isfile(path):
         raise ValueError(f"{path}: show() reads files of this machine; for one that is elsewhere, write a page with export('index.html')")
-    size = os.path.getsize(path)
+    size, pixels = os.path.getsize(path), height
     html = _native.page_html(os.path.basename(path), title_of(path), size, start)
 
     class Page(anywidget.AnyWidget):
@@ -37,7 +37,7 @@ def shown(path: str, start: dict[str, Any], height: int) -> Any:
         _esm = pathlib.Path(__file__).with_name("show.js")
         _html = traitlets.Unicode(html).tag(sync=True)
         _drawn = traitlets.Unicode("").tag(sync=True)
-        height = traitlets.Int(height).tag(sync=True)
+        height = traitlets.Int(pixels).tag(sync=True)
 
         def __init__(self) -> None:
             super().__init__()
@@ -49,8 +49,8 @@ def shown(path: str, start: dict[str, Any], height: int) -> Any:
             return json.loads(self._drawn)["geometry"] if self._drawn else None
 
         @property
-        def coordinates(self) -> str | None:
-            """The coordinates of the polygon, as `zonal` takes them: "lonlat" or "world"."""
+        def crs(self) -> str | None:
+            """The coordinates of the polygon, as `zonal` takes them: "lonlat", or "world", the file's own."""
             return json.loads(self._drawn)["crs"] if self._drawn else None
 
         @property

@@ -167,8 +167,8 @@ class Writers(Properties):
     def show(self, *, style: Style | None = None, height: int = 500) -> Any:
         """The file in a notebook: the page that `export` writes, whose bytes the kernel reads (with the package anywidget).
 
-        A polygon that is drawn comes back: `page.polygon` is GeoJSON in `page.coordinates`, `page.statistics` what the page tells of it;
-        `ds.zonal([page.polygon], coordinates=page.coordinates)` tells the same.
+        A polygon that is drawn comes back: `page.polygon` is GeoJSON in coordinates of `page.crs`, `page.statistics` what the page tells of it;
+        `ds.zonal([page.polygon], crs=page.crs, edge="area")` tells the same.
         """
         path, start = self._page_start(style)
         return shown(path, start, height)

@@ -55,8 +55,8 @@ def test_the_kernel_reads_for_the_page_and_gets_its_polygon(island):
     assert page.polygon is None and page.statistics is None
     polygon = {"type": "Polygon", "coordinates": [[[-17.0, 28.86], [-16.99, 28.86], [-16.99, 28.87], [-17.0, 28.86]]]}
     page._drawn = json.dumps({"geometry": polygon, "crs": "lonlat", "zone": {"cells": 7}})
-    assert page.polygon == polygon and page.coordinates == "lonlat" and page.statistics == {"cells": 7}
-    assert island.zonal([page.polygon], coordinates=page.coordinates)
+    assert page.polygon == polygon and page.crs == "lonlat" and page.statistics == {"cells": 7}
+    assert island.zonal([page.polygon], crs=page.crs, edge="area")[0].cells > 0
 
 
 def test_views_are_not_shown(island):
