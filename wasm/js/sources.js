@@ -20,8 +20,11 @@ const isNode = typeof process !== "undefined" && Boolean(process.versions?.node)
 
 /** A file's bytes. `start` takes it up in the module; `fetch` supplies ranges of it. */
 class Source {
-  /** What is being fetched, by instance and range. */
-  #underWay = new Map();
+  /** The ranges that are gathered, and the end of those that are on their way. */
+  #next = undefined;
+  #before = Promise.resolve();
+  /** What has come since these were begun to be gathered. */
+  #since = [];
   /** Ranges that were fetched, joined. (Some may have given way to others since.) */
   #fetched = [];
   /** Bytes that came. */
@@ -61,55 +64,50 @@ class Source {
     if (this.instance === engine.instance()) engine.supply(this.file, offset, bytes);
   }
 
-  /** Gets ranges. Those that another question is getting already are waited for. */
+  /**
+   * Gets ranges. What is asked for while others are on their way waits for these, and then goes together, so that nothing comes twice. It goes on as long as
+   * somebody waits for it.
+   */
   async fetch(ranges, signal) {
-    const came = { requests: 0, bytes: 0 };
-    const isMostRead = this.length <= MODERATE && 2 * this.#came > this.length;
-    await each(isMostRead ? [[0, this.length]] : join(ranges), PARALLEL, async ([start, end]) => {
-      signal?.throwIfAborted();
-      if (await this.#once(start, end, signal)) {
-        came.requests += 1;
-        came.bytes += end - start;
-      }
-    });
-    return came;
-  }
-
-  /** Gets a range; tells whether it was not under way already. It goes on as long as somebody waits for it. */
-  async #once(start, end, signal) {
-    const key = `${this.instance}:${start}:${end}`;
-    const covers = (job) => job.instance === this.instance && job.start <= start && end <= job.end;
-    const known = [...this.#underWay.values()].find(covers);
-    const job = known ?? this.#start(key, start, end);
-    job.waiting += 1;
+    const batch = (this.#next ??= this.#gather());
+    batch.ranges.push(...ranges);
+    batch.waiting += 1;
     let stop;
     const aborted = new Promise((_, reject) => {
       stop = () => reject(signal.reason);
       signal?.addEventListener("abort", stop, { once: true });
     });
     try {
-      await Promise.race([job.done, aborted]);
+      await Promise.race([batch.done, aborted]);
     } finally {
       signal?.removeEventListener("abort", stop);
-      job.waiting -= 1;
-      if (job.waiting === 0) {
-        this.#forget(job);
-        job.control.abort();
-      }
+      batch.waiting -= 1;
+      if (batch.waiting === 0) batch.control.abort();
     }
-    return known === undefined;
+    // (It counts for one of those who wait.)
+    return batch.came.splice(0).reduce((sum, bytes) => ({ requests: sum.requests + 1, bytes: sum.bytes + bytes }), { requests: 0, bytes: 0 });
   }
 
-  #start(key, start, end) {
-    const job = { key, start, end, instance: this.instance, control: new AbortController(), waiting: 0 };
-    job.done = this.#get(start, end, job.control.signal).finally(() => this.#forget(job));
-    job.done.catch(() => {});
-    this.#underWay.set(key, job);
-    return job;
-  }
-
-  #forget(job) {
-    if (this.#underWay.get(job.key) === job) this.#underWay.delete(job.key);
+  /** Ranges that go together when those before them have come. */
+  #gather() {
+    const batch = { ranges: [], waiting: 0, control: new AbortController(), came: [] };
+    const { signal } = batch.control;
+    batch.done = this.#before.then(async () => {
+      this.#next = undefined;
+      const isMostRead = this.length <= MODERATE && 2 * this.#came > this.length;
+      const isThere = ([start, end]) => batch.since.some(([from, to]) => from <= start && end <= to);
+      const left = batch.ranges.filter((range) => !isThere(range));
+      const wanted = isMostRead && left.length > 0 ? [[0, this.length]] : join(left);
+      await each(wanted, PARALLEL, async ([start, end]) => {
+        signal.throwIfAborted();
+        await this.#get(start, end, signal);
+        batch.came.push(end - start);
+      });
+    });
+    // (What came since the first of them was asked for is there.)
+    batch.since = this.#since = [];
+    this.#before = batch.done.catch(() => {});
+    return batch;
   }
 
   async #get(start, end, signal) {
@@ -118,6 +116,7 @@ class Source {
       throw new SpinneyError({ code: "changed", message: `${this.name}: ${part.length} bytes came where ${end - start} were asked for: the file was cut short; open it again`, file: this.name });
     }
     this.#came += part.length;
+    this.#since.push([start, end]);
     this.supply(start, part);
   }
 
