@@ -83,7 +83,7 @@ export interface LayerInfo {
   levels: number;
 }
 
-/** What is in a file of cells. */
+/** The content of a file of cells. */
 export interface Header {
   kind: "raster" | "volume";
   format: "goblin" | "autumnal";
@@ -97,7 +97,7 @@ export interface Header {
   levels: number;
   sampleType: SampleType;
   channels: number;
-  /** What values mean: "categorical", "continuous", ... */
+  /** Meaning of the values: "categorical", "continuous", ... */
   meaning: string;
   /** How values of coarser levels are made. */
   rule: string;
@@ -128,7 +128,7 @@ export interface Header {
   remark: string | null;
 }
 
-/** What is in a file of an exact model. */
+/** The content of a file of an exact model. */
 export interface ModelHeader {
   kind: "model";
   format: "goblin";
@@ -208,7 +208,7 @@ export interface Bin {
   cells: Count;
 }
 
-/** What `spinney stats --json` prints. */
+/** Statistics as `spinney stats --json` prints them. */
 export interface Statistics {
   layer: string;
   cells: Count;
@@ -311,7 +311,7 @@ export interface MeshRequest extends Part, AskOptions {
 }
 
 export interface Mesh {
-  /** What is to be added to all positions. */
+  /** The place that is to be added to all positions. */
   origin: [number, number, number];
   positions: Float32Array;
   indices: Uint32Array;
@@ -343,7 +343,7 @@ export interface Legend {
 
 interface Opened<H> {
   readonly header: H;
-  /** What should be known of the file and its host: that it was read whole, say. */
+  /** Remarks on the file and its host: that it was read whole, say. */
   readonly warnings: string[];
   /** Opens the file anew if it is another one by now, as when there are new commits; says whether it was. */
   refresh(options?: AskOptions): Promise<boolean>;
@@ -369,7 +369,7 @@ export interface Dataset extends Opened<Header> {
   image(request?: Part & Detail & { style?: Style } & AskOptions): Promise<Picture>;
   /** A tile of web maps, or of the file's own square; null where nothing is there. */
   tile(request: { x: number; y: number; z: number; grid?: "web-mercator" | "native"; size?: number; style?: Style } & AskOptions): Promise<ImageData | Pixels | null>;
-  /** What the colours of a style mean. */
+  /** Meaning of the colours of a style. */
   legend(request?: { style?: Style } & AskOptions): Promise<Legend>;
   openLayer(layer: string | number, options?: AskOptions): Promise<Dataset>;
   openCommit(commit: number, options?: AskOptions): Promise<Dataset>;
@@ -419,7 +419,7 @@ export interface Model extends Opened<ModelHeader> {
   triangles(options?: AskOptions): Promise<{ origin: [number, number, number]; triangles: number; names: string[]; positions: Float32Array; objects: Uint32Array }>;
 }
 
-/** What `open` gives, for `instanceof`. (What `openInWorker` gives has the same methods; `header.kind` tells the two apart everywhere.) */
+/** Results of `open`, for `instanceof`. (What `openInWorker` gives has the same methods; `header.kind` tells the two apart everywhere.) */
 export const Dataset: abstract new (...list: never[]) => Dataset;
 export const Model: abstract new (...list: never[]) => Model;
 

@@ -12,7 +12,7 @@ use crate::error::OrRaise;
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
 
-/// What a page begins with: layer, commit, and style.
+/// Layer, commit and style that a page begins with.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Start {

@@ -100,7 +100,7 @@ impl Response {
         self.body
     }
 
-    /// What is said of a failure with such a status.
+    /// The message of a failure with such a status.
     pub(crate) fn complaint(&self, status: u16) -> String {
         assert_eq!(self.status, status, "{}", String::from_utf8_lossy(&self.body));
         assert_eq!(self.header("content-type"), Some("application/json"));

@@ -45,7 +45,7 @@ class Shared {
   }
 }
 
-/** What is open of a file. */
+/** A tree or a model that is open, with its file. */
 class Opened {
   #shared;
   #place;
@@ -62,7 +62,7 @@ class Opened {
     this.header = header;
   }
 
-  /** What users should know about the file and its host. */
+  /** Remarks on the file and its host. */
   get warnings() {
     return [...this.#shared.source.warnings, ...(this.header.remark ? [this.header.remark] : [])];
   }

@@ -21,7 +21,7 @@ export class PanicError extends SpinneyError {
   }
 }
 
-/** What an error is made of, to be sent to another thread. */
+/** The parts of an error, to be sent to another thread. */
 export function toParts(error) {
   if (error instanceof SpinneyError) {
     const { name, message, code, file, place, found, expected, advice } = error;

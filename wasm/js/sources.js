@@ -23,7 +23,7 @@ class Source {
   /** The ranges that are gathered, and the end of those that are on their way. */
   #next = undefined;
   #before = Promise.resolve();
-  /** What has come since these were begun to be gathered. */
+  /** Ranges that have come since these were begun to be gathered. */
   #since = [];
   /** Ranges that were fetched, joined. (Some may have given way to others since.) */
   #fetched = [];
@@ -32,7 +32,7 @@ class Source {
 
   constructor(name) {
     this.name = name;
-    /** What users should know. */
+    /** Remarks for users. */
     this.warnings = [];
     this.file = undefined;
     this.instance = -1;
@@ -104,7 +104,8 @@ class Source {
         batch.came.push(end - start);
       });
     });
-    // (What came since the first of them was asked for is there.)
+    // A question lists what it lacks when it is asked. What those before it have fetched between then and now it has listed in vain: each batch has a list
+    // of what came since it was begun, and those before it write to that of the newest.
     batch.since = this.#since = [];
     this.#before = batch.done.catch(() => {});
     return batch;
@@ -470,7 +471,7 @@ class HttpSource extends Source {
   }
 }
 
-/** What tells states of a file apart, of what the host lets be seen. */
+/** Headers that tell states of a file apart, of those that the host lets be seen. */
 function stateOf(response) {
   const state = {};
   for (const name of ["etag", "last-modified"]) {

@@ -8,7 +8,7 @@ import { packed } from "./pictures.js";
 const isNode = typeof self === "undefined";
 const port = isNode ? (await import(/* webpackIgnore: true */ /* @vite-ignore */ "node:worker_threads")).parentPort : self;
 
-/** What can be asked from the other side, and which argument has the options. */
+/** Methods that the other side can ask for, and which argument has the options. */
 const METHODS = {
   Dataset: {
     window: 0, point: 1, points: 1, stats: 0, zonal: 1, histogram: 0, find: 0, openLayer: 1, openCommit: 1, commits: 0,
@@ -24,7 +24,7 @@ const opened = new Map();
 const running = new Map();
 let next = 0;
 
-/** What was opened, for the other side. */
+/** A dataset that was opened, as the other side knows it. */
 function keep(dataset) {
   next += 1;
   opened.set(next, dataset);

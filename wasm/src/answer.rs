@@ -52,7 +52,7 @@ impl Answer {
     }
 }
 
-/// What has been found: JSON, and bytes beside it.
+/// An answer as it was found: JSON, and bytes beside it.
 #[derive(Default)]
 pub(crate) struct Found {
     pub(crate) json: Value,

@@ -59,11 +59,11 @@ impl Fetch for Elsewhere {
     }
 }
 
-/// What is open of a file.
+/// A tree or a model that is open, with its file.
 pub(crate) struct Opened {
     pub(crate) file: File,
     pub(crate) content: Content,
-    /// What is made ready once for many pictures.
+    /// Styles and grids that are made ready once for many pictures.
     pub(crate) prepared: Prepared,
 }
 
@@ -158,7 +158,7 @@ pub(crate) fn keep(opened: Opened) -> u32 {
     })
 }
 
-/// What is open by a number.
+/// The tree or model that is open by a number.
 ///
 /// # Errors
 /// If there is nothing.

@@ -1,4 +1,4 @@
-//! What is in a file, as JavaScript is told when it is opened.
+//! The content of a file, as JavaScript is told when it is opened.
 
 use serde_json::{Value, json};
 use spinney_base::Result;

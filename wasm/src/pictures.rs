@@ -42,7 +42,7 @@ pub(crate) struct Tile {
     style: Option<String>,
 }
 
-/// What is made ready once for many pictures of a tree.
+/// Styles and grids that are made ready once for many pictures of a tree.
 #[derive(Default)]
 pub(crate) struct Prepared {
     painters: RefCell<BTreeMap<Option<String>, Rc<TilePainter>>>,
@@ -240,7 +240,7 @@ pub(crate) fn tile(opened: &Opened, tile: &Tile) -> Result<Found> {
     Ok(Found { json: json!({ "side": side, "isEmpty": buffers.is_empty() }), buffers })
 }
 
-/// What the colours of a style mean, section by section.
+/// Meaning of the colours of a style, section by section.
 pub(crate) fn legend(opened: &Opened, image: &Image) -> Result<Found> {
     let tree = opened.cells()?;
     let painter = opened.prepared.painter(tree, image.style.as_ref())?;

@@ -15,7 +15,7 @@ use crate::part::Part;
 use crate::windows::Detail;
 use crate::{failure, header, history, model, pictures, points, search, solid, statistics, windows, zones};
 
-/// What every question has: its name, and what it is about.
+/// Members that every question has: its name, and its subject.
 #[derive(Deserialize)]
 struct About {
     ask: String,
@@ -43,7 +43,7 @@ struct Contains {
     level: Option<u8>,
 }
 
-/// What a pass over a question leads to.
+/// The result of a pass over a question.
 enum Outcome {
     Found(Found),
     /// With its header.

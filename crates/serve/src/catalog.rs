@@ -12,7 +12,7 @@ use crate::failure::Failure;
 /// Endings of the names of tree files.
 const ENDINGS: [&str; 2] = ["goblin", "autumn"];
 
-/// What is served.
+/// The files that are served.
 pub(crate) enum Catalog {
     /// The tree files of a folder, whose path has no symbolic links.
     Folder(PathBuf),

@@ -22,7 +22,7 @@ impl PatientStream {
         PatientStream { stream, patience, waiting: None }
     }
 
-    /// What came of a write, or that it took too long.
+    /// The result of a write, or that it took too long.
     fn heed<T>(&mut self, context: &mut Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         if written.is_ready() {
             self.waiting = None;

@@ -32,7 +32,7 @@ struct KeptPictures {
     bytes: usize,
 }
 
-/// What is seen on a picture that is kept.
+/// The part of a tree that a picture shows which is kept.
 #[derive(PartialEq, Eq, Hash)]
 pub(crate) enum Seen {
     /// One value all over.
@@ -41,7 +41,7 @@ pub(crate) enum Seen {
     Tile(TileId),
 }
 
-/// What the bytes of a picture depend on: the look of its style, the ending of its format, and what is seen.
+/// All that the bytes of a picture depend on: the look of its style, the ending of its format, and the part that is seen.
 pub(crate) type PictureKey = (String, &'static str, Seen);
 
 /// Bytes of pictures that are kept of a tree.
@@ -60,7 +60,7 @@ pub(crate) enum Tiles<'a> {
 }
 
 impl Tiles<'_> {
-    /// What is seen on a tile, if a picture of it is worth being kept. Where pixels depend on `margin` cells around them, what is around a tile
+    /// The part that a tile shows, if a picture of it is worth being kept. Where pixels depend on `margin` cells around them, what is around a tile
     /// of one value matters, too.
     ///
     /// # Errors

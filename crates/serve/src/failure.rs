@@ -37,7 +37,7 @@ impl Failure {
         Failure::new(StatusCode::SERVICE_UNAVAILABLE, message)
     }
 
-    /// What is said, as JSON.
+    /// The message as JSON.
     pub(crate) fn body(&self) -> String {
         format!("{}\n", json!({ "error": self.message }))
     }

@@ -21,7 +21,7 @@ const PIECE: u64 = 256 << 10;
 /// Times that the beginning of an answer is read of a file that is changed meanwhile.
 const TIMES: usize = 20;
 
-/// What is to be sent of a file: its beginning has been read.
+/// The part of a file that is to be sent: its beginning has been read.
 pub(crate) struct FileAnswer {
     file: Arc<File>,
     version: FileVersion,

@@ -19,7 +19,7 @@ pub(crate) struct OpenTree {
     /// Names of the layers, and the layers once they were asked for.
     names: Vec<String>,
     layers: OnceLock<Vec<Arc<Dataset>>>,
-    /// What was drawn, by the layers that were named.
+    /// Trees that were drawn, by the layers that were named.
     drawn: Mutex<HashMap<String, Arc<Drawn>>>,
 }
 
@@ -77,7 +77,7 @@ impl OpenTree {
         Ok(numbers.into_iter().map(|number| &all[number]).collect())
     }
 
-    /// What is drawn of the file: the one layer that is meant, or two to four that are named, as colours.
+    /// The tree that is drawn of the file: the one layer that is meant, or two to four that are named, as colours.
     ///
     /// # Errors
     /// Those of [`OpenTree::layers`]; if none is named of several, or more than can be colours.

@@ -1,4 +1,4 @@
-//! What is served where, and the limits of what is asked.
+//! Options of the server: where it listens, and the limits of requests.
 
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;

@@ -43,7 +43,7 @@ impl Parameters {
         self.0.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str())
     }
 
-    /// What a parameter says, if it was given.
+    /// The value of a parameter, if it was given.
     pub(crate) fn value<T: FromStr<Err: Display>>(&self, name: &str) -> Result<Option<T>, Failure> {
         let parse = |text: &str| {
             text.trim().parse().map_err(|error: T::Err| Failure::bad(format!("{name}: {error}")))

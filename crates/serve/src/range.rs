@@ -1,6 +1,6 @@
 //! Ranges of bytes that are asked for.
 
-/// What the header `Range` asks for of so many bytes.
+/// The part of so many bytes that the header `Range` asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Asked {
     /// All of them: there is no range, or none that is understood.

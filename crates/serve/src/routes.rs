@@ -22,7 +22,7 @@ use crate::tiles::{self, TileAddress};
 use crate::work::{Watch, Work};
 use crate::{ServeOptions, file, page, point, window, zonal};
 
-/// What all requests share.
+/// State that all requests share.
 pub(crate) struct App {
     pub(crate) catalog: Catalog,
     pub(crate) work: Work,
@@ -77,7 +77,7 @@ impl App {
     }
 }
 
-/// What is asked, but for its body.
+/// A request without its body.
 struct Asked {
     method: Method,
     target: String,

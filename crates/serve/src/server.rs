@@ -87,7 +87,7 @@ impl Server {
         self.address
     }
 
-    /// What should be known of the files: which ones are asked for by the whole of their names, and why.
+    /// Remarks on the files: which ones are asked for by the whole of their names, and why.
     ///
     /// # Errors
     /// If the folder cannot be read.

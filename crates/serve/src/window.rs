@@ -26,7 +26,7 @@ use crate::parameters::Parameters;
 pub(crate) const PARAMETERS: [&str; 10] =
     ["bounds", "crs", "cells", "level", "size", "z", "format", "style", "layer", "commit"];
 
-/// What a window is sent as.
+/// The kind of file that a window is sent as.
 #[derive(Clone, Copy, PartialEq)]
 enum WindowFormat {
     Picture(Format, &'static str),

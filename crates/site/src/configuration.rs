@@ -16,7 +16,7 @@ pub struct PageSource {
     pub url: String,
     /// Bytes of the file, where whoever shows the page inside another one reads it: its address is then `parent:`.
     pub size: Option<u64>,
-    /// What is seen of it at the beginning.
+    /// Part and look that the page begins with.
     pub start: PageStart,
 }
 

@@ -36,7 +36,7 @@ pub struct PageRequest {
 pub struct PageFile {
     /// The file, or its URL, which the page then reads it from.
     pub path: PathBuf,
-    /// What is seen of it at the beginning.
+    /// Part and look that the page begins with.
     pub start: PageStart,
 }
 

@@ -35,7 +35,7 @@ impl PercentileNumbers {
         self.0.insert(PercentileNumbers::name(channel, percent), number);
     }
 
-    /// What is another number in other ones, in words: "band 1: 98 % is 7 (there: 9)".
+    /// The numbers that are others in other ones, in words: "band 1: 98 % is 7 (there: 9)".
     pub fn differences(&self, other: &PercentileNumbers, there: &str) -> Vec<String> {
         let text =
             |number: Option<&Option<String>>| number.cloned().flatten().unwrap_or_else(|| "none".into());

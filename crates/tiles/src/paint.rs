@@ -93,7 +93,7 @@ impl TilePainter {
         self.palette.as_deref()
     }
 
-    /// What an archive says of the colours.
+    /// The colours as an archive tells of them.
     pub fn colours(&self) -> &TileColours {
         &self.colours
     }

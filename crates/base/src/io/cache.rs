@@ -33,6 +33,7 @@ struct State {
     held: u64,
     /// Uses so far: the time of the next one.
     time: u64,
+    /// None of them lies within another one of the same file, so that the last one that begins before a place is the one to look in.
     ranges: BTreeMap<Place, Cached>,
     /// Ranges by the time of their last use. Going through all of them for the oldest would take a time
     /// that grows with the square of their number where a hostile file has very many small ones.

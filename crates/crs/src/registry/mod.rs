@@ -1,4 +1,4 @@
-//! What the EPSG registry has of definitions, datums, axes and heights, for definitions that refer to it by number or name.
+//! The EPSG registry: definitions, datums, axes and heights, for definitions that refer to it by number or name.
 
 mod definitions;
 mod geodetic;

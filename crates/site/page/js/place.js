@@ -1,6 +1,6 @@
 // The link to the place that is shown: what stands behind the `#` of the page's address.
 
-/** What the address says: file, layer, commit, style, hidden classes, and where one looks from. */
+/** The place that the address tells: file, layer, commit, style, hidden classes, and where one looks from. */
 export function readPlace() {
   return Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
 }

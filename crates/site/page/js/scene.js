@@ -35,7 +35,7 @@ export class Scene {
     this.camera.add(sun);
     sun.position.set(-0.4, 0.8, 1);
     this.scene.add(this.camera);
-    /** What lies behind it is not drawn; it does nothing until it is put somewhere. */
+    /** The plane of the section: the side behind it is not drawn; it does nothing until it is put somewhere. */
     this.plane = new three.Plane(new three.Vector3(0, 0, -1), 1e30);
     const middle = this.box.getCenter(new three.Vector3());
     this.camera.position.copy(middle).addScaledVector(new three.Vector3(0.55, -0.75, 0.5).normalize(), size * 1.25);
@@ -93,7 +93,7 @@ export class Scene {
     });
   }
 
-  /** What lies under a pointer: not what the section has taken away. */
+  /** The first thing under a pointer that the section has not taken away. */
   hit({ clientX, clientY }) {
     const { left, top, width, height } = this.renderer.domElement.getBoundingClientRect();
     return this.hitAt((2 * (clientX - left)) / width - 1, 1 - (2 * (clientY - top)) / height);
