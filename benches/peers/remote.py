@@ -2,15 +2,20 @@
 """Files on a web server that takes 50 ms for each answer: tiles, class areas of countries and random points, each with nothing held, against
 rasterio and exactextract on COGs (ZSTD) from the same server.
 
-    pip install numpy rasterio exactextract
+    pip install numpy rasterio exactextract titiler.core uvicorn
     npm, for the countries (world-atlas, of Natural Earth)
     cargo build --release --features remote
-    PYTHON=python [CODEC=packed] benches/peers/remote.py [tiles] [countries] [points]
+    PYTHON=python [CODEC=packed] benches/peers/remote.py [tiles] [countries] [points] [titiler]
 
 Seconds are wall time: what is measured is waiting. Ours are whole runs of the program; the others' begin when everything is imported.
+
+`titiler`, which is left out if nothing is said, asks titiler's POST `/statistics` for the same class areas: whole cells of each class, at the file's
+resolution and at that of 1024 pixels, and cells by the share that is inside, with an expression for each class. It leaves `work/countries.geojson` for
+pages.mjs.
 """
 
 import json
+import math
 import os
 import random
 import re
@@ -18,8 +23,12 @@ import statistics
 import subprocess
 import sys
 import time
+import urllib.parse
+import urllib.request
+from pathlib import Path
 
-from common import RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, start, table, tree, verdict
+from common import RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, once, start, table, tree, verdict
+from serve import TITILER, free_port, wait_for
 
 sys.path.insert(0, str(ROOT / "tests" / "servers"))
 from ranges import serve  # noqa: E402
@@ -182,6 +191,96 @@ def class_areas(server):
     table(["class areas of a country", "rasterio + exactextract, s", "all 40, s", "ratio (1/20)", "rounds (4)", "MB (2)", "largest difference", "MB, all 40; theirs", "share (1/10)", "at once"], [row])
 
 
+# What titiler is asked with, and the classes that its answer has then; an expression's sums are weighted by the share of a cell that is inside.
+CLASSES = range(5)
+STATISTICS = {
+    "titiler, cells of classes": "categorical=true",
+    "titiler, the same of 1024 pixels": "categorical=true&max_size=1024",
+    "titiler, an expression for each class": "expression=" + urllib.parse.quote(";".join(f"where(b1=={value},1,0)" for value in CLASSES)),
+}
+# (As its own documents advise.)
+ADVISED = {"GDAL_HTTP_MERGE_CONSECUTIVE_RANGES": "YES", "GDAL_INGESTED_BYTES_AT_OPEN": "32768"}
+
+
+def box_in_cells(country):
+    """Columns and rows of the shoreline that a country's box touches."""
+    corners = [corner for polygon in country["geometry"]["coordinates"] for ring in polygon for corner in ring]
+    return [math.ceil(max(axis) * 120) - math.floor(min(axis) * 120) for axis in zip(*corners)]
+
+
+def told(query, answer, country):
+    """Cells of each class by what titiler answers."""
+    bands = answer["properties"]["statistics"]
+    if query.startswith("expression"):
+        return {value: band["sum"] for value, band in zip(CLASSES, bands.values())}
+    columns, rows = box_in_cells(country)
+    factor = max(1, max(columns, rows) / 1024) if "max_size" in query else 1
+    cells = columns / math.ceil(columns / factor) * rows / math.ceil(rows / factor)
+    counts, values = bands["b1"]["histogram"]
+    return {int(value): count * cells for value, count in zip(values, counts)}
+
+
+def farthest(found, expected):
+    """How far the cells of a class are off at most, as a share of all cells."""
+    return max(abs(found.get(value, 0) - expected.get(value, 0)) for value in CLASSES) / sum(expected.values())
+
+
+def statistics_elsewhere(server):
+    name, picture = made(SHORELINE, "shoreline"), "served_shoreline_cog.tif"
+    cog(SHORELINE, WORK / picture, "COMPRESS=ZSTD", "BLOCKSIZE=256", "OVERVIEW_RESAMPLING=MODE")
+    # (Their rings cross themselves, where each has a rule of its own. Russia's box, 208 million cells, would take titiler tens of GB, too.)
+    wanted = [country for country in countries() if country["properties"]["name"] not in ("Russia", "Sudan")]
+    file = WORK / "countries.geojson"
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": wanted}))
+    server.counts()
+    seconds, areas = peer(COUNTRIES, f"{server.url}/{picture}", wanted)
+    areas = [{int(value): cells for value, cells in country.items()} for country in areas]
+    counts = server.counts()
+    rows = [["exactextract", f"{statistics.median(seconds):.2f}, at most {max(seconds):.2f}", "", f"{counts['requests'] / len(wanted):.0f}", f"{counts['bytes'] / len(wanted) / 1e6:.3f}", "", ""]]
+
+    def row(name, found):
+        """A row of seconds, rounds or requests, bytes, peak MiB and shares that are off, of each country."""
+        seconds, asked, size, peak, off = zip(*found)
+        at = off.index(max(off))
+        worst = f"{statistics.median(off):.1e}, at most {max(off):.1e} ({wanted[at]['properties']['name']})"
+        rows.append([name, f"{statistics.median(seconds):.2f}, at most {max(seconds):.2f}", "", f"{statistics.median(asked):.0f}, at most {max(asked)}",
+                     f"{statistics.mean(size) / 1e6:.3f}, at most {max(size) / 1e6:.2f}", f"{statistics.median(peak):.0f}, at most {max(peak):.0f}", worst])
+        return rows[-1]
+
+    found = []
+    for country, expected in zip(wanted, areas):
+        one = WORK / "country.geojson"
+        one.write_text(json.dumps(country))
+        words = ["stats", f"{server.url}/{name}", "--zones", str(one), "--edge", "area", "--json"]
+        seconds, text, (rounds, requests, size) = ours(*words)
+        classes = {int(c["value"]): c["cells"] for c in json.loads(text)["zones"][0]["classes"]}
+        found.append((seconds, requests, size, once([SPINNEY, *words])[2], farthest(classes, expected)))
+        found[-1] = (*found[-1], rounds)
+    row("ours", [line[:5] for line in found])[2] = f"at most {max(line[5] for line in found)}"
+
+    port = free_port()
+    process = subprocess.Popen([PYTHON, "-c", TITILER, str(port)], env={**os.environ, **COLD, **ADVISED})
+    wait_for(port)
+    for name, query in STATISTICS.items():
+        found = []
+        for country, expected in zip(wanted, areas):
+            Path(f"/proc/{process.pid}/clear_refs").write_text("5")
+            address = f"http://127.0.0.1:{port}/statistics?{query}&url={urllib.parse.quote(f'{server.url}/{picture}')}"
+            asked = urllib.request.Request(address, data=json.dumps(country).encode(), headers={"Content-Type": "application/json"})
+            server.counts()
+            began = time.perf_counter()
+            answer = json.load(urllib.request.urlopen(asked))
+            seconds = time.perf_counter() - began
+            counts = server.counts()
+            lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
+            peak = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
+            found.append((seconds, counts["requests"], counts["bytes"], peak, farthest(told(query, answer, country), expected)))
+        row(name, found)
+    process.terminate()
+    process.wait()
+    table([f"class areas of {len(wanted)} countries, each cold", "s, median", "rounds", "requests", "MB, mean", "peak MiB", "off from exactextract, median"], rows)
+
+
 def points(server):
     rows = []
     for name, picture in [("relief", RELIEF), ("shoreline", SHORELINE)]:
@@ -202,6 +301,6 @@ if __name__ == "__main__":
     start()
     asked = sys.argv[1:] or ["tiles", "countries", "points"]
     with serve(WORK, LATENCY) as running:
-        for name, work in [("tiles", tiles), ("countries", class_areas), ("points", points)]:
+        for name, work in [("tiles", tiles), ("countries", class_areas), ("points", points), ("titiler", statistics_elsewhere)]:
             if name in asked:
                 work(running)

@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
 """The server: tiles in a second, at 32 connections, and memory over mixed requests.
 
-Tiles of 256 pixels of the trees' own grids: random ones of the deepest zooms, by clients in two processes. Beside them stand titiler's tiles of the
-same maps as COG, on the grid of degrees (WorldCRS84Quad), on which they lie, so that it warps nothing. Then 10,000 mixed requests: windows,
-tiles of both grids, points, statistics of polygons, and ranges of files; memory is what the process has for itself (RssAnon) after each tenth of them.
+Tiles of 256 pixels of the trees' own grids: random ones of the two deepest zooms, 2,000 in turn, by oha, or without it by clients in two processes.
+Beside them stand titiler's tiles of the same maps as COG, on the grid of degrees (WorldCRS84Quad), on which they lie, so that it warps nothing, and those
+that martin hands out of PMTiles that we have drawn (web mercator). Then 10,000 mixed requests: windows, tiles of both grids, points, statistics of
+polygons, and ranges of files; memory is what the process has for itself (RssAnon) after each tenth of them.
 
-Needs titiler.core and uvicorn in the Python that PEERS_PYTHON names (this one if it is not set); without them that part is left out.
-SECONDS is the time of each measurement (5), REQUESTS the number of mixed ones (10000).
+    cargo install oha martin --locked
+
+titiler.core and uvicorn are taken from the Python that PEERS_PYTHON names (this one if it is not set), the programs from the path or where OHA and MARTIN
+say; what is not there is left out. SECONDS is the time of each measurement (5), REQUESTS the number of mixed ones (10000).
 """
 
 import json
@@ -14,10 +17,12 @@ import multiprocessing
 import os
 import random
 import selectors
+import shutil
 import socket
 import subprocess
 import sys
 import time
+import urllib.request
 from pathlib import Path
 
 from common import RELIEF, SHORELINE, SPINNEY, WORK, start, table, tree, verdict
@@ -25,6 +30,7 @@ from common import RELIEF, SHORELINE, SPINNEY, WORK, start, table, tree, verdict
 SECONDS = float(os.environ.get("SECONDS", 5))
 REQUESTS = int(os.environ.get("REQUESTS", 10_000))
 PYTHON = Path(os.environ.get("PEERS_PYTHON", sys.executable))
+OHA, MARTIN = (os.environ.get(name.upper(), shutil.which(name)) for name in ("oha", "martin"))
 CONNECTIONS = 32
 PROCESSES = 2
 
@@ -101,8 +107,22 @@ def work(port, requests, connections, seconds, answers):
     answers.put((count / (now - began), total, bad))
 
 
-def rate(port, requests):
+def rate_by_oha(port, targets):
+    """The same, by oha."""
+    file = WORK / "addresses.txt"
+    file.write_text("".join(f"http://127.0.0.1:{port}{target}\n" for target in targets))
+    words = [OHA, "--urls-from-file", file, "-c", str(CONNECTIONS), "-z", f"{SECONDS}s", "--no-tui", "--output-format", "json"]
+    told = json.loads(subprocess.check_output(words))
+    if set(told["statusCodeDistribution"]) != {"200"}:
+        sys.exit(f"requests failed: {told['statusCodeDistribution']}")
+    return told["summary"]["requestsPerSec"], told["summary"]["sizePerRequest"]
+
+
+def rate(port, targets):
     """Answers in a second, and bytes of one in the mean."""
+    if OHA:
+        return rate_by_oha(port, targets)
+    requests = [get(target) for target in targets]
     answers = multiprocessing.Queue()
     def start(part):
         process = multiprocessing.Process(target=work, args=(port, part, CONNECTIONS // PROCESSES, SECONDS, answers))
@@ -155,7 +175,7 @@ def ours(name, count=2000):
         zoom = depth - 8 - generator.randrange(2)
         side = 256 << (depth - 8 - zoom)
         x, y = generator.randrange(columns // side), generator.randrange(rows // side)
-        return get(f"/tiles/{name}/{zoom}/{x}/{y}.png?grid=native")
+        return f"/tiles/{name}/{zoom}/{x}/{y}.png?grid=native"
     return [tile() for _ in range(count)]
 
 
@@ -167,7 +187,16 @@ def theirs(name, path, count=2000):
         zoom = deepest - generator.randrange(2)
         x, y = generator.randrange(2 << zoom), generator.randrange(1 << zoom)
         scale = "&rescale=-8000,6000" if name == "relief" else ""
-        return get(f"/tiles/WorldCRS84Quad/{zoom}/{x}/{y}.png?url={path}{scale}")
+        return f"/tiles/WorldCRS84Quad/{zoom}/{x}/{y}.png?url={path}{scale}"
+    return [tile() for _ in range(count)]
+
+
+def drawn(name, deepest, count=2000):
+    """As many tiles of an archive in web mercator."""
+    generator = random.Random(7)
+    def tile():
+        zoom = deepest - generator.randrange(2)
+        return f"/{name}/{zoom}/{generator.randrange(1 << zoom)}/{generator.randrange(1 << zoom)}"
     return [tile() for _ in range(count)]
 
 
@@ -187,7 +216,7 @@ def mixed(generator):
         style = generator.choice(["", "&style=viridis"]) if name == "relief" else ""
         return get(f"/window/{name}?bounds={lon},{lat},{lon + 10},{lat + 5}&crs=lonlat&size={size}{style}")
     if kind == 2:
-        return generator.choice(ours(name, 1))
+        return get(*ours(name, 1))
     if kind == 3:
         zoom = generator.randrange(5)
         return get(f"/tiles/{name}/{zoom}/{generator.randrange(1 << zoom)}/{generator.randrange(1 << zoom)}.png")
@@ -240,6 +269,22 @@ def main():
         other.wait()
     else:
         print("skipped: titiler is not there")
+    if MARTIN:
+        archives = [WORK / f"{name}.pmtiles" for name in SIZES]
+        for name, archive in zip(SIZES, archives):
+            if not archive.exists():
+                subprocess.run([SPINNEY, "export", "-q", folder / f"{name}.goblin", archive], check=True)
+        other_port = free_port()
+        other = subprocess.Popen([MARTIN, "--listen-addresses", f"127.0.0.1:{other_port}", *archives], stderr=subprocess.DEVNULL)
+        wait_for(other_port)
+        for name in SIZES:
+            deepest = json.load(urllib.request.urlopen(f"http://127.0.0.1:{other_port}/{name}"))["maxzoom"]
+            per_second, size = rate(other_port, drawn(name, deepest))
+            rows.append([f"martin, tiles of {name}", f"{per_second:,.0f} /s", f"{size:,.0f} B", verdict(found[name][0] / per_second, 0.5)])
+        other.terminate()
+        other.wait()
+    else:
+        print("skipped: martin is not there")
     table(["what", "figure", "bytes of one", "verdict"], rows)
 
 
