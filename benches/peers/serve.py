@@ -275,7 +275,7 @@ def main():
             if not archive.exists():
                 subprocess.run([SPINNEY, "export", "-q", folder / f"{name}.goblin", archive], check=True)
         other_port = free_port()
-        other = subprocess.Popen([MARTIN, "--listen-addresses", f"127.0.0.1:{other_port}", *archives], stderr=subprocess.DEVNULL)
+        other = subprocess.Popen([MARTIN, "--listen-addresses", f"127.0.0.1:{other_port}", *archives], stdout=subprocess.DEVNULL)
         wait_for(other_port)
         for name in SIZES:
             deepest = json.load(urllib.request.urlopen(f"http://127.0.0.1:{other_port}/{name}"))["maxzoom"]
