@@ -90,9 +90,9 @@ for (const zone of zones) {
       const progress = (told) => (rounds = told.rounds);
       const map = await openInWorker(new URL(name, document.baseURI), { progress });
       const opening = rounds;
-      const loaded = (performance.now() - start) / 1000;
+      const opened = (performance.now() - start) / 1000;
       const { zones } = await map.zonal(zone, { progress });
-      return { rounds: opening + rounds, loaded, seconds: (performance.now() - start) / 1000, zone: zones[0] };
+      return { rounds: opening + rounds, opened, seconds: (performance.now() - start) / 1000, zone: zones[0] };
     }, [name, zone]).then(({ seconds, ...found }) => ({ ...found, inPage: seconds })),
   );
   const of = areas.asked.filter(({ path }) => path.endsWith(".goblin"));
@@ -104,14 +104,14 @@ for (const zone of zones) {
     assert.equal(one.value, told.classes[index].value);
     off = Math.max(off, Math.abs(one.cells - told.classes[index].cells) / told.cells);
   }
-  found.push({ name: zone.properties.name, seconds: areas.inPage, asked: areas.inPage - areas.loaded, rounds: areas.rounds, requests: of.length, bytes: sum(of), off });
+  found.push({ name: zone.properties.name, seconds: areas.inPage, asked: areas.inPage - areas.opened, rounds: areas.rounds, requests: of.length, bytes: sum(of), off });
 }
 const spread = (key) => {
   const sorted = found.map((one) => one[key]).sort((a, b) => a - b);
   const [median, most] = [sorted[Math.floor(sorted.length / 2)], sorted.at(-1)].map((number) => (Number.isInteger(number) ? number : Number(number.toPrecision(3))));
   return found.length === 1 ? `${median}` : `${median} in the median, ${most} at most (${found.find((one) => one[key] === sorted.at(-1)).name})`;
 };
-console.log(`class areas of ${found.length === 1 ? found[0].name : `${found.length} zones`}, cold: seconds with loading the package ${spread("seconds")}; without ${spread("asked")}`);
+console.log(`class areas of ${found.length === 1 ? found[0].name : `${found.length} zones`}, cold: seconds with loading the package ${spread("seconds")}; of the question alone ${spread("asked")}`);
 console.log(`rounds, besides the one that opens, ${spread("rounds")}; requests ${spread("requests")}; bytes of the file ${spread("bytes")}; off from the program's by ${spread("off")} of the cells`);
 await browser.close();
 rmSync(folder, { recursive: true });
