@@ -466,8 +466,9 @@ pub mod export {
 #[cfg(feature = "report")]
 pub mod report {
     pub use spinney_report::{
-        OUTSIDE, PointLayers, PointReport, ZoneReport, cell_area, channels_as_json, class_as_json,
-        class_name, printable_json,
+        Bins, JsonNumbers, OUTSIDE, PointLayers, PointReport, ZoneForm, ZoneReport, bins_as_json, bins_of,
+        bins_with, cell_area, channels_as_json, class_as_json, class_name, commit_as_json, printable_json,
+        statistics_as_json, statistics_of, void_share, write_number,
     };
 }
 

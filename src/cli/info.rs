@@ -10,7 +10,7 @@ use spinney::io::rounds::traffic;
 use spinney::io::url_of;
 use spinney::ops::LayerInfo;
 use spinney::query::ChannelStatistics;
-use spinney::report::{channels_as_json, class_as_json};
+use spinney::report::{JsonNumbers, channels_as_json, class_as_json, commit_as_json};
 use spinney::space::{Crs, Frame};
 use spinney::store::goblin::LevelBytes;
 use spinney::store::{Codec, FilePlace, LevelCounts, Metadata, TagScope};
@@ -125,7 +125,7 @@ fn layers_as_json(tree: &Dataset, layers: &[LayerInfo]) -> Result<serde_json::Va
     Ok(json!({
         "file": tree.name().display().to_string(),
         "format": tree.format().name(),
-        "commit": tree.commit().map(commit::as_json),
+        "commit": tree.commit().map(|commit| commit_as_json(commit, JsonNumbers::Plain)),
         "bytes": tree.file_size(),
         "layers": all.collect::<Result<Vec<_>>>()?,
     }))
@@ -188,7 +188,7 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
     Ok(json!({
         "file": tree.name().display().to_string(),
         "format": tree.format().name(),
-        "commit": tree.commit().map(commit::as_json),
+        "commit": tree.commit().map(|commit| commit_as_json(commit, JsonNumbers::Plain)),
         "codec": header.codec.name(),
         "layer": metadata.name,
         "time": metadata.time,
@@ -221,7 +221,7 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
         "levels": levels,
         "cells": stats.cells,
         "void_cells": stats.void_cells,
-        "channels": channels_as_json(&stats),
+        "channels": channels_as_json(&stats, tree.header().form.value.sample, JsonNumbers::Plain),
         "classes": classes,
         "provenance": metadata.provenance,
         "tags": metadata.tags,

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
+use spinney::report::{JsonNumbers, commit_as_json};
 use spinney::store::autumnal::History;
 
 use super::report::{commit, print_json, print_text, warn};
@@ -33,7 +34,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     let commits = file.commits().take(args.limit.unwrap_or(usize::MAX));
     if args.json {
-        let commits = commits.map(|entry| Ok(commit::as_json(&entry?))).collect::<Result<Vec<_>>>()?;
+        let commits = commits
+            .map(|entry| Ok(commit_as_json(&entry?, JsonNumbers::Plain)))
+            .collect::<Result<Vec<_>>>()?;
         print_json(&commits.into())?;
         file.check_newest()?;
         return Ok(file.check_unchanged()?);

@@ -1,7 +1,8 @@
 //! Answers, as JavaScript takes them.
 
-use serde_json::{Value, json};
+use serde_json::Value;
 use spinney_base::value::{Number, SampleType};
+use spinney_report::JsonNumbers;
 use wasm_bindgen::prelude::wasm_bindgen;
 
 /// The answer to a question: what it is, or what it lacks, or why there is none.
@@ -72,28 +73,14 @@ impl From<Found> for Answer {
     }
 }
 
-/// Whole numbers beyond are not all numbers of JavaScript.
-const MOST_EXACT: u64 = (1 << 53) - 1;
-
-/// A whole number that JavaScript makes a BigInt of.
-pub(crate) fn big(number: impl ToString) -> Value {
-    json!({ "$big": number.to_string() })
-}
-
-/// A sample: a BigInt of types of 64 bits, `null` where it is not a number, and a text where it is infinite.
+/// A sample, as JavaScript reads it.
 pub(crate) fn sample(number: Number, of: SampleType) -> Value {
-    match number {
-        number if matches!(of, SampleType::U64 | SampleType::I64) => {
-            number.to_integer().map_or_else(|| json!(number), big)
-        }
-        Number::Float(float) if float.is_infinite() => json!({ "$float": float.to_string() }),
-        number => json!(number),
-    }
+    JsonNumbers::Marked.sample(number, of)
 }
 
-/// A count: a BigInt where it is larger than numbers of JavaScript are exact.
+/// A count, as JavaScript reads it.
 pub(crate) fn count(count: u64) -> Value {
-    if count > MOST_EXACT { big(count) } else { json!(count) }
+    JsonNumbers::Marked.count(count)
 }
 
 /// Numbers as little-endian bytes.

@@ -8,10 +8,10 @@ use spinney_brep::{Faces, ModelView};
 use spinney_container::{Metadata, Tag};
 use spinney_crs::{Crs, Frame, Transformation};
 use spinney_engine::dataset::Dataset;
+use spinney_report::{JsonNumbers, commit_as_json};
 
 use crate::answer::{count, sample};
 use crate::files::{Content, Opened};
-use crate::history::commit_json;
 
 /// The header of what is open.
 ///
@@ -79,7 +79,7 @@ fn of_cells(tree: &Dataset) -> Result<Value> {
         "layerNumber": tree.layer_number(),
         "time": metadata.time,
         "layers": layers,
-        "commit": tree.commit().map(commit_json),
+        "commit": tree.commit().map(|commit| commit_as_json(commit, JsonNumbers::Marked)),
         "bytes": tree.file_size(),
         "remark": tree.remark(),
     }))

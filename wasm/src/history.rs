@@ -7,7 +7,8 @@ use spinney_base::{Error, Result};
 use spinney_container::FilePlace;
 use spinney_engine::dataset::Dataset;
 use spinney_engine::ops::{TreeFile, diff as differences};
-use spinney_engine::store::autumnal::{Commit, History};
+use spinney_engine::store::autumnal::History;
+use spinney_report::{JsonNumbers, commit_as_json};
 
 use crate::answer::{Found, count, sample};
 use crate::files::Opened;
@@ -25,23 +26,6 @@ pub(crate) struct Request {
 /// Blocks that are handed out if nobody says how many.
 const BLOCKS: usize = 10_000;
 
-/// A commit, as the program prints it.
-pub(crate) fn commit_json(commit: &Commit) -> Value {
-    let (note, written) = (&commit.note, &commit.written);
-    json!({
-        "number": commit.number,
-        "time": note.time,
-        "author": note.author,
-        "message": note.message,
-        "cells": count(commit.cells),
-        "records": count(commit.records),
-        "written_records": written.records,
-        "written_bytes": written.bytes,
-        "shared_records": written.shared,
-        "spared_bytes": written.spared,
-    })
-}
-
 /// Fails if the file has no commits.
 fn check_commits(tree: &Dataset) -> Result<()> {
     match tree.commit() {
@@ -56,7 +40,9 @@ pub(crate) fn commits(opened: &Opened, limit: Option<usize>) -> Result<Found> {
     let file = &opened.file;
     let history = History::open(&file.name, &file.options())?;
     let commits = history.commits().take(limit.unwrap_or(usize::MAX));
-    let commits = commits.map(|commit| Ok(commit_json(&commit?))).collect::<Result<Vec<_>>>()?;
+    let commits = commits
+        .map(|commit| Ok(commit_as_json(&commit?, JsonNumbers::Marked)))
+        .collect::<Result<Vec<_>>>()?;
     history.check_newest()?;
     Ok(Value::from(commits).into())
 }

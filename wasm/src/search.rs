@@ -6,10 +6,10 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{Condition, FoundBlock};
+use spinney_report::JsonNumbers;
 
 use crate::answer::{Found, count};
 use crate::part::Part;
-use crate::statistics::class;
 
 /// A condition on the first channel, and how many blocks are wanted.
 #[derive(Deserialize)]
@@ -72,6 +72,6 @@ fn block_json(tree: &Dataset, block: &FoundBlock) -> Value {
         "min": counts(block.bounds.min),
         "size": counts(block.bounds.size()),
         "world": [&low[..axes], &high[..axes]],
-        "value": block.value.map(|value| class(value, of)),
+        "value": block.value.map(|value| JsonNumbers::Marked.class(value, of)),
     })
 }

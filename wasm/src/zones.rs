@@ -1,19 +1,17 @@
 //! Statistics of polygons, as the program prints them.
 
 use serde::Deserialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use spinney_base::space::EdgeRule;
-use spinney_base::value::{Number, SampleType};
 use spinney_base::{Error, Result};
 use spinney_crs::{Coordinates, Places};
 use spinney_engine::dataset::Dataset;
-use spinney_engine::query::{ZonalRequest, ZoneChannel, ZoneMeasure, ZoneStatistics};
-use spinney_vector::import::feature::Feature;
-use spinney_vector::import::zones::{PolygonLayer, parse_polygons};
+use spinney_engine::query::{ZonalRequest, ZoneMeasure};
+use spinney_report::{JsonNumbers, ZoneForm};
+use spinney_vector::import::zones::parse_polygons;
 
-use crate::answer::{Found, sample};
+use crate::answer::Found;
 use crate::files::Opened;
-use crate::statistics::class;
 
 /// Polygons, and what is asked of each.
 #[derive(Deserialize)]
@@ -68,86 +66,20 @@ pub(crate) fn zonal(opened: &Opened, request: &Request) -> Result<Found> {
         grids.iter().position(|grid| grid == first).map_or(&[][..], |at| &found.trees[at][..])
     };
     let asked: Vec<_> = trees.iter().copied().zip(same.iter().map(of_grid)).collect();
+    let form = ZoneForm {
+        trees: &trees,
+        quantiles: &question.quantiles,
+        attributes: None,
+        has_layers: request.layers.is_some(),
+        numbers: JsonNumbers::Marked,
+    };
     let mut zones: Vec<Value> = Vec::new();
     Dataset::zonal_layers(&asked, &question, &(), &mut |of_layers| {
-        let feature = layer
-            .features
-            .get(zones.len())
-            .ok_or_else(|| Error::invalid("zones", "one more", "as many as asked for"))?;
-        let mut json = feature_json(&layer, feature);
-        match (&of_layers[..], &request.layers) {
-            ([zone], None) => json.extend(zone_json(trees[0], zone, &question.quantiles)),
-            (of_layers, _) => {
-                let rows = trees.iter().zip(of_layers).map(|(tree, zone)| {
-                    let metadata = tree.metadata();
-                    let mut row = members([("layer", json!(metadata.name)), ("time", json!(metadata.time))]);
-                    row.extend(zone_json(tree, zone, &question.quantiles));
-                    Value::from(row)
-                });
-                json.insert("layers".into(), rows.collect());
-            }
+        if zones.len() == layer.features.len() {
+            return Err(Error::invalid("zones", "one more", "as many as asked for"));
         }
-        zones.push(json.into());
+        zones.push(form.as_json(&layer, zones.len(), &of_layers));
         Ok(())
     })?;
     Ok(json!({ "zones": zones }).into())
-}
-
-fn members<const N: usize>(members: [(&str, Value); N]) -> Map<String, Value> {
-    members.into_iter().map(|(name, value)| (name.to_string(), value)).collect()
-}
-
-/// Id, name and attributes of a feature.
-fn feature_json(layer: &PolygonLayer, feature: &Feature) -> Map<String, Value> {
-    let values = layer.attributes.iter().zip(&feature.attributes);
-    let properties: Map<_, _> = values.map(|((name, _), value)| (name.clone(), value.to_json())).collect();
-    members([
-        ("id", json!(feature.id)),
-        ("name", json!(layer.name(feature))),
-        ("properties", properties.into()),
-    ])
-}
-
-/// Statistics of a zone's cells.
-fn zone_json(tree: &Dataset, zone: &ZoneStatistics, quantiles: &[f64]) -> Map<String, Value> {
-    let (metadata, of) = (tree.metadata(), tree.header().form.value.sample);
-    let area = metadata.frame.cell_square_metres().ok();
-    let one_class = |(value, cells): &(Number, f64)| {
-        json!({
-            "value": class(*value, of),
-            "name": metadata.class_names.get(value),
-            "cells": cells,
-            "area_m2": area.map(|area| area * cells),
-        })
-    };
-    members([
-        ("cells", json!(zone.cells)),
-        ("void_cells", json!(zone.void_cells)),
-        ("void_share", json!(zone.void_share())),
-        ("outside_cells", json!(zone.outside_cells)),
-        ("area_m2", json!(area.map(|area| area * zone.cells))),
-        ("channels", zone.channels.iter().map(|channel| channel_json(channel, of, quantiles)).collect()),
-        ("classes", zone.classes.iter().map(one_class).collect()),
-    ])
-}
-
-fn channel_json(channel: &ZoneChannel, of: SampleType, quantiles: &[f64]) -> Value {
-    let ZoneChannel { cells, min, max, sum, mean, standard_deviation, values } = channel;
-    let mut json = json!({
-        "cells": cells,
-        "min": sample(*min, of),
-        "max": sample(*max, of),
-        "sum": sum,
-        "mean": mean,
-        "standard_deviation": standard_deviation,
-    });
-    if let Some(values) = values {
-        json["majority"] = class(values.majority, of);
-        json["minority"] = class(values.minority, of);
-        json["variety"] = json!(values.variety);
-        json["median"] = json!(values.median);
-        let quantiles = quantiles.iter().zip(&values.quantiles);
-        json["quantiles"] = quantiles.map(|(at, value)| (at.to_string(), json!(value))).collect();
-    }
-    json
 }

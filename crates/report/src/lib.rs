@@ -1,9 +1,17 @@
 //! Answers as JSON, as the program prints them and the server sends them: the same text for the same question.
 
+mod commits;
 mod json;
+mod numbers;
 mod points;
+mod statistics;
 mod zones;
 
-pub use json::{cell_area, channels_as_json, class_as_json, class_name, printable_json};
+pub use commits::commit_as_json;
+pub use json::{cell_area, class_name, printable_json};
+pub use numbers::{JsonNumbers, class_as_json};
 pub use points::{OUTSIDE, PointLayers, PointReport, write_number};
-pub use zones::ZoneReport;
+pub use statistics::{
+    Bins, bins_as_json, bins_of, bins_with, channels_as_json, statistics_as_json, statistics_of, void_share,
+};
+pub use zones::{ZoneForm, ZoneReport};

@@ -3,7 +3,7 @@
 use spinney_base::Progress;
 use spinney_crs::Coordinates;
 use spinney_engine::query::{ZonalRequest, ZoneMeasure};
-use spinney_report::ZoneReport;
+use spinney_report::{JsonNumbers, ZoneForm, ZoneReport};
 use spinney_vector::import::feature::FeatureOptions;
 use spinney_vector::import::zones::PolygonReader;
 use spinney_vector::zonal::FeatureZones;
@@ -41,7 +41,13 @@ pub(crate) fn answer(
     options.filter = asked.value("where")?.unwrap_or_default();
     let mut reader = PolygonReader::of_geojson(geojson, &options).map_err(of_body)?;
     let mut zones = FeatureZones::new(&reader, coordinates.as_ref(), &trees, &request, progress)?;
-    let mut report = ZoneReport::begin(&trees, &request.quantiles, attributes.as_deref());
+    let mut report = ZoneReport::begin(ZoneForm {
+        trees: &trees,
+        quantiles: &request.quantiles,
+        attributes: attributes.as_deref(),
+        has_layers: trees.len() != 1,
+        numbers: JsonNumbers::Plain,
+    });
     let mut is_too_long = false;
     while let Some(layer) = reader.next_layer().map_err(of_body)? {
         let walked = zones.each(&layer, progress, &mut |number, zone| {

@@ -1,6 +1,5 @@
 //! Commits, for people and for programs.
 
-use serde_json::json;
 use spinney::store::autumnal::Commit;
 
 use super::super::Global;
@@ -30,23 +29,6 @@ pub(crate) fn written(commit: &Commit) -> String {
         text += &format!(", {} shared, {} spared", written.shared, quantity::bytes(written.spared));
     }
     text
-}
-
-/// A commit as JSON.
-pub(crate) fn as_json(commit: &Commit) -> serde_json::Value {
-    let (note, written) = (&commit.note, &commit.written);
-    json!({
-        "number": commit.number,
-        "time": note.time,
-        "author": note.author,
-        "message": note.message,
-        "cells": commit.cells,
-        "records": commit.records,
-        "written_records": written.records,
-        "written_bytes": written.bytes,
-        "shared_records": written.shared,
-        "spared_bytes": written.spared,
-    })
 }
 
 /// Writes lines about a commit that was made, or that there was nothing to commit.

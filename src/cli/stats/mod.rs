@@ -10,9 +10,10 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::import::feature::FeatureFilter;
 use spinney::query::Statistics;
-use spinney::report::{cell_area, channels_as_json, class_as_json, class_name};
-use spinney::space::Bounds;
-use spinney::value::{Number, Rule};
+use spinney::report::{
+    JsonNumbers, bins_with, cell_area, class_name, statistics_as_json, statistics_of, void_share,
+};
+use spinney::value::Rule;
 
 use super::args::{PartOptions, ViewedTree, level_of};
 use super::lines;
@@ -234,16 +235,10 @@ fn of_layer(args: &Args, tree: &Dataset, global: &Global) -> Result<Option<serde
         "--solid, --surface and --level are for the whole octree; see --view window=..."
     );
     let is_solid = is_octree && tree.header().rule == Rule::Occupancy && boxes.is_none();
-    let stats = match boxes.as_deref() {
-        None => tree.statistics(None, &())?,
-        Some(boxes) => {
-            let parts = boxes.iter().map(|bounds| tree.statistics(Some(*bounds), &()));
-            Statistics::of_parts(&parts.collect::<spinney::Result<Vec<_>>>()?)
-        }
-    };
+    let stats = statistics_of(tree, boxes.as_deref())?;
     let picture = tree.header().picture();
     let boxes = boxes.unwrap_or(vec![picture]);
-    let histogram = histogram(tree, &boxes, &stats, args.bins)?;
+    let histogram = bins_with(tree, &boxes, &stats, args.bins)?;
     // Last, since up to here a signal ends the program at once.
     let measured = if is_asked || is_solid {
         let work = Work::start(global, "cells")?;
@@ -254,7 +249,7 @@ fn of_layer(args: &Args, tree: &Dataset, global: &Global) -> Result<Option<serde
         None
     };
     if args.json {
-        let mut json = as_json(tree, &stats, &histogram);
+        let mut json = statistics_as_json(tree, &stats, &histogram, JsonNumbers::Plain);
         if let Some((measured, surface)) = &measured {
             json["solid"] = solid::as_json(tree, measured, surface.as_ref());
         }
@@ -271,25 +266,6 @@ fn of_layer(args: &Args, tree: &Dataset, global: &Global) -> Result<Option<serde
     Ok(None)
 }
 
-/// Bins of the first channel, each with its least value and its cells; none of classes, or where all values
-/// are alike.
-fn histogram(tree: &Dataset, boxes: &[Bounds], stats: &Statistics, bins: u32) -> Result<Vec<(f64, u64)>> {
-    match stats.channels.first() {
-        Some(first) if stats.classes.is_empty() && first.min < first.max && bins > 0 => {
-            let (low, high) = (first.min.to_f64(), first.max.to_f64());
-            let mut cells = vec![0; bins as usize];
-            for bounds in boxes {
-                let bounds = bounds.intersect(&tree.header().picture());
-                let part = tree.histogram(&bounds, low, high, bins as usize, &())?;
-                cells.iter_mut().zip(part).for_each(|(all, part)| *all += part);
-            }
-            let width = (high - low) / f64::from(bins);
-            Ok((0..).map(|bin| low + f64::from(bin) * width).zip(cells).collect())
-        }
-        _ => Ok(Vec::new()),
-    }
-}
-
 /// A row of a table, quoted where that is needed (RFC 4180, with plain ends of lines).
 fn row_of(fields: &[&str]) -> String {
     let quoted = |field: &&str| match field.contains([',', '"', '\n', '\r']) {
@@ -297,36 +273,6 @@ fn row_of(fields: &[&str]) -> String {
         false => field.to_string(),
     };
     fields.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n"
-}
-
-/// The part of the cells that is VOID; nothing of no cells.
-fn void_share(stats: &Statistics) -> Option<f64> {
-    let all = stats.cells + stats.void_cells;
-    (all > 0).then(|| stats.void_cells as f64 / all as f64)
-}
-
-fn as_json(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> serde_json::Value {
-    let area = cell_area(tree).ok();
-    let class = |(value, cells): &(Number, u64)| {
-        json!({
-            "value": class_as_json(*value),
-            "name": class_name(tree, *value),
-            "cells": cells,
-            "area_m2": area.map(|area| area * *cells as f64),
-        })
-    };
-    let bin = |(from, cells): &(f64, u64)| json!({ "from": from, "cells": cells });
-    json!({
-        "layer": tree.metadata().name,
-        "cells": stats.cells,
-        "void_cells": stats.void_cells,
-        "void_share": void_share(stats),
-        "area_m2": area.map(|area| area * stats.cells as f64),
-        "channels": channels_as_json(stats),
-        "classes": stats.classes.iter().map(class).collect::<Vec<_>>(),
-        "histogram": histogram.iter().map(bin).collect::<Vec<_>>(),
-        "segments_read": stats.segments_read,
-    })
 }
 
 /// Prints statistics as text.

@@ -7,7 +7,7 @@ use spinney::dataset::Dataset;
 use spinney::export::vector::quantile_name;
 use spinney::import::feature::PolygonLayer;
 use spinney::query::{ZoneChannel, ZoneMeasure, ZoneStatistics};
-use spinney::report::{ZoneReport, cell_area, class_name};
+use spinney::report::{JsonNumbers, ZoneForm, ZoneReport, cell_area, class_name};
 use spinney::store::Metadata;
 use spinney::value::Number;
 
@@ -45,7 +45,13 @@ impl<'a> Report<'a> {
             Format::Csv => csv_heading(options),
             Format::Json | Format::Text => String::new(),
         };
-        let json = ZoneReport::begin(trees, &options.quantiles, options.attribute.as_deref());
+        let json = ZoneReport::begin(ZoneForm {
+            trees,
+            quantiles: &options.quantiles,
+            attributes: options.attribute.as_deref(),
+            has_layers: trees.len() != 1,
+            numbers: JsonNumbers::Plain,
+        });
         Report { trees, options, format, next: 0, text, json }
     }
 

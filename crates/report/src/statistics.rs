@@ -1,0 +1,105 @@
+//! Statistics of boxes of cells, with a histogram.
+
+use serde_json::{Value, json};
+use spinney_base::Result;
+use spinney_base::space::Bounds;
+use spinney_base::value::{Number, SampleType};
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::{ChannelStatistics, Statistics};
+
+use crate::{JsonNumbers, cell_area, class_name};
+
+/// Statistics of some boxes of cells together; of all cells where none are given.
+///
+/// # Errors
+/// If the file is damaged there.
+pub fn statistics_of(tree: &Dataset, boxes: Option<&[Bounds]>) -> Result<Statistics> {
+    let Some(boxes) = boxes else { return tree.statistics(None, &()) };
+    let parts = boxes.iter().map(|bounds| tree.statistics(Some(*bounds), &()));
+    Ok(Statistics::of_parts(&parts.collect::<Result<Vec<_>>>()?))
+}
+
+/// Bins of a histogram of the first channel, each with its least value and its cells.
+pub type Bins = Vec<(f64, u64)>;
+
+/// So many bins of the first channel from a least value to a greatest, of some boxes of cells together.
+///
+/// # Errors
+/// If the file is damaged there.
+pub fn bins_of(tree: &Dataset, boxes: &[Bounds], (low, high): (f64, f64), bins: u32) -> Result<Bins> {
+    let mut cells = vec![0; bins as usize];
+    for bounds in boxes {
+        let bounds = bounds.intersect(&tree.header().picture());
+        let part = tree.histogram(&bounds, low, high, bins as usize, &())?;
+        cells.iter_mut().zip(part).for_each(|(all, part)| *all += part);
+    }
+    let width = (high - low) / f64::from(bins);
+    Ok((0..).map(|bin| low + f64::from(bin) * width).zip(cells).collect())
+}
+
+/// The bins that go with statistics, between its extremes: none of classes, or where all values are alike.
+///
+/// # Errors
+/// If the file is damaged there.
+pub fn bins_with(tree: &Dataset, boxes: &[Bounds], statistics: &Statistics, bins: u32) -> Result<Bins> {
+    match statistics.channels.first() {
+        Some(first) if statistics.classes.is_empty() && first.min < first.max && bins > 0 => {
+            bins_of(tree, boxes, (first.min.to_f64(), first.max.to_f64()), bins)
+        }
+        _ => Ok(Bins::new()),
+    }
+}
+
+/// The part of the cells that is VOID; nothing of no cells.
+pub fn void_share(statistics: &Statistics) -> Option<f64> {
+    let all = statistics.cells + statistics.void_cells;
+    (all > 0).then(|| statistics.void_cells as f64 / all as f64)
+}
+
+/// Extremes, mean and standard deviation of each channel.
+pub fn channels_as_json(statistics: &Statistics, of: SampleType, numbers: JsonNumbers) -> Vec<Value> {
+    let channel = |channel: &ChannelStatistics| {
+        json!({
+            "cells": numbers.count(channel.cells),
+            "min": numbers.sample(channel.min, of),
+            "max": numbers.sample(channel.max, of),
+            "mean": channel.mean,
+            "standard_deviation": channel.standard_deviation,
+        })
+    };
+    statistics.channels.iter().map(channel).collect()
+}
+
+/// Bins as JSON.
+pub fn bins_as_json(bins: &[(f64, u64)], numbers: JsonNumbers) -> Value {
+    bins.iter().map(|(from, cells)| json!({ "from": from, "cells": numbers.count(*cells) })).collect()
+}
+
+/// Statistics of a layer, and a histogram.
+pub fn statistics_as_json(
+    tree: &Dataset,
+    statistics: &Statistics,
+    bins: &[(f64, u64)],
+    numbers: JsonNumbers,
+) -> Value {
+    let (area, of) = (cell_area(tree).ok(), tree.header().form.value.sample);
+    let class = |(value, cells): &(Number, u64)| {
+        json!({
+            "value": numbers.class(*value, of),
+            "name": class_name(tree, *value),
+            "cells": numbers.count(*cells),
+            "area_m2": area.map(|area| area * *cells as f64),
+        })
+    };
+    json!({
+        "layer": tree.metadata().name,
+        "cells": numbers.count(statistics.cells),
+        "void_cells": numbers.count(statistics.void_cells),
+        "void_share": void_share(statistics),
+        "area_m2": area.map(|area| area * statistics.cells as f64),
+        "channels": channels_as_json(statistics, of, numbers),
+        "classes": statistics.classes.iter().map(class).collect::<Vec<_>>(),
+        "histogram": bins_as_json(bins, numbers),
+        "segments_read": statistics.segments_read,
+    })
+}
