@@ -427,8 +427,10 @@ export const Model: abstract new (...list: never[]) => Model;
 export function open(source: Source, options?: OpenOptions): Promise<Dataset | Model>;
 /** Opens a file in a worker, which is started with the first: answers are handed over, not copied. */
 export function openInWorker(source: Source, options?: OpenOptions): Promise<Dataset | Model>;
-/** Says where the module is: a URL, its bytes, a response, or a compiled one. To be called before the first file is opened. */
-export function setModule(source: string | URL | BufferSource | Response | WebAssembly.Module): void;
+/** Where the module may be: a URL, its bytes, a response, or a compiled one. */
+export type ModuleSource = string | URL | BufferSource | Response | WebAssembly.Module;
+/** Says where the module is. To be called before the first file is opened. */
+export function setModule(source: ModuleSource | Promise<ModuleSource>): void;
 /** Says how the worker of `openInWorker` is started. */
 export function setWorker(start: () => Worker): void;
 

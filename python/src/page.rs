@@ -51,7 +51,14 @@ pub(crate) fn write_page(
 #[pyfunction]
 pub(crate) fn page_html(name: String, title: String, size: u64, start: Start) -> PyResult<String> {
     let start = start.page_start()?;
-    let source = PageSource { name, title: title.clone(), url: "parent:".into(), size: Some(size), start };
+    let source = PageSource {
+        name,
+        title: title.clone(),
+        url: "parent:".into(),
+        size: Some(size),
+        is_map: false,
+        start,
+    };
     let configuration = PageConfiguration { title, sources: vec![source], assets: String::new() };
     inline_page(&configuration).or_raise()
 }

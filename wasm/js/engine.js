@@ -21,7 +21,7 @@ let ready = false;
 let generation = 0;
 let cache = CACHE;
 
-/** Says where the module's bytes come from: a URL, bytes, a response, or a compiled module. Without it, they are beside this file. */
+/** Says where the module's bytes come from: a URL, bytes, a response, a compiled module, or a promise of one of these. Without it, they are beside this file. */
 export function setModule(source) {
   if (ready || compiled) throw new SpinneyError({ code: "invalid", message: "the module is loaded already: say where it is before the first file is opened" });
   compiled = compile(source);
@@ -29,7 +29,8 @@ export function setModule(source) {
   compiled.catch(() => {});
 }
 
-async function compile(source) {
+async function compile(from) {
+  const source = await from;
   if (source instanceof WebAssembly.Module) return source;
   if (source instanceof ArrayBuffer || ArrayBuffer.isView(source)) return WebAssembly.compile(source);
   const url = source ?? new URL("./module_bg.wasm", import.meta.url);

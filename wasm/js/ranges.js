@@ -19,6 +19,13 @@ export function join(ranges, gap = GAP, most = MOST_JOINED) {
   return joined;
 }
 
+/** The ranges of so many bytes that lie between joined ones. */
+export function between(joined, length) {
+  const starts = [0, ...joined.map(([, end]) => end)];
+  const ends = [...joined.map(([start]) => start), length];
+  return starts.map((start, at) => [start, ends[at]]).filter(([start, end]) => start < end);
+}
+
 /** Does work for each item, so many at a time. The first failure ends it. */
 export async function each(items, most, work) {
   let next = 0;

@@ -2,13 +2,13 @@
 
 import { SpinneyError } from "./errors.js";
 import * as engine from "./engine.js";
-import { each, join } from "./ranges.js";
+import { between, each, join } from "./ranges.js";
 
 /** Requests at the same time. */
 const PARALLEL = 8;
 /** Bytes of a file that is read whole where its host does not serve ranges. */
 const MOST_WHOLE = 64 * 2 ** 20;
-/** Bytes of a file that is read whole when the half of it has been read. */
+/** Bytes of a file of which all that is left is read when the half of it has been. */
 const MODERATE = 2 ** 23;
 /** Bytes of the beginning and of the end that are fetched when a file is opened. */
 const FIRST = 4096;
@@ -93,11 +93,14 @@ class Source {
     const batch = { ranges: [], waiting: 0, control: new AbortController(), came: [] };
     const { signal } = batch.control;
     batch.done = this.#before.then(async () => {
+      // (Whoever has been asked something is heard first: what several questions lack at the beginning comes together, too.)
+      await turn();
       this.#next = undefined;
       const isMostRead = this.length <= MODERATE && 2 * this.#came > this.length;
       const isThere = ([start, end]) => batch.since.some(([from, to]) => from <= start && end <= to);
       const left = batch.ranges.filter((range) => !isThere(range));
-      const wanted = isMostRead && left.length > 0 ? [[0, this.length]] : join(left);
+      const rest = isMostRead && left.length > 0 ? between(this.#fetched, this.length) : [];
+      const wanted = join([...left, ...rest]);
       await each(wanted, PARALLEL, async ([start, end]) => {
         signal.throwIfAborted();
         await this.#get(start, end, signal);
@@ -491,6 +494,9 @@ function contentRange(response) {
 function any(first, second) {
   return first ? AbortSignal.any([first, second]) : second;
 }
+
+/** Lets everything go first that waits already. */
+const turn = () => new Promise((resolve) => setTimeout(resolve));
 
 function pause(milliseconds, signal) {
   return new Promise((resolve, reject) => {

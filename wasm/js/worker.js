@@ -4,6 +4,10 @@ import { Dataset, Model, open } from "./dataset.js";
 import { setModule } from "./engine.js";
 import { toParts } from "./errors.js";
 import { packed } from "./pictures.js";
+// (Named here, so that they come together with those that need them.)
+import "./module.js";
+import "./ranges.js";
+import "./sources.js";
 
 const isNode = typeof self === "undefined";
 const port = isNode ? (await import(/* webpackIgnore: true */ /* @vite-ignore */ "node:worker_threads")).parentPort : self;
@@ -22,6 +26,8 @@ const methodsOf = (dataset) => METHODS[dataset instanceof Model ? "Model" : "Dat
 
 const opened = new Map();
 const running = new Map();
+/** Takes the module that was said to come. */
+let arrived;
 let next = 0;
 
 /** A dataset that was opened, as the other side knows it. */
@@ -79,9 +85,14 @@ function transferred(found) {
 }
 
 async function take(message) {
-  if (message.module) {
-    // (It is nowhere that the worker could find it: the first message brings it.)
-    setModule(message.module);
+  if (message.module === "later") {
+    setModule(new Promise((resolve) => (arrived = resolve)));
+    return;
+  }
+  if ("module" in message) {
+    // (It is nowhere that the worker could find it, or somebody has it already: the first message brings it, or says that a later one does.)
+    if (arrived) arrived(message.module);
+    else setModule(message.module);
     return;
   }
   if (message.abort) {

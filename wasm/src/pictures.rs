@@ -80,7 +80,9 @@ impl Prepared {
         let frame = &tree.metadata().frame;
         // (Farther in than its cells are, too: maps are looked at closely.)
         let deepest = MAX_ZOOM.min(29 - side.trailing_zeros() as u8).min(MOST_ZOOM);
-        let ready = Rc::new(WarpedTiles::new(source, frame, side, Some(deepest), &WarpOptions::default())?);
+        let mut options = WarpOptions::default();
+        options.level_cells = Some(WarpOptions::LOOK);
+        let ready = Rc::new(WarpedTiles::new(source, frame, side, Some(deepest), &options)?);
         let mut all = self.warped.borrow_mut();
         all.insert(side, ready.clone());
         Ok(ready)

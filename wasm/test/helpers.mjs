@@ -1,7 +1,7 @@
 // What the tests have in common: the program, whose answers the module's are to be, and files of all kinds.
 
 import assert from "node:assert/strict";
-import { execFileSync } from "node:child_process";
+import { execFileSync, spawn } from "node:child_process";
 import { existsSync, mkdirSync, mkdtempSync, readdirSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { basename, join } from "node:path";
@@ -14,6 +14,23 @@ const program = process.env.SPINNEY ?? join(root, "target/debug/spinney");
 /** Runs the program; returns what it prints. */
 export function spinney(...list) {
   return execFileSync(program, list.map(String), { encoding: "utf8", maxBuffer: 2 ** 28, stdio: ["ignore", "pipe", "pipe"] });
+}
+
+/** Lets the program serve a folder; returns where, and how to stop it. */
+export async function serve(path) {
+  const server = spawn(program, ["serve", path, "--port", "0"], { stdio: ["ignore", "pipe", "pipe"] });
+  const url = await new Promise((resolve, reject) => {
+    let text = "";
+    const take = (data) => {
+      text += data;
+      const found = /http:\/\/[\d.]+:\d+\//.exec(text);
+      if (found) resolve(found[0]);
+    };
+    server.stdout.on("data", take);
+    server.stderr.on("data", take);
+    server.on("exit", (code) => reject(new Error(`the server ended with ${code}: ${text}`)));
+  });
+  return { url, stop: () => server.kill() };
 }
 
 /** Runs the program; reads the JSON that it prints, with numbers beyond doubles as BigInts. */

@@ -4,9 +4,9 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { inflateSync } from "node:zlib";
 
-/** Red, green, blue and opacity of a PNG of eight bits a sample (and of palettes of one to eight), without interlacing. */
-export function readPng(path) {
-  const file = readFileSync(path);
+/** Red, green, blue and opacity of a PNG, of a path or as bytes, of eight bits a sample (and of palettes of one to eight), without interlacing. */
+export function readPng(source) {
+  const file = typeof source === "string" ? readFileSync(source) : Buffer.from(source);
   let [at, width, height, bits, kind] = [8];
   const data = [];
   let [palette, alpha] = [];

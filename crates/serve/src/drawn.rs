@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use spinney_base::value::Value;
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
+use spinney_engine::ops::WarpOptions;
 use spinney_style::Style;
 use spinney_tiles::{TileContent, TileId, TilePainter, TileSource, TreeTiles, WarpedTiles};
 
@@ -21,34 +22,15 @@ pub(crate) struct Drawn {
     warped: Mutex<Option<Arc<WarpedTiles>>>,
     /// Styles made ready, by their documents.
     painters: Mutex<HashMap<String, Arc<TilePainter>>>,
-    kept: Mutex<KeptPictures>,
+    /// Pictures of tiles that are of one value all over.
+    uniform: Mutex<HashMap<PictureKey, Vec<u8>>>,
 }
 
-/// Pictures of tiles that are asked for over and over, or take long to make.
-#[derive(Default)]
-struct KeptPictures {
-    pictures: HashMap<PictureKey, Vec<u8>>,
-    /// Bytes of all of them.
-    bytes: usize,
-}
+/// All that the bytes of a picture of one value depend on: the look of its style, the ending of its format, and the value.
+pub(crate) type PictureKey = (String, &'static str, Value);
 
-/// The part of a tree that a picture shows which is kept.
-#[derive(PartialEq, Eq, Hash)]
-pub(crate) enum Seen {
-    /// One value all over.
-    Uniform(Value),
-    /// A tile, all of which may be made of very many cells.
-    Tile(TileId),
-}
-
-/// All that the bytes of a picture depend on: the look of its style, the ending of its format, and the part that is seen.
-pub(crate) type PictureKey = (String, &'static str, Seen);
-
-/// Bytes of pictures that are kept of a tree.
-const MOST_BYTES: usize = 8 << 20;
-
-/// The last zoom whose warped tiles are kept: all that there are to it are 85, and each is made of the cells that are fine enough for the highest latitudes.
-const LAST_KEPT: u8 = 3;
+/// Pictures of one value that are kept of a tree: some hundred bytes each.
+const MOST_UNIFORM: usize = 1 << 12;
 
 /// Styles that are kept ready for a tree.
 const MOST_PAINTERS: usize = 16;
@@ -60,15 +42,13 @@ pub(crate) enum Tiles<'a> {
 }
 
 impl Tiles<'_> {
-    /// The part that a tile shows, if a picture of it is worth being kept. Where pixels depend on `margin` cells around them, what is around a tile
-    /// of one value matters, too.
+    /// The value that a tile is of all over; `None` also where pixels depend on `margin` cells around them: what is around the tile matters then.
     ///
     /// # Errors
     /// If the tree cannot be read.
-    pub(crate) fn seen(&self, tile: TileId, margin: usize) -> Result<Option<Seen>> {
-        Ok(match (self, self.source().content(tile)?) {
-            (_, TileContent::Uniform(value)) if margin == 0 => Some(Seen::Uniform(value)),
-            (Tiles::Warped(_), _) if tile.zoom <= LAST_KEPT => Some(Seen::Tile(tile)),
+    pub(crate) fn uniform(&self, tile: TileId, margin: usize) -> Result<Option<Value>> {
+        Ok(match self.source().content(tile)? {
+            TileContent::Uniform(value) if margin == 0 => Some(value),
             _ => None,
         })
     }
@@ -88,7 +68,7 @@ impl Drawn {
             is_composite,
             warped: Mutex::default(),
             painters: Mutex::default(),
-            kept: Mutex::default(),
+            uniform: Mutex::default(),
         }
     }
 
@@ -120,33 +100,33 @@ impl Drawn {
                 advice,
             ));
         };
-        let tiles = WarpedTiles::new(source, &tree.metadata().frame, SIDE, None, &Default::default())?;
+        let mut options = WarpOptions::default();
+        options.level_cells = Some(WarpOptions::LOOK);
+        let tiles = WarpedTiles::new(source, &tree.metadata().frame, SIDE, None, &options)?;
         Ok(Tiles::Warped(warped.insert(Arc::new(tiles)).clone()))
     }
 
-    /// A picture that is kept; `make` makes it if it is not there yet.
+    /// The picture of one value; `make` makes it if it was not asked for yet.
     ///
     /// # Errors
     /// Those of `make`.
-    pub(crate) fn picture(
+    pub(crate) fn uniform_picture(
         &self,
         key: PictureKey,
         make: impl FnOnce() -> Result<Option<Vec<u8>>>,
     ) -> Result<Option<Vec<u8>>> {
-        let kept = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = kept().pictures.get(&key).cloned();
+        let kept = || self.uniform.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = kept().get(&key).cloned();
         if known.is_some() {
             return Ok(known);
         }
         let made = make()?;
-        if let Some(picture) = made.as_ref().filter(|picture| picture.len() < MOST_BYTES / 4) {
+        if let Some(picture) = &made {
             let mut kept = kept();
-            if kept.bytes + picture.len() > MOST_BYTES {
-                *kept = KeptPictures::default();
+            if kept.len() >= MOST_UNIFORM {
+                kept.clear();
             }
-            if kept.pictures.insert(key, picture.clone()).is_none() {
-                kept.bytes += picture.len();
-            }
+            kept.insert(key, picture.clone());
         }
         Ok(made)
     }

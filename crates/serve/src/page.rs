@@ -20,14 +20,15 @@ pub(crate) fn as_json(files: &[Listed]) -> String {
     format!("{:#}\n", json!({ "files": files.iter().map(file).collect::<Vec<_>>() }))
 }
 
-/// The page that shows the files, or, if the program was built without it or there is nothing to show, a list of them.
-pub(crate) fn index(files: &[Listed]) -> String {
+/// The page that shows the files, of which the first may be a raster, or, if the program was built without it or there is nothing to show, a list of them.
+pub(crate) fn index(files: &[Listed], is_map: bool) -> String {
     let has_page = spinney_site::asset("spinney/module_bg.wasm").is_some() && !files.is_empty();
     let source = |Listed { name, file, .. }: &Listed| PageSource {
         name: file.clone(),
         title: name.clone(),
         url: utf8_percent_encode(file, ESCAPED).to_string(),
         size: None,
+        is_map,
         start: PageStart::default(),
     };
     let configuration = || PageConfiguration {

@@ -13,7 +13,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use http_body_util::{BodyExt as _, LengthLimitError, Limited};
 
-use crate::answer::{Answer, has_tag};
+use crate::answer::{Answer, AnswerCache, has_tag};
 use crate::catalog::Catalog;
 use crate::failure::Failure;
 use crate::opened::{OpenTree, OpenTrees};
@@ -31,6 +31,7 @@ pub(crate) struct App {
     pub(crate) options: ServeOptions,
     pub(crate) address: SocketAddr,
     trees: OpenTrees,
+    answers: AnswerCache,
 }
 
 /// The names in an address, if they can be read.
@@ -45,7 +46,15 @@ impl App {
         [work, reading]: [usize; 2],
     ) -> Arc<App> {
         let [work, reading] = [work, reading].map(|places| Work::new(places, options.timeout));
-        Arc::new(App { catalog, work, reading, options, address, trees: OpenTrees::default() })
+        Arc::new(App {
+            catalog,
+            work,
+            reading,
+            options,
+            address,
+            trees: OpenTrees::default(),
+            answers: AnswerCache::default(),
+        })
     }
 
     /// Answers a question about a tree; whoever has the answer already is told so.
@@ -66,11 +75,20 @@ impl App {
             let tree = app.trees.get(&app.catalog.tree(&name)?, commit)?;
             // (What a body asks for is not kept by its address.)
             let tag = tree.version.tag(&head.target);
-            if head.method != Method::POST && has_tag(&head.headers, header::IF_NONE_MATCH, &tag, true) {
+            if head.method == Method::POST {
+                let made = answer(&app, &tree, &asked, tag, watch)?;
+                return tree.check_unchanged().map(|()| made).map_err(Failure::from);
+            }
+            if has_tag(&head.headers, header::IF_NONE_MATCH, &tag, true) {
                 return Ok(Answer::not_modified(tag));
+            }
+            let question = (tag.clone(), head.target);
+            if let Some(known) = app.answers.get(&question) {
+                return Ok(known);
             }
             let made = answer(&app, &tree, &asked, tag, watch)?;
             tree.check_unchanged()?;
+            app.answers.keep(question, &made);
             Ok(made)
         });
         made.await.map_err(|failure| failure.without(self.catalog.folder()))
@@ -152,7 +170,11 @@ async fn health() -> Response {
 
 async fn root(State(app): State<Arc<App>>) -> Result<Response, Failure> {
     let shared = app.clone();
-    let made = app.reading.run(move |_| Ok(page::index(&shared.catalog.list()?)));
+    let made = app.reading.run(move |_| {
+        let files = shared.catalog.list()?;
+        let first = files.first().and_then(|file| shared.catalog.file(&file.file).ok());
+        Ok(page::index(&files, first.is_some_and(|path| spinney_site::is_map(&path))))
+    });
     Ok(text("text/html; charset=utf-8", made.await.map_err(|failure| failure.without(app.catalog.folder()))?))
 }
 

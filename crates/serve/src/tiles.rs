@@ -102,9 +102,11 @@ pub(crate) fn answer(
         _ => "application/octet-stream",
     };
     let make = || encode_tile(source, &painter, encoding, SIDE, void, tile);
-    let seen = if format.is_array() { None } else { tiles.seen(tile, painter.margin())? };
-    let made = match seen {
-        Some(seen) => drawn.picture((painter.colours().look.clone(), format.extension(), seen), make)?,
+    let uniform = if format.is_array() { None } else { tiles.uniform(tile, painter.margin())? };
+    let made = match uniform {
+        Some(value) => {
+            drawn.uniform_picture((painter.colours().look.clone(), format.extension(), value), make)?
+        }
         None => make()?,
     };
     Ok(match made {

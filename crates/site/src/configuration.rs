@@ -16,6 +16,8 @@ pub struct PageSource {
     pub url: String,
     /// Bytes of the file, where whoever shows the page inside another one reads it: its address is then `parent:`.
     pub size: Option<u64>,
+    /// Whether it is known to be a raster, so that what draws maps is loaded without waiting for the file.
+    pub is_map: bool,
     /// Part and look that the page begins with.
     pub start: PageStart,
 }
@@ -45,7 +47,7 @@ pub struct PageConfiguration {
 impl PageConfiguration {
     /// The configuration as the page reads it.
     fn json(&self) -> Value {
-        let source = |PageSource { name, title, url, size, start }: &PageSource| {
+        let source = |PageSource { name, title, url, size, start, .. }: &PageSource| {
             let PageStart { layer, commit, style } = start;
             json!({"name": name, "title": title, "url": url, "size": size, "layer": layer, "commit": commit, "style": style})
         };
@@ -62,28 +64,39 @@ impl PageConfiguration {
     }
 }
 
-/// Modules that not every page needs, or a worker alone.
-const LATER: [&str; 5] = ["js/map.js", "js/model.js", "js/scene.js", "js/solid.js", "spinney/worker.js"];
+/// Modules that octrees and exact models need, or a worker alone.
+const LATER: [&str; 4] = ["js/model.js", "js/scene.js", "js/solid.js", "spinney/worker.js"];
+/// Modules that maps need, beside those that all do.
+const OF_MAPS: [&str; 2] = ["js/map.js", "vendor/maplibre-gl.js"];
+/// Files that modules fetch, for all pages and for maps.
+const FETCHED: &str = "spinney/module_bg.wasm";
+const FETCHED_BY_MAPS: &str = "vendor/coastlines.txt";
 
 /// The page's HTML, for one whose files are beside it.
 ///
 /// # Errors
 /// If the program has no page.
 pub fn index(configuration: &PageConfiguration) -> Result<String> {
-    let assets = &configuration.assets;
-    let styles = ["page.css", "vendor/maplibre-gl.css"]
-        .map(|name| format!("<link rel=\"stylesheet\" href=\"{}\">", escaped(&format!("{assets}{name}"))));
-    // (So that modules do not wait for those that name them.)
-    let modules = names().into_iter().filter(|name| name.starts_with("js/") || name.starts_with(PACKAGE));
-    let modules = modules.filter(|name| name.ends_with(".js") && !LATER.contains(&name.as_str()));
-    let early: String = modules
-        .map(|name| {
-            format!("<link rel=\"modulepreload\" href=\"{}\">\n", escaped(&format!("{assets}{name}")))
-        })
-        .collect();
-    let program = early
-        + &format!("<script type=\"module\" src=\"{}\"></script>", escaped(&format!("{assets}js/main.js")));
-    page_of(configuration, &styles.join("\n"), &program)
+    let is_map = configuration.sources.first().is_some_and(|source| source.is_map);
+    let link = |kind: &str, name: &str| {
+        let address = escaped(&format!("{}{name}", configuration.assets));
+        format!("<link rel={kind} href=\"{address}\">\n")
+    };
+    let all = names();
+    let is_needed = |name: &str| {
+        let is_own = name.starts_with("js/") || name.starts_with(PACKAGE);
+        let is_of_maps = OF_MAPS.contains(&name);
+        name.ends_with(".js") && !LATER.contains(&name) && (is_map || !is_of_maps) && (is_own || is_of_maps)
+    };
+    // (Everything is asked for at once, the largest first: nothing waits for what names it.)
+    let mut head = link("\"preload\" as=\"fetch\" crossorigin", FETCHED);
+    head.extend(all.iter().filter(|name| is_needed(name)).map(|name| link("\"modulepreload\"", name)));
+    if is_map {
+        head += &link("\"preload\" as=\"fetch\" crossorigin", FETCHED_BY_MAPS);
+    }
+    head.extend(["page.css", "vendor/maplibre-gl.css"].map(|name| link("\"stylesheet\"", name)));
+    let main = escaped(&format!("{}js/main.js", configuration.assets));
+    page_of(configuration, &head, &format!("<script type=\"module\" src=\"{main}\"></script>"))
 }
 
 /// The page's HTML around styles and a program.

@@ -10,8 +10,10 @@ use base64::write::EncoderWriter;
 use super::asset::{PACKAGE, names, needed};
 use super::configuration::{PageConfiguration, PageSource, PageStart, index, page_of};
 use super::inline;
-use spinney_base::io::{Output, split_query, url_of};
+use spinney_base::io::{Output, open_file, split_query, url_of};
+use spinney_base::space::Dimension;
 use spinney_base::{Error, Progress, Result};
+use spinney_container::{Content, FileHeader};
 
 /// Folder of the page's own files.
 const ASSETS: &str = "assets/";
@@ -160,6 +162,8 @@ fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
     let mut made: Vec<PageSource> = Vec::new();
     for PageFile { path, start } in files {
         let url = url_of(path);
+        // (What is elsewhere is not asked for this alone.)
+        let is_map = url.is_none() && is_map(path);
         let place = Path::new(url.map_or("", |url| split_query(url).0));
         let name_of = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let name = name_of(if url.is_some() { place } else { path });
@@ -173,9 +177,15 @@ fn sources(files: &[PageFile]) -> Result<Vec<PageSource>> {
             let advice = "give its address as browsers have it: https://...";
             return Err(Error::unsupported(path, "a file in a bucket, which no browser reads,", advice));
         }
-        made.push(PageSource { name, title, url, size: None, start: start.clone() });
+        made.push(PageSource { name, title, url, size: None, is_map, start: start.clone() });
     }
     Ok(made)
+}
+
+/// Whether a file has a raster, so that a page shows it as a map.
+pub fn is_map(path: &Path) -> bool {
+    let header = open_file(path, true, &[]).and_then(|(file, _)| FileHeader::read(path, &*file));
+    header.is_ok_and(|header| header.content == Content::Cells && header.dimension == Dimension::Quad)
 }
 
 /// A name as addresses have it (RFC 3986).

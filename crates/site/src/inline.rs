@@ -23,7 +23,7 @@ fn module_url(text: &str) -> String {
 /// Gives each module that a text imports from its own folder another name.
 fn renamed(text: &str, name: &mut dyn FnMut(&str) -> Result<String>) -> Result<String> {
     let mut made = text.to_owned();
-    for mark in ["from \"", "import(\""] {
+    for mark in ["from \"", "import(\"", "import \""] {
         let whole = std::mem::take(&mut made);
         let own = format!("{mark}./");
         let mut parts = whole.split(&own);
@@ -96,11 +96,9 @@ mod tests {
 
     #[test]
     fn imports_get_other_names() {
-        let text =
-            "import { a } from \"./a.js\";\nconst b = await import(\"./b.js\");\nconst c = \"./c.js\";\n";
+        let text = "import { a } from \"./a.js\";\nconst b = await import(\"./b.js\");\nconst c = \"./c.js\";\nimport \"./d.js\";\n";
         let made = renamed(text, &mut |name| Ok(format!("x/{name}"))).unwrap();
-        let expected =
-            "import { a } from \"x/a.js\";\nconst b = await import(\"x/b.js\");\nconst c = \"./c.js\";\n";
+        let expected = "import { a } from \"x/a.js\";\nconst b = await import(\"x/b.js\");\nconst c = \"./c.js\";\nimport \"x/d.js\";\n";
         assert_eq!(made, expected);
     }
 }

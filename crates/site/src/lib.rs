@@ -11,4 +11,4 @@ mod inline;
 
 pub use asset::{Asset, asset};
 pub use configuration::{PageConfiguration, PageSource, PageStart, index};
-pub use export::{PageFile, PageRequest, PageSummary, export_page, inline_page};
+pub use export::{PageFile, PageRequest, PageSummary, export_page, inline_page, is_map};

@@ -1,6 +1,6 @@
 // A static host for tests: files of a folder with ranges, as any host of files gives them, and the faults of some hosts.
 
-import { closeSync, openSync, readFileSync, readSync, statSync } from "node:fs";
+import { closeSync, openSync, readFileSync, readSync, readdirSync, statSync } from "node:fs";
 import { createServer } from "node:http";
 import { extname, join, normalize } from "node:path";
 import { gzipSync } from "node:zlib";
@@ -25,6 +25,9 @@ export async function serve(folder, { hasRanges = true, delay = 0, bytesPerSecon
   let free = 0;
   const packed = new Map();
   const packOnce = (file) => packed.get(file) ?? packed.set(file, gzipSync(readFileSync(file))).get(file);
+  // (Hosts have packed files before somebody asks.)
+  const files = packs ? readdirSync(folder, { recursive: true }) : [];
+  files.filter((name) => extname(name) in TYPES).forEach((name) => packOnce(join(folder, name)));
   const asked = [];
   const server = createServer(async (request, response) => {
     const path = normalize(decodeURIComponent(new URL(request.url, "http://host").pathname));

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::place::TileId;
 use super::source::{TileContent, TileSamples, TileSource};
+use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_style::{Ground, PercentileNumbers, SampleBlock, Style, StylePainter};
@@ -146,11 +147,15 @@ pub fn draw_tile(
     tile: TileId,
     side: usize,
 ) -> Result<Option<Vec<[u8; 4]>>> {
-    if source.content(tile)? == TileContent::Empty {
+    // (Where bytes are far away, what tells that nothing is there is fetched together with what would be drawn.)
+    let mut is_unread = false;
+    let content = go_on(source.content(tile), &mut is_unread)?;
+    if content == Some(TileContent::Empty) {
         return Ok(None);
     }
     let (mut samples, mut pixels) = (TileSamples::default(), TilePixels::default());
-    source.tile(tile, side, painter.margin(), &mut samples)?;
+    go_on(source.tile(tile, side, painter.margin(), &mut samples), &mut is_unread)?;
+    all_read(is_unread)?;
     if !samples.valid.contains(&true) {
         return Ok(None);
     }

@@ -2,6 +2,7 @@
 
 use super::place::{TileId, TileRange};
 use spinney_base::Result;
+use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Value, ValueType};
 use spinney_crs::{Frame, web_mercator};
@@ -82,6 +83,7 @@ impl TileSamples {
         let square = (side as i64) << tile.zoom;
         let first = [tile.column, tile.row].map(|at| i64::from(at) * side as i64 - margin as i64);
         let rows = first[1].max(0)..(first[1] + all as i64).min(square);
+        let mut is_unread = false;
         let (mut column, end) = if is_around {
             (0, all)
         } else {
@@ -99,7 +101,7 @@ impl TileSamples {
             }
             let cells = bounds.volume() as usize;
             let (mut values, mut valid) = (vec![0; cells * width], vec![false; cells]);
-            draw(&bounds, &mut values, &mut valid)?;
+            go_on(draw(&bounds, &mut values, &mut valid), &mut is_unread)?;
             for (row, y) in rows.clone().enumerate() {
                 let to = (y - first[1]) as usize * all + column;
                 let from = row * columns..(row + 1) * columns;
@@ -109,7 +111,7 @@ impl TileSamples {
             }
             column += columns;
         }
-        Ok(())
+        all_read(is_unread)
     }
 }
 

@@ -15,8 +15,8 @@ use spinney_engine::tree::Source as _;
 
 /// Tiles of a raster that lies on another grid than web mercator's.
 ///
-/// Each zoom takes its values from the coarsest level of the raster that is fine enough for it: no tile reads many more cells than it
-/// has pixels.
+/// Each zoom takes its values from the coarsest level of the raster that is fine enough for it, two cells along a pixel's side unless the options tell
+/// another number: no tile reads many more cells than it has pixels.
 pub struct WarpedTiles {
     /// By zoom.
     warped: Vec<Warped>,
@@ -56,7 +56,7 @@ impl WarpedTiles {
             return Err(Error::invalid("zoom", max_zoom.to_string(), format!("at most {most}")));
         }
         let mut options = *options;
-        options.from_levels = true;
+        options.level_cells.get_or_insert(2.0);
         let at = |zoom: u8| {
             let depth = zoom + levels;
             let grid = WarpGrid { frame: web_mercator(depth), extent: [1 << depth, 1 << depth, 1] };
@@ -114,7 +114,11 @@ impl TileSource for WarpedTiles {
         let code = Code::from_zxy(zoom, column, row);
         let code =
             code.ok_or_else(|| Error::invalid("tile", format!("{zoom}/{column}/{row}"), "one of the world"))?;
-        Ok(self.at(zoom)?.node(code)?.into())
+        Ok(match self.at(zoom)?.uniform(code)? {
+            Some(Some(value)) => TileContent::Uniform(value),
+            Some(None) => TileContent::Empty,
+            None => TileContent::Detail,
+        })
     }
 
     fn tile(&self, tile: TileId, side: usize, margin: usize, samples: &mut TileSamples) -> Result<()> {

@@ -22,10 +22,29 @@ function assetUrl(name) {
   return URL.createObjectURL(new Blob([bytesOf(base64)], { type: "text/javascript" }));
 }
 
+/** The module, compiled as it comes where its host tells what it is. */
+async function compiled(url) {
+  const response = await fetch(url);
+  if (!response.ok) return undefined;
+  const isTold = response.headers.get("content-type") === "application/wasm";
+  return isTold ? WebAssembly.compileStreaming(response) : WebAssembly.compile(await response.arrayBuffer());
+}
+
 /** The package. In a page that is one file, its worker and its module are inside. */
 async function loadPackage() {
   const worker = embedded("worker");
-  if (worker === undefined) return import(assetUrl("spinney/index.js"));
+  if (worker === undefined) {
+    // (The module is on its way before the worker could ask for it.)
+    const module = compiled(assetUrl("spinney/module_bg.wasm")).catch(() => undefined);
+    const spinney = await import(assetUrl("spinney/index.js"));
+    spinney.setWorker(() => {
+      const started = new Worker(assetUrl("spinney/worker.js"), { type: "module", name: "spinney" });
+      started.postMessage({ module: "later" });
+      module.then((module) => started.postMessage({ module }));
+      return started;
+    });
+    return spinney;
+  }
   const spinney = await import("spinney/index.js");
   spinney.setWorker(() => {
     const started = new Worker(worker, { type: "module", name: "spinney" });

@@ -95,7 +95,7 @@ impl FromStr for Resampling {
 }
 
 /// Options for warping.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct WarpOptions {
     /// The way of resampling; chosen by the kind of the values and the cells' sizes if not given.
@@ -103,7 +103,13 @@ pub struct WarpOptions {
     /// Takes datums for WGS 84 whose shift to it is unknown or needs a grid: see
     /// [`Projection::new`](spinney_crs::Projection::new).
     pub allow_ballpark: bool,
-    /// Takes the values of each block from the coarsest level of the source with at least two cells along each side of a cell (one where the way is of no
-    /// area), instead of always from its cells: for overviews.
-    pub from_levels: bool,
+    /// Takes the values of each block from the coarsest level of the source with at least so many cells along each side of a cell (about one at most where
+    /// the way is of no area), instead of always from its cells: 2 for overviews that are kept, [`WarpOptions::LOOK`] for those that are only looked at.
+    pub level_cells: Option<f32>,
+}
+
+impl WarpOptions {
+    /// Cells of a level along a side of a cell that do for a look: a level may be 1.2 times as coarse as what is drawn from it, as GDAL's warper has it. A
+    /// tile reads a quarter of what two cells take, or less.
+    pub const LOOK: f32 = 1.0 / 1.2;
 }

@@ -12,6 +12,7 @@ use crate::ops::view_source::ViewSource;
 use crate::store::depth_for;
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::Form;
+use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::{Rule, Value};
 use spinney_base::{Error, Result};
@@ -39,6 +40,8 @@ pub struct Warped {
     metadata: Metadata,
     map: CellMap,
     resampling: Resampling,
+    /// Cells of a level of the source along a side of a cell, at least; `None` if only the source's cells are read.
+    level_cells: Option<f32>,
     /// Levels above the source's cells that blocks are read from at most: 0 if only cells are.
     coarsest: u8,
     /// Cells of the source along each axis.
@@ -79,7 +82,9 @@ impl Warped {
         resampling.check(kind)?;
         // Cells of coarser levels are so many times as large, at most, as a power of two.
         let most = ratios.iter().copied().fold(1.0, f64::max);
-        let coarsest = if options.from_levels { coarser(resampling, most).min(header.depth()) } else { 0 };
+        let level_cells =
+            options.level_cells.map(|cells| if resampling.is_of_area() { cells } else { cells.min(1.0) });
+        let coarsest = level_cells.map_or(0, |cells| coarser(most, cells).min(header.depth()));
         let depth = depth_for(grid.extent);
         let most = Dimension::Quad.max_depth();
         if depth > most || grid.extent.contains(&0) || grid.extent[2] != 1 {
@@ -114,6 +119,7 @@ impl Warped {
             metadata,
             map,
             resampling,
+            level_cells,
             coarsest,
             extent: [extent[0], extent[1]],
             content,
@@ -163,24 +169,30 @@ impl Warped {
     /// # Errors
     /// If the source is damaged there.
     pub fn node(&self, code: Code) -> Result<Child<Code>> {
+        if let Some(value) = self.uniform(code)? {
+            return Ok(Child::uniform(value));
+        }
+        let cells = code.bounds(self.header.depth()).intersect(&self.content);
+        let place = |part| self.place(&cells, part);
+        let side = self.image(&place).map_or(1.0, |(low, high)| (high[0] - low[0]).max(high[1] - low[1]));
+        Ok(Child::Inner { representative: self.in_the_middle(&place, side)?, node: code })
+    }
+
+    /// The value that all cells of a node have (`None` is VOID); `None` where its image is not alike all over, or that is not known without its cells.
+    ///
+    /// # Errors
+    /// If the source is damaged there.
+    pub fn uniform(&self, code: Code) -> Result<Option<Option<Value>>> {
         let cells = code.bounds(self.header.depth()).intersect(&self.content);
         if cells.is_empty() {
-            return Ok(Child::Void);
+            return Ok(Some(None));
         }
-        let inner = |representative| Child::Inner { representative, node: code };
-        let is_cell = code.level() == self.header.depth();
-        if is_cell {
+        if code.level() == self.header.depth() {
             let mut block = CellBlock::void(1, self.header.form.width());
             self.draw_block(&cells, &mut block)?;
-            let value = Value::from_bytes(&block.values);
-            return Ok(Child::uniform(block.present[0].then_some(value)));
+            return Ok(Some(block.present[0].then(|| Value::from_bytes(&block.values))));
         }
-        let [width, height, _] = cells.size().map(|cells| cells as f64);
-        let first = [cells.min[0] as f64, cells.min[1] as f64];
-        let place = |[u, v]: [f64; 2]| self.map.to_source([first[0] + u * width, first[1] + v * height]);
-        let Some((low, high)) = self.image(&place) else {
-            return Ok(inner(self.in_the_middle(&place, 1.0)?));
-        };
+        let Some((low, high)) = self.image(&|part| self.place(&cells, part)) else { return Ok(None) };
         let box_of = |low: f64, high: f64, end: u64| {
             let start = floor(low.clamp(-1.0, end as f64 + 1.0));
             (start, floor(high.clamp(-1.0, end as f64 + 1.0)) + 1)
@@ -190,7 +202,7 @@ impl Warped {
         let beyond = |(start, last): (i64, i64), end: u64| last <= 0 || start >= end as i64;
         if beyond(rows, self.extent[1]) || beyond(columns, self.extent[0]) && self.map.whole_turn().is_none()
         {
-            return Ok(Child::Void);
+            return Ok(Some(None));
         }
         let is_inside = |(start, last): (i64, i64), end: u64| start >= 0 && last <= end as i64;
         if is_inside(columns, self.extent[0])
@@ -201,12 +213,15 @@ impl Warped {
                 min: [columns.0 as u64, rows.0 as u64, 0],
                 max: [columns.1 as u64, rows.1 as u64, 1],
             };
-            if let Some(value) = uniform(&self.source, &bounds)? {
-                return Ok(Child::uniform(value));
-            }
+            return uniform(&self.source, &bounds);
         }
-        let side = (high[0] - low[0]).max(high[1] - low[1]);
-        Ok(inner(self.in_the_middle(&place, side)?))
+        Ok(None)
+    }
+
+    /// The source's place of a part of a box of cells, from 0 to 1 along each axis.
+    fn place(&self, cells: &Bounds, [u, v]: [f64; 2]) -> Option<[f64; 2]> {
+        let [width, height, _] = cells.size().map(|cells| cells as f64);
+        self.map.to_source([cells.min[0] as f64 + u * width, cells.min[1] as f64 + v * height])
     }
 
     /// The source's value for a node as large as a part of the target, whose image has so many cells along a side, in its middle.
@@ -250,16 +265,14 @@ impl Warped {
 
     /// Levels above the source's cells that a block of the target is read from.
     fn coarser_for(&self, cells: &Bounds) -> u8 {
-        if self.coarsest == 0 {
-            return 0;
-        }
+        let Some(level_cells) = self.level_cells.filter(|_| self.coarsest > 0) else { return 0 };
         let at = |axis: usize, part: f64| {
             cells.min[axis] as f64 + part * (cells.max[axis] - cells.min[axis]) as f64
         };
         // (Where cells of the target are smallest decides: towards the poles, in web mercator.)
         let ratios = [0.125, 0.5, 0.875].map(|part| self.map.ratio_at([at(0, 0.5), at(1, part)]));
         let ratio = ratios.into_iter().flatten().fold(f64::INFINITY, f64::min);
-        if ratio.is_finite() { coarser(self.resampling, ratio).min(self.coarsest) } else { 0 }
+        if ratio.is_finite() { coarser(ratio, level_cells).min(self.coarsest) } else { 0 }
     }
 
     /// Draws some cells of a block from a level of the source, in rows of `stride` cells, from a cell of the block on.
@@ -301,14 +314,15 @@ impl Warped {
             if is_cell {
                 return self.draw_large((low, high), shift, at[1] * stride + at[0], block);
             }
+            let mut is_unread = false;
             for child in 0..4 {
                 let part = cells.child(Dimension::Quad, child);
                 if !part.is_empty() {
                     let from = [0, 1].map(|axis| at[axis] + (part.min[axis] - cells.min[axis]) as usize);
-                    self.draw_part((whole, &part), shift, from, stride, block)?;
+                    go_on(self.draw_part((whole, &part), shift, from, stride, block), &mut is_unread)?;
                 }
             }
-            return Ok(());
+            return all_read(is_unread);
         }
         let source = WindowSource { file: &self.source, level: self.level(shift), extent, turn };
         let window = Window::read(&source, [columns.0, rows.0], size.map(|cells| cells as usize))?;
@@ -372,11 +386,9 @@ fn ratios(map: &CellMap, extent: [u64; 3]) -> Vec<f64> {
     places.filter_map(ratio).collect()
 }
 
-/// Levels above the source's cells whose cells are fine enough for target cells that have so many source cells along a side: two of them,
-/// or one where the way of resampling is of no area.
-fn coarser(resampling: Resampling, ratio: f64) -> u8 {
-    let least = if resampling.is_of_area() { 2.0 } else { 1.0 };
-    (ratio / least).log2().floor().clamp(0.0, 63.0) as u8
+/// Levels above the source's cells of the coarsest level with at least `level_cells` cells along a side of target cells that have `ratio` source cells there.
+fn coarser(ratio: f64, level_cells: f32) -> u8 {
+    (ratio / f64::from(level_cells)).log2().floor().clamp(0.0, 63.0) as u8
 }
 
 /// The cells of the target that a box of the source can reach: a box around the images of a lattice of so many of its points, with as
@@ -474,14 +486,16 @@ impl Warped {
         if inside.is_empty() {
             return Ok(());
         }
+        let mut is_unread = false;
         for y in inside.min[1] / side..inside.max[1].div_ceil(side) {
             for x in inside.min[0] / side..inside.max[0].div_ceil(side) {
                 let whole = Bounds { min: [x * side, y * side, 0], max: [(x + 1) * side, (y + 1) * side, 1] };
                 let part = whole.intersect(&inside);
                 let at = [0, 1].map(|axis| (part.min[axis] - bounds.min[axis]) as usize);
-                self.draw_part((&whole, &part), self.coarser_for(&whole), at, stride, block)?;
+                let drawn = self.draw_part((&whole, &part), self.coarser_for(&whole), at, stride, block);
+                go_on(drawn, &mut is_unread)?;
             }
         }
-        Ok(())
+        all_read(is_unread)
     }
 }

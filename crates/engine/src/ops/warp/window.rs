@@ -2,6 +2,7 @@
 
 use crate::ops::view_source::ViewSource;
 use spinney_base::Result;
+use spinney_base::io::rounds::{all_read, go_on};
 use spinney_base::space::Bounds;
 use spinney_base::value::ValueType;
 
@@ -48,15 +49,17 @@ impl Window {
             Some(turn) => (origin[0] - width).div_euclid(turn)..=end.div_euclid(turn),
             None => 0..=0,
         };
+        let mut is_unread = false;
         for turn in turns {
             let shift = turn * source.turn.unwrap_or(0);
             let columns = ((origin[0] - shift).max(0), (end - shift).min(width));
             if columns.0 < columns.1 {
                 let first = (columns.0 + shift - origin[0], rows.0 - origin[1]);
-                window.paint(source, columns, rows, (first.0 as usize, first.1 as usize))?;
+                let painted = window.paint(source, columns, rows, (first.0 as usize, first.1 as usize));
+                go_on(painted, &mut is_unread)?;
             }
         }
-        Ok(window)
+        all_read(is_unread).map(|()| window)
     }
 
     /// Reads cells that the source has to a place of the window.
