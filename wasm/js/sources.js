@@ -13,6 +13,8 @@ const MODERATE = 2 ** 23;
 /** Bytes of the beginning and of the end that are fetched when a file is opened. */
 const FIRST = 4096;
 const LAST = 65536;
+/** Times that everything else goes first, as long as more is asked meanwhile, before ranges are fetched. */
+const MOST_TURNS = 32;
 /** Times that a request is repeated if the host is busy or the connection breaks. */
 const REPEATS = 3;
 
@@ -94,7 +96,10 @@ class Source {
     const { signal } = batch.control;
     batch.done = this.#before.then(async () => {
       // (Whoever has been asked something is heard first: what several questions lack at the beginning comes together, too.)
-      await turn();
+      for (let [gathered, time] = [0, 0]; gathered < batch.ranges.length && time < MOST_TURNS; time += 1) {
+        gathered = batch.ranges.length;
+        await turn();
+      }
       this.#next = undefined;
       const isMostRead = this.length <= MODERATE && 2 * this.#came > this.length;
       const isThere = ([start, end]) => batch.since.some(([from, to]) => from <= start && end <= to);

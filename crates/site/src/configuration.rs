@@ -47,9 +47,9 @@ pub struct PageConfiguration {
 impl PageConfiguration {
     /// The configuration as the page reads it.
     fn json(&self) -> Value {
-        let source = |PageSource { name, title, url, size, start, .. }: &PageSource| {
+        let source = |PageSource { name, title, url, size, is_map, start }: &PageSource| {
             let PageStart { layer, commit, style } = start;
-            json!({"name": name, "title": title, "url": url, "size": size, "layer": layer, "commit": commit, "style": style})
+            json!({"name": name, "title": title, "url": url, "size": size, "isMap": is_map, "layer": layer, "commit": commit, "style": style})
         };
         json!({
             "assets": self.assets,

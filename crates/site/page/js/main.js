@@ -116,6 +116,8 @@ async function start() {
     const data = embedded(url);
     return data === undefined ? new URL(url, document.baseURI) : bytesOf(data);
   };
+  // (What draws it needs nothing of the file.)
+  if (chosen.isMap) import("./map.js").then(({ prepare }) => prepare(assetUrl)).catch(fail);
   // (Where the address says nothing, the page begins as whoever made it wanted.)
   const started = ({ layer, commit, style }) => Object.fromEntries(Object.entries({ layer, commit, style }).filter(([, value]) => value !== null));
   const open = (source, at) => show(spinney, sourceOf(source), source.title, { ...started(source), ...at });

@@ -6,6 +6,7 @@ import { colour, ground, showGraticule } from "./ground.js";
 import { TILE, mercator, mercatorTiles, nativePlane, nativeTiles } from "./plane.js";
 import { hiddenClasses, showLegend } from "./legend.js";
 import { PolygonTool } from "./polygon.js";
+import { Shared } from "./shared.js";
 import { showHistory } from "./history.js";
 
 /** Names of styles that people choose from, by what the values are. */
@@ -22,12 +23,28 @@ function styleWith(style, hidden) {
   return JSON.stringify({ ...own, hide: [...hidden] });
 }
 
+/** Tiles that are asked for at the same time: those of a screen. */
+const TILES_AT_ONCE = 64;
+
 let protocols = 0;
+
+let library;
+
+/** Loads what draws maps, and starts its workers. */
+export function prepare(assetUrl) {
+  library ??= import(assetUrl("vendor/maplibre-gl.js")).then((maplibre) => {
+    maplibre.setWorkerUrl(assetUrl("vendor/maplibre-gl-worker.js"));
+    maplibre.prewarm();
+    // (All that one sees, so that what the tiles lack comes together.)
+    maplibre.setMaxParallelImageRequests(TILES_AT_ONCE);
+    return maplibre;
+  });
+  return library;
+}
 
 export async function show({ dataset, place, assetUrl, reopen }) {
   const { header } = dataset;
-  const maplibre = await import(assetUrl("vendor/maplibre-gl.js"));
-  maplibre.setWorkerUrl(assetUrl("vendor/maplibre-gl-worker.js"));
+  const maplibre = await prepare(assetUrl);
   const world = mercatorTiles(header);
   const isWorld = world !== null && place.grid !== "native";
   const plane = isWorld ? mercator : nativePlane(header);
@@ -36,10 +53,11 @@ export async function show({ dataset, place, assetUrl, reopen }) {
 
   // Tiles are asked for by address: `spinney1://3/1/2`.
   const protocol = `spinney${++protocols}`;
+  const drawn = new Shared();
   maplibre.addProtocol(protocol, async ({ url }, { signal }) => {
     const [z, x, y] = url.slice(protocol.length + 3).split("?")[0].split("/").map(Number);
     const style = styleWith(state.style, state.hidden);
-    const tile = await dataset.tile({ z, x, y, grid: plane.grid, style, signal, progress: working });
+    const tile = await drawn.share(url, signal, (signal) => dataset.tile({ z, x, y, grid: plane.grid, style, signal, progress: working }));
     working();
     return { data: await createImageBitmap(tile ?? new ImageData(1, 1)) };
   });
