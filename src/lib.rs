@@ -97,7 +97,9 @@ pub use spinney_base::{Error, Progress, Result};
 
 /// Codes and boxes of nodes, and where the cells lie in the world.
 pub mod space {
-    pub use spinney_base::space::{Bounds, Cell, Code, Cover, Dimension, EdgeRule, Polygon, Region, Up};
+    pub use spinney_base::space::{
+        Bounds, Cell, Code, CodeRun, Cover, Dimension, EdgeRule, Polygon, Region, Up,
+    };
     pub use spinney_crs::{
         ControlPoint, ControlPoints, Coordinates, Crs, Epsg, Frame, GeoKeys, PROJECTION_METHODS, Places,
         PolygonParts, Projection, WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator,
@@ -158,7 +160,9 @@ pub mod store {
 
     /// The compact, read-only format.
     pub mod goblin {
-        pub use spinney_engine::store::goblin::{Entry, Goblin, GoblinNode, LevelBytes, Segment};
+        pub use spinney_engine::store::goblin::{
+            Entry, Goblin, GoblinNode, LevelBytes, LightFile, Piece, Segment, Shard, merge_shards,
+        };
     }
 
     /// The pointered format, which is edited and has a history.
