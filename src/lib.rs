@@ -78,6 +78,7 @@
 //! | `raster` | readers and writers of picture files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
 //! | `brep` | exact models, bintrees and BSP trees |
 //! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
+//! | `shards` | trees of pictures that are built by many processes (with `raster`) |
 //! | `reconstruction` | solids of pictures and of outlines (with `mesh`, `raster` and `vector`) |
 //! | `render` | pictures of solids (with `mesh` and `raster`) |
 //! | `lines` | trees of lines |
@@ -186,6 +187,12 @@ pub mod store {
         pub use spinney_container::{CUT, INNER, LEAF, VOID};
         pub use spinney_engine::store::records::{RecordHead, RecordLayout};
     }
+}
+
+/// Trees of pictures that are built in shards, by many processes.
+#[cfg(feature = "shards")]
+pub mod shards {
+    pub use spinney_shards::{Built, Job, Planned, ShardedImport, plan};
 }
 
 /// Questions to trees: what is asked, and what is answered.

@@ -29,12 +29,12 @@ pub struct Shard {
 
 impl Shard {
     /// The light file, which is there when the shard is made.
-    pub fn light_path(&self) -> PathBuf {
+    pub(in crate::store) fn light_path(&self) -> PathBuf {
         self.folder.join(format!("{:04}.light", self.number))
     }
 
     /// The run file of a layer; there is none if the shard has no segments of it.
-    pub fn run_path(&self, layer: u32) -> PathBuf {
+    pub(in crate::store) fn run_path(&self, layer: u32) -> PathBuf {
         self.folder.join(format!("{:04}-{layer}.run", self.number))
     }
 
